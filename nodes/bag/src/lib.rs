@@ -1,0 +1,1 @@
+//! rosbag2 MCAP files: record, read, replay, import.

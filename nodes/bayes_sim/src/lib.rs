@@ -1,0 +1,1 @@
+//! Likelihood-free inference: RKHS embedding, mixture density network, sequential posterior, diagnostics.

@@ -1,0 +1,79 @@
+//! Single-precision matrix products on row-major slices, by `matrixmultiply`.
+
+/// How an operand is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transpose {
+    /// As it lies.
+    No,
+    /// With rows and columns exchanged.
+    Yes,
+}
+
+/// `c = alpha * op(a) * op(b) + beta * c`, with `op(a)` of `m` x `k`, `op(b)` of `k` x `n`, `c` of `m` x `n`, all row-major.
+///
+/// One thread; the same input gives the same bits on one machine.
+///
+/// # Panics
+/// Where a slice is not exactly as long as its shape says.
+#[allow(clippy::too_many_arguments, reason = "the BLAS signature of sgemm")]
+pub fn gemm(
+    (m, k, n): (usize, usize, usize),
+    alpha: f32,
+    a: &[f32],
+    op_a: Transpose,
+    b: &[f32],
+    op_b: Transpose,
+    beta: f32,
+    c: &mut [f32],
+) {
+    assert_eq!(a.len(), m * k, "left operand of a {m} x {k} x {n} product");
+    assert_eq!(b.len(), k * n, "right operand of a {m} x {k} x {n} product");
+    assert_eq!(c.len(), m * n, "result of a {m} x {k} x {n} product");
+    let strides = |op, rows: usize, columns: usize| match op {
+        Transpose::No => (columns as isize, 1),
+        Transpose::Yes => (1, rows as isize),
+    };
+    let (rsa, csa) = strides(op_a, m, k);
+    let (rsb, csb) = strides(op_b, k, n);
+    #[allow(unsafe_code, reason = "matrixmultiply takes raw pointers; the lengths were checked above")]
+    // SAFETY: each pointer covers exactly the elements that its shape and strides address, and `c` is borrowed mutably.
+    unsafe {
+        matrixmultiply::sgemm(
+            m,
+            k,
+            n,
+            alpha,
+            a.as_ptr(),
+            rsa,
+            csa,
+            b.as_ptr(),
+            rsb,
+            csb,
+            beta,
+            c.as_mut_ptr(),
+            n as isize,
+            1,
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transposed_operands_give_the_same_product() {
+        let a = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]; // 2 x 3
+        let at = [1.0, 4.0, 2.0, 5.0, 3.0, 6.0];
+        let b = [1.0, 0.0, 2.0, 1.0, 0.0, 3.0]; // 3 x 2
+        let bt = [1.0, 2.0, 0.0, 0.0, 1.0, 3.0];
+        let expected = [5.0, 11.0, 14.0, 23.0];
+        for (x, ox) in [(&a, Transpose::No), (&at, Transpose::Yes)] {
+            for (y, oy) in [(&b, Transpose::No), (&bt, Transpose::Yes)] {
+                let mut c = [0.0; 4];
+                gemm((2, 3, 2), 1.0, x, ox, y, oy, 0.0, &mut c);
+                assert_eq!(c, expected);
+            }
+        }
+    }
+}

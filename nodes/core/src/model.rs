@@ -1,0 +1,296 @@
+//! The model file: which simulator is meant, with which parameters and distributions.
+
+use crate::task::DeltaAnchor;
+use crate::{Camera, GripPose, ParameterSpace, Prior, Task};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// The version of the format that this program reads and writes.
+pub const MODEL_VERSION: u32 = 1;
+
+/// The whole description of a model. Inference, training and the effect finder read and write it, and nothing else
+/// describes the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Model {
+    /// Version of the format.
+    pub version: u32,
+    /// Name of the model.
+    pub name: String,
+    /// The object's section and material law.
+    pub object: Object,
+    /// Parameters with one value, by name with unit.
+    pub parameters: BTreeMap<String, f64>,
+    /// Parameters that are inferred, with their priors.
+    pub theta: ParameterSpace,
+    /// Parameters that are drawn anew for each episode: effects and nuisances, with their distributions.
+    #[serde(default)]
+    pub effects: Vec<Effect>,
+    /// What an episode looks like to inference.
+    pub observation: ObservationModel,
+    /// The camera and its noise.
+    pub camera: CameraModel,
+    /// The arm.
+    pub arm: Arm,
+    /// The task of the policy; none for models that are inferred from recorded paths alone.
+    #[serde(default)]
+    pub task: Option<Task>,
+}
+
+/// The object's section and material law.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Object {
+    /// Shape and size of the section.
+    pub section: Section,
+    /// Law of the axial force.
+    pub axial_law: AxialLaw,
+    /// The four keypoints' places along the centre line, as fractions of the deformed length from the grip on, increasing.
+    pub keypoint_fractions: [f64; 4],
+    /// Angle in rad of the clamped tangent from +x, counter-clockwise in the x-z plane, at pitch 0:
+    /// 0 for a bar gripped from above, -pi/2 for a cable that hangs from the flange.
+    pub grip_angle_rad: f64,
+}
+
+/// Section of the object.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Section {
+    /// A full square.
+    Square {
+        /// Side in m.
+        side_m: f64,
+    },
+    /// A full circle.
+    Round {
+        /// Diameter in m.
+        diameter_m: f64,
+    },
+}
+
+/// Law of the axial force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AxialLaw {
+    /// Force proportional to the stretch.
+    Linear,
+    /// Incompressible neo-Hookean material; the section shrinks as the object stretches.
+    NeoHookean,
+}
+
+/// A parameter that is drawn anew for each episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Effect {
+    /// Name with unit.
+    pub name: String,
+    /// Its distribution.
+    pub distribution: Prior,
+}
+
+/// How inference drives the simulator to reproduce a measured episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DriveKind {
+    /// The measured path of the clamped end.
+    Grip,
+    /// The recorded actions, through the arm model.
+    Actions,
+    /// The policy that was run, through the arm model.
+    Policy,
+}
+
+/// What the object's shape is at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StartKind {
+    /// It hangs at rest from the grip.
+    HangingAtRest,
+    /// It has the shape and the velocity of the first measured frames.
+    Measured,
+}
+
+/// What an episode looks like to inference.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObservationModel {
+    /// What moves the clamped end in simulation.
+    pub drive: DriveKind,
+    /// The shape at the start.
+    pub start: StartKind,
+    /// Number of frames that inference looks at.
+    pub frames: usize,
+    /// s between two of them.
+    pub frame_period_s: f64,
+}
+
+/// The camera and its noise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraModel {
+    /// The camera itself.
+    pub view: Camera,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Standard deviation of a keypoint coordinate in mask pixels.
+    pub keypoint_noise_px: f64,
+    /// Half width of the uniform jitter of the camera's position from episode to episode, m.
+    pub position_jitter_m: f64,
+}
+
+/// The arm: a first-order lag with a speed limit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arm {
+    /// Time constant of the approach to the target in s.
+    pub time_constant_s: f64,
+    /// Greatest speed in m/s.
+    pub max_speed_m_s: f64,
+    /// Pose at the start of an episode.
+    pub start: GripPose,
+}
+
+/// Why a model was refused.
+#[derive(Debug, Error)]
+pub enum ModelError {
+    /// The text is no model: the message names line and field.
+    #[error("model: {0}")]
+    Syntax(String),
+    /// A field's value makes no sense.
+    #[error("model: `{field}`: expected {expected}, got {got}")]
+    Value {
+        /// Path of the field.
+        field: String,
+        /// What was expected.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+}
+
+impl Model {
+    /// Reads and checks a model file's text.
+    pub fn from_yaml(text: &str) -> Result<Self, ModelError> {
+        let model: Model = serde_saphyr::from_str(text).map_err(|e| ModelError::Syntax(e.to_string()))?;
+        model.check()?;
+        Ok(model)
+    }
+
+    /// The model as a file's text; reading it gives the same model.
+    pub fn to_yaml(&self) -> Result<String, ModelError> {
+        serde_saphyr::to_string(self).map_err(|e| ModelError::Syntax(e.to_string()))
+    }
+
+    /// Checks every value; names the field that makes no sense.
+    pub fn check(&self) -> Result<(), ModelError> {
+        let value = |field: &str, expected: &str, got: String| {
+            Err(ModelError::Value { field: field.to_owned(), expected: expected.to_owned(), got })
+        };
+        if self.version != MODEL_VERSION {
+            return value("version", &MODEL_VERSION.to_string(), self.version.to_string());
+        }
+        if self.theta.dimension() == 0 {
+            return value("theta", "at least one parameter with a prior", "none".into());
+        }
+        if let Err(e) = ParameterSpace::new(self.theta.parameters().to_vec()) {
+            return value("theta", "parameters with proper priors", e.to_string());
+        }
+        self.check_names()?;
+        if let Some((name, v)) = self.parameters.iter().find(|(_, v)| !v.is_finite()) {
+            return value(&format!("parameters.{name}"), "a finite number", v.to_string());
+        }
+        let (Section::Square { side_m: size } | Section::Round { diameter_m: size }) = self.object.section;
+        let f = self.object.keypoint_fractions;
+        if !(f[0] >= 0.0 && f[3] <= 1.0 && f.windows(2).all(|w| w[0] < w[1])) {
+            return value("object.keypoint_fractions", "four increasing numbers within 0 and 1", format!("{f:?}"));
+        }
+        let o = &self.observation;
+        if !(2..=10_000).contains(&o.frames) {
+            return value("observation.frames", "2 to 10000", o.frames.to_string());
+        }
+        let positive = [
+            ("object.section", size),
+            ("observation.frame_period_s", o.frame_period_s),
+            ("camera.rate_hz", self.camera.rate_hz),
+            ("arm.max_speed_m_s", self.arm.max_speed_m_s),
+            ("task.step_period_s", self.task.map_or(1.0, |t| t.step_period_s)),
+        ];
+        if let Some((field, v)) = positive.iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
+            return value(field, "a positive number", v.to_string());
+        }
+        let not_negative = [
+            ("arm.time_constant_s", self.arm.time_constant_s),
+            ("camera.keypoint_noise_px", self.camera.keypoint_noise_px),
+            ("camera.position_jitter_m", self.camera.position_jitter_m),
+            ("task.target_jitter_m", self.task.map_or(0.0, |t| t.target_jitter_m)),
+        ];
+        if let Some((field, v)) = not_negative.iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+            return value(field, "a number of at least zero", v.to_string());
+        }
+        if self.task.is_some_and(|t| t.steps == 0) {
+            return value("task.steps", "at least 1", "0".into());
+        }
+        self.camera.view.check().or_else(|e| value("camera", "a camera", e))
+    }
+
+    /// A parameter may be fixed, inferred or drawn, but only one of them.
+    fn check_names(&self) -> Result<(), ModelError> {
+        let theta = self.theta.parameters().iter().map(|p| p.name.as_str());
+        let effects = self.effects.iter().map(|e| e.name.as_str());
+        let mut seen: Vec<&str> = Vec::new();
+        for name in self.parameters.keys().map(String::as_str).chain(theta).chain(effects) {
+            if seen.contains(&name) {
+                return Err(ModelError::Value {
+                    field: name.into(),
+                    expected: "one place among parameters, theta and effects".into(),
+                    got: "more than one".into(),
+                });
+            }
+            seen.push(name);
+        }
+        match self.effects.iter().find_map(|e| e.distribution.check().err().map(|w| (e, w))) {
+            Some((e, got)) => Err(ModelError::Value {
+                field: format!("effects.{}", e.name),
+                expected: "a proper distribution".into(),
+                got,
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// What a delta is added to: the task's, or the default where there is no task.
+    pub fn delta_anchor(&self) -> DeltaAnchor {
+        self.task.map_or_else(DeltaAnchor::default, |t| t.delta_anchor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
+
+    #[test]
+    fn shipped_models_are_valid_and_round_trip() {
+        for text in [SOFT_BAR, CABLE] {
+            let model = Model::from_yaml(text).unwrap();
+            assert_eq!(Model::from_yaml(&model.to_yaml().unwrap()).unwrap(), model);
+        }
+    }
+
+    #[test]
+    fn errors_name_line_and_field() {
+        let typo = SOFT_BAR.replace("axial_law", "axial_lew");
+        let e = Model::from_yaml(&typo).unwrap_err().to_string();
+        assert!(e.contains("axial_lew") && e.contains("line"), "{e}");
+        let nan = SOFT_BAR.replace("density_kg_m3: 1055.0", "density_kg_m3: .nan");
+        let e = Model::from_yaml(&nan).unwrap_err().to_string();
+        assert!(e.contains("parameters.density_kg_m3") && e.contains("NaN"), "{e}");
+        let twice = SOFT_BAR.replace("name: table_friction", "name: length_m");
+        assert!(Model::from_yaml(&twice).unwrap_err().to_string().contains("length_m"));
+        let backwards = SOFT_BAR.replace("low: 0.195, high: 0.305", "low: 0.305, high: 0.195");
+        assert!(Model::from_yaml(&backwards).unwrap_err().to_string().contains("length_m"));
+    }
+}

@@ -1,0 +1,194 @@
+//! Physical parameters, their priors, and the unit coordinates in which inference works.
+
+use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The prior distribution of one parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Prior {
+    /// Uniform on `[low, high]`, in the parameter's own unit.
+    Uniform {
+        /// Lower bound.
+        low: f64,
+        /// Upper bound.
+        high: f64,
+    },
+    /// Uniform in the logarithm on `[low, high]`; both bounds positive.
+    LogUniform {
+        /// Lower bound, above zero.
+        low: f64,
+        /// Upper bound.
+        high: f64,
+    },
+}
+
+impl Prior {
+    /// The support `(low, high)`, in the parameter's unit.
+    pub fn bounds(&self) -> (f64, f64) {
+        match *self {
+            Prior::Uniform { low, high } | Prior::LogUniform { low, high } => (low, high),
+        }
+    }
+
+    /// Cumulative distribution function: the unit coordinate of `value`, outside `[0, 1]` where it lies outside the support.
+    pub fn to_unit(&self, value: f64) -> f64 {
+        match *self {
+            Prior::Uniform { low, high } => (value - low) / (high - low),
+            Prior::LogUniform { low, high } => (value / low).ln() / (high / low).ln(),
+        }
+    }
+
+    /// Quantile function: the value at unit coordinate `u`.
+    pub fn from_unit(&self, u: f64) -> f64 {
+        match *self {
+            Prior::Uniform { low, high } => low + u * (high - low),
+            Prior::LogUniform { low, high } => low * (u * (high / low).ln()).exp(),
+        }
+    }
+
+    /// Rejects bounds that are not finite, not in order, or not positive where a logarithm is taken.
+    pub fn check(&self) -> Result<(), String> {
+        let (low, high) = self.bounds();
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            return Err(format!("expected finite low < high, got low {low}, high {high}"));
+        }
+        if matches!(self, Prior::LogUniform { .. }) && low <= 0.0 {
+            return Err(format!("log_uniform needs low > 0, got {low}"));
+        }
+        Ok(())
+    }
+}
+
+/// One inferred parameter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Parameter {
+    /// Name with its unit, such as `length_m` or `youngs_modulus_pa`.
+    pub name: String,
+    /// Prior distribution; its bounds are the support.
+    pub prior: Prior,
+}
+
+/// The space of the inferred parameters theta, D of them in order.
+///
+/// Unit coordinates: coordinate `i` of a point is the prior's cumulative distribution function of parameter `i`, so the
+/// prior is uniform on the unit cube whatever the kinds of its factors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct ParameterSpace {
+    parameters: Vec<Parameter>,
+}
+
+/// Why a list of parameters or a value of theta was refused.
+#[derive(Debug, Error, PartialEq)]
+pub enum ParameterError {
+    /// A prior's bounds make no distribution.
+    #[error("theta `{name}`: {what}")]
+    Prior {
+        /// Name of the parameter.
+        name: String,
+        /// What was expected and what came.
+        what: String,
+    },
+    /// A name was given twice.
+    #[error("theta `{0}` is listed twice")]
+    Duplicate(String),
+    /// A theta of the wrong length.
+    #[error("expected {expected} values of theta ({names}), got {got}")]
+    Length {
+        /// Length wanted.
+        expected: usize,
+        /// Length given.
+        got: usize,
+        /// The parameters' names.
+        names: String,
+    },
+}
+
+impl ParameterSpace {
+    /// Checks names and priors.
+    pub fn new(parameters: Vec<Parameter>) -> Result<Self, ParameterError> {
+        for (i, p) in parameters.iter().enumerate() {
+            p.prior.check().map_err(|what| ParameterError::Prior { name: p.name.clone(), what })?;
+            if parameters[..i].iter().any(|other| other.name == p.name) {
+                return Err(ParameterError::Duplicate(p.name.clone()));
+            }
+        }
+        Ok(Self { parameters })
+    }
+
+    /// The parameters in order.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// D, the number of parameters.
+    pub fn dimension(&self) -> usize {
+        self.parameters.len()
+    }
+
+    /// Position of the parameter called `name`.
+    pub fn index_of(&self, name: &str) -> Option<usize> {
+        self.parameters.iter().position(|p| p.name == name)
+    }
+
+    /// Unit coordinates of `theta` (length D).
+    pub fn to_unit(&self, theta: &[f64]) -> Vec<f64> {
+        self.parameters.iter().zip(theta).map(|(p, &v)| p.prior.to_unit(v)).collect()
+    }
+
+    /// The value of theta at unit coordinates `u` (length D).
+    pub fn from_unit(&self, u: &[f64]) -> Vec<f64> {
+        self.parameters.iter().zip(u).map(|(p, &u)| p.prior.from_unit(u)).collect()
+    }
+
+    /// One draw of theta from the prior.
+    pub fn sample_prior<R: Rng>(&self, rng: &mut R) -> Vec<f64> {
+        self.parameters.iter().map(|p| p.prior.from_unit(rng.random::<f64>())).collect()
+    }
+
+    /// Splits a row-major matrix of thetas into its rows; rejects lengths that are no multiple of D.
+    pub fn rows(&self, flat: &[f64]) -> Result<Vec<Vec<f64>>, ParameterError> {
+        let d = self.dimension();
+        if d == 0 || !flat.len().is_multiple_of(d) {
+            let names: Vec<&str> = self.parameters.iter().map(|p| p.name.as_str()).collect();
+            return Err(ParameterError::Length { expected: d, got: flat.len(), names: names.join(", ") });
+        }
+        Ok(flat.chunks_exact(d).map(<[f64]>::to_vec).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn space() -> ParameterSpace {
+        ParameterSpace::new(vec![
+            Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 0.195, high: 0.305 } },
+            Parameter { name: "youngs_modulus_pa".into(), prior: Prior::LogUniform { low: 1e3, high: 5e4 } },
+        ])
+        .unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn unit_coordinates_round_trip(u in 0.0f64..1.0, v in 0.0f64..1.0) {
+            let s = space();
+            let back = s.to_unit(&s.from_unit(&[u, v]));
+            prop_assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn bad_priors_and_names_are_named_in_the_error() {
+        let p = |name: &str, prior| Parameter { name: name.into(), prior };
+        let e = ParameterSpace::new(vec![p("a", Prior::LogUniform { low: 0.0, high: 1.0 })]).unwrap_err();
+        assert_eq!(e.to_string(), "theta `a`: log_uniform needs low > 0, got 0");
+        let u = Prior::Uniform { low: 0.0, high: 1.0 };
+        assert_eq!(ParameterSpace::new(vec![p("a", u), p("a", u)]).unwrap_err(), ParameterError::Duplicate("a".into()));
+        assert!(ParameterSpace::new(vec![p("a", Prior::Uniform { low: 1.0, high: f64::NAN })]).is_err());
+    }
+}

@@ -1,0 +1,225 @@
+//! A policy with everything that is needed to run it, and its file.
+
+use crate::Observation;
+use crate::mlp::{Layer, Mlp, MlpError};
+use crate::task::{DeltaAnchor, MAX_DELTA_M};
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
+use std::collections::HashMap;
+use thiserror::Error;
+
+/// A Gaussian policy over (dx, dz): the network gives the mean in units of the action limit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Policy {
+    /// Name, as episodes report it.
+    pub name: String,
+    /// Actor: 12 inputs (normalised observation), 2 outputs (mean of dx and dz, 1 = the action limit of 0.06 m).
+    pub actor: Mlp,
+    /// Mean of each observation component in training.
+    pub observation_mean: [f32; Observation::LEN],
+    /// Standard deviation of each observation component in training.
+    pub observation_scale: [f32; Observation::LEN],
+    /// Standard deviation of the sampled action, in units of the action limit.
+    pub action_scale: [f32; 2],
+    /// s between two actions: part of what a delta means.
+    pub step_period_s: f64,
+    /// What a delta is added to: part of what a delta means.
+    pub delta_anchor: DeltaAnchor,
+    /// Step limit of an episode.
+    pub steps: usize,
+}
+
+/// Why a policy file was refused.
+#[derive(Debug, Error)]
+pub enum PolicyError {
+    /// Not a safetensors file, or a truncated one.
+    #[error("policy: not a safetensors file: {0}")]
+    Format(#[from] safetensors::SafeTensorError),
+    /// A metadata field or a tensor is missing or unusable.
+    #[error("policy: `{field}`: expected {expected}, got {got}")]
+    Field {
+        /// The field.
+        field: String,
+        /// What was expected.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+    /// Tensors that make no network.
+    #[error("policy: {0}")]
+    Network(#[from] MlpError),
+}
+
+impl Policy {
+    /// Mean action (dx, dz) in m for one observation, within the action limits.
+    pub fn act(&self, observation: &Observation) -> [f64; 2] {
+        let mean = self.actor.forward(&self.normalised(observation), 1);
+        [scaled_action(mean[0]), scaled_action(mean[1])]
+    }
+
+    /// Action (dx, dz) in m with `noise` (two standard normal draws) added, within the action limits.
+    pub fn act_with_noise(&self, observation: &Observation, noise: [f32; 2]) -> [f64; 2] {
+        let mean = self.actor.forward(&self.normalised(observation), 1);
+        std::array::from_fn(|i| scaled_action(mean[i] + self.action_scale[i] * noise[i]))
+    }
+
+    /// The observation as the network takes it: centred, scaled, clipped to +-10.
+    pub fn normalised(&self, observation: &Observation) -> [f32; Observation::LEN] {
+        std::array::from_fn(|i| {
+            let centred = observation.0[i] as f32 - self.observation_mean[i];
+            (centred / self.observation_scale[i].max(1e-6)).clamp(-10.0, 10.0)
+        })
+    }
+
+    /// The policy as a safetensors file.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
+        let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
+            tensors.push((name, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect()));
+        };
+        for (i, l) in self.actor.layers().iter().enumerate() {
+            add(format!("actor.{i}.weight"), vec![l.outputs, l.inputs], &l.weight);
+            add(format!("actor.{i}.bias"), vec![l.outputs], &l.bias);
+        }
+        add("observation_mean".into(), vec![Observation::LEN], &self.observation_mean);
+        add("observation_scale".into(), vec![Observation::LEN], &self.observation_scale);
+        add("action_scale".into(), vec![2], &self.action_scale);
+        let metadata = HashMap::from([
+            ("format".to_owned(), "catenary policy 1".to_owned()),
+            ("name".to_owned(), self.name.clone()),
+            ("step_period_s".to_owned(), self.step_period_s.to_string()),
+            ("delta_anchor".to_owned(), anchor_name(self.delta_anchor).to_owned()),
+            ("steps".to_owned(), self.steps.to_string()),
+        ]);
+        let views = tensors.iter().map(|(name, shape, data)| {
+            let view = TensorView::new(Dtype::F32, shape.clone(), data).expect("shape and data were made together");
+            (name.as_str(), view)
+        });
+        safetensors::serialize(views, Some(metadata)).expect("the tensors are valid and named once")
+    }
+
+    /// Reads a safetensors file written by [`Policy::to_bytes`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, PolicyError> {
+        let (_, header) = SafeTensors::read_metadata(bytes)?;
+        let file = SafeTensors::deserialize(bytes)?;
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let text = |field: &str| metadata.get(field).cloned().ok_or_else(|| bad(field, "a metadata entry", "none"));
+        let mut layers = Vec::new();
+        while file.tensor(&format!("actor.{}.weight", layers.len())).is_ok() {
+            layers.push(layer(&file, layers.len())?);
+        }
+        let actor = Mlp::new(layers)?;
+        if actor.inputs() != Observation::LEN || actor.outputs() != 2 {
+            let got = format!("{} and {}", actor.inputs(), actor.outputs());
+            return Err(bad("actor", "12 inputs and 2 outputs", &got));
+        }
+        let period = text("step_period_s")?;
+        let step_period_s = period.parse().ok().filter(|p: &f64| p.is_finite() && *p > 0.0);
+        let steps = text("steps")?;
+        let anchor = text("delta_anchor")?;
+        Ok(Self {
+            name: text("name")?,
+            actor,
+            observation_mean: fixed(&file, "observation_mean")?,
+            observation_scale: fixed(&file, "observation_scale")?,
+            action_scale: fixed(&file, "action_scale")?,
+            step_period_s: step_period_s.ok_or_else(|| bad("step_period_s", "a positive number", &period))?,
+            delta_anchor: match anchor.as_str() {
+                "measured" => DeltaAnchor::Measured,
+                "last_target" => DeltaAnchor::LastTarget,
+                other => return Err(bad("delta_anchor", "measured or last_target", other)),
+            },
+            steps: steps.parse().map_err(|_| bad("steps", "a whole number", &steps))?,
+        })
+    }
+}
+
+/// Network output (1 = the limit) to m, within the limits.
+fn scaled_action(output: f32) -> f64 {
+    f64::from(output.clamp(-1.0, 1.0)) * MAX_DELTA_M
+}
+
+/// The name of an anchor in files.
+fn anchor_name(anchor: DeltaAnchor) -> &'static str {
+    match anchor {
+        DeltaAnchor::Measured => "measured",
+        DeltaAnchor::LastTarget => "last_target",
+    }
+}
+
+fn bad(field: &str, expected: &str, got: &str) -> PolicyError {
+    PolicyError::Field { field: field.into(), expected: expected.into(), got: got.into() }
+}
+
+/// Shape and values of a tensor.
+fn values(file: &SafeTensors<'_>, name: &str) -> Result<(Vec<usize>, Vec<f32>), PolicyError> {
+    let view = file.tensor(name).map_err(|_| bad(name, "a tensor", "none"))?;
+    if view.dtype() != Dtype::F32 {
+        return Err(bad(name, "F32", &format!("{:?}", view.dtype())));
+    }
+    let data: Vec<f32> = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    if !data.iter().all(|v| v.is_finite()) {
+        return Err(bad(name, "finite values", "NaN or infinity"));
+    }
+    Ok((view.shape().to_vec(), data))
+}
+
+fn fixed<const N: usize>(file: &SafeTensors<'_>, name: &str) -> Result<[f32; N], PolicyError> {
+    let (_, data) = values(file, name)?;
+    let got = data.len();
+    data.try_into().map_err(|_| bad(name, &format!("{N} values"), &got.to_string()))
+}
+
+fn layer(file: &SafeTensors<'_>, index: usize) -> Result<Layer, PolicyError> {
+    let name = format!("actor.{index}.weight");
+    let (shape, weight) = values(file, &name)?;
+    let [outputs, inputs] = shape[..] else {
+        return Err(bad(&name, "a matrix", &format!("{shape:?}")));
+    };
+    let (_, bias) = values(file, &format!("actor.{index}.bias"))?;
+    Ok(Layer { inputs, outputs, weight, bias })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn policy() -> Policy {
+        let l = |inputs: usize, outputs: usize| Layer {
+            inputs,
+            outputs,
+            weight: (0..inputs * outputs).map(|i| (i as f32 * 0.37).sin()).collect(),
+            bias: vec![0.1; outputs],
+        };
+        Policy {
+            name: "pi0".into(),
+            actor: Mlp::new(vec![l(12, 5), l(5, 2)]).unwrap(),
+            observation_mean: [0.1; 12],
+            observation_scale: [2.0; 12],
+            action_scale: [0.5, 0.4],
+            step_period_s: 0.5,
+            delta_anchor: DeltaAnchor::LastTarget,
+            steps: 16,
+        }
+    }
+
+    #[test]
+    fn file_round_trip_keeps_every_bit() {
+        let p = policy();
+        assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
+    }
+
+    #[test]
+    fn truncated_and_foreign_files_are_refused() {
+        let bytes = policy().to_bytes();
+        assert!(Policy::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+        assert!(Policy::from_bytes(b"not a policy").is_err());
+    }
+
+    #[test]
+    fn actions_stay_within_the_limits() {
+        let p = policy();
+        let a = p.act_with_noise(&Observation([5.0; 12]), [100.0, -100.0]);
+        assert_eq!(a, [MAX_DELTA_M, -MAX_DELTA_M]);
+    }
+}

@@ -1,0 +1,104 @@
+//! A distribution over theta: a mixture in the unit coordinates of a parameter space.
+
+use crate::mixture::{MixtureError, in_unit_cube};
+use crate::{Mixture, ParameterSpace, seed};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Draws behind a summary.
+const SUMMARY_DRAWS: usize = 4_000;
+
+/// A distribution over theta, zero outside the prior's support.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Posterior {
+    /// The parameters, with their priors.
+    pub parameters: ParameterSpace,
+    /// The mixture over their unit coordinates; what is meant is its truncation to the unit cube.
+    pub mixture: Mixture,
+}
+
+/// Summary of one parameter under a posterior, in the parameter's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Marginal {
+    /// Name of the parameter.
+    pub name: String,
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// 5 % quantile.
+    pub q05: f64,
+    /// Median.
+    pub median: f64,
+    /// 95 % quantile.
+    pub q95: f64,
+}
+
+impl Posterior {
+    /// The prior written as a posterior: one component far wider than the unit cube, so nearly flat on it.
+    pub fn prior(parameters: ParameterSpace) -> Self {
+        let d = parameters.dimension();
+        let mixture =
+            Mixture::new(&[1.0], vec![DVector::from_element(d, 0.5)], vec![DMatrix::from_diagonal_element(d, d, 4.0)])
+                .expect("a multiple of the identity is positive definite");
+        Self { parameters, mixture }
+    }
+
+    /// `n` independent draws of theta, in the parameters' units.
+    pub fn sample(&self, n: usize, seed: u64) -> Result<Vec<Vec<f64>>, MixtureError> {
+        let mut rng = seed::rng(seed, 0);
+        (0..n).map(|_| Ok(self.parameters.from_unit(&self.mixture.sample_truncated(&mut rng)?))).collect()
+    }
+
+    /// `n` draws of theta with low variance over the components.
+    pub fn sample_low_variance(&self, n: usize, seed: u64) -> Result<Vec<Vec<f64>>, MixtureError> {
+        let draws = self.mixture.sample_low_variance(n, &mut seed::rng(seed, 1))?;
+        Ok(draws.iter().map(|u| self.parameters.from_unit(u)).collect())
+    }
+
+    /// Logarithm of the density of the mixture at `theta` in unit coordinates, not normalised for the truncation;
+    /// minus infinity outside the support.
+    pub fn log_density_unit(&self, theta: &[f64]) -> f64 {
+        let u = self.parameters.to_unit(theta);
+        if in_unit_cube(&u) { self.mixture.log_density(&u) } else { f64::NEG_INFINITY }
+    }
+
+    /// Mean, spread and quantiles of each parameter, from draws with a fixed seed.
+    pub fn marginals(&self) -> Result<Vec<Marginal>, MixtureError> {
+        let draws = self.sample(SUMMARY_DRAWS, 0)?;
+        let summary = |i: usize, name: &str| {
+            let mut values: Vec<f64> = draws.iter().map(|t| t[i]).collect();
+            values.sort_by(f64::total_cmp);
+            let n = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / n;
+            let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+            let quantile = |q: f64| values[(q * (n - 1.0)).round() as usize];
+            Marginal {
+                name: name.to_owned(),
+                mean,
+                sd: variance.sqrt(),
+                q05: quantile(0.05),
+                median: quantile(0.5),
+                q95: quantile(0.95),
+            }
+        };
+        let parameters = self.parameters.parameters();
+        Ok(parameters.iter().enumerate().map(|(i, p)| summary(i, &p.name)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Parameter, Prior};
+
+    #[test]
+    fn the_prior_as_a_posterior_has_the_priors_quantiles() {
+        let p = Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 2.0, high: 4.0 } };
+        let prior = Posterior::prior(ParameterSpace::new(vec![p]).unwrap());
+        let m = &prior.marginals().unwrap()[0];
+        assert!((m.median - 3.0).abs() < 0.05 && (m.q05 - 2.1).abs() < 0.05 && (m.q95 - 3.9).abs() < 0.05, "{m:?}");
+        assert_eq!(prior.log_density_unit(&[1.9]), f64::NEG_INFINITY);
+    }
+}

@@ -1,0 +1,100 @@
+//! The batch simulator, as inference sees it.
+
+use crate::{GripTrajectory, Policy, Track};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// How finely time and the object are divided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fidelity {
+    /// Coarse time steps, for training.
+    Fast,
+    /// For inference.
+    #[default]
+    Standard,
+    /// Fine mesh and time steps, for cells whose truth is to be found and for checks.
+    Reference,
+}
+
+impl Fidelity {
+    /// The name used in files, messages and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Fidelity::Fast => "fast",
+            Fidelity::Standard => "standard",
+            Fidelity::Reference => "reference",
+        }
+    }
+
+    /// The fidelity that is called `name`.
+    pub fn from_name(name: &str) -> Option<Fidelity> {
+        [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference].into_iter().find(|f| f.name() == name)
+    }
+}
+
+/// What moves the clamped end.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Drive {
+    /// It follows a measured path.
+    Grip(GripTrajectory),
+    /// The model's arm executes these actions (dx, dz) in m, one a step.
+    Actions(Vec<[f64; 2]>),
+    /// The model's arm executes the mean actions of this policy, up to the task's end.
+    Policy(Box<Policy>),
+}
+
+/// The shape that the object starts from.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum StartShape {
+    /// It hangs at rest from the grip, as after a lift.
+    #[default]
+    HangingAtRest,
+    /// It passes through four points of its centre line, which move.
+    Measured {
+        /// (x, z) in m, frame panda_link0, at the keypoints' fractions of the length, from the grip on.
+        points_m: [[f64; 2]; 4],
+        /// Their velocities in m/s.
+        velocities_m_s: [[f64; 2]; 4],
+    },
+}
+
+/// A batch of episodes of one model that differ in theta and in the seed alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulationRequest {
+    /// N thetas in the model's order and units.
+    pub thetas: Vec<Vec<f64>>,
+    /// Further parameters that the batch sets: name, and one value an episode.
+    pub effects: Vec<(String, Vec<f64>)>,
+    /// What moves the clamped end.
+    pub drive: Drive,
+    /// The shape that the object starts from.
+    pub start: StartShape,
+    /// When the episode is looked at, s since its start; empty: at every step of the policy.
+    pub frame_times_s: Vec<f64>,
+    /// (x, z) in m of the target; none: the model's, with its jitter.
+    pub target_m: Option<[f64; 2]>,
+    /// Fidelity of the simulation.
+    pub fidelity: Fidelity,
+    /// Seed of the batch: episode i depends on it and on i alone.
+    pub seed: u64,
+    /// Whether the model's camera noise is added.
+    pub noise: bool,
+}
+
+/// Why nothing was simulated.
+#[derive(Debug, Error)]
+pub enum SimulatorError {
+    /// The request or the model makes no sense; the message names the field and the value.
+    #[error("simulator: {0}")]
+    Input(String),
+    /// The service behind the simulator failed.
+    #[error("simulator: {0}")]
+    Backend(String),
+}
+
+/// Simulates batches of episodes of the model it was made for.
+pub trait Simulator {
+    /// Simulates the batch. Returns one track a theta, in order; the same request gives the same bits.
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError>;
+}

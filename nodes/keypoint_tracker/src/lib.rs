@@ -1,0 +1,1 @@
+//! Label mask to keypoints of the deformable object and the target.

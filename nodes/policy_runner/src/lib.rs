@@ -1,0 +1,1 @@
+//! One episode of a policy against the topics of the contract.
