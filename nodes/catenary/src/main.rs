@@ -1,1 +1,4 @@
+mod launch;
+mod nodes;
+mod report;
 fn main() {}

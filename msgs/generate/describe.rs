@@ -1,0 +1,183 @@
+//! Type descriptions and their RIHS01 hashes, as rosidl computes them (REP 2011).
+
+use crate::parse::{Base, Count, Field, Section};
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// One structure: its full name (`package/kind/Name`) and its fields.
+#[derive(Debug, Clone)]
+pub struct Structure {
+    pub name: String,
+    pub fields: Vec<Field>,
+}
+
+/// Every structure by its full name.
+#[derive(Default)]
+pub struct Catalogue {
+    structures: BTreeMap<String, Structure>,
+}
+
+/// Full name of the structure that a field refers to; `kind` is `srv` or `action` for derived types, which are referred to
+/// as `kind:Name` in the package part.
+fn referred(base: &Base) -> Option<String> {
+    match base {
+        Base::Primitive(_) => None,
+        Base::Message(package, name) => Some(match package.split_once(':') {
+            Some((package, kind)) => format!("{package}/{kind}/{name}"),
+            None => format!("{package}/msg/{name}"),
+        }),
+    }
+}
+
+fn nested(name: &str, package: &str, kind: &str, message: &str, count: Count) -> Field {
+    let package = if kind == "msg" { package.to_owned() } else { format!("{package}:{kind}") };
+    let base = Base::Message(package, message.to_owned());
+    Field { name: name.to_owned(), base, string_capacity: 0, count, comment: Vec::new() }
+}
+
+fn primitive(name: &str, type_name: &str) -> Field {
+    let base = Base::Primitive(type_name.to_owned());
+    Field { name: name.to_owned(), base, string_capacity: 0, count: Count::One, comment: Vec::new() }
+}
+
+impl Catalogue {
+    fn add(&mut self, package: &str, kind: &str, name: &str, fields: Vec<Field>) {
+        let name = format!("{package}/{kind}/{name}");
+        self.structures.insert(name.clone(), Structure { name, fields });
+    }
+
+    /// Adds a message.
+    pub fn message(&mut self, package: &str, kind: &str, name: &str, section: &Section) {
+        self.add(package, kind, name, section.fields.clone());
+    }
+
+    /// Adds a service with its request, response and event, under `kind` srv or action.
+    pub fn service(&mut self, package: &str, kind: &str, name: &str, request: Vec<Field>, response: Vec<Field>) {
+        let part = |suffix: &str| format!("{name}_{suffix}");
+        self.add(package, kind, &part("Request"), request);
+        self.add(package, kind, &part("Response"), response);
+        let event = vec![
+            nested("info", "service_msgs", "msg", "ServiceEventInfo", Count::One),
+            nested("request", package, kind, &part("Request"), Count::Bounded(1)),
+            nested("response", package, kind, &part("Response"), Count::Bounded(1)),
+        ];
+        self.add(package, kind, &part("Event"), event);
+        let members = [("request_message", "Request"), ("response_message", "Response"), ("event_message", "Event")];
+        let fields = members.map(|(field, suffix)| nested(field, package, kind, &part(suffix), Count::One));
+        self.add(package, kind, name, fields.to_vec());
+    }
+
+    /// Adds an action with the types derived from its goal, result and feedback.
+    pub fn action(&mut self, package: &str, name: &str, goal: &Section, result: &Section, feedback: &Section) {
+        let part = |suffix: &str| format!("{name}_{suffix}");
+        let own = |field: &str, suffix: &str| nested(field, package, "action", &part(suffix), Count::One);
+        let goal_id = || nested("goal_id", "unique_identifier_msgs", "msg", "UUID", Count::One);
+        for (suffix, section) in [("Goal", goal), ("Result", result), ("Feedback", feedback)] {
+            self.add(package, "action", &part(suffix), section.fields.clone());
+        }
+        let stamp = nested("stamp", "builtin_interfaces", "msg", "Time", Count::One);
+        let accepted = vec![primitive("accepted", "bool"), stamp];
+        self.service(package, "action", &part("SendGoal"), vec![goal_id(), own("goal", "Goal")], accepted);
+        let answer = vec![primitive("status", "int8"), own("result", "Result")];
+        self.service(package, "action", &part("GetResult"), vec![goal_id()], answer);
+        self.add(package, "action", &part("FeedbackMessage"), vec![goal_id(), own("feedback", "Feedback")]);
+        let members = [
+            ("goal", "Goal"),
+            ("result", "Result"),
+            ("feedback", "Feedback"),
+            ("send_goal_service", "SendGoal"),
+            ("get_result_service", "GetResult"),
+            ("feedback_message", "FeedbackMessage"),
+        ];
+        self.add(package, "action", name, members.map(|(field, suffix)| own(field, suffix)).to_vec());
+    }
+
+    /// The structure called `name`.
+    pub fn get(&self, name: &str) -> Result<&Structure, String> {
+        self.structures.get(name).ok_or_else(|| format!("no definition of `{name}`"))
+    }
+
+    /// Full names of all structures that `name` refers to, directly or through others, in order.
+    pub fn references(&self, name: &str) -> Result<BTreeSet<String>, String> {
+        let mut found = BTreeSet::new();
+        let mut open = vec![name.to_owned()];
+        while let Some(next) = open.pop() {
+            for referred in self.get(&next)?.fields.iter().filter_map(|f| referred(&f.base)) {
+                if found.insert(referred.clone()) {
+                    open.push(referred);
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// The RIHS01 hash of `name`: SHA-256 of its type description in JSON without default values.
+    pub fn hash(&self, name: &str) -> Result<String, String> {
+        let mut referenced = Vec::new();
+        for r in self.references(name)? {
+            referenced.push(description(self.get(&r)?));
+        }
+        let json = format!(
+            "{{\"type_description\": {}, \"referenced_type_descriptions\": [{}]}}",
+            description(self.get(name)?),
+            referenced.join(", ")
+        );
+        let digest = Sha256::digest(json.as_bytes());
+        let hex: String = digest.iter().map(|b| format!("{b:02x}")).collect();
+        Ok(format!("RIHS01_{hex}"))
+    }
+}
+
+fn description(structure: &Structure) -> String {
+    // IDL knows no empty structure: rosidl gives one a member.
+    let filler = [primitive("structure_needs_at_least_one_member", "uint8")];
+    let fields = if structure.fields.is_empty() { &filler[..] } else { &structure.fields };
+    let fields: Vec<String> = fields.iter().map(field).collect();
+    format!("{{\"type_name\": \"{}\", \"fields\": [{}]}}", structure.name, fields.join(", "))
+}
+
+fn field(f: &Field) -> String {
+    let capacity = match f.count {
+        Count::Array(n) | Count::Bounded(n) => n,
+        Count::One | Count::Sequence => 0,
+    };
+    format!(
+        "{{\"name\": \"{}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \"string_capacity\": {}, \"nested_type_name\": \"{}\"}}}}",
+        f.name,
+        type_id(f),
+        f.string_capacity,
+        referred(&f.base).unwrap_or_default()
+    )
+}
+
+/// Identifiers of type_description_interfaces/msg/FieldType.
+fn type_id(f: &Field) -> u32 {
+    let base = match &f.base {
+        Base::Message(..) => 1,
+        Base::Primitive(name) => match (name.as_str(), f.string_capacity) {
+            ("int8", _) => 2,
+            ("uint8" | "char", _) => 3,
+            ("int16", _) => 4,
+            ("uint16", _) => 5,
+            ("int32", _) => 6,
+            ("uint32", _) => 7,
+            ("int64", _) => 8,
+            ("uint64", _) => 9,
+            ("float32", _) => 10,
+            ("float64", _) => 11,
+            ("float128", _) => 12,
+            ("bool", _) => 15,
+            ("byte", _) => 16,
+            ("string", 0) => 17,
+            ("wstring", 0) => 18,
+            ("string", _) => 21,
+            _ => 22,
+        },
+    };
+    base + match f.count {
+        Count::One => 0,
+        Count::Array(_) => 48,
+        Count::Bounded(_) => 96,
+        Count::Sequence => 144,
+    }
+}

@@ -1,0 +1,139 @@
+//! Reading .msg, .srv and .action files.
+
+/// A primitive type of the interface language, or a name of another message.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Base {
+    /// A primitive by its name in .msg files: `float64`, `bool`, `string`, ...
+    Primitive(String),
+    /// Another message: package and name.
+    Message(String, String),
+}
+
+/// How many values a field holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Count {
+    /// One.
+    One,
+    /// Exactly so many.
+    Array(usize),
+    /// At most so many.
+    Bounded(usize),
+    /// Any number.
+    Sequence,
+}
+
+/// One field.
+#[derive(Debug, Clone)]
+pub struct Field {
+    pub name: String,
+    pub base: Base,
+    /// Greatest length of a bounded string; 0: unbounded or no string.
+    pub string_capacity: usize,
+    pub count: Count,
+    /// Comment lines that belong to the field.
+    pub comment: Vec<String>,
+}
+
+/// One constant.
+#[derive(Debug, Clone)]
+pub struct Constant {
+    pub name: String,
+    pub type_name: String,
+    pub value: String,
+    pub comment: Vec<String>,
+}
+
+/// The fields between two `---` lines.
+#[derive(Debug, Clone, Default)]
+pub struct Section {
+    pub comment: Vec<String>,
+    pub fields: Vec<Field>,
+    pub constants: Vec<Constant>,
+}
+
+const PRIMITIVES: [&str; 16] = [
+    "bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64",
+    "uint64", "string", "wstring", "float128",
+];
+
+/// The sections of an interface file of `package`: one for .msg, two for .srv, three for .action.
+pub fn sections(text: &str, package: &str) -> Result<Vec<Section>, String> {
+    let mut sections = vec![Section::default()];
+    let mut pending: Vec<String> = Vec::new();
+    let mut seen_member = false;
+    for (number, raw) in text.lines().enumerate() {
+        let line = raw.trim();
+        let current = sections.last_mut().expect("there is always a section");
+        if line == "---" {
+            current.comment.append(&mut pending);
+            sections.push(Section::default());
+            seen_member = false;
+        } else if let Some(comment) = line.strip_prefix('#') {
+            pending.push(comment.trim().to_owned());
+        } else if line.is_empty() {
+            // A comment block that a blank line sets off describes the whole interface, where nothing came before it.
+            if !seen_member {
+                current.comment.append(&mut pending);
+            }
+            pending.clear();
+        } else {
+            seen_member = true;
+            let comment = std::mem::take(&mut pending);
+            member(line, package, comment, current).map_err(|e| format!("line {}: {e}: `{line}`", number + 1))?;
+        }
+    }
+    Ok(sections)
+}
+
+fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Section) -> Result<(), String> {
+    let (type_text, rest) = line.split_once(char::is_whitespace).ok_or("expected TYPE NAME")?;
+    let rest = rest.trim();
+    let name_end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+    let name = rest[..name_end].to_owned();
+    let after = rest[name_end..].trim_start();
+    if let Some(value) = after.strip_prefix('=') {
+        let is_text = type_text.starts_with("string");
+        let (value, trailing) = if is_text { (value.trim(), "") } else { split_comment(value) };
+        comment.extend((!trailing.is_empty()).then(|| trailing.to_owned()));
+        let value = value.trim().trim_matches(['"', '\'']).to_owned();
+        section.constants.push(Constant { name, type_name: type_text.to_owned(), value, comment });
+        return Ok(());
+    }
+    // What stands between the name and a comment is a default value: it is no part of the type, its hash or its Rust form.
+    let (_, trailing) = split_comment(after);
+    comment.extend((!trailing.is_empty()).then(|| trailing.to_owned()));
+    let (base, string_capacity, count) = field_type(type_text, package)?;
+    section.fields.push(Field { name, base, string_capacity, count, comment });
+    Ok(())
+}
+
+/// Text before and after the first `#`.
+fn split_comment(text: &str) -> (&str, &str) {
+    text.split_once('#').map_or((text, ""), |(a, b)| (a, b.trim()))
+}
+
+fn field_type(text: &str, package: &str) -> Result<(Base, usize, Count), String> {
+    let number = |t: &str| t.parse::<usize>().map_err(|_| format!("`{t}` is no size"));
+    let (element, count) = match text.strip_suffix(']').and_then(|t| t.split_once('[')) {
+        None => (text, Count::One),
+        Some((element, "")) => (element, Count::Sequence),
+        Some((element, size)) => match size.strip_prefix("<=") {
+            Some(bound) => (element, Count::Bounded(number(bound)?)),
+            None => (element, Count::Array(number(size)?)),
+        },
+    };
+    let (name, capacity) = match element.split_once("<=") {
+        Some((name, bound)) => (name, number(bound)?),
+        None => (element, 0),
+    };
+    let base = if PRIMITIVES.contains(&name) {
+        Base::Primitive(name.to_owned())
+    } else if let Some((package, message)) = name.split_once('/') {
+        Base::Message(package.to_owned(), message.rsplit('/').next().unwrap_or(message).to_owned())
+    } else if name == "Header" {
+        Base::Message("std_msgs".to_owned(), name.to_owned())
+    } else {
+        Base::Message(package.to_owned(), name.to_owned())
+    };
+    Ok((base, capacity, count))
+}

@@ -1,0 +1,164 @@
+//! Rust source from parsed interfaces.
+
+use crate::parse::{Base, Constant, Count, Field, Section};
+use std::fmt::Write;
+
+/// Names that Rust keeps for itself.
+const KEYWORDS: [&str; 8] = ["type", "ref", "loop", "move", "match", "self", "use", "in"];
+
+/// What is known of a structure when its source is written.
+pub struct Emitted<'a> {
+    /// Name of the Rust type.
+    pub name: &'a str,
+    /// Full name of the interface.
+    pub type_name: &'a str,
+    /// Its RIHS01 hash.
+    pub hash: &'a str,
+    /// Its ros2msg text with all nested definitions.
+    pub definition: &'a str,
+    /// Comment lines of the type.
+    pub comment: &'a [String],
+}
+
+/// A structure with its constants, its `Interface` and, with the features, `ros2_client::Message` and `Filled`.
+pub fn structure(emitted: &Emitted<'_>, section: &Section) -> String {
+    let mut out = String::new();
+    let fallback = format!("`{}`.", emitted.type_name);
+    doc(&mut out, "", emitted.comment, &fallback);
+    let _ = writeln!(out, "#[derive(Debug, Clone, PartialEq, Default, ::serde::Serialize, ::serde::Deserialize)]");
+    let _ = writeln!(out, "pub struct {} {{", emitted.name);
+    for f in &section.fields {
+        doc(&mut out, "    ", &f.comment, &format!("`{}`.", f.name));
+        if is_bytes(f) {
+            out.push_str("    #[serde(with = \"serde_bytes\")]\n");
+        }
+        let _ = writeln!(out, "    pub {}: {},", rust_name(&f.name), rust_type(f));
+    }
+    if section.fields.is_empty() {
+        out.push_str("    /// IDL knows no empty structure: this byte is on the wire in its place.\n");
+        out.push_str("    pub structure_needs_at_least_one_member: u8,\n");
+    }
+    out.push_str("}\n");
+    constants(&mut out, emitted.name, &section.constants);
+    let name = emitted.name;
+    let _ = writeln!(
+        out,
+        "impl crate::Interface for {name} {{\n    const TYPE_NAME: &'static str = {:?};\n    const TYPE_HASH: &'static str = {:?};\n    const DEFINITION: &'static str = {:?};\n}}",
+        emitted.type_name, emitted.hash, emitted.definition
+    );
+    let _ = writeln!(out, "#[cfg(feature = \"ros2-client\")]\nimpl ros2_client::Message for {name} {{}}");
+    filled(&mut out, name, &section.fields);
+    out
+}
+
+/// The marker type of a service or an action: `parts` are its associated types (`Request = XRequest`, ...).
+pub fn marker(
+    name: &str,
+    interface: &str,
+    type_name: &str,
+    hash: &str,
+    comment: &[String],
+    parts: &[(&str, String)],
+) -> String {
+    let mut out = String::new();
+    doc(&mut out, "", comment, &format!("`{type_name}`."));
+    let _ = writeln!(out, "#[derive(Debug, Clone, Copy)]\npub enum {name} {{}}");
+    let associated: String = parts.iter().map(|(part, ty)| format!("    type {part} = {ty};\n")).collect();
+    let _ = writeln!(
+        out,
+        "impl crate::{interface} for {name} {{\n{associated}    const TYPE_NAME: &'static str = {type_name:?};\n    const TYPE_HASH: &'static str = {hash:?};\n}}"
+    );
+    out
+}
+
+fn doc(out: &mut String, indent: &str, comment: &[String], fallback: &str) {
+    let lines: Vec<&str> = comment.iter().map(|l| l.trim_matches(['=', '-', ' '])).filter(|l| !l.is_empty()).collect();
+    if lines.is_empty() {
+        let _ = writeln!(out, "{indent}/// {fallback}");
+    }
+    for line in lines {
+        let escaped = line.replace('[', "\\[").replace(']', "\\]").replace('<', "\\<");
+        let _ = writeln!(out, "{indent}/// {escaped}");
+    }
+}
+
+fn constants(out: &mut String, name: &str, constants: &[Constant]) {
+    if constants.is_empty() {
+        return;
+    }
+    let _ = writeln!(out, "impl {name} {{");
+    for c in constants {
+        doc(out, "    ", &c.comment, &format!("`{}`.", c.name));
+        let (ty, value) = match c.type_name.as_str() {
+            "string" => ("&'static str", format!("{:?}", c.value)),
+            "float32" | "float64" if !c.value.contains(['.', 'e']) => {
+                (primitive(&c.type_name), format!("{}.0", c.value))
+            }
+            other => (primitive(other), c.value.to_lowercase()),
+        };
+        let _ = writeln!(out, "    pub const {}: {ty} = {value};", c.name);
+    }
+    out.push_str("}\n");
+}
+
+/// A deterministic instance in which every value differs from its neighbours: see `Filled`.
+fn filled(out: &mut String, name: &str, fields: &[Field]) {
+    let values: String = fields
+        .iter()
+        .map(|f| {
+            let value = match f.count {
+                Count::One => "crate::Filled::filled(counter)".to_owned(),
+                Count::Array(_) => "std::array::from_fn(|_| crate::Filled::filled(counter))".to_owned(),
+                Count::Bounded(_) | Count::Sequence => {
+                    "(0..2).map(|_| crate::Filled::filled(counter)).collect()".to_owned()
+                }
+            };
+            format!("            {}: {value},\n", rust_name(&f.name))
+        })
+        .collect();
+    let values =
+        if fields.is_empty() { "            structure_needs_at_least_one_member: 0,\n".to_owned() } else { values };
+    let unused = if fields.is_empty() { "_counter" } else { "counter" };
+    let _ = writeln!(
+        out,
+        "#[cfg(feature = \"filled\")]\nimpl crate::Filled for {name} {{\n    fn filled({unused}: &mut u32) -> Self {{\n        Self {{\n{values}        }}\n    }}\n}}"
+    );
+}
+
+fn is_bytes(f: &Field) -> bool {
+    matches!(&f.base, Base::Primitive(p) if p == "uint8") && matches!(f.count, Count::Sequence | Count::Bounded(_))
+}
+
+fn rust_name(name: &str) -> String {
+    if KEYWORDS.contains(&name) { format!("r#{name}") } else { name.to_owned() }
+}
+
+fn primitive(name: &str) -> &'static str {
+    match name {
+        "bool" => "bool",
+        "byte" | "char" | "uint8" => "u8",
+        "int8" => "i8",
+        "int16" => "i16",
+        "uint16" => "u16",
+        "int32" => "i32",
+        "uint32" => "u32",
+        "int64" => "i64",
+        "uint64" => "u64",
+        "float32" => "f32",
+        "float64" => "f64",
+        "string" => "::std::string::String",
+        other => panic!("the primitive type {other} has no Rust form here"),
+    }
+}
+
+fn rust_type(f: &Field) -> String {
+    let base = match &f.base {
+        Base::Primitive(name) => primitive(name).to_owned(),
+        Base::Message(package, name) => format!("crate::{package}::msg::{name}"),
+    };
+    match f.count {
+        Count::One => base,
+        Count::Array(n) => format!("[{base}; {n}]"),
+        Count::Bounded(_) | Count::Sequence => format!("::std::vec::Vec<{base}>"),
+    }
+}

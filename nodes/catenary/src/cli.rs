@@ -1,0 +1,303 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Real2Sim2Real of deformable linear objects held by a Panda: from one recording to a posterior over the object's
+/// parameters, a policy trained over it, and that policy's run on the robot.
+#[derive(Debug, Parser)]
+#[command(name = "catenary", version, about, long_about = None, max_term_width = 100)]
+pub struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub command: Command,
+    /// Print more of what goes on (to stderr); twice: everything
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+/// The commands, in the order in which a newcomer meets them.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The whole loop on a simulated cell: train, measure, infer, train again, run, report
+    Demo(DemoArgs),
+    /// Start the processes of a ROS 2 launch file and watch them
+    Launch(LaunchArgs),
+    /// Run one node, with ROS 2 arguments after --ros-args
+    Node(NodeArgs),
+    /// Posterior over the model's parameters from a recording
+    Infer(InferArgs),
+    /// Train a policy in simulation over a distribution of the model's parameters
+    Train(TrainArgs),
+    /// Run one episode of a policy on the running graph
+    Deploy(DeployArgs),
+    /// Record the topics of the contract to a bag
+    Record(RecordArgs),
+    /// Publish a bag's messages in time
+    Replay(ReplayArgs),
+    /// Make a bag from a track in a CSV file
+    ImportTrack(ImportArgs),
+    /// Build the report of a demo folder again
+    Report(ReportArgs),
+    /// Measure the simulator, training and inference on this machine
+    Bench(BenchArgs),
+    /// Check this machine and its ROS 2 settings
+    Doctor(DoctorArgs),
+}
+
+/// Machine-readable output.
+#[derive(Debug, Args)]
+pub struct Output {
+    /// Print the result as JSON on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `catenary demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the bags, policies, posterior and report
+    #[arg(long, default_value = "demo")]
+    pub out: PathBuf,
+    /// The sizes of the paper: hours instead of minutes
+    #[arg(long)]
+    pub paper: bool,
+    /// Seed of everything, the hidden parameters included
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary launch`.
+#[derive(Debug, Args)]
+pub struct LaunchArgs {
+    /// Launch file in ROS 2's XML form
+    pub file: PathBuf,
+    /// Arguments of the launch file, as NAME:=VALUE
+    pub arguments: Vec<String>,
+    /// Show the file's arguments and processes and start nothing
+    #[arg(long)]
+    pub show: bool,
+    /// Folder for the nodes' output
+    #[arg(long, default_value = "out/log")]
+    pub log: PathBuf,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary node`.
+#[derive(Debug, Args)]
+pub struct NodeArgs {
+    /// Name of the node; none: list them
+    pub name: Option<String>,
+    /// Arguments of the node
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<String>,
+}
+
+/// Sizes of inference and training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Well calibrated in minutes
+    Default,
+    /// The paper's sizes
+    Paper,
+}
+
+/// `catenary infer`.
+#[derive(Debug, Args)]
+pub struct InferArgs {
+    /// Bag (folder or .mcap file) that holds the episode
+    #[arg(long)]
+    pub bag: PathBuf,
+    /// Model file
+    #[arg(long)]
+    pub model: PathBuf,
+    /// Folder for posterior.json and the pictures
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Number of the episode in the bag; none: the last complete one
+    #[arg(long)]
+    pub episode: Option<u32>,
+    /// Policy that the episode ran, where the model's drive is a policy
+    #[arg(long)]
+    pub policy: Option<PathBuf>,
+    /// Sizes of the network and the schedule
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: Preset,
+    /// Rounds of simulation and training; none: the preset's
+    #[arg(long)]
+    pub iterations: Option<usize>,
+    /// Simulations in each round; none: the preset's
+    #[arg(long)]
+    pub simulations: Option<usize>,
+    /// Seed
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary train`.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// Model file
+    #[arg(long)]
+    pub model: PathBuf,
+    /// posterior.json to train over; none: the model's prior
+    #[arg(long)]
+    pub posterior: Option<PathBuf>,
+    /// Policy file to write (safetensors)
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Environment steps; none: the preset's
+    #[arg(long)]
+    pub steps: Option<u64>,
+    /// Hyperparameters: default or sb3
+    #[arg(long, default_value = "default")]
+    pub preset: String,
+    /// Seed
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary deploy`.
+#[derive(Debug, Args)]
+pub struct DeployArgs {
+    /// Policy file (safetensors)
+    #[arg(long)]
+    pub policy: PathBuf,
+    /// Go on to the step limit after the goal was reached
+    #[arg(long)]
+    pub run_all_steps: bool,
+    /// Do not move to the start pose first
+    #[arg(long)]
+    pub from_here: bool,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0)]
+    pub wait_s: f64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary record`.
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// Folder of the bag to make
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Topics; none: those of the contract without the camera's images
+    #[arg(long)]
+    pub topics: Vec<String>,
+    /// Record the camera's images too
+    #[arg(long)]
+    pub images: bool,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Bag (folder or .mcap file)
+    pub bag: PathBuf,
+    /// Speed: 2 is twice as fast as recorded
+    #[arg(long, default_value_t = 1.0)]
+    pub rate: f64,
+    /// Seconds of the bag to skip
+    #[arg(long, default_value_t = 0.0)]
+    pub start_offset_s: f64,
+    /// Publish /clock in step with the bag
+    #[arg(long)]
+    pub clock: bool,
+    /// Replay commands too, even where an arm may follow them
+    #[arg(long)]
+    pub allow_replay: bool,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary import-track`.
+#[derive(Debug, Args)]
+pub struct ImportArgs {
+    /// Track: t_s, grip_x_m, grip_z_m, grip_pitch_rad, p1_x_m .. p4_z_m, and optionally the wrench
+    pub track: PathBuf,
+    /// Model file, for its camera
+    #[arg(long)]
+    pub model: PathBuf,
+    /// Folder of the bag to make
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folder that a demo wrote
+    #[arg(long, default_value = "demo")]
+    pub dir: PathBuf,
+}
+
+/// `catenary bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure
+    #[command(subcommand)]
+    pub what: BenchWhat,
+}
+
+/// Things to measure.
+#[derive(Debug, Subcommand)]
+pub enum BenchWhat {
+    /// Episodes per core-second of the simulator by fidelity
+    Pool {
+        /// Model file; none: the soft bar
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Environment steps per second of training
+    Training {
+        /// Environment steps to take
+        #[arg(long, default_value_t = 6_144)]
+        steps: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Posterior against hidden truths, over seeds
+    Inference {
+        /// Number of hidden truths
+        #[arg(long, default_value_t = 10)]
+        seeds: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+}
+
+/// `catenary doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Model file to check too
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}

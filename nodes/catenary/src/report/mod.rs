@@ -1,0 +1,6 @@
+//! The report: one HTML page with every picture inside it.
+
+mod html;
+pub mod plots;
+
+pub use html::{Page, escape};

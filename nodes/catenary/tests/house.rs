@@ -1,0 +1,89 @@
+//! The house: dependency arrows run one way, and wire types stay where they belong. What would break: an algorithm that
+//! quietly starts to depend on another, on DDS or on message types can no longer be tested or replaced by itself.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const ALGORITHMS: [&str; 7] =
+    ["camera", "keypoint_tracker", "simulator_pool", "bayes_sim", "ppo_trainer", "policy_runner", "panda_bridge"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Dependencies of each workspace crate on other workspace crates: name and whether it is optional. Dev-dependencies do
+/// not count: they reach no shipped code.
+fn arrows() -> BTreeMap<String, Vec<(String, bool)>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--format-version", "1"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let packages = metadata["packages"].as_array().unwrap();
+    let text = |v: &Value| v.as_str().unwrap().to_owned();
+    let ours: Vec<String> = packages.iter().map(|p| text(&p["name"])).collect();
+    let of = |p: &Value| {
+        let dependencies = p["dependencies"].as_array().unwrap().iter().filter(|d| d["kind"].is_null());
+        dependencies
+            .map(|d| (text(&d["name"]), d["optional"].as_bool().unwrap()))
+            .filter(|(name, _)| ours.contains(name))
+            .collect()
+    };
+    packages.iter().map(|p| (text(&p["name"]), of(p))).collect()
+}
+
+#[test]
+fn dependency_arrows_run_one_way() {
+    let arrows = arrows();
+    assert!(arrows["catenary_core"].is_empty(), "core depends on {:?}", arrows["catenary_core"]);
+    for name in ALGORITHMS {
+        let firm: Vec<&String> = arrows[name].iter().filter(|(_, optional)| !optional).map(|(n, _)| n).collect();
+        assert_eq!(firm, ["catenary_core"], "the pure library of {name} may depend on core alone");
+    }
+    for name in ["catenary_core", "catenary_msgs", "catenary_shell", "catenary_bag"] {
+        let up: Vec<&(String, bool)> =
+            arrows[name].iter().filter(|(n, _)| ALGORITHMS.contains(&n.as_str()) || n == "catenary").collect();
+        assert!(up.is_empty(), "{name} depends on {up:?}");
+    }
+}
+
+#[test]
+fn wire_types_stay_in_shells() {
+    for name in ALGORITHMS {
+        for file in rust_files(&root().join("nodes").join(name).join("src")) {
+            let path = file.strip_prefix(root()).unwrap().display().to_string();
+            let shell = ["/node.rs", "/node/", "/convert.rs", "/convert/", "/main.rs", "/bin/"].iter().any(|s| path.contains(s));
+            let text = std::fs::read_to_string(&file).unwrap();
+            for word in ["catenary_msgs", "catenary_shell", "ros2_client", "rustdds"] {
+                assert!(shell || !text.contains(word), "{path} names {word}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_top_level_is_fixed() {
+    let output = Command::new("git").args(["ls-files"]).current_dir(root()).output().unwrap();
+    let listing = String::from_utf8(output.stdout).unwrap();
+    let allowed = ["Cargo.toml", "Cargo.lock", "README.md", "msgs", "nodes", "launch_configs", "bags", "tests"];
+    for file in listing.lines() {
+        let top = file.split('/').next().unwrap();
+        assert!(top.starts_with('.') || allowed.contains(&top), "{file} lies outside the fixed top level");
+    }
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files
+}
