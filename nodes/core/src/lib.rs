@@ -18,6 +18,7 @@ pub mod observation;
 pub mod parameter;
 pub mod policy;
 pub mod posterior;
+pub mod regions;
 pub mod seed;
 pub mod simulator;
 pub mod task;

@@ -1,1 +1,75 @@
-//! Everything ROS 2, once: participant, names, QoS, parameters, arguments, clocks, watchdogs and ordered shutdown.
+//! Everything ROS 2, once, so that a node's `node.rs` is a page of glue between messages and its pure library.
+//!
+//! A node is made by [`main`], which reads the command line, starts logs and signals and hands over a
+//! [`NodeBuilder`]: parameters are declared on it, [`NodeBuilder::build`] joins the graph, and the [`Node`] makes
+//! publishers, subscriptions, services and actions. Plain threads throughout: everything that waits sleeps until a
+//! message, a deadline or shutdown, and nothing here is `async` to the caller.
+//!
+//! | of a node | by |
+//! |---|---|
+//! | parameter | [`NodeBuilder::declare_f64`] and its like, with a [`ParamSpec`]; a [`Param`] is read with `get` |
+//! | time | [`Node::clock`], [`Node::now`], [`Node::run_until_shutdown`] |
+//! | topic out | [`Node::publisher`] |
+//! | topic in | [`Node::subscription`] (callback), [`Node::latest`] (newest message), [`Node::queue`] |
+//! | service | [`Node::serve`], [`Node::client`] |
+//! | action | [`Node::serve_action`], [`Node::action_client`] |
+//! | health | [`Watchdog`], [`Deadline`], [`Node::report_diagnostics`] |
+//! | names, types and profiles that the nodes agree on | [`contract`] |
+//! | posteriors, tracks and enumerations to and from the wire | [`convert`] |
+//!
+//! This crate does not know any message's meaning, does no control and no computation, and is not seen by the
+//! algorithm libraries. Its unit tests need no network; its integration tests use the loopback interface.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "clocks, threads, files and environment variables are this crate's trade"
+)]
+
+mod action;
+mod args;
+mod clock;
+pub mod contract;
+pub mod convert;
+mod diagnostics;
+mod error;
+mod interface;
+mod logging;
+mod names;
+mod node;
+mod params;
+mod participant;
+mod publisher;
+mod qos;
+mod run;
+mod service;
+mod shutdown;
+mod spinner;
+pub mod stamp;
+mod subscription;
+mod threads;
+mod time;
+mod wait;
+mod watchdog;
+mod yaml;
+
+pub use action::{
+    ActionClient, ActionServer, Concurrency, Decision, GoalHandle, Outcome, RunningGoal, Status,
+};
+pub use args::{ArgError, Level, ParamOverride, Remap, RosArgs};
+pub use clock::{Clock, Rate, Tick, wall_now};
+pub use diagnostics::{Health, Report, resident_bytes};
+pub use error::{CallError, PublishError, ShellError};
+pub use interface::{Act, Msg, Payload, Srv};
+pub use logging::init as init_logging;
+pub use names::NameError;
+pub use node::{Node, NodeBuilder};
+pub use params::{Change, Description, Param, ParamError, ParamKind, ParamSpec, Params, Value};
+pub use participant::Discovery;
+pub use publisher::Publisher;
+pub use qos::Qos;
+pub use run::{end_on_signals, main};
+pub use service::{Client, Service};
+pub use shutdown::Shutdown;
+pub use subscription::{Latest, Queue, Received, Subscription};
+pub use time::Time;
+pub use watchdog::{Deadline, Throttle, Watchdog};
+pub use yaml::Yaml;

@@ -3,6 +3,7 @@
 //! `file` reads a launch file into a list of processes, without starting any; `supervisor` starts them, watches them,
 //! restarts those that ask for it, and ends them in order.
 
+pub mod command;
 pub mod file;
 mod substitution;
 pub mod supervisor;

@@ -3,4 +3,4 @@
 mod html;
 pub mod plots;
 
-pub use html::{Page, escape};
+pub use html::{Mark, Page, Picture};

@@ -1,0 +1,55 @@
+//! The demo's files: the shipped launch file, parameters and model, carried inside the program.
+
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+
+/// The model that the demo infers, trains and simulates with.
+pub const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+
+const FILES: [(&str, &str); 3] = [
+    ("sim.launch.xml", include_str!("../../../../launch_configs/sim.launch.xml")),
+    ("params/sim.yaml", include_str!("../../../../launch_configs/params/sim.yaml")),
+    ("models/soft_bar.yaml", SOFT_BAR),
+];
+
+/// Writes the files into `folder`, as they lie in `launch_configs`; returns the launch file's path.
+pub fn write(folder: &Path) -> Result<PathBuf> {
+    for (name, text) in FILES {
+        let path = folder.join(name);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent).with_context(|| parent.display().to_string())?;
+        }
+        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    Ok(folder.join(FILES[0].0))
+}
+
+/// `wanted`, or, where it exists already, the first of `wanted-2`, `wanted-3`, ... that does not: nothing measured is lost.
+pub fn fresh_folder(wanted: &Path) -> Result<PathBuf> {
+    let name = wanted.file_name().with_context(|| format!("{} names no folder", wanted.display()))?.to_string_lossy();
+    let free = |n: u32| if n == 1 { wanted.to_path_buf() } else { wanted.with_file_name(format!("{name}-{n}")) };
+    let path = (1..).map(free).find(|p| !p.exists()).expect("there are more numbers than folders");
+    std::fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_earlier_demo_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let wanted = folder.path().join("demo");
+        assert_eq!(fresh_folder(&wanted).unwrap(), wanted);
+        assert_eq!(fresh_folder(&wanted).unwrap(), folder.path().join("demo-2"));
+    }
+
+    #[test]
+    fn the_carried_launch_file_reads() {
+        let folder = tempfile::tempdir().unwrap();
+        let launch = write(folder.path()).unwrap();
+        let description = crate::launch::read(&launch, &[], &|_| None).unwrap();
+        assert_eq!(description.processes.len(), 7);
+    }
+}

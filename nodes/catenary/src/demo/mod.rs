@@ -1,0 +1,320 @@
+//! `catenary demo`: Algorithm 1 by itself, on a cell whose parameters nobody else is told.
+
+mod config;
+mod observe;
+pub mod page;
+mod stage;
+pub mod summary;
+
+use crate::cli::DemoArgs;
+use crate::launch::{self, Process, Supervisor};
+use crate::output;
+use anyhow::{Context, Result, bail, ensure};
+use catenary_core::{Model, Policy, Posterior, seed};
+use catenary_msgs::action::{
+    Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal, TrainResult,
+};
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, convert};
+use observe::Observer;
+use rand::RngExt;
+use stage::Stages;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use summary::{Episode, Inference, Summary, Training};
+
+/// Random streams of the demo's seed.
+mod stream {
+    pub const TRUTH: u64 = 1;
+    pub const TRAINING: u64 = 2;
+    pub const INFERENCE: u64 = 3;
+    pub const EPISODE: u64 = 4;
+    pub const CELL: u64 = 5;
+}
+
+/// Sizes of a demo.
+struct Sizes {
+    name: &'static str,
+    training_preset: &'static str,
+    /// Environment steps of each training; 0: the preset's.
+    training_steps: u64,
+}
+
+const DEFAULT: Sizes = Sizes { name: "default", training_preset: "default", training_steps: 0 };
+const PAPER: Sizes = Sizes { name: "paper", training_preset: "sb3", training_steps: 120_000 };
+
+/// Everything that stays the same during a demo.
+struct Demo {
+    model: Model,
+    folder: PathBuf,
+    seed: u64,
+    sizes: Sizes,
+    truth: Vec<f64>,
+}
+
+/// The actions that the demo calls.
+struct Clients {
+    train: ActionClient<Train>,
+    infer: ActionClient<Infer>,
+    run_episode: ActionClient<RunEpisode>,
+    move_to_start: ActionClient<MoveToStart>,
+}
+
+/// Runs the demo and prints where the report is.
+pub fn run(arguments: &DemoArgs) -> Result<()> {
+    let folder = config::fresh_folder(&arguments.out)?;
+    let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
+    let launch_file = config::write(&folder.join("config"))?;
+    let model = Model::from_yaml(config::SOFT_BAR)?;
+    let truth = hidden_truth(&model, arguments.seed);
+    let sizes = if arguments.paper { PAPER } else { DEFAULT };
+    let demo = Demo { model, folder, seed: arguments.seed, sizes, truth };
+
+    let builder = NodeBuilder::new("demo", &RosArgs::default())?;
+    catenary_shell::end_on_signals(builder.shutdown())?;
+    let node = builder.build()?;
+    eprintln!("catenary demo: results go to {}", demo.folder.display());
+    let supervisor = demo.launch(&launch_file)?;
+    let mut stages = Stages::new(&node, supervisor);
+    let outcome = demo.algorithm(&node, &mut stages);
+    stages.supervisor.shut_down();
+    let summary = outcome?;
+    summary.write(&demo.folder)?;
+    let page = page::write(&demo.folder, &summary)?;
+    eprintln!("report: {}", page.display());
+    output::result(&arguments.output, &summary, Summary::words)
+}
+
+/// Builds the report of a demo's folder again.
+pub fn rebuild(folder: &Path) -> Result<PathBuf> {
+    page::write(folder, &Summary::read(folder)?)
+}
+
+/// The cell's parameters: inside the prior's support, away from its edges.
+fn hidden_truth(model: &Model, demo_seed: u64) -> Vec<f64> {
+    let mut rng = seed::rng(demo_seed, stream::TRUTH);
+    let u: Vec<f64> = (0..model.theta.dimension()).map(|_| rng.random_range(0.1..0.9)).collect();
+    model.theta.from_unit(&u)
+}
+
+impl Demo {
+    /// Starts the graph; the hidden values go to the cell's process alone.
+    fn launch(&self, launch_file: &Path) -> Result<Supervisor> {
+        let values: Vec<String> = self.truth.iter().map(|v| format!("{v:?}")).collect();
+        let given = [
+            ("cell_theta", format!("[{}]", values.join(","))),
+            ("cell_fidelity", "reference".to_owned()),
+            ("seed", (seed::derive(self.seed, stream::CELL) >> 33).to_string()),
+            ("respawn", "false".to_owned()),
+        ]
+        .map(|(k, v)| (k.to_owned(), v));
+        let description = launch::read(launch_file, &given, &|name| std::env::var(name).ok())?;
+        Supervisor::start(description.processes, &self.folder.join("log"), false)
+    }
+
+    fn algorithm(&self, node: &Node, stages: &mut Stages<'_>) -> Result<Summary> {
+        let clients = stages.run("start the graph", 4, |stages, bar| {
+            let clients = Clients {
+                train: node.action_client("ppo_trainer/train")?,
+                infer: node.action_client("bayes_sim/infer")?,
+                run_episode: node.action_client("policy_runner/run_episode")?,
+                move_to_start: node.action_client("panda/move_to_start")?,
+            };
+            wait_for(stages, "ppo_trainer/train", |t| clients.train.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "bayes_sim/infer", |t| clients.infer.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "policy_runner/run_episode", |t| clients.run_episode.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "panda/move_to_start", |t| clients.move_to_start.wait_for_server(t))?;
+            bar.inc(1);
+            Ok(clients)
+        })?;
+        let (pi0, training0) = self.train(stages, &clients, "pi0", None)?;
+        let episode0 = self.episode(stages, &clients, &pi0, "pi0")?;
+        let inferred = self.infer(stages, &clients, &episode0, &pi0)?;
+        let posterior = convert::posterior_from_msg(&inferred.posterior)?;
+        let (pi1, training1) = self.train(stages, &clients, "pi1", Some(&inferred))?;
+        let episode1 = self.episode(stages, &clients, &pi1, "pi1")?;
+        Ok(Summary {
+            seed: self.seed,
+            preset: self.sizes.name.to_owned(),
+            parameters: self.model.theta.parameters().iter().map(|p| p.name.clone()).collect(),
+            truth: self.truth.clone(),
+            target_m: self.model.task.context("the demo's model needs a task")?.target_m,
+            inference: self.inference(posterior, &inferred, &training1.1)?,
+            training: vec![training0.0, training1.0],
+            episodes: vec![episode0, episode1],
+            stages: stages.done.clone(),
+        })
+    }
+
+    /// Trains over the prior, or over a posterior; returns the policy, and the training with the thetas trained on.
+    fn train(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        name: &str,
+        inferred: Option<&InferResult>,
+    ) -> Result<(Vec<u8>, (Training, Vec<Vec<f64>>))> {
+        let (over, domains) = match inferred {
+            None => ("the prior", TrainGoal::DOMAINS_PRIOR),
+            Some(_) => ("the posterior", TrainGoal::DOMAINS_MIXTURE),
+        };
+        let goal = TrainGoal {
+            model_yaml: config::SOFT_BAR.to_owned(),
+            domains,
+            mixture: inferred.map(|r| r.posterior.clone()).unwrap_or_default(),
+            preset: self.sizes.training_preset.to_owned(),
+            total_steps: self.sizes.training_steps,
+            fidelity: SimulateRequest::FIDELITY_FAST,
+            seed: seed::derive(self.seed, stream::TRAINING),
+            ..TrainGoal::default()
+        };
+        let result: TrainResult = stages.run(&format!("train {name} over {over}"), 1, |stages, bar| {
+            let shown = bar.clone();
+            let result = stages.goal(&clients.train, goal, move |feedback| {
+                shown.set_length(feedback.total_steps.max(1));
+                shown.set_position(feedback.steps);
+                shown.set_message(format!("return {:.2}, success {:.0} %", feedback.mean_return, 100.0 * feedback.success_rate));
+            })?;
+            ensure!(result.success, "{}", result.message);
+            Ok(result)
+        })?;
+        Policy::from_bytes(&result.policy).context("the trained policy")?;
+        let path = self.folder.join(format!("{name}.safetensors"));
+        std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
+        let training = Training {
+            policy: name.to_owned(),
+            curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
+            steps_per_second: result.steps_per_second,
+        };
+        Ok((result.policy, (training, self.model.theta.rows(&result.domains)?)))
+    }
+
+    /// Moves to the start, records, and runs one episode of a policy.
+    fn episode(&self, stages: &mut Stages<'_>, clients: &Clients, policy: &[u8], name: &str) -> Result<Episode> {
+        let steps = self.model.task.map_or(1, |t| t.steps as u64);
+        stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
+            let moved = stages.goal(&clients.move_to_start, MoveToStartGoal::default(), |_| {})?;
+            ensure!(moved.success, "move to start: {}", moved.message);
+            let bag = format!("bags/{name}");
+            let mut recorder = self.start_recorder(stages, &bag)?;
+            let mut observer = Observer::start(stages.node, &self.folder, name, &self.model.camera.view)?;
+            stages.pause(Duration::from_secs(1))?;
+            let goal = RunEpisodeGoal {
+                policy: policy.to_vec(),
+                policy_name: name.to_owned(),
+                seed: seed::derive(self.seed, stream::EPISODE),
+                run_all_steps: true,
+                ..RunEpisodeGoal::default()
+            };
+            let shown = bar.clone();
+            let (stop, stopped) = std::sync::mpsc::channel::<()>();
+            let watcher = std::thread::spawn(move || {
+                while stopped.try_recv().is_err() {
+                    observer.look(Duration::from_millis(100))?;
+                }
+                observer.finish()
+            });
+            let result = stages.goal(&clients.run_episode, goal, move |feedback| {
+                shown.set_position(u64::from(feedback.step) + 1);
+                shown.set_message(format!("reward {:.3}", feedback.reward));
+            });
+            stages.pause(Duration::from_millis(500))?;
+            let _ = stop.send(());
+            let (observations, frames, latency) = watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
+            recorder.shut_down();
+            let result = result?;
+            ensure!(result.success, "{}", result.message);
+            Ok(Episode {
+                policy: name.to_owned(),
+                end: result.end,
+                rewards: result.rewards,
+                episode_return: result.episode_return,
+                path_m: observations.iter().map(catenary_core::Observation::eef_m).collect(),
+                bag,
+                frames,
+                keypoint_latency_ms: latency,
+            })
+        })
+    }
+
+    /// Starts `catenary record` as a process of its own, and waits until its bag is there.
+    fn start_recorder(&self, stages: &mut Stages<'_>, bag: &str) -> Result<Supervisor> {
+        let path = self.folder.join(bag);
+        let own = std::env::current_exe().context("path of this program")?;
+        let words = [own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
+        let process = Process {
+            name: format!("recorder_{}", bag.replace('/', "_")),
+            command: words.iter().map(|w| w.to_string_lossy().into_owned()).collect(),
+            environment: Vec::new(),
+            respawn: false,
+            respawn_delay: Duration::ZERO,
+        };
+        let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
+        for _ in 0..100 {
+            stages.pause(Duration::from_millis(100))?;
+            if let Some(event) = recorder.poll()?.first() {
+                bail!("{}", event.describe());
+            }
+            if path.exists() {
+                return Ok(recorder);
+            }
+        }
+        bail!("the recorder did not start its bag within 10 s: {}", path.display())
+    }
+
+    fn infer(&self, stages: &mut Stages<'_>, clients: &Clients, episode: &Episode, policy: &[u8]) -> Result<InferResult> {
+        let goal = InferGoal {
+            source: InferGoal::SOURCE_BAG,
+            bag: self.folder.join(&episode.bag).display().to_string(),
+            model_yaml: config::SOFT_BAR.to_owned(),
+            preset: self.sizes.name.to_owned(),
+            drive: convert::drive_to_msg(self.model.observation.drive),
+            policy: policy.to_vec(),
+            seed: seed::derive(self.seed, stream::INFERENCE),
+            ..InferGoal::default()
+        };
+        stages.run("infer the parameters", 1, |stages, bar| {
+            let shown = bar.clone();
+            let result = stages.goal(&clients.infer, goal, move |feedback| {
+                shown.set_length(u64::from(feedback.iterations).max(1));
+                shown.set_position(u64::from(feedback.iteration));
+                shown.set_message(format!(
+                    "{} simulations, loss {:.2} nat, effective sample size {:.0}",
+                    feedback.simulations, feedback.loss, feedback.effective_sample_size
+                ));
+            })?;
+            ensure!(result.success, "{}", result.message);
+            Ok(result)
+        })
+    }
+
+    fn inference(&self, posterior: Posterior, result: &InferResult, domains: &[Vec<f64>]) -> Result<Inference> {
+        let path = self.folder.join("posterior.json");
+        std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
+        Ok(Inference {
+            marginals: posterior.marginals()?,
+            posterior,
+            domains: domains.to_vec(),
+            losses: result.losses.clone(),
+            effective_sample_size: result.effective_sample_size,
+            mass_outside: result.mass_outside,
+            simulations: result.simulations,
+            warnings: result.warnings.clone(),
+        })
+    }
+}
+
+/// Waits for a server, ready for Ctrl-C and for processes that end.
+fn wait_for(stages: &mut Stages<'_>, name: &str, ready: impl Fn(Duration) -> bool) -> Result<()> {
+    const PATIENCE: usize = 100;
+    for _ in 0..PATIENCE {
+        if ready(Duration::from_millis(200)) {
+            return Ok(());
+        }
+        stages.pause(Duration::from_millis(10))?;
+    }
+    bail!("{name}: nobody offers it after 20 s")
+}

@@ -1,0 +1,174 @@
+//! What a demo found: everything that the report shows, as `summary.json`.
+
+use anyhow::{Context, Result};
+use catenary_core::Posterior;
+use catenary_core::posterior::Marginal;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Name of the file in the demo's folder.
+pub const FILE: &str = "summary.json";
+
+/// A whole demo.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Summary {
+    /// Seed of everything.
+    pub seed: u64,
+    /// `default` or `paper`.
+    pub preset: String,
+    /// Names of the inferred parameters.
+    pub parameters: Vec<String>,
+    /// Their hidden values, which no node but the cell was told.
+    pub truth: Vec<f64>,
+    /// (x, z) in m of the target as the model has it.
+    pub target_m: [f64; 2],
+    /// What was inferred.
+    pub inference: Inference,
+    /// Training before (pi0) and after (pi1) the inference.
+    pub training: Vec<Training>,
+    /// Episodes on the cell, in order.
+    pub episodes: Vec<Episode>,
+    /// Where the time went.
+    pub stages: Vec<Stage>,
+}
+
+/// The inference.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Inference {
+    /// The posterior.
+    pub posterior: Posterior,
+    /// Its marginals.
+    pub marginals: Vec<Marginal>,
+    /// Thetas that pi1 was trained on: low-variance samples of the posterior.
+    pub domains: Vec<Vec<f64>>,
+    /// Held-out loss after each iteration, nat.
+    pub losses: Vec<f64>,
+    /// Effective sample size at the end.
+    pub effective_sample_size: f64,
+    /// Share of the mixture outside the prior's support.
+    pub mass_outside: f64,
+    /// Simulations in all.
+    pub simulations: u32,
+    /// What the service warns of.
+    pub warnings: Vec<String>,
+}
+
+/// One training.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Training {
+    /// Name of the policy.
+    pub policy: String,
+    /// (environment steps, mean return of the episodes that ended by then).
+    pub curve: Vec<(u64, f64)>,
+    /// Environment steps per second.
+    pub steps_per_second: f64,
+}
+
+/// One episode on the cell.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Episode {
+    /// Name of the policy.
+    pub policy: String,
+    /// Why it ended.
+    pub end: String,
+    /// Reward of each step.
+    pub rewards: Vec<f64>,
+    /// Their sum.
+    pub episode_return: f64,
+    /// (x, z) in m of the end effector at each observation.
+    pub path_m: Vec<[f64; 2]>,
+    /// The bag, relative to the demo's folder.
+    pub bag: String,
+    /// Camera frames, one for each observation.
+    pub frames: Vec<Frame>,
+    /// Time from an image's stamp to the arrival of its keypoints, over the episode, ms: median and 99 % quantile.
+    pub keypoint_latency_ms: [f64; 2],
+}
+
+/// One camera frame.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Frame {
+    /// The PNG file, relative to the demo's folder.
+    pub file: String,
+    /// The object's keypoints and then the target in pixels of the image.
+    pub marks_px: Vec<[f64; 2]>,
+    /// Step of the episode.
+    pub step: u32,
+}
+
+/// One stage of the demo.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Stage {
+    /// What it did.
+    pub name: String,
+    /// Wall time in s.
+    pub wall_s: f64,
+    /// Processor time of all nodes in s.
+    pub cpu_s: f64,
+}
+
+impl Summary {
+    /// Reads `summary.json` in `folder`.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let text = std::fs::read_to_string(&path).with_context(|| format!("demo folder: {}", path.display()))?;
+        serde_json::from_str(&text).with_context(|| format!("{}", path.display()))
+    }
+
+    /// Writes `summary.json` into `folder`.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(FILE);
+        std::fs::write(&path, serde_json::to_string_pretty(self)?).with_context(|| format!("{}", path.display()))
+    }
+
+    /// The summary in a few lines.
+    pub fn words(&self) -> String {
+        let mut lines = Vec::new();
+        for (m, truth) in self.inference.marginals.iter().zip(&self.truth) {
+            lines.push(format!(
+                "{}: {} ({} to {}), hidden truth {}",
+                m.name,
+                figures(m.median),
+                figures(m.q05),
+                figures(m.q95),
+                figures(*truth)
+            ));
+        }
+        for e in &self.episodes {
+            lines.push(format!(
+                "{}: return {:.2} in {} steps, {}, best reward {:.3}",
+                e.policy,
+                e.episode_return,
+                e.rewards.len(),
+                e.end,
+                e.rewards.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            ));
+        }
+        let wall: f64 = self.stages.iter().map(|s| s.wall_s).sum();
+        lines.push(format!("{wall:.0} s in all"));
+        lines.join("\n")
+    }
+}
+
+/// A number with four figures.
+pub fn figures(v: f64) -> String {
+    if v != 0.0 && !(1e-3..1e5).contains(&v.abs()) {
+        return format!("{v:.3e}");
+    }
+    let digits = 3 - v.abs().max(1e-3).log10().floor() as i32;
+    format!("{v:.*}", digits.clamp(0, 6) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_with_four_figures() {
+        assert_eq!(figures(0.24567), "0.2457");
+        assert_eq!(figures(24567.8), "24568");
+        assert_eq!(figures(1.5), "1.500");
+        assert_eq!(figures(0.0), "0.000000");
+        assert_eq!(figures(2.0e6), "2.000e6");
+    }
+}

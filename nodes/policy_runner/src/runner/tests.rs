@@ -1,0 +1,171 @@
+//! One test for each rule of an episode.
+
+use super::*;
+use catenary_core::Mlp;
+use catenary_core::mlp::Layer;
+use catenary_core::task::Workspace;
+
+/// A policy that always gives this action, in units of the limit.
+fn policy(action: [f32; 2]) -> Policy {
+    let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: action.to_vec() };
+    Policy {
+        name: "constant".into(),
+        actor: Mlp::new(vec![layer]).unwrap(),
+        observation_mean: [0.0; 12],
+        observation_scale: [1.0; 12],
+        action_scale: [0.1, 0.1],
+        step_period_s: 0.5,
+        delta_anchor: DeltaAnchor::LastTarget,
+        steps: 16,
+    }
+}
+
+fn task() -> Task {
+    Task {
+        steps: 16,
+        step_period_s: 0.5,
+        delta_anchor: DeltaAnchor::LastTarget,
+        workspace: Workspace::default(),
+        target_m: [0.5, 0.15],
+        target_jitter_m: 0.0,
+        success_reward: 0.75,
+    }
+}
+
+fn keypoints(at_px: f64) -> Keypoints {
+    Keypoints {
+        dlo_px: [[at_px, 100.0]; 4],
+        target_px: Some([128.0, 100.0]),
+        scores: [1.0; 4],
+        target_score: 1.0,
+        image_width_px: 256,
+        image_height_px: 256,
+    }
+}
+
+fn inputs(now_s: f64, dlo_px: f64, x_m: f64) -> Inputs {
+    Inputs {
+        now_s,
+        keypoints: Some((now_s - 0.01, keypoints(dlo_px))),
+        pose: Some((now_s - 0.005, GripPose { x_m, z_m: 0.4, pitch_rad: 0.0 })),
+        arm_fault: None,
+    }
+}
+
+fn runner(action: [f32; 2], settings: Settings) -> Runner {
+    Runner::new(policy(action), task(), settings).unwrap()
+}
+
+/// Runs to the end with fixed inputs; returns the steps.
+fn run(runner: &mut Runner, dlo_px: f64, x_m: f64) -> Vec<Step> {
+    let (mut now_s, mut steps) = (10.0, Vec::new());
+    loop {
+        match runner.turn(&inputs(now_s, dlo_px, x_m)) {
+            Turn::Wait(until_s) => now_s = until_s,
+            Turn::Step(step) => {
+                let end = step.end;
+                steps.push(*step);
+                if end.is_some() {
+                    return steps;
+                }
+            }
+            Turn::Fault(fault) => panic!("{fault}"),
+        }
+    }
+}
+
+#[test]
+fn a_full_episode_has_17_observations_and_16_actions_half_a_second_apart() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let steps = run(&mut r, 20.0, 0.4);
+    assert_eq!(steps.len(), 17);
+    assert_eq!(steps.iter().filter(|s| s.action.is_some()).count(), 16);
+    assert_eq!(r.rewards().len(), 16);
+    assert_eq!(r.end(), Some(End::StepLimit));
+    assert!((steps[16].stamps_s[0] - steps[0].stamps_s[0] - 8.0).abs() < 1e-9);
+}
+
+#[test]
+fn reaching_the_goal_ends_the_episode_unless_all_steps_are_to_run() {
+    let steps = run(&mut runner([0.0, 0.0], Settings::default()), 128.0, 0.4);
+    assert_eq!((steps.len(), steps[1].end), (2, Some(End::Success)));
+    let all = Settings { run_all_steps: true, ..Settings::default() };
+    let steps = run(&mut runner([0.0, 0.0], all), 128.0, 0.4);
+    assert_eq!((steps.len(), steps[16].end), (17, Some(End::Success)));
+}
+
+#[test]
+fn a_target_or_a_pose_outside_the_workspace_ends_the_episode_with_minus_one() {
+    let mut r = runner([1.0, 0.0], Settings::default());
+    let steps = run(&mut r, 20.0, 0.58);
+    assert_eq!((steps.len(), steps[1].end, steps[1].reward), (2, Some(End::LeftWorkspace), Some(-1.0)));
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let steps = run(&mut r, 20.0, 0.7);
+    assert_eq!(steps.last().unwrap().end, Some(End::LeftWorkspace));
+}
+
+#[test]
+fn anchors_decide_what_deltas_add_up_to() {
+    let mut last = runner([0.5, 0.0], Settings { max_steps: Some(3), ..Settings::default() });
+    let targets: Vec<f64> = run(&mut last, 20.0, 0.4).iter().filter_map(|s| s.action).map(|a| a.1[0]).collect();
+    assert!((targets[2] - 0.49).abs() < 1e-9, "{targets:?}");
+    let mut p = policy([0.5, 0.0]);
+    p.delta_anchor = DeltaAnchor::Measured;
+    let t = Task { delta_anchor: DeltaAnchor::Measured, ..task() };
+    let mut measured = Runner::new(p, t, Settings { max_steps: Some(3), ..Settings::default() }).unwrap();
+    let targets: Vec<f64> = run(&mut measured, 20.0, 0.4).iter().filter_map(|s| s.action).map(|a| a.1[0]).collect();
+    assert!(targets.iter().all(|t| (t - 0.43).abs() < 1e-9), "{targets:?}");
+}
+
+#[test]
+fn stale_or_missing_data_are_waited_for_and_then_end_the_episode() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut stale = inputs(10.0, 20.0, 0.4);
+    stale.keypoints = Some((9.0, keypoints(20.0)));
+    assert!(matches!(r.turn(&stale), Turn::Wait(t) if t > 10.0 && t < 10.1));
+    stale.now_s = 11.0;
+    let Turn::Fault(fault) = r.turn(&stale) else { panic!("no fault") };
+    assert!(fault.to_string().contains("keypoints") && fault.to_string().contains("2.000 s old"), "{fault}");
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut unseen = inputs(10.0, 20.0, 0.4);
+    unseen.keypoints.as_mut().unwrap().1.scores = [0.0; 4];
+    assert!(matches!(r.turn(&unseen), Turn::Wait(_)));
+    assert!(matches!(r.turn(&inputs(10.1, 20.0, 0.4)), Turn::Step(_)), "fresh data let it go on");
+}
+
+#[test]
+fn an_occluded_target_stays_where_it_was_seen() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let Turn::Step(first) = r.turn(&inputs(10.0, 20.0, 0.4)) else { panic!("no step") };
+    let mut hidden = inputs(10.5, 20.0, 0.4);
+    hidden.keypoints.as_mut().unwrap().1.target_px = None;
+    let Turn::Step(second) = r.turn(&hidden) else { panic!("no step") };
+    assert_eq!(first.observation.target(), second.observation.target());
+}
+
+#[test]
+fn an_arm_that_refuses_ends_the_episode() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let refusing = Inputs { arm_fault: Some("reflex".into()), ..inputs(10.0, 20.0, 0.4) };
+    assert_eq!(r.turn(&refusing), Turn::Fault(Fault::Arm("reflex".into())));
+}
+
+#[test]
+fn a_policy_for_another_pace_or_anchor_is_refused() {
+    let mut p = policy([0.0, 0.0]);
+    p.step_period_s = 0.1;
+    assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("step_period_s"));
+    let mut p = policy([0.0, 0.0]);
+    p.delta_anchor = DeltaAnchor::Measured;
+    assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("delta_anchor"));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_sampled_actions() {
+    let actions = |s| {
+        let mut r = runner([0.0, 0.0], Settings { stochastic_seed: Some(s), ..Settings::default() });
+        run(&mut r, 20.0, 0.4).iter().map(|s| s.action).collect::<Vec<_>>()
+    };
+    assert_eq!(actions(1), actions(1));
+    assert_ne!(actions(1), actions(2));
+}

@@ -1,0 +1,249 @@
+//! Action clients.
+
+use super::{STATUS_QOS, Status};
+use crate::error::{CallError, ShellError};
+use crate::interface::{Act, action_type};
+use crate::node::{Graph, Node};
+use crate::service::{SERVICE_QOS, ros_name};
+use crate::shutdown::Shutdown;
+use crate::threads::Threads;
+use crate::wait::block_until;
+use futures::{FutureExt, StreamExt};
+use ros2_client::action::{ActionClientQosPolicies, GoalId, GoalStatusEnum};
+use ros2_client::builtin_interfaces::Time as RosTime;
+use ros2_client::{RmwRequestId, ServiceMapping};
+use std::future::Future;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+type RosClient<A> = ros2_client::ActionClient<
+    <A as catenary_msgs::ActionInterface>::Goal,
+    <A as catenary_msgs::ActionInterface>::Result,
+    <A as catenary_msgs::ActionInterface>::Feedback,
+>;
+
+struct Inner<A: Act> {
+    // Before the graph, so that readers and writers go first.
+    client: RosClient<A>,
+    name: String,
+    busy: AtomicBool,
+    shutdown: Shutdown,
+    threads: Arc<Threads>,
+    graph: Arc<Graph>,
+}
+
+/// Sends goals to an action server, one at a time. Clones share it.
+pub struct ActionClient<A: Act> {
+    inner: Arc<Inner<A>>,
+}
+
+impl<A: Act> Clone for ActionClient<A> {
+    fn clone(&self) -> Self {
+        Self { inner: Arc::clone(&self.inner) }
+    }
+}
+
+impl Node {
+    /// A client of an action.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name, the middleware.
+    pub fn action_client<A: Act>(&self, name: &str) -> Result<ActionClient<A>, ShellError> {
+        let name = self.resolve(name)?;
+        let qos = ActionClientQosPolicies {
+            goal_service: SERVICE_QOS,
+            result_service: SERVICE_QOS,
+            cancel_service: SERVICE_QOS,
+            feedback_subscription: SERVICE_QOS,
+            status_subscription: STATUS_QOS,
+        };
+        let client = self
+            .graph()
+            .ros()
+            .create_action_client(
+                ServiceMapping::Enhanced,
+                &ros_name(&name)?,
+                &action_type(A::TYPE_NAME)?,
+                qos,
+            )
+            .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
+        let inner = Inner {
+            client,
+            name,
+            busy: AtomicBool::new(false),
+            shutdown: self.shutdown().clone(),
+            threads: Arc::clone(self.threads()),
+            graph: Arc::clone(self.graph()),
+        };
+        Ok(ActionClient { inner: Arc::new(inner) })
+    }
+}
+
+impl<A: Act> Inner<A> {
+    /// Waits for an answer of the middleware, with the deadline and shutdown.
+    fn answer<T, E: std::fmt::Display>(
+        &self,
+        answer: impl Future<Output = Result<T, E>>,
+        timeout: Duration,
+    ) -> Result<T, CallError> {
+        let name = || self.name.clone();
+        let end = async {
+            self.shutdown.triggered().await;
+            None
+        };
+        let either = smol::future::or(async { Some(answer.await) }, end);
+        match block_until(either, Some(Instant::now() + timeout)) {
+            Some(Some(Ok(answer))) => Ok(answer),
+            Some(Some(Err(error))) => {
+                Err(CallError::Middleware { name: name(), reason: error.to_string() })
+            }
+            Some(None) => Err(CallError::Shutdown { name: name() }),
+            None => Err(CallError::Timeout { name: name(), waited: timeout }),
+        }
+    }
+
+    fn wait_for_server(&self, timeout: Duration) -> bool {
+        let client = &self.client;
+        self.graph.wait_matched(&self.shutdown, timeout, &|ros| {
+            client.goal_client().wait_for_service(ros).now_or_never().is_some()
+                && client.cancel_client().wait_for_service(ros).now_or_never().is_some()
+                && client.result_client().wait_for_service(ros).now_or_never().is_some()
+                && client.feedback_subscription().wait_for_publisher(ros).now_or_never().is_some()
+        })
+    }
+}
+
+impl<A: Act> ActionClient<A> {
+    /// The absolute name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// Waits until the server is there; false: not in time, or shutdown.
+    #[must_use]
+    pub fn wait_for_server(&self, timeout: Duration) -> bool {
+        self.inner.wait_for_server(timeout)
+    }
+
+    /// Sends a goal and waits until it is accepted, at most `timeout` including the wait for the server to appear.
+    /// `on_feedback` is called on a thread of its own until the returned goal is dropped.
+    ///
+    /// # Errors
+    /// [`CallError`]: no server, rejected, no answer in time, another goal of this client not yet dropped.
+    pub fn send(
+        &self,
+        goal: A::Goal,
+        timeout: Duration,
+        on_feedback: impl FnMut(A::Feedback) + Send + 'static,
+    ) -> Result<RunningGoal<A>, CallError> {
+        let inner = &self.inner;
+        let name = || inner.name.clone();
+        if inner.busy.swap(true, Ordering::AcqRel) {
+            let reason = "another goal of this client is not yet dropped".to_owned();
+            return Err(CallError::Middleware { name: name(), reason });
+        }
+        let release = Release(Arc::clone(inner));
+        let deadline = Instant::now() + timeout;
+        if !inner.wait_for_server(timeout) {
+            return Err(if inner.shutdown.is_triggered() {
+                CallError::Shutdown { name: name() }
+            } else {
+                CallError::NoServer { name: name(), waited: timeout }
+            });
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        let (goal_id, response) = inner.answer(inner.client.async_send_goal(goal), left)?;
+        if !response.accepted {
+            return Err(CallError::Rejected { name: name() });
+        }
+        // Servers may forget a result soon after the end, so it is asked for at once.
+        let request = inner.client.request_result(goal_id).map_err(|error| {
+            CallError::Middleware { name: name(), reason: error.to_string() }
+        })?;
+        let stop = inner.shutdown.child();
+        let (reader, stopped) = (Arc::clone(inner), stop.clone());
+        inner
+            .threads
+            .spawn(&format!("feedback {}", inner.name), move || {
+                follow(&reader, goal_id, &stopped, on_feedback);
+            })
+            .map_err(|error| CallError::Middleware { name: name(), reason: error.to_string() })?;
+        Ok(RunningGoal { release, goal_id, request, stop })
+    }
+}
+
+fn follow<A: Act>(
+    inner: &Inner<A>,
+    goal_id: GoalId,
+    stop: &Shutdown,
+    mut on_feedback: impl FnMut(A::Feedback),
+) {
+    let mut stream = pin!(inner.client.feedback_stream(goal_id));
+    loop {
+        let stopped = async {
+            stop.triggered().await;
+            None
+        };
+        match block_until(smol::future::or(stopped, stream.next()), None).flatten() {
+            Some(Ok(feedback)) => on_feedback(feedback),
+            Some(Err(error)) => tracing::warn!("{}: unreadable feedback: {error}", inner.name),
+            None => return,
+        }
+    }
+}
+
+/// Lets the client send its next goal.
+struct Release<A: Act>(Arc<Inner<A>>);
+
+impl<A: Act> Drop for Release<A> {
+    fn drop(&mut self) {
+        self.0.busy.store(false, Ordering::Release);
+    }
+}
+
+/// A goal that was accepted. Dropping it stops the feedback; the goal itself runs on.
+pub struct RunningGoal<A: Act> {
+    release: Release<A>,
+    goal_id: GoalId,
+    request: RmwRequestId,
+    stop: Shutdown,
+}
+
+impl<A: Act> Drop for RunningGoal<A> {
+    fn drop(&mut self) {
+        self.stop.trigger();
+    }
+}
+
+impl<A: Act> RunningGoal<A> {
+    /// Waits for the result; after a [`CallError::Timeout`] it may be called again.
+    ///
+    /// # Errors
+    /// [`CallError`]: not in time, shutdown, a server that does not know the goal.
+    pub fn wait(&self, timeout: Duration) -> Result<(Status, A::Result), CallError> {
+        let inner = &self.release.0;
+        let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
+        let answer = inner.client.result_client().async_receive_response(self.request);
+        let response = inner.answer(answer, timeout)?;
+        let status = match response.status {
+            GoalStatusEnum::Succeeded => Status::Succeeded,
+            GoalStatusEnum::Canceled => Status::Canceled,
+            GoalStatusEnum::Aborted => Status::Aborted,
+            other => return Err(failed(format!("expected an end of the goal, got {other:?}"))),
+        };
+        Ok((status, response.result))
+    }
+
+    /// Asks the server to cancel; true: it will, and the result follows. False: it refuses, or the goal is over.
+    ///
+    /// # Errors
+    /// [`CallError`]: no answer in time, shutdown.
+    pub fn cancel(&self, timeout: Duration) -> Result<bool, CallError> {
+        let inner = &self.release.0;
+        let cancel = inner.client.async_cancel_goal(self.goal_id, RosTime::ZERO);
+        Ok(!inner.answer(cancel, timeout)?.goals_canceling.is_empty())
+    }
+}

@@ -1,0 +1,468 @@
+//! Action servers.
+
+use super::STATUS_QOS;
+use super::goals::{CancelCode, Goals, Id, ResultAnswer, State};
+use crate::clock::Clock;
+use crate::error::ShellError;
+use crate::interface::{Act, action_type};
+use crate::node::{Graph, Node};
+use crate::service::{SERVICE_QOS, ros_name};
+use crate::shutdown::{Shutdown, Wake};
+use crate::threads::Threads;
+use ros2_client::action::{
+    ActionServerQosPolicies, CancelGoalRequest, CancelGoalResponse, GoalId, GoalInfo,
+    GoalStatusEnum, GetResultResponse, SendGoalResponse,
+};
+use ros2_client::action_msgs::{CancelGoalResponseEnum, GoalStatus, GoalStatusArray};
+use ros2_client::builtin_interfaces::Time as RosTime;
+use ros2_client::{RmwRequestId, ServiceMapping};
+use rustdds::RepresentationIdentifier;
+use rustdds::mio1::event::Source;
+use rustdds::mio1::{Events, Interest, Poll, Token, Waker};
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How long running goals may take to end after shutdown, so that their clients still get a result.
+const LAST_RESULTS: Duration = Duration::from_secs(2);
+
+/// How long after that a client that has just sent its goal may still ask for the result.
+const LATE_REQUESTS: Duration = Duration::from_millis(200);
+
+/// How many goals may run at the same time; further ones are rejected, and the reason is logged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Concurrency {
+    /// One.
+    One,
+    /// This many.
+    Many(usize),
+}
+
+/// What becomes of a new goal.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// It runs.
+    Accept,
+    /// It does not; the reason is logged, for the protocol has no place for it.
+    Reject(String),
+}
+
+/// How a goal ended, with its result.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome<R> {
+    /// It reached what it was for.
+    Succeeded(R),
+    /// It ended early because a client cancelled it.
+    Canceled(R),
+    /// It was given up.
+    Aborted(R),
+}
+
+/// A goal that runs, as its handler sees it.
+pub struct GoalHandle<A: Act> {
+    goal: Arc<A::Goal>,
+    id: Id,
+    cancelled: Shutdown,
+    mailbox: Mailbox<A>,
+}
+
+impl<A: Act> GoalHandle<A> {
+    /// What was asked for.
+    #[must_use]
+    pub fn goal(&self) -> &A::Goal {
+        &self.goal
+    }
+
+    /// Tells the clients how far it is.
+    pub fn feedback(&self, feedback: A::Feedback) {
+        self.mailbox.send(Mail::Feedback(self.id, feedback));
+    }
+
+    /// Whether a client cancelled the goal or the node shuts down: the handler must end soon.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.is_triggered()
+    }
+
+    /// Waits for cancellation or for `timeout`; returns whether it is cancelled.
+    #[must_use]
+    pub fn wait_cancelled(&self, timeout: Duration) -> bool {
+        self.cancelled.wait_timeout(timeout)
+    }
+}
+
+/// Ends its action when it is dropped; running goals are cancelled.
+#[must_use = "the action ends when its handle is dropped"]
+pub struct ActionServer {
+    name: String,
+    stop: Shutdown,
+}
+
+impl ActionServer {
+    /// The absolute name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Drop for ActionServer {
+    fn drop(&mut self) {
+        self.stop.trigger();
+    }
+}
+
+enum Mail<A: Act> {
+    Feedback(Id, A::Feedback),
+    Done(Id, Outcome<A::Result>),
+}
+
+struct Mailbox<A: Act> {
+    sender: Sender<Mail<A>>,
+    bell: Arc<Bell>,
+}
+
+impl<A: Act> Clone for Mailbox<A> {
+    fn clone(&self) -> Self {
+        Self { sender: self.sender.clone(), bell: Arc::clone(&self.bell) }
+    }
+}
+
+impl<A: Act> Mailbox<A> {
+    fn send(&self, mail: Mail<A>) {
+        // A server that has ended needs no mail.
+        if self.sender.send(mail).is_ok() {
+            self.bell.wake();
+        }
+    }
+}
+
+/// Wakes the server's thread.
+struct Bell(Waker);
+
+impl Wake for Bell {
+    fn wake(&self) {
+        if let Err(error) = self.0.wake() {
+            tracing::error!("action server: cannot be woken: {error}");
+        }
+    }
+}
+
+type RosServer<A> = ros2_client::ActionServer<
+    <A as catenary_msgs::ActionInterface>::Goal,
+    <A as catenary_msgs::ActionInterface>::Result,
+    <A as catenary_msgs::ActionInterface>::Feedback,
+>;
+
+type Handler<A> = dyn Fn(GoalHandle<A>) -> Outcome<<A as catenary_msgs::ActionInterface>::Result>
+    + Send
+    + Sync;
+
+type Decide<A> = dyn FnMut(&<A as catenary_msgs::ActionInterface>::Goal) -> Decision + Send;
+
+impl Node {
+    /// Serves an action until the handle is dropped. `decide` accepts or rejects each new goal and must return at
+    /// once; `handler` runs each accepted goal on a thread of its own.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name, the middleware.
+    pub fn serve_action<A: Act>(
+        &self,
+        name: &str,
+        concurrency: Concurrency,
+        decide: impl FnMut(&A::Goal) -> Decision + Send + 'static,
+        handler: impl Fn(GoalHandle<A>) -> Outcome<A::Result> + Send + Sync + 'static,
+    ) -> Result<ActionServer, ShellError> {
+        let name = self.resolve(name)?;
+        let fail = |error: &dyn std::fmt::Display| {
+            ShellError::create(format!("action {name}"), error)
+        };
+        let qos = ActionServerQosPolicies {
+            goal_service: SERVICE_QOS,
+            result_service: SERVICE_QOS,
+            cancel_service: SERVICE_QOS,
+            feedback_publisher: SERVICE_QOS,
+            status_publisher: STATUS_QOS,
+        };
+        let mut server: RosServer<A> = self
+            .graph()
+            .ros()
+            .create_action_server(
+                ServiceMapping::Enhanced,
+                &ros_name(&name)?,
+                &action_type(A::TYPE_NAME)?,
+                qos,
+            )
+            .map_err(|error| fail(&error))?;
+        let poll = Poll::new().map_err(|error| fail(&error))?;
+        register(&poll, server.goal_server(), Token(0)).map_err(|error| fail(&error))?;
+        register(&poll, server.cancel_server(), Token(1)).map_err(|error| fail(&error))?;
+        register(&poll, server.result_server(), Token(2)).map_err(|error| fail(&error))?;
+        let bell = Waker::new(poll.registry(), Token(3)).map_err(|error| fail(&error))?;
+        let bell = Arc::new(Bell(bell));
+        let stop = self.shutdown().child();
+        let wake: Arc<dyn Wake> = Arc::<Bell>::clone(&bell);
+        stop.register(Arc::downgrade(&wake));
+        let (sender, mail) = channel();
+        let driver = Driver::<A> {
+            server,
+            name: name.clone(),
+            goals: Goals::new(),
+            ended: None,
+            ids: BTreeMap::new(),
+            limit: match concurrency {
+                Concurrency::One => 1,
+                Concurrency::Many(limit) => limit,
+            },
+            decide: Box::new(decide),
+            handler: Arc::new(handler),
+            mailbox: Mailbox { sender, bell },
+            mail,
+            clock: self.clock().clone(),
+            stop: stop.clone(),
+            threads: Arc::clone(self.threads()),
+            graph: Arc::clone(self.graph()),
+        };
+        self.spawn(&format!("act {name}"), move || driver.run(poll))?;
+        Ok(ActionServer { name, stop })
+    }
+}
+
+fn register(poll: &Poll, source: &mut dyn Source, token: Token) -> std::io::Result<()> {
+    source.register(poll.registry(), token, Interest::READABLE)
+}
+
+struct Driver<A: Act> {
+    // Before the graph, so that readers and writers go first.
+    server: RosServer<A>,
+    name: String,
+    goals: Goals<A::Result, RmwRequestId>,
+    /// When a goal ended last.
+    ended: Option<Instant>,
+    ids: BTreeMap<Id, (GoalId, Shutdown)>,
+    limit: usize,
+    decide: Box<Decide<A>>,
+    handler: Arc<Handler<A>>,
+    mailbox: Mailbox<A>,
+    mail: Receiver<Mail<A>>,
+    clock: Clock,
+    stop: Shutdown,
+    threads: Arc<Threads>,
+    graph: Arc<Graph>,
+}
+
+impl<A: Act> Driver<A> {
+    fn run(mut self, mut poll: Poll) {
+        let mut events = Events::with_capacity(8);
+        let mut deadline: Option<Instant> = None;
+        loop {
+            self.turn();
+            if self.stop.is_triggered() {
+                let now = Instant::now();
+                let running = self.goals.running() > 0;
+                deadline = match deadline {
+                    None if running => Some(now + LAST_RESULTS),
+                    Some(end) if running => Some(end),
+                    Some(end) => Some(end.min(self.ended.map_or(now, |ended| ended + LATE_REQUESTS))),
+                    None => Some(now),
+                };
+            }
+            if deadline.is_some_and(|end| Instant::now() >= end) {
+                self.graph.linger();
+                return;
+            }
+            let timeout = deadline.map(|end| end.saturating_duration_since(Instant::now()));
+            match poll.poll(&mut events, timeout) {
+                Ok(()) => {}
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => {
+                    tracing::error!("{}: cannot wait for requests: {error}", self.name);
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Handles everything that has come. The readers signal edges, so each is read until it is empty.
+    fn turn(&mut self) {
+        while let Some((request, goal)) = self.taken(self.server.receive_goal()) {
+            self.new_goal(request, goal.goal_id, goal.goal);
+        }
+        while let Some((request, cancel)) = self.taken(self.server.receive_cancel_request()) {
+            self.cancel(request, &cancel);
+        }
+        while let Some((request, asked)) = self.taken(self.server.receive_result_request()) {
+            self.result_request(request, asked.goal_id);
+        }
+        while let Ok(mail) = self.mail.try_recv() {
+            match mail {
+                Mail::Feedback(id, feedback) => self.feedback(&id, feedback),
+                Mail::Done(id, outcome) => self.done(&id, outcome),
+            }
+        }
+    }
+
+    fn taken<T>(&self, result: Result<Option<T>, ros2_client::ReadError>) -> Option<T> {
+        result.unwrap_or_else(|error| {
+            tracing::warn!("{}: unreadable request: {error}", self.name);
+            None
+        })
+    }
+
+    fn report(&self, sent: Result<(), impl std::fmt::Display>) {
+        self.graph.touch();
+        if let Err(error) = sent {
+            tracing::warn!("{}: answer not sent: {error}", self.name);
+        }
+    }
+
+    fn new_goal(&mut self, request: RmwRequestId, goal_id: GoalId, goal: A::Goal) {
+        let id = *goal_id.uuid.as_bytes();
+        let stamp = RosTime::from_nanos(self.clock.now().nanos());
+        let decision = if self.stop.is_triggered() {
+            Decision::Reject("the node shuts down".to_owned())
+        } else if self.goals.contains(&id) {
+            Decision::Reject("a goal with this id is known already".to_owned())
+        } else if self.goals.running() >= self.limit {
+            Decision::Reject(format!("{} running already", self.goals.running()))
+        } else {
+            (self.decide)(&goal)
+        };
+        let accepted = match decision {
+            Decision::Accept => true,
+            Decision::Reject(reason) => {
+                tracing::warn!("{}: goal rejected: {reason}", self.name);
+                false
+            }
+        };
+        self.report(self.server.send_goal_response(request, SendGoalResponse { accepted, stamp }));
+        if accepted {
+            self.start(id, goal_id, goal, stamp);
+        }
+    }
+
+    fn start(&mut self, id: Id, goal_id: GoalId, goal: A::Goal, stamp: RosTime) {
+        let cancelled = self.stop.child();
+        self.goals.start(id, stamp.to_nanos());
+        self.ids.insert(id, (goal_id, cancelled.clone()));
+        self.publish_status();
+        let handle =
+            GoalHandle { goal: Arc::new(goal), id, cancelled, mailbox: self.mailbox.clone() };
+        let (handler, mailbox) = (Arc::clone(&self.handler), self.mailbox.clone());
+        let started = self.threads.spawn(&format!("goal {}", self.name), move || {
+            mailbox.send(Mail::Done(id, handler(handle)));
+        });
+        if let Err(error) = started {
+            tracing::error!("{}: {error}", self.name);
+            self.done(&id, Outcome::Aborted(A::Result::default()));
+        }
+    }
+
+    fn cancel(&mut self, request: RmwRequestId, cancel: &CancelGoalRequest) {
+        let Some((id, stamp)) = cancel_target(cancel) else {
+            tracing::warn!("{}: unreadable cancel request", self.name);
+            return;
+        };
+        let (code, cancelled) = self.goals.cancel(&id, stamp);
+        let response = CancelGoalResponse {
+            return_code: match code {
+                CancelCode::Accepted => CancelGoalResponseEnum::None,
+                CancelCode::Rejected => CancelGoalResponseEnum::Rejected,
+                CancelCode::UnknownGoal => CancelGoalResponseEnum::UnknownGoal,
+                CancelCode::GoalTerminated => CancelGoalResponseEnum::GoalTerminated,
+            },
+            goals_canceling: cancelled.iter().filter_map(|id| self.info(id)).collect(),
+        };
+        self.publish_status();
+        self.report(self.server.send_cancel_response(request, response));
+        for id in cancelled {
+            if let Some((_, cancelled)) = self.ids.get(&id) {
+                cancelled.trigger();
+            }
+        }
+    }
+
+    fn result_request(&mut self, request: RmwRequestId, goal_id: GoalId) {
+        match self.goals.ask(goal_id.uuid.as_bytes(), request) {
+            ResultAnswer::Wait => {}
+            ResultAnswer::Now(state, result) => self.send_result(request, code(state), result),
+            ResultAnswer::Unknown => {
+                self.send_result(request, GoalStatusEnum::Unknown, A::Result::default());
+            }
+        }
+    }
+
+    fn feedback(&self, id: &Id, feedback: A::Feedback) {
+        if let Some((goal_id, _)) = self.ids.get(id)
+            && let Err(error) = self.server.send_feedback(*goal_id, feedback)
+        {
+            tracing::warn!("{}: feedback not sent: {error}", self.name);
+        }
+    }
+
+    fn done(&mut self, id: &Id, outcome: Outcome<A::Result>) {
+        let (state, result) = match outcome {
+            Outcome::Succeeded(result) => (State::Succeeded, result),
+            Outcome::Canceled(result) => (State::Canceled, result),
+            Outcome::Aborted(result) => (State::Aborted, result),
+        };
+        let Some((state, waiting)) = self.goals.finish(id, state, result.clone()) else {
+            return;
+        };
+        self.ended = Some(Instant::now());
+        for request in waiting {
+            self.send_result(request, code(state), result.clone());
+        }
+        self.publish_status();
+        let goals = &self.goals;
+        self.ids.retain(|id, _| goals.contains(id));
+    }
+
+    fn send_result(&self, request: RmwRequestId, status: GoalStatusEnum, result: A::Result) {
+        self.report(self.server.send_result(request, GetResultResponse { status, result }));
+    }
+
+    fn info(&self, id: &Id) -> Option<GoalInfo> {
+        let (goal_id, _) = self.ids.get(id)?;
+        let (_, goal) = self.goals.iter().find(|(known, _)| *known == id)?;
+        Some(GoalInfo { goal_id: *goal_id, stamp: RosTime::from_nanos(goal.accepted) })
+    }
+
+    fn publish_status(&self) {
+        let status = |(id, goal): (&Id, &super::goals::Goal<_, _>)| {
+            let goal_info = self.info(id)?;
+            Some(GoalStatus { goal_info, status: code(goal.state) })
+        };
+        let status_list = self.goals.iter().filter_map(status).collect();
+        if let Err(error) = self.server.send_goal_statuses(GoalStatusArray { status_list }) {
+            tracing::warn!("{}: status not sent: {error}", self.name);
+        }
+    }
+}
+
+fn code(state: State) -> GoalStatusEnum {
+    match state {
+        State::Executing => GoalStatusEnum::Executing,
+        State::Canceling => GoalStatusEnum::Canceling,
+        State::Succeeded => GoalStatusEnum::Succeeded,
+        State::Canceled => GoalStatusEnum::Canceled,
+        State::Aborted => GoalStatusEnum::Aborted,
+    }
+}
+
+/// Goal and stamp of a cancel request, read from its serialised form because the middleware keeps the field to
+/// itself: 16 bytes of id, then seconds and nanoseconds.
+fn cancel_target(request: &CancelGoalRequest) -> Option<(Id, i64)> {
+    let mut bytes = Vec::with_capacity(24);
+    rustdds::serialization::to_writer_with_rep_id(
+        &mut bytes,
+        request,
+        RepresentationIdentifier::CDR_LE,
+    )
+    .ok()?;
+    let id = bytes.get(..16)?.try_into().ok()?;
+    let sec = i32::from_le_bytes(bytes.get(16..20)?.try_into().ok()?);
+    let nanosec = u32::from_le_bytes(bytes.get(20..24)?.try_into().ok()?);
+    Some((id, i64::from(sec) * 1_000_000_000 + i64::from(nanosec)))
+}

@@ -1,0 +1,463 @@
+//! The command line of a ROS 2 node: `--ros-args` with remaps, parameters, parameter files, log levels.
+//!
+//! Written here because crate `ros2args` 0.5.4 (Apache-2.0) drops nested maps and namespaces of parameter files,
+//! its messages about a file's structure do not name the file, and it would bring a second YAML parser.
+
+use crate::names::{self, NameError};
+use crate::yaml::Yaml;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+#[cfg(test)]
+mod tests;
+
+/// What is wrong with the command line or with a file that it names.
+#[derive(Debug, Error)]
+pub enum ArgError {
+    /// An option lacks its value.
+    #[error("{option}: expected {expected} after it, got the end of the arguments")]
+    MissingValue {
+        /// The option.
+        option: String,
+        /// What should follow.
+        expected: &'static str,
+    },
+    /// An option's value has the wrong form.
+    #[error("{option} {value:?}: expected {expected}")]
+    BadValue {
+        /// The option.
+        option: String,
+        /// The value given.
+        value: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// An unknown option between `--ros-args` and `--`.
+    #[error(
+        "--ros-args: unknown option {0:?}; expected -r, -p, --params-file, --log-level, --enable-* or --disable-*"
+    )]
+    UnknownOption(String),
+    /// A parameter file cannot be read.
+    #[error("{}: cannot read the parameter file: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: std::io::Error,
+    },
+    /// A parameter file is no YAML.
+    #[error("{}: not YAML: {reason}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// The parser's words.
+        reason: String,
+    },
+    /// A parameter file has the wrong structure.
+    #[error("{}: {field}: expected {expected}, got {got}", path.display())]
+    Structure {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file.
+        field: String,
+        /// What would be right.
+        expected: &'static str,
+        /// What stands there.
+        got: String,
+    },
+    /// A remapped node name or namespace is invalid.
+    #[error("--remap {rule}: {reason}")]
+    Name {
+        /// The rule.
+        rule: String,
+        /// What is wrong with it.
+        reason: NameError,
+    },
+}
+
+/// A rule `from:=to`, perhaps for one node only.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Remap {
+    /// The base name of the node that the rule is for; none: every node.
+    pub node: Option<String>,
+    /// The name in the code, or `__ns`, `__node`.
+    pub from: String,
+    /// The name to use.
+    pub to: String,
+}
+
+/// A parameter value from the command line or from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParamOverride {
+    /// The nodes it is for, as a pattern: see [`names::matches_pattern`]. Without a slash: a base name.
+    pub node: String,
+    /// The parameter's name, nested maps joined by dots.
+    pub name: String,
+    /// The value.
+    pub value: Yaml,
+    /// Where it stands, for messages: `-p a:=1` or `FILE: camera.ros__parameters.a`.
+    pub origin: String,
+    /// From a file's entry with a wildcard, which is meant for those nodes that have the parameter.
+    pub wildcard: bool,
+}
+
+/// Levels of `--log-level`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// Every step.
+    Debug,
+    /// Milestones.
+    Info,
+    /// Degraded.
+    Warn,
+    /// Failed or lost data.
+    Error,
+    /// About to end.
+    Fatal,
+}
+
+/// The ROS 2 arguments of a process.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RosArgs {
+    /// In the order of the command line; the first that matches counts.
+    pub remaps: Vec<Remap>,
+    /// In the order of the command line and of each file; the last that matches counts.
+    pub params: Vec<ParamOverride>,
+    /// `--log-level LEVEL`.
+    pub log_level: Option<Level>,
+    /// `--log-level NAME:=LEVEL`.
+    pub logger_levels: Vec<(String, Level)>,
+    /// Whether logs go to `/rosout`.
+    pub rosout_logs: bool,
+    /// Whether logs go to stderr.
+    pub console_logs: bool,
+    /// Options that were understood and have no effect here.
+    pub without_effect: Vec<String>,
+}
+
+impl Default for RosArgs {
+    fn default() -> Self {
+        Self {
+            remaps: Vec::new(),
+            params: Vec::new(),
+            log_level: None,
+            logger_levels: Vec::new(),
+            rosout_logs: true,
+            console_logs: true,
+            without_effect: Vec::new(),
+        }
+    }
+}
+
+impl RosArgs {
+    /// Reads the arguments after the program's name; returns what stands outside `--ros-args ... --` as well.
+    ///
+    /// # Errors
+    /// [`ArgError`], naming the option or the file and field, with what was expected and what came.
+    pub fn parse<S: Into<String>>(
+        args: impl IntoIterator<Item = S>,
+    ) -> Result<(Self, Vec<String>), ArgError> {
+        Self::parse_with(args, &|path| std::fs::read_to_string(path))
+    }
+
+    /// Like [`RosArgs::parse`], with the parameter files read by `read`.
+    ///
+    /// # Errors
+    /// As [`RosArgs::parse`].
+    pub fn parse_with<S: Into<String>>(
+        args: impl IntoIterator<Item = S>,
+        read: &dyn Fn(&Path) -> std::io::Result<String>,
+    ) -> Result<(Self, Vec<String>), ArgError> {
+        let mut parsed = Self::default();
+        let mut rest = Vec::new();
+        let mut inside = false;
+        let mut args = args.into_iter().map(Into::into);
+        while let Some(arg) = args.next() {
+            match (inside, arg.as_str()) {
+                (_, "--ros-args") => inside = true,
+                (true, "--") => inside = false,
+                (true, _) => parsed.option(arg, &mut args, read)?,
+                (false, _) => rest.push(arg),
+            }
+        }
+        Ok((parsed, rest))
+    }
+
+    fn option(
+        &mut self,
+        option: String,
+        args: &mut dyn Iterator<Item = String>,
+        read: &dyn Fn(&Path) -> std::io::Result<String>,
+    ) -> Result<(), ArgError> {
+        let mut value = |expected: &'static str| {
+            args.next()
+                .ok_or_else(|| ArgError::MissingValue { option: option.clone(), expected })
+        };
+        match option.as_str() {
+            "-r" | "--remap" => self.remaps.push(remap(&option, &value("FROM:=TO")?)?),
+            "-p" | "--param" => self.params.push(param(&option, &value("NAME:=VALUE")?)?),
+            "--params-file" => {
+                let path = PathBuf::from(value("the path of a parameter file")?);
+                let text = read(&path)
+                    .map_err(|reason| ArgError::Read { path: path.clone(), reason })?;
+                self.params.extend(params_of_file(&path, &text)?);
+            }
+            "--log-level" => self.level(&value("a log level")?)?,
+            "--enable-rosout-logs" => self.rosout_logs = true,
+            "--disable-rosout-logs" => self.rosout_logs = false,
+            "--enable-stdout-logs" => self.console_logs = true,
+            "--disable-stdout-logs" => self.console_logs = false,
+            "--enable-external-lib-logs" | "--disable-external-lib-logs" => {
+                self.without_effect.push(option);
+            }
+            "-e" | "--enclave" | "--log-config-file" | "--log-file-name" => {
+                let value = value("a value")?;
+                self.without_effect.push(format!("{option} {value}"));
+            }
+            _ => return Err(ArgError::UnknownOption(option)),
+        }
+        Ok(())
+    }
+
+    fn level(&mut self, value: &str) -> Result<(), ArgError> {
+        let (logger, word) = match value.split_once(":=") {
+            Some((logger, word)) => (Some(logger), word),
+            None => (None, value),
+        };
+        let level = match word.to_ascii_lowercase().as_str() {
+            "debug" => Level::Debug,
+            "info" => Level::Info,
+            "warn" | "warning" => Level::Warn,
+            "error" => Level::Error,
+            "fatal" => Level::Fatal,
+            _ => {
+                return Err(ArgError::BadValue {
+                    option: "--log-level".to_owned(),
+                    value: value.to_owned(),
+                    expected: "debug, info, warn, error or fatal, or LOGGER:=LEVEL".to_owned(),
+                });
+            }
+        };
+        match logger {
+            Some(logger) => self.logger_levels.push((logger.to_owned(), level)),
+            None => self.log_level = Some(level),
+        }
+        Ok(())
+    }
+
+    /// The name and namespace of a node after `__node:=` and `__ns:=`.
+    ///
+    /// # Errors
+    /// [`ArgError::Name`] where the new name is none.
+    pub fn node_identity(
+        &self,
+        name: &str,
+        namespace: &str,
+    ) -> Result<(String, String), ArgError> {
+        let find = |keys: &[&str]| {
+            self.remaps
+                .iter()
+                .find(|rule| rule.is_for(name) && keys.contains(&rule.from.as_str()))
+        };
+        let new_name = match find(&["__node", "__name"]) {
+            Some(rule) => names::check_node_name(&rule.to)
+                .map(|()| rule.to.clone())
+                .map_err(|reason| rule.error(reason))?,
+            None => name.to_owned(),
+        };
+        let new_namespace = match find(&["__ns"]) {
+            Some(rule) => {
+                names::normalise_namespace(&rule.to).map_err(|reason| rule.error(reason))?
+            }
+            None => namespace.to_owned(),
+        };
+        Ok((new_name, new_namespace))
+    }
+
+    /// The absolute name of a topic or service after expansion and remapping.
+    ///
+    /// # Errors
+    /// [`NameError`] where `name` or its replacement is none.
+    pub fn resolve(&self, name: &str, namespace: &str, node: &str) -> Result<String, NameError> {
+        let expanded = names::expand(name, namespace, node)?;
+        for rule in self.remaps.iter().filter(|rule| rule.is_for(node)) {
+            if rule.from.starts_with("__") {
+                continue;
+            }
+            if names::expand(&rule.from, namespace, node)? == expanded {
+                return names::expand(&rule.to, namespace, node);
+            }
+        }
+        Ok(expanded)
+    }
+
+    /// The parameter values that are meant for a node, in order.
+    pub fn params_for<'a>(
+        &'a self,
+        namespace: &str,
+        node: &str,
+    ) -> impl Iterator<Item = &'a ParamOverride> + use<'a> {
+        let path = names::node_path(namespace, node);
+        let node = node.to_owned();
+        self.params.iter().filter(move |param| {
+            if param.node.contains('/') {
+                names::matches_pattern(&param.node, &path)
+            } else {
+                param.node == node
+            }
+        })
+    }
+}
+
+impl Remap {
+    fn is_for(&self, node: &str) -> bool {
+        self.node.as_deref().is_none_or(|name| name == node)
+    }
+
+    fn error(&self, reason: NameError) -> ArgError {
+        ArgError::Name { rule: format!("{}:={}", self.from, self.to), reason }
+    }
+}
+
+fn remap(option: &str, rule: &str) -> Result<Remap, ArgError> {
+    let bad = |expected: &str| ArgError::BadValue {
+        option: option.to_owned(),
+        value: rule.to_owned(),
+        expected: expected.to_owned(),
+    };
+    let (left, to) = rule
+        .split_once(":=")
+        .ok_or_else(|| bad("FROM:=TO, NODE:FROM:=TO, __ns:=/NAMESPACE or __node:=NAME"))?;
+    let (left, to) = (strip_scheme(left), strip_scheme(to));
+    let (node, from) = match left.split_once(':') {
+        Some((node, from)) => (Some(node.to_owned()), from),
+        None => (None, left),
+    };
+    if from.is_empty() || to.is_empty() {
+        return Err(bad("a name on both sides of :="));
+    }
+    if from.starts_with("__") && !["__ns", "__node", "__name"].contains(&from) {
+        return Err(bad("__ns, __node or __name before :="));
+    }
+    if !from.starts_with("__") {
+        for name in [from, to] {
+            names::expand(name, "/", "node").map_err(|error| bad(&error.to_string()))?;
+        }
+    }
+    Ok(Remap { node, from: from.to_owned(), to: to.to_owned() })
+}
+
+fn strip_scheme(name: &str) -> &str {
+    name.strip_prefix("rostopic://")
+        .or_else(|| name.strip_prefix("rosservice://"))
+        .unwrap_or(name)
+}
+
+fn param(option: &str, assignment: &str) -> Result<ParamOverride, ArgError> {
+    let bad = |expected: String| ArgError::BadValue {
+        option: option.to_owned(),
+        value: assignment.to_owned(),
+        expected,
+    };
+    let (left, value) = assignment
+        .split_once(":=")
+        .ok_or_else(|| bad("NAME:=VALUE or NODE:NAME:=VALUE".to_owned()))?;
+    let (node, name) = match left.split_once(':') {
+        Some((node, name)) => (node.to_owned(), name),
+        None => ("/**".to_owned(), left),
+    };
+    if name.is_empty() {
+        return Err(bad("a parameter's name before :=".to_owned()));
+    }
+    let value = Yaml::parse(value)
+        .map_err(|reason| bad(format!("a YAML value after := ({reason})")))?;
+    if matches!(value, Yaml::Map(_) | Yaml::Null) {
+        return Err(bad(format!("a value or a list after :=, got {}", value.describe())));
+    }
+    Ok(ParamOverride {
+        node,
+        name: name.to_owned(),
+        value,
+        origin: format!("{option} {assignment}"),
+        wildcard: false,
+    })
+}
+
+fn params_of_file(path: &Path, text: &str) -> Result<Vec<ParamOverride>, ArgError> {
+    let document = Yaml::parse(text)
+        .map_err(|reason| ArgError::Syntax { path: path.to_owned(), reason })?;
+    let mut reader = FileReader { path, params: Vec::new() };
+    match document {
+        Yaml::Null => {}
+        Yaml::Map(nodes) => {
+            for (name, content) in nodes {
+                reader.node(&name, &name, content)?;
+            }
+        }
+        other => return Err(reader.error("top level", "a map of node names", &other)),
+    }
+    Ok(reader.params)
+}
+
+struct FileReader<'a> {
+    path: &'a Path,
+    params: Vec<ParamOverride>,
+}
+
+impl FileReader<'_> {
+    fn error(&self, field: &str, expected: &'static str, got: &Yaml) -> ArgError {
+        ArgError::Structure {
+            path: self.path.to_owned(),
+            field: field.to_owned(),
+            expected,
+            got: got.describe(),
+        }
+    }
+
+    /// `node`: the pattern so far; `field`: the keys so far, for messages.
+    fn node(&mut self, node: &str, field: &str, content: Yaml) -> Result<(), ArgError> {
+        let Yaml::Map(entries) = content else {
+            return Err(self.error(field, "a map with ros__parameters", &content));
+        };
+        for (key, value) in entries {
+            let field = format!("{field}.{key}");
+            if key == "ros__parameters" {
+                let pattern = if node.starts_with('/') { node.to_owned() } else { format!("/{node}") };
+                match value {
+                    Yaml::Null => {}
+                    Yaml::Map(params) => self.params_of(&pattern, "", &field, params)?,
+                    other => return Err(self.error(&field, "a map of parameters", &other)),
+                }
+            } else {
+                let child = format!("{}/{}", node.trim_end_matches('/'), key.trim_start_matches('/'));
+                self.node(&child, &field, value)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn params_of(
+        &mut self,
+        node: &str,
+        prefix: &str,
+        field: &str,
+        entries: Vec<(String, Yaml)>,
+    ) -> Result<(), ArgError> {
+        for (key, value) in entries {
+            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            let field = format!("{field}.{key}");
+            match value {
+                Yaml::Map(children) => self.params_of(node, &name, &field, children)?,
+                Yaml::Null => return Err(self.error(&field, "a value", &Yaml::Null)),
+                value => self.params.push(ParamOverride {
+                    node: node.to_owned(),
+                    name,
+                    value,
+                    origin: format!("{}: {field}", self.path.display()),
+                    wildcard: node.contains('*'),
+                }),
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,156 @@
+use super::*;
+
+const FILE: &str = "
+/**:
+  ros__parameters:
+    use_sim_time: true
+policy_runner:
+  ros__parameters:
+    step_period_s: 0.5
+    gate: {low: 1, high: [1.0, 2.0]}
+lab:
+  left:
+    ros__parameters: {a: 1}
+/other/*:
+  ros__parameters: {b: text}
+";
+
+fn parse(args: &[&str]) -> Result<(RosArgs, Vec<String>), ArgError> {
+    RosArgs::parse_with(args.iter().copied(), &|path| {
+        if path == Path::new("p.yaml") {
+            Ok(FILE.to_owned())
+        } else {
+            Err(std::io::Error::other("no such file"))
+        }
+    })
+}
+
+fn error(args: &[&str]) -> String {
+    parse(args).unwrap_err().to_string()
+}
+
+#[test]
+fn arguments_outside_the_ros_section_are_left_over() {
+    let (args, rest) = parse(&[
+        "run", "--ros-args", "-r", "a:=b", "--", "--fast", "--ros-args", "-p", "x:=1",
+    ])
+    .unwrap();
+    assert_eq!(rest, ["run", "--fast"]);
+    assert_eq!(args.remaps.len(), 1);
+    assert_eq!(args.params[0].value, Yaml::Integer(1));
+}
+
+#[test]
+fn node_and_namespace_are_remapped() {
+    let (args, _) =
+        parse(&["--ros-args", "-r", "__ns:=/lab", "--remap", "camera:__node:=eye"]).unwrap();
+    assert_eq!(args.node_identity("camera", "/").unwrap(), ("eye".into(), "/lab".into()));
+    assert_eq!(args.node_identity("bag", "/").unwrap(), ("bag".into(), "/lab".into()));
+    let (args, _) = parse(&["--ros-args", "-r", "__name:=eye", "-r", "__ns:=lab"]).unwrap();
+    assert_eq!(args.node_identity("camera", "/").unwrap(), ("eye".into(), "/lab".into()));
+}
+
+#[test]
+fn topics_are_remapped_by_their_expanded_names() {
+    let (args, _) = parse(&[
+        "--ros-args", "-r", "image:=/camera/color", "-r", "camera:mask:=~/mask", "-r",
+        "/panda/enable:=arm/enable",
+    ])
+    .unwrap();
+    let resolve = |name, node| args.resolve(name, "/lab", node).unwrap();
+    assert_eq!(resolve("image", "camera"), "/camera/color");
+    assert_eq!(resolve("/lab/image", "camera"), "/camera/color");
+    assert_eq!(resolve("/image", "camera"), "/image");
+    assert_eq!(resolve("mask", "camera"), "/lab/camera/mask");
+    assert_eq!(resolve("mask", "other"), "/lab/mask");
+    assert_eq!(resolve("/panda/enable", "other"), "/lab/arm/enable");
+}
+
+#[test]
+fn parameter_files_reach_the_nodes_they_name() {
+    let (args, _) = parse(&["--ros-args", "--params-file", "p.yaml"]).unwrap();
+    let names = |namespace: &str, node: &str| -> Vec<String> {
+        args.params_for(namespace, node).map(|param| param.name.clone()).collect()
+    };
+    assert_eq!(
+        names("/", "policy_runner"),
+        ["use_sim_time", "step_period_s", "gate.low", "gate.high"]
+    );
+    assert_eq!(names("/lab", "policy_runner"), ["use_sim_time"]);
+    assert_eq!(names("/lab", "left"), ["use_sim_time", "a"]);
+    assert_eq!(names("/other", "any"), ["use_sim_time", "b"]);
+    let step = args.params.iter().find(|param| param.name == "step_period_s").unwrap();
+    assert_eq!(step.value, Yaml::Float(0.5));
+    assert_eq!(step.origin, "p.yaml: policy_runner.ros__parameters.step_period_s");
+}
+
+#[test]
+fn parameters_can_be_for_one_node() {
+    let (args, _) = parse(&["--ros-args", "-p", "camera:gain:=2", "-p", "rate:=fast"]).unwrap();
+    let names = |node: &str| -> Vec<String> {
+        args.params_for("/lab", node).map(|param| param.name.clone()).collect()
+    };
+    assert_eq!(names("camera"), ["gain", "rate"]);
+    assert_eq!(names("bag"), ["rate"]);
+}
+
+#[test]
+fn log_levels_and_switches_are_read() {
+    let (args, _) = parse(&[
+        "--ros-args", "--log-level", "WARN", "--log-level", "camera:=debug",
+        "--disable-rosout-logs", "--enable-stdout-logs", "--disable-external-lib-logs", "-e",
+        "/enclave",
+    ])
+    .unwrap();
+    assert_eq!(args.log_level, Some(Level::Warn));
+    assert_eq!(args.logger_levels, [("camera".to_owned(), Level::Debug)]);
+    assert!(!args.rosout_logs && args.console_logs);
+    assert_eq!(args.without_effect.len(), 2);
+}
+
+#[test]
+fn errors_name_the_option_the_value_and_what_was_expected() {
+    for (args, parts) in [
+        (vec!["-r"], vec!["-r", "FROM:=TO"]),
+        (vec!["-r", "a=b"], vec!["-r", "\"a=b\"", "FROM:=TO"]),
+        (vec!["-r", "a:=b c"], vec!["b c"]),
+        (vec!["-r", "__foo:=b"], vec!["__foo", "__ns"]),
+        (vec!["-p", "a:=[1"], vec!["-p", "a:=[1", "YAML"]),
+        (vec!["-p", "a:="], vec!["nothing"]),
+        (vec!["-p", "a:=.nan"], vec!["a:=.nan", "non-finite"]),
+        (vec!["-p", "a"], vec!["NAME:=VALUE"]),
+        (vec!["--log-level", "loud"], vec!["--log-level", "loud", "debug"]),
+        (vec!["--params-file", "missing.yaml"], vec!["missing.yaml", "no such file"]),
+        (vec!["--fast"], vec!["--fast"]),
+    ] {
+        let mut all = vec!["--ros-args"];
+        all.extend(&args);
+        let message = error(&all);
+        for part in parts {
+            assert!(message.contains(part), "{args:?}: {message:?} lacks {part:?}");
+        }
+    }
+}
+
+#[test]
+fn broken_parameter_files_are_named_with_the_field() {
+    for (text, parts) in [
+        ("camera: [1]", vec!["f.yaml", "camera", "ros__parameters", "a list of 1"]),
+        ("camera:\n  ros__parameters: 3\n", vec!["camera.ros__parameters", "the integer 3"]),
+        ("camera:\n  ros__parameters: {a: {b: }}\n", vec!["camera.ros__parameters.a.b", "nothing"]),
+        ("- 1", vec!["top level", "a list of 1"]),
+        ("camera: {", vec!["f.yaml", "not YAML"]),
+    ] {
+        let message = params_of_file(Path::new("f.yaml"), text).unwrap_err().to_string();
+        for part in parts {
+            assert!(message.contains(part), "{text:?}: {message:?} lacks {part:?}");
+        }
+    }
+}
+
+#[test]
+fn an_invalid_new_node_name_is_refused() {
+    let (args, _) = parse(&["--ros-args", "-r", "__node:=1camera"]).unwrap();
+    let message = args.node_identity("camera", "/").unwrap_err().to_string();
+    assert!(message.contains("1camera"), "{message}");
+}

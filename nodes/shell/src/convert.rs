@@ -1,0 +1,230 @@
+//! Between wire types and the core's, where more than one node needs the way: what only one node sends or reads is
+//! converted in that node's own `convert.rs`.
+
+use catenary_core::model::DriveKind;
+use catenary_core::task::DeltaAnchor;
+use catenary_core::track::End;
+use catenary_core::{Fidelity, Frame, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track};
+use catenary_msgs::msg::{
+    EefDelta, Mixture as MixtureMsg, Parameter as ParameterMsg, Track as TrackMsg,
+};
+use catenary_msgs::srv::SimulateRequest;
+use nalgebra::{DMatrix, DVector};
+use thiserror::Error;
+
+/// Why a message has no meaning.
+#[derive(Debug, Error, PartialEq)]
+#[error("`{field}`: expected {expected}, got {got}")]
+pub struct ConvertError {
+    /// Field of the message.
+    pub field: &'static str,
+    /// What was expected.
+    pub expected: String,
+    /// What came.
+    pub got: String,
+}
+
+fn error(field: &'static str, expected: impl Into<String>, got: impl ToString) -> ConvertError {
+    ConvertError { field, expected: expected.into(), got: got.to_string() }
+}
+
+/// A posterior as the wire carries it.
+#[must_use]
+pub fn posterior_to_msg(posterior: &Posterior) -> MixtureMsg {
+    let mixture = &posterior.mixture;
+    let components = || (0..mixture.weights().len()).map(|k| mixture.component(k));
+    MixtureMsg {
+        parameters: posterior.parameters.parameters().iter().map(parameter_to_msg).collect(),
+        weights: mixture.weights().to_vec(),
+        means: components().flat_map(|(mean, _)| mean.iter().copied()).collect(),
+        covariances: components()
+            .flat_map(|(_, covariance)| covariance.transpose().as_slice().to_vec())
+            .collect(),
+    }
+}
+
+/// The posterior that a message describes.
+///
+/// # Errors
+/// [`ConvertError`]: sizes that do not fit, priors or covariances that are none.
+pub fn posterior_from_msg(message: &MixtureMsg) -> Result<Posterior, ConvertError> {
+    let parameters = message.parameters.iter().map(parameter_from_msg).collect::<Result<_, _>>()?;
+    let parameters = ParameterSpace::new(parameters)
+        .map_err(|e| error("parameters", "names and priors of a model", e))?;
+    let (d, k) = (parameters.dimension(), message.weights.len());
+    let sizes = [("means", message.means.len(), k * d), ("covariances", message.covariances.len(), k * d * d)];
+    for (field, got, expected) in sizes {
+        if d == 0 || k == 0 || got != expected {
+            return Err(error(field, format!("{expected} numbers for {k} components of {d} parameters"), got));
+        }
+    }
+    let means = message.means.chunks_exact(d).map(DVector::from_row_slice).collect();
+    let covariances =
+        message.covariances.chunks_exact(d * d).map(|c| DMatrix::from_row_slice(d, d, c)).collect();
+    let mixture = Mixture::new(&message.weights, means, covariances)
+        .map_err(|e| error("covariances", "a mixture of Gaussians", e))?;
+    Ok(Posterior { parameters, mixture })
+}
+
+fn parameter_to_msg(parameter: &Parameter) -> ParameterMsg {
+    let (low, high) = parameter.prior.bounds();
+    let prior = match parameter.prior {
+        Prior::Uniform { .. } => ParameterMsg::PRIOR_UNIFORM,
+        Prior::LogUniform { .. } => ParameterMsg::PRIOR_LOG_UNIFORM,
+    };
+    ParameterMsg { name: parameter.name.clone(), prior, low, high }
+}
+
+fn parameter_from_msg(message: &ParameterMsg) -> Result<Parameter, ConvertError> {
+    let (low, high) = (message.low, message.high);
+    let prior = match message.prior {
+        ParameterMsg::PRIOR_UNIFORM => Prior::Uniform { low, high },
+        ParameterMsg::PRIOR_LOG_UNIFORM => Prior::LogUniform { low, high },
+        other => return Err(error("prior", "one of PRIOR_*", other)),
+    };
+    Ok(Parameter { name: message.name.clone(), prior })
+}
+
+/// The number that stands for a fidelity.
+#[must_use]
+pub fn fidelity_to_msg(fidelity: Fidelity) -> u8 {
+    match fidelity {
+        Fidelity::Fast => SimulateRequest::FIDELITY_FAST,
+        Fidelity::Standard => SimulateRequest::FIDELITY_STANDARD,
+        Fidelity::Reference => SimulateRequest::FIDELITY_REFERENCE,
+    }
+}
+
+/// The fidelity that a number stands for.
+///
+/// # Errors
+/// [`ConvertError`] for any other number.
+pub fn fidelity_from_msg(number: u8) -> Result<Fidelity, ConvertError> {
+    [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference]
+        .into_iter()
+        .find(|f| fidelity_to_msg(*f) == number)
+        .ok_or_else(|| error("fidelity", "one of FIDELITY_*", number))
+}
+
+/// The number that stands for a kind of drive.
+#[must_use]
+pub fn drive_to_msg(drive: DriveKind) -> u8 {
+    match drive {
+        DriveKind::Grip => SimulateRequest::DRIVE_GRIP,
+        DriveKind::Actions => SimulateRequest::DRIVE_ACTIONS,
+        DriveKind::Policy => SimulateRequest::DRIVE_POLICY,
+    }
+}
+
+/// The kind of drive that a number stands for.
+///
+/// # Errors
+/// [`ConvertError`] for any other number.
+pub fn drive_from_msg(number: u8) -> Result<DriveKind, ConvertError> {
+    [DriveKind::Grip, DriveKind::Actions, DriveKind::Policy]
+        .into_iter()
+        .find(|d| drive_to_msg(*d) == number)
+        .ok_or_else(|| error("drive", "one of DRIVE_*", number))
+}
+
+/// The number that stands for an anchor.
+#[must_use]
+pub fn anchor_to_msg(anchor: DeltaAnchor) -> u8 {
+    match anchor {
+        DeltaAnchor::Measured => EefDelta::ANCHOR_MEASURED,
+        DeltaAnchor::LastTarget => EefDelta::ANCHOR_LAST_TARGET,
+    }
+}
+
+/// The anchor that a number stands for.
+///
+/// # Errors
+/// [`ConvertError`] for any other number.
+pub fn anchor_from_msg(number: u8) -> Result<DeltaAnchor, ConvertError> {
+    [DeltaAnchor::Measured, DeltaAnchor::LastTarget]
+        .into_iter()
+        .find(|a| anchor_to_msg(*a) == number)
+        .ok_or_else(|| error("anchor", "one of ANCHOR_*", number))
+}
+
+/// A track as the wire carries it.
+#[must_use]
+pub fn track_to_msg(track: &Track) -> TrackMsg {
+    let frames = || track.frames.iter();
+    TrackMsg {
+        time: frames().map(|f| f.time_s).collect(),
+        dlo: frames().flat_map(|f| f.dlo.into_iter().flatten()).collect(),
+        target: frames().flat_map(|f| f.target).collect(),
+        eef: frames().flat_map(|f| f.eef).collect(),
+        action: frames().flat_map(|f| f.action).collect(),
+        end: track.end.name().to_owned(),
+    }
+}
+
+/// The track that a message describes.
+///
+/// # Errors
+/// [`ConvertError`]: sizes that do not fit, an unknown end.
+pub fn track_from_msg(message: &TrackMsg) -> Result<Track, ConvertError> {
+    let n = message.time.len();
+    let sizes = [
+        ("dlo", message.dlo.len(), 8),
+        ("target", message.target.len(), 2),
+        ("eef", message.eef.len(), 3),
+        ("action", message.action.len(), 2),
+    ];
+    if let Some((field, got, each)) = sizes.into_iter().find(|(_, got, each)| *got != n * each) {
+        return Err(error(field, format!("{each} numbers for each of {n} moments"), got));
+    }
+    let end = End::from_name(&message.end).ok_or_else(|| error("end", "an end of an episode", &message.end))?;
+    let frame = |i: usize| Frame {
+        time_s: message.time[i],
+        dlo: std::array::from_fn(|k| [message.dlo[8 * i + 2 * k], message.dlo[8 * i + 2 * k + 1]]),
+        target: [message.target[2 * i], message.target[2 * i + 1]],
+        eef: std::array::from_fn(|k| message.eef[3 * i + k]),
+        action: [message.action[2 * i], message.action[2 * i + 1]],
+    };
+    Ok(Track { frames: (0..n).map(frame).collect(), end })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn posterior() -> Posterior {
+        let parameter = |name: &str, prior| Parameter { name: name.into(), prior };
+        let parameters = ParameterSpace::new(vec![
+            parameter("length_m", Prior::Uniform { low: 0.1, high: 0.3 }),
+            parameter("youngs_modulus_pa", Prior::LogUniform { low: 1e3, high: 1e5 }),
+        ])
+        .unwrap();
+        let covariance = DMatrix::from_row_slice(2, 2, &[0.02, 0.005, 0.005, 0.01]);
+        let means = vec![DVector::from_vec(vec![0.2, 0.3]), DVector::from_vec(vec![0.5, 0.6])];
+        let mixture = Mixture::new(&[0.25, 0.75], means, vec![covariance.clone(), covariance]).unwrap();
+        Posterior { parameters, mixture }
+    }
+
+    #[test]
+    fn posteriors_and_tracks_survive_the_wire() {
+        let there = posterior_to_msg(&posterior());
+        assert_eq!(posterior_from_msg(&there).unwrap(), posterior());
+        let frame = |t: f64| Frame {
+            time_s: t,
+            dlo: [[t, 0.1], [0.2, 0.3], [0.4, 0.5], [0.6, 0.7]],
+            target: [0.8, 0.9],
+            eef: [1.0, 1.1, 1.2],
+            action: [0.01, -0.02],
+        };
+        let track = Track { frames: vec![frame(0.0), frame(0.5)], end: End::StepLimit };
+        assert_eq!(track_from_msg(&track_to_msg(&track)).unwrap(), track);
+    }
+
+    #[test]
+    fn sizes_that_do_not_fit_are_named() {
+        let mut message = posterior_to_msg(&posterior());
+        message.covariances.pop();
+        assert_eq!(posterior_from_msg(&message).unwrap_err().field, "covariances");
+        assert_eq!(posterior_from_msg(&MixtureMsg::default()).unwrap_err().field, "means");
+        assert!(fidelity_from_msg(9).is_err() && drive_from_msg(9).is_err() && anchor_from_msg(9).is_err());
+    }
+}

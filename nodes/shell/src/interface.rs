@@ -1,0 +1,75 @@
+//! What a generated message, service or action type must offer to be used here.
+
+use crate::error::ShellError;
+use catenary_msgs::{ActionInterface, Interface, ServiceInterface};
+use ros2_client::{ActionTypeName, MessageTypeName, ServiceTypeName};
+
+/// Data that can be sent.
+pub trait Payload: ros2_client::Message + Clone + Send + Sync + 'static {}
+
+impl<T: ros2_client::Message + Clone + Send + Sync + 'static> Payload for T {}
+
+/// A message type.
+pub trait Msg: Interface + Payload {}
+
+impl<T: Interface + Payload> Msg for T {}
+
+/// A service type.
+pub trait Srv: ServiceInterface<Request: Payload, Response: Payload> + Send + Sync + 'static {}
+
+impl<T> Srv for T where
+    T: ServiceInterface<Request: Payload, Response: Payload> + Send + Sync + 'static
+{
+}
+
+/// An action type.
+pub trait Act:
+    ActionInterface<Goal: Payload, Result: Payload + Default, Feedback: Payload> + Send + Sync + 'static
+{
+}
+
+impl<T> Act for T where
+    T: ActionInterface<Goal: Payload, Result: Payload + Default, Feedback: Payload>
+        + Send
+        + Sync
+        + 'static
+{
+}
+
+/// Splits `package/kind/Type`.
+fn split(name: &'static str, kind: &'static str) -> Result<(&'static str, &'static str), ShellError> {
+    let mut parts = name.split('/');
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some(package), Some(middle), Some(type_name), None) if middle == kind => {
+            Ok((package, type_name))
+        }
+        _ => Err(ShellError::TypeName { expected: kind, got: name }),
+    }
+}
+
+pub(crate) fn message_type(name: &'static str) -> Result<MessageTypeName, ShellError> {
+    split(name, "msg").map(|(package, name)| MessageTypeName::new(package, name))
+}
+
+pub(crate) fn service_type(name: &'static str) -> Result<ServiceTypeName, ShellError> {
+    split(name, "srv").map(|(package, name)| ServiceTypeName::new(package, name))
+}
+
+pub(crate) fn action_type(name: &'static str) -> Result<ActionTypeName, ShellError> {
+    split(name, "action").map(|(package, name)| ActionTypeName::new(package, name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn type_names_are_split_by_kind() {
+        let pose = message_type("geometry_msgs/msg/PoseStamped").unwrap();
+        assert_eq!(pose.dds_msg_type(), "geometry_msgs::msg::dds_::PoseStamped_");
+        assert!(message_type("std_srvs/srv/SetBool").is_err());
+        assert!(service_type("std_srvs/srv/SetBool").is_ok());
+        assert!(action_type("catenary_msgs/action/Train").is_ok());
+        assert!(message_type("PoseStamped").is_err());
+    }
+}

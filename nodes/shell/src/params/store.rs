@@ -1,0 +1,319 @@
+//! The parameters of one node.
+
+use super::kinds::{ParamKind, Value};
+use super::spec::ParamSpec;
+use crate::args::ParamOverride;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use thiserror::Error;
+
+/// Why a parameter cannot be declared or set at start.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub enum ParamError {
+    /// Declared twice.
+    #[error("parameter {0}: declared twice")]
+    DeclaredTwice(String),
+    /// The default breaks the parameter's own limits.
+    #[error("parameter {name}: its default: {reason}")]
+    BadDefault {
+        /// The parameter.
+        name: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A value from the command line or a file has the wrong type or breaks the limits.
+    #[error("{origin}: parameter {name}: {reason}")]
+    BadOverride {
+        /// Where the value stands.
+        origin: String,
+        /// The parameter.
+        name: String,
+        /// What was expected and what came.
+        reason: String,
+    },
+    /// A value from the command line or a file is for no declared parameter.
+    #[error("{origin}: node {node} has no parameter {name}; it has {known}")]
+    Unknown {
+        /// Where the value stands.
+        origin: String,
+        /// The node.
+        node: String,
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+}
+
+/// A handle on one parameter; [`Param::get`] is cheap enough for a control loop.
+pub struct Param<T: ParamKind> {
+    cell: Arc<T::Cell>,
+}
+
+impl<T: ParamKind> Clone for Param<T> {
+    fn clone(&self) -> Self {
+        Self { cell: Arc::clone(&self.cell) }
+    }
+}
+
+impl<T: ParamKind> Param<T> {
+    /// The present value.
+    #[must_use]
+    pub fn get(&self) -> T {
+        T::load(&self.cell)
+    }
+}
+
+impl<T: ParamKind + fmt::Debug> fmt::Debug for Param<T> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_tuple("Param").field(&self.get()).finish()
+    }
+}
+
+/// One parameter that was set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// Its name.
+    pub name: String,
+    /// Its new value.
+    pub value: Value,
+}
+
+/// A declared parameter, as `describe_parameters` and `--help` show it.
+#[derive(Clone, Debug)]
+pub struct Description {
+    /// Its name.
+    pub name: String,
+    /// Its present value.
+    pub value: Value,
+    /// Meaning and limits.
+    pub spec: ParamSpec,
+}
+
+/// A present value without its type.
+trait Slot: Send + Sync {
+    fn value(&self) -> Value;
+    /// The value in the parameter's own type, or why it has none.
+    fn convert(&self, value: &Value) -> Result<Value, String>;
+    /// Stores a value that `convert` returned.
+    fn set(&self, value: &Value);
+}
+
+struct TypedSlot<T: ParamKind> {
+    cell: Arc<T::Cell>,
+}
+
+impl<T: ParamKind> Slot for TypedSlot<T> {
+    fn value(&self) -> Value {
+        T::load(&self.cell).to_value()
+    }
+
+    fn convert(&self, value: &Value) -> Result<Value, String> {
+        T::from_value(value)
+            .map(|value| value.to_value())
+            .ok_or_else(|| format!("expected {}, got {}", T::WORD, describe(value)))
+    }
+
+    fn set(&self, value: &Value) {
+        if let Some(value) = T::from_value(value) {
+            T::store(&self.cell, value);
+        }
+    }
+}
+
+fn describe(value: &Value) -> String {
+    match value {
+        Value::NotSet => "nothing".to_owned(),
+        Value::Boolean(value) => format!("the boolean {value}"),
+        Value::Integer(value) => format!("the integer {value}"),
+        Value::Double(value) => format!("the number {value:?}"),
+        Value::String(value) => format!("the string {value:?}"),
+        other => format!("{other:?}"),
+    }
+}
+
+struct Entry {
+    spec: ParamSpec,
+    slot: Box<dyn Slot>,
+}
+
+type Listener = Box<dyn Fn(&[Change]) + Send + Sync>;
+
+struct Inner {
+    node: String,
+    entries: Mutex<BTreeMap<String, Entry>>,
+    overrides: Mutex<Vec<(ParamOverride, bool)>>,
+    listeners: Mutex<Vec<Listener>>,
+}
+
+/// The parameters of one node. Clones share them.
+#[derive(Clone)]
+pub struct Params {
+    inner: Arc<Inner>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Params {
+    /// No parameters yet; `overrides` are the values for this node from the command line and files.
+    pub(crate) fn new(
+        node: impl Into<String>,
+        overrides: impl IntoIterator<Item = ParamOverride>,
+    ) -> Self {
+        let overrides = overrides.into_iter().map(|value| (value, false)).collect();
+        Self {
+            inner: Arc::new(Inner {
+                node: node.into(),
+                entries: Mutex::new(BTreeMap::new()),
+                overrides: Mutex::new(overrides),
+                listeners: Mutex::new(Vec::new()),
+            }),
+        }
+    }
+
+    /// Declares a parameter. Its value is the last one that the command line or a file gives, or the default.
+    ///
+    /// # Errors
+    /// [`ParamError`] for a second declaration and for a value of the wrong type or out of its limits.
+    pub fn declare<T: ParamKind>(
+        &self,
+        name: &str,
+        default: T,
+        spec: ParamSpec,
+    ) -> Result<Param<T>, ParamError> {
+        let name = name.to_owned();
+        spec.allows(&default.to_value())
+            .map_err(|reason| ParamError::BadDefault { name: name.clone(), reason })?;
+        let value = self.override_of(&name, &spec)?.unwrap_or(default);
+        let cell = Arc::new(value.into_cell());
+        let slot = Box::new(TypedSlot::<T> { cell: Arc::clone(&cell) });
+        let mut entries = lock(&self.inner.entries);
+        if entries.contains_key(&name) {
+            return Err(ParamError::DeclaredTwice(name));
+        }
+        entries.insert(name, Entry { spec, slot });
+        Ok(Param { cell })
+    }
+
+    fn override_of<T: ParamKind>(
+        &self,
+        name: &str,
+        spec: &ParamSpec,
+    ) -> Result<Option<T>, ParamError> {
+        let mut value = None;
+        for (given, used) in lock(&self.inner.overrides).iter_mut() {
+            if given.name != name {
+                continue;
+            }
+            *used = true;
+            let bad = |reason| ParamError::BadOverride {
+                origin: given.origin.clone(),
+                name: name.to_owned(),
+                reason,
+            };
+            let typed = T::from_yaml(&given.value).ok_or_else(|| {
+                bad(format!("expected {}, got {}", T::WORD, given.value.describe()))
+            })?;
+            spec.allows(&typed.to_value()).map_err(bad)?;
+            value = Some(typed);
+        }
+        Ok(value)
+    }
+
+    /// Refuses values from the command line or a file that no declaration used, but for those of a file's wildcard
+    /// entries, whose origins it returns.
+    pub(crate) fn refuse_unknown(&self) -> Result<Vec<String>, ParamError> {
+        let overrides = lock(&self.inner.overrides);
+        let unused = || overrides.iter().filter(|(_, used)| !used).map(|(given, _)| given);
+        let Some(unknown) = unused().find(|given| !given.wildcard) else {
+            return Ok(unused().map(|given| given.origin.clone()).collect());
+        };
+        Err(ParamError::Unknown {
+            origin: unknown.origin.clone(),
+            node: self.inner.node.clone(),
+            name: unknown.name.clone(),
+            known: self.names().join(", "),
+        })
+    }
+
+    /// Calls `listener` with the changes of every set that was accepted, on the setter's thread.
+    pub fn on_change(&self, listener: impl Fn(&[Change]) + Send + Sync + 'static) {
+        lock(&self.inner.listeners).push(Box::new(listener));
+    }
+
+    /// Drops the listeners, and with them what they publish with.
+    pub(crate) fn forget_listeners(&self) {
+        lock(&self.inner.listeners).clear();
+    }
+
+    /// Names, in order.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        lock(&self.inner.entries).keys().cloned().collect()
+    }
+
+    /// The present value, `None` for an unknown name.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<Value> {
+        lock(&self.inner.entries).get(name).map(|entry| entry.slot.value())
+    }
+
+    /// The description, `None` for an unknown name.
+    #[must_use]
+    pub fn describe(&self, name: &str) -> Option<Description> {
+        lock(&self.inner.entries).get(name).map(|entry| Description {
+            name: name.to_owned(),
+            value: entry.slot.value(),
+            spec: entry.spec.clone(),
+        })
+    }
+
+    /// Sets one parameter.
+    ///
+    /// # Errors
+    /// The reason, naming what was expected and what came.
+    pub fn set(&self, name: &str, value: &Value) -> Result<(), String> {
+        self.set_all(&[(name.to_owned(), value.clone())])
+    }
+
+    /// Sets all of them or none.
+    ///
+    /// # Errors
+    /// The reason for the first that is refused.
+    pub fn set_all(&self, values: &[(String, Value)]) -> Result<(), String> {
+        let mut changes = Vec::with_capacity(values.len());
+        {
+            let entries = lock(&self.inner.entries);
+            for (name, value) in values {
+                let entry = entries.get(name).ok_or_else(|| {
+                    format!("node {} has no parameter {name}", self.inner.node)
+                })?;
+                let reason = |reason: String| format!("parameter {name}: {reason}");
+                if entry.spec.read_only {
+                    return Err(reason("it is read-only".to_owned()));
+                }
+                let value = entry.slot.convert(value).map_err(reason)?;
+                entry.spec.allows(&value).map_err(reason)?;
+                changes.push(Change { name: name.clone(), value });
+            }
+            for change in &changes {
+                if let Some(entry) = entries.get(&change.name) {
+                    entry.slot.set(&change.value);
+                }
+            }
+        }
+        for listener in lock(&self.inner.listeners).iter() {
+            listener(&changes);
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Params {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Params").field("names", &self.names()).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,130 @@
+//! The DDS participant, made as the ROS 2 environment variables say.
+
+use crate::error::ShellError;
+use rustdds::{DomainParticipant, DomainParticipantBuilder};
+use std::net::Ipv4Addr;
+
+/// Which other nodes are found by themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Discovery {
+    /// Those on this machine, over the loopback interface only.
+    Localhost,
+    /// Those on every network of this machine.
+    Subnet,
+}
+
+/// Where a node takes part: domain and range of discovery.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Participation {
+    pub(crate) domain: u16,
+    pub(crate) discovery: Discovery,
+}
+
+/// The highest domain whose UDP ports exist for at least a handful of participants.
+const MAX_DOMAIN: u16 = 232;
+
+impl Participation {
+    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and the older `ROS_LOCALHOST_ONLY`; returns also a
+    /// word of warning where something has no effect.
+    pub(crate) fn from_environment(
+        variable: &dyn Fn(&str) -> Option<String>,
+    ) -> Result<(Self, Vec<&'static str>), ShellError> {
+        let variable = |name| variable(name).filter(|value| !value.is_empty());
+        let mut warnings = Vec::new();
+        let domain = match variable("ROS_DOMAIN_ID") {
+            None => 0,
+            Some(value) => value
+                .trim()
+                .parse()
+                .ok()
+                .filter(|domain| *domain <= MAX_DOMAIN)
+                .ok_or(ShellError::Environment {
+                    variable: "ROS_DOMAIN_ID",
+                    value,
+                    expected: "an integer from 0 to 232",
+                })?,
+        };
+        let range = variable("ROS_AUTOMATIC_DISCOVERY_RANGE");
+        let mut discovery = match range.as_deref() {
+            None | Some("SUBNET" | "SYSTEM_DEFAULT") => Discovery::Subnet,
+            Some("LOCALHOST") => Discovery::Localhost,
+            Some("OFF") => {
+                return Err(ShellError::Environment {
+                    variable: "ROS_AUTOMATIC_DISCOVERY_RANGE",
+                    value: "OFF".to_owned(),
+                    expected: "LOCALHOST or SUBNET, because without discovery this node would meet no other",
+                });
+            }
+            Some(other) => {
+                return Err(ShellError::Environment {
+                    variable: "ROS_AUTOMATIC_DISCOVERY_RANGE",
+                    value: other.to_owned(),
+                    expected: "LOCALHOST, SUBNET or SYSTEM_DEFAULT",
+                });
+            }
+        };
+        if variable("ROS_LOCALHOST_ONLY").as_deref() == Some("1") {
+            warnings.push("ROS_LOCALHOST_ONLY is deprecated and taken for ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST");
+            discovery = Discovery::Localhost;
+        }
+        if variable("ROS_STATIC_PEERS").is_some() {
+            warnings.push("ROS_STATIC_PEERS has no effect here: other nodes are found by multicast and loopback");
+        }
+        Ok((Self { domain, discovery }, warnings))
+    }
+
+    /// Joins the domain.
+    pub(crate) fn join(self) -> Result<DomainParticipant, ShellError> {
+        let builder = DomainParticipantBuilder::new(self.domain);
+        let builder = match self.discovery {
+            Discovery::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
+            Discovery::Subnet => builder,
+        };
+        builder
+            .build()
+            .map_err(|error| ShellError::create(format!("DDS domain {}", self.domain), error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(
+        pairs: &[(&str, &str)],
+    ) -> Result<(Participation, Vec<&'static str>), ShellError> {
+        Participation::from_environment(&|name| {
+            pairs.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
+        })
+    }
+
+    #[test]
+    fn the_environment_chooses_domain_and_range() {
+        for (pairs, domain, discovery) in [
+            (vec![], 0, Discovery::Subnet),
+            (vec![("ROS_DOMAIN_ID", "42")], 42, Discovery::Subnet),
+            (vec![("ROS_DOMAIN_ID", "")], 0, Discovery::Subnet),
+            (vec![("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")], 0, Discovery::Localhost),
+            (vec![("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")], 0, Discovery::Subnet),
+            (vec![("ROS_LOCALHOST_ONLY", "1")], 0, Discovery::Localhost),
+        ] {
+            let (participation, _) = read(&pairs).unwrap();
+            assert_eq!(participation, Participation { domain, discovery }, "{pairs:?}");
+        }
+        assert_eq!(read(&[("ROS_LOCALHOST_ONLY", "1")]).unwrap().1.len(), 1);
+        assert_eq!(read(&[("ROS_STATIC_PEERS", "lab")]).unwrap().1.len(), 1);
+    }
+
+    #[test]
+    fn wrong_values_are_named() {
+        for (name, value) in [
+            ("ROS_DOMAIN_ID", "lab"),
+            ("ROS_DOMAIN_ID", "233"),
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"),
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost"),
+        ] {
+            let message = read(&[(name, value)]).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains(value), "{message}");
+        }
+    }
+}

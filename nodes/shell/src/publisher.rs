@@ -1,0 +1,114 @@
+//! Publishers.
+
+use crate::error::PublishError;
+use crate::interface::Msg;
+use crate::node::Graph;
+use crate::shutdown::Shutdown;
+use futures::FutureExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+struct Inner<M: Msg> {
+    // Before the graph, so that the writer goes first.
+    writer: ros2_client::Publisher<M>,
+    topic: String,
+    published: AtomicU64,
+    failed: AtomicU64,
+    shutdown: Shutdown,
+    graph: Arc<Graph>,
+}
+
+impl<M: Msg> Drop for Inner<M> {
+    fn drop(&mut self) {
+        self.graph.linger();
+    }
+}
+
+/// Publishes messages of one type on one topic. Clones share the writer.
+pub struct Publisher<M: Msg> {
+    inner: Arc<Inner<M>>,
+}
+
+impl<M: Msg> Clone for Publisher<M> {
+    fn clone(&self) -> Self {
+        Self { inner: Arc::clone(&self.inner) }
+    }
+}
+
+impl<M: Msg> Publisher<M> {
+    pub(crate) fn new(
+        writer: ros2_client::Publisher<M>,
+        topic: String,
+        graph: Arc<Graph>,
+        shutdown: Shutdown,
+    ) -> Self {
+        let (published, failed) = (AtomicU64::new(0), AtomicU64::new(0));
+        Self { inner: Arc::new(Inner { writer, topic, published, failed, shutdown, graph }) }
+    }
+
+    /// Publishes a message. Never waits for subscribers.
+    ///
+    /// # Errors
+    /// [`PublishError`] where a reliable subscriber is thousands of messages behind, as one that was killed is
+    /// until its lease ends: the message is lost for all.
+    pub fn publish(&self, message: M) -> Result<(), PublishError> {
+        match self.inner.writer.publish(message) {
+            Ok(()) => {
+                self.inner.published.fetch_add(1, Ordering::Relaxed);
+                self.inner.graph.touch();
+                Ok(())
+            }
+            Err(error) => {
+                self.inner.failed.fetch_add(1, Ordering::Relaxed);
+                let reason = match error {
+                    ros2_client::WriteError::WouldBlock { .. } => {
+                        "a subscriber does not keep up".to_owned()
+                    }
+                    other => other.to_string(),
+                };
+                Err(PublishError { topic: self.inner.topic.clone(), reason })
+            }
+        }
+    }
+
+    /// Publishes a message, or logs a warning: for streams where the next message replaces a lost one.
+    pub fn send(&self, message: M) {
+        if let Err(error) = self.publish(message) {
+            tracing::warn!("{error}");
+        }
+    }
+
+    /// The absolute topic.
+    #[must_use]
+    pub fn topic(&self) -> &str {
+        &self.inner.topic
+    }
+
+    /// Messages published so far.
+    #[must_use]
+    pub fn published(&self) -> u64 {
+        self.inner.published.load(Ordering::Relaxed)
+    }
+
+    /// Messages that could not be published.
+    #[must_use]
+    pub fn failed(&self) -> u64 {
+        self.inner.failed.load(Ordering::Relaxed)
+    }
+
+    /// Whether any subscription is matched at present.
+    #[must_use]
+    pub fn has_subscriber(&self) -> bool {
+        let ros = self.inner.graph.ros();
+        self.inner.writer.wait_for_subscription(&ros).now_or_never().is_some()
+    }
+
+    /// Waits until a subscription is matched; false: none in time, or shutdown.
+    #[must_use]
+    pub fn wait_for_subscriber(&self, timeout: Duration) -> bool {
+        self.inner.graph.wait_matched(&self.inner.shutdown, timeout, &|ros| {
+            self.inner.writer.wait_for_subscription(ros).now_or_never().is_some()
+        })
+    }
+}

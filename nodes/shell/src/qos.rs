@@ -1,0 +1,154 @@
+//! Quality of service, by name. Every publisher and subscription of the project states one of these.
+
+use rustdds::policy::{Durability, History, Lifespan, Reliability, ResourceLimits};
+use rustdds::{Duration as DdsDuration, QosPolicies, QosPolicyBuilder};
+use std::fmt;
+
+/// A quality-of-service profile. All keep the last `depth` messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Qos {
+    /// May lose messages; late subscribers get nothing old. For sensors, images and states at a rate.
+    BestEffort {
+        /// Messages kept.
+        depth: u16,
+    },
+    /// Lost messages are repeated; late subscribers get nothing old. For commands.
+    Reliable {
+        /// Messages kept.
+        depth: u16,
+    },
+    /// As `Reliable`, and late subscribers get the last messages. For states that change seldom.
+    ReliableTransientLocal {
+        /// Messages kept, also for late subscribers.
+        depth: u16,
+    },
+}
+
+/// Unacknowledged messages that a transient-local writer keeps at most: 20 s at 50 Hz, longer than it
+/// takes to notice that a subscriber has died, after which publishing would be refused until then.
+const TRANSIENT_LOCAL_MAX_SAMPLES: i32 = 1024;
+
+impl Qos {
+    /// The command profile of ROS 2's defaults: reliable, volatile, depth 10.
+    pub const DEFAULT: Self = Self::Reliable { depth: 10 };
+    /// The profile of `/parameter_events`.
+    pub const PARAMETER_EVENTS: Self = Self::Reliable { depth: 1000 };
+    /// The profile of `/clock`.
+    pub const CLOCK: Self = Self::BestEffort { depth: 1 };
+    /// The profile of `/tf`.
+    pub const TF: Self = Self::Reliable { depth: 100 };
+    /// The profile of `/tf_static`.
+    pub const TF_STATIC: Self = Self::ReliableTransientLocal { depth: 1 };
+
+    /// Messages kept.
+    #[must_use]
+    pub const fn depth(self) -> u16 {
+        match self {
+            Self::BestEffort { depth }
+            | Self::Reliable { depth }
+            | Self::ReliableTransientLocal { depth } => depth,
+        }
+    }
+
+    /// Whether lost messages are repeated.
+    #[must_use]
+    pub const fn is_reliable(self) -> bool {
+        !matches!(self, Self::BestEffort { .. })
+    }
+
+    /// Whether late subscribers get the last messages.
+    #[must_use]
+    pub const fn is_transient_local(self) -> bool {
+        matches!(self, Self::ReliableTransientLocal { .. })
+    }
+
+    /// The same kind with another depth.
+    #[must_use]
+    pub const fn with_depth(self, depth: u16) -> Self {
+        match self {
+            Self::BestEffort { .. } => Self::BestEffort { depth },
+            Self::Reliable { .. } => Self::Reliable { depth },
+            Self::ReliableTransientLocal { .. } => Self::ReliableTransientLocal { depth },
+        }
+    }
+
+    /// The policies for rustdds. Publishing never waits for acknowledgements: where a reliable writer's
+    /// window is full it fails at once.
+    #[must_use]
+    pub fn policies(self) -> QosPolicies {
+        let depth = i32::from(self.depth().max(1));
+        let builder = QosPolicyBuilder::new()
+            .history(History::KeepLast { depth })
+            .lifespan(Lifespan { duration: DdsDuration::INFINITE });
+        let reliable = Reliability::Reliable { max_blocking_time: DdsDuration::ZERO };
+        match self {
+            // Without a limit a reader keeps 64 samples, which are 59 MB of colour images.
+            Self::BestEffort { .. } => builder
+                .reliability(Reliability::BestEffort)
+                .durability(Durability::Volatile)
+                .resource_limits(limits(depth)),
+            Self::Reliable { .. } => {
+                builder.reliability(reliable).durability(Durability::Volatile)
+            }
+            // Without a limit a writer that nobody reads keeps 8192 samples for late subscribers.
+            Self::ReliableTransientLocal { .. } => builder
+                .reliability(reliable)
+                .durability(Durability::TransientLocal)
+                .resource_limits(limits(depth.max(TRANSIENT_LOCAL_MAX_SAMPLES))),
+        }
+        .build()
+    }
+}
+
+fn limits(max_samples: i32) -> ResourceLimits {
+    ResourceLimits { max_samples, max_instances: 1, max_samples_per_instance: max_samples }
+}
+
+impl fmt::Display for Qos {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = match self {
+            Self::BestEffort { .. } => "best effort",
+            Self::Reliable { .. } => "reliable",
+            Self::ReliableTransientLocal { .. } => "reliable, transient local",
+        };
+        write!(formatter, "{kind}, depth {}", self.depth())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn policies_say_what_the_profile_says() {
+        let image = Qos::BestEffort { depth: 5 }.policies();
+        assert_eq!(image.reliability(), Some(Reliability::BestEffort));
+        assert_eq!(image.durability(), Some(Durability::Volatile));
+        assert_eq!(image.history(), Some(History::KeepLast { depth: 5 }));
+        assert_eq!(image.resource_limits().map(|limits| limits.max_samples), Some(5));
+        let state = Qos::ReliableTransientLocal { depth: 1 }.policies();
+        assert!(matches!(state.reliability(), Some(Reliability::Reliable { .. })));
+        assert_eq!(state.durability(), Some(Durability::TransientLocal));
+        assert_eq!(state.history(), Some(History::KeepLast { depth: 1 }));
+        let command = Qos::Reliable { depth: 10 }.policies();
+        assert_eq!(command.durability(), Some(Durability::Volatile));
+        assert_eq!(command.resource_limits(), None);
+    }
+
+    #[test]
+    fn a_best_effort_subscription_matches_a_reliable_publisher_and_not_the_reverse() {
+        let best_effort = Qos::BestEffort { depth: 1 }.policies();
+        let reliable = Qos::Reliable { depth: 1 }.policies();
+        let latched = Qos::ReliableTransientLocal { depth: 1 }.policies();
+        assert_eq!(reliable.compliance_failure_wrt(&best_effort), None);
+        assert!(best_effort.compliance_failure_wrt(&reliable).is_some());
+        assert_eq!(latched.compliance_failure_wrt(&reliable), None);
+        assert!(reliable.compliance_failure_wrt(&latched).is_some());
+    }
+
+    #[test]
+    fn a_depth_of_zero_is_taken_as_one() {
+        let policies = Qos::Reliable { depth: 0 }.policies();
+        assert_eq!(policies.history(), Some(History::KeepLast { depth: 1 }));
+    }
+}

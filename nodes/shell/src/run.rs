@@ -1,0 +1,112 @@
+//! The frame of a node's `main`: arguments, logs, signals, exit codes.
+
+use crate::args::RosArgs;
+use crate::error::ShellError;
+use crate::logging;
+use crate::node::NodeBuilder;
+use crate::params::Params;
+use crate::shutdown::Shutdown;
+use crate::spinner::in_words;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Exit code of a wrong command line, parameter or environment variable.
+const USAGE: u8 = 2;
+
+/// A signal this soon after the first is the same: launchers signal the process and its group.
+const IMPATIENCE: Duration = Duration::from_secs(1);
+
+/// Runs a node from the arguments after the program's name.
+///
+/// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), and `--help`
+/// lists the node's parameters. The exit code is 0 after an orderly end, 2 for a wrong command line, parameter or
+/// environment variable, else 1, with the error in one line on stderr.
+pub fn main<S: Into<String>>(
+    name: &str,
+    args: impl IntoIterator<Item = S>,
+    run: impl FnOnce(NodeBuilder) -> anyhow::Result<()>,
+) -> ExitCode {
+    match start(name, args).and_then(run) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => match error.downcast_ref::<ShellError>() {
+            Some(ShellError::HelpShown) => ExitCode::SUCCESS,
+            Some(shell) if shell.is_usage() => fail(name, &error, USAGE),
+            _ if error.is::<UsageError>() => fail(name, &error, USAGE),
+            _ => fail(name, &error, 1),
+        },
+    }
+}
+
+/// An argument that the node does not know.
+#[derive(Debug, thiserror::Error)]
+#[error("unknown argument {0:?}; expected --help or --ros-args ...")]
+struct UsageError(String);
+
+fn fail(name: &str, error: &anyhow::Error, code: u8) -> ExitCode {
+    let line = format!("{error:#}").replace('\n', " ");
+    let _closed = writeln!(std::io::stderr(), "{name}: {line}");
+    ExitCode::from(code)
+}
+
+fn start<S: Into<String>>(
+    name: &str,
+    args: impl IntoIterator<Item = S>,
+) -> anyhow::Result<NodeBuilder> {
+    let (args, rest) = RosArgs::parse(args).map_err(ShellError::from)?;
+    let help = rest.iter().any(|arg| arg == "--help" || arg == "-h");
+    if let (false, Some(unknown)) = (help, rest.into_iter().next()) {
+        return Err(UsageError(unknown).into());
+    }
+    logging::init(name, &args);
+    let builder = NodeBuilder::new(name, &args)?;
+    if help {
+        return Ok(builder.with_help(format!(
+            "Usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] [--log-level LEVEL]]"
+        )));
+    }
+    end_on_signals(builder.shutdown())?;
+    Ok(builder)
+}
+
+/// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once.
+///
+/// # Errors
+/// [`ShellError::Create`] where the system refuses the handlers.
+pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
+    let failed = |error: std::io::Error| ShellError::create("signal handlers", error);
+    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
+    let shutdown = shutdown.clone();
+    let body = move || {
+        let mut first: Option<Instant> = None;
+        for signal in signals.forever() {
+            match first {
+                None => {
+                    tracing::info!("signal {signal}: shutting down");
+                    first = Some(Instant::now());
+                    shutdown.trigger();
+                }
+                Some(first) if first.elapsed() < IMPATIENCE => {}
+                Some(_) => {
+                    tracing::warn!("signal {signal} again: ending at once");
+                    std::process::exit(128 + signal);
+                }
+            }
+        }
+    };
+    std::thread::Builder::new().name("signals".to_owned()).spawn(body).map_err(failed)?;
+    Ok(())
+}
+
+/// Prints the parameters to stdout.
+pub(crate) fn print_help(headline: &str, params: &Params) {
+    let mut text = format!("{headline}\n\nParameters:\n");
+    for description in params.names().iter().filter_map(|name| params.describe(name)) {
+        let value = in_words(&description.value);
+        let _ = writeln!(text, "  {} = {value}\n      {}", description.name, description.spec.in_words());
+    }
+    let _closed = std::io::stdout().lock().write_all(text.as_bytes());
+}

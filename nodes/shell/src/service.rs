@@ -1,0 +1,204 @@
+//! Services: servers with a handler on a thread of their own, and clients with a timeout on every wait.
+
+use crate::error::{CallError, ShellError};
+use crate::interface::{Srv, service_type};
+use crate::node::{Graph, Node};
+use crate::shutdown::Shutdown;
+use crate::wait::block_until;
+use futures::{FutureExt, StreamExt};
+use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
+use ros2_client::{Name, QosProfile, ServiceMapping};
+use std::pin::pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The profile of requests and replies, which is that of rclcpp and rclpy.
+pub(crate) const SERVICE_QOS: QosProfile = QosProfile {
+    reliability: Reliability::Reliable { when_full: WhenFull::DEFAULT },
+    durability: Durability::Volatile,
+    history: History::KeepLast { depth: 10 },
+    deadline: None,
+    lifespan: None,
+    liveliness: Liveliness::Automatic,
+    liveliness_lease: None,
+};
+
+/// The middleware's form of an absolute name.
+pub(crate) fn ros_name(path: &str) -> Result<Name, ShellError> {
+    Name::parse(path).map_err(|error| ShellError::create(format!("name {path}"), error))
+}
+
+/// Ends its service when it is dropped.
+#[must_use = "the service ends when its handle is dropped"]
+pub struct Service {
+    name: String,
+    stop: Shutdown,
+}
+
+impl Service {
+    /// The absolute name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.stop.trigger();
+    }
+}
+
+/// Asks a service. Clones share it; one call is in flight at a time, others wait their turn.
+pub struct Client<S: Srv> {
+    inner: Arc<ClientInner<S>>,
+}
+
+impl<S: Srv> Clone for Client<S> {
+    fn clone(&self) -> Self {
+        Self { inner: Arc::clone(&self.inner) }
+    }
+}
+
+type RosClient<S> = ros2_client::Client<
+    <S as catenary_msgs::ServiceInterface>::Request,
+    <S as catenary_msgs::ServiceInterface>::Response,
+>;
+
+struct ClientInner<S: Srv> {
+    // Before the graph, so that reader and writer go first.
+    client: Mutex<RosClient<S>>,
+    name: String,
+    shutdown: Shutdown,
+    graph: Arc<Graph>,
+}
+
+impl Node {
+    /// Answers requests one after the other, on a thread of the service's own, until the handle is dropped. The
+    /// handler may block; requests queue meanwhile.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name, the middleware.
+    pub fn serve<S: Srv>(
+        &self,
+        name: &str,
+        mut handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
+    ) -> Result<Service, ShellError> {
+        let name = self.resolve(name)?;
+        let server = self
+            .graph()
+            .ros()
+            .create_server::<S::Request, S::Response>(
+                ServiceMapping::Enhanced,
+                &ros_name(&name)?,
+                &service_type(S::TYPE_NAME)?,
+                SERVICE_QOS,
+                SERVICE_QOS,
+            )
+            .map_err(|error| ShellError::create(format!("service {name}"), error))?;
+        let stop = self.shutdown().child();
+        let (stopped, graph, path) = (stop.clone(), Arc::clone(self.graph()), name.clone());
+        self.spawn(&format!("srv {name}"), move || {
+            let mut requests = pin!(server.receive_request_stream());
+            loop {
+                let end = async {
+                    stopped.triggered().await;
+                    None
+                };
+                let next = block_until(smol::future::or(end, requests.next()), None).flatten();
+                let Some(request) = next else { break };
+                let sent = match request {
+                    Ok((id, request)) => server.send_response(id, handler(request)),
+                    Err(error) => {
+                        tracing::warn!("{path}: unreadable request: {error}");
+                        continue;
+                    }
+                };
+                graph.touch();
+                if let Err(error) = sent {
+                    tracing::warn!("{path}: answer not sent: {error}");
+                }
+            }
+            graph.linger();
+        })?;
+        Ok(Service { name, stop })
+    }
+
+    /// A client of a service.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name, the middleware.
+    pub fn client<S: Srv>(&self, name: &str) -> Result<Client<S>, ShellError> {
+        let name = self.resolve(name)?;
+        let client = self
+            .graph()
+            .ros()
+            .create_client::<S::Request, S::Response>(
+                ServiceMapping::Enhanced,
+                &ros_name(&name)?,
+                &service_type(S::TYPE_NAME)?,
+                SERVICE_QOS,
+                SERVICE_QOS,
+            )
+            .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
+        let inner = ClientInner {
+            client: Mutex::new(client),
+            name,
+            shutdown: self.shutdown().clone(),
+            graph: Arc::clone(self.graph()),
+        };
+        Ok(Client { inner: Arc::new(inner) })
+    }
+}
+
+impl<S: Srv> Client<S> {
+    /// The absolute name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// Waits until the service is there; false: not in time, or shutdown.
+    #[must_use]
+    pub fn wait_for_service(&self, timeout: Duration) -> bool {
+        let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
+        self.wait_matched(&client, timeout)
+    }
+
+    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration) -> bool {
+        self.inner.graph.wait_matched(&self.inner.shutdown, timeout, &|ros| {
+            client.wait_for_service(ros).now_or_never().is_some()
+        })
+    }
+
+    /// Asks and waits for the answer, at most `timeout` from the start of the call, including the wait for the
+    /// service to appear.
+    ///
+    /// # Errors
+    /// [`CallError`]: nobody offers the service, no answer in time, shutdown, the middleware.
+    pub fn call(&self, request: S::Request, timeout: Duration) -> Result<S::Response, CallError> {
+        let deadline = Instant::now() + timeout;
+        let name = || self.inner.name.clone();
+        let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
+        if !self.wait_matched(&client, deadline.saturating_duration_since(Instant::now())) {
+            return Err(if self.inner.shutdown.is_triggered() {
+                CallError::Shutdown { name: name() }
+            } else {
+                CallError::NoServer { name: name(), waited: timeout }
+            });
+        }
+        let answer = async { Some(client.async_call_service(request).await) };
+        let end = async {
+            self.inner.shutdown.triggered().await;
+            None
+        };
+        match block_until(smol::future::or(answer, end), Some(deadline)) {
+            Some(Some(Ok(response))) => Ok(response),
+            Some(Some(Err(error))) => {
+                Err(CallError::Middleware { name: name(), reason: error.to_string() })
+            }
+            Some(None) => Err(CallError::Shutdown { name: name() }),
+            None => Err(CallError::Timeout { name: name(), waited: timeout }),
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! The node's own thread: discovery, parameter services and events, `/clock` and `/rosout`.
+
+use crate::clock::Clock;
+use crate::error::ShellError;
+use crate::logging::Line;
+use crate::node::{Graph, Node};
+use crate::params::{Change, Param, Params, Value, services};
+use crate::qos::Qos;
+use crate::shutdown::Shutdown;
+use crate::stamp;
+use crate::wait::block_until;
+use catenary_msgs::Interface;
+use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
+use futures::StreamExt;
+use ros2_client::parameters::raw;
+use ros2_client::rosout::RosoutRaw;
+use ros2_client::{Log, builtin_interfaces};
+use rustdds::Topic as DdsTopic;
+use std::pin::pin;
+use std::sync::Arc;
+
+type Events = ros2_client::Publisher<raw::ParameterEvent>;
+
+/// Starts the thread and what runs on it.
+pub(crate) fn start(
+    node: &Node,
+    use_sim_time: &Param<bool>,
+    lines: smol::channel::Receiver<Line>,
+) -> Result<(), ShellError> {
+    let graph = Arc::clone(node.graph());
+    let (params, clock, shutdown) =
+        (node.params().clone(), node.clock().clone(), node.shutdown().clone());
+    clock.set_simulated(use_sim_time.get());
+    let (switched, switches) = smol::channel::bounded(1);
+    let clock_topic = graph.topic(&node.resolve("/clock")?, ClockMsg::TYPE_NAME, Qos::CLOCK)?;
+    let servers = services::Servers::new(&graph, node.path())?;
+    report_changes(node, &graph, switched)?;
+    let spinner = graph
+        .ros()
+        .spinner()
+        .map_err(|error| ShellError::create("spinner", error))?;
+    node.spawn("ros", move || {
+        let executor = smol::LocalExecutor::new();
+        let spin = executor.spawn(async move {
+            if let Err(error) = spinner.spin().await {
+                tracing::error!("discovery: {error}");
+            }
+        });
+        spin.detach();
+        servers.spawn(&executor, &params);
+        executor.spawn(follow_clock(Arc::clone(&graph), clock, clock_topic, switches)).detach();
+        executor.spawn(publish_lines(Arc::clone(&graph), lines.clone())).detach();
+        run(&executor, &shutdown);
+        drop(executor);
+        while let Ok(line) = lines.try_recv() {
+            publish_line(&graph, line);
+        }
+    })
+}
+
+fn run(executor: &smol::LocalExecutor<'_>, shutdown: &Shutdown) {
+    block_until(executor.run(shutdown.triggered()), None);
+}
+
+/// Publishes `/parameter_events` and switches the clock with `use_sim_time`.
+fn report_changes(
+    node: &Node,
+    graph: &Arc<Graph>,
+    switched: smol::channel::Sender<()>,
+) -> Result<(), ShellError> {
+    let name = node.resolve("/parameter_events")?;
+    let topic = graph.topic(&name, "rcl_interfaces/msg/ParameterEvent", Qos::PARAMETER_EVENTS)?;
+    let events: Events = graph
+        .ros()
+        .create_publisher(&topic, None)
+        .map_err(|error| ShellError::create(format!("publisher on {name}"), error))?;
+    let (clock, path) = (node.clock().clone(), node.path().to_owned());
+    publish_event(&events, &clock, &path, all(node.params()), Vec::new());
+    node.params().on_change(move |changes| {
+        publish_event(&events, &clock, &path, Vec::new(), changes.to_vec());
+        for change in changes {
+            tracing::info!("parameter {} is now {}", change.name, in_words(&change.value));
+            if change.name == "use_sim_time" {
+                clock.set_simulated(change.value == Value::Boolean(true));
+                let _already_told = switched.try_send(());
+            }
+        }
+    });
+    Ok(())
+}
+
+fn all(params: &Params) -> Vec<Change> {
+    let change = |name: String| params.get(&name).map(|value| Change { name, value });
+    params.names().into_iter().filter_map(change).collect()
+}
+
+pub(crate) fn in_words(value: &Value) -> String {
+    match value {
+        Value::NotSet => "not set".to_owned(),
+        Value::Boolean(value) => value.to_string(),
+        Value::Integer(value) => value.to_string(),
+        Value::Double(value) => format!("{value:?}"),
+        Value::String(value) => value.clone(),
+        Value::ByteArray(values) => format!("{values:?}"),
+        Value::BooleanArray(values) => format!("{values:?}"),
+        Value::IntegerArray(values) => format!("{values:?}"),
+        Value::DoubleArray(values) => format!("{values:?}"),
+        Value::StringArray(values) => format!("{values:?}"),
+    }
+}
+
+fn publish_event(
+    events: &Events,
+    clock: &Clock,
+    path: &str,
+    declared: Vec<Change>,
+    changed: Vec<Change>,
+) {
+    let raw = |changes: Vec<Change>| -> Vec<raw::Parameter> {
+        let parameter = |change: Change| ros2_client::Parameter { name: change.name, value: change.value };
+        changes.into_iter().map(|change| parameter(change).into()).collect()
+    };
+    let event = raw::ParameterEvent {
+        stamp: builtin_interfaces::Time::from_nanos(clock.now().nanos()),
+        node: path.to_owned(),
+        new_parameters: raw(declared),
+        changed_parameters: raw(changed),
+        deleted_parameters: Vec::new(),
+    };
+    if let Err(error) = events.publish(event) {
+        tracing::warn!("/parameter_events: {error}");
+    }
+}
+
+/// Subscribes `/clock` while time is simulated. The middleware's own subscription has another type.
+async fn follow_clock(
+    graph: Arc<Graph>,
+    clock: Clock,
+    topic: DdsTopic,
+    switches: smol::channel::Receiver<()>,
+) {
+    loop {
+        if clock.is_simulated() {
+            let reader = graph.ros().create_subscription::<ClockMsg>(&topic, None);
+            let reader = match reader {
+                Ok(reader) => reader,
+                Err(error) => {
+                    tracing::error!("/clock: {error}");
+                    return;
+                }
+            };
+            let mut stream = pin!(reader.async_stream());
+            while clock.is_simulated() {
+                let message = async { stream.next().await };
+                let switch = async {
+                    let _closed = switches.recv().await;
+                    None
+                };
+                if let Some(Ok((message, _))) = smol::future::or(message, switch).await {
+                    clock.set_simulated_time(stamp::from_msg(&message.clock));
+                }
+            }
+        } else if switches.recv().await.is_err() {
+            return;
+        }
+    }
+}
+
+async fn publish_lines(graph: Arc<Graph>, lines: smol::channel::Receiver<Line>) {
+    while let Ok(line) = lines.recv().await {
+        publish_line(&graph, line);
+    }
+}
+
+fn publish_line(graph: &Graph, line: Line) {
+    let writer = graph.ros().rosout_writer();
+    if let Some(writer) = writer.as_ref() {
+        let log = Log {
+            stamp: builtin_interfaces::Time::from_nanos(line.stamp.nanos()),
+            level: line.level,
+            name: line.logger,
+            msg: line.message,
+            file: line.file,
+            function: String::new(),
+            line: line.line,
+        };
+        // A failure cannot be logged here: it would come back as a line.
+        let _lost = writer.publish(log);
+    }
+}
