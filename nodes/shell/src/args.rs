@@ -33,9 +33,7 @@ pub enum ArgError {
         expected: String,
     },
     /// An unknown option between `--ros-args` and `--`.
-    #[error(
-        "--ros-args: unknown option {0:?}; expected -r, -p, --params-file, --log-level, --enable-* or --disable-*"
-    )]
+    #[error("--ros-args: unknown option {0:?}; expected -r, -p, --params-file, --log-level, --enable-* or --disable-*")]
     UnknownOption(String),
     /// A parameter file cannot be read.
     #[error("{}: cannot read the parameter file: {reason}", path.display())]
@@ -154,9 +152,7 @@ impl RosArgs {
     ///
     /// # Errors
     /// [`ArgError`], naming the option or the file and field, with what was expected and what came.
-    pub fn parse<S: Into<String>>(
-        args: impl IntoIterator<Item = S>,
-    ) -> Result<(Self, Vec<String>), ArgError> {
+    pub fn parse<S: Into<String>>(args: impl IntoIterator<Item = S>) -> Result<(Self, Vec<String>), ArgError> {
         Self::parse_with(args, &|path| std::fs::read_to_string(path))
     }
 
@@ -190,16 +186,14 @@ impl RosArgs {
         read: &dyn Fn(&Path) -> std::io::Result<String>,
     ) -> Result<(), ArgError> {
         let mut value = |expected: &'static str| {
-            args.next()
-                .ok_or_else(|| ArgError::MissingValue { option: option.clone(), expected })
+            args.next().ok_or_else(|| ArgError::MissingValue { option: option.clone(), expected })
         };
         match option.as_str() {
             "-r" | "--remap" => self.remaps.push(remap(&option, &value("FROM:=TO")?)?),
             "-p" | "--param" => self.params.push(param(&option, &value("NAME:=VALUE")?)?),
             "--params-file" => {
                 let path = PathBuf::from(value("the path of a parameter file")?);
-                let text = read(&path)
-                    .map_err(|reason| ArgError::Read { path: path.clone(), reason })?;
+                let text = read(&path).map_err(|reason| ArgError::Read { path: path.clone(), reason })?;
                 self.params.extend(params_of_file(&path, &text)?);
             }
             "--log-level" => self.level(&value("a log level")?)?,
@@ -249,26 +243,17 @@ impl RosArgs {
     ///
     /// # Errors
     /// [`ArgError::Name`] where the new name is none.
-    pub fn node_identity(
-        &self,
-        name: &str,
-        namespace: &str,
-    ) -> Result<(String, String), ArgError> {
-        let find = |keys: &[&str]| {
-            self.remaps
-                .iter()
-                .find(|rule| rule.is_for(name) && keys.contains(&rule.from.as_str()))
-        };
+    pub fn node_identity(&self, name: &str, namespace: &str) -> Result<(String, String), ArgError> {
+        let find =
+            |keys: &[&str]| self.remaps.iter().find(|rule| rule.is_for(name) && keys.contains(&rule.from.as_str()));
         let new_name = match find(&["__node", "__name"]) {
-            Some(rule) => names::check_node_name(&rule.to)
-                .map(|()| rule.to.clone())
-                .map_err(|reason| rule.error(reason))?,
+            Some(rule) => {
+                names::check_node_name(&rule.to).map(|()| rule.to.clone()).map_err(|reason| rule.error(reason))?
+            }
             None => name.to_owned(),
         };
         let new_namespace = match find(&["__ns"]) {
-            Some(rule) => {
-                names::normalise_namespace(&rule.to).map_err(|reason| rule.error(reason))?
-            }
+            Some(rule) => names::normalise_namespace(&rule.to).map_err(|reason| rule.error(reason))?,
             None => namespace.to_owned(),
         };
         Ok((new_name, new_namespace))
@@ -292,19 +277,11 @@ impl RosArgs {
     }
 
     /// The parameter values that are meant for a node, in order.
-    pub fn params_for<'a>(
-        &'a self,
-        namespace: &str,
-        node: &str,
-    ) -> impl Iterator<Item = &'a ParamOverride> + use<'a> {
+    pub fn params_for<'a>(&'a self, namespace: &str, node: &str) -> impl Iterator<Item = &'a ParamOverride> + use<'a> {
         let path = names::node_path(namespace, node);
         let node = node.to_owned();
         self.params.iter().filter(move |param| {
-            if param.node.contains('/') {
-                names::matches_pattern(&param.node, &path)
-            } else {
-                param.node == node
-            }
+            if param.node.contains('/') { names::matches_pattern(&param.node, &path) } else { param.node == node }
         })
     }
 }
@@ -325,9 +302,8 @@ fn remap(option: &str, rule: &str) -> Result<Remap, ArgError> {
         value: rule.to_owned(),
         expected: expected.to_owned(),
     };
-    let (left, to) = rule
-        .split_once(":=")
-        .ok_or_else(|| bad("FROM:=TO, NODE:FROM:=TO, __ns:=/NAMESPACE or __node:=NAME"))?;
+    let (left, to) =
+        rule.split_once(":=").ok_or_else(|| bad("FROM:=TO, NODE:FROM:=TO, __ns:=/NAMESPACE or __node:=NAME"))?;
     let (left, to) = (strip_scheme(left), strip_scheme(to));
     let (node, from) = match left.split_once(':') {
         Some((node, from)) => (Some(node.to_owned()), from),
@@ -348,20 +324,13 @@ fn remap(option: &str, rule: &str) -> Result<Remap, ArgError> {
 }
 
 fn strip_scheme(name: &str) -> &str {
-    name.strip_prefix("rostopic://")
-        .or_else(|| name.strip_prefix("rosservice://"))
-        .unwrap_or(name)
+    name.strip_prefix("rostopic://").or_else(|| name.strip_prefix("rosservice://")).unwrap_or(name)
 }
 
 fn param(option: &str, assignment: &str) -> Result<ParamOverride, ArgError> {
-    let bad = |expected: String| ArgError::BadValue {
-        option: option.to_owned(),
-        value: assignment.to_owned(),
-        expected,
-    };
-    let (left, value) = assignment
-        .split_once(":=")
-        .ok_or_else(|| bad("NAME:=VALUE or NODE:NAME:=VALUE".to_owned()))?;
+    let bad =
+        |expected: String| ArgError::BadValue { option: option.to_owned(), value: assignment.to_owned(), expected };
+    let (left, value) = assignment.split_once(":=").ok_or_else(|| bad("NAME:=VALUE or NODE:NAME:=VALUE".to_owned()))?;
     let (node, name) = match left.split_once(':') {
         Some((node, name)) => (node.to_owned(), name),
         None => ("/**".to_owned(), left),
@@ -369,23 +338,15 @@ fn param(option: &str, assignment: &str) -> Result<ParamOverride, ArgError> {
     if name.is_empty() {
         return Err(bad("a parameter's name before :=".to_owned()));
     }
-    let value = Yaml::parse(value)
-        .map_err(|reason| bad(format!("a YAML value after := ({reason})")))?;
+    let value = Yaml::parse(value).map_err(|reason| bad(format!("a YAML value after := ({reason})")))?;
     if matches!(value, Yaml::Map(_) | Yaml::Null) {
         return Err(bad(format!("a value or a list after :=, got {}", value.describe())));
     }
-    Ok(ParamOverride {
-        node,
-        name: name.to_owned(),
-        value,
-        origin: format!("{option} {assignment}"),
-        wildcard: false,
-    })
+    Ok(ParamOverride { node, name: name.to_owned(), value, origin: format!("{option} {assignment}"), wildcard: false })
 }
 
 fn params_of_file(path: &Path, text: &str) -> Result<Vec<ParamOverride>, ArgError> {
-    let document = Yaml::parse(text)
-        .map_err(|reason| ArgError::Syntax { path: path.to_owned(), reason })?;
+    let document = Yaml::parse(text).map_err(|reason| ArgError::Syntax { path: path.to_owned(), reason })?;
     let mut reader = FileReader { path, params: Vec::new() };
     match document {
         Yaml::Null => {}
@@ -406,12 +367,7 @@ struct FileReader<'a> {
 
 impl FileReader<'_> {
     fn error(&self, field: &str, expected: &'static str, got: &Yaml) -> ArgError {
-        ArgError::Structure {
-            path: self.path.to_owned(),
-            field: field.to_owned(),
-            expected,
-            got: got.describe(),
-        }
+        ArgError::Structure { path: self.path.to_owned(), field: field.to_owned(), expected, got: got.describe() }
     }
 
     /// `node`: the pattern so far; `field`: the keys so far, for messages.

@@ -89,8 +89,7 @@ impl Clock {
             if now >= time {
                 return true;
             }
-            let longest = (!self.is_simulated())
-                .then(|| Instant::now() + time.saturating_since(now).min(LONGEST_WAIT));
+            let longest = (!self.is_simulated()).then(|| Instant::now() + time.saturating_since(now).min(LONGEST_WAIT));
             guard = self.inner.signal.wait_until(guard, longest);
         }
     }

@@ -4,9 +4,12 @@
 use catenary_core::model::DriveKind;
 use catenary_core::task::DeltaAnchor;
 use catenary_core::track::End;
-use catenary_core::{Fidelity, Frame, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track};
+use catenary_core::{
+    Fidelity, Frame, GripPose, Keypoints, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track,
+};
+use catenary_msgs::geometry_msgs::msg::{Point, Pose, Quaternion};
 use catenary_msgs::msg::{
-    EefDelta, Mixture as MixtureMsg, Parameter as ParameterMsg, Track as TrackMsg,
+    EefDelta, Keypoints as KeypointsMsg, Mixture as MixtureMsg, Parameter as ParameterMsg, Track as TrackMsg,
 };
 use catenary_msgs::srv::SimulateRequest;
 use nalgebra::{DMatrix, DVector};
@@ -37,9 +40,7 @@ pub fn posterior_to_msg(posterior: &Posterior) -> MixtureMsg {
         parameters: posterior.parameters.parameters().iter().map(parameter_to_msg).collect(),
         weights: mixture.weights().to_vec(),
         means: components().flat_map(|(mean, _)| mean.iter().copied()).collect(),
-        covariances: components()
-            .flat_map(|(_, covariance)| covariance.transpose().as_slice().to_vec())
-            .collect(),
+        covariances: components().flat_map(|(_, covariance)| covariance.transpose().as_slice().to_vec()).collect(),
     }
 }
 
@@ -49,8 +50,8 @@ pub fn posterior_to_msg(posterior: &Posterior) -> MixtureMsg {
 /// [`ConvertError`]: sizes that do not fit, priors or covariances that are none.
 pub fn posterior_from_msg(message: &MixtureMsg) -> Result<Posterior, ConvertError> {
     let parameters = message.parameters.iter().map(parameter_from_msg).collect::<Result<_, _>>()?;
-    let parameters = ParameterSpace::new(parameters)
-        .map_err(|e| error("parameters", "names and priors of a model", e))?;
+    let parameters =
+        ParameterSpace::new(parameters).map_err(|e| error("parameters", "names and priors of a model", e))?;
     let (d, k) = (parameters.dimension(), message.weights.len());
     let sizes = [("means", message.means.len(), k * d), ("covariances", message.covariances.len(), k * d * d)];
     for (field, got, expected) in sizes {
@@ -59,8 +60,7 @@ pub fn posterior_from_msg(message: &MixtureMsg) -> Result<Posterior, ConvertErro
         }
     }
     let means = message.means.chunks_exact(d).map(DVector::from_row_slice).collect();
-    let covariances =
-        message.covariances.chunks_exact(d * d).map(|c| DMatrix::from_row_slice(d, d, c)).collect();
+    let covariances = message.covariances.chunks_exact(d * d).map(|c| DMatrix::from_row_slice(d, d, c)).collect();
     let mixture = Mixture::new(&message.weights, means, covariances)
         .map_err(|e| error("covariances", "a mixture of Gaussians", e))?;
     Ok(Posterior { parameters, mixture })
@@ -145,6 +145,67 @@ pub fn anchor_from_msg(number: u8) -> Result<DeltaAnchor, ConvertError> {
         .into_iter()
         .find(|a| anchor_to_msg(*a) == number)
         .ok_or_else(|| error("anchor", "one of ANCHOR_*", number))
+}
+
+/// Keypoints as the wire carries them; the header stays as it is.
+#[must_use]
+pub fn keypoints_to_msg(keypoints: &Keypoints) -> KeypointsMsg {
+    let [target_u, target_v] = keypoints.target_px.unwrap_or_default();
+    KeypointsMsg {
+        header: Default::default(),
+        image_width: keypoints.image_width_px,
+        image_height: keypoints.image_height_px,
+        dlo_u: keypoints.dlo_px.map(|p| p[0]),
+        dlo_v: keypoints.dlo_px.map(|p| p[1]),
+        dlo_scores: keypoints.scores,
+        target_seen: keypoints.target_px.is_some(),
+        target_u,
+        target_v,
+        target_score: keypoints.target_score,
+    }
+}
+
+/// The keypoints that a message describes.
+///
+/// # Errors
+/// [`ConvertError`]: an image without pixels, coordinates that are not finite.
+pub fn keypoints_from_msg(message: &KeypointsMsg) -> Result<Keypoints, ConvertError> {
+    let (width, height) = (message.image_width, message.image_height);
+    if width == 0 || height == 0 {
+        return Err(error("image_width", "an image of at least one pixel", format!("{width} x {height}")));
+    }
+    let dlo_px: [[f64; 2]; 4] = std::array::from_fn(|k| [message.dlo_u[k], message.dlo_v[k]]);
+    let target_px = message.target_seen.then_some([message.target_u, message.target_v]);
+    let numbers = dlo_px.iter().chain(target_px.iter()).flatten();
+    if let Some(bad) = numbers.clone().find(|v| !v.is_finite()) {
+        return Err(error("dlo_u, dlo_v, target_u, target_v", "finite numbers", bad));
+    }
+    Ok(Keypoints {
+        dlo_px,
+        target_px,
+        scores: message.dlo_scores,
+        target_score: message.target_score,
+        image_width_px: width,
+        image_height_px: height,
+    })
+}
+
+/// A pose of the grip in the plane y = 0 as a pose of panda_hand_tcp in panda_link0, the tool pointing down at pitch 0.
+#[must_use]
+pub fn grip_pose_to_msg(pose: &GripPose) -> Pose {
+    let [x, y, z, w] = pose.quaternion_xyzw();
+    Pose { position: Point { x: pose.x_m, y: 0.0, z: pose.z_m }, orientation: Quaternion { x, y, z, w } }
+}
+
+/// The pose in the plane that a pose of panda_hand_tcp in panda_link0 means.
+#[must_use]
+pub fn grip_pose_from_msg(pose: &Pose) -> GripPose {
+    let q = &pose.orientation;
+    GripPose {
+        x_m: pose.position.x,
+        z_m: pose.position.z,
+        pitch_rad: GripPose::pitch_from_quaternion([q.x, q.y, q.z, q.w]),
+    }
 }
 
 /// A track as the wire carries it.

@@ -59,10 +59,7 @@ impl Node {
     ///
     /// # Errors
     /// [`ShellError`]: the middleware.
-    pub fn report_diagnostics(
-        &self,
-        mut fill: impl FnMut(&mut Report) + Send + 'static,
-    ) -> Result<(), ShellError> {
+    pub fn report_diagnostics(&self, mut fill: impl FnMut(&mut Report) + Send + 'static) -> Result<(), ShellError> {
         let topic = contract::DIAGNOSTICS;
         let publisher = self.publisher::<DiagnosticArray>(topic.name, topic.qos)?;
         let (clock, shutdown) = (self.clock().clone(), self.shutdown().clone());

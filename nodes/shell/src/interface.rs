@@ -17,10 +17,7 @@ impl<T: Interface + Payload> Msg for T {}
 /// A service type.
 pub trait Srv: ServiceInterface<Request: Payload, Response: Payload> + Send + Sync + 'static {}
 
-impl<T> Srv for T where
-    T: ServiceInterface<Request: Payload, Response: Payload> + Send + Sync + 'static
-{
-}
+impl<T> Srv for T where T: ServiceInterface<Request: Payload, Response: Payload> + Send + Sync + 'static {}
 
 /// An action type.
 pub trait Act:
@@ -29,10 +26,7 @@ pub trait Act:
 }
 
 impl<T> Act for T where
-    T: ActionInterface<Goal: Payload, Result: Payload + Default, Feedback: Payload>
-        + Send
-        + Sync
-        + 'static
+    T: ActionInterface<Goal: Payload, Result: Payload + Default, Feedback: Payload> + Send + Sync + 'static
 {
 }
 
@@ -40,9 +34,7 @@ impl<T> Act for T where
 fn split(name: &'static str, kind: &'static str) -> Result<(&'static str, &'static str), ShellError> {
     let mut parts = name.split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
-        (Some(package), Some(middle), Some(type_name), None) if middle == kind => {
-            Ok((package, type_name))
-        }
+        (Some(package), Some(middle), Some(type_name), None) if middle == kind => Ok((package, type_name)),
         _ => Err(ShellError::TypeName { expected: kind, got: name }),
     }
 }

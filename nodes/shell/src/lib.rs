@@ -31,7 +31,9 @@ pub mod contract;
 pub mod convert;
 mod diagnostics;
 mod error;
+mod first_contact;
 mod interface;
+mod late_join;
 mod logging;
 mod names;
 mod node;
@@ -51,9 +53,7 @@ mod wait;
 mod watchdog;
 mod yaml;
 
-pub use action::{
-    ActionClient, ActionServer, Concurrency, Decision, GoalHandle, Outcome, RunningGoal, Status,
-};
+pub use action::{ActionClient, ActionServer, Concurrency, Decision, GoalHandle, Outcome, RunningGoal, Status};
 pub use args::{ArgError, Level, ParamOverride, Remap, RosArgs};
 pub use clock::{Clock, Rate, Tick, wall_now};
 pub use diagnostics::{Health, Report, resident_bytes};

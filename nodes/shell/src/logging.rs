@@ -81,11 +81,7 @@ impl Rosout {
 pub fn init(name: &str, args: &RosArgs) {
     let directives = std::env::var("RUST_LOG").ok();
     let filter = EnvFilter::new(filter(name, args, directives.as_deref()));
-    let layer = RosLayer {
-        name: name.to_owned(),
-        console: args.console_logs,
-        colour: std::io::stderr().is_terminal(),
-    };
+    let layer = RosLayer { name: name.to_owned(), console: args.console_logs, colour: std::io::stderr().is_terminal() };
     let subscriber = tracing_subscriber::registry().with(filter).with(layer);
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         // The crates behind `log` are asked for warnings only, which keeps their hot paths free of formatting.
@@ -102,9 +98,10 @@ pub fn init(name: &str, args: &RosArgs) {
 }
 
 fn filter(name: &str, args: &RosArgs, directives: Option<&str>) -> String {
-    // The network side warns of every large datagram, and on the loopback interface of missing multicast.
+    // The network side warns of every large datagram, and on the loopback interface of missing multicast; a full
+    // window is reported by the publisher itself.
     const QUIET: &str = "rustdds=warn,ros2_client=warn,rustdds::rtps::writer=error,\
-        rustdds::network=error,ros2_client::distributions=error";
+        rustdds::network=error,rustdds::dds::with_key::datawriter=error,ros2_client::distributions=error";
     let word = |level| match level {
         Level::Debug => "debug",
         Level::Info => "info",
@@ -135,9 +132,8 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
         let metadata = normalised.as_ref().unwrap_or_else(|| event.metadata());
         let mut message = Message::default();
         event.record(&mut message);
-        let foreign = ["rustdds", "ros2_client", "mio", "polling"]
-            .into_iter()
-            .find(|name| metadata.target().starts_with(name));
+        let foreign =
+            ["rustdds", "ros2_client", "mio", "polling"].into_iter().find(|name| metadata.target().starts_with(name));
         if foreign.is_some() && MIDDLEWARE_HUSHED.load(Ordering::Acquire) {
             return;
         }
@@ -182,8 +178,7 @@ impl RosLayer {
             20 => ("INFO", ""),
             _ => ("DEBUG", "\x1b[32m"),
         };
-        let (colour, reset) =
-            if self.colour && !colour.is_empty() { (colour, "\x1b[0m") } else { ("", "") };
+        let (colour, reset) = if self.colour && !colour.is_empty() { (colour, "\x1b[0m") } else { ("", "") };
         let Line { stamp, logger, message, .. } = line;
         let text = format!("{colour}[{word}] [{stamp}] [{logger}]: {message}{reset}\n");
         let _closed = std::io::stderr().lock().write_all(text.as_bytes());
@@ -249,10 +244,7 @@ mod tests {
         let given = args(&["--log-level", "warn", "--log-level", "camera:=debug"]);
         assert_eq!(filter("camera", &given, None), format!("{quiet},debug"));
         assert_eq!(filter("bag", &given, None), format!("{quiet},warn,camera=debug"));
-        assert_eq!(
-            filter("camera", &given, Some("rustdds=debug")),
-            format!("{quiet},rustdds=debug")
-        );
+        assert_eq!(filter("camera", &given, Some("rustdds=debug")), format!("{quiet},rustdds=debug"));
     }
 
     #[test]

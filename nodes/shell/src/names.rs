@@ -72,32 +72,25 @@ pub fn expand(name: &str, namespace: &str, node: &str) -> Result<String, NameErr
         node_path(namespace, name)
     };
     let valid = absolute[1..].split('/').all(|token| is_token(token) && !token.contains("__"));
-    if valid {
-        Ok(absolute)
-    } else {
-        Err(invalid("a name such as image, /panda/enable or ~/state", name))
-    }
+    if valid { Ok(absolute) } else { Err(invalid("a name such as image, /panda/enable or ~/state", name)) }
 }
 
 /// Whether a fully qualified node name matches a pattern of a parameter file: `*` stands for one
 /// token, `**` for any number of them; a pattern without a leading slash is taken from the root.
 #[must_use]
 pub fn matches_pattern(pattern: &str, node_path: &str) -> bool {
-    let tokens = |text: &str| -> Vec<String> {
-        text.split('/').filter(|token| !token.is_empty()).map(str::to_owned).collect()
-    };
+    let tokens =
+        |text: &str| -> Vec<String> { text.split('/').filter(|token| !token.is_empty()).map(str::to_owned).collect() };
     matches_tokens(&tokens(pattern), &tokens(node_path))
 }
 
 fn matches_tokens(pattern: &[String], path: &[String]) -> bool {
     match pattern.split_first() {
         None => path.is_empty(),
-        Some((first, rest)) if first == "**" => {
-            (0..=path.len()).any(|skipped| matches_tokens(rest, &path[skipped..]))
-        }
-        Some((first, rest)) => path.split_first().is_some_and(|(token, path_rest)| {
-            (first == "*" || first == token) && matches_tokens(rest, path_rest)
-        }),
+        Some((first, rest)) if first == "**" => (0..=path.len()).any(|skipped| matches_tokens(rest, &path[skipped..])),
+        Some((first, rest)) => path
+            .split_first()
+            .is_some_and(|(token, path_rest)| (first == "*" || first == token) && matches_tokens(rest, path_rest)),
     }
 }
 

@@ -39,8 +39,7 @@ impl NodeBuilder {
     /// # Errors
     /// [`ShellError`] for invalid names and for a value of `use_sim_time` that is no boolean.
     pub fn new(name: &str, args: &RosArgs) -> Result<Self, ShellError> {
-        names::check_node_name(name)
-            .map_err(|reason| ShellError::Name { what: "node".to_owned(), reason })?;
+        names::check_node_name(name).map_err(|reason| ShellError::Name { what: "node".to_owned(), reason })?;
         let (name, namespace) = args.node_identity(name, "/")?;
         let overrides = args.params_for(&namespace, &name).cloned();
         let params = Params::new(names::node_path(&namespace, &name), overrides);
@@ -93,12 +92,7 @@ impl NodeBuilder {
     ///
     /// # Errors
     /// [`ShellError::Params`].
-    pub fn declare<T: ParamKind>(
-        &self,
-        name: &str,
-        default: T,
-        spec: ParamSpec,
-    ) -> Result<Param<T>, ShellError> {
+    pub fn declare<T: ParamKind>(&self, name: &str, default: T, spec: ParamSpec) -> Result<Param<T>, ShellError> {
         Ok(self.params.declare(name, default, spec)?)
     }
 
@@ -106,12 +100,7 @@ impl NodeBuilder {
     ///
     /// # Errors
     /// [`ShellError::Params`].
-    pub fn declare_f64(
-        &self,
-        name: &str,
-        default: f64,
-        spec: ParamSpec,
-    ) -> Result<Param<f64>, ShellError> {
+    pub fn declare_f64(&self, name: &str, default: f64, spec: ParamSpec) -> Result<Param<f64>, ShellError> {
         self.declare(name, default, spec)
     }
 
@@ -119,12 +108,7 @@ impl NodeBuilder {
     ///
     /// # Errors
     /// [`ShellError::Params`].
-    pub fn declare_i64(
-        &self,
-        name: &str,
-        default: i64,
-        spec: ParamSpec,
-    ) -> Result<Param<i64>, ShellError> {
+    pub fn declare_i64(&self, name: &str, default: i64, spec: ParamSpec) -> Result<Param<i64>, ShellError> {
         self.declare(name, default, spec)
     }
 
@@ -132,12 +116,7 @@ impl NodeBuilder {
     ///
     /// # Errors
     /// [`ShellError::Params`].
-    pub fn declare_bool(
-        &self,
-        name: &str,
-        default: bool,
-        spec: ParamSpec,
-    ) -> Result<Param<bool>, ShellError> {
+    pub fn declare_bool(&self, name: &str, default: bool, spec: ParamSpec) -> Result<Param<bool>, ShellError> {
         self.declare(name, default, spec)
     }
 
@@ -145,12 +124,7 @@ impl NodeBuilder {
     ///
     /// # Errors
     /// [`ShellError::Params`].
-    pub fn declare_string(
-        &self,
-        name: &str,
-        default: &str,
-        spec: ParamSpec,
-    ) -> Result<Param<String>, ShellError> {
+    pub fn declare_string(&self, name: &str, default: &str, spec: ParamSpec) -> Result<Param<String>, ShellError> {
         self.declare(name, default.to_owned(), spec)
     }
 
@@ -174,9 +148,8 @@ impl NodeBuilder {
         let ros_name = ros2_client::NodeName::new(&self.namespace, &self.name)
             .map_err(|error| ShellError::create(format!("node {}", self.name), error))?;
         // The parameter services and events are this crate's own: they describe ranges, units and choices.
-        let options = ros2_client::NodeOptions::new()
-            .enable_rosout(self.args.rosout_logs)
-            .start_parameter_services(false);
+        let options =
+            ros2_client::NodeOptions::new().enable_rosout(self.args.rosout_logs).start_parameter_services(false);
         let ros = context
             .new_node(ros_name, options)
             .map_err(|error| ShellError::create(format!("node {}", self.name), error))?;
@@ -264,13 +237,12 @@ impl Graph {
         self.ros.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    pub(crate) fn participant(&self) -> rustdds::DomainParticipant {
+        self.context.domain_participant()
+    }
+
     /// The DDS topic behind an absolute name.
-    pub(crate) fn topic(
-        &self,
-        name: &str,
-        type_name: &'static str,
-        qos: Qos,
-    ) -> Result<DdsTopic, ShellError> {
+    pub(crate) fn topic(&self, name: &str, type_name: &'static str, qos: Qos) -> Result<DdsTopic, ShellError> {
         self.context
             .domain_participant()
             .create_topic(
@@ -407,11 +379,7 @@ impl Node {
     ///
     /// # Errors
     /// [`ShellError::Create`] where the system has no thread left.
-    pub fn spawn(
-        &self,
-        name: &str,
-        body: impl FnOnce() + Send + 'static,
-    ) -> Result<(), ShellError> {
+    pub fn spawn(&self, name: &str, body: impl FnOnce() + Send + 'static) -> Result<(), ShellError> {
         self.inner.threads.spawn(name, body)
     }
 
@@ -474,6 +442,9 @@ impl Node {
 
     /// Calls `callback` with every message, on a thread of the subscription's own, until the handle is dropped.
     ///
+    /// Transient local: of what was sent before, the last `depth` messages of each publisher come, 0.1 s after the
+    /// publisher has fallen silent or before its next message.
+    ///
     /// # Errors
     /// As [`Node::publisher`].
     pub fn subscription<M: Msg>(
@@ -488,7 +459,7 @@ impl Node {
             .ros()
             .create_subscription::<M>(&dds, None)
             .map_err(|error| ShellError::create(format!("subscription of {name}"), error))?;
-        Subscription::start(self, name, reader, callback)
+        Subscription::start(self, name, qos, reader, callback)
     }
 
     /// Keeps the newest message of a topic.
@@ -503,12 +474,7 @@ impl Node {
     ///
     /// # Errors
     /// As [`Node::publisher`].
-    pub fn queue<M: Msg>(
-        &self,
-        topic: &str,
-        qos: Qos,
-        capacity: usize,
-    ) -> Result<Queue<M>, ShellError> {
+    pub fn queue<M: Msg>(&self, topic: &str, qos: Qos, capacity: usize) -> Result<Queue<M>, ShellError> {
         Queue::start(self, topic, qos, capacity)
     }
 

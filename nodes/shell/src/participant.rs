@@ -33,16 +33,13 @@ impl Participation {
         let mut warnings = Vec::new();
         let domain = match variable("ROS_DOMAIN_ID") {
             None => 0,
-            Some(value) => value
-                .trim()
-                .parse()
-                .ok()
-                .filter(|domain| *domain <= MAX_DOMAIN)
-                .ok_or(ShellError::Environment {
+            Some(value) => {
+                value.trim().parse().ok().filter(|domain| *domain <= MAX_DOMAIN).ok_or(ShellError::Environment {
                     variable: "ROS_DOMAIN_ID",
                     value,
                     expected: "an integer from 0 to 232",
-                })?,
+                })?
+            }
         };
         let range = variable("ROS_AUTOMATIC_DISCOVERY_RANGE");
         let mut discovery = match range.as_deref() {
@@ -80,9 +77,7 @@ impl Participation {
             Discovery::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
             Discovery::Subnet => builder,
         };
-        builder
-            .build()
-            .map_err(|error| ShellError::create(format!("DDS domain {}", self.domain), error))
+        builder.build().map_err(|error| ShellError::create(format!("DDS domain {}", self.domain), error))
     }
 }
 
@@ -90,9 +85,7 @@ impl Participation {
 mod tests {
     use super::*;
 
-    fn read(
-        pairs: &[(&str, &str)],
-    ) -> Result<(Participation, Vec<&'static str>), ShellError> {
+    fn read(pairs: &[(&str, &str)]) -> Result<(Participation, Vec<&'static str>), ShellError> {
         Participation::from_environment(&|name| {
             pairs.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
         })

@@ -1,12 +1,14 @@
 //! Publishers.
 
+use crate::clock::wall_now;
 use crate::error::PublishError;
 use crate::interface::Msg;
 use crate::node::Graph;
 use crate::shutdown::Shutdown;
+use crate::watchdog::Throttle;
 use futures::FutureExt;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 struct Inner<M: Msg> {
@@ -15,6 +17,7 @@ struct Inner<M: Msg> {
     topic: String,
     published: AtomicU64,
     failed: AtomicU64,
+    warnings: Mutex<Throttle>,
     shutdown: Shutdown,
     graph: Arc<Graph>,
 }
@@ -37,14 +40,10 @@ impl<M: Msg> Clone for Publisher<M> {
 }
 
 impl<M: Msg> Publisher<M> {
-    pub(crate) fn new(
-        writer: ros2_client::Publisher<M>,
-        topic: String,
-        graph: Arc<Graph>,
-        shutdown: Shutdown,
-    ) -> Self {
+    pub(crate) fn new(writer: ros2_client::Publisher<M>, topic: String, graph: Arc<Graph>, shutdown: Shutdown) -> Self {
         let (published, failed) = (AtomicU64::new(0), AtomicU64::new(0));
-        Self { inner: Arc::new(Inner { writer, topic, published, failed, shutdown, graph }) }
+        let warnings = Mutex::new(Throttle::new(Duration::from_secs(5)));
+        Self { inner: Arc::new(Inner { writer, topic, published, failed, warnings, shutdown, graph }) }
     }
 
     /// Publishes a message. Never waits for subscribers.
@@ -62,9 +61,7 @@ impl<M: Msg> Publisher<M> {
             Err(error) => {
                 self.inner.failed.fetch_add(1, Ordering::Relaxed);
                 let reason = match error {
-                    ros2_client::WriteError::WouldBlock { .. } => {
-                        "a subscriber does not keep up".to_owned()
-                    }
+                    ros2_client::WriteError::WouldBlock { .. } => "a subscriber does not keep up".to_owned(),
                     other => other.to_string(),
                 };
                 Err(PublishError { topic: self.inner.topic.clone(), reason })
@@ -72,10 +69,14 @@ impl<M: Msg> Publisher<M> {
         }
     }
 
-    /// Publishes a message, or logs a warning: for streams where the next message replaces a lost one.
+    /// Publishes a message, or logs a warning, at most one in five seconds: for streams where the next message replaces
+    /// a lost one.
     pub fn send(&self, message: M) {
         if let Err(error) = self.publish(message) {
-            tracing::warn!("{error}");
+            let mut warnings = self.inner.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(before) = warnings.pass(wall_now()) {
+                tracing::warn!("{error} (and {before} before)");
+            }
         }
     }
 

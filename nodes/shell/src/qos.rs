@@ -24,9 +24,9 @@ pub enum Qos {
     },
 }
 
-/// Unacknowledged messages that a transient-local writer keeps at most: 20 s at 50 Hz, longer than it
-/// takes to notice that a subscriber has died, after which publishing would be refused until then.
-const TRANSIENT_LOCAL_MAX_SAMPLES: i32 = 1024;
+/// Unacknowledged messages that a transient-local writer keeps at most: 80 s at 50 Hz. A subscriber that was killed
+/// counts as behind for the 50 s of its lease, and with fewer messages publishing would be refused during the rest of it.
+const TRANSIENT_LOCAL_MAX_SAMPLES: i32 = 4096;
 
 impl Qos {
     /// The command profile of ROS 2's defaults: reliable, volatile, depth 10.
@@ -44,9 +44,7 @@ impl Qos {
     #[must_use]
     pub const fn depth(self) -> u16 {
         match self {
-            Self::BestEffort { depth }
-            | Self::Reliable { depth }
-            | Self::ReliableTransientLocal { depth } => depth,
+            Self::BestEffort { depth } | Self::Reliable { depth } | Self::ReliableTransientLocal { depth } => depth,
         }
     }
 
@@ -87,9 +85,7 @@ impl Qos {
                 .reliability(Reliability::BestEffort)
                 .durability(Durability::Volatile)
                 .resource_limits(limits(depth)),
-            Self::Reliable { .. } => {
-                builder.reliability(reliable).durability(Durability::Volatile)
-            }
+            Self::Reliable { .. } => builder.reliability(reliable).durability(Durability::Volatile),
             // Without a limit a writer that nobody reads keeps 8192 samples for late subscribers.
             Self::ReliableTransientLocal { .. } => builder
                 .reliability(reliable)

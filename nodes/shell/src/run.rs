@@ -52,10 +52,7 @@ fn fail(name: &str, error: &anyhow::Error, code: u8) -> ExitCode {
     ExitCode::from(code)
 }
 
-fn start<S: Into<String>>(
-    name: &str,
-    args: impl IntoIterator<Item = S>,
-) -> anyhow::Result<NodeBuilder> {
+fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyhow::Result<NodeBuilder> {
     let (args, rest) = RosArgs::parse(args).map_err(ShellError::from)?;
     let help = rest.iter().any(|arg| arg == "--help" || arg == "-h");
     if let (false, Some(unknown)) = (help, rest.into_iter().next()) {

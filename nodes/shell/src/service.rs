@@ -1,13 +1,14 @@
 //! Services: servers with a handler on a thread of their own, and clients with a timeout on every wait.
 
 use crate::error::{CallError, ShellError};
+use crate::first_contact::FirstContact;
 use crate::interface::{Srv, service_type};
 use crate::node::{Graph, Node};
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
 use futures::{FutureExt, StreamExt};
 use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
-use ros2_client::{Name, QosProfile, ServiceMapping};
+use ros2_client::{Message, Name, QosProfile, ServiceMapping, ServiceTypeName};
 use std::pin::pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -26,6 +27,51 @@ pub(crate) const SERVICE_QOS: QosProfile = QosProfile {
 /// The middleware's form of an absolute name.
 pub(crate) fn ros_name(path: &str) -> Result<Name, ShellError> {
     Name::parse(path).map_err(|error| ShellError::create(format!("name {path}"), error))
+}
+
+/// The server's end of one service.
+pub(crate) struct Endpoint<Req: Message, Resp: Message> {
+    // Before the graph, so that reader and writer go first.
+    server: ros2_client::Server<Req, Resp>,
+    path: String,
+    graph: Arc<Graph>,
+}
+
+impl<Req, Resp> Endpoint<Req, Resp>
+where
+    Req: Message + Clone + 'static,
+    Resp: Message + 'static,
+{
+    pub(crate) fn new(graph: &Arc<Graph>, path: String, type_name: &ServiceTypeName) -> Result<Self, ShellError> {
+        let server = graph
+            .ros()
+            .create_server(ServiceMapping::Enhanced, &ros_name(&path)?, type_name, SERVICE_QOS, SERVICE_QOS)
+            .map_err(|error| ShellError::create(format!("service {path}"), error))?;
+        Ok(Self { server, path, graph: Arc::clone(graph) })
+    }
+
+    /// Answers requests, one after the other, for ever.
+    pub(crate) async fn answer(&self, mut handler: impl FnMut(Req) -> Resp) {
+        let mut contact = FirstContact::new(&self.graph, &self.path);
+        let mut requests = pin!(self.server.receive_request_stream());
+        while let Some(request) = requests.next().await {
+            let sent = match request {
+                Ok((id, request)) => {
+                    let response = handler(request);
+                    contact.wait(&id);
+                    self.server.send_response(id, response)
+                }
+                Err(error) => {
+                    tracing::warn!("{}: unreadable request: {error}", self.path);
+                    continue;
+                }
+            };
+            self.graph.touch();
+            if let Err(error) = sent {
+                tracing::warn!("{}: answer not sent: {error}", self.path);
+            }
+        }
+    }
 }
 
 /// Ends its service when it is dropped.
@@ -82,44 +128,16 @@ impl Node {
     pub fn serve<S: Srv>(
         &self,
         name: &str,
-        mut handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
+        handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
     ) -> Result<Service, ShellError> {
         let name = self.resolve(name)?;
-        let server = self
-            .graph()
-            .ros()
-            .create_server::<S::Request, S::Response>(
-                ServiceMapping::Enhanced,
-                &ros_name(&name)?,
-                &service_type(S::TYPE_NAME)?,
-                SERVICE_QOS,
-                SERVICE_QOS,
-            )
-            .map_err(|error| ShellError::create(format!("service {name}"), error))?;
+        let endpoint =
+            Endpoint::<S::Request, S::Response>::new(self.graph(), name.clone(), &service_type(S::TYPE_NAME)?)?;
         let stop = self.shutdown().child();
-        let (stopped, graph, path) = (stop.clone(), Arc::clone(self.graph()), name.clone());
+        let stopped = stop.clone();
         self.spawn(&format!("srv {name}"), move || {
-            let mut requests = pin!(server.receive_request_stream());
-            loop {
-                let end = async {
-                    stopped.triggered().await;
-                    None
-                };
-                let next = block_until(smol::future::or(end, requests.next()), None).flatten();
-                let Some(request) = next else { break };
-                let sent = match request {
-                    Ok((id, request)) => server.send_response(id, handler(request)),
-                    Err(error) => {
-                        tracing::warn!("{path}: unreadable request: {error}");
-                        continue;
-                    }
-                };
-                graph.touch();
-                if let Err(error) = sent {
-                    tracing::warn!("{path}: answer not sent: {error}");
-                }
-            }
-            graph.linger();
+            block_until(smol::future::or(stopped.triggered(), endpoint.answer(handler)), None);
+            endpoint.graph.linger();
         })?;
         Ok(Service { name, stop })
     }
@@ -166,9 +184,9 @@ impl<S: Srv> Client<S> {
     }
 
     fn wait_matched(&self, client: &RosClient<S>, timeout: Duration) -> bool {
-        self.inner.graph.wait_matched(&self.inner.shutdown, timeout, &|ros| {
-            client.wait_for_service(ros).now_or_never().is_some()
-        })
+        self.inner
+            .graph
+            .wait_matched(&self.inner.shutdown, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
     }
 
     /// Asks and waits for the answer, at most `timeout` from the start of the call, including the wait for the
@@ -194,9 +212,7 @@ impl<S: Srv> Client<S> {
         };
         match block_until(smol::future::or(answer, end), Some(deadline)) {
             Some(Some(Ok(response))) => Ok(response),
-            Some(Some(Err(error))) => {
-                Err(CallError::Middleware { name: name(), reason: error.to_string() })
-            }
+            Some(Some(Err(error))) => Err(CallError::Middleware { name: name(), reason: error.to_string() }),
             Some(None) => Err(CallError::Shutdown { name: name() }),
             None => Err(CallError::Timeout { name: name(), waited: timeout }),
         }

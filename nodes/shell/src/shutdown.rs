@@ -34,11 +34,7 @@ impl<T> Signal<T> {
     }
 
     /// Waits until the deadline at most; none: without limit.
-    pub(crate) fn wait_until<'a>(
-        &'a self,
-        guard: MutexGuard<'a, T>,
-        deadline: Option<Instant>,
-    ) -> MutexGuard<'a, T> {
+    pub(crate) fn wait_until<'a>(&'a self, guard: MutexGuard<'a, T>, deadline: Option<Instant>) -> MutexGuard<'a, T> {
         let Some(deadline) = deadline else {
             return self.wait(guard);
         };
@@ -75,8 +71,7 @@ impl Inner {
         }
         self.close.close();
         self.own.wake();
-        let wakes =
-            std::mem::take(&mut *self.wakes.lock().unwrap_or_else(PoisonError::into_inner));
+        let wakes = std::mem::take(&mut *self.wakes.lock().unwrap_or_else(PoisonError::into_inner));
         for wake in wakes.iter().filter_map(Weak::upgrade) {
             wake.wake();
         }
@@ -162,7 +157,9 @@ impl Shutdown {
             wakes.retain(|wake| wake.strong_count() > 0);
             wakes.push(wake.clone());
         }
-        if self.is_triggered() && let Some(wake) = wake.upgrade() {
+        if self.is_triggered()
+            && let Some(wake) = wake.upgrade()
+        {
             wake.wake();
         }
     }

@@ -1,4 +1,4 @@
-//! The node's own thread: discovery, parameter services and events, `/clock` and `/rosout`.
+//! The node's own threads: discovery, parameter services and events, `/clock` and `/rosout`.
 
 use crate::clock::Clock;
 use crate::error::ShellError;
@@ -21,24 +21,22 @@ use std::sync::Arc;
 
 type Events = ros2_client::Publisher<raw::ParameterEvent>;
 
-/// Starts the thread and what runs on it.
+/// Starts the threads and what runs on them.
 pub(crate) fn start(
     node: &Node,
     use_sim_time: &Param<bool>,
     lines: smol::channel::Receiver<Line>,
 ) -> Result<(), ShellError> {
     let graph = Arc::clone(node.graph());
-    let (params, clock, shutdown) =
-        (node.params().clone(), node.clock().clone(), node.shutdown().clone());
+    let (clock, shutdown) = (node.clock().clone(), node.shutdown().clone());
     clock.set_simulated(use_sim_time.get());
     let (switched, switches) = smol::channel::bounded(1);
     let clock_topic = graph.topic(&node.resolve("/clock")?, ClockMsg::TYPE_NAME, Qos::CLOCK)?;
     let servers = services::Servers::new(&graph, node.path())?;
     report_changes(node, &graph, switched)?;
-    let spinner = graph
-        .ros()
-        .spinner()
-        .map_err(|error| ShellError::create("spinner", error))?;
+    let spinner = graph.ros().spinner().map_err(|error| ShellError::create("spinner", error))?;
+    let (params, ended) = (node.params().clone(), node.shutdown().clone());
+    node.spawn("params", move || servers.run(&params, &ended))?;
     node.spawn("ros", move || {
         let executor = smol::LocalExecutor::new();
         let spin = executor.spawn(async move {
@@ -47,7 +45,6 @@ pub(crate) fn start(
             }
         });
         spin.detach();
-        servers.spawn(&executor, &params);
         executor.spawn(follow_clock(Arc::clone(&graph), clock, clock_topic, switches)).detach();
         executor.spawn(publish_lines(Arc::clone(&graph), lines.clone())).detach();
         run(&executor, &shutdown);
@@ -63,11 +60,7 @@ fn run(executor: &smol::LocalExecutor<'_>, shutdown: &Shutdown) {
 }
 
 /// Publishes `/parameter_events` and switches the clock with `use_sim_time`.
-fn report_changes(
-    node: &Node,
-    graph: &Arc<Graph>,
-    switched: smol::channel::Sender<()>,
-) -> Result<(), ShellError> {
+fn report_changes(node: &Node, graph: &Arc<Graph>, switched: smol::channel::Sender<()>) -> Result<(), ShellError> {
     let name = node.resolve("/parameter_events")?;
     let topic = graph.topic(&name, "rcl_interfaces/msg/ParameterEvent", Qos::PARAMETER_EVENTS)?;
     let events: Events = graph
@@ -109,13 +102,7 @@ pub(crate) fn in_words(value: &Value) -> String {
     }
 }
 
-fn publish_event(
-    events: &Events,
-    clock: &Clock,
-    path: &str,
-    declared: Vec<Change>,
-    changed: Vec<Change>,
-) {
+fn publish_event(events: &Events, clock: &Clock, path: &str, declared: Vec<Change>, changed: Vec<Change>) {
     let raw = |changes: Vec<Change>| -> Vec<raw::Parameter> {
         let parameter = |change: Change| ros2_client::Parameter { name: change.name, value: change.value };
         changes.into_iter().map(|change| parameter(change).into()).collect()
@@ -133,12 +120,7 @@ fn publish_event(
 }
 
 /// Subscribes `/clock` while time is simulated. The middleware's own subscription has another type.
-async fn follow_clock(
-    graph: Arc<Graph>,
-    clock: Clock,
-    topic: DdsTopic,
-    switches: smol::channel::Receiver<()>,
-) {
+async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: DdsTopic, switches: smol::channel::Receiver<()>) {
     loop {
         if clock.is_simulated() {
             let reader = graph.ros().create_subscription::<ClockMsg>(&topic, None);

@@ -4,6 +4,7 @@
 use crate::clock::{Clock, wall_now};
 use crate::error::ShellError;
 use crate::interface::Msg;
+use crate::late_join::LateJoin;
 use crate::node::{Graph, Node};
 use crate::qos::Qos;
 use crate::shutdown::{Shutdown, Signal, Wake};
@@ -27,7 +28,7 @@ pub struct Received<M> {
     pub sent: Option<Time>,
     /// Identifies the publisher.
     pub publisher: [u8; 16],
-    /// Messages of this subscription so far, this one included.
+    /// Messages that this subscription has delivered so far, this one included.
     pub count: u64,
 }
 
@@ -60,6 +61,7 @@ impl Subscription {
     pub(crate) fn start<M: Msg>(
         node: &Node,
         topic: String,
+        qos: Qos,
         reader: ros2_client::Subscription<M>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Self, ShellError> {
@@ -67,6 +69,7 @@ impl Subscription {
         let pump = Pump {
             reader,
             topic: topic.clone(),
+            qos,
             clock: node.clock().clone(),
             stop: stop.clone(),
             _graph: Arc::clone(node.graph()),
@@ -80,6 +83,7 @@ struct Pump<M: Msg> {
     // Before the graph, so that the reader goes first.
     reader: ros2_client::Subscription<M>,
     topic: String,
+    qos: Qos,
     clock: Clock,
     stop: Shutdown,
     _graph: Arc<Graph>,
@@ -89,34 +93,49 @@ impl<M: Msg> Pump<M> {
     fn run(&self, mut callback: impl FnMut(Received<M>)) {
         let mut stream = pin!(self.reader.async_stream());
         let mut unreadable = Throttle::new(Duration::from_secs(5));
+        let mut late = self.qos.is_transient_local().then(|| LateJoin::new(wall_now(), self.qos.depth()));
         let mut count = 0;
+        let mut deliver = |received: Received<M>| {
+            count += 1;
+            callback(Received { count, ..received });
+        };
         loop {
-            let stopped = async {
-                self.stop.triggered().await;
-                None
-            };
-            let Some(next) = block_until(smol::future::or(stopped, stream.next()), None).flatten()
-            else {
-                return;
-            };
-            match next {
-                Ok((message, info)) => {
-                    count += 1;
-                    callback(Received {
+            let due = late.as_ref().and_then(LateJoin::due);
+            let deadline = due.map(|due| Instant::now() + due.saturating_since(wall_now()));
+            match block_until(smol::future::or(self.stopped(), stream.next()), deadline) {
+                Some(None) => return,
+                Some(Some(Ok((message, info)))) => {
+                    let received = Received {
                         message: Arc::new(message),
                         received: self.clock.now(),
                         sent: info.source_timestamp().map(|time| Time::from_nanos(time.to_nanos())),
                         publisher: *info.publisher_gid().as_bytes(),
-                        count,
-                    });
+                        count: 0,
+                    };
+                    match &mut late {
+                        Some(late) => {
+                            let (publisher, sent) = (received.publisher, received.sent);
+                            late.message(received, publisher, sent, wall_now(), &mut deliver);
+                        }
+                        None => deliver(received),
+                    }
                 }
-                Err(error) => {
+                Some(Some(Err(error))) => {
                     if let Some(before) = unreadable.pass(wall_now()) {
                         tracing::warn!("{}: unreadable message: {error} (and {before} before)", self.topic);
                     }
                 }
+                None => {}
+            }
+            if let Some(late) = &mut late {
+                late.deliver_due(wall_now(), &mut deliver);
             }
         }
+    }
+
+    async fn stopped<T>(&self) -> Option<T> {
+        self.stop.triggered().await;
+        None
     }
 }
 
@@ -189,12 +208,7 @@ pub struct Queue<M: Msg> {
 }
 
 impl<M: Msg> Queue<M> {
-    pub(crate) fn start(
-        node: &Node,
-        topic: &str,
-        qos: Qos,
-        capacity: usize,
-    ) -> Result<Self, ShellError> {
+    pub(crate) fn start(node: &Node, topic: &str, qos: Qos, capacity: usize) -> Result<Self, ShellError> {
         let capacity = capacity.max(1);
         let messages = VecDeque::with_capacity(capacity.min(1024));
         let backlog = Arc::new(Signal::new(Backlog { messages, dropped: 0 }));

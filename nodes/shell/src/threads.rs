@@ -41,10 +41,7 @@ impl Drop for Guard {
     fn drop(&mut self) {
         if std::thread::panicking() {
             tracing::error!("thread {} panicked: the node shuts down", self.name);
-            self.panicked
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .get_or_insert_with(|| self.name.clone());
+            self.panicked.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.name.clone());
             self.shutdown.trigger();
         }
         self.running.lock().retain(|(number, _)| *number != self.number);
@@ -64,11 +61,7 @@ impl Threads {
     }
 
     /// Starts a thread. A panic in it is logged and ends the node.
-    pub(crate) fn spawn(
-        &self,
-        name: &str,
-        body: impl FnOnce() + Send + 'static,
-    ) -> Result<(), ShellError> {
+    pub(crate) fn spawn(&self, name: &str, body: impl FnOnce() + Send + 'static) -> Result<(), ShellError> {
         let rosout = Arc::clone(&self.rosout);
         let (shutdown, running, panicked) =
             (self.shutdown.clone(), Arc::clone(&self.running), Arc::clone(&self.panicked));
@@ -99,9 +92,7 @@ impl Threads {
     pub(crate) fn join(&self) -> Result<(), Vec<String>> {
         let own = OWN.get();
         let deadline = Instant::now() + JOIN_TIMEOUT;
-        let handles = std::mem::take(
-            &mut *self.handles.lock().unwrap_or_else(PoisonError::into_inner),
-        );
+        let handles = std::mem::take(&mut *self.handles.lock().unwrap_or_else(PoisonError::into_inner));
         let mut guard = self.running.lock();
         loop {
             let others = guard.iter().filter(|(number, _)| *number != own);

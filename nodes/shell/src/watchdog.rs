@@ -141,9 +141,7 @@ impl Throttle {
 
     /// An event at `now`: where it may pass, how many were held back since the last that did.
     pub fn pass(&mut self, now: Time) -> Option<u64> {
-        let too_soon = self.passed.is_some_and(|passed| {
-            now >= passed && now.saturating_since(passed) < self.interval
-        });
+        let too_soon = self.passed.is_some_and(|passed| now >= passed && now.saturating_since(passed) < self.interval);
         if too_soon {
             self.held_back += 1;
             return None;
@@ -187,8 +185,7 @@ mod tests {
     #[test]
     fn a_throttle_passes_one_event_per_interval_and_counts_the_rest() {
         let mut throttle = Throttle::new(Duration::from_secs(1));
-        let passed: Vec<_> =
-            [0, 100, 900, 1000, 1500, 5000].map(|millis| throttle.pass(at(millis))).into();
+        let passed: Vec<_> = [0, 100, 900, 1000, 1500, 5000].map(|millis| throttle.pass(at(millis))).into();
         assert_eq!(passed, [Some(0), None, None, Some(2), None, Some(1)]);
         assert_eq!(throttle.pass(at(0)), Some(0), "after a step back in time");
     }

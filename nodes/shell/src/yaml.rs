@@ -84,9 +84,9 @@ impl<'de> Visitor<'de> for YamlVisitor {
     }
 
     fn visit_u64<E: Error>(self, value: u64) -> Result<Yaml, E> {
-        i64::try_from(value).map(Yaml::Integer).map_err(|_| {
-            E::custom(format!("expected an integer of at most 2^63 - 1, got {value}"))
-        })
+        i64::try_from(value)
+            .map(Yaml::Integer)
+            .map_err(|_| E::custom(format!("expected an integer of at most 2^63 - 1, got {value}")))
     }
 
     fn visit_f64<E: Error>(self, value: f64) -> Result<Yaml, E> {

@@ -62,12 +62,7 @@ impl Node {
         let client = self
             .graph()
             .ros()
-            .create_action_client(
-                ServiceMapping::Enhanced,
-                &ros_name(&name)?,
-                &action_type(A::TYPE_NAME)?,
-                qos,
-            )
+            .create_action_client(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
             .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
         let inner = Inner {
             client,
@@ -96,9 +91,7 @@ impl<A: Act> Inner<A> {
         let either = smol::future::or(async { Some(answer.await) }, end);
         match block_until(either, Some(Instant::now() + timeout)) {
             Some(Some(Ok(answer))) => Ok(answer),
-            Some(Some(Err(error))) => {
-                Err(CallError::Middleware { name: name(), reason: error.to_string() })
-            }
+            Some(Some(Err(error))) => Err(CallError::Middleware { name: name(), reason: error.to_string() }),
             Some(None) => Err(CallError::Shutdown { name: name() }),
             None => Err(CallError::Timeout { name: name(), waited: timeout }),
         }
@@ -160,9 +153,10 @@ impl<A: Act> ActionClient<A> {
             return Err(CallError::Rejected { name: name() });
         }
         // Servers may forget a result soon after the end, so it is asked for at once.
-        let request = inner.client.request_result(goal_id).map_err(|error| {
-            CallError::Middleware { name: name(), reason: error.to_string() }
-        })?;
+        let request = inner
+            .client
+            .request_result(goal_id)
+            .map_err(|error| CallError::Middleware { name: name(), reason: error.to_string() })?;
         let stop = inner.shutdown.child();
         let (reader, stopped) = (Arc::clone(inner), stop.clone());
         inner
@@ -175,12 +169,7 @@ impl<A: Act> ActionClient<A> {
     }
 }
 
-fn follow<A: Act>(
-    inner: &Inner<A>,
-    goal_id: GoalId,
-    stop: &Shutdown,
-    mut on_feedback: impl FnMut(A::Feedback),
-) {
+fn follow<A: Act>(inner: &Inner<A>, goal_id: GoalId, stop: &Shutdown, mut on_feedback: impl FnMut(A::Feedback)) {
     let mut stream = pin!(inner.client.feedback_stream(goal_id));
     loop {
         let stopped = async {

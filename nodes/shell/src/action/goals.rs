@@ -79,13 +79,7 @@ impl<R: Clone, W> Goals<R, W> {
     /// Takes a goal that was not there, and starts it.
     pub(super) fn start(&mut self, id: Id, accepted: i64) {
         self.accepted += 1;
-        let goal = Goal {
-            state: State::Executing,
-            accepted,
-            order: self.accepted,
-            result: None,
-            waiting: Vec::new(),
-        };
+        let goal = Goal { state: State::Executing, accepted, order: self.accepted, result: None, waiting: Vec::new() };
         self.goals.insert(id, goal);
     }
 
@@ -132,9 +126,7 @@ impl<R: Clone, W> Goals<R, W> {
     pub(super) fn ask(&mut self, id: &Id, client: W) -> ResultAnswer<R> {
         match self.goals.get_mut(id) {
             None => ResultAnswer::Unknown,
-            Some(Goal { state, result: Some(result), .. }) => {
-                ResultAnswer::Now(*state, result.clone())
-            }
+            Some(Goal { state, result: Some(result), .. }) => ResultAnswer::Now(*state, result.clone()),
             Some(goal) => {
                 goal.waiting.push(client);
                 ResultAnswer::Wait
@@ -143,12 +135,8 @@ impl<R: Clone, W> Goals<R, W> {
     }
 
     fn forget_old(&mut self) {
-        let mut ended: Vec<_> = self
-            .goals
-            .iter()
-            .filter(|(_, goal)| goal.state.is_over())
-            .map(|(id, goal)| (goal.order, *id))
-            .collect();
+        let mut ended: Vec<_> =
+            self.goals.iter().filter(|(_, goal)| goal.state.is_over()).map(|(id, goal)| (goal.order, *id)).collect();
         ended.sort_unstable();
         for (_, id) in ended.iter().take(ended.len().saturating_sub(KEPT_RESULTS)) {
             self.goals.remove(id);

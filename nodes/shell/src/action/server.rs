@@ -4,14 +4,15 @@ use super::STATUS_QOS;
 use super::goals::{CancelCode, Goals, Id, ResultAnswer, State};
 use crate::clock::Clock;
 use crate::error::ShellError;
+use crate::first_contact::FirstContact;
 use crate::interface::{Act, action_type};
 use crate::node::{Graph, Node};
 use crate::service::{SERVICE_QOS, ros_name};
 use crate::shutdown::{Shutdown, Wake};
 use crate::threads::Threads;
 use ros2_client::action::{
-    ActionServerQosPolicies, CancelGoalRequest, CancelGoalResponse, GoalId, GoalInfo,
-    GoalStatusEnum, GetResultResponse, SendGoalResponse,
+    ActionServerQosPolicies, CancelGoalRequest, CancelGoalResponse, GetResultResponse, GoalId, GoalInfo,
+    GoalStatusEnum, SendGoalResponse,
 };
 use ros2_client::action_msgs::{CancelGoalResponseEnum, GoalStatus, GoalStatusArray};
 use ros2_client::builtin_interfaces::Time as RosTime;
@@ -20,8 +21,8 @@ use rustdds::RepresentationIdentifier;
 use rustdds::mio1::event::Source;
 use rustdds::mio1::{Events, Interest, Poll, Token, Waker};
 use std::collections::BTreeMap;
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// How long running goals may take to end after shutdown, so that their clients still get a result.
@@ -155,9 +156,7 @@ type RosServer<A> = ros2_client::ActionServer<
     <A as catenary_msgs::ActionInterface>::Feedback,
 >;
 
-type Handler<A> = dyn Fn(GoalHandle<A>) -> Outcome<<A as catenary_msgs::ActionInterface>::Result>
-    + Send
-    + Sync;
+type Handler<A> = dyn Fn(GoalHandle<A>) -> Outcome<<A as catenary_msgs::ActionInterface>::Result> + Send + Sync;
 
 type Decide<A> = dyn FnMut(&<A as catenary_msgs::ActionInterface>::Goal) -> Decision + Send;
 
@@ -175,9 +174,7 @@ impl Node {
         handler: impl Fn(GoalHandle<A>) -> Outcome<A::Result> + Send + Sync + 'static,
     ) -> Result<ActionServer, ShellError> {
         let name = self.resolve(name)?;
-        let fail = |error: &dyn std::fmt::Display| {
-            ShellError::create(format!("action {name}"), error)
-        };
+        let fail = |error: &dyn std::fmt::Display| ShellError::create(format!("action {name}"), error);
         let qos = ActionServerQosPolicies {
             goal_service: SERVICE_QOS,
             result_service: SERVICE_QOS,
@@ -188,12 +185,7 @@ impl Node {
         let mut server: RosServer<A> = self
             .graph()
             .ros()
-            .create_action_server(
-                ServiceMapping::Enhanced,
-                &ros_name(&name)?,
-                &action_type(A::TYPE_NAME)?,
-                qos,
-            )
+            .create_action_server(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
             .map_err(|error| fail(&error))?;
         let poll = Poll::new().map_err(|error| fail(&error))?;
         register(&poll, server.goal_server(), Token(0)).map_err(|error| fail(&error))?;
@@ -208,6 +200,7 @@ impl Node {
         let driver = Driver::<A> {
             server,
             name: name.clone(),
+            contacts: Contacts::new(self.graph(), &name),
             goals: Goals::new(),
             ended: None,
             ids: BTreeMap::new(),
@@ -233,10 +226,25 @@ fn register(poll: &Poll, source: &mut dyn Source, token: Token) -> std::io::Resu
     source.register(poll.registry(), token, Interest::READABLE)
 }
 
+/// The clients of the three services of an action.
+struct Contacts {
+    send_goal: FirstContact,
+    cancel_goal: FirstContact,
+    get_result: FirstContact,
+}
+
+impl Contacts {
+    fn new(graph: &Arc<Graph>, action: &str) -> Self {
+        let contact = |service: &str| FirstContact::new(graph, &format!("{action}/_action/{service}"));
+        Self { send_goal: contact("send_goal"), cancel_goal: contact("cancel_goal"), get_result: contact("get_result") }
+    }
+}
+
 struct Driver<A: Act> {
     // Before the graph, so that readers and writers go first.
     server: RosServer<A>,
     name: String,
+    contacts: Contacts,
     goals: Goals<A::Result, RmwRequestId>,
     /// When a goal ended last.
     ended: Option<Instant>,
@@ -318,6 +326,7 @@ impl<A: Act> Driver<A> {
     }
 
     fn new_goal(&mut self, request: RmwRequestId, goal_id: GoalId, goal: A::Goal) {
+        self.contacts.send_goal.wait(&request);
         let id = *goal_id.uuid.as_bytes();
         let stamp = RosTime::from_nanos(self.clock.now().nanos());
         let decision = if self.stop.is_triggered() {
@@ -347,8 +356,7 @@ impl<A: Act> Driver<A> {
         self.goals.start(id, stamp.to_nanos());
         self.ids.insert(id, (goal_id, cancelled.clone()));
         self.publish_status();
-        let handle =
-            GoalHandle { goal: Arc::new(goal), id, cancelled, mailbox: self.mailbox.clone() };
+        let handle = GoalHandle { goal: Arc::new(goal), id, cancelled, mailbox: self.mailbox.clone() };
         let (handler, mailbox) = (Arc::clone(&self.handler), self.mailbox.clone());
         let started = self.threads.spawn(&format!("goal {}", self.name), move || {
             mailbox.send(Mail::Done(id, handler(handle)));
@@ -364,6 +372,7 @@ impl<A: Act> Driver<A> {
             tracing::warn!("{}: unreadable cancel request", self.name);
             return;
         };
+        self.contacts.cancel_goal.wait(&request);
         let (code, cancelled) = self.goals.cancel(&id, stamp);
         let response = CancelGoalResponse {
             return_code: match code {
@@ -384,6 +393,7 @@ impl<A: Act> Driver<A> {
     }
 
     fn result_request(&mut self, request: RmwRequestId, goal_id: GoalId) {
+        self.contacts.get_result.wait(&request);
         match self.goals.ask(goal_id.uuid.as_bytes(), request) {
             ResultAnswer::Wait => {}
             ResultAnswer::Now(state, result) => self.send_result(request, code(state), result),
@@ -455,12 +465,7 @@ fn code(state: State) -> GoalStatusEnum {
 /// itself: 16 bytes of id, then seconds and nanoseconds.
 fn cancel_target(request: &CancelGoalRequest) -> Option<(Id, i64)> {
     let mut bytes = Vec::with_capacity(24);
-    rustdds::serialization::to_writer_with_rep_id(
-        &mut bytes,
-        request,
-        RepresentationIdentifier::CDR_LE,
-    )
-    .ok()?;
+    rustdds::serialization::to_writer_with_rep_id(&mut bytes, request, RepresentationIdentifier::CDR_LE).ok()?;
     let id = bytes.get(..16)?.try_into().ok()?;
     let sec = i32::from_le_bytes(bytes.get(16..20)?.try_into().ok()?);
     let nanosec = u32::from_le_bytes(bytes.get(20..24)?.try_into().ok()?);

@@ -17,11 +17,7 @@ lab:
 
 fn parse(args: &[&str]) -> Result<(RosArgs, Vec<String>), ArgError> {
     RosArgs::parse_with(args.iter().copied(), &|path| {
-        if path == Path::new("p.yaml") {
-            Ok(FILE.to_owned())
-        } else {
-            Err(std::io::Error::other("no such file"))
-        }
+        if path == Path::new("p.yaml") { Ok(FILE.to_owned()) } else { Err(std::io::Error::other("no such file")) }
     })
 }
 
@@ -31,10 +27,7 @@ fn error(args: &[&str]) -> String {
 
 #[test]
 fn arguments_outside_the_ros_section_are_left_over() {
-    let (args, rest) = parse(&[
-        "run", "--ros-args", "-r", "a:=b", "--", "--fast", "--ros-args", "-p", "x:=1",
-    ])
-    .unwrap();
+    let (args, rest) = parse(&["run", "--ros-args", "-r", "a:=b", "--", "--fast", "--ros-args", "-p", "x:=1"]).unwrap();
     assert_eq!(rest, ["run", "--fast"]);
     assert_eq!(args.remaps.len(), 1);
     assert_eq!(args.params[0].value, Yaml::Integer(1));
@@ -42,8 +35,7 @@ fn arguments_outside_the_ros_section_are_left_over() {
 
 #[test]
 fn node_and_namespace_are_remapped() {
-    let (args, _) =
-        parse(&["--ros-args", "-r", "__ns:=/lab", "--remap", "camera:__node:=eye"]).unwrap();
+    let (args, _) = parse(&["--ros-args", "-r", "__ns:=/lab", "--remap", "camera:__node:=eye"]).unwrap();
     assert_eq!(args.node_identity("camera", "/").unwrap(), ("eye".into(), "/lab".into()));
     assert_eq!(args.node_identity("bag", "/").unwrap(), ("bag".into(), "/lab".into()));
     let (args, _) = parse(&["--ros-args", "-r", "__name:=eye", "-r", "__ns:=lab"]).unwrap();
@@ -53,7 +45,12 @@ fn node_and_namespace_are_remapped() {
 #[test]
 fn topics_are_remapped_by_their_expanded_names() {
     let (args, _) = parse(&[
-        "--ros-args", "-r", "image:=/camera/color", "-r", "camera:mask:=~/mask", "-r",
+        "--ros-args",
+        "-r",
+        "image:=/camera/color",
+        "-r",
+        "camera:mask:=~/mask",
+        "-r",
         "/panda/enable:=arm/enable",
     ])
     .unwrap();
@@ -72,10 +69,7 @@ fn parameter_files_reach_the_nodes_they_name() {
     let names = |namespace: &str, node: &str| -> Vec<String> {
         args.params_for(namespace, node).map(|param| param.name.clone()).collect()
     };
-    assert_eq!(
-        names("/", "policy_runner"),
-        ["use_sim_time", "step_period_s", "gate.low", "gate.high"]
-    );
+    assert_eq!(names("/", "policy_runner"), ["use_sim_time", "step_period_s", "gate.low", "gate.high"]);
     assert_eq!(names("/lab", "policy_runner"), ["use_sim_time"]);
     assert_eq!(names("/lab", "left"), ["use_sim_time", "a"]);
     assert_eq!(names("/other", "any"), ["use_sim_time", "b"]);
@@ -87,9 +81,7 @@ fn parameter_files_reach_the_nodes_they_name() {
 #[test]
 fn parameters_can_be_for_one_node() {
     let (args, _) = parse(&["--ros-args", "-p", "camera:gain:=2", "-p", "rate:=fast"]).unwrap();
-    let names = |node: &str| -> Vec<String> {
-        args.params_for("/lab", node).map(|param| param.name.clone()).collect()
-    };
+    let names = |node: &str| -> Vec<String> { args.params_for("/lab", node).map(|param| param.name.clone()).collect() };
     assert_eq!(names("camera"), ["gain", "rate"]);
     assert_eq!(names("bag"), ["rate"]);
 }
@@ -97,8 +89,15 @@ fn parameters_can_be_for_one_node() {
 #[test]
 fn log_levels_and_switches_are_read() {
     let (args, _) = parse(&[
-        "--ros-args", "--log-level", "WARN", "--log-level", "camera:=debug",
-        "--disable-rosout-logs", "--enable-stdout-logs", "--disable-external-lib-logs", "-e",
+        "--ros-args",
+        "--log-level",
+        "WARN",
+        "--log-level",
+        "camera:=debug",
+        "--disable-rosout-logs",
+        "--enable-stdout-logs",
+        "--disable-external-lib-logs",
+        "-e",
         "/enclave",
     ])
     .unwrap();

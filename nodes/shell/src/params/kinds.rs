@@ -200,17 +200,13 @@ behind_a_lock!(String, "a string", String, yaml_string, |value| match value {
     Value::String(text) => Some(text.clone()),
     _ => None,
 });
-behind_a_lock!(
-    Vec<f64>,
-    "a list of numbers (doubles)",
-    DoubleArray,
-    |yaml| yaml_list(yaml, f64::from_yaml),
-    |value| match value {
+behind_a_lock!(Vec<f64>, "a list of numbers (doubles)", DoubleArray, |yaml| yaml_list(yaml, f64::from_yaml), |value| {
+    match value {
         Value::DoubleArray(numbers) => Some(numbers.clone()),
         Value::IntegerArray(integers) => integers.iter().map(|item| exact_double(*item)).collect(),
         _ => None,
     }
-);
+});
 behind_a_lock!(
     Vec<i64>,
     "a list of integers",

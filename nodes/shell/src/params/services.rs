@@ -1,110 +1,71 @@
 //! The six parameter services of every ROS 2 node.
 
+use super::kinds::Value;
 use super::spec::ParamSpec;
 use super::store::{Description, Params};
-use super::kinds::Value;
 use crate::error::ShellError;
 use crate::node::Graph;
-use crate::service::{self, SERVICE_QOS};
-use futures::StreamExt;
+use crate::service::Endpoint;
+use crate::shutdown::Shutdown;
+use crate::wait::block_until;
 use ros2_client::parameters::raw;
 use ros2_client::rcl_interfaces::{
-    DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest,
-    GetParameterTypesResponse, GetParametersRequest, GetParametersResponse, ListParametersRequest,
-    ListParametersResponse, ListParametersResult, SetParametersAtomicallyResponse,
-    SetParametersRequest, SetParametersResponse,
+    DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest, GetParameterTypesResponse,
+    GetParametersRequest, GetParametersResponse, ListParametersRequest, ListParametersResponse, ListParametersResult,
+    SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse,
 };
-use ros2_client::{Message, Parameter, Server, ServiceMapping, ServiceTypeName};
-use std::pin::pin;
+use ros2_client::{Message, Parameter, ServiceTypeName};
+use std::sync::Arc;
 
 /// The servers, before they run.
 pub(crate) struct Servers {
-    list: Server<ListParametersRequest, ListParametersResponse>,
-    get: Server<GetParametersRequest, GetParametersResponse>,
-    get_types: Server<GetParameterTypesRequest, GetParameterTypesResponse>,
-    describe: Server<DescribeParametersRequest, DescribeParametersResponse>,
-    set: Server<SetParametersRequest, SetParametersResponse>,
-    set_atomically: Server<SetParametersRequest, SetParametersAtomicallyResponse>,
+    list: Endpoint<ListParametersRequest, ListParametersResponse>,
+    get: Endpoint<GetParametersRequest, GetParametersResponse>,
+    get_types: Endpoint<GetParameterTypesRequest, GetParameterTypesResponse>,
+    describe: Endpoint<DescribeParametersRequest, DescribeParametersResponse>,
+    set: Endpoint<SetParametersRequest, SetParametersResponse>,
+    set_atomically: Endpoint<SetParametersRequest, SetParametersAtomicallyResponse>,
 }
 
 impl Servers {
-    pub(crate) fn new(graph: &Graph, node_path: &str) -> Result<Self, ShellError> {
+    pub(crate) fn new(graph: &Arc<Graph>, node_path: &str) -> Result<Self, ShellError> {
         Ok(Self {
-            list: server(graph, node_path, "list_parameters", "ListParameters")?,
-            get: server(graph, node_path, "get_parameters", "GetParameters")?,
-            get_types: server(graph, node_path, "get_parameter_types", "GetParameterTypes")?,
-            describe: server(graph, node_path, "describe_parameters", "DescribeParameters")?,
-            set: server(graph, node_path, "set_parameters", "SetParameters")?,
-            set_atomically: server(
-                graph,
-                node_path,
-                "set_parameters_atomically",
-                "SetParametersAtomically",
-            )?,
+            list: endpoint(graph, node_path, "list_parameters", "ListParameters")?,
+            get: endpoint(graph, node_path, "get_parameters", "GetParameters")?,
+            get_types: endpoint(graph, node_path, "get_parameter_types", "GetParameterTypes")?,
+            describe: endpoint(graph, node_path, "describe_parameters", "DescribeParameters")?,
+            set: endpoint(graph, node_path, "set_parameters", "SetParameters")?,
+            set_atomically: endpoint(graph, node_path, "set_parameters_atomically", "SetParametersAtomically")?,
         })
     }
 
-    /// Answers requests for as long as the executor runs.
-    pub(crate) fn spawn(self, executor: &smol::LocalExecutor<'_>, params: &Params) {
-        let own = params.clone();
-        executor.spawn(answer(self.list, move |request| list(&own, &request))).detach();
-        let own = params.clone();
-        executor.spawn(answer(self.get, move |request| get(&own, &request))).detach();
-        let own = params.clone();
-        executor.spawn(answer(self.get_types, move |request| get_types(&own, &request))).detach();
-        let own = params.clone();
-        executor.spawn(answer(self.describe, move |request| describe(&own, &request))).detach();
-        let own = params.clone();
-        executor.spawn(answer(self.set, move |request| set(&own, request))).detach();
-        let own = params.clone();
-        executor
-            .spawn(answer(self.set_atomically, move |request| set_atomically(&own, request)))
-            .detach();
+    /// Answers requests until shutdown.
+    pub(crate) fn run(&self, params: &Params, shutdown: &Shutdown) {
+        let answers = async {
+            futures::join!(
+                self.list.answer(|request| list(params, &request)),
+                self.get.answer(|request| get(params, &request)),
+                self.get_types.answer(|request| get_types(params, &request)),
+                self.describe.answer(|request| describe(params, &request)),
+                self.set.answer(|request| set(params, request)),
+                self.set_atomically.answer(|request| set_atomically(params, request)),
+            );
+        };
+        block_until(smol::future::or(shutdown.triggered(), answers), None);
     }
 }
 
-fn server<Req, Resp>(
-    graph: &Graph,
+fn endpoint<Req, Resp>(
+    graph: &Arc<Graph>,
     node_path: &str,
     name: &str,
     type_name: &str,
-) -> Result<Server<Req, Resp>, ShellError>
+) -> Result<Endpoint<Req, Resp>, ShellError>
 where
     Req: Message + Clone + 'static,
     Resp: Message + 'static,
 {
-    let path = format!("{node_path}/{name}");
-    let ros_name = service::ros_name(&path)?;
-    graph
-        .ros()
-        .create_server(
-            ServiceMapping::Enhanced,
-            &ros_name,
-            &ServiceTypeName::new("rcl_interfaces", type_name),
-            SERVICE_QOS,
-            SERVICE_QOS,
-        )
-        .map_err(|error| ShellError::create(format!("service {path}"), error))
-}
-
-async fn answer<Req, Resp>(server: Server<Req, Resp>, handler: impl Fn(Req) -> Resp)
-where
-    Req: Message + 'static,
-    Resp: Message + 'static,
-{
-    let mut requests = pin!(server.receive_request_stream());
-    while let Some(request) = requests.next().await {
-        let sent = match request {
-            Ok((id, request)) => server.send_response(id, handler(request)),
-            Err(error) => {
-                tracing::warn!("parameter service: unreadable request: {error}");
-                continue;
-            }
-        };
-        if let Err(error) = sent {
-            tracing::warn!("parameter service: answer not sent: {error}");
-        }
-    }
+    Endpoint::new(graph, format!("{node_path}/{name}"), &ServiceTypeName::new("rcl_interfaces", type_name))
 }
 
 /// Names with fewer than `depth` dots (0: any), or under one of the prefixes to that depth below it.
@@ -112,10 +73,7 @@ fn list(params: &Params, request: &ListParametersRequest) -> ListParametersRespo
     let depth = usize::try_from(request.depth).unwrap_or(usize::MAX);
     let shallow = |rest: &str| depth == 0 || rest.matches('.').count() < depth;
     let wanted = |name: &String| {
-        let under = |prefix: &String| {
-            name == prefix
-                || name.strip_prefix(&format!("{prefix}.")).is_some_and(shallow)
-        };
+        let under = |prefix: &String| name == prefix || name.strip_prefix(&format!("{prefix}.")).is_some_and(shallow);
         if request.prefixes.is_empty() { shallow(name) } else { request.prefixes.iter().any(under) }
     };
     let names: Vec<String> = params.names().into_iter().filter(wanted).collect();
@@ -131,9 +89,7 @@ fn get(params: &Params, request: &GetParametersRequest) -> GetParametersResponse
 }
 
 fn get_types(params: &Params, request: &GetParameterTypesRequest) -> GetParameterTypesResponse {
-    let code = |name: &String| {
-        Value::to_parameter_type_raw(&params.get(name).unwrap_or(Value::NotSet))
-    };
+    let code = |name: &String| Value::to_parameter_type_raw(&params.get(name).unwrap_or(Value::NotSet));
     GetParameterTypesResponse { values: request.names.iter().map(code).collect() }
 }
 
@@ -150,8 +106,7 @@ fn known(description: Description) -> raw::ParameterDescriptor {
     let constraints = spec.constraints();
     let ParamSpec { description, range, integer_range, read_only, .. } = spec;
     let range = range.filter(|_| matches!(value, Value::Double(_) | Value::DoubleArray(_)));
-    let integer_range =
-        integer_range.filter(|_| matches!(value, Value::Integer(_) | Value::IntegerArray(_)));
+    let integer_range = integer_range.filter(|_| matches!(value, Value::Integer(_) | Value::IntegerArray(_)));
     raw::ParameterDescriptor {
         name,
         r#type: Value::to_parameter_type_raw(&value),
@@ -198,10 +153,7 @@ fn set(params: &Params, request: SetParametersRequest) -> SetParametersResponse 
     SetParametersResponse { results: request.parameter.into_iter().map(one).collect() }
 }
 
-fn set_atomically(
-    params: &Params,
-    request: SetParametersRequest,
-) -> SetParametersAtomicallyResponse {
+fn set_atomically(params: &Params, request: SetParametersRequest) -> SetParametersAtomicallyResponse {
     let pair = |parameter: raw::Parameter| {
         let Parameter { name, value } = parameter.into();
         (name, value)

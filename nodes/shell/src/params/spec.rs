@@ -71,10 +71,7 @@ impl ParamSpec {
 
     /// A further condition on the value; the error is the reason that the setter is told.
     #[must_use]
-    pub fn check(
-        mut self,
-        check: impl Fn(&Value) -> Result<(), String> + Send + Sync + 'static,
-    ) -> Self {
+    pub fn check(mut self, check: impl Fn(&Value) -> Result<(), String> + Send + Sync + 'static) -> Self {
         self.check = Some(Arc::new(check));
         self
     }

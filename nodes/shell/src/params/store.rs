@@ -159,10 +159,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Params {
     /// No parameters yet; `overrides` are the values for this node from the command line and files.
-    pub(crate) fn new(
-        node: impl Into<String>,
-        overrides: impl IntoIterator<Item = ParamOverride>,
-    ) -> Self {
+    pub(crate) fn new(node: impl Into<String>, overrides: impl IntoIterator<Item = ParamOverride>) -> Self {
         let overrides = overrides.into_iter().map(|value| (value, false)).collect();
         Self {
             inner: Arc::new(Inner {
@@ -178,15 +175,9 @@ impl Params {
     ///
     /// # Errors
     /// [`ParamError`] for a second declaration and for a value of the wrong type or out of its limits.
-    pub fn declare<T: ParamKind>(
-        &self,
-        name: &str,
-        default: T,
-        spec: ParamSpec,
-    ) -> Result<Param<T>, ParamError> {
+    pub fn declare<T: ParamKind>(&self, name: &str, default: T, spec: ParamSpec) -> Result<Param<T>, ParamError> {
         let name = name.to_owned();
-        spec.allows(&default.to_value())
-            .map_err(|reason| ParamError::BadDefault { name: name.clone(), reason })?;
+        spec.allows(&default.to_value()).map_err(|reason| ParamError::BadDefault { name: name.clone(), reason })?;
         let value = self.override_of(&name, &spec)?.unwrap_or(default);
         let cell = Arc::new(value.into_cell());
         let slot = Box::new(TypedSlot::<T> { cell: Arc::clone(&cell) });
@@ -198,25 +189,16 @@ impl Params {
         Ok(Param { cell })
     }
 
-    fn override_of<T: ParamKind>(
-        &self,
-        name: &str,
-        spec: &ParamSpec,
-    ) -> Result<Option<T>, ParamError> {
+    fn override_of<T: ParamKind>(&self, name: &str, spec: &ParamSpec) -> Result<Option<T>, ParamError> {
         let mut value = None;
         for (given, used) in lock(&self.inner.overrides).iter_mut() {
             if given.name != name {
                 continue;
             }
             *used = true;
-            let bad = |reason| ParamError::BadOverride {
-                origin: given.origin.clone(),
-                name: name.to_owned(),
-                reason,
-            };
-            let typed = T::from_yaml(&given.value).ok_or_else(|| {
-                bad(format!("expected {}, got {}", T::WORD, given.value.describe()))
-            })?;
+            let bad = |reason| ParamError::BadOverride { origin: given.origin.clone(), name: name.to_owned(), reason };
+            let typed = T::from_yaml(&given.value)
+                .ok_or_else(|| bad(format!("expected {}, got {}", T::WORD, given.value.describe())))?;
             spec.allows(&typed.to_value()).map_err(bad)?;
             value = Some(typed);
         }
@@ -288,9 +270,8 @@ impl Params {
         {
             let entries = lock(&self.inner.entries);
             for (name, value) in values {
-                let entry = entries.get(name).ok_or_else(|| {
-                    format!("node {} has no parameter {name}", self.inner.node)
-                })?;
+                let entry =
+                    entries.get(name).ok_or_else(|| format!("node {} has no parameter {name}", self.inner.node))?;
                 let reason = |reason: String| format!("parameter {name}: {reason}");
                 if entry.spec.read_only {
                     return Err(reason("it is read-only".to_owned()));

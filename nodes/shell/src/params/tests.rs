@@ -17,11 +17,7 @@ fn the_last_value_given_replaces_the_default() {
     let params = params(&["-p", "step_period_s:=1", "-p", "step_period_s:=0.25"]);
     let step = params.declare("step_period_s", 0.5, step_spec()).unwrap();
     let anchor = params
-        .declare(
-            "delta_anchor",
-            "measured".to_owned(),
-            ParamSpec::new("").choices(&["measured", "last_target"]),
-        )
+        .declare("delta_anchor", "measured".to_owned(), ParamSpec::new("").choices(&["measured", "last_target"]))
         .unwrap();
     assert_eq!(step.get(), 0.25);
     assert_eq!(anchor.get(), "measured");
@@ -31,8 +27,22 @@ fn the_last_value_given_replaces_the_default() {
 #[test]
 fn every_kind_is_read_from_the_command_line() {
     let params = params(&[
-        "-p", "a:=true", "-p", "b:=3", "-p", "c:=3", "-p", "d:=x", "-p", "e:=[1, 2.5]", "-p",
-        "f:=[1, 2]", "-p", "g:=[x, z]", "-p", "h:=off",
+        "-p",
+        "a:=true",
+        "-p",
+        "b:=3",
+        "-p",
+        "c:=3",
+        "-p",
+        "d:=x",
+        "-p",
+        "e:=[1, 2.5]",
+        "-p",
+        "f:=[1, 2]",
+        "-p",
+        "g:=[x, z]",
+        "-p",
+        "h:=off",
     ]);
     let spec = || ParamSpec::new("");
     assert!(params.declare("a", false, spec()).unwrap().get());
@@ -72,10 +82,7 @@ fn values_for_undeclared_parameters_are_refused() {
 #[test]
 fn a_bad_default_and_a_second_declaration_are_errors() {
     let params = params(&[]);
-    assert!(matches!(
-        params.declare("step_period_s", 9.0, step_spec()),
-        Err(ParamError::BadDefault { .. })
-    ));
+    assert!(matches!(params.declare("step_period_s", 9.0, step_spec()), Err(ParamError::BadDefault { .. })));
     params.declare("step_period_s", 0.5, step_spec()).unwrap();
     assert_eq!(
         params.declare("step_period_s", 0.5, step_spec()).unwrap_err(),
@@ -138,9 +145,7 @@ fn a_set_of_several_is_all_or_nothing_and_reported_once() {
 #[test]
 fn a_wildcard_entry_of_a_file_may_go_unused() {
     let file = "/**: {ros__parameters: {a: 1}}";
-    let (args, _) =
-        RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml"], &|_| Ok(file.to_owned()))
-            .unwrap();
+    let (args, _) = RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml"], &|_| Ok(file.to_owned())).unwrap();
     let params = Params::new("runner", args.params_for("/", "runner").cloned());
     assert_eq!(params.refuse_unknown().unwrap(), ["f.yaml: /**.ros__parameters.a"]);
 }

@@ -1,0 +1,58 @@
+//! Between wire images and the segmenter's.
+
+use crate::Error;
+use catenary_core::{LabelMask, RgbView};
+use catenary_msgs::sensor_msgs::msg::Image;
+use catenary_msgs::std_msgs::msg::Header;
+
+/// The image of a message; only `rgb8` is understood.
+///
+/// # Errors
+/// [`Error::Parameter`] naming the field that does not fit.
+pub fn rgb_view(message: &Image) -> Result<RgbView<'_>, Error> {
+    if message.encoding != "rgb8" {
+        return Err(Error::Parameter { field: "encoding", expected: "rgb8", got: message.encoding.clone() });
+    }
+    RgbView::new(message.width, message.height, message.step as usize, &message.data).map_err(|e| Error::Parameter {
+        field: "data",
+        expected: "as many bytes as width, height and step ask for",
+        got: e.to_string(),
+    })
+}
+
+/// The mask as a `mono8` image with the header of the image that it was made of.
+#[must_use]
+pub fn mask_message(mask: &LabelMask, header: Header) -> Image {
+    Image {
+        header,
+        height: mask.height,
+        width: mask.width,
+        encoding: "mono8".to_owned(),
+        is_bigendian: 0,
+        step: mask.width,
+        data: mask.data.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_whole_rgb8_images_are_understood() {
+        let mut image = Image { width: 2, height: 1, step: 6, encoding: "rgb8".into(), data: vec![0; 6], ..Image::default() };
+        assert_eq!(rgb_view(&image).unwrap().width(), 2);
+        image.data.pop();
+        assert!(rgb_view(&image).unwrap_err().to_string().contains("data"));
+        image.encoding = "bgr8".into();
+        assert!(rgb_view(&image).unwrap_err().to_string().contains("bgr8"));
+    }
+
+    #[test]
+    fn a_mask_keeps_the_stamp_of_its_image() {
+        let mut header = Header::default();
+        header.stamp.sec = 7;
+        let message = mask_message(&LabelMask::new(4, 3), header.clone());
+        assert_eq!((message.header, message.step, message.data.len()), (header, 4, 12));
+    }
+}

@@ -1,0 +1,95 @@
+//! The node: a mask for every image.
+
+use crate::{ColourParams, ColourRange, ColourSegmenter, Segmenter, convert};
+use anyhow::Result;
+use catenary_core::LabelMask;
+use catenary_msgs::sensor_msgs::msg::Image;
+use catenary_shell::{Deadline, Health, NodeBuilder, ParamSpec, Throttle, contract};
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Silence of the camera that counts as a fault.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Complaints about one thing come at most this often.
+const COMPLAIN: Duration = Duration::from_secs(5);
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("camera", args, run)
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let mut segmenter = ColourSegmenter::new(declare(&builder)?)?;
+    let node = builder.build()?;
+    let masks = node.publisher::<Image>(contract::MASK.name, contract::MASK.qos)?;
+    let stream = Arc::new(Mutex::new(Deadline::new(SILENCE)));
+    let (seen, clock) = (Arc::clone(&stream), node.clock().clone());
+    let mut mask = LabelMask::new(1, 1);
+    let (mut bad_image, mut nothing) = (Throttle::new(COMPLAIN), Throttle::new(COMPLAIN));
+    let _images = node.subscription::<Image>(contract::IMAGE.name, contract::IMAGE.qos, move |received| {
+        let now = clock.now();
+        seen.lock().unwrap_or_else(PoisonError::into_inner).message(now);
+        let image = &received.message;
+        match convert::rgb_view(image).and_then(|view| segmenter.segment(view, &mut mask)) {
+            Ok(report) => {
+                if report.dlo_area_px == 0
+                    && let Some(held_back) = nothing.pass(now)
+                {
+                    tracing::warn!("no object in the image ({held_back} more images without one)");
+                }
+                masks.send(convert::mask_message(&mask, image.header.clone()));
+            }
+            Err(error) => {
+                if let Some(held_back) = bad_image.pass(now) {
+                    tracing::error!("image dropped: {error} ({held_back} more)");
+                }
+            }
+        }
+    })?;
+    let clock = node.clock().clone();
+    node.report_diagnostics(move |report| {
+        let mut stream = stream.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = clock.now();
+        report.value("image_rate_hz", format!("{:.1}", stream.rate_hz(now))).value("images", stream.received());
+        if stream.expired(now) {
+            report.problem(Health::Stale, "no image comes");
+        }
+    })?;
+    node.wait_for_shutdown()
+}
+
+/// The segmenter's parameters, fixed at the start: a change of colours in the middle of an episode would be a change of
+/// what is measured.
+fn declare(builder: &NodeBuilder) -> Result<ColourParams> {
+    let d = ColourParams::default();
+    let range = |label: &str, d: ColourRange| -> Result<ColourRange> {
+        let hue = ParamSpec::new(format!("Sector of the {label}'s hue, from the first to the second angle.")).unit("degree");
+        let hue = builder.declare(&format!("{label}.hue_deg"), d.hue_deg.to_vec(), hue.range(0.0..=360.0).read_only())?;
+        let saturation = ParamSpec::new("Least saturation; larger keeps pale edges out.").range(0.0..=1.0).read_only();
+        let saturation = builder.declare_f64(&format!("{label}.min_saturation"), d.min_saturation, saturation)?;
+        let chroma = ParamSpec::new("Least chroma; larger keeps noise in dark areas out.").integer_range(0..=255).read_only();
+        let chroma = builder.declare_i64(&format!("{label}.min_chroma"), i64::from(d.min_chroma), chroma)?;
+        let hue: [f64; 2] = hue.get().try_into().map_err(|got: Vec<f64>| {
+            anyhow::anyhow!("parameter {label}.hue_deg: expected two angles, got {}", got.len())
+        })?;
+        Ok(ColourRange { hue_deg: hue, min_saturation: saturation.get(), min_chroma: u8::try_from(chroma.get())? })
+    };
+    let whole = |name: &str, default: u32, text: &str, greatest: i64| -> Result<u32> {
+        let spec = ParamSpec::new(text).unit("mask pixel").integer_range(0..=greatest).read_only();
+        Ok(u32::try_from(builder.declare_i64(name, i64::from(default), spec)?.get())?)
+    };
+    Ok(ColourParams {
+        dlo: range("dlo", d.dlo)?,
+        target: range("target", d.target)?,
+        close_radius_px: whole("close_radius_px", d.close_radius_px, "Radius of the closing, which fills small gaps.", 16)?,
+        open_radius_px: whole("open_radius_px", d.open_radius_px, "Radius of the opening, which drops thin specks.", 16)?,
+        max_occlusion_px: whole(
+            "max_occlusion_px",
+            d.max_occlusion_px,
+            "Pieces of the object this near to one another across an occluder are kept together.",
+            255,
+        )?,
+        ..d
+    })
+}

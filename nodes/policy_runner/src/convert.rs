@@ -1,0 +1,105 @@
+//! Between wire types and the runner's.
+
+use crate::runner::{Inputs, Settings, Step};
+use catenary_core::task::DeltaAnchor;
+use catenary_core::{GripPose, Keypoints};
+use catenary_msgs::action::RunEpisodeGoal;
+use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
+use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
+use catenary_shell::{Time, convert, stamp};
+
+/// Frame of targets and actions.
+const BASE_FRAME: &str = "panda_link0";
+
+/// The newest messages as the runner takes them; times are s since `origin`. Keypoints that make no sense count as none.
+pub fn inputs(
+    origin: Time,
+    now: Time,
+    keypoints: Option<&KeypointsMsg>,
+    pose: Option<&PoseStamped>,
+    arm: Option<&ArmState>,
+) -> Inputs {
+    let since = |header: &catenary_msgs::std_msgs::msg::Header| stamp::from_msg(&header.stamp).secs_since(origin);
+    let keypoints = keypoints.and_then(|k| Some((since(&k.header), placed(k)?)));
+    let pose = pose.map(|p| (since(&p.header), convert::grip_pose_from_msg(&p.pose)));
+    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm) }
+}
+
+fn placed(message: &KeypointsMsg) -> Option<Keypoints> {
+    convert::keypoints_from_msg(message).inspect_err(|e| tracing::warn!("keypoints: {e}")).ok()
+}
+
+/// Why the arm cannot be commanded.
+pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
+    let Some(arm) = arm else { return Some("no arm_state came".to_owned()) };
+    let why = match arm.mode {
+        ArmState::MODE_TRACKING | ArmState::MODE_HOLD => return None,
+        ArmState::MODE_IDLE => "it is not enabled",
+        ArmState::MODE_MOVING => "it is moving to the start",
+        ArmState::MODE_REFLEX => "a reflex is latched",
+        ArmState::MODE_USER_STOP => "the user stop is pressed",
+        _ => "it is not connected",
+    };
+    Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
+}
+
+/// Settings that a goal asks for, on top of the node's own.
+pub fn settings(goal: &RunEpisodeGoal, own: Settings) -> Settings {
+    Settings {
+        run_all_steps: goal.run_all_steps,
+        stochastic_seed: goal.stochastic.then_some(goal.seed),
+        max_steps: (goal.max_steps > 0).then_some(goal.max_steps as usize),
+        ..own
+    }
+}
+
+/// What the policy saw.
+pub fn observation(step: &Step, episode: u32, origin: Time, now: Time) -> Observation {
+    let stamped = |s: f64| stamp::to_msg(origin + std::time::Duration::from_secs_f64(s.max(0.0)));
+    Observation {
+        header: stamp::header(now, BASE_FRAME),
+        episode,
+        step: step.index as u32,
+        values: step.observation.0,
+        keypoints_stamp: stamped(step.stamps_s[0]),
+        pose_stamp: stamped(step.stamps_s[1]),
+    }
+}
+
+/// What the policy did.
+pub fn action(step: &Step, delta: [f64; 2], episode: u32, anchor: DeltaAnchor, now: Time) -> EefDelta {
+    EefDelta {
+        header: stamp::header(now, BASE_FRAME),
+        episode,
+        step: step.index as u32,
+        dx: delta[0],
+        dz: delta[1],
+        anchor: convert::anchor_to_msg(anchor),
+    }
+}
+
+/// Where the arm shall go: the target in the plane, with the y and the orientation that `held` has.
+pub fn target(target_m: [f64; 2], held: &Pose, now: Time) -> PoseStamped {
+    let mut pose = held.clone();
+    (pose.position.x, pose.position.z) = (target_m[0], target_m[1]);
+    PoseStamped { header: stamp::header(now, BASE_FRAME), pose }
+}
+
+/// The pose that targets keep y and orientation of, at the start of an episode.
+pub fn held(pose: &PoseStamped) -> Pose {
+    let planar: GripPose = convert::grip_pose_from_msg(&pose.pose);
+    Pose { position: pose.pose.position.clone(), ..convert::grip_pose_to_msg(&planar) }
+}
+
+/// An event of an episode with everything but its kind, reason and counts.
+pub fn event(episode: u32, policy: &catenary_core::Policy, name: &str, seed: u64, now: Time) -> EpisodeEvent {
+    EpisodeEvent {
+        header: stamp::header(now, ""),
+        episode,
+        policy: name.to_owned(),
+        seed,
+        step_period: policy.step_period_s,
+        anchor: convert::anchor_to_msg(policy.delta_anchor),
+        ..EpisodeEvent::default()
+    }
+}

@@ -1,0 +1,223 @@
+//! The node: an action that runs one episode at a time.
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
+
+use crate::convert;
+use crate::runner::{Fault, Inputs, Runner, Settings, Step, Turn};
+use anyhow::{Context, Result, anyhow};
+use catenary_core::track::End;
+use catenary_core::{Model, Policy};
+use catenary_msgs::action::{RunEpisode, RunEpisodeFeedback, RunEpisodeGoal, RunEpisodeResult};
+use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
+use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
+use catenary_shell::{
+    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Time, contract,
+};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// Time in which the arm must answer that it is enabled, and then say so.
+const ENABLE: Duration = Duration::from_secs(3);
+/// Longest uninterrupted wait, so that a cancelled episode ends soon.
+const NAP: Duration = Duration::from_millis(20);
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("policy_runner", args, run)
+}
+
+/// What the node reads, publishes and calls.
+struct Shell {
+    node: Node,
+    model_file: Param<String>,
+    max_age_s: Param<f64>,
+    patience_s: Param<f64>,
+    keypoints: Latest<Keypoints>,
+    pose: Latest<PoseStamped>,
+    arm: Latest<ArmState>,
+    target: Publisher<PoseStamped>,
+    action: Publisher<EefDelta>,
+    observation: Publisher<Observation>,
+    event: Publisher<EpisodeEvent>,
+    enable: Client<SetBool>,
+    episodes: AtomicU32,
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let defaults = Settings::default();
+    let model_file = builder.declare_string(
+        "model_file",
+        "",
+        ParamSpec::new("Model file whose task (step period, anchor, workspace, goal) episodes follow."),
+    )?;
+    let age = ParamSpec::new("Oldest keypoints and pose that an observation may use; smaller acts on fresher data.");
+    let max_age_s = builder.declare_f64("max_age_s", defaults.max_age_s, age.unit("s").range(0.001..=10.0))?;
+    let patience = ParamSpec::new("Time after a step was due until the episode is given up for want of fresh data.");
+    let patience_s = builder.declare_f64("patience_s", defaults.patience_s, patience.unit("s").range(0.0..=60.0))?;
+    let node = builder.build()?;
+    let shell = Shell {
+        model_file,
+        max_age_s,
+        patience_s,
+        keypoints: node.latest(contract::KEYPOINTS.name, contract::KEYPOINTS.qos)?,
+        pose: node.latest(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
+        arm: node.latest(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
+        target: node.publisher(contract::TARGET_POSE.name, contract::TARGET_POSE.qos)?,
+        action: node.publisher(contract::ACTION.name, contract::ACTION.qos)?,
+        observation: node.publisher(contract::OBSERVATION.name, contract::OBSERVATION.qos)?,
+        event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
+        enable: node.client(contract::ENABLE.name)?,
+        episodes: AtomicU32::new(0),
+        node: node.clone(),
+    };
+    shell.task()?;
+    let _server = node.serve_action::<RunEpisode>(
+        "policy_runner/run_episode",
+        Concurrency::One,
+        |_| Decision::Accept,
+        move |handle| shell.serve(&handle),
+    )?;
+    node.wait_for_shutdown()
+}
+
+impl Shell {
+    /// The task of the model file, read anew for each episode: the parameter may change between two.
+    fn task(&self) -> Result<catenary_core::Task> {
+        let path = self.model_file.get();
+        anyhow::ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
+        let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
+        let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
+        model.task.with_context(|| format!("model_file {path}: it has no task"))
+    }
+
+    fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
+        let episode = self.episodes.fetch_add(1, Ordering::Relaxed) + 1;
+        match self.episode(handle, episode) {
+            Ok((End::Complete, result)) => Outcome::Canceled(result),
+            Ok((_, result)) => Outcome::Succeeded(result),
+            Err(error) => {
+                tracing::error!("episode {episode}: {error:#}");
+                Outcome::Aborted(RunEpisodeResult { message: format!("{error:#}"), episode, ..RunEpisodeResult::default() })
+            }
+        }
+    }
+
+    /// Runs one episode; [`End::Complete`] stands for a cancelled one.
+    fn episode(&self, handle: &GoalHandle<RunEpisode>, episode: u32) -> Result<(End, RunEpisodeResult)> {
+        let goal = handle.goal();
+        let policy = Policy::from_bytes(&goal.policy)?;
+        let own = Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
+        let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
+        self.enable_arm()?;
+        let held = convert::held(&self.pose.get().context("no pose on /panda/current_pose")?.message);
+        let origin = self.node.now();
+        self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
+        let outcome = self.steps(handle, &mut runner, episode, origin, &held);
+        let reason = match &outcome {
+            Ok(Some(end)) => end.name().to_owned(),
+            Ok(None) => "cancelled".to_owned(),
+            Err(error) => format!("fault: {error:#}"),
+        };
+        self.announce(&runner, goal, episode, EpisodeEvent::ENDED, reason.clone());
+        let end = outcome?;
+        let result = RunEpisodeResult {
+            success: end.is_some(),
+            message: if end.is_some() { String::new() } else { reason.clone() },
+            episode,
+            end: reason,
+            rewards: runner.rewards().to_vec(),
+            episode_return: runner.rewards().iter().sum(),
+        };
+        Ok((end.unwrap_or(End::Complete), result))
+    }
+
+    /// Steps until the end; none: cancelled.
+    fn steps(
+        &self,
+        handle: &GoalHandle<RunEpisode>,
+        runner: &mut Runner,
+        episode: u32,
+        origin: Time,
+        held: &Pose,
+    ) -> Result<Option<End>> {
+        while !handle.is_cancelled() {
+            match runner.turn(&self.inputs(origin)) {
+                Turn::Wait(until_s) => self.wait(handle, origin + Duration::from_secs_f64(until_s.max(0.0))),
+                Turn::Step(step) => {
+                    self.publish(&step, runner, episode, origin, held)?;
+                    if let Some(reward) = step.reward {
+                        handle.feedback(RunEpisodeFeedback { step: step.index as u32 - 1, reward });
+                    }
+                    if step.end.is_some() {
+                        return Ok(step.end);
+                    }
+                }
+                Turn::Fault(fault) => return Err(fault_error(fault)),
+            }
+        }
+        Ok(None)
+    }
+
+    fn inputs(&self, origin: Time) -> Inputs {
+        let (keypoints, pose, arm) = (self.keypoints.get(), self.pose.get(), self.arm.get());
+        convert::inputs(
+            origin,
+            self.node.now(),
+            keypoints.as_ref().map(|k| &*k.message),
+            pose.as_ref().map(|p| &*p.message),
+            arm.as_ref().map(|a| &*a.message),
+        )
+    }
+
+    /// Waits until `time` of the node's clock or until the goal is cancelled.
+    fn wait(&self, handle: &GoalHandle<RunEpisode>, time: Time) {
+        loop {
+            let left = time.saturating_since(self.node.now());
+            if left.is_zero() || handle.wait_cancelled(left.min(NAP)) {
+                return;
+            }
+        }
+    }
+
+    fn publish(&self, step: &Step, runner: &Runner, episode: u32, origin: Time, held: &Pose) -> Result<()> {
+        let now = self.node.now();
+        self.observation.publish(convert::observation(step, episode, origin, now))?;
+        if let Some((delta, target_m)) = step.action {
+            self.action.publish(convert::action(step, delta, episode, runner.policy().delta_anchor, now))?;
+            self.target.publish(convert::target(target_m, held, now))?;
+        }
+        Ok(())
+    }
+
+    fn announce(&self, runner: &Runner, goal: &RunEpisodeGoal, episode: u32, event: u8, reason: String) {
+        let name = if goal.policy_name.is_empty() { &runner.policy().name } else { &goal.policy_name };
+        self.event.send(EpisodeEvent {
+            event,
+            reason,
+            steps: runner.rewards().len() as u32,
+            episode_return: runner.rewards().iter().sum(),
+            ..convert::event(episode, runner.policy(), name, goal.seed, self.node.now())
+        });
+    }
+
+    /// Enables the arm and waits until it says that it can be commanded.
+    fn enable_arm(&self) -> Result<()> {
+        let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE)?;
+        anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
+        let mut seen = 0;
+        let start = self.node.now();
+        loop {
+            let newest = self.arm.wait_newer(seen, ENABLE).context("no message on /panda/arm_state")?;
+            match convert::arm_fault(Some(&newest.message)) {
+                None => return Ok(()),
+                Some(why) if self.node.now().saturating_since(start) > ENABLE => return Err(anyhow!("the arm: {why}")),
+                Some(_) => seen = newest.count,
+            }
+        }
+    }
+}
+
+fn fault_error(fault: Fault) -> anyhow::Error {
+    anyhow!(fault)
+}

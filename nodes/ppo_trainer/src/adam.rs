@@ -1,0 +1,62 @@
+//! Adam (Kingma and Ba 2015) over blocks of parameters, with a clip of the gradient's norm over all of them.
+
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.999;
+const EPSILON: f32 = 1e-5;
+
+/// Parameters and their gradient.
+pub type Block<'a> = (&'a mut [f32], &'a [f32]);
+
+/// Moments of all blocks.
+#[derive(Debug, Clone, Default)]
+pub struct Adam {
+    steps: i32,
+    moments: Vec<(Vec<f32>, Vec<f32>)>,
+}
+
+impl Adam {
+    /// Takes a step of size `learning_rate` against the gradients, scaled down where their norm over all blocks exceeds
+    /// `max_norm`. The blocks must be the same at every call. Returns the norm before scaling.
+    pub fn step(&mut self, blocks: &mut [Block<'_>], learning_rate: f32, max_norm: f32) -> f32 {
+        if self.moments.is_empty() {
+            self.moments = blocks.iter().map(|(p, _)| (vec![0.0; p.len()], vec![0.0; p.len()])).collect();
+        }
+        let squares = |g: &[f32]| g.iter().map(|v| v * v).sum::<f32>();
+        let norm = blocks.iter().map(|(_, g)| squares(g)).sum::<f32>().sqrt();
+        let scale = if norm > max_norm { max_norm / (norm + 1e-6) } else { 1.0 };
+        self.steps += 1;
+        let (correction1, correction2) = (1.0 - BETA1.powi(self.steps), 1.0 - BETA2.powi(self.steps));
+        for ((parameters, gradient), (first, second)) in blocks.iter_mut().zip(&mut self.moments) {
+            for (((p, g), m), v) in parameters.iter_mut().zip(gradient.iter()).zip(first).zip(second) {
+                let g = g * scale;
+                *m = BETA1 * *m + (1.0 - BETA1) * g;
+                *v = BETA2 * *v + (1.0 - BETA2) * g * g;
+                *p -= learning_rate * (*m / correction1) / ((*v / correction2).sqrt() + EPSILON);
+            }
+        }
+        norm
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_the_bottom_of_a_bowl() {
+        let (mut p, mut adam) = (vec![3.0f32, -2.0], Adam::default());
+        for _ in 0..2000 {
+            let g: Vec<f32> = p.iter().map(|v| 2.0 * v).collect();
+            adam.step(&mut [(&mut p[..], &g[..])], 0.01, 10.0);
+        }
+        assert!(p.iter().all(|v| v.abs() < 1e-2), "{p:?}");
+    }
+
+    #[test]
+    fn the_norm_is_clipped_over_all_blocks_together() {
+        let (mut a, mut b, mut adam) = (vec![0.0f32], vec![0.0f32], Adam::default());
+        let norm = adam.step(&mut [(&mut a[..], &[3.0][..]), (&mut b[..], &[4.0][..])], 1.0, 0.5);
+        assert_eq!(norm, 5.0);
+        assert!((adam.moments[0].0[0] - 0.1 * 0.3).abs() < 1e-6, "{adam:?}");
+    }
+}

@@ -1,0 +1,66 @@
+//! Running mean and standard deviation of observations.
+
+use catenary_core::Observation;
+
+/// Least standard deviation that an observation is divided by.
+const MIN_SCALE: f64 = 1e-3;
+
+/// Running moments (Chan, Golub and LeVeque 1983), by component.
+#[derive(Debug, Clone)]
+pub struct Normaliser {
+    count: f64,
+    mean: [f64; Observation::LEN],
+    squares: [f64; Observation::LEN],
+    enabled: bool,
+}
+
+impl Normaliser {
+    /// A normaliser that has seen nothing. Disabled, its mean stays 0 and its scale 1.
+    pub fn new(enabled: bool) -> Self {
+        Self { count: 0.0, mean: [0.0; Observation::LEN], squares: [0.0; Observation::LEN], enabled }
+    }
+
+    /// Takes in one observation.
+    pub fn update(&mut self, observation: &Observation) {
+        if !self.enabled {
+            return;
+        }
+        self.count += 1.0;
+        for i in 0..Observation::LEN {
+            let before = observation.0[i] - self.mean[i];
+            self.mean[i] += before / self.count;
+            self.squares[i] += before * (observation.0[i] - self.mean[i]);
+        }
+    }
+
+    /// Mean by component.
+    pub fn mean(&self) -> [f32; Observation::LEN] {
+        self.mean.map(|v| v as f32)
+    }
+
+    /// Standard deviation by component, 1 before two observations.
+    pub fn scale(&self) -> [f32; Observation::LEN] {
+        if self.count < 2.0 {
+            return [1.0; Observation::LEN];
+        }
+        self.squares.map(|s| (s / self.count).sqrt().max(MIN_SCALE) as f32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_are_those_of_the_data() {
+        let mut n = Normaliser::new(true);
+        for v in [1.0, 2.0, 3.0, 6.0] {
+            n.update(&Observation([v; 12]));
+        }
+        assert!((n.mean()[3] - 3.0).abs() < 1e-6);
+        assert!((n.scale()[3] - 3.5f32.sqrt()).abs() < 1e-6);
+        let mut off = Normaliser::new(false);
+        off.update(&Observation([5.0; 12]));
+        assert_eq!((off.mean()[0], off.scale()[0]), (0.0, 1.0));
+    }
+}

@@ -1,0 +1,82 @@
+//! Samples between two updates, and their advantages.
+
+use catenary_core::Observation;
+
+/// What one environment did in one step.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample {
+    /// Normalised observation.
+    pub observation: [f32; Observation::LEN],
+    /// Sampled action, in units of the action limit, before the limit.
+    pub action: [f32; 2],
+    /// Log probability density of the action when it was sampled.
+    pub log_probability: f32,
+    /// Value of the observation when it was seen.
+    pub value: f32,
+    /// Reward, with the discounted value of the last observation added where the episode was cut off.
+    pub reward: f32,
+    /// The episode ended with this step.
+    pub done: bool,
+}
+
+/// Steps of all environments, step by step: index = step * environments + environment.
+#[derive(Debug, Clone, Default)]
+pub struct Rollout {
+    /// The samples.
+    pub samples: Vec<Sample>,
+    /// Generalised advantage estimates (Schulman et al. 2016), by sample.
+    pub advantages: Vec<f32>,
+    /// Targets of the value function: advantage + value, by sample.
+    pub returns: Vec<f32>,
+}
+
+impl Rollout {
+    /// Fills in advantages and returns. `last_values`: value of each environment's next observation.
+    pub fn estimate(&mut self, last_values: &[f32], gamma: f32, lambda: f32) {
+        let n = last_values.len();
+        let steps = self.samples.len() / n;
+        self.advantages.clear();
+        self.advantages.resize(self.samples.len(), 0.0);
+        for e in 0..n {
+            let (mut next_value, mut advantage) = (last_values[e], 0.0);
+            for t in (0..steps).rev() {
+                let s = &self.samples[t * n + e];
+                let goes_on = if s.done { 0.0 } else { 1.0 };
+                let delta = s.reward + gamma * next_value * goes_on - s.value;
+                advantage = delta + gamma * lambda * goes_on * advantage;
+                self.advantages[t * n + e] = advantage;
+                next_value = s.value;
+            }
+        }
+        self.returns = self.advantages.iter().zip(&self.samples).map(|(a, s)| a + s.value).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(reward: f32, value: f32, done: bool) -> Sample {
+        Sample { observation: [0.0; 12], action: [0.0; 2], log_probability: 0.0, value, reward, done }
+    }
+
+    #[test]
+    fn advantages_follow_the_recursion_and_stop_at_ends() {
+        let mut r = Rollout { samples: vec![sample(1.0, 0.5, false), sample(2.0, 0.4, true), sample(3.0, 0.3, false)], ..Rollout::default() };
+        r.estimate(&[10.0], 0.9, 0.8);
+        let a2 = 3.0 + 0.9 * 10.0 - 0.3;
+        let a1 = 2.0 - 0.4;
+        let a0 = 1.0 + 0.9 * 0.4 - 0.5 + 0.9 * 0.8 * a1;
+        for (got, expected) in r.advantages.iter().zip([a0, a1, a2]) {
+            assert!((got - expected).abs() < 1e-5, "{got} against {expected}");
+        }
+        assert!((r.returns[2] - (a2 + 0.3)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn environments_do_not_mix() {
+        let mut r = Rollout { samples: vec![sample(1.0, 0.0, false), sample(100.0, 0.0, false)], ..Rollout::default() };
+        r.estimate(&[0.0, 0.0], 0.9, 0.9);
+        assert_eq!(r.advantages, [1.0, 100.0]);
+    }
+}

@@ -1,0 +1,153 @@
+//! Hyperparameters.
+
+use thiserror::Error;
+
+/// Hyperparameters of a training. Names follow Stable-Baselines3 and cleanrl.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Environment steps in all, over all environments.
+    pub total_steps: u64,
+    /// Number of environments.
+    pub environments: usize,
+    /// Steps of each environment between two updates. Larger: better estimates, fewer updates.
+    pub n_steps: usize,
+    /// Samples in a minibatch.
+    pub batch_size: usize,
+    /// Passes over the samples of one rollout.
+    pub epochs: usize,
+    /// Adam's learning rate.
+    pub learning_rate: f32,
+    /// Let the learning rate fall linearly to zero.
+    pub anneal_learning_rate: bool,
+    /// Discount of rewards per step.
+    pub gamma: f32,
+    /// Decay of generalised advantage estimation: 0 is the one-step estimate, 1 the whole return.
+    pub gae_lambda: f32,
+    /// Range of the probability ratio.
+    pub clip_range: f32,
+    /// Weight of the value loss.
+    pub value_weight: f32,
+    /// Weight of the entropy bonus.
+    pub entropy_weight: f32,
+    /// Greatest norm of the gradient over all parameters.
+    pub max_gradient_norm: f32,
+    /// Mean approximate Kullback-Leibler divergence at which the epochs of a rollout stop; none: never.
+    pub target_kl: Option<f32>,
+    /// Logarithm of the actions' standard deviation at the start, in units of the action limit.
+    pub initial_log_std: f32,
+    /// Width of each of the two hidden layers.
+    pub hidden: usize,
+    /// Normalise observations by their running mean and standard deviation.
+    pub normalise_observations: bool,
+    /// Count the value after a success as going on. A success ends the episode, and with it the rewards: without this a
+    /// policy that stays just short of the goal earns more than one that reaches it.
+    pub bootstrap_success: bool,
+}
+
+/// A hyperparameter that makes no sense.
+#[derive(Debug, Error, PartialEq)]
+#[error("training: `{field}`: expected {expected}, got {got}")]
+pub struct SettingsError {
+    /// The field.
+    pub field: &'static str,
+    /// What was expected.
+    pub expected: &'static str,
+    /// What came.
+    pub got: String,
+}
+
+impl Settings {
+    /// The preset called `name`: `default` or `sb3`.
+    pub fn preset(name: &str) -> Result<Self, SettingsError> {
+        match name {
+            "default" | "" => Ok(Self::tuned()),
+            "sb3" => Ok(Self::sb3()),
+            other => Err(SettingsError { field: "preset", expected: "default or sb3", got: other.to_owned() }),
+        }
+    }
+
+    /// Stable-Baselines3's defaults (2.x) with 12 environments: five updates of 24,576 samples in 120,000 steps.
+    pub fn sb3() -> Self {
+        Self {
+            total_steps: 120_000,
+            environments: 12,
+            n_steps: 2048,
+            batch_size: 64,
+            epochs: 10,
+            learning_rate: 3e-4,
+            anneal_learning_rate: false,
+            gamma: 0.99,
+            gae_lambda: 0.95,
+            clip_range: 0.2,
+            value_weight: 0.5,
+            entropy_weight: 0.0,
+            max_gradient_norm: 0.5,
+            target_kl: None,
+            initial_log_std: 0.0,
+            hidden: 64,
+            normalise_observations: false,
+            bootstrap_success: false,
+        }
+    }
+
+    /// Many small updates, for episodes of 16 steps and a budget of seconds.
+    pub fn tuned() -> Self {
+        Self {
+            total_steps: 24_576,
+            n_steps: 64,
+            batch_size: 128,
+            learning_rate: 1e-3,
+            anneal_learning_rate: true,
+            gamma: 0.95,
+            target_kl: Some(0.03),
+            initial_log_std: -0.7,
+            normalise_observations: true,
+            bootstrap_success: true,
+            ..Self::sb3()
+        }
+    }
+
+    /// Rejects values that make no sense; names the field.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let whole = [
+            ("total_steps", self.total_steps as usize),
+            ("environments", self.environments),
+            ("n_steps", self.n_steps),
+            ("batch_size", self.batch_size),
+            ("epochs", self.epochs),
+            ("hidden", self.hidden),
+        ];
+        if let Some((field, got)) = whole.into_iter().find(|(_, v)| *v == 0) {
+            return Err(SettingsError { field, expected: "at least 1", got: got.to_string() });
+        }
+        let positive = [
+            ("learning_rate", self.learning_rate),
+            ("clip_range", self.clip_range),
+            ("max_gradient_norm", self.max_gradient_norm),
+        ];
+        if let Some((field, got)) = positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
+            return Err(SettingsError { field, expected: "a positive number", got: got.to_string() });
+        }
+        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
+        match shares.into_iter().find(|(_, v)| !(0.0..=1.0).contains(v)) {
+            Some((field, got)) => Err(SettingsError { field, expected: "0 to 1", got: got.to_string() }),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_valid_and_bad_values_are_named() {
+        for name in ["default", "sb3"] {
+            assert_eq!(Settings::preset(name).unwrap().check(), Ok(()));
+        }
+        assert!(Settings::preset("sb4").unwrap_err().to_string().contains("sb4"));
+        let bad = Settings { gamma: 1.5, ..Settings::tuned() };
+        assert_eq!(bad.check().unwrap_err().field, "gamma");
+        assert_eq!(Settings { n_steps: 0, ..Settings::tuned() }.check().unwrap_err().field, "n_steps");
+    }
+}

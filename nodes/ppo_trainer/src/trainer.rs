@@ -1,0 +1,329 @@
+//! The training loop.
+
+use crate::adam::Adam;
+use crate::loss::{Term, derivatives, log_probability};
+use crate::network::Network;
+use crate::normaliser::Normaliser;
+use crate::rollout::{Rollout, Sample};
+use crate::settings::{Settings, SettingsError};
+use catenary_core::task::MAX_DELTA_M;
+use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use thiserror::Error;
+
+/// Episodes that progress averages over.
+const RECENT: usize = 100;
+/// Gains of the output layers: small for the actor, so that it begins near zero (Andrychowicz et al. 2021).
+const ACTOR_GAIN: f32 = 0.01;
+const CRITIC_GAIN: f32 = 1.0;
+/// Bounds of the log standard deviation.
+const LOG_STD_RANGE: (f32, f32) = (-5.0, 1.0);
+
+/// Why a training came to nothing.
+#[derive(Debug, Error)]
+pub enum TrainError {
+    /// A hyperparameter makes no sense.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The environment failed.
+    #[error(transparent)]
+    Env(#[from] EnvError),
+    /// The environment has another number of members than the settings say.
+    #[error("training: expected {expected} environments, got {got}")]
+    Environments {
+        /// As the settings say.
+        expected: usize,
+        /// As the environment says.
+        got: usize,
+    },
+    /// Weights or observations that are not finite any more.
+    #[error("training failed after {steps} steps: {what} is not finite")]
+    Diverged {
+        /// Environment steps taken.
+        steps: u64,
+        /// What is not finite.
+        what: &'static str,
+    },
+}
+
+/// How a training goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Environment steps so far.
+    pub steps: u64,
+    /// Environment steps in all.
+    pub total_steps: u64,
+    /// Mean return of the last episodes; NaN before the first ended.
+    pub mean_return: f64,
+    /// Share of successes among them.
+    pub success_rate: f64,
+}
+
+/// One point of the learning curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Environment steps.
+    pub steps: u64,
+    /// Mean return of the last episodes by then.
+    pub mean_return: f64,
+    /// Share of successes among them.
+    pub success_rate: f64,
+}
+
+/// A trained policy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trained {
+    /// The policy, with everything that is needed to run it.
+    pub policy: Policy,
+    /// A point for each update.
+    pub curve: Vec<CurvePoint>,
+    /// Environment steps taken: fewer than asked for where it was stopped.
+    pub steps: u64,
+}
+
+/// Trains a policy for `task` in `env`. `on_progress` is called after each update and may stop the training; what was
+/// learned by then is returned.
+pub fn train(
+    env: &mut dyn Env,
+    task: &Task,
+    settings: &Settings,
+    training_seed: u64,
+    on_progress: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+) -> Result<Trained, TrainError> {
+    settings.check()?;
+    if env.count() != settings.environments {
+        return Err(TrainError::Environments { expected: settings.environments, got: env.count() });
+    }
+    let mut trainer = Trainer::new(settings, training_seed);
+    let mut observations = env.reset()?;
+    let mut curve = Vec::new();
+    while trainer.steps < settings.total_steps {
+        let rollout = trainer.collect(env, &mut observations)?;
+        trainer.update(&rollout)?;
+        let progress = trainer.progress();
+        if progress.mean_return.is_finite() {
+            let Progress { steps, mean_return, success_rate, .. } = progress;
+            curve.push(CurvePoint { steps, mean_return, success_rate });
+        }
+        if on_progress(&progress).is_break() {
+            break;
+        }
+    }
+    Ok(Trained { policy: trainer.policy(task), curve, steps: trainer.steps })
+}
+
+/// The state of a training.
+struct Trainer<'a> {
+    settings: &'a Settings,
+    actor: Network,
+    critic: Network,
+    log_std: [f32; 2],
+    adam: Adam,
+    normaliser: Normaliser,
+    rng: ChaCha8Rng,
+    steps: u64,
+    running_returns: Vec<f64>,
+    recent: VecDeque<(f64, bool)>,
+}
+
+impl<'a> Trainer<'a> {
+    fn new(settings: &'a Settings, training_seed: u64) -> Self {
+        let mut rng = seed::rng(training_seed, 0);
+        let h = settings.hidden;
+        Self {
+            actor: Network::new(&[Observation::LEN, h, h, 2], ACTOR_GAIN, &mut rng),
+            critic: Network::new(&[Observation::LEN, h, h, 1], CRITIC_GAIN, &mut rng),
+            log_std: [settings.initial_log_std; 2],
+            adam: Adam::default(),
+            normaliser: Normaliser::new(settings.normalise_observations),
+            rng,
+            steps: 0,
+            running_returns: vec![0.0; settings.environments],
+            recent: VecDeque::new(),
+            settings,
+        }
+    }
+
+    /// The policy as it is now; its `normalised` is what training uses too.
+    fn policy(&self, task: &Task) -> Policy {
+        Policy {
+            name: "ppo".to_owned(),
+            actor: self.actor.mlp.clone(),
+            observation_mean: self.normaliser.mean(),
+            observation_scale: self.normaliser.scale(),
+            action_scale: self.log_std.map(f32::exp),
+            step_period_s: task.step_period_s,
+            delta_anchor: task.delta_anchor,
+            steps: task.steps,
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        let n = self.recent.len() as f64;
+        let successes = self.recent.iter().filter(|(_, success)| *success).count() as f64;
+        Progress {
+            steps: self.steps,
+            total_steps: self.settings.total_steps,
+            mean_return: self.recent.iter().map(|(r, _)| r).sum::<f64>() / n,
+            success_rate: if n > 0.0 { successes / n } else { 0.0 },
+        }
+    }
+
+    /// Observations as the networks take them, row by row.
+    fn normalised(&self, observations: &[Observation]) -> Vec<f32> {
+        let (mean, scale) = (self.normaliser.mean(), self.normaliser.scale());
+        let component = |o: &Observation, i: usize| ((o.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0);
+        observations.iter().flat_map(|o| (0..Observation::LEN).map(move |i| component(o, i))).collect()
+    }
+
+    /// Steps every environment `n_steps` times.
+    fn collect(&mut self, env: &mut dyn Env, observations: &mut Vec<Observation>) -> Result<Rollout, TrainError> {
+        let n = self.settings.environments;
+        let mut rollout = Rollout::default();
+        for _ in 0..self.settings.n_steps {
+            observations.iter().for_each(|o| self.normaliser.update(o));
+            let x = self.normalised(observations);
+            let means = self.actor.forward(&x, n).to_vec();
+            let values = self.critic.forward(&x, n).to_vec();
+            let actions: Vec<[f32; 2]> = means
+                .chunks_exact(2)
+                .map(|m| std::array::from_fn(|i| m[i] + self.log_std[i].exp() * self.rng.sample::<f32, _>(StandardNormal)))
+                .collect();
+            let deltas: Vec<[f64; 2]> = actions.iter().map(|a| a.map(|v| f64::from(v.clamp(-1.0, 1.0)) * MAX_DELTA_M)).collect();
+            let transitions = env.step(&deltas)?;
+            self.steps += n as u64;
+            let bonuses = self.bonuses(&transitions);
+            for (e, t) in transitions.iter().enumerate() {
+                self.count(e, t);
+                rollout.samples.push(Sample {
+                    observation: std::array::from_fn(|i| x[e * Observation::LEN + i]),
+                    action: actions[e],
+                    log_probability: log_probability(&actions[e], &means[2 * e..2 * e + 2], &self.log_std),
+                    value: values[e],
+                    reward: t.reward as f32 + bonuses[e],
+                    done: t.terminated || t.truncated,
+                });
+            }
+            *observations = transitions.into_iter().map(|t| t.observation).collect();
+        }
+        if !rollout.samples.iter().all(|s| s.reward.is_finite() && s.observation.iter().all(|v| v.is_finite())) {
+            return Err(TrainError::Diverged { steps: self.steps, what: "an observation or a reward" });
+        }
+        let x = self.normalised(observations);
+        let last_values = self.critic.forward(&x, n).to_vec();
+        rollout.estimate(&last_values, self.settings.gamma, self.settings.gae_lambda);
+        Ok(rollout)
+    }
+
+    /// Discounted value of the last observation, for each environment whose episode was cut off and not ended.
+    fn bonuses(&mut self, transitions: &[Transition]) -> Vec<f32> {
+        let cut_off = |t: &Transition| {
+            let success = t.terminated && t.reward > 0.0;
+            (t.truncated && !t.terminated) || (success && self.settings.bootstrap_success)
+        };
+        let wanted: Vec<bool> = transitions.iter().map(cut_off).collect();
+        if !wanted.contains(&true) {
+            return vec![0.0; transitions.len()];
+        }
+        let last: Vec<Observation> = transitions.iter().map(|t| t.final_observation).collect();
+        let x = self.normalised(&last);
+        let values = self.critic.forward(&x, transitions.len());
+        values.iter().zip(wanted).map(|(v, w)| if w { self.settings.gamma * v } else { 0.0 }).collect()
+    }
+
+    /// Keeps account of returns and successes.
+    fn count(&mut self, environment: usize, t: &Transition) {
+        self.running_returns[environment] += t.reward;
+        if t.terminated || t.truncated {
+            let episode_return = std::mem::take(&mut self.running_returns[environment]);
+            self.recent.push_back((episode_return, t.terminated && t.reward > 0.0));
+            if self.recent.len() > RECENT {
+                self.recent.pop_front();
+            }
+        }
+    }
+
+    /// Several passes over a rollout, in shuffled minibatches.
+    fn update(&mut self, rollout: &Rollout) -> Result<(), TrainError> {
+        let mut order: Vec<usize> = (0..rollout.samples.len()).collect();
+        let done = (self.steps as f32 / self.settings.total_steps as f32).min(1.0);
+        let annealed = if self.settings.anneal_learning_rate { 1.0 - done } else { 1.0 };
+        let learning_rate = self.settings.learning_rate * annealed.max(1e-3);
+        for _ in 0..self.settings.epochs {
+            order.shuffle(&mut self.rng);
+            let mut kl = 0.0;
+            for batch in order.chunks(self.settings.batch_size) {
+                kl += self.minibatch(rollout, batch, learning_rate)? * batch.len() as f32;
+            }
+            if self.settings.target_kl.is_some_and(|target| kl / order.len() as f32 > target) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// One step of the optimiser; returns the mean approximate Kullback-Leibler divergence.
+    fn minibatch(&mut self, rollout: &Rollout, batch: &[usize], learning_rate: f32) -> Result<f32, TrainError> {
+        let n = batch.len();
+        let x: Vec<f32> = batch.iter().flat_map(|&i| rollout.samples[i].observation).collect();
+        let advantages = standardised(batch.iter().map(|&i| rollout.advantages[i]).collect());
+        let means = self.actor.forward(&x, n).to_vec();
+        let values = self.critic.forward(&x, n).to_vec();
+        let (mut d_mean, mut d_value, mut d_log_std, mut kl) = (vec![0.0; 2 * n], vec![0.0; n], [0.0; 2], 0.0);
+        let share = 1.0 / n as f32;
+        for (k, &i) in batch.iter().enumerate() {
+            let s = &rollout.samples[i];
+            let term = Term {
+                action: s.action,
+                old_log_probability: s.log_probability,
+                advantage: advantages[k],
+                target: rollout.returns[i],
+            };
+            let d = derivatives(&term, &means[2 * k..2 * k + 2], &self.log_std, values[k], self.settings);
+            for c in 0..2 {
+                d_mean[2 * k + c] = d.mean[c] * share;
+                d_log_std[c] += d.log_std[c] * share;
+            }
+            d_value[k] = d.value * share;
+            kl += d.kl * share;
+        }
+        self.actor.backward(&d_mean, n);
+        self.critic.backward(&d_value, n);
+        let norm = self.descend(&d_log_std, learning_rate);
+        if !norm.is_finite() {
+            return Err(TrainError::Diverged { steps: self.steps, what: "the gradient" });
+        }
+        Ok(kl)
+    }
+
+    /// A step of Adam over all parameters; returns the gradient's norm.
+    fn descend(&mut self, d_log_std: &[f32; 2], learning_rate: f32) -> f32 {
+        let mut blocks: Vec<(&mut [f32], &[f32])> = vec![(&mut self.log_std[..], &d_log_std[..])];
+        for network in [&mut self.actor, &mut self.critic] {
+            for (layer, gradient) in network.mlp.layers_mut().iter_mut().zip(&network.gradients) {
+                blocks.push((&mut layer.weight, &gradient.weight));
+                blocks.push((&mut layer.bias, &gradient.bias));
+            }
+        }
+        let norm = self.adam.step(&mut blocks, learning_rate, self.settings.max_gradient_norm);
+        self.log_std.iter_mut().for_each(|l| *l = l.clamp(LOG_STD_RANGE.0, LOG_STD_RANGE.1));
+        norm
+    }
+}
+
+/// Mean 0 and standard deviation 1; a single value becomes 0.
+fn standardised(mut values: Vec<f32>) -> Vec<f32> {
+    let n = values.len() as f32;
+    let mean = values.iter().sum::<f32>() / n;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n;
+    values.iter_mut().for_each(|v| *v = (*v - mean) / (variance.sqrt() + 1e-8));
+    values
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+//! Training on a task of our own: bring the end effector to a point.
+
+use super::*;
+use catenary_core::task::{DeltaAnchor, Workspace};
+
+/// Point reaching: the reward falls with the distance to (0.5, 0.3), and an episode has eight steps.
+struct Reaching {
+    at: Vec<[f64; 2]>,
+    steps: Vec<usize>,
+    rng: ChaCha8Rng,
+}
+
+const GOAL: [f64; 2] = [0.5, 0.3];
+const STEPS: usize = 8;
+
+impl Reaching {
+    fn new(count: usize) -> Self {
+        Self { at: vec![[0.4, 0.4]; count], steps: vec![0; count], rng: seed::rng(9, 9) }
+    }
+
+    fn observe(&self, e: usize) -> Observation {
+        Observation::new(self.at[e], &[[0.0; 2]; 4], [0.0; 2])
+    }
+
+    fn restart(&mut self, e: usize) {
+        self.at[e] = [self.rng.random_range(0.3..0.6), self.rng.random_range(0.15..0.45)];
+        self.steps[e] = 0;
+    }
+}
+
+impl Env for Reaching {
+    fn count(&self) -> usize {
+        self.at.len()
+    }
+
+    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
+        (0..self.count()).for_each(|e| self.restart(e));
+        Ok((0..self.count()).map(|e| self.observe(e)).collect())
+    }
+
+    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
+        let mut transitions = Vec::new();
+        for (e, a) in actions.iter().enumerate() {
+            for i in 0..2 {
+                self.at[e][i] += a[i];
+            }
+            self.steps[e] += 1;
+            let distance = (self.at[e][0] - GOAL[0]).hypot(self.at[e][1] - GOAL[1]);
+            let final_observation = self.observe(e);
+            let truncated = self.steps[e] == STEPS;
+            if truncated {
+                self.restart(e);
+            }
+            let reward = 1.0 - 5.0 * distance;
+            transitions.push(Transition { observation: self.observe(e), reward, terminated: false, truncated, final_observation });
+        }
+        Ok(transitions)
+    }
+}
+
+fn task() -> Task {
+    Task {
+        steps: STEPS,
+        step_period_s: 0.5,
+        delta_anchor: DeltaAnchor::LastTarget,
+        workspace: Workspace::default(),
+        target_m: GOAL,
+        target_jitter_m: 0.0,
+        success_reward: 0.75,
+    }
+}
+
+fn run(settings: &Settings) -> Trained {
+    train(&mut Reaching::new(12), &task(), settings, 3, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn learns_to_reach_a_point() {
+    let settings = Settings { total_steps: 18_432, ..Settings::tuned() };
+    let trained = run(&settings);
+    let (first, last) = (trained.curve[0].mean_return, trained.curve[trained.curve.len() - 1].mean_return);
+    // The best that can be done from a random start is about 7.4: two steps are spent on the way.
+    assert!(first < 5.0 && last > 6.8, "return rose from {first:.2} to {last:.2}");
+    let policy = trained.policy;
+    let toward = policy.act(&Observation::new([0.35, 0.3], &[[0.0; 2]; 4], [0.0; 2]));
+    assert!(toward[0] > 0.04, "from the left it goes right: {toward:?}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    let settings = Settings { total_steps: 2_304, ..Settings::tuned() };
+    assert_eq!(run(&settings), run(&settings));
+}
+
+#[test]
+fn progress_can_stop_it_and_what_was_learned_is_kept() {
+    let mut calls = 0;
+    let trained = train(&mut Reaching::new(12), &task(), &Settings::tuned(), 1, &mut |p| {
+        calls += 1;
+        if p.steps >= 1_536 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
+    .unwrap();
+    assert_eq!((calls, trained.steps), (2, 1_536));
+}
+
+/// An environment whose observations turn into NaN.
+struct Broken(Reaching);
+
+impl Env for Broken {
+    fn count(&self) -> usize {
+        self.0.count()
+    }
+
+    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
+        self.0.reset()
+    }
+
+    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
+        let mut transitions = self.0.step(actions)?;
+        transitions[0].reward = f64::NAN;
+        Ok(transitions)
+    }
+}
+
+#[test]
+fn data_that_are_not_finite_are_an_error() {
+    let e = train(&mut Broken(Reaching::new(12)), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
+    assert!(matches!(e, Err(TrainError::Diverged { .. })));
+    let e = train(&mut Reaching::new(3), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
+    assert!(matches!(e, Err(TrainError::Environments { expected: 12, got: 3 })));
+}
