@@ -40,7 +40,8 @@ mod tests {
 
     #[test]
     fn only_whole_rgb8_images_are_understood() {
-        let mut image = Image { width: 2, height: 1, step: 6, encoding: "rgb8".into(), data: vec![0; 6], ..Image::default() };
+        let mut image =
+            Image { width: 2, height: 1, step: 6, encoding: "rgb8".into(), data: vec![0; 6], ..Image::default() };
         assert_eq!(rgb_view(&image).unwrap().width(), 2);
         image.data.pop();
         assert!(rgb_view(&image).unwrap_err().to_string().contains("data"));

@@ -64,11 +64,14 @@ fn run(builder: NodeBuilder) -> Result<()> {
 fn declare(builder: &NodeBuilder) -> Result<ColourParams> {
     let d = ColourParams::default();
     let range = |label: &str, d: ColourRange| -> Result<ColourRange> {
-        let hue = ParamSpec::new(format!("Sector of the {label}'s hue, from the first to the second angle.")).unit("degree");
-        let hue = builder.declare(&format!("{label}.hue_deg"), d.hue_deg.to_vec(), hue.range(0.0..=360.0).read_only())?;
+        let hue =
+            ParamSpec::new(format!("Sector of the {label}'s hue, from the first to the second angle.")).unit("degree");
+        let hue =
+            builder.declare(&format!("{label}.hue_deg"), d.hue_deg.to_vec(), hue.range(0.0..=360.0).read_only())?;
         let saturation = ParamSpec::new("Least saturation; larger keeps pale edges out.").range(0.0..=1.0).read_only();
         let saturation = builder.declare_f64(&format!("{label}.min_saturation"), d.min_saturation, saturation)?;
-        let chroma = ParamSpec::new("Least chroma; larger keeps noise in dark areas out.").integer_range(0..=255).read_only();
+        let chroma =
+            ParamSpec::new("Least chroma; larger keeps noise in dark areas out.").integer_range(0..=255).read_only();
         let chroma = builder.declare_i64(&format!("{label}.min_chroma"), i64::from(d.min_chroma), chroma)?;
         let hue: [f64; 2] = hue.get().try_into().map_err(|got: Vec<f64>| {
             anyhow::anyhow!("parameter {label}.hue_deg: expected two angles, got {}", got.len())
@@ -82,8 +85,18 @@ fn declare(builder: &NodeBuilder) -> Result<ColourParams> {
     Ok(ColourParams {
         dlo: range("dlo", d.dlo)?,
         target: range("target", d.target)?,
-        close_radius_px: whole("close_radius_px", d.close_radius_px, "Radius of the closing, which fills small gaps.", 16)?,
-        open_radius_px: whole("open_radius_px", d.open_radius_px, "Radius of the opening, which drops thin specks.", 16)?,
+        close_radius_px: whole(
+            "close_radius_px",
+            d.close_radius_px,
+            "Radius of the closing, which fills small gaps.",
+            16,
+        )?,
+        open_radius_px: whole(
+            "open_radius_px",
+            d.open_radius_px,
+            "Radius of the opening, which drops thin specks.",
+            16,
+        )?,
         max_occlusion_px: whole(
             "max_occlusion_px",
             d.max_occlusion_px,

@@ -1,1 +1,17 @@
-//! The simulator: planar beam physics, effects, scene, rendering, the vectorised environment, the pool and the simulated cell.
+//! The simulator: planar beam physics, parameters, episodes, the vectorised environment, the scene and its picture, and the
+//! simulated cell.
+//!
+//! Does: turn a model and its parameters into tracks, rewards, images and measurements.
+//! Does not: know ROS (the `node` feature does), read files or clocks, infer or train. Its workers are the one place where
+//! pure code starts threads, and they change no bit of a result.
+
+pub mod arm;
+pub mod beam;
+pub mod episode;
+pub mod parameters;
+pub mod simulator;
+pub mod vector_env;
+pub mod workers;
+
+pub use simulator::BeamSimulator;
+pub use vector_env::VectorEnv;

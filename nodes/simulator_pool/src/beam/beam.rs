@@ -1,0 +1,216 @@
+//! The beam: its memory, its start and its motion.
+
+use super::contact::Contact;
+use super::discretisation::Discretisation;
+use super::error::BeamError;
+use super::mesh::Mesh;
+use super::parameters::BeamParameters;
+use super::potential::{Increment, System};
+use super::state::{Node, State};
+use catenary_core::GripPose;
+
+/// Where the gripper holds the beam, and the direction it gives it there.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GripState {
+    /// x in m.
+    pub x_m: f64,
+    /// z in m, up.
+    pub z_m: f64,
+    /// Angle in rad of the section's normal direction along the beam, towards the tip, counter-clockwise from +x.
+    pub tangent_rad: f64,
+}
+
+impl GripState {
+    /// From the hand's pose: `grip_angle_rad` is the tangent at pitch 0, and a positive pitch turns it clockwise.
+    pub fn from_pose(pose: GripPose, grip_angle_rad: f64) -> Self {
+        Self { x_m: pose.x_m, z_m: pose.z_m, tangent_rad: grip_angle_rad - pose.pitch_rad }
+    }
+
+    pub(super) fn node(&self) -> Node {
+        [self.x_m, self.z_m, self.tangent_rad]
+    }
+}
+
+/// What the stepper did since the last reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Time steps.
+    pub steps: u64,
+    /// Newton iterations in them.
+    pub newton_iterations: u64,
+    /// Steps that were taken although Newton's method had not converged.
+    pub unconverged_steps: u64,
+    /// Times that a Newton step was halved because the potential had grown.
+    pub line_search_halvings: u64,
+}
+
+/// A beam in motion. All memory is taken in [`Beam::new`]; another set of parameters is a [`Beam::reset`].
+///
+/// ```
+/// use catenary_core::{Fidelity, model::Section};
+/// use simulator_pool::beam::{Beam, BeamParameters, Discretisation, GripState};
+///
+/// let bar = BeamParameters::from_youngs_modulus(0.2, Section::Square { side_m: 0.015 }, 1055.0, 2e4, 0.45);
+/// let grip = GripState { x_m: 0.4, z_m: 0.5, tangent_rad: 0.0 };
+/// let mut beam = Beam::new(bar, Discretisation::of(Fidelity::Fast), grip)?;
+/// assert!(beam.hang_at_rest(grip).converged);
+/// beam.advance_to(0.5, |time_s| GripState { x_m: 0.4 + 0.1 * time_s, ..grip });
+/// assert!(beam.tip()[1] < 0.4);
+/// # Ok::<(), simulator_pool::beam::BeamError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Beam {
+    pub(super) parameters: BeamParameters,
+    pub(super) discretisation: Discretisation,
+    pub(super) mesh: Mesh,
+    pub(super) state: State,
+    pub(super) contact: Contact,
+    pub(super) increment: Increment,
+    pub(super) system: System,
+    /// Positions before the last Newton step.
+    pub(super) base: Vec<Node>,
+    /// Positions at the time last asked for; between two steps these are interpolated.
+    pub(super) shown: Vec<Node>,
+    pub(super) steps_since_start: u64,
+    pub(super) counters: Counters,
+}
+
+/// Most points that a shape is fitted to.
+const MAX_SPRINGS: usize = 64;
+
+impl Beam {
+    /// A beam that lies straight and unloaded along the grip's tangent, at rest at time 0.
+    pub fn new(parameters: BeamParameters, discretisation: Discretisation, grip: GripState) -> Result<Self, BeamError> {
+        discretisation.check()?;
+        let elements = discretisation.elements;
+        let mut beam = Self {
+            parameters,
+            discretisation,
+            mesh: Mesh::new(elements),
+            state: State::new(elements),
+            contact: Contact::new(elements + 1),
+            increment: Increment::new(elements, MAX_SPRINGS),
+            system: System::new(elements + 1),
+            base: vec![[0.0; 3]; elements + 1],
+            shown: vec![[0.0; 3]; elements + 1],
+            steps_since_start: 0,
+            counters: Counters::default(),
+        };
+        beam.reset(parameters, grip)?;
+        Ok(beam)
+    }
+
+    /// Makes it another beam in the same memory: straight, unloaded, at rest at time 0, counters at zero.
+    /// What follows does not depend on what was before.
+    pub fn reset(&mut self, parameters: BeamParameters, grip: GripState) -> Result<(), BeamError> {
+        parameters.check()?;
+        self.parameters = parameters;
+        self.mesh.fill(&parameters);
+        self.counters = Counters::default();
+        self.lay_straight(grip);
+        Ok(())
+    }
+
+    /// As [`Self::reset`], with other time steps or tolerances too; the number of elements must stay.
+    pub fn reset_with(
+        &mut self,
+        parameters: BeamParameters,
+        discretisation: Discretisation,
+        grip: GripState,
+    ) -> Result<(), BeamError> {
+        discretisation.check()?;
+        let (expected, got) = (self.discretisation.elements, discretisation.elements);
+        if expected != got {
+            return Err(BeamError::Elements { expected, got });
+        }
+        self.discretisation = discretisation;
+        self.reset(parameters, grip)
+    }
+
+    /// Lays the beam straight and unloaded along the grip's tangent, at rest at time 0.
+    pub fn lay_straight(&mut self, grip: GripState) {
+        let [x, z, angle] = grip.node();
+        let (sin, cos) = angle.sin_cos();
+        let mut arc = 0.0;
+        for k in self.mesh.origin..self.state.position.len() {
+            self.state.position[k] = [x + arc * cos, z + arc * sin, angle];
+            arc += self.mesh.elements.get(k).map_or(0.0, |e| e.length);
+        }
+        arc = 0.0;
+        for k in (0..self.mesh.origin).rev() {
+            arc -= self.mesh.elements[k].length;
+            self.state.position[k] = [x + arc * cos, z + arc * sin, angle];
+        }
+        self.state.velocity.fill([0.0; 3]);
+        self.start_here();
+    }
+
+    /// Makes the present positions and velocities the state at time 0.
+    pub(super) fn start_here(&mut self) {
+        self.state.restart(&self.mesh);
+        self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
+        self.increment.enable_motion(&self.parameters);
+        self.shown.copy_from_slice(&self.state.position);
+        self.steps_since_start = 0;
+    }
+
+    /// Gives every point the velocity (x, z) in m/s; the clamped node still follows the grip.
+    pub fn set_velocity(&mut self, velocity_m_s: [f64; 2]) {
+        self.state.velocity.fill([velocity_m_s[0], velocity_m_s[1], 0.0]);
+        self.start_here();
+    }
+
+    /// Time in s of the newest step.
+    pub fn time_s(&self) -> f64 {
+        self.steps_since_start as f64 * self.discretisation.time_step_s
+    }
+
+    /// Steps until the newest step is at or after `time_s`; `grip` gives the clamped end's state at each step's end.
+    ///
+    /// Afterwards the shape ([`Self::centre_line_at`] and the like) is that at `time_s` itself, interpolated within the
+    /// last step; energies and forces are those of the newest step. The motion does not depend on which times are
+    /// asked for, if they do not run backwards.
+    pub fn advance_to(&mut self, time_s: f64, mut grip: impl FnMut(f64) -> GripState) {
+        let step_s = self.discretisation.time_step_s;
+        while self.time_s() < time_s - 1e-9 * step_s {
+            let next_s = (self.steps_since_start + 1) as f64 * step_s;
+            self.step(grip(next_s));
+        }
+        self.show(((time_s - self.time_s()) / step_s + 1.0).clamp(0.0, 1.0));
+    }
+
+    /// Interpolates the shape within the last step, `share` of the way: a cubic through both ends' positions and velocities.
+    fn show(&mut self, share: f64) {
+        if self.state.fresh || share >= 1.0 - 1e-9 {
+            self.shown.copy_from_slice(&self.state.position);
+            return;
+        }
+        let (s, step_s) = (share, self.discretisation.time_step_s);
+        let newer = s * s * (3.0 - 2.0 * s);
+        let [slope_old, slope_new] = [s * (1.0 - s) * (1.0 - s) * step_s, -s * s * (1.0 - s) * step_s];
+        let state = &self.state;
+        for (k, shown) in self.shown.iter_mut().enumerate() {
+            for i in 0..3 {
+                shown[i] = (1.0 - newer) * state.position_1[k][i]
+                    + newer * state.position[k][i]
+                    + slope_old * state.velocity_1[k][i]
+                    + slope_new * state.velocity[k][i];
+            }
+        }
+    }
+
+    /// Parameters of the beam.
+    pub fn parameters(&self) -> &BeamParameters {
+        &self.parameters
+    }
+
+    /// Division of time and beam.
+    pub fn discretisation(&self) -> &Discretisation {
+        &self.discretisation
+    }
+
+    /// What the stepper did since the last reset.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+}

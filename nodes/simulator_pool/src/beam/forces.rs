@@ -1,0 +1,120 @@
+//! Energies and forces at the newest step.
+
+use super::beam::Beam;
+use super::element::{self, Viscosity};
+use super::material;
+
+/// Force and moment by which the gripper holds the beam.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GripReaction {
+    /// Force on the beam along x in N.
+    pub force_x_n: f64,
+    /// Force on the beam along z in N; the beam's weight when it hangs at rest.
+    pub force_z_n: f64,
+    /// Moment on the beam in N m, counter-clockwise.
+    pub moment_n_m: f64,
+}
+
+/// Energies in J.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Energy {
+    /// Stored in stretch, shear and bending.
+    pub elastic_j: f64,
+    /// Of motion and rotation.
+    pub kinetic_j: f64,
+    /// In the field of gravity, from the frame's origin.
+    pub potential_j: f64,
+    /// Stored in the contact with the table.
+    pub contact_j: f64,
+}
+
+impl Energy {
+    /// The sum.
+    pub fn total_j(&self) -> f64 {
+        self.elastic_j + self.kinetic_j + self.potential_j + self.contact_j
+    }
+}
+
+/// Force of the table on the beam.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TableForce {
+    /// Friction along x in N.
+    pub friction_n: f64,
+    /// Normal force along z in N.
+    pub normal_n: f64,
+}
+
+impl Beam {
+    /// The gripper's force and moment on the beam; zero for a free beam.
+    pub fn grip_reaction(&self) -> GripReaction {
+        let Some(c) = self.mesh.clamped_node else { return GripReaction::default() };
+        let state = &self.state;
+        let [gx, gz] = self.parameters.gravity_m_s2;
+        let gravity = [gx, gz, 0.0];
+        let inertia = &self.mesh.inertia[c];
+        let mut held = [0, 1, 2].map(|i| inertia[i] * (state.acceleration[c][i] - gravity[i]));
+        for k in c.saturating_sub(1)..(c + 1).min(self.mesh.elements.len()) {
+            let on_node = self.element_force(k, c);
+            held = [0, 1, 2].map(|i| held[i] + on_node[i]);
+        }
+        let edges = &self.contact.edges[c];
+        for side in 0..2 {
+            held[0] -= edges.friction[side];
+            held[1] -= edges.normal[side];
+        }
+        GripReaction { force_x_n: held[0], force_z_n: held[1], moment_n_m: held[2] }
+    }
+
+    /// Derivative of element `k`'s energy, damping included, by the position of its node `c`.
+    fn element_force(&self, k: usize, c: usize) -> [f64; 3] {
+        let state = &self.state;
+        let element = &self.mesh.elements[k];
+        let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
+        let viscosity = Viscosity { time_s: self.parameters.kelvin_voigt_time_s, rate_per_strain: 1.0 };
+        let history = [0, 1, 2].map(|i| state.strain_rate[k][i] - at.strain[i]);
+        let r = element::respond(element, self.parameters.axial_law, &viscosity, &at, &history);
+        let sign = if k == c { -1.0 } else { 1.0 };
+        [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]
+    }
+
+    /// Elastic, kinetic, potential and contact energy.
+    pub fn energy(&self) -> Energy {
+        let (state, mesh) = (&self.state, &self.mesh);
+        let [gx, gz] = self.parameters.gravity_m_s2;
+        let mut energy = Energy::default();
+        for (element, strain) in mesh.elements.iter().zip(&state.strain) {
+            let [ea, ga, ei] = element.stiffness;
+            let stretch = 1.0 + strain[0];
+            let axial = material::axial(self.parameters.axial_law, ea, stretch, 1.0 / stretch).energy;
+            let rest = 0.5 * (ga * strain[1] * strain[1] + ei * strain[2] * strain[2]);
+            energy.elastic_j += element.length * (axial + rest);
+        }
+        for (inertia, (q, v)) in mesh.inertia.iter().zip(state.position.iter().zip(&state.velocity)) {
+            energy.kinetic_j += 0.5 * (inertia[0] * (v[0] * v[0] + v[1] * v[1]) + inertia[2] * v[2] * v[2]);
+            energy.potential_j -= inertia[0] * (gx * q[0] + gz * q[1]);
+        }
+        if let Some(table) = &self.parameters.table {
+            energy.contact_j = self.contact.energy(table, mesh, &state.position);
+        }
+        energy
+    }
+
+    /// The table's force on the whole beam.
+    pub fn table_force(&self) -> TableForce {
+        let mut force = TableForce::default();
+        for edges in &self.contact.edges {
+            force.friction_n += edges.friction[0] + edges.friction[1];
+            force.normal_n += edges.normal[0] + edges.normal[1];
+        }
+        force
+    }
+
+    /// Linear momentum (x, z) in kg m/s.
+    pub fn momentum_kg_m_s(&self) -> [f64; 2] {
+        let mut momentum = [0.0; 2];
+        for (inertia, v) in self.mesh.inertia.iter().zip(&self.state.velocity) {
+            momentum = [momentum[0] + inertia[0] * v[0], momentum[1] + inertia[1] * v[1]];
+        }
+        momentum
+    }
+}

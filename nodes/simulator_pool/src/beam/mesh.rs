@@ -1,0 +1,84 @@
+//! Elements and nodal masses.
+
+use super::parameters::BeamParameters;
+use super::section::SectionProperties;
+
+/// Constants of one element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Element {
+    /// Rest length in m, and its inverse.
+    pub length: f64,
+    pub inverse_length: f64,
+    /// EA in N, GA in N and EI in N m^2.
+    pub stiffness: [f64; 3],
+    /// Curvature at rest in 1/m.
+    pub rest_curvature: f64,
+}
+
+/// Constants of the nodes and elements of one beam, from the rear end to the tip.
+#[derive(Debug, Clone)]
+pub(super) struct Mesh {
+    pub elements: Vec<Element>,
+    /// Inertia of each node against x, z and angle: kg, kg, kg m^2.
+    pub inertia: Vec<[f64; 3]>,
+    /// Length in m of beam that belongs to each node.
+    pub share: Vec<f64>,
+    /// Index of the node in the grip, or none.
+    pub clamped_node: Option<usize>,
+    /// Index of the node from which the centre line is measured: the grip, or the rear end of a free beam.
+    pub origin: usize,
+    /// Mean rest length of an element in m.
+    pub mean_length: f64,
+    /// Distance from the centre line to the surface in m.
+    pub half_height: f64,
+}
+
+impl Mesh {
+    /// Memory for `elements` elements; [`Self::fill`] gives it its values.
+    pub fn new(elements: usize) -> Self {
+        let blank = Element { length: 0.0, inverse_length: 0.0, stiffness: [0.0; 3], rest_curvature: 0.0 };
+        Self {
+            elements: vec![blank; elements],
+            inertia: vec![[0.0; 3]; elements + 1],
+            share: vec![0.0; elements + 1],
+            clamped_node: None,
+            origin: 0,
+            mean_length: 0.0,
+            half_height: 0.0,
+        }
+    }
+
+    /// Divides the beam. A node lies in the grip: the overhang gets its share of the elements, at least one.
+    pub fn fill(&mut self, p: &BeamParameters) {
+        let count = self.elements.len();
+        let behind = if p.overhang_m > 0.0 {
+            ((p.overhang_m / p.length_m * count as f64).round() as usize).clamp(1, count - 1)
+        } else {
+            0
+        };
+        let length_behind = p.overhang_m / behind.max(1) as f64;
+        let length_ahead = (p.length_m - p.overhang_m) / (count - behind) as f64;
+        self.origin = if p.clamped { behind } else { 0 };
+        self.clamped_node = p.clamped.then_some(behind);
+        self.mean_length = p.length_m / count as f64;
+        self.half_height = p.section.half_height_m();
+        self.share.fill(0.0);
+        for (k, element) in self.elements.iter_mut().enumerate() {
+            let length = if k < behind { length_behind } else { length_ahead };
+            *element = Element {
+                length,
+                inverse_length: 1.0 / length,
+                stiffness: [p.axial_stiffness_n, p.shear_stiffness_n, p.bending_stiffness_n_m2],
+                rest_curvature: p.rest_curvature_per_m,
+            };
+            self.share[k] += 0.5 * length;
+            self.share[k + 1] += 0.5 * length;
+        }
+        for (inertia, share) in self.inertia.iter_mut().zip(&self.share) {
+            let mass = p.mass_per_length_kg_m * share;
+            *inertia = [mass, mass, p.rotary_inertia_per_length_kg_m * share];
+        }
+        self.inertia[count][0] += p.tip_mass_kg;
+        self.inertia[count][1] += p.tip_mass_kg;
+    }
+}

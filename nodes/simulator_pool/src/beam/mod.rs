@@ -1,0 +1,33 @@
+//! A planar, geometrically exact, extensible beam, held at one place by a gripper, over a table.
+//!
+//! Plane of motion: x to the right, z up, angles counter-clockwise from +x. SI units throughout. Nodes carry x, z and
+//! the section's angle; elements have two nodes and one integration point, with the strains of [`BeamParameters`].
+//! Time runs in fixed steps, each the minimum of an incremental potential. Pure `f64`: the same input gives the same
+//! bits, and nothing is allocated after [`Beam::new`].
+
+mod beam;
+mod block_tridiagonal;
+mod contact;
+mod discretisation;
+mod element;
+mod error;
+mod forces;
+mod material;
+mod mesh;
+mod parameters;
+mod potential;
+mod section;
+mod shape;
+mod state;
+mod statics;
+mod stepper;
+#[cfg(test)]
+mod tests;
+
+pub use beam::{Beam, Counters, GripState};
+pub use discretisation::{Discretisation, Scheme};
+pub use error::BeamError;
+pub use forces::{Energy, GripReaction, TableForce};
+pub use parameters::{BeamParameters, Table};
+pub use section::SectionProperties;
+pub use statics::{Equilibrium, MeasuredPoint};

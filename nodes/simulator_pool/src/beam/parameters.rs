@@ -1,0 +1,183 @@
+//! Parameters of the beam and of the table.
+
+use super::error::{BeamError, require};
+use super::section::SectionProperties;
+use catenary_core::model::{AxialLaw, Section};
+
+/// Everything physical about the beam. What is zero is absent: it changes no bit of the motion.
+///
+/// Strains of an element of rest length h whose chord d joins its nodes: stretch u = |d| / h, shear angle
+/// phi = angle(d) - mean section angle, curvature kappa = difference of section angles / h. Energy per rest length:
+/// w(u) + GA phi^2 / 2 + EI (kappa - rest curvature)^2 / 2, where the axial law gives w. (Measuring stretch along the
+/// chord keeps the law stable in tension; projecting the chord on the section's normal does not, above 40 % strain.)
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BeamParameters {
+    /// Length at rest in m, from the rear end to the tip.
+    pub length_m: f64,
+    /// Shape of the section; its height decides where the surface touches the table.
+    pub section: Section,
+    /// Law of the axial force. Bending and shear stiffness stay those of the section at rest.
+    pub axial_law: AxialLaw,
+    /// Axial stiffness EA in N.
+    pub axial_stiffness_n: f64,
+    /// Shear stiffness, coefficient included, in N.
+    pub shear_stiffness_n: f64,
+    /// Bending stiffness EI in N m^2.
+    pub bending_stiffness_n_m2: f64,
+    /// Mass per rest length in kg/m.
+    pub mass_per_length_kg_m: f64,
+    /// Rotary inertia of the section per rest length in kg m (density times I).
+    pub rotary_inertia_per_length_kg_m: f64,
+    /// Kelvin-Voigt retardation time in s: each stress gains this time times stiffness times strain rate.
+    pub kelvin_voigt_time_s: f64,
+    /// Linear air drag: force per length and speed, in N s/m^2, against the velocity.
+    pub linear_drag_n_s_m2: f64,
+    /// Quadratic air drag: force per length and squared cross speed, in N s^2/m^3, against the velocity across the
+    /// centre line (drag coefficient times air density times height / 2).
+    pub quadratic_drag_n_s2_m3: f64,
+    /// Curvature of the unloaded centre line in 1/m, counter-clockwise positive.
+    pub rest_curvature_per_m: f64,
+    /// Point mass at the tip in kg.
+    pub tip_mass_kg: f64,
+    /// Gravity (x, z) in m/s^2; tilted where the table is not level.
+    pub gravity_m_s2: [f64; 2],
+    /// Whether a gripper holds the beam; if not, it moves freely.
+    pub clamped: bool,
+    /// Length in m that sticks out behind the grip.
+    pub overhang_m: f64,
+    /// The table, if there is one.
+    pub table: Option<Table>,
+}
+
+/// A horizontal table that the beam's surface touches, section by section.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Table {
+    /// z of its surface in m.
+    pub height_m: f64,
+    /// Coulomb coefficient of friction.
+    pub friction_coefficient: f64,
+    /// Normal force per length and depth in N/m^2; larger lets the beam sink in less and costs iterations.
+    pub stiffness_n_m2: f64,
+    /// Depth in m over which the stiffness rises from zero to its full value.
+    pub softening_depth_m: f64,
+    /// Slip speed in m/s below which friction fades: at that speed it has 71 % of its full value. Smaller holds a
+    /// resting beam better and costs iterations.
+    pub slip_speed_m_s: f64,
+    /// Damping of the normal contact in s: force gained per unit stiffness and speed of approach.
+    pub damping_time_s: f64,
+}
+
+impl Table {
+    /// A table of that height (m) and friction, with a contact that sinks in a quarter of a millimetre under a soft bar.
+    pub fn new(height_m: f64, friction_coefficient: f64) -> Self {
+        Self {
+            height_m,
+            friction_coefficient,
+            stiffness_n_m2: 2e4,
+            softening_depth_m: 2e-4,
+            slip_speed_m_s: 2e-3,
+            damping_time_s: 0.0,
+        }
+    }
+
+    fn check(&self) -> Result<(), BeamError> {
+        require("table.height_m", "a finite number", self.height_m, |_| true)?;
+        require("table.friction_coefficient", "at least zero", self.friction_coefficient, |v| v >= 0.0)?;
+        require("table.stiffness_n_m2", "a positive number", self.stiffness_n_m2, |v| v > 0.0)?;
+        require("table.softening_depth_m", "a positive number", self.softening_depth_m, |v| v > 0.0)?;
+        require("table.slip_speed_m_s", "a positive number", self.slip_speed_m_s, |v| v > 0.0)?;
+        require("table.damping_time_s", "at least zero", self.damping_time_s, |v| v >= 0.0)
+    }
+}
+
+/// Standard gravity in m/s^2.
+const GRAVITY_M_S2: f64 = 9.81;
+
+impl BeamParameters {
+    /// A straight, undamped, clamped beam of homogeneous isotropic material, without a table.
+    ///
+    /// Axial stiffness E A, bending stiffness E I, shear stiffness k E A / 2 (1 + nu) with the section's coefficient k.
+    pub fn from_youngs_modulus(
+        length_m: f64,
+        section: Section,
+        density_kg_m3: f64,
+        youngs_modulus_pa: f64,
+        poisson_ratio: f64,
+    ) -> Self {
+        let (area, second_moment) = (section.area_m2(), section.second_moment_m4());
+        let axial_stiffness_n = youngs_modulus_pa * area;
+        Self {
+            length_m,
+            section,
+            axial_law: AxialLaw::Linear,
+            axial_stiffness_n,
+            shear_stiffness_n: section.shear_coefficient() * axial_stiffness_n / (2.0 * (1.0 + poisson_ratio)),
+            bending_stiffness_n_m2: youngs_modulus_pa * second_moment,
+            mass_per_length_kg_m: density_kg_m3 * area,
+            rotary_inertia_per_length_kg_m: density_kg_m3 * second_moment,
+            kelvin_voigt_time_s: 0.0,
+            linear_drag_n_s_m2: 0.0,
+            quadratic_drag_n_s2_m3: 0.0,
+            rest_curvature_per_m: 0.0,
+            tip_mass_kg: 0.0,
+            gravity_m_s2: [0.0, -GRAVITY_M_S2],
+            clamped: true,
+            overhang_m: 0.0,
+            table: None,
+        }
+    }
+
+    /// As [`Self::from_youngs_modulus`], from the bending stiffness E I in N m^2 and the axial stiffness in N, which a
+    /// stranded cable does not have in a solid section's proportion. Shear follows the axial stiffness.
+    pub fn from_bending_stiffness(
+        length_m: f64,
+        section: Section,
+        density_kg_m3: f64,
+        bending_stiffness_n_m2: f64,
+        axial_stiffness_n: f64,
+        poisson_ratio: f64,
+    ) -> Self {
+        let youngs_modulus_pa = axial_stiffness_n / section.area_m2();
+        Self {
+            bending_stiffness_n_m2,
+            ..Self::from_youngs_modulus(length_m, section, density_kg_m3, youngs_modulus_pa, poisson_ratio)
+        }
+    }
+
+    /// Mass in kg, tip mass included.
+    pub fn mass_kg(&self) -> f64 {
+        self.mass_per_length_kg_m * self.length_m + self.tip_mass_kg
+    }
+
+    /// Checks every field.
+    pub fn check(&self) -> Result<(), BeamError> {
+        let positive = [
+            ("length_m", self.length_m),
+            ("section", self.section.half_height_m()),
+            ("axial_stiffness_n", self.axial_stiffness_n),
+            ("shear_stiffness_n", self.shear_stiffness_n),
+            ("bending_stiffness_n_m2", self.bending_stiffness_n_m2),
+            ("mass_per_length_kg_m", self.mass_per_length_kg_m),
+            ("rotary_inertia_per_length_kg_m", self.rotary_inertia_per_length_kg_m),
+        ];
+        for (name, value) in positive {
+            require(name, "a positive number", value, |v| v > 0.0)?;
+        }
+        let not_negative = [
+            ("kelvin_voigt_time_s", self.kelvin_voigt_time_s),
+            ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
+            ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
+            ("tip_mass_kg", self.tip_mass_kg),
+        ];
+        for (name, value) in not_negative {
+            require(name, "at least zero", value, |v| v >= 0.0)?;
+        }
+        for value in [self.rest_curvature_per_m, self.gravity_m_s2[0], self.gravity_m_s2[1]] {
+            require("rest_curvature_per_m, gravity_m_s2", "finite numbers", value, |_| true)?;
+        }
+        require("overhang_m", "at least zero and under half the length", self.overhang_m, |v| {
+            v >= 0.0 && v < 0.5 * self.length_m
+        })?;
+        self.table.map_or(Ok(()), |table| table.check())
+    }
+}

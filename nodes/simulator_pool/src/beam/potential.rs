@@ -1,0 +1,227 @@
+//! The incremental potential of one time step: its value, gradient and Hessian.
+//!
+//! A step of length h with velocities v = a0 q + (history) and accelerations a = a0 v + (history) makes the potential
+//!
+//! sum over nodes of  m a0^2 (q - target)^2 / 2  +  sum over elements of their energy and damping  +  drag  +  contact
+//!
+//! stationary in the new positions q. `target` is where the node would go without any force but gravity.
+
+use super::block_tridiagonal::BlockTridiagonal;
+use super::contact::{Contact, Rates};
+use super::element::{self, Direction, Response, Strain, Viscosity};
+use super::mesh::Mesh;
+use super::parameters::{BeamParameters, Table};
+use super::state::Node;
+use catenary_core::model::AxialLaw;
+
+/// Drag across the centre line at one node: coefficient in N s/m, and the unit normal that it acts along.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct CrossDrag {
+    pub coefficient: f64,
+    pub normal: [f64; 2],
+}
+
+/// A spring that pulls a point of the centre line to a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spring {
+    /// Element that carries the point, and the point's place on it, 0 to 1.
+    pub element: usize,
+    pub share: f64,
+    /// Where it is pulled to, (x, z) in m.
+    pub place: [f64; 2],
+    /// Stiffness in N/m.
+    pub stiffness: f64,
+}
+
+/// Everything about one step but the positions.
+#[derive(Debug, Clone)]
+pub(super) struct Increment {
+    pub law: AxialLaw,
+    /// a0 in 1/s.
+    pub rate: f64,
+    /// Positions without forces but gravity.
+    pub target: Vec<Node>,
+    /// Velocities at position zero.
+    pub history: Vec<Node>,
+    /// Strain rates at strain zero.
+    pub strain_history: Vec<Strain>,
+    pub kelvin_voigt_time_s: f64,
+    /// Whether there is any drag.
+    pub drag: bool,
+    pub linear_drag: f64,
+    pub cross_drag: Vec<CrossDrag>,
+    pub table: Option<Table>,
+    /// Springs of a fit; none in motion.
+    pub springs: Vec<Spring>,
+}
+
+/// Gradient and Hessian.
+#[derive(Debug, Clone)]
+pub(super) struct System {
+    pub gradient: Vec<Node>,
+    pub matrix: BlockTridiagonal,
+}
+
+impl System {
+    /// Memory for `nodes` nodes.
+    pub fn new(nodes: usize) -> Self {
+        Self { gradient: vec![[0.0; 3]; nodes], matrix: BlockTridiagonal::new(nodes) }
+    }
+
+    /// Adds an element's gradient and Hessian at its two nodes.
+    #[inline(always)]
+    fn add_element(&mut self, k: usize, r: &Response) {
+        let [fx, fz] = r.force;
+        let half = 0.5 * r.shear_moment;
+        let (head, tail) = self.gradient.split_at_mut(k + 1);
+        let (from, to) = (&mut head[k], &mut tail[0]);
+        *from = [from[0] - fx, from[1] - fz, from[2] + half - r.bending_moment];
+        *to = [to[0] + fx, to[1] + fz, to[2] + half + r.bending_moment];
+
+        let [xx, xz, zz] = r.chord;
+        let [xt, zt] = [0.5 * r.chord_angle[0], 0.5 * r.chord_angle[1]];
+        let tt = 0.25 * r.angle;
+        let (same, cross) = (tt + r.bending, tt - r.bending);
+        let at_from = [xx, xz, zz, -xt, -zt, same];
+        let at_to = [xx, xz, zz, xt, zt, same];
+        let (head, tail) = self.matrix.diagonal.split_at_mut(k + 1);
+        for i in 0..6 {
+            head[k][i] += at_from[i];
+            tail[0][i] += at_to[i];
+        }
+        self.matrix.coupling[k] = [[-xx, -xz, xt], [-xz, -zz, zt], [-xt, -zt, cross]];
+    }
+
+    fn add_spring(&mut self, spring: &Spring, position: &[Node]) -> f64 {
+        let (k, w) = (spring.element, spring.share);
+        let mut potential = 0.0;
+        for axis in 0..2 {
+            let gap = (1.0 - w) * position[k][axis] + w * position[k + 1][axis] - spring.place[axis];
+            potential += 0.5 * spring.stiffness * gap * gap;
+            self.gradient[k][axis] += spring.stiffness * gap * (1.0 - w);
+            self.gradient[k + 1][axis] += spring.stiffness * gap * w;
+            let entry = if axis == 0 { 0 } else { 2 };
+            self.matrix.diagonal[k][entry] += spring.stiffness * (1.0 - w) * (1.0 - w);
+            self.matrix.diagonal[k + 1][entry] += spring.stiffness * w * w;
+            self.matrix.coupling[k][axis][axis] += spring.stiffness * w * (1.0 - w);
+        }
+        potential
+    }
+}
+
+impl Increment {
+    /// Memory for `elements` elements and up to `springs` springs.
+    pub fn new(elements: usize, springs: usize) -> Self {
+        Self {
+            law: AxialLaw::Linear,
+            rate: 0.0,
+            target: vec![[0.0; 3]; elements + 1],
+            history: vec![[0.0; 3]; elements + 1],
+            strain_history: vec![[0.0; 3]; elements],
+            kelvin_voigt_time_s: 0.0,
+            drag: false,
+            linear_drag: 0.0,
+            cross_drag: vec![CrossDrag::default(); elements + 1],
+            table: None,
+            springs: Vec::with_capacity(springs),
+        }
+    }
+
+    /// Takes over the terms that act in motion, and forgets the past.
+    pub fn enable_motion(&mut self, p: &BeamParameters) {
+        self.law = p.axial_law;
+        self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
+        self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
+        self.linear_drag = p.linear_drag_n_s_m2;
+        self.table = p.table;
+        self.springs.clear();
+        self.strain_history.fill([0.0; 3]);
+        self.cross_drag.fill(CrossDrag::default());
+    }
+
+    /// Takes over the terms that act at rest: no damping, drag or friction.
+    pub fn enable_rest(&mut self, p: &BeamParameters) {
+        self.enable_motion(p);
+        self.kelvin_voigt_time_s = 0.0;
+        self.drag = false;
+        self.table = p.table.map(|table| Table { friction_coefficient: 0.0, damping_time_s: 0.0, ..table });
+    }
+
+    /// Damping within this step.
+    pub fn viscosity(&self) -> Viscosity {
+        Viscosity { time_s: self.kelvin_voigt_time_s, rate_per_strain: self.rate }
+    }
+
+    /// Velocities as a function of positions.
+    pub fn rates(&self) -> Rates<'_> {
+        Rates { rate: self.rate, history: &self.history }
+    }
+
+    /// Fills gradient and Hessian at `position`; returns the potential in J. `reference`: chords at the step's start.
+    pub fn assemble(
+        &self,
+        mesh: &Mesh,
+        position: &[Node],
+        reference: &[Direction],
+        contact: &mut Contact,
+        system: &mut System,
+    ) -> f64 {
+        let mut potential = self.add_nodes(mesh, position, system);
+        let viscosity = self.viscosity();
+        for (k, element) in mesh.elements.iter().enumerate() {
+            let at = element::kinematics(element, &position[k], &position[k + 1], &reference[k]);
+            let response = element::respond(element, self.law, &viscosity, &at, &self.strain_history[k]);
+            potential += response.energy;
+            system.add_element(k, &response);
+        }
+        for spring in &self.springs {
+            potential += system.add_spring(spring, position);
+        }
+        if let Some(table) = &self.table {
+            let System { gradient, matrix } = system;
+            potential += contact.add(table, mesh, position, self.rates(), gradient, &mut matrix.diagonal);
+        }
+        potential
+    }
+
+    /// Inertia, gravity and drag; overwrites gradient and diagonal.
+    fn add_nodes(&self, mesh: &Mesh, position: &[Node], system: &mut System) -> f64 {
+        let rate_2 = self.rate * self.rate;
+        let mut potential = 0.0;
+        for (k, inertia) in mesh.inertia.iter().enumerate() {
+            let stiffness = [inertia[0] * rate_2, inertia[1] * rate_2, inertia[2] * rate_2];
+            for i in 0..3 {
+                let gap = position[k][i] - self.target[k][i];
+                system.gradient[k][i] = stiffness[i] * gap;
+                potential += 0.5 * stiffness[i] * gap * gap;
+            }
+            system.matrix.diagonal[k] = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
+        }
+        if self.drag {
+            potential += self.add_drag(mesh, position, system);
+        }
+        potential
+    }
+
+    fn add_drag(&self, mesh: &Mesh, position: &[Node], system: &mut System) -> f64 {
+        let mut potential = 0.0;
+        for (k, share) in mesh.share.iter().enumerate() {
+            let velocity = [0, 1].map(|i| self.rate * position[k][i] + self.history[k][i]);
+            let linear = self.linear_drag * share;
+            let CrossDrag { coefficient, normal: [nx, nz] } = self.cross_drag[k];
+            let cross_speed = velocity[0] * nx + velocity[1] * nz;
+            let drag = [
+                linear * velocity[0] + coefficient * cross_speed * nx,
+                linear * velocity[1] + coefficient * cross_speed * nz,
+            ];
+            potential += 0.5 * (drag[0] * velocity[0] + drag[1] * velocity[1]) / self.rate;
+            system.gradient[k][0] += drag[0];
+            system.gradient[k][1] += drag[1];
+            let diagonal = &mut system.matrix.diagonal[k];
+            diagonal[0] += self.rate * (linear + coefficient * nx * nx);
+            diagonal[1] += self.rate * coefficient * nx * nz;
+            diagonal[2] += self.rate * (linear + coefficient * nz * nz);
+        }
+        potential
+    }
+}

@@ -1,0 +1,75 @@
+//! Positions, velocities and what the stepper remembers of the last two steps.
+
+use super::element::{self, Direction, Strain};
+use super::mesh::Mesh;
+
+/// x in m, z in m and section angle in rad of a node, or their rates.
+pub(super) type Node = [f64; 3];
+
+/// The moving part of a beam.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    /// Positions now, one step ago and two steps ago.
+    pub position: Vec<Node>,
+    pub position_1: Vec<Node>,
+    pub position_2: Vec<Node>,
+    /// Velocities now and one step ago.
+    pub velocity: Vec<Node>,
+    pub velocity_1: Vec<Node>,
+    /// Accelerations now.
+    pub acceleration: Vec<Node>,
+    /// Strains of each element now and one step ago.
+    pub strain: Vec<Strain>,
+    pub strain_1: Vec<Strain>,
+    /// Rates of the strains now.
+    pub strain_rate: Vec<Strain>,
+    /// Direction of each element's chord now.
+    pub direction: Vec<Direction>,
+    /// No step was made since the state was set: there is no history to differentiate.
+    pub fresh: bool,
+}
+
+impl State {
+    /// Memory for `elements` elements.
+    pub fn new(elements: usize) -> Self {
+        let nodes = vec![[0.0; 3]; elements + 1];
+        let strains = vec![[0.0; 3]; elements];
+        Self {
+            position: nodes.clone(),
+            position_1: nodes.clone(),
+            position_2: nodes.clone(),
+            velocity: nodes.clone(),
+            velocity_1: nodes.clone(),
+            acceleration: nodes,
+            strain: strains.clone(),
+            strain_1: strains.clone(),
+            strain_rate: strains,
+            direction: vec![Direction::default(); elements],
+            fresh: true,
+        }
+    }
+
+    /// Shifts the history by one step. `position` keeps its value; `velocity` is about to be computed.
+    pub fn begin_step(&mut self) {
+        std::mem::swap(&mut self.position_2, &mut self.position_1);
+        self.position_1.copy_from_slice(&self.position);
+        std::mem::swap(&mut self.velocity_1, &mut self.velocity);
+        std::mem::swap(&mut self.strain_1, &mut self.strain);
+    }
+
+    /// Makes the present positions and velocities the start of a motion.
+    pub fn restart(&mut self, mesh: &Mesh) {
+        self.position_1.copy_from_slice(&self.position);
+        self.position_2.copy_from_slice(&self.position);
+        self.velocity_1.copy_from_slice(&self.velocity);
+        self.acceleration.fill([0.0; 3]);
+        self.strain_rate.fill([0.0; 3]);
+        for (k, element) in mesh.elements.iter().enumerate() {
+            let (from, to) = (&self.position[k], &self.position[k + 1]);
+            self.direction[k] = Direction::between(from, to);
+            self.strain[k] = element::kinematics(element, from, to, &self.direction[k]).strain;
+        }
+        self.strain_1.copy_from_slice(&self.strain);
+        self.fresh = true;
+    }
+}

@@ -1,0 +1,209 @@
+//! One time step: Newton's method on the incremental potential.
+
+use super::beam::{Beam, GripState};
+use super::discretisation::Scheme;
+use super::element;
+use super::potential::CrossDrag;
+use super::state::Node;
+use std::f64::consts::TAU;
+
+/// Weight in m/rad of an angle beside a position in the size of a step.
+const ANGLE_WEIGHT_M: f64 = 0.01;
+/// A Newton step moves no node by more than this share of an element.
+const STEP_LIMIT: f64 = 0.7;
+/// Halvings of one Newton step before it is taken as it is.
+const MAX_HALVINGS: u32 = 8;
+
+/// Backward differences: the rate of y is `c0` y(now) + `c1` y(one step ago) + `c2` y(two steps ago).
+#[derive(Debug, Clone, Copy)]
+struct BackwardDifference {
+    c0: f64,
+    c1: f64,
+    c2: f64,
+}
+
+impl BackwardDifference {
+    fn new(scheme: Scheme, step_s: f64) -> Self {
+        match scheme {
+            Scheme::ImplicitEuler => Self { c0: 1.0 / step_s, c1: -1.0 / step_s, c2: 0.0 },
+            Scheme::Bdf2 => Self { c0: 1.5 / step_s, c1: -2.0 / step_s, c2: 0.5 / step_s },
+        }
+    }
+
+    /// The part of the rate that the past decides.
+    #[inline(always)]
+    fn history(&self, one_ago: &[f64; 3], two_ago: &[f64; 3]) -> [f64; 3] {
+        let mut history = [0.0; 3];
+        for i in 0..3 {
+            history[i] = self.c1 * one_ago[i] + self.c2 * two_ago[i];
+        }
+        history
+    }
+}
+
+impl Beam {
+    /// Moves on by one time step; the clamped node goes to `grip`.
+    pub fn step(&mut self, grip: GripState) {
+        let scheme = if self.state.fresh { Scheme::ImplicitEuler } else { self.discretisation.scheme };
+        let difference = BackwardDifference::new(scheme, self.discretisation.time_step_s);
+        self.prepare(difference);
+        self.predict(grip);
+        if !self.minimise() {
+            self.counters.unconverged_steps += 1;
+        }
+        self.finish();
+        self.counters.steps += 1;
+        self.steps_since_start += 1;
+    }
+
+    /// Shifts the history and computes what the past decides in this step.
+    fn prepare(&mut self, difference: BackwardDifference) {
+        let (increment, state) = (&mut self.increment, &mut self.state);
+        state.begin_step();
+        increment.rate = difference.c0;
+        let [gx, gz] = self.parameters.gravity_m_s2;
+        let (inverse, inverse_2) = (1.0 / difference.c0, 1.0 / (difference.c0 * difference.c0));
+        let fall = [gx * inverse_2, gz * inverse_2, 0.0];
+        for k in 0..state.position.len() {
+            let velocity_history = difference.history(&state.position_1[k], &state.position_2[k]);
+            let acceleration_history = difference.history(&state.velocity_1[k], &state.velocity[k]);
+            increment.history[k] = velocity_history;
+            for i in 0..3 {
+                increment.target[k][i] = fall[i] - velocity_history[i] * inverse - acceleration_history[i] * inverse_2;
+            }
+        }
+        if self.parameters.kelvin_voigt_time_s > 0.0 {
+            for k in 0..state.strain.len() {
+                increment.strain_history[k] = difference.history(&state.strain_1[k], &state.strain[k]);
+            }
+        }
+        if self.parameters.quadratic_drag_n_s2_m3 > 0.0 {
+            for (k, drag) in increment.cross_drag.iter_mut().enumerate() {
+                let (sin, cos) = state.position[k][2].sin_cos();
+                let cross_speed = cos * state.velocity_1[k][1] - sin * state.velocity_1[k][0];
+                let coefficient = self.parameters.quadratic_drag_n_s2_m3 * self.mesh.share[k] * cross_speed.abs();
+                *drag = CrossDrag { coefficient, normal: [-sin, cos] };
+            }
+        }
+    }
+
+    /// First guess of the new positions.
+    fn predict(&mut self, grip: GripState) {
+        let step_s = self.discretisation.time_step_s;
+        let state = &mut self.state;
+        for k in 0..state.position.len() {
+            for i in 0..3 {
+                state.position[k][i] += step_s * (state.velocity_1[k][i] + 0.5 * step_s * state.acceleration[k][i]);
+            }
+        }
+        if let Some(k) = self.mesh.clamped_node {
+            state.position[k] = unwrapped(grip.node(), &state.position_1[k]);
+        }
+    }
+
+    /// Minimises the incremental potential from the present positions on. Returns whether it converged.
+    pub(super) fn minimise(&mut self) -> bool {
+        let tolerance_m = self.discretisation.tolerance_m;
+        let mut potential = self.evaluate();
+        for iteration in 0..self.discretisation.max_newton_iterations {
+            if iteration > 0 {
+                potential = self.search_line(potential);
+            }
+            let size_m = self.newton_step();
+            self.counters.newton_iterations += 1;
+            if size_m < tolerance_m || size_m * size_m < tolerance_m * self.convergence_radius_m() {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Potential, gradient and Hessian at the present positions.
+    pub(super) fn evaluate(&mut self) -> f64 {
+        let Beam { increment, mesh, state, contact, system, .. } = self;
+        increment.assemble(mesh, &state.position, &state.direction, contact, system)
+    }
+
+    /// Evaluates the last Newton step and halves it while it raises the potential above `before`.
+    fn search_line(&mut self, before: f64) -> f64 {
+        let slack = 1e-13 + 1e-10 * before.abs();
+        let mut potential = self.evaluate();
+        for _ in 0..MAX_HALVINGS {
+            if potential <= before + slack {
+                break;
+            }
+            self.counters.line_search_halvings += 1;
+            for (position, base) in self.state.position.iter_mut().flatten().zip(self.base.iter().flatten()) {
+                *position = 0.5 * (*position + base);
+            }
+            potential = self.evaluate();
+        }
+        potential
+    }
+
+    /// Moves the positions by one Newton step, cut to the step limit. Returns the uncut step's size in m.
+    fn newton_step(&mut self) -> f64 {
+        let step = &mut self.system.gradient;
+        if let Some(k) = self.mesh.clamped_node {
+            self.system.matrix.fix_node(k, step);
+        }
+        self.system.matrix.solve(step);
+        let mut size_m = 0.0_f64;
+        for node in step.iter() {
+            size_m = size_m.max(node[0].abs()).max(node[1].abs()).max(ANGLE_WEIGHT_M * node[2].abs());
+        }
+        let limit_m = STEP_LIMIT * self.mesh.mean_length;
+        let share = if size_m > limit_m { limit_m / size_m } else { 1.0 };
+        self.base.copy_from_slice(&self.state.position);
+        for (position, step) in self.state.position.iter_mut().flatten().zip(step.iter().flatten()) {
+            *position -= share * step;
+        }
+        size_m
+    }
+
+    /// The length r for which a Newton step of size s leaves an error of at most s^2 / r: that over which the gradient
+    /// bends. Friction turns within a slip distance, the beam within a fraction of an element.
+    fn convergence_radius_m(&self) -> f64 {
+        match &self.increment.table {
+            Some(table) if self.contact.touching => table.slip_speed_m_s / self.increment.rate,
+            _ => 0.1 * self.mesh.mean_length,
+        }
+    }
+
+    /// Velocities, accelerations, strains and contact forces at the new positions.
+    pub(super) fn finish(&mut self) {
+        let Beam { increment, mesh, state, .. } = self;
+        let rate = increment.rate;
+        let [gx, gz] = self.parameters.gravity_m_s2;
+        let gravity = [gx, gz, 0.0];
+        for k in 0..state.position.len() {
+            for i in 0..3 {
+                let position = state.position[k][i];
+                state.velocity[k][i] = rate * position + increment.history[k][i];
+                state.acceleration[k][i] = rate * rate * (position - increment.target[k][i]) + gravity[i];
+            }
+        }
+        for (k, element) in mesh.elements.iter().enumerate() {
+            let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
+            state.direction[k] = at.direction;
+            state.strain[k] = at.strain;
+        }
+        if increment.kelvin_voigt_time_s > 0.0 {
+            for k in 0..state.strain.len() {
+                for i in 0..3 {
+                    state.strain_rate[k][i] = rate * state.strain[k][i] + increment.strain_history[k][i];
+                }
+            }
+        }
+        if let Some(table) = &increment.table {
+            self.contact.end_step(table, mesh, &state.position, increment.rates());
+        }
+        state.fresh = false;
+    }
+}
+
+/// `target` with whole turns added to its angle, so that it is the nearest to that of `from`.
+fn unwrapped(target: Node, from: &Node) -> Node {
+    let turns = ((from[2] - target[2]) / TAU).round();
+    [target[0], target[1], target[2] + turns * TAU]
+}

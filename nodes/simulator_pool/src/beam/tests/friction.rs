@@ -1,0 +1,81 @@
+//! Contact and friction with the table.
+
+use super::*;
+
+const FRICTION: f64 = 0.5;
+
+fn on_table(p: BeamParameters) -> BeamParameters {
+    BeamParameters { table: Some(Table { damping_time_s: 5e-3, ..Table::new(0.0, FRICTION) }), ..p }
+}
+
+/// A stiff free bar that lies on the table at rest.
+fn lying_bar() -> Beam {
+    let p = BeamParameters { clamped: false, kelvin_voigt_time_s: 1e-3, ..on_table(bar(0.2, 1e6)) };
+    let mut beam = Beam::new(p, standard(), GripState { z_m: 0.0074, ..grip(0.0) }).unwrap();
+    beam.advance_to(0.5, |_| grip(0.0));
+    beam
+}
+
+#[test]
+fn table_carries_the_weight_of_a_lying_bar() {
+    let beam = lying_bar();
+    let weight_n = beam.parameters().mass_kg() * GRAVITY;
+    assert_close(beam.table_force().normal_n, weight_n, 1e-3);
+    let sunk_m = 0.0075 - beam.tip()[1];
+    assert!((0.0..5e-4).contains(&sunk_m), "{sunk_m}");
+}
+
+#[test]
+fn sliding_bar_stops_after_the_distance_of_coulombs_law() {
+    let mut beam = lying_bar();
+    let speed_m_s = 0.4;
+    beam.set_velocity([speed_m_s, 0.0]);
+    let from = beam.tip()[0];
+    beam.advance_to(0.5, |_| grip(0.0));
+    let expected = speed_m_s * speed_m_s / (2.0 * FRICTION * GRAVITY);
+    assert_close(beam.tip()[0] - from, expected, 2e-2);
+}
+
+#[test]
+fn dragged_bar_resists_with_friction_times_normal_force() {
+    let p = BeamParameters { kelvin_voigt_time_s: 0.02, ..on_table(bar(0.25, 2e4)) };
+    let path = |time_s: f64| GripState { x_m: -0.05 * time_s, z_m: 0.03, ..grip(0.0) };
+    let mut beam = hanging(p, standard(), path(0.0));
+    beam.advance_to(2.0, path);
+    let (force, reaction) = (beam.table_force(), beam.grip_reaction());
+    assert!(force.normal_n > 0.3 * p.mass_kg() * GRAVITY, "{force:?}");
+    assert_close(force.friction_n, FRICTION * force.normal_n, 2e-2);
+    assert_close(-reaction.force_x_n, FRICTION * force.normal_n, 2e-2);
+    assert_close(reaction.force_z_n + force.normal_n, p.mass_kg() * GRAVITY, 1e-2);
+}
+
+#[test]
+fn bar_on_a_slope_under_the_friction_angle_stays() {
+    let mut beam = lying_bar();
+    beam.parameters.gravity_m_s2 = [0.25 * GRAVITY, -GRAVITY];
+    let from = beam.tip()[0];
+    beam.advance_to(1.5, |_| grip(0.0));
+    let crept_m = beam.tip()[0] - from;
+    assert!(crept_m.abs() < 1.5e-3 * 1.0, "{crept_m} m in 1 s");
+}
+
+#[test]
+fn damped_contact_loses_more_energy_in_a_bounce() {
+    let rebound_m_s = |damping_time_s: f64| {
+        let mut p = BeamParameters { clamped: false, ..on_table(bar(0.2, 1e6)) };
+        p.table = p.table.map(|table| Table { damping_time_s, ..table });
+        let drop = GripState { z_m: 0.02, ..grip(0.0) };
+        let fine = Discretisation { time_step_s: 2e-4, ..standard() };
+        let mut beam = Beam::new(p, fine, drop).unwrap();
+        let mut fastest = 0.0_f64;
+        for k in 1..=60 {
+            beam.advance_to(f64::from(k) * 2e-3, |_| drop);
+            fastest = fastest.max(beam.momentum_kg_m_s()[1] / p.mass_kg());
+        }
+        fastest
+    };
+    let (elastic, damped) = (rebound_m_s(0.0), rebound_m_s(5e-3));
+    let impact = (2.0 * GRAVITY * 0.0125_f64).sqrt();
+    assert!(elastic > 0.7 * impact && elastic < 1.02 * impact, "{elastic} m/s after {impact} m/s");
+    assert!(damped < 0.7 * elastic, "{damped} and {elastic} m/s");
+}

@@ -1,0 +1,254 @@
+//! One simulated episode: the beam, the arm that moves it, and the camera that looks.
+
+use crate::arm::ArmModel;
+use crate::beam::{Beam, Discretisation, GripState, MeasuredPoint};
+use crate::parameters::{ParameterError, Values};
+use catenary_core::camera::{Camera, MASK_SIZE_PX};
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::task::{LEFT_WORKSPACE_REWARD, Task};
+use catenary_core::track::End;
+use catenary_core::{Fidelity, Frame, GripPose, GripTrajectory, Model, Observation, Track, seed};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// Time over which the velocity of a measured grip is taken at the start, s.
+const GRIP_VELOCITY_BASE_S: f64 = 0.05;
+
+/// Random streams of one episode.
+mod stream {
+    pub const EFFECTS: u64 = 0;
+    pub const CAMERA: u64 = 1;
+    pub const TARGET: u64 = 2;
+    pub const NOISE: u64 = 3;
+}
+
+/// What makes one episode differ from another of the same model.
+#[derive(Debug, Clone, Copy)]
+pub struct Conditions<'a> {
+    /// The model's inferred parameters.
+    pub theta: &'a [f64],
+    /// Further parameters by name: they win over the model's own draws.
+    pub effects: &'a [(String, f64)],
+    /// Seed of the episode.
+    pub seed: u64,
+    /// Whether camera jitter and keypoint noise are added.
+    pub noise: bool,
+    /// (x, z) in m of the target; none: the model's, with its jitter.
+    pub target_m: Option<[f64; 2]>,
+}
+
+/// A stage on which episodes of one model run, one after the other, in the same memory.
+pub struct Stage {
+    model: Model,
+    beam: Beam,
+    camera: Camera,
+    grip_angle_rad: f64,
+    target_scaled: [f64; 2],
+    noise: Option<ChaCha8Rng>,
+}
+
+impl Stage {
+    /// A stage for `model`, which must have been checked, at a fidelity.
+    pub fn new(model: &Model, fidelity: Fidelity) -> Result<Self, ParameterError> {
+        let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
+        let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
+        let values = Values::resolve(model, &middle, effects)?;
+        let beam = Beam::new(values.beam(model)?, Discretisation::of(fidelity), GripState::default())?;
+        Ok(Self {
+            camera: model.camera.view,
+            grip_angle_rad: values.grip_angle_rad(model),
+            target_scaled: [0.0; 2],
+            noise: None,
+            beam,
+            model: model.clone(),
+        })
+    }
+
+    /// The beam.
+    pub fn beam(&self) -> &Beam {
+        &self.beam
+    }
+
+    /// The camera of the present episode, jitter included.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Puts the object of these conditions on the stage; a shape must follow.
+    pub fn prepare(&mut self, c: &Conditions<'_>) -> Result<(), ParameterError> {
+        let mut effects_rng = seed::rng(c.seed, stream::EFFECTS);
+        let drawn: Vec<(&str, f64)> = self
+            .model
+            .effects
+            .iter()
+            .map(|e| (e.name.as_str(), e.distribution.from_unit(effects_rng.random::<f64>())))
+            .collect();
+        let given = c.effects.iter().map(|(name, value)| (name.as_str(), *value));
+        let values = Values::resolve(&self.model, c.theta, drawn.into_iter().chain(given))?;
+        self.beam.reset(values.beam(&self.model)?, GripState::default())?;
+        self.grip_angle_rad = values.grip_angle_rad(&self.model);
+        self.camera = if c.noise { self.jittered_camera(c.seed) } else { self.model.camera.view };
+        self.noise = c.noise.then(|| seed::rng(c.seed, stream::NOISE));
+        let target_m = c.target_m.or_else(|| self.model.task.map(|t| jittered_target(&t, c.seed)));
+        let place = |[x, z]: [f64; 2]| self.camera.scaled_from_world([x, 0.0, z]);
+        self.target_scaled = target_m.and_then(place).unwrap_or([0.0; 2]);
+        Ok(())
+    }
+
+    /// Lets the object hang at rest from the grip.
+    pub fn hang(&mut self, grip: GripPose) {
+        self.beam.hang_at_rest(GripState::from_pose(grip, self.grip_angle_rad));
+    }
+
+    /// Moves on to `time_s` while the grip is where `grip` says.
+    pub fn advance(&mut self, time_s: f64, grip: impl Fn(f64) -> GripPose) {
+        let angle = self.grip_angle_rad;
+        self.beam.advance_to(time_s, |t| GripState::from_pose(grip(t), angle));
+    }
+
+    /// The object's keypoints as the camera sees them now, scaled to -1 .. 1, with noise where the conditions ask for it.
+    pub fn keypoints(&mut self) -> [[f64; 2]; 4] {
+        let points = self.beam.centre_line_at_deformed_fraction(self.model.object.keypoint_fractions);
+        let sigma = 2.0 * self.model.camera.keypoint_noise_px / f64::from(MASK_SIZE_PX);
+        points.map(|[x, z]| {
+            let [u, v] = self.camera.scaled_from_world([x, 0.0, z]).unwrap_or([0.0; 2]);
+            match &mut self.noise {
+                None => [u, v],
+                Some(rng) => {
+                    [u + sigma * rng.sample::<f64, _>(StandardNormal), v + sigma * rng.sample::<f64, _>(StandardNormal)]
+                }
+            }
+        })
+    }
+
+    /// The target as the camera sees it, scaled to -1 .. 1.
+    pub fn target_scaled(&self) -> [f64; 2] {
+        self.target_scaled
+    }
+
+    fn jittered_camera(&self, episode_seed: u64) -> Camera {
+        let half = self.model.camera.position_jitter_m;
+        let mut rng = seed::rng(episode_seed, stream::CAMERA);
+        let mut shift = || if half > 0.0 { rng.random_range(-half..=half) } else { 0.0 };
+        match self.model.camera.view {
+            Camera::Pinhole(mut p) => {
+                p.position_m = p.position_m.map(|v| v + shift());
+                Camera::Pinhole(p)
+            }
+            Camera::Plane(mut p) => {
+                p.centre_m = p.centre_m.map(|v| v + shift());
+                Camera::Plane(p)
+            }
+        }
+    }
+
+    fn frame(&mut self, time_s: f64, grip: GripPose, action: [f64; 2]) -> Frame {
+        let dlo = self.keypoints();
+        Frame { time_s, dlo, target: self.target_scaled, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action }
+    }
+
+    /// Runs an episode along a measured path, looking at `frame_times_s`.
+    pub fn follow(&mut self, path: &GripTrajectory, start: &StartShape, frame_times_s: &[f64]) -> Track {
+        self.start_on(path, start);
+        let frames = frame_times_s
+            .iter()
+            .map(|&t| {
+                self.advance(t, |t| path.at(t));
+                self.frame(t, path.at(t), [0.0; 2])
+            })
+            .collect();
+        Track { frames, end: End::Complete }
+    }
+
+    fn start_on(&mut self, path: &GripTrajectory, start: &StartShape) {
+        let grip = path.at(0.0);
+        let StartShape::Measured { points_m, velocities_m_s } = start else { return self.hang(grip) };
+        let later = path.at(GRIP_VELOCITY_BASE_S);
+        let rate = |a: f64, b: f64| (b - a) / GRIP_VELOCITY_BASE_S;
+        let turning = -rate(grip.pitch_rad, later.pitch_rad);
+        let velocity = [rate(grip.x_m, later.x_m), rate(grip.z_m, later.z_m), turning];
+        let fractions = self.model.object.keypoint_fractions;
+        let points: [MeasuredPoint; 4] = std::array::from_fn(|k| MeasuredPoint {
+            fraction: fractions[k],
+            position_m: points_m[k],
+            velocity_m_s: velocities_m_s[k],
+        });
+        self.beam.set_shape(GripState::from_pose(grip, self.grip_angle_rad), velocity, &points);
+    }
+
+    /// Runs an episode of actions from the model's start pose. `choose` gives the action after an observation; none ends
+    /// the episode as complete. With `ends`, success and leaving the workspace end it too. Frames are looked at at each
+    /// step, and after the last.
+    pub fn act(
+        &mut self,
+        task: &Task,
+        ends: bool,
+        mut choose: impl FnMut(usize, &Observation) -> Option<[f64; 2]>,
+    ) -> Track {
+        let start = self.model.arm.start;
+        let mut arm = ArmModel::new(&self.model.arm, [start.x_m, start.z_m]);
+        self.hang(start);
+        let mut frames: Vec<Frame> = Vec::new();
+        for step in 0.. {
+            let time_s = step as f64 * task.step_period_s;
+            let pose = |t: f64| {
+                let [x_m, z_m] = arm.position_m(t);
+                GripPose { x_m, z_m, pitch_rad: start.pitch_rad }
+            };
+            self.advance(time_s, pose);
+            let mut frame = self.frame(time_s, pose(time_s), [0.0; 2]);
+            let observation = Observation::new([frame.eef[0], frame.eef[1]], &frame.dlo, frame.target);
+            let end = if step > 0 && ends { judge(task, &arm, &observation).1 } else { None };
+            let action = if end.is_none() { choose(step, &observation) } else { None };
+            frame.action = action.unwrap_or_default();
+            frames.push(frame);
+            match (action, end) {
+                (_, Some(end)) => return Track { frames, end },
+                (None, None) => return Track { frames, end: End::Complete },
+                (Some(delta), None) => arm.set_delta(time_s, delta, task.delta_anchor),
+            }
+        }
+        unreachable!("the loop over steps has no end of its own")
+    }
+}
+
+/// Reward of an observation after a step, and the end that it means, if any.
+pub fn judge(task: &Task, arm: &ArmModel, observation: &Observation) -> (f64, Option<End>) {
+    let [x, z] = observation.eef_m();
+    let target = arm.target_m();
+    if !task.workspace.contains(x, 0.0, z) || !task.workspace.contains(target[0], 0.0, target[1]) {
+        return (LEFT_WORKSPACE_REWARD, Some(End::LeftWorkspace));
+    }
+    let reward = observation.reward();
+    (reward, (reward >= task.success_reward).then_some(End::Success))
+}
+
+/// (x, z) in m of the target in an episode of this seed.
+pub fn jittered_target(task: &Task, episode_seed: u64) -> [f64; 2] {
+    let half = task.target_jitter_m;
+    let mut rng = seed::rng(episode_seed, stream::TARGET);
+    task.target_m.map(|v| if half > 0.0 { v + rng.random_range(-half..=half) } else { v })
+}
+
+/// Runs one episode of a request: `drive` moves the grip, `frame_times_s` says when it is looked at (with actions and
+/// policies: at every step).
+pub fn run(stage: &mut Stage, drive: &Drive, start: &StartShape, frame_times_s: &[f64]) -> Result<Track, String> {
+    let task = stage.model.task;
+    let need_task = || task.ok_or_else(|| format!("model `{}`: actions and policies need a task", stage.model.name));
+    match drive {
+        Drive::Grip(path) => Ok(stage.follow(path, start, frame_times_s)),
+        Drive::Actions(actions) => {
+            let task = need_task()?;
+            Ok(stage.act(&task, false, |step, _| actions.get(step).copied()))
+        }
+        Drive::Policy(policy) => {
+            let task = need_task()?;
+            let mut track = stage.act(&task, true, |step, o| (step < task.steps).then(|| policy.act(o)));
+            if track.end == End::Complete {
+                track.end = End::StepLimit;
+            }
+            Ok(track)
+        }
+    }
+}

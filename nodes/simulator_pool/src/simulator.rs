@@ -1,0 +1,188 @@
+//! Batches of episodes.
+
+use crate::episode::{self, Conditions, Stage};
+use crate::parameters::ParameterError;
+use crate::workers;
+use catenary_core::simulator::SimulatorError;
+use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// The beam simulator of one model, with stages that its workers share.
+pub struct BeamSimulator {
+    model: Model,
+    workers: usize,
+    /// Stages that no worker uses at present, by fidelity.
+    idle: Mutex<Vec<(Fidelity, Stage)>>,
+    unconverged: AtomicU64,
+}
+
+impl BeamSimulator {
+    /// A simulator with `workers` threads; the same request gives the same bits for any number of them.
+    pub fn new(model: &Model, workers: usize) -> Result<Self, ParameterError> {
+        crate::parameters::check(model)?;
+        Ok(Self { model: model.clone(), workers, idle: Mutex::new(Vec::new()), unconverged: AtomicU64::new(0) })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Time steps, in all batches so far, whose Newton iteration did not converge.
+    pub fn unconverged_steps(&self) -> u64 {
+        self.unconverged.load(Ordering::Relaxed)
+    }
+
+    fn take_stage(&self, fidelity: Fidelity) -> Result<Stage, ParameterError> {
+        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        match idle.iter().position(|(f, _)| *f == fidelity) {
+            Some(i) => Ok(idle.swap_remove(i).1),
+            None => {
+                drop(idle);
+                Stage::new(&self.model, fidelity)
+            }
+        }
+    }
+
+    fn simulate_one(&self, request: &SimulationRequest, index: usize) -> Result<Track, SimulatorError> {
+        let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
+        let effects: Vec<(String, f64)> =
+            request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect();
+        let conditions = Conditions {
+            theta: &request.thetas[index],
+            effects: &effects,
+            seed: seed::derive(request.seed, index as u64),
+            noise: request.noise,
+            target_m: request.target_m,
+        };
+        let mut stage = self.take_stage(request.fidelity).map_err(|e| input(&e))?;
+        stage.prepare(&conditions).map_err(|e| input(&e))?;
+        let track =
+            episode::run(&mut stage, &request.drive, &request.start, &request.frame_times_s).map_err(|e| input(&e))?;
+        self.unconverged.fetch_add(stage.beam().counters().unconverged_steps, Ordering::Relaxed);
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push((request.fidelity, stage));
+        Ok(track)
+    }
+
+    /// Rejects requests whose parts do not fit; the message names the field.
+    fn check(&self, request: &SimulationRequest) -> Result<(), SimulatorError> {
+        let refuse = |what: String| Err(SimulatorError::Input(what));
+        let (n, d) = (request.thetas.len(), self.model.theta.dimension());
+        if let Some(bad) = request.thetas.iter().find(|t| t.len() != d) {
+            return refuse(format!("theta: expected {d} values an episode, got {}", bad.len()));
+        }
+        if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
+            return refuse(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
+        }
+        let times = &request.frame_times_s;
+        if let Some(i) =
+            (0..times.len()).find(|&i| !times[i].is_finite() || times[i] < 0.0 || (i > 0 && times[i] <= times[i - 1]))
+        {
+            return refuse(format!(
+                "frame_times: expected increasing times from 0 s on, got {} s at place {i}",
+                times[i]
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Simulator for BeamSimulator {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        self.check(request)?;
+        let episodes: Vec<usize> = (0..request.thetas.len()).collect();
+        workers::map(episodes, self.workers, |_, index| self.simulate_one(request, index)).into_iter().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::tests::{cable, soft_bar};
+    use catenary_core::simulator::{Drive, StartShape};
+    use catenary_core::track::End;
+    use catenary_core::{GripPose, GripTrajectory};
+
+    fn request(drive: Drive, n: usize) -> SimulationRequest {
+        SimulationRequest {
+            thetas: (0..n).map(|i| vec![0.2 + 0.01 * i as f64, 1e4 * (1.0 + i as f64)]).collect(),
+            effects: Vec::new(),
+            drive,
+            start: StartShape::HangingAtRest,
+            frame_times_s: Vec::new(),
+            target_m: None,
+            fidelity: Fidelity::Fast,
+            seed: 5,
+            noise: true,
+        }
+    }
+
+    fn still() -> Drive {
+        Drive::Grip(GripTrajectory::new(vec![0.0], vec![GripPose { x_m: 0.4, z_m: 0.42, pitch_rad: 0.0 }]).unwrap())
+    }
+
+    #[test]
+    fn the_number_of_workers_does_not_change_a_bit() {
+        let request = request(Drive::Actions(vec![[0.03, -0.04]; 4]), 5);
+        let tracks = |workers| BeamSimulator::new(&soft_bar(), workers).unwrap().simulate(&request).unwrap();
+        let one = tracks(1);
+        assert_eq!(one, tracks(2));
+        assert_eq!(one, tracks(8));
+        assert!(one[0].frames.len() == 5 && one[0] != one[1]);
+    }
+
+    #[test]
+    fn an_episode_does_not_depend_on_what_ran_before_on_its_stage() {
+        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        let all = simulator.simulate(&request(Drive::Actions(vec![[0.03, -0.04]; 2]), 3)).unwrap();
+        let again = simulator.simulate(&request(Drive::Actions(vec![[0.03, -0.04]; 2]), 3)).unwrap();
+        assert_eq!(all, again);
+    }
+
+    #[test]
+    fn a_still_grip_holds_a_still_object() {
+        let mut r = request(still(), 2);
+        (r.noise, r.frame_times_s) = (false, vec![0.0, 0.5, 1.0]);
+        for track in BeamSimulator::new(&soft_bar(), 2).unwrap().simulate(&r).unwrap() {
+            let moved =
+                (0..4).map(|k| (track.frames[2].dlo[k][0] - track.frames[0].dlo[k][0]).abs()).fold(0.0, f64::max);
+            assert!(moved < 1e-4, "moved by {moved} of half an image");
+            assert_eq!(track.end, End::Complete);
+        }
+    }
+
+    #[test]
+    fn noise_has_the_size_that_the_model_says() {
+        let mut r = request(still(), 200);
+        r.thetas = vec![vec![0.25, 2e4]; 200];
+        r.frame_times_s = vec![0.0];
+        r.effects = vec![("kelvin_voigt_time_s".into(), vec![0.02; 200]), ("table_friction".into(), vec![0.5; 200])];
+        let mut model = soft_bar();
+        model.camera.position_jitter_m = 0.0;
+        let tracks = BeamSimulator::new(&model, 2).unwrap().simulate(&r).unwrap();
+        let u: Vec<f64> = tracks.iter().map(|t| 128.0 * t.frames[0].dlo[1][0]).collect();
+        let mean = u.iter().sum::<f64>() / 200.0;
+        let sd = (u.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 199.0).sqrt();
+        // The standard deviation of 200 draws is known to within 5 %.
+        assert!((sd - model.camera.keypoint_noise_px).abs() < 0.12, "{sd} px");
+    }
+
+    #[test]
+    fn requests_that_do_not_fit_are_refused_by_field() {
+        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        let message = |change: fn(&mut SimulationRequest)| {
+            let mut r = request(still(), 2);
+            change(&mut r);
+            simulator.simulate(&r).unwrap_err().to_string()
+        };
+        assert!(message(|r| r.thetas[0].clear()).contains("theta"));
+        assert!(message(|r| r.frame_times_s = vec![0.1, 0.1]).contains("frame_times"));
+        assert!(message(|r| r.effects = vec![("tip_mass_kg".into(), vec![])]).contains("tip_mass_kg"));
+        assert!(message(|r| r.thetas[1][1] = -1.0).contains("youngs_modulus_pa"));
+        let no_task = BeamSimulator::new(&cable(), 1).unwrap();
+        let mut r = request(Drive::Actions(vec![[0.0; 2]]), 1);
+        r.thetas = vec![vec![0.1, 0.02, 0.0]];
+        assert!(no_task.simulate(&r).unwrap_err().to_string().contains("task"));
+    }
+}

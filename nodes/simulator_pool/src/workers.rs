@@ -1,0 +1,53 @@
+//! Work spread over threads, with results in order.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Applies `work` to every item on `workers` threads and returns the results in the items' order. Which thread does what
+/// is left to chance; results may not depend on it.
+#[allow(clippy::disallowed_methods, reason = "the pool's workers are the one place where pure code starts threads")]
+pub fn map<T: Send, R: Send>(items: Vec<T>, workers: usize, work: impl Fn(usize, T) -> R + Sync) -> Vec<R> {
+    let count = items.len();
+    if workers <= 1 || count <= 1 {
+        return items.into_iter().enumerate().map(|(i, item)| work(i, item)).collect();
+    }
+    let items: Vec<Mutex<Option<T>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
+    let results: Vec<Mutex<Option<R>>> = (0..count).map(|_| Mutex::new(None)).collect();
+    let next = AtomicUsize::new(0);
+    let run = || loop {
+        let i = next.fetch_add(1, Ordering::Relaxed);
+        let Some(slot) = items.get(i) else { return };
+        if let Some(item) = slot.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            let result = work(i, item);
+            *results[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..workers.min(count) {
+            scope.spawn(run);
+        }
+        run();
+    });
+    results
+        .into_iter()
+        .map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every item was worked on"))
+        .collect()
+}
+
+/// As many workers as the machine has processors.
+pub fn available() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_come_in_order_whatever_the_number_of_workers() {
+        for workers in [1, 2, 8] {
+            let squares = map((0..100).collect(), workers, |i, v: usize| i * v);
+            assert!(squares.iter().enumerate().all(|(i, s)| *s == i * i));
+        }
+    }
+}
