@@ -9,6 +9,8 @@ pub mod arm;
 pub mod beam;
 pub mod episode;
 pub mod parameters;
+pub mod render;
+pub mod scene;
 pub mod simulator;
 pub mod vector_env;
 pub mod workers;

@@ -65,9 +65,6 @@ impl Contact {
     }
 
     /// Adds potential, gradient and Hessian of the contact at `position`. Returns the potential in J.
-    ///
-    /// Friction is Coulomb's law with the last step's normal force and lever, smoothed as v / sqrt(v^2 + vs^2): so it has
-    /// a potential over the step, and the Hessian stays symmetric.
     pub fn add(
         &mut self,
         table: &Table,
@@ -85,42 +82,30 @@ impl Contact {
             if above >= mesh.half_height && idle {
                 continue;
             }
-            let stiffness = table.stiffness_n_m2 * mesh.share[k];
+            let mut at = Section {
+                table,
+                position: &position[k],
+                rate: rates.rate,
+                history: &rates.history[k],
+                stiffness: table.stiffness_n_m2 * mesh.share[k],
+                gradient: &mut gradient[k],
+                diagonal: &mut diagonal[k],
+            };
             let (sin, cos) = position[k][2].sin_cos();
-            let (g, h) = (&mut gradient[k], &mut diagonal[k]);
             for side in 0..2 {
                 let arm = SIDES[side] * mesh.half_height;
                 let depth = -(above + arm * cos);
-                let sinking = arm * sin;
+                let limit = table.friction_coefficient * edges.normal[side];
                 if depth > 0.0 {
-                    let (force, slope, energy) = normal(depth, stiffness, table.softening_depth_m);
-                    potential += energy;
-                    add_scalar(g, h, [0.0, 1.0, -sinking], -force, slope);
-                    h[5] += force * arm * cos;
-                    self.touching = true;
+                    potential += at.add_normal(depth, arm * sin, arm * cos);
                 }
                 if edges.engagement[side] > 0.0 && table.damping_time_s > 0.0 {
-                    let damping = table.damping_time_s * stiffness * edges.engagement[side];
-                    let speed = rates.rate * position[k][1] + rates.history[k][1];
-                    potential += 0.5 * damping * speed * speed / rates.rate;
-                    add_scalar(g, h, [0.0, 1.0, 0.0], damping * speed, damping * rates.rate);
+                    potential += at.add_damping(edges.engagement[side]);
                 }
-                let limit = table.friction_coefficient * edges.normal[side];
                 if limit > 0.0 {
-                    let lever = SIDES[side] * edges.lever;
-                    let speed = edge_speed(rates, k, &position[k], lever);
-                    let smooth = (speed * speed + table.slip_speed_m_s * table.slip_speed_m_s).sqrt();
-                    let share = table.slip_speed_m_s / smooth;
-                    potential += limit * (smooth - table.slip_speed_m_s) / rates.rate;
-                    add_scalar(
-                        g,
-                        h,
-                        [1.0, 0.0, lever],
-                        limit * speed / smooth,
-                        limit * share * share / smooth * rates.rate,
-                    );
-                    self.touching = true;
+                    potential += at.add_friction(limit, SIDES[side] * edges.lever);
                 }
+                self.touching |= depth > 0.0 || limit > 0.0;
             }
         }
         potential
@@ -132,7 +117,7 @@ impl Contact {
             for side in 0..2 {
                 let limit = table.friction_coefficient * edges.normal[side];
                 if limit > 0.0 {
-                    let speed = edge_speed(rates, k, &position[k], SIDES[side] * edges.lever);
+                    let speed = edge_speed(rates.rate, &position[k], &rates.history[k], SIDES[side] * edges.lever);
                     edges.friction[side] = -limit * speed / (speed * speed + table.slip_speed_m_s.powi(2)).sqrt();
                 } else {
                     edges.friction[side] = 0.0;
@@ -179,20 +164,64 @@ impl Contact {
     }
 }
 
-/// Speed in m/s along x of an edge with that lever.
-#[inline(always)]
-fn edge_speed(rates: Rates<'_>, k: usize, node: &Node, lever: f64) -> f64 {
-    rates.rate * (node[0] + lever * node[2]) + rates.history[k][0] + lever * rates.history[k][2]
+/// One section near the table, and its place in the system.
+struct Section<'a> {
+    table: &'a Table,
+    position: &'a Node,
+    rate: f64,
+    history: &'a Node,
+    /// Full contact stiffness of an edge in N/m.
+    stiffness: f64,
+    gradient: &'a mut Node,
+    diagonal: &'a mut Symmetric,
 }
 
-/// Adds a term that depends on one scalar with gradient `direction`: its first and second derivative by that scalar.
+impl Section<'_> {
+    /// An edge at `depth`, which lies `sinking` = -d(edge z) / d(angle) and `arm_z` above the centre.
+    #[inline(always)]
+    fn add_normal(&mut self, depth: f64, sinking: f64, arm_z: f64) -> f64 {
+        let (force, slope, energy) = normal(depth, self.stiffness, self.table.softening_depth_m);
+        self.add_scalar([0.0, 1.0, -sinking], -force, slope);
+        self.diagonal[5] += force * arm_z;
+        energy
+    }
+
+    /// Damping of the normal motion, with the last step's engagement.
+    #[inline(always)]
+    fn add_damping(&mut self, engagement: f64) -> f64 {
+        let damping = self.table.damping_time_s * self.stiffness * engagement;
+        let speed = self.rate * self.position[1] + self.history[1];
+        self.add_scalar([0.0, 1.0, 0.0], damping * speed, damping * self.rate);
+        0.5 * damping * speed * speed / self.rate
+    }
+
+    /// Coulomb friction of at most `limit`, smoothed as v / sqrt(v^2 + vs^2). Limit and lever are the last step's: so it
+    /// has a potential over the step, and the Hessian stays symmetric.
+    #[inline(always)]
+    fn add_friction(&mut self, limit: f64, lever: f64) -> f64 {
+        let speed = edge_speed(self.rate, self.position, self.history, lever);
+        let slip = self.table.slip_speed_m_s;
+        let smooth = (speed * speed + slip * slip).sqrt();
+        let share = slip / smooth;
+        self.add_scalar([1.0, 0.0, lever], limit * speed / smooth, limit * share * share / smooth * self.rate);
+        limit * (smooth - slip) / self.rate
+    }
+
+    /// A term that depends on one scalar with gradient `direction`: its first and second derivative by that scalar.
+    #[inline(always)]
+    fn add_scalar(&mut self, direction: Node, first: f64, second: f64) {
+        let [x, z, t] = direction;
+        for (entry, by) in self.gradient.iter_mut().zip(direction) {
+            *entry += first * by;
+        }
+        for (entry, product) in self.diagonal.iter_mut().zip([x * x, x * z, z * z, x * t, z * t, t * t]) {
+            *entry += second * product;
+        }
+    }
+}
+
+/// Speed in m/s along x of an edge with that lever, d(edge x) / d(section angle) in m.
 #[inline(always)]
-fn add_scalar(gradient: &mut Node, diagonal: &mut Symmetric, direction: Node, first: f64, second: f64) {
-    let [x, z, t] = direction;
-    for (entry, by) in gradient.iter_mut().zip(direction) {
-        *entry += first * by;
-    }
-    for (entry, product) in diagonal.iter_mut().zip([x * x, x * z, z * z, x * t, z * t, t * t]) {
-        *entry += second * product;
-    }
+fn edge_speed(rate: f64, position: &Node, history: &Node, lever: f64) -> f64 {
+    rate * (position[0] + lever * position[2]) + history[0] + lever * history[2]
 }

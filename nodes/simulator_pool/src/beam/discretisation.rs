@@ -4,11 +4,13 @@ use super::error::{BeamError, require};
 use catenary_core::Fidelity;
 
 /// The rule that turns positions at successive times into velocities and accelerations.
+///
+/// What it takes from a vibration of angular frequency w, per cycle, at steps of h.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scheme {
-    /// First order; loses some 11 % of a swing's amplitude and 49 % of an axial cycle's at 2 ms.
+    /// First order: the amplitude falls by about pi w h, a tenth a swing at 18 rad/s and 2 ms.
     ImplicitEuler,
-    /// Second-order backward differences; loses 0.8 % and 0.4 %.
+    /// Second-order backward differences: by about pi / 2 (w h)^3, a ten-thousandth.
     #[default]
     Bdf2,
 }
@@ -29,7 +31,8 @@ pub struct Discretisation {
 }
 
 impl Discretisation {
-    /// The division that belongs to a fidelity level.
+    /// The division that belongs to a fidelity level: fast 20 elements and 4 ms, standard 20 and 2 ms, reference 40 and
+    /// 0.5 ms.
     pub fn of(fidelity: Fidelity) -> Self {
         let (elements, time_step_s) = match fidelity {
             Fidelity::Fast => (20, 4e-3),

@@ -49,7 +49,7 @@ fn small_arcsine(y: f64) -> f64 {
 }
 
 /// Where an element is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Kinematics {
     pub direction: Direction,
     pub stretch: f64,

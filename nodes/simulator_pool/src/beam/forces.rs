@@ -1,6 +1,6 @@
 //! Energies and forces at the newest step.
 
-use super::beam::Beam;
+use super::body::Beam;
 use super::element::{self, Viscosity};
 use super::material;
 

@@ -5,8 +5,8 @@
 //! Time runs in fixed steps, each the minimum of an incremental potential. Pure `f64`: the same input gives the same
 //! bits, and nothing is allocated after [`Beam::new`].
 
-mod beam;
 mod block_tridiagonal;
+mod body;
 mod contact;
 mod discretisation;
 mod element;
@@ -24,7 +24,7 @@ mod stepper;
 #[cfg(test)]
 mod tests;
 
-pub use beam::{Beam, Counters, GripState};
+pub use body::{Beam, Counters, GripState};
 pub use discretisation::{Discretisation, Scheme};
 pub use error::BeamError;
 pub use forces::{Energy, GripReaction, TableForce};

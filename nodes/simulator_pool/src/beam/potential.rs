@@ -8,7 +8,7 @@
 
 use super::block_tridiagonal::BlockTridiagonal;
 use super::contact::{Contact, Rates};
-use super::element::{self, Direction, Response, Strain, Viscosity};
+use super::element::{self, Direction, Kinematics, Response, Strain, Viscosity};
 use super::mesh::Mesh;
 use super::parameters::{BeamParameters, Table};
 use super::state::Node;
@@ -60,12 +60,17 @@ pub(super) struct Increment {
 pub(super) struct System {
     pub gradient: Vec<Node>,
     pub matrix: BlockTridiagonal,
+    kinematics: Vec<Kinematics>,
 }
 
 impl System {
     /// Memory for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
-        Self { gradient: vec![[0.0; 3]; nodes], matrix: BlockTridiagonal::new(nodes) }
+        Self {
+            gradient: vec![[0.0; 3]; nodes],
+            matrix: BlockTridiagonal::new(nodes),
+            kinematics: vec![Kinematics::default(); nodes - 1],
+        }
     }
 
     /// Adds an element's gradient and Hessian at its two nodes.
@@ -168,8 +173,12 @@ impl Increment {
     ) -> f64 {
         let mut potential = self.add_nodes(mesh, position, system);
         let viscosity = self.viscosity();
+        let ends = position.windows(2).zip(reference);
+        for ((at, element), (ends, reference)) in system.kinematics.iter_mut().zip(&mesh.elements).zip(ends) {
+            *at = element::kinematics(element, &ends[0], &ends[1], reference);
+        }
         for (k, element) in mesh.elements.iter().enumerate() {
-            let at = element::kinematics(element, &position[k], &position[k + 1], &reference[k]);
+            let at = system.kinematics[k];
             let response = element::respond(element, self.law, &viscosity, &at, &self.strain_history[k]);
             potential += response.energy;
             system.add_element(k, &response);
@@ -178,7 +187,7 @@ impl Increment {
             potential += system.add_spring(spring, position);
         }
         if let Some(table) = &self.table {
-            let System { gradient, matrix } = system;
+            let System { gradient, matrix, .. } = system;
             potential += contact.add(table, mesh, position, self.rates(), gradient, &mut matrix.diagonal);
         }
         potential

@@ -1,6 +1,6 @@
 //! Where the centre line is.
 
-use super::beam::Beam;
+use super::body::Beam;
 use super::state::Node;
 
 impl Beam {

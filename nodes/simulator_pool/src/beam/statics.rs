@@ -1,6 +1,6 @@
 //! Shapes at rest: hanging from the grip, or through measured points.
 
-use super::beam::{Beam, GripState};
+use super::body::{Beam, GripState};
 use super::potential::Spring;
 use super::state::Node;
 

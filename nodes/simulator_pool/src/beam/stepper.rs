@@ -1,6 +1,6 @@
 //! One time step: Newton's method on the incremental potential.
 
-use super::beam::{Beam, GripState};
+use super::body::{Beam, GripState};
 use super::discretisation::Scheme;
 use super::element;
 use super::potential::CrossDrag;
@@ -111,6 +111,9 @@ impl Beam {
             }
             let size_m = self.newton_step();
             self.counters.newton_iterations += 1;
+            if !size_m.is_finite() {
+                return false;
+            }
             if size_m < tolerance_m || size_m * size_m < tolerance_m * self.convergence_radius_m() {
                 return true;
             }
@@ -119,7 +122,7 @@ impl Beam {
     }
 
     /// Potential, gradient and Hessian at the present positions.
-    pub(super) fn evaluate(&mut self) -> f64 {
+    fn evaluate(&mut self) -> f64 {
         let Beam { increment, mesh, state, contact, system, .. } = self;
         increment.assemble(mesh, &state.position, &state.direction, contact, system)
     }
@@ -141,22 +144,22 @@ impl Beam {
         potential
     }
 
-    /// Moves the positions by one Newton step, cut to the step limit. Returns the uncut step's size in m.
+    /// Moves the positions by one Newton step, cut to the step limit. Returns the uncut step's size in m; if that is not
+    /// finite, nothing has moved.
     fn newton_step(&mut self) -> f64 {
         let step = &mut self.system.gradient;
         if let Some(k) = self.mesh.clamped_node {
             self.system.matrix.fix_node(k, step);
         }
         self.system.matrix.solve(step);
-        let mut size_m = 0.0_f64;
-        for node in step.iter() {
-            size_m = size_m.max(node[0].abs()).max(node[1].abs()).max(ANGLE_WEIGHT_M * node[2].abs());
-        }
-        let limit_m = STEP_LIMIT * self.mesh.mean_length;
-        let share = if size_m > limit_m { limit_m / size_m } else { 1.0 };
-        self.base.copy_from_slice(&self.state.position);
-        for (position, step) in self.state.position.iter_mut().flatten().zip(step.iter().flatten()) {
-            *position -= share * step;
+        let size_m = step_size_m(step);
+        if size_m.is_finite() {
+            let limit_m = STEP_LIMIT * self.mesh.mean_length;
+            let share = if size_m > limit_m { limit_m / size_m } else { 1.0 };
+            self.base.copy_from_slice(&self.state.position);
+            for (position, step) in self.state.position.iter_mut().flatten().zip(step.iter().flatten()) {
+                *position -= share * step;
+            }
         }
         size_m
     }
@@ -171,7 +174,7 @@ impl Beam {
     }
 
     /// Velocities, accelerations, strains and contact forces at the new positions.
-    pub(super) fn finish(&mut self) {
+    fn finish(&mut self) {
         let Beam { increment, mesh, state, .. } = self;
         let rate = increment.rate;
         let [gx, gz] = self.parameters.gravity_m_s2;
@@ -200,6 +203,19 @@ impl Beam {
         }
         state.fresh = false;
     }
+}
+
+/// Largest movement of a node in m, angles weighted. A NaN in the system spreads to every node when it is solved, and
+/// with the last node into the result.
+fn step_size_m(step: &[Node]) -> f64 {
+    let larger = |a: f64, b: f64| if a > b { a } else { b };
+    let mut largest = [0.0; 3];
+    for node in step {
+        for i in 0..3 {
+            largest[i] = larger(largest[i], node[i].abs());
+        }
+    }
+    larger(larger(largest[0], largest[1]), ANGLE_WEIGHT_M * largest[2])
 }
 
 /// `target` with whole turns added to its angle, so that it is the nearest to that of `from`.

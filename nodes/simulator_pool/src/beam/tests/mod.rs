@@ -5,7 +5,6 @@ mod boundary_value;
 mod episode;
 mod friction;
 mod motion;
-mod probe;
 mod repeatability;
 mod rest;
 mod stress;

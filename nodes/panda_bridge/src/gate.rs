@@ -1,0 +1,478 @@
+//! The safety gate: what a command must be before it reaches an arm, and what ends a motion.
+//!
+//! A state machine without a clock: times are s of one clock, given with every call.
+
+use crate::pose::ArmPose;
+use catenary_core::task::Workspace;
+use thiserror::Error;
+
+/// The frame that commands must be in.
+pub const BASE_FRAME: &str = "panda_link0";
+/// Steps of a policy after which a silent stream counts as silent, where steps are longer than the silence allowed else:
+/// a policy that acts twice a second is not silent in between.
+const SILENT_STEPS: f64 = 1.5;
+
+/// Limits of the gate. Defaults are those for a Panda.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GateSettings {
+    /// The box of the end effector.
+    pub workspace: Workspace,
+    /// Greatest distance of a target from the measured position, m. Larger lets the arm be commanded faster.
+    pub max_jump_m: f64,
+    /// Greatest turn of a target from the measured orientation, rad.
+    pub max_turn_rad: f64,
+    /// Greatest age of a command's stamp, s, and how far it may lie ahead.
+    pub max_age_s: f64,
+    /// Silence of the target stream within an episode after which the arm holds, s.
+    pub hold_after_s: f64,
+    /// Silence after which the motion ends, s.
+    pub end_after_s: f64,
+    /// Let commands of a replayed recording reach a real arm.
+    pub allow_replay: bool,
+}
+
+impl Default for GateSettings {
+    fn default() -> Self {
+        Self {
+            workspace: Workspace::default(),
+            max_jump_m: 0.10,
+            max_turn_rad: 0.3,
+            max_age_s: 0.2,
+            hold_after_s: 0.25,
+            end_after_s: 2.0,
+            allow_replay: false,
+        }
+    }
+}
+
+/// What the arm is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Not enabled: targets are rejected.
+    Idle,
+    /// Following targets.
+    Tracking,
+    /// Holding the measured pose; a good target makes it track again.
+    Hold,
+    /// On its way to the start pose.
+    Moving,
+    /// A reflex or a contact is latched.
+    Reflex,
+    /// The user stop is latched.
+    UserStop,
+    /// No arm.
+    Disconnected,
+}
+
+/// One command.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Command {
+    /// When it was given, s.
+    pub stamp_s: f64,
+    /// The frame that its pose is in.
+    pub frame_id: String,
+    /// The pose wanted.
+    pub pose: ArmPose,
+}
+
+/// Axes along which a command was clamped to the workspace.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Clip {
+    /// x.
+    pub x: bool,
+    /// y.
+    pub y: bool,
+    /// z.
+    pub z: bool,
+}
+
+impl Clip {
+    /// Whether any axis was clamped.
+    pub fn any(self) -> bool {
+        self.x || self.y || self.z
+    }
+}
+
+/// What became of a command.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Verdict {
+    /// The arm goes to `pose`, which lies inside the workspace.
+    Accepted {
+        /// The pose in force.
+        pose: ArmPose,
+        /// Where it was clamped.
+        clip: Clip,
+    },
+    /// The arm keeps its last target.
+    Rejected(Rejection),
+}
+
+/// Why a command was rejected.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum Rejection {
+    /// NaN or infinity.
+    #[error("the pose is not finite")]
+    NotFinite,
+    /// A quaternion that is none.
+    #[error("the quaternion has not unit norm")]
+    NotNormalised,
+    /// Another frame.
+    #[error("expected frame {BASE_FRAME}, got `{0}`")]
+    Frame(String),
+    /// Too old, or from the future.
+    #[error("the stamp is {age_s:.3} s old; at most {limit_s} s are allowed, either way")]
+    Stale {
+        /// Age, negative for the future.
+        age_s: f64,
+        /// Limit.
+        limit_s: f64,
+    },
+    /// Too far from where the arm is.
+    #[error("{distance_m:.3} m and {turn_rad:.2} rad from the measured pose; at most {max_m} m and {max_rad} rad are allowed")]
+    Jump {
+        /// Distance.
+        distance_m: f64,
+        /// Turn.
+        turn_rad: f64,
+        /// Limit of the distance.
+        max_m: f64,
+        /// Limit of the turn.
+        max_rad: f64,
+    },
+    /// Nobody knows where the arm is.
+    #[error("no pose was measured yet")]
+    NoPose,
+    /// The arm may not be commanded.
+    #[error("the arm is not enabled: {0}")]
+    NotEnabled(String),
+    /// The episode was ended by the gate; the arm must be enabled anew.
+    #[error("the episode has ended: {0}; enable the arm to begin another")]
+    EpisodeOver(String),
+}
+
+/// Why the arm was not enabled, or not recovered.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// More than one publisher of targets.
+    #[error("{0} publishers on the target topic: expected at most one")]
+    Publishers(usize),
+    /// A stop is latched.
+    #[error("a {0} is latched: recover first")]
+    Latched(&'static str),
+    /// The user stop is still pressed.
+    #[error("the user stop is still pressed")]
+    StillStopped,
+    /// No arm.
+    #[error("no arm is connected")]
+    Disconnected,
+    /// Nobody knows where the arm is.
+    #[error("no pose was measured yet")]
+    NoPose,
+    /// Time comes from a replay or a simulation, and the arm is real.
+    #[error("time comes from /clock, as in a replay, and a real arm is connected: set allow_replay to move it all the same")]
+    Replay,
+    /// It is on its way to the start pose.
+    #[error("the arm is moving to its start pose")]
+    Moving,
+}
+
+/// What the transport must do now.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Order {
+    /// Make this pose the target.
+    Target(ArmPose),
+    /// Make this pose, which was measured, the target, and hold.
+    Hold(ArmPose),
+    /// End the motion: the arm is not enabled any more.
+    End,
+}
+
+/// The gate.
+#[derive(Debug, Clone)]
+pub struct SafetyGate {
+    settings: GateSettings,
+    mode: Mode,
+    real_arm: bool,
+    measured: Option<ArmPose>,
+    target: Option<ArmPose>,
+    user_stop_pressed: bool,
+    /// Step period of the episode that runs.
+    episode_step_s: Option<f64>,
+    episode_over: Option<String>,
+    last_command_s: Option<f64>,
+    accepted: u64,
+    rejected: u64,
+    fault: String,
+}
+
+impl SafetyGate {
+    /// A gate before a real or a simulated arm, which is connected and idle.
+    pub fn new(settings: GateSettings, real_arm: bool) -> Self {
+        Self {
+            settings,
+            mode: Mode::Idle,
+            real_arm,
+            measured: None,
+            target: None,
+            user_stop_pressed: false,
+            episode_step_s: None,
+            episode_over: None,
+            last_command_s: None,
+            accepted: 0,
+            rejected: 0,
+            fault: String::new(),
+        }
+    }
+
+    /// What the arm is doing.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The target in force.
+    pub fn target(&self) -> Option<ArmPose> {
+        self.target
+    }
+
+    /// Commands accepted and rejected since the arm was enabled.
+    pub fn counts(&self) -> (u64, u64) {
+        (self.accepted, self.rejected)
+    }
+
+    /// Why the arm stopped or refuses, empty where it does not.
+    pub fn fault(&self) -> &str {
+        &self.fault
+    }
+
+    /// The arm was measured at `pose`.
+    pub fn on_measured(&mut self, pose: ArmPose) {
+        if pose.is_finite() {
+            self.measured = Some(pose);
+        }
+    }
+
+    /// Enables the arm, its target the measured pose. `publishers`: of targets; `simulated_time`: whether time comes from
+    /// `/clock`.
+    pub fn on_enable(&mut self, publishers: usize, simulated_time: bool) -> Result<Order, Refusal> {
+        self.check_latches()?;
+        if self.mode == Mode::Moving {
+            return Err(Refusal::Moving);
+        }
+        if publishers > 1 {
+            return Err(Refusal::Publishers(publishers));
+        }
+        if self.real_arm && simulated_time && !self.settings.allow_replay {
+            return Err(Refusal::Replay);
+        }
+        let pose = self.measured.ok_or(Refusal::NoPose)?;
+        let already = matches!(self.mode, Mode::Tracking | Mode::Hold);
+        self.episode_over = None;
+        self.fault.clear();
+        if already && let Some(target) = self.target {
+            return Ok(Order::Target(target));
+        }
+        (self.accepted, self.rejected) = (0, 0);
+        self.seed(pose, Mode::Hold);
+        Ok(Order::Hold(pose))
+    }
+
+    /// Disables the arm.
+    pub fn on_disable(&mut self) -> Order {
+        if matches!(self.mode, Mode::Tracking | Mode::Hold | Mode::Moving) {
+            self.mode = Mode::Idle;
+        }
+        self.last_command_s = None;
+        Order::End
+    }
+
+    /// Holds the measured pose.
+    pub fn on_hold(&mut self) -> Result<Order, Refusal> {
+        self.check_latches()?;
+        let pose = self.measured.ok_or(Refusal::NoPose)?;
+        if matches!(self.mode, Mode::Tracking | Mode::Hold) {
+            self.seed(pose, Mode::Hold);
+        }
+        Ok(Order::Hold(pose))
+    }
+
+    /// A move to the start pose begins.
+    pub fn on_move_begins(&mut self) -> Result<(), Refusal> {
+        self.check_latches()?;
+        self.measured.ok_or(Refusal::NoPose)?;
+        self.mode = Mode::Moving;
+        self.fault.clear();
+        Ok(())
+    }
+
+    /// It has ended, well or not; the arm holds.
+    pub fn on_move_ended(&mut self) {
+        if self.mode == Mode::Moving {
+            self.mode = Mode::Hold;
+            self.target = self.measured;
+            self.last_command_s = None;
+        }
+    }
+
+    /// A reflex or a contact: latched.
+    pub fn on_reflex(&mut self, what: &str) -> Order {
+        self.mode = Mode::Reflex;
+        self.fault = what.to_owned();
+        Order::End
+    }
+
+    /// The user stop was pressed (latched) or released.
+    pub fn on_user_stop(&mut self, pressed: bool) -> Order {
+        self.user_stop_pressed = pressed;
+        if pressed {
+            self.mode = Mode::UserStop;
+            "user stop".clone_into(&mut self.fault);
+        }
+        Order::End
+    }
+
+    /// The arm was lost or came back; back, it is idle.
+    pub fn on_connection(&mut self, connected: bool) {
+        match (connected, self.mode) {
+            (false, _) => {
+                self.mode = Mode::Disconnected;
+                "no connection to the arm".clone_into(&mut self.fault);
+            }
+            (true, Mode::Disconnected) => {
+                self.mode = Mode::Idle;
+                self.measured = None;
+                self.fault.clear();
+            }
+            (true, _) => {}
+        }
+    }
+
+    /// Recovers from a latched stop: by request alone. The target is the measured pose, and the arm must be enabled again.
+    pub fn on_recovery(&mut self) -> Result<Order, Refusal> {
+        if self.mode == Mode::Disconnected {
+            return Err(Refusal::Disconnected);
+        }
+        if self.user_stop_pressed {
+            return Err(Refusal::StillStopped);
+        }
+        let pose = self.measured.ok_or(Refusal::NoPose)?;
+        if matches!(self.mode, Mode::Reflex | Mode::UserStop) {
+            self.seed(pose, Mode::Idle);
+            self.fault.clear();
+        }
+        Ok(Order::Hold(pose))
+    }
+
+    /// An episode began, with this time between two actions, s.
+    pub fn on_episode_started(&mut self, step_period_s: f64) {
+        self.episode_step_s = Some(step_period_s);
+        self.episode_over = None;
+        self.last_command_s = None;
+    }
+
+    /// The episode ended.
+    pub fn on_episode_ended(&mut self) {
+        self.episode_step_s = None;
+        self.last_command_s = None;
+    }
+
+    /// Judges a command.
+    pub fn on_command(&mut self, command: &Command, now_s: f64) -> Verdict {
+        match self.judge(command, now_s) {
+            Ok((pose, clip)) => {
+                self.accepted += 1;
+                self.target = Some(pose);
+                self.mode = Mode::Tracking;
+                self.last_command_s = Some(now_s);
+                if clip.any() {
+                    self.episode_over = Some("the target left the workspace".to_owned());
+                }
+                Verdict::Accepted { pose, clip }
+            }
+            Err(rejection) => {
+                self.rejected += 1;
+                Verdict::Rejected(rejection)
+            }
+        }
+    }
+
+    fn judge(&self, command: &Command, now_s: f64) -> Result<(ArmPose, Clip), Rejection> {
+        if !matches!(self.mode, Mode::Tracking | Mode::Hold) {
+            let why = if self.fault.is_empty() { format!("{:?}", self.mode) } else { self.fault.clone() };
+            return Err(Rejection::NotEnabled(why));
+        }
+        if let Some(why) = &self.episode_over {
+            return Err(Rejection::EpisodeOver(why.clone()));
+        }
+        if command.frame_id != BASE_FRAME {
+            return Err(Rejection::Frame(command.frame_id.clone()));
+        }
+        let pose = command.pose;
+        if !pose.is_finite() {
+            return Err(Rejection::NotFinite);
+        }
+        if !pose.is_normalised() {
+            return Err(Rejection::NotNormalised);
+        }
+        let (age_s, limit_s) = (now_s - command.stamp_s, self.settings.max_age_s);
+        if !(age_s.abs() <= limit_s) {
+            return Err(Rejection::Stale { age_s, limit_s });
+        }
+        let measured = self.measured.ok_or(Rejection::NoPose)?;
+        let (distance_m, turn_rad) = (pose.distance_m(&measured), pose.angle_rad(&measured));
+        let (max_m, max_rad) = (self.settings.max_jump_m, self.settings.max_turn_rad);
+        if distance_m > max_m || turn_rad > max_rad {
+            return Err(Rejection::Jump { distance_m, turn_rad, max_m, max_rad });
+        }
+        Ok(self.clamped(pose))
+    }
+
+    fn clamped(&self, mut pose: ArmPose) -> (ArmPose, Clip) {
+        let w = &self.settings.workspace;
+        let mut flags = [false; 3];
+        for (i, [low, high]) in [w.x_m, w.y_m, w.z_m].into_iter().enumerate() {
+            let inside = pose.position_m[i].clamp(low, high);
+            flags[i] = inside != pose.position_m[i];
+            pose.position_m[i] = inside;
+        }
+        (pose, Clip { x: flags[0], y: flags[1], z: flags[2] })
+    }
+
+    /// Looks at the silence of the stream; to be called at least every 50 ms.
+    pub fn tick(&mut self, now_s: f64) -> Option<Order> {
+        let silence_s = now_s - self.last_command_s?;
+        let step_s = self.episode_step_s?;
+        if self.mode == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
+            let pose = self.measured?;
+            self.target = Some(pose);
+            self.mode = Mode::Hold;
+            self.fault = format!("no target for {silence_s:.2} s: holding");
+            return Some(Order::Hold(pose));
+        }
+        if self.mode == Mode::Hold && silence_s > self.settings.end_after_s {
+            self.mode = Mode::Idle;
+            self.last_command_s = None;
+            self.fault = format!("no target for {silence_s:.2} s: motion ended");
+            return Some(Order::End);
+        }
+        None
+    }
+
+    fn check_latches(&self) -> Result<(), Refusal> {
+        match self.mode {
+            Mode::Reflex => Err(Refusal::Latched("reflex")),
+            Mode::UserStop => Err(Refusal::Latched("user stop")),
+            Mode::Disconnected => Err(Refusal::Disconnected),
+            _ => Ok(()),
+        }
+    }
+
+    /// Makes the measured pose the target.
+    fn seed(&mut self, pose: ArmPose, mode: Mode) {
+        self.target = Some(pose);
+        self.mode = mode;
+        self.last_command_s = None;
+    }
+}
+
+#[cfg(test)]
+mod tests;

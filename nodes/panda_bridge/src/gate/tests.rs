@@ -1,0 +1,190 @@
+//! One test for each rule.
+
+use super::*;
+
+fn pose(x: f64) -> ArmPose {
+    ArmPose { position_m: [x, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] }
+}
+
+fn command(x: f64, stamp_s: f64) -> Command {
+    Command { stamp_s, frame_id: BASE_FRAME.into(), pose: pose(x) }
+}
+
+/// A gate in an episode, enabled and at x = 0.4 m.
+fn gate() -> SafetyGate {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    g.on_enable(1, false).unwrap();
+    g.on_episode_started(0.1);
+    g
+}
+
+fn rejected(g: &mut SafetyGate, c: &Command) -> Rejection {
+    let before = g.target();
+    let Verdict::Rejected(r) = g.on_command(c, 10.0) else { panic!("accepted {c:?}") };
+    assert_eq!(g.target(), before, "a rejected command changes nothing");
+    assert_eq!(g.counts().1, 1, "it is counted");
+    r
+}
+
+#[test]
+fn a_good_command_becomes_the_target() {
+    let mut g = gate();
+    assert_eq!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Accepted { pose: pose(0.45), clip: Clip::default() });
+    assert_eq!((g.mode(), g.target(), g.counts()), (Mode::Tracking, Some(pose(0.45)), (1, 0)));
+}
+
+#[test]
+fn nan_is_rejected() {
+    let mut c = command(0.4, 10.0);
+    c.pose.position_m[1] = f64::NAN;
+    assert_eq!(rejected(&mut gate(), &c), Rejection::NotFinite);
+    let c = Command { stamp_s: f64::NAN, ..command(0.4, 10.0) };
+    assert!(matches!(rejected(&mut gate(), &c), Rejection::Stale { .. }));
+}
+
+#[test]
+fn an_unnormalised_quaternion_is_rejected() {
+    let mut c = command(0.4, 10.0);
+    c.pose.quaternion_xyzw = [0.9, 0.0, 0.0, 0.0];
+    assert_eq!(rejected(&mut gate(), &c), Rejection::NotNormalised);
+}
+
+#[test]
+fn another_frame_is_rejected() {
+    let c = Command { frame_id: "world".into(), ..command(0.4, 10.0) };
+    assert_eq!(rejected(&mut gate(), &c), Rejection::Frame("world".into()));
+}
+
+#[test]
+fn a_stale_stamp_and_one_from_the_future_are_rejected() {
+    assert!(matches!(rejected(&mut gate(), &command(0.4, 9.7)), Rejection::Stale { .. }));
+    assert!(matches!(rejected(&mut gate(), &command(0.4, 10.3)), Rejection::Stale { .. }));
+}
+
+#[test]
+fn a_jump_or_a_turn_from_the_measured_pose_is_rejected() {
+    assert!(matches!(rejected(&mut gate(), &command(0.501, 10.0)), Rejection::Jump { .. }));
+    let mut c = command(0.4, 10.0);
+    let turned = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.31, 0.0) * c.pose.rotation();
+    c.pose = ArmPose::from_parts(c.pose.position_m, &turned);
+    assert!(matches!(rejected(&mut gate(), &c), Rejection::Jump { .. }));
+}
+
+#[test]
+fn two_publishers_refuse_to_enable() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    assert_eq!(g.on_enable(2, false), Err(Refusal::Publishers(2)));
+    assert_eq!(g.mode(), Mode::Idle);
+}
+
+#[test]
+fn nothing_is_accepted_before_it_is_enabled() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose));
+    g.on_measured(pose(0.4));
+    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+}
+
+#[test]
+fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
+    let mut g = gate();
+    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_measured(pose(0.43));
+    assert_eq!(g.tick(10.2), None);
+    assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.43))));
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.43))));
+    assert_eq!(g.tick(11.9), None);
+    assert_eq!(g.tick(12.01), Some(Order::End));
+    assert_eq!(g.mode(), Mode::Idle);
+}
+
+#[test]
+fn a_slow_policy_is_not_silent_between_its_steps() {
+    let mut g = gate();
+    g.on_episode_started(0.5);
+    g.on_command(&command(0.45, 10.0), 10.0);
+    assert_eq!(g.tick(10.6), None);
+    assert!(g.tick(10.76).is_some());
+}
+
+#[test]
+fn silence_outside_an_episode_is_no_fault() {
+    let mut g = gate();
+    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_episode_ended();
+    assert_eq!(g.tick(100.0), None);
+    assert_eq!(g.target(), Some(pose(0.45)));
+}
+
+#[test]
+fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
+    let mut g = gate();
+    g.on_measured(pose(0.55));
+    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62, 10.0), 10.0) else { panic!("rejected") };
+    assert_eq!((clamped.position_m[0], clip), (0.6, Clip { x: true, y: false, z: false }));
+    let next = g.on_command(&command(0.55, 10.1), 10.1);
+    assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
+    g.on_enable(1, false).unwrap();
+    assert!(matches!(g.on_command(&command(0.55, 10.2), 10.2), Verdict::Accepted { .. }));
+}
+
+#[test]
+fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_pose() {
+    let mut g = gate();
+    g.on_command(&command(0.45, 10.0), 10.0);
+    assert_eq!(g.on_reflex("cartesian_reflex"), Order::End);
+    assert_eq!(g.mode(), Mode::Reflex);
+    assert!(matches!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
+    assert_eq!(g.tick(20.0), None, "time alone recovers nothing");
+    g.on_measured(pose(0.41));
+    assert_eq!(g.on_recovery(), Ok(Order::Hold(pose(0.41))));
+    assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.41))), "it must be enabled again");
+}
+
+#[test]
+fn a_user_stop_latches_beyond_its_release() {
+    let mut g = gate();
+    g.on_user_stop(true);
+    assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
+    g.on_user_stop(false);
+    assert_eq!(g.mode(), Mode::UserStop);
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("user stop")));
+    assert!(g.on_recovery().is_ok());
+}
+
+#[test]
+fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
+    let enable = |real, allow_replay| {
+        let mut g = SafetyGate::new(GateSettings { allow_replay, ..GateSettings::default() }, real);
+        g.on_measured(pose(0.4));
+        g.on_enable(1, true).map(|_| ())
+    };
+    assert_eq!(enable(true, false), Err(Refusal::Replay));
+    assert_eq!(enable(true, true), Ok(()));
+    assert_eq!(enable(false, false), Ok(()), "a simulated arm may follow");
+}
+
+#[test]
+fn a_move_to_the_start_shuts_targets_out_and_ends_holding() {
+    let mut g = gate();
+    g.on_move_begins().unwrap();
+    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Moving));
+    g.on_measured(pose(0.42));
+    g.on_move_ended();
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
+}
+
+#[test]
+fn a_lost_arm_refuses_everything_and_comes_back_idle() {
+    let mut g = gate();
+    g.on_connection(false);
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Disconnected));
+    assert_eq!(g.on_recovery(), Err(Refusal::Disconnected));
+    g.on_connection(true);
+    assert_eq!(g.mode(), Mode::Idle);
+    assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose), "the old pose counts no more");
+}

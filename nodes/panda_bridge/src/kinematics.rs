@@ -1,0 +1,128 @@
+//! Kinematics of the Panda, with the hand.
+//!
+//! Denavit-Hartenberg parameters in Craig's convention as Franka Emika publishes them (a, d, alpha of each joint, the
+//! flange, and the hand's tool centre point 0.1034 m beyond the flange, turned by -45 degrees).
+
+use crate::pose::ArmPose;
+use nalgebra::{DMatrix, DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+/// Joints of the arm.
+pub const JOINTS: usize = 7;
+/// A pose in front of the base with the tool pointing down, rad.
+pub const READY_RAD: [f64; JOINTS] = [0.0, -FRAC_PI_4, 0.0, -3.0 * FRAC_PI_4, 0.0, FRAC_PI_2, FRAC_PI_4];
+/// Limits of the joints, rad.
+pub const LIMITS_RAD: [[f64; 2]; JOINTS] = [
+    [-2.8973, 2.8973],
+    [-1.7628, 1.7628],
+    [-2.8973, 2.8973],
+    [-3.0718, -0.0698],
+    [-2.8973, 2.8973],
+    [-0.0175, 3.7525],
+    [-2.8973, 2.8973],
+];
+
+/// a (m), d (m) and alpha (rad) of each joint.
+const DH: [[f64; 3]; JOINTS] = [
+    [0.0, 0.333, 0.0],
+    [0.0, 0.0, -FRAC_PI_2],
+    [0.0, 0.316, FRAC_PI_2],
+    [0.0825, 0.0, FRAC_PI_2],
+    [-0.0825, 0.384, -FRAC_PI_2],
+    [0.0, 0.0, FRAC_PI_2],
+    [0.088, 0.0, FRAC_PI_2],
+];
+/// From the last joint to the tool centre point along its axis, m.
+const TOOL_M: f64 = 0.107 + 0.1034;
+/// Damping of the least squares.
+const DAMPING: f64 = 1e-3;
+const MAX_ITERATIONS: usize = 50;
+/// Position (m) and rotation (rad) left at which a solution counts.
+const TOLERANCE: f64 = 1e-6;
+
+fn joint_frame(joint: usize, angle_rad: f64) -> Isometry3<f64> {
+    let [a, d, alpha] = DH[joint];
+    let twist = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), alpha);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad);
+    Isometry3::from_parts(Translation3::new(a, 0.0, 0.0), twist) * Isometry3::from_parts(Translation3::new(0.0, 0.0, d), turn)
+}
+
+/// Frames of the joints, and the tool's last.
+fn frames(joints_rad: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
+    let mut frames = [Isometry3::identity(); JOINTS + 1];
+    let mut current = Isometry3::identity();
+    for (i, angle) in joints_rad.iter().enumerate() {
+        current *= joint_frame(i, *angle);
+        frames[i] = current;
+    }
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_4);
+    frames[JOINTS] = current * Isometry3::from_parts(Translation3::new(0.0, 0.0, TOOL_M), turn);
+    frames
+}
+
+/// Pose of the tool centre point for these joint angles.
+pub fn forward(joints_rad: &[f64; JOINTS]) -> ArmPose {
+    let tool = frames(joints_rad)[JOINTS];
+    let t = tool.translation.vector;
+    ArmPose::from_parts([t.x, t.y, t.z], &tool.rotation)
+}
+
+/// Joint angles that bring the tool to `pose`, near `start_rad`, by damped least squares; none where the pose is out of
+/// reach or the way to it runs into a limit.
+pub fn inverse(pose: &ArmPose, start_rad: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
+    let mut q = *start_rad;
+    for _ in 0..MAX_ITERATIONS {
+        let frames = frames(&q);
+        let tool = frames[JOINTS];
+        let move_m = Vector3::from(pose.position_m) - tool.translation.vector;
+        let turn_rad = (pose.rotation() * tool.rotation.inverse()).scaled_axis();
+        let error = DVector::from_iterator(6, move_m.iter().chain(turn_rad.iter()).copied());
+        if error.norm() < TOLERANCE {
+            let within = q.iter().zip(LIMITS_RAD).all(|(v, [low, high])| (low..=high).contains(v));
+            return within.then_some(q);
+        }
+        let mut jacobian = DMatrix::zeros(6, JOINTS);
+        for (i, frame) in frames[..JOINTS].iter().enumerate() {
+            let axis = frame.rotation * Vector3::z();
+            let lever = tool.translation.vector - frame.translation.vector;
+            jacobian.view_mut((0, i), (3, 1)).copy_from(&axis.cross(&lever));
+            jacobian.view_mut((3, i), (3, 1)).copy_from(&axis);
+        }
+        let square = &jacobian * jacobian.transpose() + DMatrix::identity(6, 6) * (DAMPING * DAMPING);
+        let step = jacobian.transpose() * square.cholesky()?.solve(&error);
+        for (angle, delta) in q.iter_mut().zip(step.iter()) {
+            *angle += delta.clamp(-0.3, 0.3);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ready_pose_is_the_published_one() {
+        let pose = forward(&READY_RAD);
+        let expected = [0.3069, 0.0, 0.4869];
+        for (got, want) in pose.position_m.iter().zip(expected) {
+            assert!((got - want).abs() < 1e-3, "{pose:?}");
+        }
+        let down = pose.rotation() * Vector3::z();
+        assert!((down.z + 1.0).abs() < 1e-9, "the tool points down: {down:?}");
+    }
+
+    #[test]
+    fn the_inverse_finds_what_the_forward_gives_back() {
+        let mut q = READY_RAD;
+        for k in 0..20 {
+            let x = 0.3 + 0.015 * f64::from(k);
+            let wanted = ArmPose { position_m: [x, 0.0, 0.45 - 0.01 * f64::from(k)], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] };
+            q = inverse(&wanted, &q).expect("inside the workspace");
+            let got = forward(&q);
+            assert!(got.distance_m(&wanted) < 1e-6 && got.angle_rad(&wanted) < 1e-5, "{got:?}");
+        }
+        let far = ArmPose { position_m: [2.0, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] };
+        assert_eq!(inverse(&far, &READY_RAD), None);
+    }
+}
