@@ -1,11 +1,13 @@
 //! Actions: servers that run each goal on a thread of its own, and clients with a timeout on every wait.
 
 mod client;
+mod goal;
 mod goals;
 mod server;
 
 pub use client::{ActionClient, RunningGoal};
-pub use server::{ActionServer, Concurrency, Decision, GoalHandle, Outcome};
+pub use goal::{Concurrency, Decision, GoalHandle, Outcome};
+pub use server::ActionServer;
 
 use crate::service::SERVICE_QOS;
 use ros2_client::QosProfile;

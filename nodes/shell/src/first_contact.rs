@@ -1,6 +1,6 @@
 //! The first answer to a client: it must not leave before the client's reply reader is known, or it is lost.
 
-use crate::node::Graph;
+use crate::graph::Graph;
 use ros2_client::{Gid, RmwRequestId};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,14 +15,14 @@ const LOOK: Duration = Duration::from_millis(2);
 /// Clients that are remembered.
 const REMEMBERED: usize = 64;
 
-/// A process, by the prefix that its endpoints share.
-type Process = [u8; 12];
+/// The bytes by which all endpoints of a process begin.
+const PROCESS: usize = 12;
 
 /// The clients of one reply topic that have been met.
 pub(crate) struct FirstContact {
     graph: Arc<Graph>,
     reply_topic: String,
-    met: VecDeque<Process>,
+    met: VecDeque<Gid>,
 }
 
 impl FirstContact {
@@ -32,26 +32,30 @@ impl FirstContact {
     }
 
     /// Returns when the client that sent the request can get an answer, or after a short patience; at once from the
-    /// second request on.
+    /// client's second request on.
     pub(crate) fn wait(&mut self, request: &RmwRequestId) {
-        let process = process(request.writer_gid);
-        if self.met.contains(&process) {
+        let client = request.writer_gid;
+        if self.met.contains(&client) {
             return;
         }
         if self.met.len() == REMEMBERED {
             self.met.pop_front();
         }
-        self.met.push_back(process);
+        self.met.push_back(client);
         let participant = self.graph.participant();
-        if self::process(participant_gid(&participant)) == process {
+        if process(&participant_gid(&participant)) == process(&client) {
             return;
         }
+        // Requests do not name their reply reader, so readers are counted: one for each client of that process.
+        let clients = self.met.iter().filter(|met| process(met) == process(&client)).count();
         let deadline = Instant::now() + PATIENCE;
         loop {
-            let known = participant.discovered_readers().iter().any(|reader| {
+            let readers = participant.discovered_readers();
+            let replies = readers.iter().filter(|reader| {
                 *reader.subscription_topic_data.topic_name() == self.reply_topic
-                    && self::process(Gid::from(reader.reader_proxy.remote_reader_guid)) == process
+                    && process(&Gid::from(reader.reader_proxy.remote_reader_guid)) == process(&client)
             });
+            let known = replies.count() >= clients;
             // One more look's time, in which the writer hears what discovery knows.
             std::thread::sleep(LOOK);
             if known || Instant::now() >= deadline {
@@ -66,8 +70,6 @@ fn participant_gid(participant: &rustdds::DomainParticipant) -> Gid {
     Gid::from(participant.guid())
 }
 
-fn process(gid: Gid) -> Process {
-    let mut process = [0; 12];
-    process.copy_from_slice(&gid.as_bytes()[..12]);
-    process
+fn process(gid: &Gid) -> &[u8] {
+    &gid.as_bytes()[..PROCESS]
 }

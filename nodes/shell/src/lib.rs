@@ -26,12 +26,14 @@
 
 mod action;
 mod args;
+mod builder;
 mod clock;
 pub mod contract;
 pub mod convert;
 mod diagnostics;
 mod error;
 mod first_contact;
+mod graph;
 mod interface;
 mod late_join;
 mod logging;
@@ -55,13 +57,14 @@ mod yaml;
 
 pub use action::{ActionClient, ActionServer, Concurrency, Decision, GoalHandle, Outcome, RunningGoal, Status};
 pub use args::{ArgError, Level, ParamOverride, Remap, RosArgs};
+pub use builder::NodeBuilder;
 pub use clock::{Clock, Rate, Tick, wall_now};
 pub use diagnostics::{Health, Report, resident_bytes};
 pub use error::{CallError, PublishError, ShellError};
 pub use interface::{Act, Msg, Payload, Srv};
 pub use logging::init as init_logging;
 pub use names::NameError;
-pub use node::{Node, NodeBuilder};
+pub use node::Node;
 pub use params::{Change, Description, Param, ParamError, ParamKind, ParamSpec, Params, Value};
 pub use participant::Discovery;
 pub use publisher::Publisher;

@@ -77,7 +77,7 @@ impl Rosout {
 }
 
 /// Starts logging for the process. `RUST_LOG`, where set, replaces the level of `--log-level`; the DDS crates log
-/// warnings only, and of a writer on a lossy link errors only. A second call changes nothing.
+/// warnings only, and not those that come with every datagram. A second call changes nothing.
 pub fn init(name: &str, args: &RosArgs) {
     let directives = std::env::var("RUST_LOG").ok();
     let filter = EnvFilter::new(filter(name, args, directives.as_deref()));
@@ -98,9 +98,9 @@ pub fn init(name: &str, args: &RosArgs) {
 }
 
 fn filter(name: &str, args: &RosArgs, directives: Option<&str>) -> String {
-    // The network side warns of every large datagram, and on the loopback interface of missing multicast; a full
+    // Writers' warnings are sorted out in `is_noise`. The network side warns of every large datagram, and on the loopback interface of missing multicast; a full
     // window is reported by the publisher itself.
-    const QUIET: &str = "rustdds=warn,ros2_client=warn,rustdds::rtps::writer=error,\
+    const QUIET: &str = "rustdds=warn,ros2_client=warn,\
         rustdds::network=error,rustdds::dds::with_key::datawriter=error,ros2_client::distributions=error";
     let word = |level| match level {
         Level::Debug => "debug",
@@ -134,6 +134,9 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
         event.record(&mut message);
         let foreign =
             ["rustdds", "ros2_client", "mio", "polling"].into_iter().find(|name| metadata.target().starts_with(name));
+        if is_noise(*metadata.level(), metadata.target(), &message.message) {
+            return;
+        }
         if foreign.is_some() && MIDDLEWARE_HUSHED.load(Ordering::Acquire) {
             return;
         }
@@ -159,6 +162,11 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
             let _full = rosout.sender.try_send(line);
         }
     }
+}
+
+/// What a writer says of every datagram on a lossy link; that a reader asks for more than it offers is news.
+fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
+    level == tracing::Level::WARN && target == "rustdds::rtps::writer" && !message.contains("QoS mismatch")
 }
 
 fn severity(level: tracing::Level) -> u8 {
@@ -240,7 +248,7 @@ mod tests {
     fn the_filter_follows_the_log_level_and_keeps_dds_quiet() {
         let all = filter("camera", &args(&[]), None);
         let quiet = all.strip_suffix(",info").unwrap();
-        assert!(quiet.starts_with("rustdds=warn,ros2_client=warn,rustdds::rtps::writer=error,"));
+        assert!(quiet.starts_with("rustdds=warn,ros2_client=warn,"));
         let given = args(&["--log-level", "warn", "--log-level", "camera:=debug"]);
         assert_eq!(filter("camera", &given, None), format!("{quiet},debug"));
         assert_eq!(filter("bag", &given, None), format!("{quiet},warn,camera=debug"));
@@ -257,6 +265,7 @@ mod tests {
             tracing::subscriber::with_default(subscriber, || {
                 tracing::warn!(dropped = 3, "behind by {} ms", 40);
                 tracing::error!(target: "rustdds::rtps", "lost");
+                tracing::warn!(target: "rustdds::rtps::writer", "lost");
             });
         });
         thread.join().unwrap();

@@ -2,8 +2,8 @@
 
 use crate::clock::wall_now;
 use crate::error::PublishError;
+use crate::graph::Graph;
 use crate::interface::Msg;
-use crate::node::Graph;
 use crate::shutdown::Shutdown;
 use crate::watchdog::Throttle;
 use futures::FutureExt;

@@ -1,9 +1,9 @@
 //! The frame of a node's `main`: arguments, logs, signals, exit codes.
 
 use crate::args::RosArgs;
+use crate::builder::NodeBuilder;
 use crate::error::ShellError;
 use crate::logging;
-use crate::node::NodeBuilder;
 use crate::params::Params;
 use crate::shutdown::Shutdown;
 use crate::spinner::in_words;

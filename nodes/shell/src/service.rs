@@ -2,8 +2,9 @@
 
 use crate::error::{CallError, ShellError};
 use crate::first_contact::FirstContact;
+use crate::graph::Graph;
 use crate::interface::{Srv, service_type};
-use crate::node::{Graph, Node};
+use crate::node::Node;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
 use futures::{FutureExt, StreamExt};

@@ -2,8 +2,9 @@
 
 use crate::clock::Clock;
 use crate::error::ShellError;
+use crate::graph::Graph;
 use crate::logging::Line;
-use crate::node::{Graph, Node};
+use crate::node::Node;
 use crate::params::{Change, Param, Params, Value, services};
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;

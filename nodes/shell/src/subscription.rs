@@ -3,9 +3,10 @@
 
 use crate::clock::{Clock, wall_now};
 use crate::error::ShellError;
+use crate::graph::Graph;
 use crate::interface::Msg;
 use crate::late_join::LateJoin;
-use crate::node::{Graph, Node};
+use crate::node::Node;
 use crate::qos::Qos;
 use crate::shutdown::{Shutdown, Signal, Wake};
 use crate::time::Time;

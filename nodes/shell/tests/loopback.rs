@@ -111,6 +111,20 @@ fn a_service_answers_and_its_absence_is_an_error_in_time() {
 }
 
 #[test]
+fn every_new_client_of_a_process_gets_its_first_answer() {
+    let (server, caller) = (node("server", 112), node("caller", 112));
+    let _service = server
+        .serve::<SetBool>("enable", |request| SetBoolResponse { success: request.data, message: String::new() })
+        .unwrap();
+    let clients: Vec<_> = (0..8).map(|_| caller.client::<SetBool>("enable").unwrap()).collect();
+    for client in &clients {
+        assert!(client.call(SetBoolRequest { data: true }, SOON).unwrap().success);
+    }
+    let last = caller.client::<SetBool>("enable").unwrap();
+    assert!(last.call(SetBoolRequest { data: true }, SOON).unwrap().success);
+}
+
+#[test]
 fn several_threads_share_one_client_without_losing_answers() {
     let (server, caller) = (node("server", 106), node("caller", 106));
     let _service = server

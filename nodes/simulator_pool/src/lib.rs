@@ -7,7 +7,12 @@
 
 pub mod arm;
 pub mod beam;
+pub mod cell;
+#[cfg(feature = "node")]
+pub mod convert;
 pub mod episode;
+#[cfg(feature = "node")]
+pub mod node;
 pub mod parameters;
 pub mod render;
 pub mod scene;

@@ -2,8 +2,9 @@
 
 use super::{STATUS_QOS, Status};
 use crate::error::{CallError, ShellError};
+use crate::graph::Graph;
 use crate::interface::{Act, action_type};
-use crate::node::{Graph, Node};
+use crate::node::Node;
 use crate::service::{SERVICE_QOS, ros_name};
 use crate::shutdown::Shutdown;
 use crate::threads::Threads;

@@ -41,6 +41,7 @@ pub(super) struct Goal<R, W> {
     order: u64,
     result: Option<R>,
     waiting: Vec<W>,
+    answered: bool,
 }
 
 /// What a result request comes to.
@@ -72,6 +73,11 @@ impl<R: Clone, W> Goals<R, W> {
         self.goals.values().filter(|goal| !goal.state.is_over()).count()
     }
 
+    /// Whether a goal has ended whose result nobody has asked for.
+    pub(super) fn unanswered(&self) -> bool {
+        self.goals.values().any(|goal| goal.state.is_over() && !goal.answered)
+    }
+
     pub(super) fn iter(&self) -> impl Iterator<Item = (&Id, &Goal<R, W>)> {
         self.goals.iter()
     }
@@ -79,7 +85,14 @@ impl<R: Clone, W> Goals<R, W> {
     /// Takes a goal that was not there, and starts it.
     pub(super) fn start(&mut self, id: Id, accepted: i64) {
         self.accepted += 1;
-        let goal = Goal { state: State::Executing, accepted, order: self.accepted, result: None, waiting: Vec::new() };
+        let goal = Goal {
+            state: State::Executing,
+            accepted,
+            order: self.accepted,
+            result: None,
+            waiting: Vec::new(),
+            answered: false,
+        };
         self.goals.insert(id, goal);
     }
 
@@ -117,6 +130,7 @@ impl<R: Clone, W> Goals<R, W> {
             _ => state,
         };
         goal.result = Some(result);
+        goal.answered = !goal.waiting.is_empty();
         let answer = (goal.state, std::mem::take(&mut goal.waiting));
         self.forget_old();
         Some(answer)
@@ -126,7 +140,10 @@ impl<R: Clone, W> Goals<R, W> {
     pub(super) fn ask(&mut self, id: &Id, client: W) -> ResultAnswer<R> {
         match self.goals.get_mut(id) {
             None => ResultAnswer::Unknown,
-            Some(Goal { state, result: Some(result), .. }) => ResultAnswer::Now(*state, result.clone()),
+            Some(Goal { state, result: Some(result), answered, .. }) => {
+                *answered = true;
+                ResultAnswer::Now(*state, result.clone())
+            }
             Some(goal) => {
                 goal.waiting.push(client);
                 ResultAnswer::Wait
@@ -165,9 +182,14 @@ mod tests {
         assert_eq!(goals.ask(&A, 7), ResultAnswer::Wait);
         assert_eq!(goals.finish(&A, State::Succeeded, "done"), Some((State::Succeeded, vec![7])));
         assert_eq!(goals.ask(&A, 8), ResultAnswer::Now(State::Succeeded, "done"));
+        assert!(!goals.unanswered());
         assert_eq!(goals.ask(&[9; 16], 8), ResultAnswer::Unknown);
         assert_eq!(goals.finish(&A, State::Aborted, "again"), None);
         assert_eq!(goals.running(), 1);
+        goals.finish(&B, State::Succeeded, "done");
+        assert!(goals.unanswered());
+        goals.ask(&B, 9);
+        assert!(!goals.unanswered());
     }
 
     #[test]

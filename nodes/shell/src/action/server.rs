@@ -1,12 +1,14 @@
 //! Action servers.
 
 use super::STATUS_QOS;
+use super::goal::{Bell, Concurrency, Decision, GoalHandle, Mail, Mailbox, Outcome};
 use super::goals::{CancelCode, Goals, Id, ResultAnswer, State};
 use crate::clock::Clock;
 use crate::error::ShellError;
 use crate::first_contact::FirstContact;
+use crate::graph::Graph;
 use crate::interface::{Act, action_type};
-use crate::node::{Graph, Node};
+use crate::node::Node;
 use crate::service::{SERVICE_QOS, ros_name};
 use crate::shutdown::{Shutdown, Wake};
 use crate::threads::Threads;
@@ -22,76 +24,14 @@ use rustdds::mio1::event::Source;
 use rustdds::mio1::{Events, Interest, Poll, Token, Waker};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 /// How long running goals may take to end after shutdown, so that their clients still get a result.
 const LAST_RESULTS: Duration = Duration::from_secs(2);
 
-/// How long after that a client that has just sent its goal may still ask for the result.
-const LATE_REQUESTS: Duration = Duration::from_millis(200);
-
-/// How many goals may run at the same time; further ones are rejected, and the reason is logged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Concurrency {
-    /// One.
-    One,
-    /// This many.
-    Many(usize),
-}
-
-/// What becomes of a new goal.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Decision {
-    /// It runs.
-    Accept,
-    /// It does not; the reason is logged, for the protocol has no place for it.
-    Reject(String),
-}
-
-/// How a goal ended, with its result.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Outcome<R> {
-    /// It reached what it was for.
-    Succeeded(R),
-    /// It ended early because a client cancelled it.
-    Canceled(R),
-    /// It was given up.
-    Aborted(R),
-}
-
-/// A goal that runs, as its handler sees it.
-pub struct GoalHandle<A: Act> {
-    goal: Arc<A::Goal>,
-    id: Id,
-    cancelled: Shutdown,
-    mailbox: Mailbox<A>,
-}
-
-impl<A: Act> GoalHandle<A> {
-    /// What was asked for.
-    #[must_use]
-    pub fn goal(&self) -> &A::Goal {
-        &self.goal
-    }
-
-    /// Tells the clients how far it is.
-    pub fn feedback(&self, feedback: A::Feedback) {
-        self.mailbox.send(Mail::Feedback(self.id, feedback));
-    }
-
-    /// Whether a client cancelled the goal or the node shuts down: the handler must end soon.
-    #[must_use]
-    pub fn is_cancelled(&self) -> bool {
-        self.cancelled.is_triggered()
-    }
-
-    /// Waits for cancellation or for `timeout`; returns whether it is cancelled.
-    #[must_use]
-    pub fn wait_cancelled(&self, timeout: Duration) -> bool {
-        self.cancelled.wait_timeout(timeout)
-    }
-}
+/// How long after the end of a goal a client may still ask for its result, where none has.
+const LATE_REQUESTS: Duration = Duration::from_secs(1);
 
 /// Ends its action when it is dropped; running goals are cancelled.
 #[must_use = "the action ends when its handle is dropped"]
@@ -111,42 +51,6 @@ impl ActionServer {
 impl Drop for ActionServer {
     fn drop(&mut self) {
         self.stop.trigger();
-    }
-}
-
-enum Mail<A: Act> {
-    Feedback(Id, A::Feedback),
-    Done(Id, Outcome<A::Result>),
-}
-
-struct Mailbox<A: Act> {
-    sender: Sender<Mail<A>>,
-    bell: Arc<Bell>,
-}
-
-impl<A: Act> Clone for Mailbox<A> {
-    fn clone(&self) -> Self {
-        Self { sender: self.sender.clone(), bell: Arc::clone(&self.bell) }
-    }
-}
-
-impl<A: Act> Mailbox<A> {
-    fn send(&self, mail: Mail<A>) {
-        // A server that has ended needs no mail.
-        if self.sender.send(mail).is_ok() {
-            self.bell.wake();
-        }
-    }
-}
-
-/// Wakes the server's thread.
-struct Bell(Waker);
-
-impl Wake for Bell {
-    fn wake(&self) {
-        if let Err(error) = self.0.wake() {
-            tracing::error!("action server: cannot be woken: {error}");
-        }
     }
 }
 
@@ -263,24 +167,16 @@ struct Driver<A: Act> {
 impl<A: Act> Driver<A> {
     fn run(mut self, mut poll: Poll) {
         let mut events = Events::with_capacity(8);
-        let mut deadline: Option<Instant> = None;
+        let mut stopped = None;
         loop {
             self.turn();
-            if self.stop.is_triggered() {
-                let now = Instant::now();
-                let running = self.goals.running() > 0;
-                deadline = match deadline {
-                    None if running => Some(now + LAST_RESULTS),
-                    Some(end) if running => Some(end),
-                    Some(end) => Some(end.min(self.ended.map_or(now, |ended| ended + LATE_REQUESTS))),
-                    None => Some(now),
-                };
-            }
-            if deadline.is_some_and(|end| Instant::now() >= end) {
+            let now = Instant::now();
+            let deadline = self.stop.is_triggered().then(|| self.end(*stopped.get_or_insert(now)));
+            if deadline.is_some_and(|end| now >= end) {
                 self.graph.linger();
                 return;
             }
-            let timeout = deadline.map(|end| end.saturating_duration_since(Instant::now()));
+            let timeout = deadline.map(|end| end.saturating_duration_since(now));
             match poll.poll(&mut events, timeout) {
                 Ok(()) => {}
                 Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
@@ -292,15 +188,24 @@ impl<A: Act> Driver<A> {
         }
     }
 
+    /// When to end after a stop: goals get time to end, and clients to ask for their results.
+    fn end(&self, stopped: Instant) -> Instant {
+        match self.ended {
+            _ if self.goals.running() > 0 => stopped + LAST_RESULTS,
+            Some(ended) if self.goals.unanswered() => ended + LATE_REQUESTS,
+            _ => stopped,
+        }
+    }
+
     /// Handles everything that has come. The readers signal edges, so each is read until it is empty.
     fn turn(&mut self) {
-        while let Some((request, goal)) = self.taken(self.server.receive_goal()) {
+        for (request, goal) in self.all(RosServer::<A>::receive_goal) {
             self.new_goal(request, goal.goal_id, goal.goal);
         }
-        while let Some((request, cancel)) = self.taken(self.server.receive_cancel_request()) {
+        for (request, cancel) in self.all(RosServer::<A>::receive_cancel_request) {
             self.cancel(request, &cancel);
         }
-        while let Some((request, asked)) = self.taken(self.server.receive_result_request()) {
+        for (request, asked) in self.all(RosServer::<A>::receive_result_request) {
             self.result_request(request, asked.goal_id);
         }
         while let Ok(mail) = self.mail.try_recv() {
@@ -311,11 +216,15 @@ impl<A: Act> Driver<A> {
         }
     }
 
-    fn taken<T>(&self, result: Result<Option<T>, ros2_client::ReadError>) -> Option<T> {
-        result.unwrap_or_else(|error| {
-            tracing::warn!("{}: unreadable request: {error}", self.name);
-            None
-        })
+    fn all<T>(&self, take: impl Fn(&RosServer<A>) -> Result<Option<T>, ros2_client::ReadError>) -> Vec<T> {
+        let mut all = Vec::new();
+        loop {
+            match take(&self.server) {
+                Ok(Some(one)) => all.push(one),
+                Ok(None) => return all,
+                Err(error) => tracing::warn!("{}: unreadable request: {error}", self.name),
+            }
+        }
     }
 
     fn report(&self, sent: Result<(), impl std::fmt::Display>) {

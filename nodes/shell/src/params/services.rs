@@ -4,7 +4,7 @@ use super::kinds::Value;
 use super::spec::ParamSpec;
 use super::store::{Description, Params};
 use crate::error::ShellError;
-use crate::node::Graph;
+use crate::graph::Graph;
 use crate::service::Endpoint;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;

@@ -1,0 +1,4 @@
+//! The ROS side: the pool's services, and the simulated cell.
+
+pub mod cell;
+pub mod pool;
