@@ -1,1 +1,22 @@
-//! Likelihood-free inference: RKHS embedding, mixture density network, sequential posterior, diagnostics.
+//! Likelihood-free inference: BayesSim with an RKHS embedding of keypoint tracks.
+//!
+//! Does: embed tracks, train a mixture density network on simulated ones, draw anew from what was learnt, and say what the
+//! posterior is worth.
+//! Does not: simulate (it asks `catenary_core::Simulator`), know ROS (the `node` feature does), read files or clocks.
+
+#[cfg(feature = "node")]
+pub mod convert;
+pub mod diagnostics;
+pub mod embedding;
+pub mod error;
+pub mod infer;
+pub mod network;
+#[cfg(feature = "node")]
+pub mod node;
+pub mod sequential;
+pub mod settings;
+
+pub use diagnostics::Predictive;
+pub use error::InferenceError;
+pub use infer::{InferenceResult, infer};
+pub use settings::Settings;

@@ -56,7 +56,14 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     };
     output::result(&arguments.output, &deployed, |d| {
         let rewards: Vec<String> = d.rewards.iter().map(|r| format!("{r:.3}")).collect();
-        format!("episode {}: {} after {} steps, return {:.3}\nrewards {}", d.episode, d.end, d.rewards.len(), d.episode_return, rewards.join(" "))
+        format!(
+            "episode {}: {} after {} steps, return {:.3}\nrewards {}",
+            d.episode,
+            d.end,
+            d.rewards.len(),
+            d.episode_return,
+            rewards.join(" ")
+        )
     })
 }
 

@@ -108,7 +108,8 @@ fn receive_buffer() -> Check {
         return check("receive buffer", Verdict::Warning, "net.core.rmem_max could not be read".to_owned());
     };
     let verdict = if bytes >= WANTED_RECEIVE_BUFFER { Verdict::Good } else { Verdict::Warning };
-    let detail = format!("net.core.rmem_max {bytes} bytes; {WANTED_RECEIVE_BUFFER} keep images whole between DDS vendors");
+    let detail =
+        format!("net.core.rmem_max {bytes} bytes; {WANTED_RECEIVE_BUFFER} keep images whole between DDS vendors");
     check("receive buffer", verdict, detail)
 }
 
@@ -129,7 +130,11 @@ fn loopback() -> Check {
 fn model(path: &std::path::Path) -> Result<Check> {
     let text = std::fs::read_to_string(path).with_context(|| format!("model {}", path.display()))?;
     Ok(match Model::from_yaml(&text) {
-        Ok(m) => check("model", Verdict::Good, format!("{}: `{}`, {} inferred parameters", path.display(), m.name, m.theta.dimension())),
+        Ok(m) => check(
+            "model",
+            Verdict::Good,
+            format!("{}: `{}`, {} inferred parameters", path.display(), m.name, m.theta.dimension()),
+        ),
         Err(e) => check("model", Verdict::Bad, format!("{}: {e}", path.display())),
     })
 }

@@ -4,14 +4,21 @@
     reason = "the program at the edge: files, clocks, processes and the environment are its trade"
 )]
 
+mod bags;
+mod bench;
 mod cli;
 mod demo;
 mod deploy;
 mod doctor;
+mod figures;
+mod import;
+mod infer;
 mod launch;
+mod model_file;
 mod nodes;
 mod output;
 mod report;
+mod train;
 
 use clap::Parser;
 use cli::{Cli, Command};
@@ -38,6 +45,15 @@ fn main() -> ExitCode {
     }
 }
 
+/// Logs go to stderr: warnings and errors, with -v what goes on, with -vv everything of ours.
+fn start_logs(verbose: u8) {
+    let level = ["warn", "info", "debug"][usize::from(verbose.min(2))];
+    let arguments = ["--ros-args", "--log-level", level];
+    if let Ok((arguments, _)) = catenary_shell::RosArgs::parse(arguments) {
+        catenary_shell::init_logging("catenary", &arguments);
+    }
+}
+
 fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments),
@@ -49,6 +65,11 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
             Ok(())
         }
         Command::Doctor(arguments) => doctor::run(arguments),
-        _ => anyhow::bail!("not wired"),
+        Command::Infer(arguments) => infer::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+        Command::ImportTrack(arguments) => import::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
+        Command::Record(arguments) => bags::run_record(arguments),
+        Command::Replay(arguments) => bags::run_replay(arguments),
     }
 }

@@ -55,7 +55,9 @@ fn wire_types_stay_in_shells() {
     for name in ALGORITHMS {
         for file in rust_files(&root().join("nodes").join(name).join("src")) {
             let path = file.strip_prefix(root()).unwrap().display().to_string();
-            let shell = ["/node.rs", "/node/", "/convert.rs", "/convert/", "/main.rs", "/bin/"].iter().any(|s| path.contains(s));
+            let shell = ["/node.rs", "/node/", "/convert.rs", "/convert/", "/main.rs", "/bin/"]
+                .iter()
+                .any(|s| path.contains(s));
             let text = std::fs::read_to_string(&file).unwrap();
             for word in ["catenary_msgs", "catenary_shell", "ros2_client", "rustdds"] {
                 assert!(shell || !text.contains(word), "{path} names {word}");

@@ -123,6 +123,10 @@ pub struct ObservationModel {
     pub frames: usize,
     /// s between two of them.
     pub frame_period_s: f64,
+    /// Standard deviation of a measured start's velocities, m/s: simulations with noise start from draws around what was
+    /// measured, as the true start may have been.
+    #[serde(default)]
+    pub start_velocity_sd_m_s: f64,
 }
 
 /// The camera and its noise.
@@ -221,6 +225,7 @@ impl Model {
         }
         let not_negative = [
             ("arm.time_constant_s", self.arm.time_constant_s),
+            ("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s),
             ("camera.keypoint_noise_px", self.camera.keypoint_noise_px),
             ("camera.position_jitter_m", self.camera.position_jitter_m),
             ("task.target_jitter_m", self.task.map_or(0.0, |t| t.target_jitter_m)),

@@ -48,7 +48,11 @@ fn drive(r: &SimulateRequest) -> Result<Drive, ConvertError> {
             let g = &r.grip;
             let n = g.time.len();
             if [g.x.len(), g.z.len(), g.pitch.len()] != [n; 3] {
-                return Err(refuse("grip", &format!("{n} values of x, z and pitch"), format!("{}, {}, {}", g.x.len(), g.z.len(), g.pitch.len())));
+                return Err(refuse(
+                    "grip",
+                    &format!("{n} values of x, z and pitch"),
+                    format!("{}, {}, {}", g.x.len(), g.z.len(), g.pitch.len()),
+                ));
             }
             let poses = (0..n).map(|i| GripPose { x_m: g.x[i], z_m: g.z[i], pitch_rad: g.pitch[i] }).collect();
             Drive::Grip(GripTrajectory::new(g.time.clone(), poses).map_err(|e| refuse("grip", "a path", e))?)
@@ -128,7 +132,8 @@ pub fn image(picture: &RgbImage, header: Header) -> Image {
 /// Intrinsics of the camera, without distortion.
 #[must_use]
 pub fn camera_info(camera: &Pinhole, header: Header) -> CameraInfo {
-    let (f, cx, cy) = (camera.focal_px, 0.5 * f64::from(camera.image_width_px), 0.5 * f64::from(camera.image_height_px));
+    let (f, cx, cy) =
+        (camera.focal_px, 0.5 * f64::from(camera.image_width_px), 0.5 * f64::from(camera.image_height_px));
     CameraInfo {
         header,
         height: camera.image_height_px,

@@ -21,6 +21,7 @@ mod stream {
     pub const CAMERA: u64 = 1;
     pub const TARGET: u64 = 2;
     pub const NOISE: u64 = 3;
+    pub const START: u64 = 4;
 }
 
 /// What makes one episode differ from another of the same model.
@@ -46,6 +47,8 @@ pub struct Stage {
     grip_angle_rad: f64,
     target_scaled: [f64; 2],
     noise: Option<ChaCha8Rng>,
+    /// Draws of the start's velocities, where the conditions ask for noise.
+    start_noise: Option<ChaCha8Rng>,
 }
 
 impl Stage {
@@ -60,6 +63,7 @@ impl Stage {
             grip_angle_rad: values.grip_angle_rad(model),
             target_scaled: [0.0; 2],
             noise: None,
+            start_noise: None,
             beam,
             model: model.clone(),
         })
@@ -90,6 +94,7 @@ impl Stage {
         self.grip_angle_rad = values.grip_angle_rad(&self.model);
         self.camera = if c.noise { self.jittered_camera(c.seed) } else { self.model.camera.view };
         self.noise = c.noise.then(|| seed::rng(c.seed, stream::NOISE));
+        self.start_noise = c.noise.then(|| seed::rng(c.seed, stream::START));
         let target_m = c.target_m.or_else(|| self.model.task.map(|t| jittered_target(&t, c.seed)));
         let place = |[x, z]: [f64; 2]| self.camera.scaled_from_world([x, 0.0, z]);
         self.target_scaled = target_m.and_then(place).unwrap_or([0.0; 2]);
@@ -169,6 +174,12 @@ impl Stage {
         let turning = -rate(grip.pitch_rad, later.pitch_rad);
         let velocity = [rate(grip.x_m, later.x_m), rate(grip.z_m, later.z_m), turning];
         let fractions = self.model.object.keypoint_fractions;
+        let sd = self.model.observation.start_velocity_sd_m_s;
+        let mut drawn = |v: f64| match &mut self.start_noise {
+            Some(rng) if sd > 0.0 => v + sd * rng.sample::<f64, _>(StandardNormal),
+            _ => v,
+        };
+        let velocities_m_s = velocities_m_s.map(|v| v.map(&mut drawn));
         let points: [MeasuredPoint; 4] = std::array::from_fn(|k| MeasuredPoint {
             fraction: fractions[k],
             position_m: points_m[k],

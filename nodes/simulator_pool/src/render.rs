@@ -120,7 +120,8 @@ impl Renderer {
         let radius_px = radius_m * view.camera.focal_px * inverse;
         let lamp = view.rotation * Vector3::from(LAMP).normalize();
         let (width, height) = (self.image.width as i64, self.image.height as i64);
-        let bounds = |c: f64, limit: i64| ((c - radius_px).floor() as i64).max(0)..((c + radius_px).ceil() as i64).min(limit);
+        let bounds =
+            |c: f64, limit: i64| ((c - radius_px).floor() as i64).max(0)..((c + radius_px).ceil() as i64).min(limit);
         for row in bounds(v, height) {
             for column in bounds(u, width) {
                 let (x, y) = ((column as f64 + 0.5 - u) / radius_px, (row as f64 + 0.5 - v) / radius_px);

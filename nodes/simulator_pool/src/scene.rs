@@ -132,7 +132,8 @@ impl Scene {
         for (handle, ends) in self.object.iter().zip(nodes.windows(2)) {
             let Some(collider) = self.colliders.get_mut(*handle) else { continue };
             let (dx, dz) = (ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]);
-            let middle = Vector::new((0.5 * (ends[0][0] + ends[1][0])) as f32, 0.0, (0.5 * (ends[0][1] + ends[1][1])) as f32);
+            let middle =
+                Vector::new((0.5 * (ends[0][0] + ends[1][0])) as f32, 0.0, (0.5 * (ends[0][1] + ends[1][1])) as f32);
             let turned = Rotation::from_rotation_y(-dz.atan2(dx) as f32);
             collider.set_shape(SharedShape::cuboid(0.5 * dx.hypot(dz) as f32, half, half));
             collider.set_position(Pose::from_parts(middle, turned));

@@ -12,7 +12,8 @@ use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::{Model, Policy, Posterior, seed};
 use catenary_msgs::action::{
-    Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal, TrainResult,
+    Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
+    TrainResult,
 };
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, convert};
@@ -176,7 +177,11 @@ impl Demo {
             let result = stages.goal(&clients.train, goal, move |feedback| {
                 shown.set_length(feedback.total_steps.max(1));
                 shown.set_position(feedback.steps);
-                shown.set_message(format!("return {:.2}, success {:.0} %", feedback.mean_return, 100.0 * feedback.success_rate));
+                shown.set_message(format!(
+                    "return {:.2}, success {:.0} %",
+                    feedback.mean_return,
+                    100.0 * feedback.success_rate
+                ));
             })?;
             ensure!(result.success, "{}", result.message);
             Ok(result)
@@ -223,7 +228,8 @@ impl Demo {
             });
             stages.pause(Duration::from_millis(500))?;
             let _ = stop.send(());
-            let (observations, frames, latency) = watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
+            let (observations, frames, latency) =
+                watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
             recorder.shut_down();
             let result = result?;
             ensure!(result.success, "{}", result.message);
@@ -265,7 +271,13 @@ impl Demo {
         bail!("the recorder did not start its bag within 10 s: {}", path.display())
     }
 
-    fn infer(&self, stages: &mut Stages<'_>, clients: &Clients, episode: &Episode, policy: &[u8]) -> Result<InferResult> {
+    fn infer(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        episode: &Episode,
+        policy: &[u8],
+    ) -> Result<InferResult> {
         let goal = InferGoal {
             source: InferGoal::SOURCE_BAG,
             bag: self.folder.join(&episode.bag).display().to_string(),

@@ -36,8 +36,8 @@ impl Observer {
         let sink = Arc::clone(&ages_ms);
         let topic = contract::KEYPOINTS;
         let keypoints = node.subscription::<KeypointsMsg>(topic.name, topic.qos, move |received| {
-            let stamp = catenary_shell::stamp::time(&received.message.header.stamp);
-            let age_ms = (wall_now().nanoseconds() - stamp.nanoseconds()) as f64 * 1e-6;
+            let stamp = catenary_shell::stamp::from_msg(&received.message.header.stamp);
+            let age_ms = 1e3 * wall_now().secs_since(stamp);
             sink.lock().unwrap_or_else(PoisonError::into_inner).push(age_ms);
         })?;
         Ok(Self {
@@ -67,7 +67,8 @@ impl Observer {
         self.look(Duration::from_millis(500))?;
         let mut ages = std::mem::take(&mut *self.ages_ms.lock().unwrap_or_else(PoisonError::into_inner));
         ages.sort_by(f64::total_cmp);
-        let quantile = |q: f64| ages.get(((ages.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or(f64::NAN);
+        let quantile =
+            |q: f64| ages.get(((ages.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or(f64::NAN);
         let latency = [quantile(0.5), quantile(0.99)];
         let (observations, frames) = self.seen.into_iter().unzip();
         Ok((observations, frames, latency))

@@ -1,6 +1,7 @@
 //! The demo's report.
 
-use super::summary::{Episode, Summary, figures};
+use super::summary::{Episode, Summary};
+use crate::figures::figures;
 use crate::report::plots::{self, Series};
 use crate::report::{Mark, Page, Picture};
 use anyhow::{Context, Result};
@@ -89,7 +90,8 @@ fn episodes(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     };
     let rows: Vec<Vec<String>> = summary.episodes.iter().map(row).collect();
     page.table(&["policy", "end", "steps", "return", "best reward", "keypoint latency p50 / p99, ms", "bag"], &rows);
-    let paths: Vec<_> = summary.episodes.iter().map(|e| (e.policy.clone(), e.path_m.clone(), e.rewards.clone())).collect();
+    let paths: Vec<_> =
+        summary.episodes.iter().map(|e| (e.policy.clone(), e.path_m.clone(), e.rewards.clone())).collect();
     page.svg(&plots::paths(&paths, summary.target_m)?);
     for e in &summary.episodes {
         page.heading(&format!("What the camera saw: {}", e.policy));

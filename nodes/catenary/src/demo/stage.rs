@@ -31,7 +31,12 @@ impl<'a> Stages<'a> {
     }
 
     /// Runs `work` as the stage `name`, with a bar of `length`.
-    pub fn run<T>(&mut self, name: &str, length: u64, work: impl FnOnce(&mut Self, &ProgressBar) -> Result<T>) -> Result<T> {
+    pub fn run<T>(
+        &mut self,
+        name: &str,
+        length: u64,
+        work: impl FnOnce(&mut Self, &ProgressBar) -> Result<T>,
+    ) -> Result<T> {
         let bar = self.bar(name, length)?;
         let (wall, cpu) = (Instant::now(), self.cpu_s());
         let result = work(self, &bar).with_context(|| name.to_owned());

@@ -156,7 +156,8 @@ impl Reader<'_> {
     fn executable(&mut self, node: Node<'_, '_>, scope: &FileScope) -> Result<()> {
         allow(node, &["cmd", "name", "output", "respawn", "respawn_delay", "if", "unless"])?;
         let cmd = self.required(node, "cmd", scope)?;
-        let command = shlex::split(&cmd).filter(|c| !c.is_empty()).ok_or_else(|| anyhow!("cmd `{cmd}` is no command"))?;
+        let command =
+            shlex::split(&cmd).filter(|c| !c.is_empty()).ok_or_else(|| anyhow!("cmd `{cmd}` is no command"))?;
         let program = Path::new(&command[0]).file_name().map(|n| n.to_string_lossy().into_owned());
         let name = self.optional(node, "name", scope)?.or(program).unwrap_or_else(|| command[0].clone());
         let mut environment = Vec::new();
@@ -167,9 +168,11 @@ impl Reader<'_> {
             environment.push((self.required(child, "name", scope)?, self.required(child, "value", scope)?));
         }
         let delay = self.optional(node, "respawn_delay", scope)?.unwrap_or_else(|| "0".to_owned());
-        let seconds: f64 = delay.parse().ok().filter(|s| (0.0..=3600.0).contains(s)).ok_or_else(|| {
-            anyhow!("respawn_delay: expected seconds between 0 and 3600, got `{delay}`")
-        })?;
+        let seconds: f64 = delay
+            .parse()
+            .ok()
+            .filter(|s| (0.0..=3600.0).contains(s))
+            .ok_or_else(|| anyhow!("respawn_delay: expected seconds between 0 and 3600, got `{delay}`"))?;
         let respawn = self.optional(node, "respawn", scope)?.map_or(Ok(false), |v| boolean("respawn", &v))?;
         let respawn_delay = Duration::from_secs_f64(seconds);
         self.description.processes.push(Process { name, command, environment, respawn, respawn_delay });
@@ -217,7 +220,10 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("x.launch.xml");
         std::fs::write(&path, text)?;
-        std::fs::write(folder.path().join("inner.xml"), r#"<launch><arg name="who"/><executable cmd="echo $(var who)"/></launch>"#)?;
+        std::fs::write(
+            folder.path().join("inner.xml"),
+            r#"<launch><arg name="who"/><executable cmd="echo $(var who)"/></launch>"#,
+        )?;
         let given: Vec<(String, String)> = given.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
         read(&path, &given, &|_| None)
     }
@@ -233,7 +239,10 @@ mod tests {
             <include file="inner.xml"><arg name="who" value="you$(var n)"/></include>
         </launch>"#;
         let d = launch(text, &[("n", "7")]).unwrap();
-        assert_eq!(d.arguments[0], Argument { name: "n".into(), default: Some("2".into()), description: "a number".into() });
+        assert_eq!(
+            d.arguments[0],
+            Argument { name: "n".into(), default: Some("2".into()), description: "a number".into() }
+        );
         assert_eq!(d.processes.len(), 2);
         assert_eq!(d.processes[0].command, ["run", "--a b", "77"]);
         assert_eq!(d.processes[0].environment, [("K".to_owned(), "7".to_owned())]);

@@ -9,4 +9,4 @@ mod substitution;
 pub mod supervisor;
 
 pub use file::{LaunchDescription, Process, read};
-pub use supervisor::{NodeEvent, Supervisor};
+pub use supervisor::Supervisor;

@@ -48,9 +48,11 @@ fn closing(text: &str) -> Option<usize> {
 fn value(expression: &str, scope: &Scope<'_>) -> Result<String, String> {
     let mut words = expression.split_whitespace();
     match (words.next(), words.next(), words.next()) {
-        (Some("var"), Some(name), None) => {
-            scope.variables.get(name).cloned().ok_or_else(|| format!("`$({expression})`: no argument or variable `{name}`"))
-        }
+        (Some("var"), Some(name), None) => scope
+            .variables
+            .get(name)
+            .cloned()
+            .ok_or_else(|| format!("`$({expression})`: no argument or variable `{name}`")),
         (Some("env"), Some(name), default) => (scope.environment)(name)
             .or_else(|| default.map(str::to_owned))
             .ok_or_else(|| format!("`$({expression})`: the environment variable is not set and there is no default")),
@@ -64,14 +66,21 @@ mod tests {
     use super::*;
 
     fn check(text: &str) -> Result<String, String> {
-        let variables = BTreeMap::from([("bin".to_owned(), "/opt/bin".to_owned()), ("which".to_owned(), "bin".to_owned())]);
+        let variables =
+            BTreeMap::from([("bin".to_owned(), "/opt/bin".to_owned()), ("which".to_owned(), "bin".to_owned())]);
         let environment = |name: &str| (name == "HOME").then(|| "/home/lab".to_owned());
-        substitute(text, &Scope { variables: &variables, environment: &environment, directory: Path::new("/etc/launch") })
+        substitute(
+            text,
+            &Scope { variables: &variables, environment: &environment, directory: Path::new("/etc/launch") },
+        )
     }
 
     #[test]
     fn variables_environment_and_dirname_are_replaced() {
-        assert_eq!(check("$(var bin)/camera -p $(env HOME)/x $(env NONE y) $(dirname)/p.yaml").unwrap(), "/opt/bin/camera -p /home/lab/x y /etc/launch/p.yaml");
+        assert_eq!(
+            check("$(var bin)/camera -p $(env HOME)/x $(env NONE y) $(dirname)/p.yaml").unwrap(),
+            "/opt/bin/camera -p /home/lab/x y /etc/launch/p.yaml"
+        );
         assert_eq!(check("$(var $(var which))").unwrap(), "/opt/bin");
     }
 

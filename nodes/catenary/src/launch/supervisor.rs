@@ -263,7 +263,9 @@ mod tests {
     #[test]
     fn a_failing_process_is_reported_with_its_last_words() {
         let logs = tempfile::tempdir().unwrap();
-        let mut s = Supervisor::start(vec![process("a", &["sh", "-c", "echo no luck >&2; exit 3"], false)], logs.path(), false).unwrap();
+        let mut s =
+            Supervisor::start(vec![process("a", &["sh", "-c", "echo no luck >&2; exit 3"], false)], logs.path(), false)
+                .unwrap();
         let event = wait_for_event(&mut s);
         assert!(!event.success && !event.restarting);
         std::thread::sleep(Duration::from_millis(100));
@@ -274,7 +276,12 @@ mod tests {
     #[test]
     fn a_killed_process_is_started_again_where_asked_and_all_end_on_shutdown() {
         let logs = tempfile::tempdir().unwrap();
-        let mut s = Supervisor::start(vec![process("a", &["sleep", "60"], true), process("b", &["sleep", "60"], false)], logs.path(), false).unwrap();
+        let mut s = Supervisor::start(
+            vec![process("a", &["sleep", "60"], true), process("b", &["sleep", "60"], false)],
+            logs.path(),
+            false,
+        )
+        .unwrap();
         let pid = s.status()[0].1.unwrap();
         kill_process_group(Pid::from_raw(pid.cast_signed()).unwrap(), Signal::KILL).unwrap();
         let event = wait_for_event(&mut s);
@@ -290,7 +297,8 @@ mod tests {
     #[test]
     fn a_program_that_does_not_exist_is_an_error() {
         let logs = tempfile::tempdir().unwrap();
-        let e = Supervisor::start(vec![process("ghost", &["/no/such/program"], false)], logs.path(), false).err().unwrap();
+        let e =
+            Supervisor::start(vec![process("ghost", &["/no/such/program"], false)], logs.path(), false).err().unwrap();
         assert!(format!("{e:#}").contains("ghost"), "{e:#}");
     }
 }

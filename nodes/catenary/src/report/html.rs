@@ -125,7 +125,13 @@ mod tests {
     fn a_page_refers_to_nothing_outside_itself_and_escapes_text() {
         let mut page = Page::new("a < b");
         page.table(&["x"], &[vec!["\"1\" & 2".into()]]);
-        let picture = Picture { png: vec![1, 2, 3], width_px: 4, height_px: 5, marks: vec![Mark { at_px: [1.0, 2.0], colour: "red" }], caption: "c".into() };
+        let picture = Picture {
+            png: vec![1, 2, 3],
+            width_px: 4,
+            height_px: 5,
+            marks: vec![Mark { at_px: [1.0, 2.0], colour: "red" }],
+            caption: "c".into(),
+        };
         page.strip(&[picture]);
         let html = page.finish();
         assert!(html.contains("a &lt; b") && html.contains("&quot;1&quot; &amp; 2") && html.contains("base64,AQID"));

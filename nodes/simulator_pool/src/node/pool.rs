@@ -7,8 +7,8 @@ use crate::{convert, workers};
 use anyhow::Result;
 use catenary_core::{Env, Model, Simulator};
 use catenary_msgs::srv::{
-    CloseEnvs, CloseEnvsRequest, CloseEnvsResponse, OpenEnvs, OpenEnvsRequest, OpenEnvsResponse, Simulate, SimulateRequest,
-    SimulateResponse, StepEnvs, StepEnvsRequest, StepEnvsResponse,
+    CloseEnvs, CloseEnvsRequest, CloseEnvsResponse, OpenEnvs, OpenEnvsRequest, OpenEnvsResponse, Simulate,
+    SimulateRequest, SimulateResponse, StepEnvs, StepEnvsRequest, StepEnvsResponse,
 };
 use catenary_shell::convert as wire;
 use catenary_shell::{NodeBuilder, Param, ParamSpec, contract};
@@ -41,7 +41,8 @@ struct Pool {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
-    let spec = ParamSpec::new("Threads that simulate; 0: as many as the machine has processors. Results do not depend on it.");
+    let spec =
+        ParamSpec::new("Threads that simulate; 0: as many as the machine has processors. Results do not depend on it.");
     let workers = builder.declare_i64("workers", 0, spec.integer_range(0..=1024))?;
     let node = builder.build()?;
     let pool = Arc::new(Pool { workers, simulators: Mutex::default(), opened: Mutex::default() });
@@ -110,7 +111,10 @@ impl Pool {
             let mut env = VectorEnv::open(&model, count, domains, fidelity, request.seed, self.worker_count())?;
             let observations = convert::observations(&env.reset()?);
             let mut opened = lock(&self.opened);
-            anyhow::ensure!(opened.envs.len() < MAX_OPEN, "{MAX_OPEN} sets of environments are open already: close one first");
+            anyhow::ensure!(
+                opened.envs.len() < MAX_OPEN,
+                "{MAX_OPEN} sets of environments are open already: close one first"
+            );
             opened.next += 1;
             let handle = opened.next;
             opened.envs.insert(handle, Arc::new(Mutex::new(env)));

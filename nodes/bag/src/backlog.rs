@@ -1,0 +1,88 @@
+//! Messages that wait to be written.
+
+use crate::kinds::Arrival;
+use crate::writer::TopicId;
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+#[derive(Default)]
+struct State {
+    waiting: VecDeque<(TopicId, Arrival)>,
+    bytes: usize,
+    lost: u64,
+    taken: u64,
+}
+
+/// A queue between the threads of the subscriptions and the one that writes, bounded in bytes: where the disk is slower
+/// than the topics the newest messages are lost, and counted.
+pub(crate) struct Backlog {
+    state: Mutex<State>,
+    filled: Condvar,
+    capacity_bytes: usize,
+}
+
+impl Backlog {
+    pub(crate) fn new(capacity_bytes: usize) -> Self {
+        Self { state: Mutex::new(State::default()), filled: Condvar::new(), capacity_bytes }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Appends a message; false: there is no room, and it is lost.
+    pub(crate) fn push(&self, topic: TopicId, arrival: Arrival) -> bool {
+        let mut state = self.lock();
+        if state.bytes + arrival.cdr.len() > self.capacity_bytes {
+            state.lost += 1;
+            return false;
+        }
+        state.bytes += arrival.cdr.len();
+        state.waiting.push_back((topic, arrival));
+        drop(state);
+        self.filled.notify_one();
+        true
+    }
+
+    /// The oldest message; none where none comes in time.
+    pub(crate) fn next(&self, timeout: Duration) -> Option<(TopicId, Arrival)> {
+        let state = self.lock();
+        let waited = self.filled.wait_timeout_while(state, timeout, |s| s.waiting.is_empty());
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        let next = state.waiting.pop_front()?;
+        state.bytes -= next.1.cdr.len();
+        state.taken += 1;
+        Some(next)
+    }
+
+    /// Messages taken out so far, and messages lost.
+    pub(crate) fn counts(&self) -> (u64, u64) {
+        let state = self.lock();
+        (state.taken, state.lost)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::writer::{BagWriter, WriterOptions};
+    use catenary_msgs::std_msgs::msg::String as Text;
+    use catenary_shell::{Qos, Time};
+
+    #[test]
+    fn what_finds_no_room_is_lost_and_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut bag = BagWriter::create(&folder.path().join("bag"), &WriterOptions::default()).unwrap();
+        let topic = bag.add_topic_of::<Text>("/text", Qos::DEFAULT).unwrap();
+        let arrival = |bytes| Arrival { cdr: vec![0; bytes], received: Time::ZERO, sent: None };
+        let backlog = Backlog::new(100);
+        assert!(backlog.push(topic, arrival(60)));
+        assert!(!backlog.push(topic, arrival(50)));
+        assert!(backlog.push(topic, arrival(40)));
+        let taken = |b: &Backlog| b.next(Duration::ZERO).map(|(_, a)| a.cdr.len());
+        assert_eq!((taken(&backlog), taken(&backlog), taken(&backlog)), (Some(60), Some(40), None));
+        assert!(backlog.push(topic, arrival(100)));
+        assert_eq!(backlog.counts(), (2, 1));
+    }
+}

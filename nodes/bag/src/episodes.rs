@@ -1,0 +1,101 @@
+//! Episodes of a bag.
+
+use crate::convert::Feed;
+use crate::error::BagError;
+use crate::reader::{BagMessage, BagReader};
+use catenary_core::EpisodeLog;
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_shell::contract;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+
+/// Names of the topics that an episode is put together from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EpisodeTopics {
+    /// Keypoints, `/dlo/keypoints` by default.
+    pub keypoints: String,
+    /// Poses of the grip, `/panda/current_pose` by default.
+    pub pose: String,
+    /// Observations, `/policy/observation` by default.
+    pub observation: String,
+    /// Actions, `/policy/action` by default.
+    pub action: String,
+    /// Starts and ends, `/episode/event` by default.
+    pub event: String,
+}
+
+impl Default for EpisodeTopics {
+    fn default() -> Self {
+        let name = |topic: contract::Topic| format!("/{}", topic.name);
+        Self {
+            keypoints: name(contract::KEYPOINTS),
+            pose: name(contract::CURRENT_POSE),
+            observation: name(contract::OBSERVATION),
+            action: name(contract::ACTION),
+            event: name(contract::EPISODE_EVENT),
+        }
+    }
+}
+
+impl EpisodeTopics {
+    /// The five names.
+    #[must_use]
+    pub fn names(&self) -> [&str; 5] {
+        [&self.keypoints, &self.pose, &self.observation, &self.action, &self.event]
+    }
+}
+
+/// Fills a log with everything that a bag says about episodes. Messages that cannot be read or have no meaning are left
+/// out, with a warning for each topic.
+///
+/// # Errors
+/// [`BagError::NoTopic`] where the bag has none of the topics, [`BagError::Type`] where one has another type.
+pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
+    let present = topics.names().into_iter().filter_map(|name| bag.topic(name));
+    if present.clone().next().is_none() {
+        return Err(BagError::NoTopic {
+            path: bag.path().to_owned(),
+            needed: topics.names().join(", "),
+            found: bag.describe_topics(),
+        });
+    }
+    for entry in present {
+        let topic = &entry.topic;
+        match &topic.name {
+            name if *name == topics.keypoints => topic.check::<Keypoints>(),
+            name if *name == topics.pose => topic.check::<PoseStamped>(),
+            name if *name == topics.observation => topic.check::<Observation>(),
+            name if *name == topics.action => topic.check::<EefDelta>(),
+            _ => topic.check::<EpisodeEvent>(),
+        }?;
+    }
+    let mut log = EpisodeLog::default();
+    let mut left_out: BTreeMap<String, (u64, String)> = BTreeMap::new();
+    for message in bag.messages_of(&topics.names()) {
+        let (place, outcome) = match message {
+            Ok(message) => (message.topic.name.clone(), record(&mut log, topics, &message)),
+            Err(error) => (bag.path().display().to_string(), Err(error)),
+        };
+        if let Err(error) = outcome {
+            left_out.entry(place).or_insert_with(|| (0, error.to_string())).0 += 1;
+        }
+    }
+    for (place, (count, first)) in left_out {
+        tracing::warn!("{place}: {count} left out, the first because of: {first}");
+    }
+    Ok(log)
+}
+
+fn record(log: &mut EpisodeLog, topics: &EpisodeTopics, message: &BagMessage) -> Result<(), BagError> {
+    fn feed<T: Feed + DeserializeOwned>(log: &mut EpisodeLog, message: &BagMessage) -> Result<(), BagError> {
+        Ok(message.decode::<T>()?.feed(log)?)
+    }
+    match &message.topic.name {
+        name if *name == topics.keypoints => feed::<Keypoints>(log, message),
+        name if *name == topics.pose => feed::<PoseStamped>(log, message),
+        name if *name == topics.observation => feed::<Observation>(log, message),
+        name if *name == topics.action => feed::<EefDelta>(log, message),
+        _ => feed::<EpisodeEvent>(log, message),
+    }
+}

@@ -1,0 +1,113 @@
+//! A measured track in CSV becomes a bag.
+
+mod table;
+
+use crate::error::BagError;
+use crate::writer::{BagSummary, BagWriter, WriterOptions};
+use catenary_core::camera::MASK_SIZE_PX;
+use catenary_core::{Camera, Keypoints, Model};
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, Vector3, Wrench, WrenchStamped};
+use catenary_msgs::msg::{EpisodeEvent, Keypoints as KeypointsMsg};
+use catenary_msgs::std_msgs::msg::Header;
+use catenary_shell::convert::{anchor_to_msg, grip_pose_to_msg, keypoints_to_msg};
+use catenary_shell::{Time, contract, stamp};
+use std::path::Path;
+use table::{Row, read_rows};
+
+/// The track's time 0 in the bag, ns: a stamp of zero means "no time" in ROS.
+const EPOCH_NS: i64 = 1_000_000_000;
+/// Frame of poses and wrenches.
+const BASE_FRAME: &str = "panda_link0";
+/// Frame of keypoints.
+const CAMERA_FRAME: &str = "camera_color_optical_frame";
+/// Number of the one episode.
+const EPISODE: u32 = 1;
+
+/// Writes a track as a bag with one episode of the policy `recorded`, as if the model's camera had seen it.
+///
+/// `csv` has a header line and the columns `t_s` (increasing), `grip_x_m`, `grip_z_m`, `grip_pitch_rad`, `p1_x_m`,
+/// `p1_z_m` to `p4_x_m`, `p4_z_m`, and optionally `grip_fx_n`, `grip_fz_n`, `grip_ty_nm`, in any order; m and rad, frame
+/// panda_link0, in the plane y = 0. `source` names it in messages. The bag gets `/dlo/keypoints` without a target,
+/// `/panda/current_pose`, `/panda/external_wrench` where there is one, and `/episode/event`; the stamps are the track's
+/// times, a second after the epoch.
+///
+/// # Errors
+/// [`BagError::Csv`] naming line and column; those of [`BagWriter`].
+pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<BagSummary, BagError> {
+    let rows = read_rows(source, csv)?;
+    let camera = &model.camera.view;
+    let keypoints = rows.iter().map(|row| keypoints(source, camera, row)).collect::<Result<Vec<_>, _>>()?;
+    let size = f64::from(MASK_SIZE_PX);
+    let outside = keypoints.iter().flat_map(|k| k.dlo_px).filter(|p| p.iter().any(|v| !(0.0..=size).contains(v)));
+    match outside.count() {
+        0 => {}
+        n => {
+            tracing::warn!("{source}: {n} of {} points lie outside of the image of the model's camera", 4 * rows.len())
+        }
+    }
+    write(&rows, &keypoints, model, out)
+}
+
+/// What the camera sees of one row.
+fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagError> {
+    let mut dlo_px = [[0.0; 2]; 4];
+    for (i, ([x, z], px)) in row.points_m.iter().zip(&mut dlo_px).enumerate() {
+        *px = camera.mask_from_world([*x, 0.0, *z]).ok_or_else(|| BagError::Csv {
+            file: source.to_owned(),
+            line: row.line,
+            column: format!("p{}_x_m", i + 1),
+            expected: "a point before the model's camera".to_owned(),
+            got: format!("({x}, {z}) m, which lies behind it"),
+        })?;
+    }
+    Ok(Keypoints {
+        dlo_px,
+        target_px: None,
+        scores: [1.0; 4],
+        target_score: 0.0,
+        image_width_px: MASK_SIZE_PX,
+        image_height_px: MASK_SIZE_PX,
+    })
+}
+
+fn write(rows: &[Row], keypoints: &[Keypoints], model: &Model, out: &Path) -> Result<BagSummary, BagError> {
+    let mut bag = BagWriter::create(out, &WriterOptions::default())?;
+    let name = |topic: contract::Topic| format!("/{}", topic.name);
+    let event_topic = bag.add_topic_of::<EpisodeEvent>(&name(contract::EPISODE_EVENT), contract::EPISODE_EVENT.qos)?;
+    let keypoints_topic = bag.add_topic_of::<KeypointsMsg>(&name(contract::KEYPOINTS), contract::KEYPOINTS.qos)?;
+    let pose_topic = bag.add_topic_of::<PoseStamped>(&name(contract::CURRENT_POSE), contract::CURRENT_POSE.qos)?;
+    let wrench_topic = match rows.iter().any(|r| r.wrench.is_some()) {
+        true => {
+            Some(bag.add_topic_of::<WrenchStamped>(&name(contract::EXTERNAL_WRENCH), contract::EXTERNAL_WRENCH.qos)?)
+        }
+        false => None,
+    };
+    let started = EpisodeEvent {
+        episode: EPISODE,
+        event: EpisodeEvent::STARTED,
+        policy: "recorded".to_owned(),
+        step_period: model.observation.frame_period_s,
+        anchor: anchor_to_msg(model.delta_anchor()),
+        ..EpisodeEvent::default()
+    };
+    let ended = EpisodeEvent { event: EpisodeEvent::ENDED, reason: "complete".to_owned(), ..started.clone() };
+    for (i, (row, seen)) in rows.iter().zip(keypoints).enumerate() {
+        let at_ns = EPOCH_NS + row.time_ns;
+        let header = |frame: &str| -> Header { stamp::header(Time::from_nanos(at_ns), frame) };
+        if i == 0 {
+            bag.write(event_topic, at_ns, at_ns, &EpisodeEvent { header: header(""), ..started.clone() })?;
+        }
+        let message = KeypointsMsg { header: header(CAMERA_FRAME), ..keypoints_to_msg(seen) };
+        bag.write(keypoints_topic, at_ns, at_ns, &message)?;
+        let message = PoseStamped { header: header(BASE_FRAME), pose: grip_pose_to_msg(&row.grip) };
+        bag.write(pose_topic, at_ns, at_ns, &message)?;
+        if let (Some(topic), Some([fx, fz, ty])) = (wrench_topic, row.wrench) {
+            let wrench = Wrench { force: Vector3 { x: fx, y: 0.0, z: fz }, torque: Vector3 { x: 0.0, y: ty, z: 0.0 } };
+            bag.write(topic, at_ns, at_ns, &WrenchStamped { header: header(BASE_FRAME), wrench })?;
+        }
+        if i + 1 == rows.len() {
+            bag.write(event_topic, at_ns, at_ns, &EpisodeEvent { header: header(""), ..ended.clone() })?;
+        }
+    }
+    bag.finish()
+}

@@ -1,0 +1,199 @@
+//! The rows of a track in CSV.
+
+use crate::error::BagError;
+use catenary_core::GripPose;
+use csv::{ReaderBuilder, StringRecord, Trim};
+
+/// Columns that every track has.
+const NEEDED: [&str; 12] = [
+    "t_s",
+    "grip_x_m",
+    "grip_z_m",
+    "grip_pitch_rad",
+    "p1_x_m",
+    "p1_z_m",
+    "p2_x_m",
+    "p2_z_m",
+    "p3_x_m",
+    "p3_z_m",
+    "p4_x_m",
+    "p4_z_m",
+];
+/// Columns of the wrench: all or none.
+const WRENCH: [&str; 3] = ["grip_fx_n", "grip_fz_n", "grip_ty_nm"];
+/// Longest track, s: stamps of messages hold 68 years.
+const LONGEST_S: f64 = 1e6;
+
+/// One moment of a track.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Row {
+    /// Line in the file, from 1.
+    pub(super) line: u64,
+    /// Time since the first row, ns.
+    pub(super) time_ns: i64,
+    /// The clamped end.
+    pub(super) grip: GripPose,
+    /// The four points (x, z), m.
+    pub(super) points_m: [[f64; 2]; 4],
+    /// Force along x and z in N and torque about y in N m, at the grip.
+    pub(super) wrench: Option<[f64; 3]>,
+}
+
+struct Table<'a> {
+    file: &'a str,
+    header: Vec<String>,
+}
+
+impl Table<'_> {
+    fn error(&self, line: u64, column: &str, expected: impl Into<String>, got: impl Into<String>) -> BagError {
+        let (file, column) = (self.file.to_owned(), column.to_owned());
+        BagError::Csv { file, line, column, expected: expected.into(), got: got.into() }
+    }
+
+    /// Checks that the columns are those of a track; whether the wrench is among them.
+    fn check_header(&self) -> Result<bool, BagError> {
+        for (i, name) in self.header.iter().enumerate() {
+            if !NEEDED.contains(&name.as_str()) && !WRENCH.contains(&name.as_str()) {
+                let expected = format!("one of {}, {}", NEEDED.join(", "), WRENCH.join(", "));
+                return Err(self.error(1, &(i + 1).to_string(), expected, format!("{name:?}")));
+            }
+            if self.header[..i].contains(name) {
+                return Err(self.error(1, name, "each column once", "it twice"));
+            }
+        }
+        let missing = |names: &[&'static str]| names.iter().find(|n| !self.header.iter().any(|h| h == *n)).copied();
+        if let Some(name) = missing(&NEEDED) {
+            return Err(self.error(1, name, "this column", format!("the columns {}", self.header.join(", "))));
+        }
+        match (missing(&WRENCH), WRENCH.iter().any(|n| self.header.iter().any(|h| h == n))) {
+            (Some(name), true) => Err(self.error(1, name, "all columns of the wrench, or none", "a part of them")),
+            (missing, _) => Ok(missing.is_none()),
+        }
+    }
+
+    fn number(&self, line: u64, record: &StringRecord, column: &str) -> Result<f64, BagError> {
+        let place = self.header.iter().position(|h| h == column);
+        let text = place.and_then(|i| record.get(i)).unwrap_or_default();
+        let number = text.parse::<f64>().ok().filter(|v| v.is_finite());
+        number.ok_or_else(|| self.error(line, column, "a finite number", format!("{text:?}")))
+    }
+
+    fn numbers<const N: usize>(
+        &self,
+        line: u64,
+        record: &StringRecord,
+        columns: [&str; N],
+    ) -> Result<[f64; N], BagError> {
+        let mut out = [0.0; N];
+        for (value, column) in out.iter_mut().zip(columns) {
+            *value = self.number(line, record, column)?;
+        }
+        Ok(out)
+    }
+}
+
+/// Reads the rows of a track; `file` names it in messages.
+pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
+    let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(csv.as_bytes());
+    let header = reader.headers().map(|h| h.iter().map(str::to_owned).collect()).unwrap_or_default();
+    let table = Table { file, header };
+    let has_wrench = table.check_header()?;
+    let mut rows: Vec<Row> = Vec::new();
+    let mut first_s = 0.0;
+    for record in reader.records() {
+        let record = record.map_err(|e| {
+            let line = e.position().map_or(0, csv::Position::line);
+            table.error(line, "any", "a line of CSV", e.to_string())
+        })?;
+        let line = record.position().map_or(0, csv::Position::line);
+        if record.len() != table.header.len() {
+            let expected = format!("{} values, as in the header", table.header.len());
+            return Err(table.error(line, "the last", expected, record.len().to_string()));
+        }
+        let time_s = table.number(line, &record, "t_s")?;
+        if rows.is_empty() {
+            first_s = time_s;
+        }
+        if time_s - first_s > LONGEST_S {
+            let expected = format!("at most {LONGEST_S} s after the first row");
+            return Err(table.error(line, "t_s", expected, time_s.to_string()));
+        }
+        let time_ns = ((time_s - first_s) * 1e9).round() as i64;
+        if rows.last().is_some_and(|r| time_ns <= r.time_ns) {
+            return Err(table.error(line, "t_s", "a later time than in the row before", time_s.to_string()));
+        }
+        let [x_m, z_m, pitch_rad] = table.numbers(line, &record, ["grip_x_m", "grip_z_m", "grip_pitch_rad"])?;
+        let p: [f64; 8] = table.numbers(line, &record, std::array::from_fn(|i| NEEDED[4 + i]))?;
+        rows.push(Row {
+            line,
+            time_ns,
+            grip: GripPose { x_m, z_m, pitch_rad },
+            points_m: std::array::from_fn(|i| [p[2 * i], p[2 * i + 1]]),
+            wrench: if has_wrench { Some(table.numbers(line, &record, WRENCH)?) } else { None },
+        });
+    }
+    if rows.len() < 2 {
+        return Err(table.error(1 + rows.len() as u64, "t_s", "at least two rows", rows.len().to_string()));
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header() -> String {
+        NEEDED.join(",")
+    }
+
+    fn row(t: &str) -> String {
+        format!("{t},0.1,0.7,0.01,1,2,3,4,5,6,7,8")
+    }
+
+    fn error(csv: &str) -> String {
+        read_rows("track.csv", csv).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn columns_may_come_in_any_order() {
+        let csv = format!(
+            "grip_ty_nm,grip_fx_n,{},grip_fz_n\n0.3,0.1,{},0.2\n0.3,0.1,{},0.2\n",
+            header(),
+            row("2.5"),
+            row(" 2.75 ")
+        );
+        let rows = read_rows("track.csv", &csv).unwrap();
+        assert_eq!(rows.len(), 2);
+        assert_eq!((rows[1].line, rows[0].time_ns, rows[1].time_ns), (3, 0, 250_000_000));
+        assert_eq!(rows[0].points_m, [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]]);
+        assert_eq!(rows[0].wrench, Some([0.1, 0.2, 0.3]));
+        assert_eq!(rows[0].grip, GripPose { x_m: 0.1, z_m: 0.7, pitch_rad: 0.01 });
+    }
+
+    #[test]
+    fn errors_name_file_line_column_and_value() {
+        let good = format!("{}\n{}\n{}\n", header(), row("0.0"), row("0.1"));
+        read_rows("track.csv", &good).unwrap();
+        let expected = [
+            (
+                good.replace("0.7,0.01", "0.7,steep"),
+                "track.csv: line 2, column grip_pitch_rad: expected a finite number",
+            ),
+            (good.replace("0.7,0.01", "0.7,steep"), "\"steep\""),
+            (good.replacen(",7,8\n", ",7,nan\n", 1), "line 2, column p4_z_m"),
+            (good.replace("\n0.1,", "\n0.0,"), "line 3, column t_s: expected a later time"),
+            (good.replace(",7,8\n", ",7\n"), "line 2, column the last: expected 12 values, as in the header, got 11"),
+            (good.replace("p3_z_m", "p3_y_m"), "\"p3_y_m\""),
+            (good.replace("p3_z_m", "p3_x_m"), "column p3_x_m: expected each column once"),
+            (good.replace(",p4_z_m", ""), "line 1, column p4_z_m: expected this column"),
+            (good.replace(",p4_z_m\n", ",p4_z_m,grip_fx_n\n"), "column grip_fz_n: expected all columns of the wrench"),
+            (format!("{}\n{}\n", header(), row("0.0")), "expected at least two rows, got 1"),
+            (good.replace("\n0.1,", "\n1e300,"), "column t_s: expected at most"),
+            (String::new(), "column t_s: expected this column"),
+        ];
+        for (csv, part) in expected {
+            let e = error(&csv);
+            assert!(e.contains(part), "{part}: {e}");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! The message types that nodes record and replay: those of the contract's topics. Messages are decoded on the way, so
+//! that only valid ones get into a bag or onto a topic.
+
+use crate::error::BagError;
+use crate::reader::{BagMessage, Topic};
+use catenary_msgs::{InterfaceInfo, diagnostic_msgs, geometry_msgs, msg, rcl_interfaces, sensor_msgs, tf2_msgs};
+use catenary_shell::{Msg, Node, Publisher, Qos, ShellError, Subscription, Time};
+use std::time::Duration;
+
+/// A message that came, in CDR.
+pub(crate) struct Arrival {
+    pub(crate) cdr: Vec<u8>,
+    pub(crate) received: Time,
+    pub(crate) sent: Option<Time>,
+}
+
+/// Takes what comes on a topic, on the thread of its subscription.
+pub(crate) type Inbox = Box<dyn FnMut(Arrival) + Send>;
+
+/// Publishes the messages of a bag's topic.
+pub(crate) trait Outlet {
+    fn publish(&self, message: &BagMessage) -> Result<(), BagError>;
+    fn has_subscriber(&self) -> bool;
+    fn wait_for_subscriber(&self, timeout: Duration) -> bool;
+    /// The absolute topic after remapping.
+    fn topic(&self) -> &str;
+}
+
+/// What is done with one message type.
+pub(crate) struct Kind {
+    pub(crate) info: InterfaceInfo,
+    /// Whether messages are so large that few of them are kept.
+    pub(crate) is_large: bool,
+    subscribe: fn(&Node, &str, Qos, Inbox) -> Result<Subscription, ShellError>,
+    outlet: fn(&Node, &str, Qos) -> Result<Box<dyn Outlet>, ShellError>,
+    check: fn(&Topic) -> Result<(), BagError>,
+}
+
+impl Kind {
+    const fn of<T: Msg>() -> Self {
+        Self {
+            info: InterfaceInfo::of::<T>(),
+            is_large: false,
+            subscribe: subscribe::<T>,
+            outlet: |node, topic, qos| Ok(Box::new(node.publisher::<T>(topic, qos)?)),
+            check: Topic::check::<T>,
+        }
+    }
+
+    const fn large<T: Msg>() -> Self {
+        Self { is_large: true, ..Self::of::<T>() }
+    }
+
+    pub(crate) fn subscribe(
+        &self,
+        node: &Node,
+        topic: &str,
+        qos: Qos,
+        inbox: Inbox,
+    ) -> Result<Subscription, ShellError> {
+        (self.subscribe)(node, topic, qos, inbox)
+    }
+
+    pub(crate) fn outlet(&self, node: &Node, topic: &str, qos: Qos) -> Result<Box<dyn Outlet>, ShellError> {
+        (self.outlet)(node, topic, qos)
+    }
+
+    pub(crate) fn check(&self, topic: &Topic) -> Result<(), BagError> {
+        (self.check)(topic)
+    }
+}
+
+static KINDS: [Kind; 16] = [
+    Kind::large::<sensor_msgs::msg::Image>(),
+    Kind::of::<sensor_msgs::msg::CameraInfo>(),
+    Kind::of::<sensor_msgs::msg::JointState>(),
+    Kind::of::<geometry_msgs::msg::PoseStamped>(),
+    Kind::of::<geometry_msgs::msg::TwistStamped>(),
+    Kind::of::<geometry_msgs::msg::WrenchStamped>(),
+    Kind::of::<msg::Keypoints>(),
+    Kind::of::<msg::ArmState>(),
+    Kind::of::<msg::AcceptedTarget>(),
+    Kind::of::<msg::EefDelta>(),
+    Kind::of::<msg::Observation>(),
+    Kind::of::<msg::EpisodeEvent>(),
+    Kind::of::<tf2_msgs::msg::TFMessage>(),
+    Kind::of::<diagnostic_msgs::msg::DiagnosticArray>(),
+    Kind::of::<rcl_interfaces::msg::Log>(),
+    Kind::of::<catenary_msgs::rosgraph_msgs::msg::Clock>(),
+];
+
+/// The kind whose type is called `type_name`.
+pub(crate) fn find(type_name: &str) -> Option<&'static Kind> {
+    KINDS.iter().find(|k| k.info.type_name == type_name)
+}
+
+fn subscribe<T: Msg>(node: &Node, topic: &str, qos: Qos, mut inbox: Inbox) -> Result<Subscription, ShellError> {
+    let name = topic.to_owned();
+    node.subscription::<T>(topic, qos, move |got| match catenary_msgs::to_cdr(&*got.message) {
+        Ok(cdr) => inbox(Arrival { cdr, received: got.received, sent: got.sent }),
+        Err(error) => tracing::error!("{name}: a message is lost: {error}"),
+    })
+}
+
+impl<T: Msg> Outlet for Publisher<T> {
+    fn publish(&self, message: &BagMessage) -> Result<(), BagError> {
+        Publisher::publish(self, message.decode::<T>()?).map_err(|e| BagError::Message {
+            topic: e.topic,
+            log_time_ns: message.log_time_ns,
+            reason: e.reason,
+        })
+    }
+
+    fn has_subscriber(&self) -> bool {
+        Publisher::has_subscriber(self)
+    }
+
+    fn wait_for_subscriber(&self, timeout: Duration) -> bool {
+        Publisher::wait_for_subscriber(self, timeout)
+    }
+
+    fn topic(&self) -> &str {
+        Publisher::topic(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_shell::contract;
+
+    #[test]
+    fn every_topic_of_the_contract_can_be_recorded() {
+        for topic in contract::TOPICS {
+            assert!(find(topic.type_name).is_some(), "{}", topic.type_name);
+        }
+        assert!(find("std_msgs/msg/Nothing").is_none());
+    }
+}

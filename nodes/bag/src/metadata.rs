@@ -1,0 +1,263 @@
+//! `metadata.yaml`, version 9, as rosbag2 of ROS 2 Jazzy writes it.
+
+use crate::error::BagError;
+use crate::profile::Profile;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Name of the file.
+pub(crate) const FILE_NAME: &str = "metadata.yaml";
+/// The version that is written.
+const VERSION: u32 = 9;
+/// What rosbag2 gives as the start of a bag without messages.
+const NO_START_NS: i64 = i64::MAX;
+
+#[derive(Debug, Serialize)]
+struct Duration {
+    nanoseconds: i64,
+}
+
+#[derive(Debug, Serialize)]
+struct Start {
+    nanoseconds_since_epoch: i64,
+}
+
+/// A topic with its messages.
+#[derive(Debug, Serialize)]
+struct TopicEntry<'a> {
+    topic_metadata: TopicMetadata<'a>,
+    message_count: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct TopicMetadata<'a> {
+    name: &'a str,
+    #[serde(rename = "type")]
+    type_name: &'a str,
+    serialization_format: &'a str,
+    offered_qos_profiles: Vec<Profile>,
+    type_description_hash: &'a str,
+}
+
+#[derive(Debug, Serialize)]
+struct FileEntry<'a> {
+    path: &'a str,
+    starting_time: Start,
+    duration: Duration,
+    message_count: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Information<'a> {
+    version: u32,
+    storage_identifier: &'static str,
+    duration: Duration,
+    starting_time: Start,
+    message_count: u64,
+    topics_with_message_count: Vec<TopicEntry<'a>>,
+    compression_format: &'static str,
+    compression_mode: &'static str,
+    relative_file_paths: Vec<&'a str>,
+    files: Vec<FileEntry<'a>>,
+    custom_data: BTreeMap<String, String>,
+    ros_distro: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+struct Document<'a> {
+    rosbag2_bagfile_information: Information<'a>,
+}
+
+/// What `metadata.yaml` says of one topic.
+#[derive(Debug, Clone)]
+pub(crate) struct TopicFacts {
+    pub(crate) name: String,
+    pub(crate) type_name: String,
+    pub(crate) type_hash: String,
+    pub(crate) qos: Vec<catenary_shell::Qos>,
+    pub(crate) messages: u64,
+}
+
+/// What it says of one file.
+#[derive(Debug, Clone)]
+pub(crate) struct FileFacts {
+    /// Name within the folder.
+    pub(crate) name: String,
+    /// First and last log time in ns; none without messages.
+    pub(crate) span_ns: Option<(i64, i64)>,
+    pub(crate) messages: u64,
+}
+
+fn start(span_ns: Option<(i64, i64)>) -> Start {
+    Start { nanoseconds_since_epoch: span_ns.map_or(NO_START_NS, |s| s.0) }
+}
+
+fn duration(span_ns: Option<(i64, i64)>) -> Duration {
+    Duration { nanoseconds: span_ns.map_or(0, |s| s.1.saturating_sub(s.0)) }
+}
+
+/// The first and last time of several spans.
+pub(crate) fn joined(spans: impl IntoIterator<Item = Option<(i64, i64)>>) -> Option<(i64, i64)> {
+    spans.into_iter().flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+fn information<'a>(topics: &'a [TopicFacts], files: &'a [FileFacts]) -> Information<'a> {
+    let span_ns = joined(files.iter().map(|f| f.span_ns));
+    let topic = |t: &'a TopicFacts| TopicEntry {
+        topic_metadata: TopicMetadata {
+            name: &t.name,
+            type_name: &t.type_name,
+            serialization_format: "cdr",
+            offered_qos_profiles: t.qos.iter().map(|q| Profile::from(*q)).collect(),
+            type_description_hash: &t.type_hash,
+        },
+        message_count: t.messages,
+    };
+    let file = |f: &'a FileFacts| FileEntry {
+        path: &f.name,
+        starting_time: start(f.span_ns),
+        duration: duration(f.span_ns),
+        message_count: f.messages,
+    };
+    Information {
+        version: VERSION,
+        storage_identifier: "mcap",
+        duration: duration(span_ns),
+        starting_time: start(span_ns),
+        message_count: files.iter().map(|f| f.messages).sum(),
+        topics_with_message_count: topics.iter().map(topic).collect(),
+        compression_format: "",
+        compression_mode: "",
+        relative_file_paths: files.iter().map(|f| f.name.as_str()).collect(),
+        files: files.iter().map(file).collect(),
+        custom_data: BTreeMap::new(),
+        ros_distro: "jazzy",
+    }
+}
+
+fn yaml(value: &impl Serialize) -> Result<String, String> {
+    serde_saphyr::to_string(value).map_err(|e| e.to_string())
+}
+
+/// The text that rosbag2 keeps inside of the MCAP file: the information alone.
+pub(crate) fn embedded_text(topics: &[TopicFacts], files: &[FileFacts]) -> Result<String, String> {
+    yaml(&information(topics, files))
+}
+
+/// The text of the file.
+pub(crate) fn text(topics: &[TopicFacts], files: &[FileFacts]) -> Result<String, String> {
+    yaml(&Document { rosbag2_bagfile_information: information(topics, files) })
+}
+
+/// Writes the file into `folder`; what was there is replaced in one step.
+#[allow(clippy::disallowed_methods, reason = "bags are files")]
+pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -> Result<(), BagError> {
+    let path = folder.join(FILE_NAME);
+    let text = text(topics, files).map_err(|e| BagError::Io {
+        action: "put its text together",
+        path: path.clone(),
+        source: std::io::Error::other(e),
+    })?;
+    let draft = folder.join(".metadata.yaml.part");
+    std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(BagError::io("write", &path))
+}
+
+/// What reading a bag needs of the file, of any version.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Layout {
+    /// `mcap` or `sqlite3`.
+    pub(crate) storage_identifier: String,
+    /// Names of the files, in order.
+    pub(crate) relative_file_paths: Vec<String>,
+    /// Empty, `NONE`, `MESSAGE` or `FILE`.
+    #[serde(default)]
+    pub(crate) compression_mode: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct LayoutDocument {
+    rosbag2_bagfile_information: Layout,
+}
+
+/// Reads what is needed from the file's text.
+pub(crate) fn parse(text: &str) -> Result<Layout, String> {
+    serde_saphyr::from_str::<LayoutDocument>(text)
+        .map(|d| d.rosbag2_bagfile_information)
+        .map_err(|e| e.to_string().lines().next().unwrap_or_default().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_shell::Qos;
+
+    #[test]
+    fn text_is_that_of_rosbag2() {
+        let topic = TopicFacts {
+            name: "/panda/current_pose".into(),
+            type_name: "geometry_msgs/msg/PoseStamped".into(),
+            type_hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8".into(),
+            qos: vec![Qos::BestEffort { depth: 1 }],
+            messages: 3,
+        };
+        let file = FileFacts { name: "swing_0.mcap".into(), span_ns: Some((1_000, 5_000)), messages: 3 };
+        let expected = "\
+rosbag2_bagfile_information:
+  version: 9
+  storage_identifier: mcap
+  duration:
+    nanoseconds: 4000
+  starting_time:
+    nanoseconds_since_epoch: 1000
+  message_count: 3
+  topics_with_message_count:
+  - topic_metadata:
+      name: /panda/current_pose
+      type: geometry_msgs/msg/PoseStamped
+      serialization_format: cdr
+      offered_qos_profiles:
+      - history: keep_last
+        depth: 1
+        reliability: best_effort
+        durability: volatile
+        deadline:
+          sec: 9223372036
+          nsec: 854775807
+        lifespan:
+          sec: 9223372036
+          nsec: 854775807
+        liveliness: automatic
+        liveliness_lease_duration:
+          sec: 9223372036
+          nsec: 854775807
+        avoid_ros_namespace_conventions: false
+      type_description_hash: RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8
+    message_count: 3
+  compression_format: \"\"
+  compression_mode: \"\"
+  relative_file_paths:
+  - swing_0.mcap
+  files:
+  - path: swing_0.mcap
+    starting_time:
+      nanoseconds_since_epoch: 1000
+    duration:
+      nanoseconds: 4000
+    message_count: 3
+  custom_data: {}
+  ros_distro: jazzy
+";
+        let written = text(&[topic], &[file]).unwrap();
+        assert_eq!(written, expected);
+        assert_eq!(parse(&written).unwrap().relative_file_paths, ["swing_0.mcap"]);
+    }
+
+    #[test]
+    fn a_bag_without_messages_starts_where_rosbag2_says() {
+        let file = FileFacts { name: "a_0.mcap".into(), span_ns: None, messages: 0 };
+        let written = text(&[], &[file]).unwrap();
+        assert!(written.contains("nanoseconds_since_epoch: 9223372036854775807"), "{written}");
+        assert!(written.contains("topics_with_message_count: []"), "{written}");
+    }
+}

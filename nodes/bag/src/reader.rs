@@ -1,0 +1,257 @@
+//! Reads bags: a folder, or a bare .mcap file; finished or not.
+#![allow(clippy::disallowed_methods, reason = "bags are files")]
+
+mod chunk;
+mod file;
+mod messages;
+
+use crate::error::BagError;
+use crate::metadata::{self, FileFacts, TopicFacts, joined};
+use catenary_msgs::Interface;
+use catenary_shell::Qos;
+use file::IndexedFile;
+pub use messages::{BagMessage, Messages};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// What to do about a bag in the sqlite3 format.
+const CONVERT: &str = "convert it with `ros2 bag convert -i BAG -o OPTIONS` where OPTIONS name the storage `mcap`";
+
+/// A topic of a bag.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Topic {
+    /// Absolute name.
+    pub name: String,
+    /// `package/msg/Type`.
+    pub type_name: String,
+    /// How its messages are serialised; `cdr` in all ROS 2 bags.
+    pub encoding: String,
+    /// RIHS01 hash of the type, where the recorder knew it.
+    pub type_hash: Option<String>,
+    /// Profiles that its publishers offered.
+    pub qos: Vec<Qos>,
+}
+
+impl Topic {
+    /// Whether its messages can be read as `T`.
+    ///
+    /// # Errors
+    /// [`BagError::Type`] naming what differs.
+    pub fn check<T: Interface>(&self) -> Result<(), BagError> {
+        let wrong = |expected: String, found: String| Err(BagError::Type { topic: self.name.clone(), expected, found });
+        if self.type_name != T::TYPE_NAME {
+            return wrong(T::TYPE_NAME.to_owned(), self.type_name.clone());
+        }
+        if self.encoding != "cdr" {
+            return wrong("messages in cdr".to_owned(), format!("messages in {}", self.encoding));
+        }
+        match &self.type_hash {
+            Some(hash) if hash != T::TYPE_HASH => {
+                wrong(format!("{} with the hash {}", T::TYPE_NAME, T::TYPE_HASH), format!("the hash {hash}"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A topic with the number of its messages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TopicCount {
+    /// The topic.
+    pub topic: Arc<Topic>,
+    /// Its messages that can be read.
+    pub messages: u64,
+}
+
+/// A bag that can be read.
+///
+/// A file that was not finished, because the recorder was killed or still runs, is read up to its last complete chunk;
+/// [`BagReader::notes`] says so.
+#[derive(Debug)]
+pub struct BagReader {
+    path: PathBuf,
+    files: Vec<IndexedFile>,
+    topics: Vec<TopicCount>,
+    notes: Vec<String>,
+}
+
+impl BagReader {
+    /// Opens a bag folder or an .mcap file, and finds out what is in it.
+    ///
+    /// # Errors
+    /// [`BagError::NotABag`], [`BagError::Unsupported`], [`BagError::Io`]. Damage is none: it is noted.
+    pub fn open(path: &Path) -> Result<Self, BagError> {
+        let mut notes = Vec::new();
+        let paths = if path.is_dir() {
+            files_of(path, &mut notes)?
+        } else if path.exists() {
+            vec![path.to_owned()]
+        } else {
+            return Err(BagError::NotABag { path: path.to_owned(), found: "nothing".to_owned() });
+        };
+        let alone = paths.len() == 1;
+        let mut files = Vec::new();
+        for path in paths {
+            match IndexedFile::open(&path) {
+                Ok(file) => files.push(file),
+                Err(error) if alone => return Err(error),
+                Err(error) => notes.push(error.to_string()),
+            }
+        }
+        if files.is_empty() {
+            return Err(BagError::NotABag { path: path.to_owned(), found: notes.join("; ") });
+        }
+        notes.extend(files.iter().flat_map(|f| f.notes.iter().cloned()));
+        let topics = merged(files.iter().flat_map(IndexedFile::topics));
+        Ok(Self { path: path.to_owned(), files, topics, notes })
+    }
+
+    /// The path that was opened.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The topics, by name.
+    #[must_use]
+    pub fn topics(&self) -> &[TopicCount] {
+        &self.topics
+    }
+
+    /// The topic called `name`.
+    #[must_use]
+    pub fn topic(&self, name: &str) -> Option<&TopicCount> {
+        self.topics.iter().find(|t| t.topic.name == name)
+    }
+
+    /// Messages in all.
+    #[must_use]
+    pub fn message_count(&self) -> u64 {
+        self.topics.iter().map(|t| t.messages).sum()
+    }
+
+    /// First and last log time in ns; none without messages.
+    #[must_use]
+    pub fn span_ns(&self) -> Option<(i64, i64)> {
+        joined(self.files.iter().map(IndexedFile::span_ns))
+    }
+
+    /// What is missing or damaged, in words; empty for a bag in order.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The topics with types and counts, in one line.
+    #[must_use]
+    pub fn describe_topics(&self) -> String {
+        let one = |t: &TopicCount| format!("{} [{}] {}", t.topic.name, t.topic.type_name, t.messages);
+        let all: Vec<String> = self.topics.iter().map(one).collect();
+        if all.is_empty() { "no topics".to_owned() } else { all.join(", ") }
+    }
+
+    /// Every message, in order of log time.
+    #[must_use]
+    pub fn messages(&self) -> Messages<'_> {
+        Messages::new(self, None)
+    }
+
+    /// The messages of some topics, in order of log time.
+    #[must_use]
+    pub fn messages_of<S: AsRef<str>>(&self, topics: &[S]) -> Messages<'_> {
+        Messages::new(self, Some(topics.iter().map(|t| t.as_ref().to_owned()).collect()))
+    }
+}
+
+/// Writes a bag folder's `metadata.yaml` anew from its files, for a bag that was not finished or lost it.
+///
+/// # Errors
+/// As [`BagReader::open`], and [`BagError::Io`].
+pub fn reindex(folder: &Path) -> Result<(), BagError> {
+    let bag = BagReader::open(folder)?;
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
+    let topic = |t: &TopicCount| TopicFacts {
+        name: t.topic.name.clone(),
+        type_name: t.topic.type_name.clone(),
+        type_hash: t.topic.type_hash.clone().unwrap_or_default(),
+        qos: t.topic.qos.clone(),
+        messages: t.messages,
+    };
+    let files: Vec<FileFacts> = bag.files.iter().map(file).collect();
+    let topics: Vec<TopicFacts> = bag.topics.iter().map(topic).collect();
+    metadata::write(folder, &topics, &files)
+}
+
+/// One entry for each name and type, by name.
+fn merged(all: impl Iterator<Item = TopicCount>) -> Vec<TopicCount> {
+    let mut topics: Vec<TopicCount> = Vec::new();
+    for t in all {
+        let same =
+            |known: &&mut TopicCount| known.topic.name == t.topic.name && known.topic.type_name == t.topic.type_name;
+        match topics.iter_mut().find(same) {
+            Some(known) => known.messages += t.messages,
+            None => topics.push(t),
+        }
+    }
+    topics.sort_by(|a, b| a.topic.name.cmp(&b.topic.name));
+    topics
+}
+
+/// The .mcap files of a bag folder, in order.
+fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagError> {
+    let present = listing(folder)?;
+    let mcap: Vec<PathBuf> = present.iter().filter(|n| n.ends_with(".mcap")).map(|n| folder.join(n)).collect();
+    let unsupported =
+        |found: &str, remedy| Err(BagError::Unsupported { path: folder.to_owned(), found: found.to_owned(), remedy });
+    let layout = match std::fs::read_to_string(folder.join(metadata::FILE_NAME)) {
+        Ok(text) => metadata::parse(&text).map_err(|e| format!("metadata.yaml is not readable ({e})")),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err("metadata.yaml is missing".to_owned()),
+        Err(e) => Err(format!("metadata.yaml is not readable ({e})")),
+    };
+    let listed = match layout {
+        Ok(layout) if layout.storage_identifier == "sqlite3" => return unsupported("sqlite3 bags are", CONVERT),
+        Ok(layout) if layout.compression_mode.eq_ignore_ascii_case("file") => {
+            return unsupported("files that are compressed as a whole are", "`zstd -d` unpacks each of them");
+        }
+        Ok(layout) => {
+            let name = |p: &String| Path::new(p).file_name().map(|n| folder.join(n));
+            layout.relative_file_paths.iter().filter_map(name).collect()
+        }
+        Err(note) => {
+            notes.push(format!("{}: {note}", folder.display()));
+            mcap.clone()
+        }
+    };
+    let (mut found, missing): (Vec<PathBuf>, Vec<PathBuf>) = listed.into_iter().partition(|p| p.exists());
+    for path in missing {
+        notes.push(format!("{}: listed in metadata.yaml, and missing", path.display()));
+    }
+    if found.is_empty() {
+        found = mcap;
+    }
+    if found.is_empty() {
+        return if present.iter().any(|n| n.ends_with(".db3")) {
+            unsupported("sqlite3 bags are", CONVERT)
+        } else {
+            let found = match present.len() {
+                0 => "an empty folder".to_owned(),
+                _ => format!("a folder without .mcap files that holds {}", present.join(", ")),
+            };
+            Err(BagError::NotABag { path: folder.to_owned(), found })
+        };
+    }
+    Ok(found)
+}
+
+/// Names in a folder, those of split files in the order of their numbers.
+fn listing(folder: &Path) -> Result<Vec<String>, BagError> {
+    let entries = std::fs::read_dir(folder).map_err(BagError::io("list", folder))?;
+    let mut names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+    let number = |name: &str| {
+        let stem = name.split('.').next().unwrap_or_default();
+        stem.rsplit('_').next().and_then(|n| n.parse::<u64>().ok()).unwrap_or(u64::MAX)
+    };
+    names.sort_by(|a, b| number(a).cmp(&number(b)).then_with(|| a.cmp(b)));
+    Ok(names)
+}

@@ -1,0 +1,305 @@
+//! One MCAP file: which topics it has, and where its messages lie.
+
+use super::chunk::{LARGEST, RECORD_HEADER, visit_records};
+use super::{Topic, TopicCount};
+use crate::error::BagError;
+use crate::metadata::joined;
+use crate::profile;
+use mcap::MAGIC;
+use mcap::records::{Channel, ChunkIndex, Record, Statistics, op};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A chunk, or a message that stands alone.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece {
+    /// Earliest and latest log time in ns.
+    pub(super) span: (u64, u64),
+    /// Where its record begins.
+    pub(super) offset: u64,
+    /// Bytes of the record's body.
+    pub(super) len: u64,
+    pub(super) is_chunk: bool,
+}
+
+/// A file that was looked through.
+#[derive(Debug)]
+pub(super) struct IndexedFile {
+    pub(super) path: PathBuf,
+    pub(super) pieces: Vec<Piece>,
+    pub(super) channels: BTreeMap<u16, Arc<Topic>>,
+    pub(super) counts: BTreeMap<u16, u64>,
+    /// What is missing or damaged.
+    pub(super) notes: Vec<String>,
+}
+
+impl IndexedFile {
+    /// Looks a file through: by its summary where it has one, else record by record.
+    pub(super) fn open(path: &Path) -> Result<Self, BagError> {
+        let mut file = File::open(path).map_err(BagError::io("open", path))?;
+        let len = file.metadata().map_err(BagError::io("open", path))?.len();
+        check_kind(path, &mut file, len)?;
+        let definitions = match summary(&mut file, len).map_err(BagError::io("read", path))? {
+            Some(summary) => summary,
+            None => scan(&file, len).map_err(BagError::io("read", path))?,
+        };
+        if let Some(name) = definitions.foreign_compression {
+            return Err(BagError::Unsupported {
+                path: path.to_owned(),
+                found: format!("chunks compressed by {name:?} are"),
+                remedy: "`mcap compress --compression zstd` makes a file that is read here",
+            });
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            pieces: definitions.pieces,
+            channels: definitions.channels,
+            counts: definitions.counts,
+            notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
+        })
+    }
+
+    pub(super) fn messages(&self) -> u64 {
+        self.counts.values().sum()
+    }
+
+    /// First and last log time in ns.
+    pub(super) fn span_ns(&self) -> Option<(i64, i64)> {
+        let ns = |t: u64| i64::try_from(t).unwrap_or(i64::MAX);
+        joined(self.pieces.iter().map(|p| Some((ns(p.span.0), ns(p.span.1)))))
+    }
+
+    /// Topics with the number of their messages.
+    pub(super) fn topics(&self) -> impl Iterator<Item = TopicCount> {
+        let count = |id: &u16| self.counts.get(id).copied().unwrap_or(0);
+        self.channels.iter().map(move |(id, topic)| TopicCount { topic: Arc::clone(topic), messages: count(id) })
+    }
+}
+
+/// Refuses what is no MCAP file, and says what it is.
+fn check_kind(path: &Path, file: &mut File, len: u64) -> Result<(), BagError> {
+    let mut start = Vec::new();
+    file.take(16).read_to_end(&mut start).map_err(BagError::io("read", path))?;
+    if start.starts_with(MAGIC) {
+        return Ok(());
+    }
+    let unsupported =
+        |found: &str, remedy| BagError::Unsupported { path: path.to_owned(), found: found.into(), remedy };
+    Err(if start.starts_with(b"SQLite format 3") {
+        unsupported("sqlite3 bags are", super::CONVERT)
+    } else if start.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]) {
+        unsupported("files that are compressed as a whole are", "`zstd -d` unpacks it")
+    } else {
+        let found = match len {
+            0 => "an empty file".to_owned(),
+            _ => format!("a file of {len} bytes that does not begin as an MCAP file does"),
+        };
+        BagError::NotABag { path: path.to_owned(), found }
+    })
+}
+
+/// What the records of a file define.
+#[derive(Debug, Default)]
+struct Definitions {
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, Arc<Topic>>,
+    counts: BTreeMap<u16, u64>,
+    pieces: Vec<Piece>,
+    notes: Vec<String>,
+    foreign_compression: Option<String>,
+}
+
+impl Definitions {
+    /// Takes a schema or a channel; the first of a number counts, as the format demands that all are equal.
+    fn define(&mut self, record: Record<'_>) {
+        match record {
+            Record::Schema { header, .. } => {
+                self.schemas.entry(header.id).or_insert(header.name);
+            }
+            Record::Channel(channel) if !self.channels.contains_key(&channel.id) => {
+                let type_name = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                self.channels.insert(channel.id, Arc::new(topic(channel, type_name)));
+            }
+            _ => {}
+        }
+    }
+
+    fn check_compression(&mut self, compression: &str) {
+        if !matches!(compression, "" | "zstd") {
+            self.foreign_compression = Some(compression.to_owned());
+        }
+    }
+}
+
+fn topic(mut channel: Channel, type_name: String) -> Topic {
+    let mut take = |key: &str| channel.metadata.remove(key).unwrap_or_default();
+    let (hash, offered) = (take("topic_type_hash"), take("offered_qos_profiles"));
+    Topic {
+        name: channel.topic,
+        type_name,
+        encoding: channel.message_encoding,
+        // Middleware that announces no hashes leaves an invalid one behind.
+        type_hash: hash.starts_with("RIHS01_").then_some(hash),
+        qos: profile::parse(&offered),
+    }
+}
+
+/// Body of the record at `offset`; its length is known to lie within the file.
+pub(super) fn read_body(mut file: impl Read + Seek, offset: u64, len: u64) -> std::io::Result<Vec<u8>> {
+    if len > LARGEST {
+        return Err(std::io::Error::other(format!("expected a record of at most {LARGEST} bytes, got one of {len}")));
+    }
+    file.seek(SeekFrom::Start(offset + RECORD_HEADER))?;
+    let mut body = vec![0; usize::try_from(len).unwrap_or(usize::MAX)];
+    file.read_exact(&mut body)?;
+    Ok(body)
+}
+
+/// What the summary of a finished file defines; none where there is no summary that says where all messages are.
+fn summary(file: &mut File, len: u64) -> std::io::Result<Option<Definitions>> {
+    const FOOTER: u64 = RECORD_HEADER + 20 + 8;
+    let Some(footer_start) = len.checked_sub(FOOTER) else { return Ok(None) };
+    file.seek(SeekFrom::Start(footer_start))?;
+    let mut end = [0; FOOTER as usize];
+    file.read_exact(&mut end)?;
+    let footer = mcap::parse_record(op::FOOTER, &end[RECORD_HEADER as usize..29]);
+    let Ok(Record::Footer(footer)) = footer else { return Ok(None) };
+    let whole = end[0] == op::FOOTER && &end[29..] == MAGIC;
+    let section = footer_start.checked_sub(footer.summary_start).filter(|s| *s <= LARGEST);
+    let (true, Some(section)) = (whole && footer.summary_start > 0, section) else { return Ok(None) };
+    file.seek(SeekFrom::Start(footer.summary_start))?;
+    let mut bytes = vec![0; usize::try_from(section).unwrap_or_default()];
+    file.read_exact(&mut bytes)?;
+    Ok(read_summary(&bytes, footer.summary_start))
+}
+
+fn read_summary(mut bytes: &[u8], data_end: u64) -> Option<Definitions> {
+    let mut definitions = Definitions::default();
+    let mut statistics: Option<Statistics> = None;
+    while let Some((head, rest)) = bytes.split_at_checked(RECORD_HEADER as usize) {
+        let len = u64::from_le_bytes(head[1..].try_into().ok()?);
+        let (body, later) = rest.split_at_checked(usize::try_from(len).ok()?)?;
+        bytes = later;
+        match head[0] {
+            op::SCHEMA | op::CHANNEL => definitions.define(mcap::parse_record(head[0], body).ok()?),
+            op::STATISTICS => match mcap::parse_record(head[0], body).ok()? {
+                Record::Statistics(s) => statistics = Some(s),
+                _ => return None,
+            },
+            op::CHUNK_INDEX => match mcap::parse_record(head[0], body).ok()? {
+                Record::ChunkIndex(index) => {
+                    definitions.check_compression(&index.compression);
+                    definitions.pieces.push(chunk_piece(&index, data_end)?);
+                }
+                _ => return None,
+            },
+            _ => {}
+        }
+    }
+    let statistics = statistics?;
+    let chunks = definitions.pieces.len() as u64 == u64::from(statistics.chunk_count);
+    let indexed = statistics.message_count == 0 || !definitions.pieces.is_empty();
+    let counted: u64 = statistics.channel_message_counts.values().sum();
+    let known = statistics.channel_message_counts.keys().all(|id| definitions.channels.contains_key(id));
+    // A chunk that holds definitions alone has no times.
+    definitions.pieces.retain(|p| p.span.1 >= statistics.message_start_time);
+    definitions.counts = statistics.channel_message_counts;
+    (chunks && indexed && known && counted == statistics.message_count).then_some(definitions)
+}
+
+fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
+    let end = index.chunk_start_offset.checked_add(index.chunk_length)?;
+    let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
+    let span = (index.message_start_time, index.message_end_time);
+    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, is_chunk: true })
+}
+
+/// Reads a file from the front, for what can be had of one that was not finished.
+fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
+    let mut input = BufReader::new(file);
+    let mut definitions = Definitions::default();
+    let mut offset = MAGIC.len() as u64;
+    let mut finished = false;
+    while offset < len && !finished {
+        let mut head = [0; RECORD_HEADER as usize];
+        let left = len - offset;
+        let body_len = if left >= RECORD_HEADER {
+            input.seek(SeekFrom::Start(offset))?;
+            input.read_exact(&mut head)?;
+            u64::from_le_bytes(head[1..].try_into().unwrap_or_default())
+        } else {
+            u64::MAX
+        };
+        if head[0] == 0 || body_len > left.saturating_sub(RECORD_HEADER) {
+            definitions.notes.push(format!("it ends within a record: the last {left} bytes are lost"));
+            break;
+        }
+        finished = head[0] == op::DATA_END;
+        let interesting = matches!(head[0], op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE);
+        if interesting && let Err(reason) = take_record(&mut definitions, &mut input, head[0], offset, body_len) {
+            definitions.notes.push(format!("damaged at byte {offset}: {reason}"));
+        }
+        offset += RECORD_HEADER + body_len;
+    }
+    let messages: u64 = definitions.counts.values().sum();
+    let chunks = definitions.pieces.iter().filter(|p| p.is_chunk).count();
+    let state = if finished { "it has no summary" } else { "it was not finished and has no summary" };
+    definitions.notes.insert(0, format!("{state}: {messages} messages were found in {chunks} complete chunks"));
+    Ok(definitions)
+}
+
+/// Takes what one record defines.
+fn take_record(
+    definitions: &mut Definitions,
+    input: &mut BufReader<&File>,
+    opcode: u8,
+    offset: u64,
+    len: u64,
+) -> Result<(), String> {
+    let body = read_body(input, offset, len).map_err(|e| e.to_string())?;
+    let piece = |span, is_chunk| Piece { span, offset, len, is_chunk };
+    match opcode {
+        op::CHUNK => {
+            let mut found = Vec::new();
+            let read = visit_records(&body, &mut |opcode, body| match opcode {
+                op::SCHEMA | op::CHANNEL => {
+                    definitions.define(mcap::parse_record(opcode, body).map_err(|e| e.to_string())?);
+                    Ok(())
+                }
+                op::MESSAGE => {
+                    found.push(message_key(body)?);
+                    Ok(())
+                }
+                _ => Ok(()),
+            });
+            if let Ok(Record::Chunk { header, .. }) = mcap::parse_record(op::CHUNK, &body) {
+                definitions.check_compression(&header.compression);
+            }
+            read?;
+            let times = found.iter().map(|(_, time)| Some((*time, *time)));
+            let span = times.flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+            for (channel, _) in &found {
+                *definitions.counts.entry(*channel).or_default() += 1;
+            }
+            definitions.pieces.extend(span.map(|s| piece(s, true)));
+        }
+        op::MESSAGE => {
+            let (channel, time) = message_key(&body)?;
+            *definitions.counts.entry(channel).or_default() += 1;
+            definitions.pieces.push(piece((time, time), false));
+        }
+        _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),
+    }
+    Ok(())
+}
+
+/// Channel and log time of a message.
+fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
+    match mcap::parse_record(op::MESSAGE, body) {
+        Ok(Record::Message { header, .. }) => Ok((header.channel_id, header.log_time)),
+        _ => Err("a message's header is not readable".to_owned()),
+    }
+}

@@ -1,0 +1,104 @@
+//! Whether an arm is in the graph, and whether it is a real one.
+
+use crate::error::BagError;
+use catenary_msgs::msg::ArmState;
+use catenary_shell::{Node, Subscription, contract, stamp};
+use std::collections::{BTreeSet, HashSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How long a state of an arm that is there takes to be heard at most: discovery takes less than half a second.
+const LISTEN: Duration = Duration::from_millis(1500);
+/// How much longer a publisher without a state is waited for.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Between two looks.
+const LOOK: Duration = Duration::from_millis(20);
+
+#[derive(Default)]
+struct Heard {
+    /// The topic of a real arm's state.
+    real: Option<String>,
+    simulated: bool,
+    /// Stamps of the states that are replayed: those that come back are no arm's.
+    replayed: HashSet<i64>,
+}
+
+/// Listens for states of arms that are not replayed.
+pub(super) struct ArmWatch {
+    heard: Arc<Mutex<Heard>>,
+    _subscriptions: Vec<Subscription>,
+}
+
+fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
+    heard.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl ArmWatch {
+    /// Listens on the contract's topic and on the `topics` that will be replayed.
+    pub(super) fn start(node: &Node, topics: Vec<String>) -> Result<Self, BagError> {
+        let heard = Arc::<Mutex<Heard>>::default();
+        let mut names = BTreeSet::from([node.resolve(contract::ARM_STATE.name)?]);
+        for topic in topics {
+            names.insert(node.resolve(&topic)?);
+        }
+        let mut subscriptions = Vec::new();
+        for name in names {
+            let (heard, topic) = (Arc::clone(&heard), name.clone());
+            let listen = move |state: &ArmState| {
+                let mut heard = lock(&heard);
+                if heard.replayed.contains(&stamp::from_msg(&state.header.stamp).nanos()) {
+                } else if state.is_sim {
+                    heard.simulated = true;
+                } else {
+                    heard.real = Some(topic.clone());
+                }
+            };
+            let qos = contract::ARM_STATE.qos;
+            subscriptions.push(node.subscription::<ArmState>(&name, qos, move |got| listen(&got.message))?);
+        }
+        Ok(Self { heard, _subscriptions: subscriptions })
+    }
+
+    /// Returns when it is known that no real arm is there.
+    pub(super) fn wait_until_safe(&self, node: &Node) -> Result<(), BagError> {
+        let start = Instant::now();
+        let silent = || -> Result<bool, BagError> {
+            Ok(!self.has_simulated_arm() && node.publisher_count(contract::ARM_STATE.name)? > 0)
+        };
+        while start.elapsed() < LISTEN || (silent()? && start.elapsed() < LISTEN + PATIENCE) {
+            self.check()?;
+            if node.shutdown().wait_timeout(LOOK) {
+                return Ok(());
+            }
+        }
+        self.check()?;
+        if silent()? {
+            return Err(BagError::Refused(format!(
+                "somebody publishes on /{}, but no state came that says whether the arm is real",
+                contract::ARM_STATE.name
+            )));
+        }
+        Ok(())
+    }
+
+    /// Fails where a real arm was heard.
+    pub(super) fn check(&self) -> Result<(), BagError> {
+        match &lock(&self.heard).real {
+            Some(topic) => Err(BagError::Refused(format!(
+                "a real arm is in the graph ({topic} says is_sim: false); end its bridge first, or replay in another \
+                 ROS_DOMAIN_ID"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether a simulated arm was heard.
+    pub(super) fn has_simulated_arm(&self) -> bool {
+        lock(&self.heard).simulated
+    }
+
+    /// A state that is about to be replayed.
+    pub(super) fn expect(&self, state: &ArmState) {
+        lock(&self.heard).replayed.insert(stamp::from_msg(&state.header.stamp).nanos());
+    }
+}

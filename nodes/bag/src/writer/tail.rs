@@ -1,0 +1,76 @@
+//! The end of a file that only grows, and only by whole chunks.
+
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+
+/// Something that is written from front to back and can be cut off.
+pub(super) trait Target: Write {
+    /// Makes it end after `len` bytes.
+    fn cut(&mut self, len: u64) -> io::Result<()>;
+    /// Brings what was written to the disk itself.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+impl Target for File {
+    fn cut(&mut self, len: u64) -> io::Result<()> {
+        self.set_len(len)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_all()
+    }
+}
+
+/// Holds back what is written until it is flushed, so that the file ends with a complete chunk at any moment: a flush that
+/// fails half way, as on a full disk, cuts the file back to where it was.
+pub(super) struct Tail<F: Target> {
+    target: F,
+    held_back: Vec<u8>,
+    written: u64,
+    broken: bool,
+}
+
+impl<F: Target> Tail<F> {
+    pub(super) fn new(target: F) -> Self {
+        Self { target, held_back: Vec::new(), written: 0, broken: false }
+    }
+
+    pub(super) fn sync(&mut self) -> io::Result<()> {
+        self.target.sync()
+    }
+
+    fn check(&self) -> io::Result<()> {
+        if self.broken { Err(io::Error::other("an earlier write failed")) } else { Ok(()) }
+    }
+}
+
+impl<F: Target> Write for Tail<F> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.check()?;
+        self.held_back.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.check()?;
+        if let Err(error) = self.target.write_all(&self.held_back).and_then(|()| self.target.flush()) {
+            self.broken = true;
+            // Where even this fails the file ends within a record, which readers recover from.
+            let _ends_within_a_record = self.target.cut(self.written);
+            return Err(error);
+        }
+        self.written += self.held_back.len() as u64;
+        self.held_back.clear();
+        Ok(())
+    }
+}
+
+impl<F: Target> Seek for Tail<F> {
+    /// Tells the position; goes nowhere.
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match to {
+            SeekFrom::Current(0) => Ok(self.written + self.held_back.len() as u64),
+            _ => Err(io::Error::new(io::ErrorKind::Unsupported, "this file only grows")),
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Recorder and replayer over the loopback interface. What breaks here loses measurements, or moves an arm.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "a test of threads, processes and sockets waits for them, and a failure is a panic"
+)]
+
+use catenary_bag::{BagError, BagReader, RecordSettings, ReplaySettings, record, replay};
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::{ArmState, EpisodeEvent, Keypoints};
+use catenary_msgs::rosgraph_msgs::msg::Clock;
+use catenary_shell::contract::{ARM_STATE, CURRENT_POSE, EPISODE_EVENT, KEYPOINTS, TARGET_POSE};
+use catenary_shell::{Discovery, Node, NodeBuilder, Qos, RosArgs, Time, stamp};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+const SOON: Duration = Duration::from_secs(5);
+
+fn builder(name: &str, domain: u16, args: &[&str]) -> NodeBuilder {
+    let all = std::iter::once("--ros-args").chain(args.iter().copied());
+    let (args, _) = RosArgs::parse(all).unwrap();
+    NodeBuilder::new(name, &args).unwrap().domain(domain, Discovery::Localhost)
+}
+
+fn node(name: &str, domain: u16) -> Node {
+    builder(name, domain, &[]).build().unwrap()
+}
+
+fn sample() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")
+}
+
+fn pose(index: i64) -> PoseStamped {
+    let mut pose = PoseStamped::default();
+    pose.header = stamp::header(Time::from_nanos(index), "panda_link0");
+    pose.pose.position.x = index as f64;
+    pose
+}
+
+fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < SOON, "{what} within {SOON:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn what_is_published_is_in_the_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bag");
+    let sender = node("sender", 141);
+    let events = sender.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
+    let latched = EpisodeEvent { episode: 4, policy: "pi0".into(), ..EpisodeEvent::default() };
+    events.publish(latched.clone()).unwrap();
+    let recorder = node("recorder", 141);
+    let settings =
+        RecordSettings { topics: vec!["panda/*".into(), "/episode/event".into()], ..RecordSettings::new(out.clone()) };
+    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
+    let recording = std::thread::spawn(move || record(&inner, &settings));
+    let poses = sender.publisher::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap();
+    let targets = sender.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
+    wait_for("the bag", || out.join("metadata.yaml").exists());
+    assert!(poses.wait_for_subscriber(SOON) && targets.wait_for_subscriber(SOON));
+    std::thread::sleep(Duration::from_millis(300));
+    let before = catenary_shell::wall_now().nanos();
+    for index in 0..100 {
+        poses.publish(pose(index)).unwrap();
+        targets.publish(pose(-index)).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    stop.trigger();
+    let summary = recording.join().unwrap().unwrap();
+    let bag = BagReader::open(&out).unwrap();
+    assert_eq!((bag.notes().len(), bag.message_count()), (0, summary.messages));
+    let targets: Vec<PoseStamped> =
+        bag.messages_of(&["/panda/target_pose"]).map(|m| m.unwrap().decode().unwrap()).collect();
+    assert_eq!(targets, (0..100).map(|i| pose(-i)).collect::<Vec<_>>());
+    assert!(bag.topic("/panda/current_pose").unwrap().messages >= 95, "{}", bag.describe_topics());
+    let topic = &bag.topic("/panda/current_pose").unwrap().topic;
+    assert_eq!(topic.qos, [CURRENT_POSE.qos]);
+    let events: Vec<EpisodeEvent> =
+        bag.messages_of(&["/episode/event"]).map(|m| m.unwrap().decode().unwrap()).collect();
+    assert_eq!(events, [latched]);
+    for message in bag.messages_of(&["/panda/target_pose"]).map(Result::unwrap) {
+        assert!(message.publish_time_ns >= before && message.publish_time_ns <= message.log_time_ns);
+        assert!(message.log_time_ns - message.publish_time_ns < 1_000_000_000);
+    }
+}
+
+#[test]
+fn simulated_time_is_the_bags_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bag");
+    let recorder = builder("recorder", 142, &["-p", "use_sim_time:=true"]).build().unwrap();
+    let settings = RecordSettings { topics: vec!["dlo/keypoints".into()], ..RecordSettings::new(out.clone()) };
+    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
+    let recording = std::thread::spawn(move || record(&inner, &settings));
+    let simulator = node("simulator", 142);
+    let clock = simulator.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
+    let keypoints = simulator.publisher::<Keypoints>(KEYPOINTS.name, KEYPOINTS.qos).unwrap();
+    assert!(clock.wait_for_subscriber(SOON));
+    assert!(!out.exists());
+    let tick = |seconds: i64| {
+        clock.publish(Clock { clock: stamp::to_msg(Time::from_nanos(seconds * 1_000_000_000)) }).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    wait_for("the bag", || {
+        tick(40);
+        out.exists()
+    });
+    assert!(keypoints.wait_for_subscriber(SOON));
+    std::thread::sleep(Duration::from_millis(200));
+    for seconds in 50..60 {
+        tick(seconds);
+        keypoints.publish(Keypoints::default()).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    stop.trigger();
+    let summary = recording.join().unwrap().unwrap();
+    let (first, last) = summary.span_ns.unwrap();
+    assert!(summary.messages >= 9, "{}", summary.messages);
+    assert!(first >= 50_000_000_000 && last == 59_000_000_000, "{first} {last}");
+}
+
+#[test]
+fn a_killed_recorder_loses_the_last_second_at_most() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bag");
+    let mut recorder = Command::new(env!("CARGO_BIN_EXE_recorder"))
+        .args(["--ros-args", "-p", &format!("output:={}", out.display()), "-p", "topics:=[panda/target_pose]"])
+        .env("ROS_DOMAIN_ID", "143")
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let sender = node("sender", 143);
+    let targets = sender.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
+    assert!(targets.wait_for_subscriber(SOON));
+    wait_for("the bag", || out.exists());
+    std::thread::sleep(Duration::from_millis(300));
+    for index in 0..250 {
+        targets.publish(pose(index)).unwrap();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    recorder.kill().unwrap();
+    recorder.wait().unwrap();
+    let bag = BagReader::open(&out).unwrap();
+    assert!(bag.notes()[0].contains("was not finished"), "{:?}", bag.notes());
+    let got: Vec<f64> = bag.messages().map(|m| m.unwrap().decode::<PoseStamped>().unwrap().pose.position.x).collect();
+    assert_eq!(got, (0..got.len()).map(|i| i as f64).collect::<Vec<_>>());
+    // A hundred a second, and some time for this busy machine.
+    assert!(got.len() >= 250 - 130, "{} of 250", got.len());
+}
+
+#[test]
+fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
+    let player = node("player", 144);
+    let listener = node("listener", 144);
+    let events = listener.queue::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos, 100).unwrap();
+    let states = listener.queue::<ArmState>(ARM_STATE.name, ARM_STATE.qos, 1000).unwrap();
+    let poses = listener.queue::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos.with_depth(100), 1000).unwrap();
+    let targets = listener.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 1000).unwrap();
+    let clocks = listener.queue::<Clock>("/clock", Qos::CLOCK.with_depth(100), 10_000).unwrap();
+    let settings = ReplaySettings { rate: 2.0, start_offset_s: 0.6, clock: true, ..ReplaySettings::new(sample()) };
+    let start = Instant::now();
+    let summary = replay(&player, &settings).unwrap();
+    let took = start.elapsed();
+    // 4.1 s of bag without the first 0.6 s, at twice the speed, behind the looks for arms and subscribers.
+    assert!(took > Duration::from_millis(1500 + 1750), "{took:?}");
+    assert_eq!(summary.failed, 0);
+    assert_eq!(summary.left_out.len(), 1, "{:?}", summary.left_out);
+    assert!(summary.left_out[0].contains("/panda/target_pose") && summary.left_out[0].contains("allow_replay"));
+    let drained = |queue: &dyn Fn() -> Option<i64>| std::iter::from_fn(queue).collect::<Vec<i64>>();
+    let stamp_ns = |s: &catenary_msgs::builtin_interfaces::msg::Time| stamp::from_msg(s).nanos();
+    let events = drained(&|| events.try_next().map(|e| i64::from(e.message.event)));
+    assert_eq!(events, [i64::from(EpisodeEvent::ENDED)]);
+    let states = drained(&|| states.try_next().map(|s| stamp_ns(&s.message.header.stamp)));
+    assert_eq!(states.len(), 18, "{states:?}");
+    let arrivals: Vec<_> = std::iter::from_fn(|| poses.try_next()).collect();
+    assert!(arrivals.len() > 160, "{} of 175 poses", arrivals.len());
+    let (first, last) = (&arrivals[0], &arrivals[arrivals.len() - 1]);
+    let wall_s = last.received.secs_since(first.received);
+    let bag_s = 1e-9 * (stamp_ns(&last.message.header.stamp) - stamp_ns(&first.message.header.stamp)) as f64;
+    assert!((bag_s / wall_s - 2.0).abs() < 0.1, "{bag_s} s of bag in {wall_s} s");
+    let clocks = drained(&|| clocks.try_next().map(|c| stamp_ns(&c.message.clock)));
+    assert!(clocks.len() > 300 && clocks.is_sorted(), "{} ticks", clocks.len());
+    assert!(clocks[0] >= 100_500_000_000 && clocks[clocks.len() - 1] <= 104_001_000_000, "{clocks:?}");
+    assert_eq!(drained(&|| targets.try_next().map(|_| 0)), [] as [i64; 0]);
+}
+
+/// Publishes states of an arm at 50 Hz until it is dropped.
+fn arm(domain: u16, is_sim: bool) -> Node {
+    let arm = node("arm", domain);
+    let states = arm.publisher::<ArmState>(ARM_STATE.name, ARM_STATE.qos).unwrap();
+    let ticking = arm.clone();
+    arm.spawn("states", move || {
+        while !ticking.shutdown().wait_timeout(Duration::from_millis(20)) {
+            states.send(ArmState { header: ticking.header(""), is_sim, ..ArmState::default() });
+        }
+    })
+    .unwrap();
+    arm
+}
+
+fn refusal(outcome: Result<catenary_bag::ReplaySummary, BagError>) -> String {
+    match outcome {
+        Err(BagError::Refused(reason)) => reason,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn nothing_is_replayed_while_a_real_arm_is_there() {
+    let real = arm(145, false);
+    let player = node("player", 145);
+    let poses = real.queue::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos, 10).unwrap();
+    let settings = ReplaySettings { allow_replay: true, ..ReplaySettings::new(sample()) };
+    let reason = refusal(replay(&player, &settings));
+    assert!(reason.contains("a real arm") && reason.contains("/panda/arm_state"), "{reason}");
+    assert!(poses.try_next().is_none());
+    real.stop();
+}
+
+#[test]
+fn a_real_arm_that_comes_ends_the_replay() {
+    let player = node("player", 146);
+    let comes = std::thread::spawn(|| {
+        std::thread::sleep(Duration::from_millis(2500));
+        arm(146, false)
+    });
+    let settings = ReplaySettings { wait: Duration::ZERO, repeat: true, ..ReplaySettings::new(sample()) };
+    let start = Instant::now();
+    let reason = refusal(replay(&player, &settings));
+    assert!(reason.contains("a real arm"), "{reason}");
+    assert!(start.elapsed() > Duration::from_millis(2400) && start.elapsed() < SOON, "{:?}", start.elapsed());
+    comes.join().unwrap().stop();
+}
+
+#[test]
+fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
+    let simulated = arm(147, true);
+    let targets = simulated.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
+    let settings = ReplaySettings {
+        topics: vec!["/panda/target_pose".into()],
+        rate: f64::INFINITY,
+        allow_replay: true,
+        ..ReplaySettings::new(sample())
+    };
+    let player = node("player", 147);
+    assert_eq!(replay(&player, &settings).unwrap().published, 8);
+    let got = std::iter::from_fn(|| targets.next(Duration::from_millis(500))).count();
+    assert_eq!(got, 8);
+    simulated.stop();
+    drop((simulated, targets, player));
+
+    let unknown = node("controller", 148);
+    let _targets = unknown.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
+    let reason = refusal(replay(&node("player", 148), &settings));
+    assert!(reason.contains("somebody listens on /panda/target_pose"), "{reason}");
+}

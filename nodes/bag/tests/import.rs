@@ -1,0 +1,151 @@
+//! A track that is imported comes out of the bag as it went in.
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
+
+use catenary_bag::{BagReader, EpisodeTopics, import_track, read_episodes};
+use catenary_core::model::StartKind;
+use catenary_core::simulator::StartShape;
+use catenary_core::{Camera, Model};
+use catenary_msgs::geometry_msgs::msg::WrenchStamped;
+use std::fmt::Write;
+use std::path::Path;
+
+const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
+const BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+
+/// A swinging cable, at 30 Hz, beginning at `start_s`.
+fn track(start_s: f64, rows: usize) -> String {
+    let mut csv = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m,\
+                   grip_fx_n,grip_fz_n,grip_ty_nm\n"
+        .to_owned();
+    for i in 0..rows {
+        let t = i as f64 / 30.0;
+        let (x, z, pitch) = (0.45 + 0.05 * (2.0 * t).sin(), 0.41, 0.1 * (3.0 * t).cos());
+        write!(csv, "{},{x},{z},{pitch}", start_s + t).unwrap();
+        for k in 1..=4 {
+            let angle = 0.3 * (5.0 * t).cos() * f64::from(k) / 4.0;
+            write!(csv, ",{},{}", x + 0.05 * f64::from(k) * angle.sin(), z - 0.05 * f64::from(k) * angle.cos())
+                .unwrap();
+        }
+        writeln!(csv, ",{},{},{}", t.sin(), -4.0, 0.01 * t).unwrap();
+    }
+    csv
+}
+
+fn numbers(csv: &str) -> Vec<Vec<f64>> {
+    csv.lines().skip(1).map(|l| l.split(',').map(|v| v.parse().unwrap()).collect()).collect()
+}
+
+/// Imports `csv` and compares what is measured with its rows, to 1e-9 m and 1e-9 s.
+fn check_round_trip(csv: &str, model: &Model) {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("track");
+    import_track("track.csv", csv, model, &out).unwrap();
+    let bag = BagReader::open(&out).unwrap();
+    let log = read_episodes(&bag, &EpisodeTopics::default()).unwrap();
+    let episode = log.episode(None).unwrap();
+    assert_eq!((episode.start.policy.as_str(), episode.end.as_str()), ("recorded", "complete"));
+    let rows = numbers(csv);
+    assert_eq!((episode.keypoints.len(), episode.poses.len()), (rows.len(), rows.len()));
+    let measured = episode.measured(model).unwrap();
+    let camera: &Camera = &model.camera.view;
+    let mut compared = 0;
+    for frame in &measured.track.frames {
+        let row = rows.iter().find(|r| (r[0] - rows[0][0] - frame.time_s).abs() < 2e-9).unwrap();
+        for (k, scaled) in frame.dlo.iter().enumerate() {
+            let [x, z] = camera.plane_from_scaled(*scaled).unwrap();
+            assert!((x - row[4 + 2 * k]).abs() < 1e-9 && (z - row[5 + 2 * k]).abs() < 1e-9, "{row:?}: {x}, {z}");
+        }
+        assert!((0..3).all(|i| (frame.eef[i] - row[1 + i]).abs() < 1e-9), "{:?} for {row:?}", frame.eef);
+        compared += 1;
+    }
+    let lasting = (episode.duration_s / model.observation.frame_period_s).round() as usize + 1;
+    assert_eq!(compared, model.observation.frames.min(lasting));
+    for ((time_s, pose), row) in episode.poses.iter().zip(&rows) {
+        assert!((time_s - (row[0] - rows[0][0])).abs() < 2e-9);
+        assert!((pose.x_m - row[1]).abs() < 1e-12 && (pose.pitch_rad - row[3]).abs() < 1e-12);
+    }
+    assert_eq!(measured.grip.poses().len(), rows.len());
+    if model.observation.start == StartKind::Measured {
+        let StartShape::Measured { points_m, .. } = measured.start else { panic!("{:?}", measured.start) };
+        assert!((0..4).all(|k| (points_m[k][0] - rows[0][4 + 2 * k]).abs() < 1e-9), "{points_m:?}");
+    }
+}
+
+#[test]
+fn a_track_survives_the_bag() {
+    let mut bar = Model::from_yaml(BAR).unwrap();
+    bar.observation.drive = catenary_core::model::DriveKind::Grip;
+    check_round_trip(&track(0.0, 120), &bar);
+    check_round_trip(&track(-3.7, 120), &Model::from_yaml(CABLE).unwrap());
+}
+
+#[test]
+fn measured_tracks_survive_the_bag() {
+    let Some(data) = std::env::var_os("CATENARY_DATA").filter(|d| !d.is_empty()) else {
+        eprintln!("skipped: CATENARY_DATA does not say where the measured data are");
+        return;
+    };
+    let folder = Path::new(&data).join("measured_cable");
+    let model = Model::from_yaml(CABLE).unwrap();
+    for name in ["swing_bare", "swing_tip_mass", "moving_grip_bare", "moving_grip_tip_mass"] {
+        check_round_trip(&std::fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap(), &model);
+    }
+}
+
+#[test]
+fn topics_frames_and_stamps_are_those_of_the_contract() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("track");
+    let summary = import_track("track.csv", &track(0.0, 50), &Model::from_yaml(CABLE).unwrap(), &out).unwrap();
+    assert_eq!(summary.messages, 152);
+    let bag = BagReader::open(&out).unwrap();
+    assert_eq!(
+        bag.describe_topics(),
+        "/dlo/keypoints [catenary_msgs/msg/Keypoints] 50, /episode/event [catenary_msgs/msg/EpisodeEvent] 2, \
+         /panda/current_pose [geometry_msgs/msg/PoseStamped] 50, /panda/external_wrench [geometry_msgs/msg/WrenchStamped] 50"
+    );
+    let wrenches: Vec<WrenchStamped> =
+        bag.messages_of(&["/panda/external_wrench"]).map(|m| m.unwrap().decode().unwrap()).collect();
+    assert_eq!(wrenches[0].header.frame_id, "panda_link0");
+    assert_eq!((wrenches[0].wrench.force.z, wrenches[30].wrench.torque.y), (-4.0, 0.01));
+    let stamps: Vec<(i32, u32)> = wrenches.iter().map(|w| (w.header.stamp.sec, w.header.stamp.nanosec)).collect();
+    assert!(stamps.is_sorted() && stamps[0] == (1, 0) && stamps[30] == (2, 0), "{stamps:?}");
+    let without: String = track(0.0, 50).lines().map(|l| l.rsplitn(4, ',').last().unwrap().to_owned() + "\n").collect();
+    let bare = folder.path().join("bare");
+    import_track("track.csv", &without, &Model::from_yaml(CABLE).unwrap(), &bare).unwrap();
+    assert!(BagReader::open(&bare).unwrap().topic("/panda/external_wrench").is_none());
+}
+
+#[test]
+fn a_track_behind_the_camera_is_refused_and_leaves_nothing() {
+    let mut model = Model::from_yaml(BAR).unwrap();
+    let Camera::Pinhole(camera) = &mut model.camera.view else { panic!("the bar's camera is a pinhole") };
+    (camera.position_m, camera.look_at_m) = ([0.44, 1.0, 0.3], [0.44, 2.0, 0.3]);
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("track");
+    let error = import_track("track.csv", &track(0.0, 10), &model, &out).unwrap_err().to_string();
+    assert!(error.contains("track.csv: line 2, column p1_x_m") && error.contains("camera"), "{error}");
+    assert!(!out.exists());
+}
+
+#[test]
+fn a_bag_without_episode_topics_says_what_is_needed_and_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("track");
+    import_track("track.csv", &track(0.0, 50), &Model::from_yaml(CABLE).unwrap(), &out).unwrap();
+    let bag = BagReader::open(&out).unwrap();
+    let renamed = |name: &str| name.to_owned();
+    let topics = EpisodeTopics {
+        keypoints: renamed("/lab/keypoints"),
+        pose: renamed("/lab/pose"),
+        observation: renamed("/lab/observation"),
+        action: renamed("/lab/action"),
+        event: renamed("/lab/event"),
+    };
+    let error = read_episodes(&bag, &topics).unwrap_err().to_string();
+    assert!(error.contains("needs /lab/keypoints") && error.contains("found /dlo/keypoints ["), "{error}");
+    let swapped =
+        EpisodeTopics { pose: renamed("/dlo/keypoints"), keypoints: renamed("/k"), ..EpisodeTopics::default() };
+    let error = read_episodes(&bag, &swapped).unwrap_err().to_string();
+    assert!(error.contains("/dlo/keypoints: expected geometry_msgs/msg/PoseStamped"), "{error}");
+}

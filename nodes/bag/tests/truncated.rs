@@ -1,0 +1,112 @@
+//! Nothing measured is lost: a file that was cut off anywhere gives every complete chunk; damage is an error, never a
+//! panic. What would break: a recorder killed in the middle of an episode.
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
+
+use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions};
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_shell::Qos;
+use proptest::prelude::*;
+use std::path::Path;
+
+/// Bytes of a bag's file, and for each complete chunk its end and the messages up to there.
+fn bag(compression: Compression) -> (Vec<u8>, Vec<(usize, usize)>) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag");
+    let file = path.join("bag_0.mcap");
+    let options = WriterOptions { compression, ..WriterOptions::default() };
+    let mut bag = BagWriter::create(&path, &options).unwrap();
+    let topic = bag.add_topic_of::<PoseStamped>("/pose", Qos::DEFAULT).unwrap();
+    let size = || std::fs::metadata(&file).unwrap().len() as usize;
+    let mut ends = vec![(size(), 0)];
+    for i in 0..60_usize {
+        let mut pose = PoseStamped::default();
+        pose.pose.position.x = i as f64;
+        bag.write(topic, i as i64 + 1, 0, &pose).unwrap();
+        if i % 6 == 5 {
+            bag.flush().unwrap();
+            ends.push((size(), i + 1));
+        }
+    }
+    bag.finish().unwrap();
+    (std::fs::read(file).unwrap(), ends)
+}
+
+/// Opens `bytes` as a file and reads all that can be had: positions x, errors and notes.
+fn read(path: &Path, bytes: &[u8]) -> Option<(Vec<f64>, usize, Vec<String>)> {
+    std::fs::write(path, bytes).unwrap();
+    let bag = BagReader::open(path).ok()?;
+    let (good, bad): (Vec<_>, Vec<_>) = bag.messages().partition(Result::is_ok);
+    let x = good.into_iter().filter_map(|m| m.unwrap().decode::<PoseStamped>().ok()).map(|p| p.pose.position.x);
+    Some((x.collect(), bad.len(), bag.notes().to_vec()))
+}
+
+#[test]
+fn every_complete_chunk_of_a_file_cut_off_anywhere_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.mcap");
+    for compression in [Compression::None, Compression::Zstd] {
+        let (bytes, ends) = bag(compression);
+        for cut in 8..bytes.len() {
+            // A chunk counts from its own end on; `ends` are those of its index.
+            let whole = ends.iter().filter(|(end, _)| *end <= cut).map(|(_, n)| *n).next_back().unwrap_or(0);
+            let (x, errors, notes) = read(&path, &bytes[..cut]).unwrap();
+            assert!(x.len() == whole || x.len() == whole + 6, "{} of {whole} at {cut}", x.len());
+            assert!(x.iter().enumerate().all(|(i, x)| *x == i as f64), "{x:?}");
+            assert_eq!(errors, 0, "at {cut}");
+            assert!(notes[0].contains("summary"), "{notes:?}");
+            assert!(notes[0].contains(&format!("{} messages", x.len())), "{notes:?}");
+        }
+        let (x, errors, notes) = read(&path, &bytes).unwrap();
+        assert_eq!((x.len(), errors, notes.len()), (60, 0, 0));
+    }
+}
+
+#[test]
+fn one_damaged_chunk_costs_its_own_messages_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.mcap");
+    for compression in [Compression::None, Compression::Zstd] {
+        let (whole, ends) = bag(compression);
+        let mut bytes = whole.clone();
+        // A byte in the middle of the third chunk's messages.
+        bytes[ends[2].0 + 120] ^= 0x55;
+        let (x, errors, notes) = read(&path, &bytes).unwrap();
+        assert_eq!((x.len(), errors, notes.len()), (54, 1, 0), "{compression:?}");
+        assert_eq!((x[11], x[12]), (11.0, 18.0));
+        let (x, errors, notes) = read(&path, &bytes[..ends[9].0]).unwrap();
+        assert_eq!((x.len(), errors), (48, 0), "{compression:?}");
+        assert!(notes.iter().any(|n| n.contains("damaged at byte")), "{notes:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    #[test]
+    fn damage_never_panics(
+        zstd in any::<bool>(),
+        hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let (mut bytes, _) = bag(if zstd { Compression::Zstd } else { Compression::None });
+        for (place, value) in hits {
+            let place = place.index(bytes.len() - 8) + 8;
+            bytes[place] = value;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bag.mcap");
+        let _whole = read(&path, &bytes);
+        let _cut = read(&path, &bytes[..cut.index(bytes.len())]);
+    }
+
+    #[test]
+    fn garbage_never_panics(garbage in prop::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
+        let folder = tempfile::tempdir().unwrap();
+        let start: &[u8] = if magic { mcap_magic() } else { b"" };
+        let _read = read(&folder.path().join("bag.mcap"), &[start, &garbage].concat());
+    }
+}
+
+fn mcap_magic() -> &'static [u8] {
+    b"\x89MCAP0\r\n"
+}

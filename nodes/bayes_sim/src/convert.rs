@@ -1,0 +1,89 @@
+//! Between wire types and the inference's.
+
+use crate::infer::InferenceResult;
+use crate::sequential::Iteration;
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::{GripTrajectory, Posterior, SimulationRequest};
+use catenary_msgs::action::{InferFeedback, InferResult};
+use catenary_msgs::msg::GripTrajectory as GripMsg;
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::convert;
+
+/// Draws of the posterior that a result carries.
+const SAMPLES: usize = 1_000;
+
+/// A batch of a model's file as the pool takes it.
+#[must_use]
+pub fn simulate_request(request: &SimulationRequest, model_yaml: &str) -> SimulateRequest {
+    let mut message = SimulateRequest {
+        model_yaml: model_yaml.to_owned(),
+        theta: request.thetas.concat(),
+        effect_names: request.effects.iter().map(|(name, _)| name.clone()).collect(),
+        effects: (0..request.thetas.len()).flat_map(|i| request.effects.iter().map(move |(_, v)| v[i])).collect(),
+        frame_times: request.frame_times_s.clone(),
+        target: request.target_m.unwrap_or_default(),
+        target_given: request.target_m.is_some(),
+        fidelity: convert::fidelity_to_msg(request.fidelity),
+        seed: request.seed,
+        noise: request.noise,
+        ..SimulateRequest::default()
+    };
+    match &request.drive {
+        Drive::Grip(path) => {
+            message.drive = SimulateRequest::DRIVE_GRIP;
+            message.grip = grip(path);
+        }
+        Drive::Actions(actions) => {
+            message.drive = SimulateRequest::DRIVE_ACTIONS;
+            message.actions = actions.concat();
+        }
+        Drive::Policy(policy) => {
+            message.drive = SimulateRequest::DRIVE_POLICY;
+            message.policy = policy.to_bytes();
+        }
+    }
+    if let StartShape::Measured { points_m, velocities_m_s } = &request.start {
+        message.start_shape = points_m.concat();
+        message.start_velocity = velocities_m_s.concat();
+    }
+    message
+}
+
+fn grip(path: &GripTrajectory) -> GripMsg {
+    GripMsg {
+        time: path.times_s().to_vec(),
+        x: path.poses().iter().map(|p| p.x_m).collect(),
+        z: path.poses().iter().map(|p| p.z_m).collect(),
+        pitch: path.poses().iter().map(|p| p.pitch_rad).collect(),
+    }
+}
+
+/// How far an inference is.
+#[must_use]
+pub fn feedback(iteration: &Iteration, of: usize, posterior: &Posterior) -> InferFeedback {
+    InferFeedback {
+        iteration: iteration.iteration as u32,
+        iterations: of as u32,
+        simulations: iteration.simulations as u32,
+        loss: iteration.loss,
+        effective_sample_size: iteration.effective_sample_size,
+        posterior: convert::posterior_to_msg(posterior),
+    }
+}
+
+/// What an inference gave.
+#[must_use]
+pub fn result(result: &InferenceResult, seed: u64) -> InferResult {
+    let samples = result.posterior.sample(SAMPLES, seed).unwrap_or_default();
+    InferResult {
+        success: true,
+        message: String::new(),
+        posterior: convert::posterior_to_msg(&result.posterior),
+        samples: samples.concat(),
+        mass_outside: result.mass_outside,
+        effective_sample_size: result.effective_sample_size(),
+        warnings: result.warnings.clone(),
+        losses: result.losses(),
+        simulations: result.simulations() as u32,
+    }
+}

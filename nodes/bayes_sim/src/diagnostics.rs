@@ -1,0 +1,188 @@
+//! What should make one doubt a posterior.
+
+use catenary_core::mixture::MixtureError;
+use catenary_core::{Camera, Posterior, Track};
+use serde::{Deserialize, Serialize};
+
+/// Draws behind the check of the prior's edges.
+const EDGE_DRAWS: usize = 4_000;
+/// Part of the prior's range, at either end, that counts as its edge.
+const EDGE: f64 = 0.05;
+/// Share of the posterior at an edge from which it counts as pressed against it: six times what the prior has there.
+const PRESSED: f64 = 0.3;
+/// Share of the mixture outside the support that is worth a warning.
+const OUTSIDE: f64 = 0.3;
+/// Effective samples below which a mixture density network has too little to learn from.
+const FEW_SAMPLES: f64 = 100.0;
+/// Coverage of the nominal 90 % band below which the model cannot have produced the measurement.
+const LOW_COVERAGE: f64 = 0.6;
+/// Quantiles of the predictive band.
+const BAND: [f64; 2] = [0.05, 0.95];
+
+/// How well posterior draws predict the measured track. Keypoints are matched as sets: each frame's four in the order that
+/// lies nearest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Predictive {
+    /// Root mean square distance, in mm, of the predicted mean from the measured keypoints.
+    pub rmse_mm: f64,
+    /// Share of measured coordinates inside the 5 % to 95 % band of the draws; 0.9 is calibrated.
+    pub coverage: f64,
+    /// Root mean square half width of the band in mm.
+    pub half_width_mm: f64,
+    /// Draws that reached every measured frame.
+    pub draws: usize,
+}
+
+/// Compares tracks simulated from posterior draws, noise included, with the measured one. None where no draw reached every
+/// measured frame, or the camera cannot place a keypoint in the plane.
+pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option<Predictive> {
+    let whole: Vec<&Track> = tracks.iter().filter(|t| t.frames.len() >= measured.frames.len()).collect();
+    let place = |p: [f64; 2]| camera.plane_from_scaled(p);
+    let (mut squares, mut widths, mut inside, mut count) = (0.0, 0.0, 0usize, 0usize);
+    for (i, frame) in measured.frames.iter().enumerate() {
+        let drawn: Vec<[[f64; 2]; 4]> = whole.iter().map(|t| nearest_order(&frame.dlo, &t.frames[i].dlo)).collect();
+        for k in 0..4 {
+            let seen = place(frame.dlo[k])?;
+            let points = drawn.iter().map(|d| place(d[k])).collect::<Option<Vec<[f64; 2]>>>()?;
+            for axis in 0..2 {
+                let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+                values.sort_by(f64::total_cmp);
+                let mean = values.iter().sum::<f64>() / values.len() as f64;
+                let [low, high] = BAND.map(|q| quantile(&values, q));
+                squares += (mean - seen[axis]).powi(2);
+                widths += (0.5 * (high - low)).powi(2);
+                inside += usize::from((low..=high).contains(&seen[axis]));
+                count += 1;
+            }
+        }
+    }
+    // Two coordinates make one keypoint's distance.
+    let root = |sum: f64, n: f64| 1e3 * (sum / n).sqrt();
+    (count > 0 && !whole.is_empty()).then(|| Predictive {
+        rmse_mm: root(squares, 0.5 * count as f64),
+        coverage: inside as f64 / count as f64,
+        half_width_mm: root(widths, count as f64),
+        draws: whole.len(),
+    })
+}
+
+/// Linear interpolation between order statistics.
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let place = q * (sorted.len().max(1) - 1) as f64;
+    let (below, share) = (place.floor() as usize, place.fract());
+    let at = |i: usize| sorted.get(i).or(sorted.last()).copied().unwrap_or(f64::NAN);
+    at(below) + share * (at(below + 1) - at(below))
+}
+
+/// `points` in the order whose summed squared distance from `reference` is least.
+pub fn nearest_order(reference: &[[f64; 2]; 4], points: &[[f64; 2]; 4]) -> [[f64; 2]; 4] {
+    let cost = |order: &[usize; 4]| -> f64 {
+        (0..4).map(|k| (0..2).map(|a| (reference[k][a] - points[order[k]][a]).powi(2)).sum::<f64>()).sum()
+    };
+    let orders = (0..256usize)
+        .map(|code| std::array::from_fn(|i| code >> (2 * i) & 3))
+        .filter(|o: &[usize; 4]| (0..4).all(|i| o.contains(&i)));
+    let best = orders.min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or([0, 1, 2, 3]);
+    best.map(|i| points[i])
+}
+
+/// A warning for each edge of the prior that the posterior presses on.
+pub fn edges(posterior: &Posterior) -> Result<Vec<String>, MixtureError> {
+    let draws = posterior.sample(EDGE_DRAWS, 0)?;
+    let mut warnings = Vec::new();
+    for (i, p) in posterior.parameters.parameters().iter().enumerate() {
+        let share = |near: &dyn Fn(f64) -> bool| {
+            draws.iter().filter(|t| near(p.prior.to_unit(t[i]))).count() as f64 / draws.len() as f64
+        };
+        let (low, high) = p.prior.bounds();
+        let sides: [(&str, f64, f64); 2] =
+            [("lower", low, share(&|u| u < EDGE)), ("upper", high, share(&|u| u > 1.0 - EDGE))];
+        for (side, bound, at_edge) in sides {
+            if at_edge > PRESSED {
+                warnings.push(format!(
+                    "{}: {:.0} % of the posterior lies in the {:.0} % of the prior next to its {side} bound {bound}: the prior may be too narrow, and the posterior falsely certain",
+                    p.name,
+                    100.0 * at_edge,
+                    100.0 * EDGE
+                ));
+            }
+        }
+    }
+    Ok(warnings)
+}
+
+/// Warnings from the figures of a whole inference.
+pub fn doubts(mass_outside: f64, effective_sample_size: f64, predictive: Option<&Predictive>) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if mass_outside > OUTSIDE {
+        warnings.push(format!("{:.0} % of the mixture lies outside the prior's support", 100.0 * mass_outside));
+    }
+    if effective_sample_size < FEW_SAMPLES {
+        warnings.push(format!(
+            "the simulations count as {effective_sample_size:.0} effective samples only: more are needed"
+        ));
+    }
+    if let Some(p) = predictive.filter(|p| p.coverage < LOW_COVERAGE) {
+        warnings.push(format!(
+            "only {:.0} % of the measured keypoints lie in the 90 % band of the posterior's predictions: the model lacks something that the measurement has",
+            100.0 * p.coverage
+        ));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::camera::Plane;
+    use catenary_core::track::End;
+    use catenary_core::{Frame, Mixture, Parameter, ParameterSpace, Prior};
+    use nalgebra::{DMatrix, DVector};
+
+    const CAMERA: Camera = Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0 });
+
+    fn track(shift: f64, flip: bool) -> Track {
+        let mut dlo = [[0.0, 0.1], [0.0, 0.2], [0.0, 0.3], [0.0, 0.4]].map(|[x, y]: [f64; 2]| [x + shift, y]);
+        if flip {
+            dlo.reverse();
+        }
+        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        Track { frames: vec![frame], end: End::Complete }
+    }
+
+    #[test]
+    fn predictions_are_matched_as_sets_and_measured_in_millimetres() {
+        let draws: Vec<Track> = (0..21).map(|i| track(0.01 + 0.001 * (f64::from(i) - 10.0), i % 2 == 0)).collect();
+        let p = predictive(&track(0.0, false), &draws, &CAMERA).unwrap();
+        assert!((p.rmse_mm - 10.0).abs() < 1e-6, "{p:?}");
+        assert!((p.coverage - 0.5).abs() < 1e-9, "y is inside its band, x is not: {p:?}");
+        assert_eq!(p.draws, 21);
+        let centred: Vec<Track> = (0..21).map(|i| track(0.001 * (f64::from(i) - 10.0), false)).collect();
+        assert_eq!(predictive(&track(0.0, true), &centred, &CAMERA).unwrap().coverage, 1.0);
+        assert_eq!(predictive(&track(0.0, true), &[], &CAMERA), None);
+    }
+
+    #[test]
+    fn a_posterior_at_an_edge_says_so() {
+        let p = Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 1.0, high: 2.0 } };
+        let space = ParameterSpace::new(vec![p]).unwrap();
+        let at = |mean: f64| {
+            let mixture =
+                Mixture::new(&[1.0], vec![DVector::from_element(1, mean)], vec![DMatrix::from_element(1, 1, 4e-4)])
+                    .unwrap();
+            edges(&Posterior { parameters: space.clone(), mixture }).unwrap()
+        };
+        assert_eq!(at(0.5), Vec::<String>::new());
+        assert!(at(0.99)[0].contains("upper bound 2") && at(0.99)[0].contains("length_m"));
+    }
+
+    #[test]
+    fn doubts_are_worded_with_their_numbers() {
+        let good = Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, draws: 50 };
+        assert!(doubts(0.01, 500.0, Some(&good)).is_empty());
+        let bad = Predictive { coverage: 0.3, ..good };
+        let words = doubts(0.5, 20.0, Some(&bad));
+        assert!(words.len() == 3 && words[2].contains("30 %"), "{words:?}");
+    }
+}

@@ -1,0 +1,320 @@
+//! The mixture density network: embedding of every frame, dense layers, mixture head, with a hand-written gradient.
+//!
+//! Shapes: B tracks of F frames; C columns a frame (features, then channels); I inputs of the first dense layer: all
+//! F x C columns, or their P leading principal components. All parameters lie in one vector: the embedding's, then each
+//! layer's weights (outputs x inputs, row-major) and biases, then the weights of the linear path.
+
+pub mod head;
+mod projection;
+mod samples;
+mod standard;
+pub mod train;
+
+pub use head::MixtureHead;
+pub use projection::Projection;
+pub use samples::Samples;
+pub use standard::Standardisation;
+pub use train::{Epoch, Trained, TrainingError, train};
+
+use crate::embedding::Embedding;
+use catenary_core::matrix::{Transpose, gemm};
+use catenary_core::mixture::MixtureError;
+use nalgebra::{DMatrix, DVector};
+use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
+
+/// Sizes of a network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Shape {
+    /// F.
+    pub frames: usize,
+    /// Which channels of [`crate::embedding::input`] are looked at.
+    pub channels: Vec<usize>,
+    /// The embedding of a frame.
+    pub embedding: Embedding,
+    /// P, principal components that the dense layers see; none: they see all columns.
+    pub projection: Option<usize>,
+    /// Units of each hidden layer.
+    pub hidden: Vec<usize>,
+    /// Whether the inputs of the first dense layer also act on the raw outputs directly, linearly.
+    pub skip: bool,
+    /// The mixture.
+    pub head: MixtureHead,
+}
+
+impl Shape {
+    /// C, the columns of a frame.
+    pub fn columns(&self) -> usize {
+        self.embedding.features() + self.channels.len()
+    }
+
+    /// I, the inputs of the first dense layer.
+    pub fn inputs(&self) -> usize {
+        self.projection.unwrap_or(self.frames * self.columns())
+    }
+
+    /// Inputs and outputs of each dense layer.
+    pub fn layers(&self) -> Vec<(usize, usize)> {
+        let mut inputs = self.inputs();
+        let mut layers = Vec::with_capacity(self.hidden.len() + 1);
+        for outputs in self.hidden.iter().copied().chain([self.head.outputs()]) {
+            layers.push((inputs, outputs));
+            inputs = outputs;
+        }
+        layers
+    }
+
+    /// Number of parameters of the whole network.
+    pub fn parameter_count(&self) -> usize {
+        let dense: usize = self.layers().iter().map(|(inputs, outputs)| (inputs + 1) * outputs).sum();
+        self.embedding.parameter_count() + dense + self.skip_count()
+    }
+
+    /// Number of weights of the linear path, outputs x inputs; they come last.
+    fn skip_count(&self) -> usize {
+        if self.skip { self.inputs() * self.head.outputs() } else { 0 }
+    }
+
+    /// First parameter of each layer's weights and of its biases.
+    fn offsets(&self) -> Vec<(usize, usize)> {
+        let mut next = self.embedding.parameter_count();
+        let mut offsets = Vec::new();
+        for (inputs, outputs) in self.layers() {
+            offsets.push((next, next + inputs * outputs));
+            next += (inputs + 1) * outputs;
+        }
+        offsets
+    }
+}
+
+/// A mixture density network over the unit coordinates of theta.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    shape: Shape,
+    standard: Standardisation,
+    projection: Option<Projection>,
+    parameters: Vec<f32>,
+}
+
+/// What a forward pass leaves behind for the backward pass.
+#[derive(Debug, Default)]
+pub struct Activations {
+    /// B x units of each hidden layer.
+    hidden: Vec<Vec<f32>>,
+    /// B x outputs of the head.
+    raw: Vec<f32>,
+}
+
+impl Network {
+    /// A network with random parameters, standardised by `samples` (all of them are used, weighted by `weights`).
+    pub fn new<R: Rng>(shape: Shape, length_scale: f64, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
+        let mut parameters = shape.embedding.initial(length_scale, rng);
+        let last = shape.hidden.len();
+        for (layer, (inputs, outputs)) in shape.layers().into_iter().enumerate() {
+            let spread = if layer == last { 0.3 } else { 1.0 } / (inputs as f32).sqrt();
+            parameters.extend((0..inputs * outputs).map(|_| spread * rng.sample::<f32, _>(StandardNormal)));
+            parameters.extend(std::iter::repeat_n(0.0, outputs));
+        }
+        let [means, diagonals, _] = shape.head.offsets();
+        let biases = parameters.len() - shape.head.outputs();
+        for mean in &mut parameters[biases + means..biases + diagonals] {
+            *mean = 0.5 * rng.sample::<f32, _>(StandardNormal);
+        }
+        parameters.extend(std::iter::repeat_n(0.0, shape.skip_count()));
+        let standard = Standardisation::of_points(&shape, samples);
+        let mut network = Self { shape, standard, projection: None, parameters };
+        network.standard.fit_theta(samples, weights);
+        network.standard.columns = network.fitted_columns(samples, weights);
+        if let Some(components) = network.shape.projection {
+            network.projection = Some(Projection::fit(&network.columns(samples), weights, components, rng));
+        }
+        network
+    }
+
+    /// Sizes.
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// All parameters.
+    pub fn parameters(&self) -> &[f32] {
+        &self.parameters
+    }
+
+    /// All parameters, to be trained in place.
+    pub fn parameters_mut(&mut self) -> &mut [f32] {
+        &mut self.parameters
+    }
+
+    /// Centres and scales.
+    pub fn standard(&self) -> &Standardisation {
+        &self.standard
+    }
+
+    /// B x F x C columns of `batch`, not standardised; zeros in absent frames.
+    fn raw_columns(&self, batch: &Samples) -> Vec<f32> {
+        let columns = self.shape.columns();
+        let mut out = vec![0.0; batch.len() * self.shape.frames * columns];
+        let embedding = &self.parameters[..self.shape.embedding.parameter_count()];
+        let points = self.standard.points(batch);
+        self.shape.embedding.forward(embedding, &points, &mut out, columns);
+        let features = self.shape.embedding.features();
+        for (i, row) in out.chunks_exact_mut(columns).enumerate() {
+            if batch.present(i) {
+                let channels = batch.channels(i);
+                row[features..].iter_mut().zip(&self.shape.channels).for_each(|(slot, &c)| *slot = channels[c]);
+            } else {
+                row.fill(0.0);
+            }
+        }
+        out
+    }
+
+    /// B x F x C standardised columns of `batch`.
+    pub fn columns(&self, batch: &Samples) -> Vec<f32> {
+        let mut columns = self.raw_columns(batch);
+        self.standard.standardise_columns(batch, &mut columns);
+        columns
+    }
+
+    /// B x I: what the dense layers see of `batch`.
+    pub fn inputs(&self, batch: &Samples) -> Vec<f32> {
+        let columns = self.columns(batch);
+        match &self.projection {
+            Some(projection) => projection.apply(&columns),
+            None => columns,
+        }
+    }
+
+    /// Raw outputs of the head (B x outputs) for `x` (B x I).
+    pub fn forward<'a>(&self, x: &[f32], work: &'a mut Activations) -> &'a [f32] {
+        work.hidden.resize(self.shape.hidden.len(), Vec::new());
+        let rows = x.len() / self.shape.inputs();
+        let layers = self.shape.layers();
+        let last = layers.len() - 1;
+        for (layer, ((inputs, outputs), (weights, biases))) in layers.into_iter().zip(self.shape.offsets()).enumerate()
+        {
+            let mut out = std::mem::take(if layer == last { &mut work.raw } else { &mut work.hidden[layer] });
+            out.clear();
+            let bias = &self.parameters[biases..biases + outputs];
+            (0..rows).for_each(|_| out.extend_from_slice(bias));
+            let below = if layer == 0 { x } else { &work.hidden[layer - 1] };
+            let w = &self.parameters[weights..biases];
+            gemm((rows, inputs, outputs), 1.0, below, Transpose::No, w, Transpose::Yes, 1.0, &mut out);
+            if layer == last {
+                if self.shape.skip {
+                    let w = &self.parameters[biases + outputs..];
+                    let shape = (rows, self.shape.inputs(), outputs);
+                    gemm(shape, 1.0, x, Transpose::No, w, Transpose::Yes, 1.0, &mut out);
+                }
+                work.raw = out;
+            } else {
+                out.iter_mut().for_each(|v| *v = v.tanh());
+                work.hidden[layer] = out;
+            }
+        }
+        &work.raw
+    }
+
+    /// Mean over the batch of weight times negative log density (in whitened coordinates) at `theta` (B x D, unit
+    /// coordinates), and its gradient in `gradient` (one value a parameter, overwritten; zero for the embedding).
+    /// Returns the loss and its derivatives by `x` (B x I).
+    pub fn loss_and_gradient(
+        &self,
+        x: &[f32],
+        theta: &[f64],
+        weights: &[f64],
+        work: &mut Activations,
+        gradient: &mut [f32],
+    ) -> (f64, Vec<f32>) {
+        assert_eq!(gradient.len(), self.parameters.len(), "gradient of the network");
+        self.forward(x, work);
+        gradient.fill(0.0);
+        let outputs = self.shape.head.outputs();
+        let rows = weights.len();
+        let mut by_raw = vec![0.0; rows * outputs];
+        let mut total = 0.0;
+        let d = self.shape.head.dimension;
+        for (i, (raw, slot)) in work.raw.chunks_exact(outputs).zip(by_raw.chunks_exact_mut(outputs)).enumerate() {
+            let weight = weights[i] / rows as f64;
+            let v = self.standard.whiten(&theta[i * d..(i + 1) * d]);
+            total += weight * self.shape.head.loss(raw, &v, weight, Some(slot));
+        }
+        (total, self.backward(x, work, by_raw, gradient))
+    }
+
+    /// Weights, means and covariances of the mixture over unit coordinates at the one track in `batch`.
+    #[allow(clippy::type_complexity, reason = "the parts of a mixture, which an ensemble pools")]
+    pub fn mixture_parts(
+        &self,
+        batch: &Samples,
+    ) -> Result<(Vec<f64>, Vec<DVector<f64>>, Vec<DMatrix<f64>>), MixtureError> {
+        let mut work = Activations::default();
+        let raw = self.forward(&self.inputs(batch), &mut work);
+        let (centre, scale) = self.standard.theta();
+        self.shape.head.parts(raw, centre, scale)
+    }
+
+    fn backward(&self, x: &[f32], work: &Activations, by_raw: Vec<f32>, gradient: &mut [f32]) -> Vec<f32> {
+        let inputs = self.shape.inputs();
+        let rows = x.len() / inputs;
+        let outputs = self.shape.head.outputs();
+        let mut by_skip = vec![0.0; if self.shape.skip { rows * inputs } else { 0 }];
+        if self.shape.skip {
+            let first = self.parameters.len() - self.shape.skip_count();
+            let by_weight = &mut gradient[first..];
+            gemm((outputs, rows, inputs), 1.0, &by_raw, Transpose::Yes, x, Transpose::No, 0.0, by_weight);
+            let w = &self.parameters[first..];
+            gemm((rows, outputs, inputs), 1.0, &by_raw, Transpose::No, w, Transpose::No, 0.0, &mut by_skip);
+        }
+        let mut by_output = by_raw;
+        let layers = self.shape.layers().into_iter().zip(self.shape.offsets()).enumerate();
+        for (layer, ((inputs, outputs), (weights, biases))) in layers.rev() {
+            let x = if layer == 0 { x } else { &work.hidden[layer - 1] };
+            let by_weight = &mut gradient[weights..biases];
+            gemm((outputs, rows, inputs), 1.0, &by_output, Transpose::Yes, x, Transpose::No, 0.0, by_weight);
+            let by_bias = &mut gradient[biases..biases + outputs];
+            for row in by_output.chunks_exact(outputs) {
+                by_bias.iter_mut().zip(row).for_each(|(g, d)| *g += d);
+            }
+            let w = &self.parameters[weights..biases];
+            let mut by_input = vec![0.0; rows * inputs];
+            gemm((rows, outputs, inputs), 1.0, &by_output, Transpose::No, w, Transpose::No, 0.0, &mut by_input);
+            if layer > 0 {
+                by_input.iter_mut().zip(x).for_each(|(d, y)| *d *= 1.0 - y * y);
+            }
+            by_output = by_input;
+        }
+        by_output.iter_mut().zip(&by_skip).for_each(|(d, s)| *d += s);
+        by_output
+    }
+
+    /// Adds to `gradient` what the embedding's parameters contribute, from the derivatives by the inputs (B x I).
+    pub fn embedding_gradient(&self, batch: &Samples, by_input: Vec<f32>, gradient: &mut [f32]) {
+        let mut by_column = match &self.projection {
+            Some(projection) => projection.apply_transposed(&by_input),
+            None => by_input,
+        };
+        self.standard.scale_gradient(batch, &mut by_column);
+        let count = self.shape.embedding.parameter_count();
+        let points = self.standard.points(batch);
+        let columns = self.shape.columns();
+        let parameters = &self.parameters[..count];
+        self.shape.embedding.backward(parameters, &points, &by_column, columns, &mut gradient[..count]);
+    }
+
+    /// Weighted mean of the negative log density in unit coordinates (nat) at `theta` (B x D) for `x` (B x I).
+    pub fn loss(&self, x: &[f32], theta: &[f64], weights: &[f64], work: &mut Activations) -> f64 {
+        self.forward(x, work);
+        let outputs = self.shape.head.outputs();
+        let d = self.shape.head.dimension;
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (i, raw) in work.raw.chunks_exact(outputs).enumerate() {
+            let v = self.standard.whiten(&theta[i * d..(i + 1) * d]);
+            sum += weights[i] * self.shape.head.loss(raw, &v, 1.0, None);
+            total += weights[i];
+        }
+        sum / total + self.standard.log_scale()
+    }
+}

@@ -1,0 +1,172 @@
+//! Training of one network: Adam on shuffled batches, clipped by the global norm, stopped early on held-out tracks.
+
+use super::{Activations, Network, Samples};
+use rand::Rng;
+use rand::seq::SliceRandom;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use thiserror::Error;
+
+/// How a network is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    /// Adam's step size. Larger learns faster, up to where the loss jumps.
+    pub learning_rate: f64,
+    /// Decoupled decay of the dense weights, a share of the learning rate a step. Larger trusts few tracks less.
+    pub weight_decay: f64,
+    /// Whether the embedding is trained with the rest, or stays random.
+    pub train_embedding: bool,
+    /// Tracks a step.
+    pub batch_size: usize,
+    /// Most passes over the training tracks.
+    pub max_epochs: usize,
+    /// Passes without a better held-out loss after which training stops; the best parameters are kept.
+    pub patience_epochs: usize,
+    /// Bound of the Euclidean norm of the whole gradient.
+    pub max_gradient_norm: f64,
+}
+
+/// State of a training run after a pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Epoch {
+    /// Passes made.
+    pub epoch: usize,
+    /// Held-out loss in nat, unit coordinates.
+    pub held_out_loss: f64,
+}
+
+/// Outcome of a training run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trained {
+    /// Passes made.
+    pub epochs: usize,
+    /// Best held-out loss in nat, unit coordinates.
+    pub held_out_loss: f64,
+}
+
+/// Why a network was not trained.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum TrainingError {
+    /// The loss or the gradient stopped being finite.
+    #[error(
+        "training failed in epoch {epoch}: {what} is {value}, expected a finite number; a lower learning rate or gradient norm may help"
+    )]
+    NotFinite {
+        /// Pass, from 1.
+        epoch: usize,
+        /// What was not finite.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The caller asked to stop.
+    #[error("training was stopped by the caller")]
+    Stopped,
+}
+
+/// Adam's moments (Kingma and Ba 2015), with decoupled weight decay (Loshchilov and Hutter 2019).
+struct Adam {
+    first: Vec<f32>,
+    second: Vec<f32>,
+    steps: i32,
+}
+
+const BETA_1: f32 = 0.9;
+const BETA_2: f32 = 0.999;
+const EPSILON: f32 = 1e-8;
+
+impl Adam {
+    fn new(count: usize) -> Self {
+        Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
+    }
+
+    /// One step; `scale` multiplies the gradient, `decay_from` is the first parameter that decays.
+    fn step(&mut self, parameters: &mut [f32], gradient: &[f32], scale: f32, schedule: &Schedule, decay_from: usize) {
+        self.steps += 1;
+        let correction_1 = 1.0 - BETA_1.powi(self.steps);
+        let correction_2 = 1.0 - BETA_2.powi(self.steps);
+        let rate = schedule.learning_rate as f32 * correction_2.sqrt() / correction_1;
+        let epsilon = EPSILON * correction_2.sqrt();
+        let decay = 1.0 - (schedule.learning_rate * schedule.weight_decay) as f32;
+        parameters[decay_from..].iter_mut().for_each(|p| *p *= decay);
+        let moments = self.first.iter_mut().zip(&mut self.second);
+        for ((p, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
+            let g = g * scale;
+            *m += (1.0 - BETA_1) * (g - *m);
+            *v += (1.0 - BETA_2) * (g * g - *v);
+            *p -= rate * *m / (v.sqrt() + epsilon);
+        }
+    }
+}
+
+/// Trains `network` on the samples at `training`, watching those at `held_out`; `weights` (N) belong to all samples.
+/// `on_epoch` hears of every pass and may stop the run.
+#[allow(clippy::too_many_arguments, reason = "data, its two parts, its weights, how, chance, and who listens")]
+pub fn train<R: Rng>(
+    network: &mut Network,
+    samples: &Samples,
+    training: &[usize],
+    held_out: &[usize],
+    weights: &[f64],
+    schedule: &Schedule,
+    rng: &mut R,
+    on_epoch: &mut dyn FnMut(Epoch) -> ControlFlow<()>,
+) -> Result<Trained, TrainingError> {
+    let all = if schedule.train_embedding { Vec::new() } else { network.inputs(samples) };
+    let width = network.shape().inputs();
+    let picked = |network: &Network, indices: &[usize]| {
+        let batch = samples.gather(indices);
+        let x = if schedule.train_embedding {
+            network.inputs(&batch)
+        } else {
+            indices.iter().flat_map(|&i| all[i * width..(i + 1) * width].iter().copied()).collect()
+        };
+        (batch, x)
+    };
+    let watched_weights: Vec<f64> = held_out.iter().map(|&i| weights[i]).collect();
+    let mean_weight = training.iter().map(|&i| weights[i]).sum::<f64>() / training.len() as f64;
+    let mut work = Activations::default();
+    let mut gradient = vec![0.0; network.parameters().len()];
+    let mut adam = Adam::new(gradient.len());
+    let decay_from = network.shape().embedding.parameter_count();
+    let mut order = training.to_vec();
+    let watch = |network: &Network, work: &mut Activations| {
+        let (batch, x) = picked(network, held_out);
+        network.loss(&x, batch.thetas(), &watched_weights, work)
+    };
+    let mut best = (watch(network, &mut work), 0, network.parameters().to_vec());
+    let mut epoch = 0;
+    while epoch < schedule.max_epochs && epoch - best.1 < schedule.patience_epochs {
+        epoch += 1;
+        order.shuffle(rng);
+        for indices in order.chunks(schedule.batch_size) {
+            let (batch, x) = picked(network, indices);
+            let batch_weights: Vec<f64> = indices.iter().map(|&i| weights[i] / mean_weight).collect();
+            let (loss, by_input) =
+                network.loss_and_gradient(&x, batch.thetas(), &batch_weights, &mut work, &mut gradient);
+            if schedule.train_embedding {
+                network.embedding_gradient(&batch, by_input, &mut gradient);
+            }
+            check(epoch, "the loss", loss)?;
+            let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+            check(epoch, "the norm of the gradient", norm)?;
+            let scale = (schedule.max_gradient_norm / norm.max(f64::MIN_POSITIVE)).min(1.0) as f32;
+            adam.step(network.parameters_mut(), &gradient, scale, schedule, decay_from);
+        }
+        let held_out_loss = watch(network, &mut work);
+        check(epoch, "the held-out loss", held_out_loss)?;
+        if held_out_loss < best.0 || !best.0.is_finite() {
+            best = (held_out_loss, epoch, network.parameters().to_vec());
+        }
+        if on_epoch(Epoch { epoch, held_out_loss }).is_break() {
+            return Err(TrainingError::Stopped);
+        }
+    }
+    network.parameters_mut().copy_from_slice(&best.2);
+    Ok(Trained { epochs: epoch, held_out_loss: best.0 })
+}
+
+fn check(epoch: usize, what: &'static str, value: f64) -> Result<(), TrainingError> {
+    if value.is_finite() { Ok(()) } else { Err(TrainingError::NotFinite { epoch, what, value }) }
+}

@@ -1,0 +1,170 @@
+//! The node: an action that infers from a bag, or from the last episode on the topics.
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
+
+use crate::error::InferenceError;
+use crate::sequential::Progress;
+use crate::{Settings, convert, infer};
+use anyhow::{Context, Result, bail};
+use catenary_bag::{BagReader, EpisodeTopics, Feed, read_episodes};
+use catenary_core::simulator::SimulatorError;
+use catenary_core::{EpisodeLog, Model, Policy, SimulationRequest, Simulator, Track};
+use catenary_msgs::action::{Infer, InferGoal, InferResult};
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_msgs::srv::Simulate;
+use catenary_shell::convert as wire;
+use catenary_shell::{
+    Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Subscription, contract, stamp,
+};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Time that the pool has for one batch.
+const BATCH: Duration = Duration::from_secs(600);
+/// What the live log keeps before the start of the newest episode.
+const KEEP_NS: i64 = 2_000_000_000;
+/// How often a goal that waits for an episode looks for it.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("bayes_sim", args, run)
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let node = builder.build()?;
+    let log = Arc::new(Mutex::new(EpisodeLog::default()));
+    let _listening = listen(&node, &log)?;
+    let pool = node.client::<Simulate>(contract::SIMULATE.name)?;
+    let shared = Arc::clone(&log);
+    let _server = node.serve_action::<Infer>(
+        contract::INFER.name,
+        Concurrency::One,
+        |_| Decision::Accept,
+        move |handle| serve(&handle, &shared, &pool),
+    )?;
+    node.report_diagnostics(move |report| {
+        report.value("log", lock(&log).summary());
+    })?;
+    node.wait_for_shutdown()
+}
+
+fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
+    log.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Keeps the records of the newest episodes.
+fn listen(node: &Node, log: &Arc<Mutex<EpisodeLog>>) -> Result<[Subscription; 5]> {
+    let l = Arc::clone(log);
+    let events =
+        node.subscription::<EpisodeEvent>(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos, move |m| {
+            let mut log = lock(&l);
+            if m.message.event == EpisodeEvent::STARTED {
+                log.forget_before(stamp::from_msg(&m.message.header.stamp).nanos() - KEEP_NS);
+            }
+            feed(&mut log, &*m.message);
+        })?;
+    Ok([
+        follow::<Keypoints>(node, log, &contract::KEYPOINTS)?,
+        follow::<PoseStamped>(node, log, &contract::CURRENT_POSE)?,
+        follow::<EefDelta>(node, log, &contract::ACTION)?,
+        follow::<Observation>(node, log, &contract::OBSERVATION)?,
+        events,
+    ])
+}
+
+/// Feeds every message of a topic to the log.
+fn follow<M: Msg + Feed>(node: &Node, log: &Arc<Mutex<EpisodeLog>>, topic: &contract::Topic) -> Result<Subscription> {
+    let log = Arc::clone(log);
+    Ok(node.subscription::<M>(topic.name, topic.qos, move |received| feed(&mut lock(&log), &*received.message))?)
+}
+
+fn feed<M: Feed>(log: &mut EpisodeLog, message: &M) {
+    if let Err(error) = message.feed(log) {
+        tracing::warn!("{} left out of the log: {error}", M::TYPE_NAME);
+    }
+}
+
+/// The pool, asked over the graph.
+struct PoolClient<'a> {
+    client: &'a Client<Simulate>,
+    model_yaml: &'a str,
+}
+
+impl Simulator for PoolClient<'_> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let backend = |e: &dyn std::fmt::Display| SimulatorError::Backend(e.to_string());
+        let message = convert::simulate_request(request, self.model_yaml);
+        let answer = self.client.call(message, BATCH).map_err(|e| backend(&e))?;
+        if !answer.success {
+            return Err(SimulatorError::Backend(answer.message));
+        }
+        answer.tracks.iter().map(|t| wire::track_from_msg(t).map_err(|e| backend(&e))).collect()
+    }
+}
+
+fn serve(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Outcome<InferResult> {
+    match infer_goal(handle, log, pool) {
+        Ok(result) => Outcome::Succeeded(result),
+        Err(error) => {
+            let cancelled = handle.is_cancelled();
+            let result = InferResult { message: format!("{error:#}"), ..InferResult::default() };
+            if cancelled {
+                return Outcome::Canceled(result);
+            }
+            tracing::error!("inference: {error:#}");
+            Outcome::Aborted(result)
+        }
+    }
+}
+
+fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Result<InferResult> {
+    let goal = handle.goal();
+    let mut model = Model::from_yaml(&goal.model_yaml)?;
+    model.observation.drive = wire::drive_from_msg(goal.drive)?;
+    let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
+    let settings = settings(goal)?;
+    let episode = match goal.source {
+        InferGoal::SOURCE_BAG => {
+            let bag = BagReader::open(Path::new(&goal.bag))?;
+            read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
+        }
+        InferGoal::SOURCE_LIVE => loop {
+            if let Ok(episode) = lock(log).episode(None) {
+                break episode;
+            }
+            if handle.wait_cancelled(LOOK) {
+                bail!("cancelled while waiting for an episode");
+            }
+        },
+        other => bail!("source: expected SOURCE_LIVE or SOURCE_BAG, got {other}"),
+    };
+    let measured = episode.measured(&model)?;
+    let simulator = PoolClient { client: pool, model_yaml: &goal.model_yaml };
+    let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {
+        if let Progress::Iteration { iteration, of, posterior } = progress {
+            handle.feedback(convert::feedback(iteration, *of, posterior));
+        }
+        if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    match result {
+        Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
+        other => Ok(convert::result(&other?, goal.seed)),
+    }
+}
+
+fn settings(goal: &InferGoal) -> Result<Settings> {
+    let preset = if goal.preset.is_empty() { "default" } else { &goal.preset };
+    let mut settings = Settings::preset(preset).context("preset")?;
+    if goal.iterations > 0 {
+        settings.iterations = goal.iterations as usize;
+    }
+    if goal.simulations > 0 {
+        settings.simulations = goal.simulations as usize;
+    }
+    settings.seed = goal.seed;
+    Ok(settings)
+}

@@ -1,0 +1,288 @@
+//! Algorithm 1: iterations of simulating, training on all tracks so far, and drawing anew from what was learnt.
+
+mod proposal;
+mod region;
+mod request;
+
+pub use proposal::{Proposal, balance_weights, effective_sample_size};
+pub use region::Region;
+pub use request::request;
+
+use crate::embedding::TrackInput;
+use crate::error::InferenceError;
+use crate::network::{Epoch, MixtureHead, Network, Samples, Shape, TrainingError, train};
+use crate::settings::{LEAST_TRACKS, Settings};
+use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+
+/// What one iteration did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Iteration {
+    /// Number, from 1.
+    pub iteration: usize,
+    /// Simulations run so far.
+    pub simulations: usize,
+    /// Tracks that the networks were trained on, held-out ones included.
+    pub tracks: usize,
+    /// Simulations so far whose tracks were unusable.
+    pub unusable: usize,
+    /// Held-out negative log density in nat, unit coordinates; mean over the networks.
+    pub loss: f64,
+    /// Effective sample size of the importance weights.
+    pub effective_sample_size: f64,
+    /// Share of the prior's volume that thetas were drawn from.
+    pub proposal_volume: f64,
+    /// Passes over the tracks, summed over the networks.
+    pub epochs: usize,
+}
+
+/// What the caller hears while inference runs.
+#[derive(Debug)]
+pub enum Progress<'a> {
+    /// A network made a pass over the tracks.
+    Epoch {
+        /// Iteration, from 1.
+        iteration: usize,
+        /// Which network, from 0.
+        network: usize,
+        /// How far it is.
+        epoch: Epoch,
+    },
+    /// An iteration ended.
+    Iteration {
+        /// What it did.
+        iteration: &'a Iteration,
+        /// Iterations in all.
+        of: usize,
+        /// The present estimate.
+        posterior: &'a Posterior,
+    },
+}
+
+/// Called with each [`Progress`]; `Break` cancels the inference.
+pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>;
+
+/// Networks, tracks and proposals of an inference, after any number of iterations.
+pub struct Sequential<'a> {
+    space: &'a ParameterSpace,
+    settings: &'a Settings,
+    observed: TrackInput,
+    samples: Samples,
+    proposals: Vec<(Proposal, usize)>,
+    networks: Vec<Network>,
+    simulations: usize,
+    refused: Option<String>,
+}
+
+/// Streams of random numbers, derived from the seed of the settings.
+#[derive(Clone, Copy)]
+enum Stream {
+    Thetas = 1,
+    Simulator = 2,
+    Proposal = 3,
+    HeldOut = 4,
+    Training = 5,
+}
+
+impl<'a> Sequential<'a> {
+    /// Prepares an inference of the parameters of `space` from the track `observed`; `frames` (F) is the greatest
+    /// number of frames of any track.
+    pub fn new(
+        space: &'a ParameterSpace,
+        observed: &Track,
+        frames: usize,
+        settings: &'a Settings,
+    ) -> Result<Self, InferenceError> {
+        settings.check()?;
+        let observed = TrackInput::new(observed, frames).map_err(InferenceError::Observation)?;
+        let samples = Samples::new(frames, space.dimension());
+        let (proposals, networks) = (Vec::new(), Vec::new());
+        Ok(Self { space, settings, observed, samples, proposals, networks, simulations: 0, refused: None })
+    }
+
+    fn seed(&self, stream: Stream, index: usize) -> u64 {
+        seed::derive(seed::derive(self.settings.seed, stream as u64), index as u64)
+    }
+
+    /// The networks.
+    pub fn networks(&self) -> &[Network] {
+        &self.networks
+    }
+
+    /// The newest proposal.
+    pub fn proposal(&self) -> Option<&Proposal> {
+        self.proposals.last().map(|(p, _)| p)
+    }
+
+    /// All usable tracks so far.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The measured track as the networks see it.
+    pub fn observed(&self) -> &TrackInput {
+        &self.observed
+    }
+
+    /// One iteration: draws thetas from the newest posterior, simulates them by `template` with `simulator`, trains, and
+    /// returns what was done and the new posterior.
+    pub fn step(
+        &mut self,
+        template: &SimulationRequest,
+        simulator: &dyn Simulator,
+        on_progress: OnProgress<'_>,
+    ) -> Result<(Iteration, Posterior), InferenceError> {
+        let number = self.proposals.len() + 1;
+        let proposal = self.next_proposal(number)?;
+        self.simulate(number, proposal, template, simulator)?;
+        let (newest, _) = &self.proposals[number - 1];
+        let indices: Vec<usize> = (0..self.samples.len()).filter(|&i| newest.covers(self.samples.theta(i))).collect();
+        if indices.len() < LEAST_TRACKS {
+            return Err(InferenceError::TooFewTracks {
+                iteration: number,
+                expected: LEAST_TRACKS,
+                got: indices.len(),
+                because: self.refused.as_ref().map_or(String::new(), |why| format!("; the last refused one: {why}")),
+            });
+        }
+        let proposal_volume = if let Proposal::Region(region) = newest { region.volume() } else { 1.0 };
+        let weights = balance_weights(indices.iter().map(|&i| self.samples.theta(i)), &self.proposals);
+        let data = self.samples.gather(&indices);
+        let (epochs, loss) = self.train(number, &indices, &data, &weights, on_progress)?;
+        let iteration = Iteration {
+            iteration: number,
+            simulations: self.simulations,
+            tracks: indices.len(),
+            unusable: self.simulations - self.samples.len(),
+            loss,
+            effective_sample_size: effective_sample_size(&weights),
+            proposal_volume,
+            epochs,
+        };
+        let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
+        let posterior = Posterior { parameters: self.space.clone(), mixture };
+        let progress =
+            Progress::Iteration { iteration: &iteration, of: self.settings.iterations, posterior: &posterior };
+        if on_progress(&progress).is_break() {
+            return Err(InferenceError::Cancelled { simulations: self.simulations });
+        }
+        Ok((iteration, posterior))
+    }
+
+    fn next_proposal(&self, number: usize) -> Result<Proposal, InferenceError> {
+        let Some((last, _)) = self.proposals.last() else { return Ok(Proposal::Prior) };
+        let mut rng = seed::rng(self.seed(Stream::Proposal, number), 0);
+        let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
+        Proposal::next(self.settings.proposal, &mixture, last, number, &mut rng)
+    }
+
+    /// Draws, simulates, and keeps the usable tracks. Leaving the others out is exact: what is learnt is the posterior
+    /// given a usable track, and the measured one is usable.
+    fn simulate(
+        &mut self,
+        number: usize,
+        proposal: Proposal,
+        template: &SimulationRequest,
+        simulator: &dyn Simulator,
+    ) -> Result<(), InferenceError> {
+        let mut rng = seed::rng(self.seed(Stream::Thetas, number), 0);
+        let d = self.space.dimension();
+        let count = self.settings.simulations;
+        let u = (0..count).map(|_| proposal.sample(d, number, &mut rng)).collect::<Result<Vec<_>, _>>()?;
+        let request = SimulationRequest {
+            thetas: u.iter().map(|u| self.space.from_unit(u)).collect(),
+            seed: self.seed(Stream::Simulator, number),
+            ..template.clone()
+        };
+        let tracks = simulator.simulate(&request)?;
+        if tracks.len() != count {
+            return Err(InferenceError::TrackCount { expected: count, got: tracks.len() });
+        }
+        self.simulations += count;
+        let before = self.samples.len();
+        for (u, track) in u.iter().zip(&tracks) {
+            match TrackInput::new(track, self.observed.frames()) {
+                Ok(input) => self.samples.push(&input, u),
+                Err(why) => self.refused = Some(why.to_string()),
+            }
+        }
+        self.proposals.push((proposal, self.samples.len() - before));
+        Ok(())
+    }
+
+    fn shape(&self, data: &Samples) -> Shape {
+        Shape {
+            frames: self.observed.frames(),
+            channels: data.varying_channels(),
+            embedding: self.settings.embedding,
+            hidden: self.settings.hidden.clone(),
+            projection: self.settings.projection,
+            skip: self.settings.skip,
+            head: MixtureHead { components: self.settings.components, dimension: self.space.dimension() },
+        }
+    }
+
+    /// Trains every network of the ensemble on `data`, the samples at `indices`. Returns passes and mean held-out loss.
+    fn train(
+        &mut self,
+        number: usize,
+        indices: &[usize],
+        data: &Samples,
+        weights: &[f64],
+        on_progress: OnProgress<'_>,
+    ) -> Result<(usize, f64), InferenceError> {
+        let (mut epochs, mut loss) = (0, 0.0);
+        for member in 0..self.settings.ensemble {
+            let mut rng = seed::rng(self.seed(Stream::Training, number), member as u64);
+            let shape = self.networks.get(member).map_or_else(|| self.shape(data), |n| n.shape().clone());
+            let network = Network::new(shape, self.settings.length_scale, data, weights, &mut rng);
+            self.networks.truncate(member);
+            self.networks.push(network);
+            let (held_out, training) = self.split(member, indices);
+            let mut on_epoch = |epoch| on_progress(&Progress::Epoch { iteration: number, network: member, epoch });
+            let schedule = &self.settings.schedule;
+            let network = &mut self.networks[member];
+            let trained = train(network, data, &training, &held_out, weights, schedule, &mut rng, &mut on_epoch)
+                .map_err(|source| match source {
+                    TrainingError::Stopped => InferenceError::Cancelled { simulations: self.simulations },
+                    source => InferenceError::Training { iteration: number, source },
+                })?;
+            epochs += trained.epochs;
+            loss += trained.held_out_loss / self.settings.ensemble as f64;
+        }
+        Ok((epochs, loss))
+    }
+
+    /// Positions within `indices` that network `member` holds out, and those that it trains on. A track stays on its
+    /// side in all iterations, so that weights carried over have never seen a held-out track.
+    fn split(&self, member: usize, indices: &[usize]) -> (Vec<usize>, Vec<usize>) {
+        let stream = self.seed(Stream::HeldOut, member);
+        let lot = |i: usize| (seed::derive(stream, i as u64) >> 11) as f64 / (1u64 << 53) as f64;
+        let mut order: Vec<usize> = (0..indices.len()).collect();
+        let (mut held_out, mut training): (Vec<usize>, Vec<usize>) =
+            order.drain(..).partition(|&i| lot(indices[i]) < self.settings.held_out_share);
+        if held_out.is_empty() {
+            held_out.extend(training.pop());
+        }
+        if training.is_empty() {
+            training.extend(held_out.pop());
+        }
+        (held_out, training)
+    }
+
+    /// The mean of the networks' mixtures at the measured track.
+    fn mixture(&self) -> Result<Mixture, catenary_core::mixture::MixtureError> {
+        let mut batch = Samples::new(self.observed.frames(), self.space.dimension());
+        batch.push(&self.observed, &vec![0.5; self.space.dimension()]);
+        let (mut weights, mut means, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
+        for network in &self.networks {
+            let (w, m, c) = network.mixture_parts(&batch)?;
+            weights.extend(w);
+            means.extend(m);
+            covariances.extend(c);
+        }
+        Mixture::new(&weights, means, covariances)
+    }
+}

@@ -1,0 +1,214 @@
+//! `catenary bench`: what this machine does in a second, and how near posteriors come to hidden truths.
+
+use crate::cli::{BenchArgs, BenchWhat, Output};
+use crate::{infer, model_file, output, train};
+use anyhow::{Context, Result};
+use bayes_sim::Settings as InferenceSettings;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, SimulationRequest, Simulator, seed};
+use catenary_shell::Shutdown;
+use ppo_trainer::{Domains, Settings};
+use rand::RngExt;
+use serde::Serialize;
+use simulator_pool::arm::ArmModel;
+use simulator_pool::{BeamSimulator, workers};
+use std::path::Path;
+use std::time::Instant;
+
+/// Episodes of one measurement of the pool.
+const EPISODES: usize = 100;
+/// Random stream of the motions.
+const MOTION_STREAM: u64 = 31;
+
+/// Runs a measurement.
+pub fn run(arguments: &BenchArgs) -> Result<()> {
+    match &arguments.what {
+        BenchWhat::Pool { model, output } => pool(model.as_deref(), output),
+        BenchWhat::Training { steps, output } => training(*steps, output),
+        BenchWhat::Inference { seeds, output } => inference(*seeds, output),
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct PoolRow {
+    fidelity: &'static str,
+    workers: usize,
+    episodes_per_second: f64,
+    episodes_per_core_second: f64,
+    unconverged_steps: u64,
+}
+
+/// Episodes of 16 steps and 8 s over the table, thetas and effects from the model's own distributions.
+fn pool(model: Option<&Path>, out: &Output) -> Result<()> {
+    let model = model_file::read_or_soft_bar(model)?;
+    let mut rows = Vec::new();
+    for fidelity in [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference] {
+        for count in [1, workers::available()] {
+            let simulator = BeamSimulator::new(&model, count)?;
+            let request = batch(&model, fidelity, EPISODES)?;
+            let started = Instant::now();
+            simulator.simulate(&request)?;
+            let rate = EPISODES as f64 / started.elapsed().as_secs_f64();
+            rows.push(PoolRow {
+                fidelity: fidelity.name(),
+                workers: count,
+                episodes_per_second: rate,
+                episodes_per_core_second: rate / count as f64,
+                unconverged_steps: simulator.unconverged_steps(),
+            });
+        }
+    }
+    output::result(out, &rows, |rows| {
+        let line = |r: &PoolRow| {
+            format!(
+                "{:<10} {} workers: {:.1} episodes/s, {:.1} per core-second, {} unconverged steps",
+                r.fidelity, r.workers, r.episodes_per_second, r.episodes_per_core_second, r.unconverged_steps
+            )
+        };
+        rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    })
+}
+
+fn batch(model: &Model, fidelity: Fidelity, count: usize) -> Result<SimulationRequest> {
+    let mut rng = seed::rng(1, 0);
+    let path = motion(model, 1)?;
+    let o = model.observation;
+    Ok(SimulationRequest {
+        thetas: (0..count).map(|_| model.theta.sample_prior(&mut rng)).collect(),
+        effects: Vec::new(),
+        drive: Drive::Grip(path),
+        start: StartShape::HangingAtRest,
+        frame_times_s: (0..o.frames).map(|i| i as f64 * o.frame_period_s).collect(),
+        target_m: None,
+        fidelity,
+        seed: 1,
+        noise: true,
+    })
+}
+
+/// The path of a hand under 16 random actions that keep it in the workspace, low over the table half of the time.
+fn motion(model: &Model, motion_seed: u64) -> Result<GripTrajectory> {
+    const SAMPLES_PER_STEP: usize = 50;
+    let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
+    let mut rng = seed::rng(motion_seed, MOTION_STREAM);
+    let start = model.arm.start;
+    let mut arm = ArmModel::new(&model.arm, [start.x_m, start.z_m]);
+    let (mut times, mut poses) = (Vec::new(), Vec::new());
+    for step in 0..task.steps {
+        let from_s = step as f64 * task.step_period_s;
+        let delta = |v: f64, [low, high]: [f64; 2], noise: f64| (v + noise).clamp(low + 0.01, high - 0.01) - v;
+        let [x, z] = arm.target_m();
+        let (a, b) = (rng.random_range(-0.06..0.06), rng.random_range(-0.06..0.06));
+        let move_m = [delta(x, task.workspace.x_m, a), delta(z, task.workspace.z_m, b - 0.01)];
+        arm.set_delta(from_s, move_m, task.delta_anchor);
+        for i in 0..SAMPLES_PER_STEP {
+            let t = from_s + task.step_period_s * i as f64 / SAMPLES_PER_STEP as f64;
+            let [x_m, z_m] = arm.position_m(t);
+            times.push(t);
+            poses.push(GripPose { x_m, z_m, pitch_rad: start.pitch_rad });
+        }
+    }
+    Ok(GripTrajectory::new(times, poses)?)
+}
+
+#[derive(Debug, Serialize)]
+struct TrainingRow {
+    steps: u64,
+    steps_per_second: f64,
+    mean_return: f64,
+    success_rate: f64,
+}
+
+fn training(steps: u64, out: &Output) -> Result<()> {
+    let model = model_file::read_or_soft_bar(None)?;
+    let settings = Settings { total_steps: steps, ..Settings::tuned() };
+    let domains = Domains::Prior(model.theta.clone());
+    let (trained, seconds) = train::train(&model, &domains, &settings, 1, &Shutdown::new())?;
+    let last = trained.curve.last();
+    let row = TrainingRow {
+        steps: trained.steps,
+        steps_per_second: trained.steps as f64 / seconds,
+        mean_return: last.map_or(f64::NAN, |p| p.mean_return),
+        success_rate: last.map_or(0.0, |p| p.success_rate),
+    };
+    output::result(out, &row, |r| {
+        format!(
+            "{} steps, simulation included: {:.0} steps/s; mean return {:.2}, success {:.0} %",
+            r.steps,
+            r.steps_per_second,
+            r.mean_return,
+            100.0 * r.success_rate
+        )
+    })
+}
+
+#[derive(Debug, Serialize)]
+struct InferenceRow {
+    seed: u64,
+    truth: Vec<f64>,
+    mean: Vec<f64>,
+    sd: Vec<f64>,
+    inside_90: Vec<bool>,
+    rmse_mm: Option<f64>,
+    coverage: Option<f64>,
+    wall_s: f64,
+}
+
+/// Posteriors of episodes that were simulated at reference fidelity with noise, from hidden values of theta.
+fn inference(seeds: u64, out: &Output) -> Result<()> {
+    let model = model_file::read_or_soft_bar(None)?;
+    let mut rows = Vec::new();
+    for s in 1..=seeds {
+        let mut rng = seed::rng(s, 0);
+        let u: Vec<f64> = (0..model.theta.dimension()).map(|_| rng.random_range(0.1..0.9)).collect();
+        let truth = model.theta.from_unit(&u);
+        let measured = hidden_episode(&model, &truth, s)?;
+        let settings = InferenceSettings { seed: s, ..InferenceSettings::default() };
+        let started = Instant::now();
+        let result = infer::infer(&model, &measured, None, &settings, &Shutdown::new())?;
+        let inside = result.marginals.iter().zip(&truth).map(|(m, t)| (m.q05..=m.q95).contains(t)).collect();
+        rows.push(InferenceRow {
+            seed: s,
+            mean: result.marginals.iter().map(|m| m.mean).collect(),
+            sd: result.marginals.iter().map(|m| m.sd).collect(),
+            inside_90: inside,
+            rmse_mm: result.predictive.as_ref().map(|p| p.rmse_mm),
+            coverage: result.predictive.as_ref().map(|p| p.coverage),
+            wall_s: started.elapsed().as_secs_f64(),
+            truth,
+        });
+        tracing::info!("{:?}", rows.last());
+    }
+    output::result(out, &rows, |rows| inference_words(&model, rows))
+}
+
+fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64) -> Result<MeasuredTrack> {
+    let path = motion(model, episode_seed)?;
+    let mut request = batch(model, Fidelity::Reference, 1)?;
+    request.thetas = vec![truth.to_vec()];
+    request.seed = seed::derive(episode_seed, 1);
+    request.drive = Drive::Grip(path.clone());
+    let track = BeamSimulator::new(model, 1)?.simulate(&request)?.remove(0);
+    let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
+    Ok(MeasuredTrack { track, grip: path, actions: Vec::new(), start: StartShape::HangingAtRest, target_m })
+}
+
+fn inference_words(model: &Model, rows: &[InferenceRow]) -> String {
+    let n = rows.len() as f64;
+    let mut lines: Vec<String> = rows
+        .iter()
+        .map(|r| format!("seed {}: truth {:?}, mean {:?}, sd {:?}, {:.1} s", r.seed, r.truth, r.mean, r.sd, r.wall_s))
+        .collect();
+    for (i, p) in model.theta.parameters().iter().enumerate() {
+        let error = rows.iter().map(|r| (r.mean[i] - r.truth[i]).abs()).sum::<f64>() / n;
+        let decades = rows.iter().map(|r| (r.mean[i] / r.truth[i]).abs().log10().abs()).sum::<f64>() / n;
+        let inside = rows.iter().filter(|r| r.inside_90[i]).count();
+        lines.push(format!(
+            "{}: mean absolute error {error:.4}, {decades:.4} in log10; truth in the 90 % interval {inside} of {}",
+            p.name,
+            rows.len()
+        ));
+    }
+    lines.join("\n")
+}

@@ -1,0 +1,159 @@
+//! `catenary infer`: a posterior from a bag, in this process.
+
+use crate::cli::{InferArgs, Preset};
+use crate::report::{Page, plots};
+use crate::{figures::figures, model_file, output};
+use anyhow::{Context, Result, bail};
+use bayes_sim::sequential::Progress;
+use bayes_sim::{InferenceError, InferenceResult, Settings};
+use catenary_bag::{BagReader, EpisodeTopics, read_episodes};
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::{Model, Policy};
+use catenary_shell::Shutdown;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use simulator_pool::{BeamSimulator, workers};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    bag: PathBuf,
+    model: String,
+    frames: usize,
+    duration_s: f64,
+    wall_s: f64,
+    #[serde(flatten)]
+    result: InferenceResult,
+}
+
+/// Infers and writes posterior.json, inference.json and report.html; Ctrl-C ends it.
+pub fn run(arguments: &InferArgs) -> Result<()> {
+    let model = model_file::read(&arguments.model)?;
+    let measured = measured(&arguments.bag, arguments.episode, &model)?;
+    let policy = match &arguments.policy {
+        None => None,
+        Some(path) => {
+            let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
+            Some(Policy::from_bytes(&bytes).with_context(|| path.display().to_string())?)
+        }
+    };
+    let mut settings = match arguments.preset {
+        Preset::Default => Settings::default(),
+        Preset::Paper => Settings::paper(),
+    };
+    settings.iterations = arguments.iterations.unwrap_or(settings.iterations);
+    settings.simulations = arguments.simulations.unwrap_or(settings.simulations);
+    settings.seed = arguments.seed;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let started = Instant::now();
+    let result = infer(&model, &measured, policy.as_ref(), &settings, &shutdown)?;
+    let frames = &measured.track.frames;
+    let report = Report {
+        bag: arguments.bag.clone(),
+        model: model.name.clone(),
+        frames: frames.len(),
+        duration_s: frames.last().map_or(0.0, |f| f.time_s),
+        wall_s: started.elapsed().as_secs_f64(),
+        result,
+    };
+    write(&arguments.out, &report)?;
+    output::result(&arguments.output, &report, words)
+}
+
+/// The measured track of an episode in a bag.
+pub fn measured(bag: &Path, episode: Option<u32>, model: &Model) -> Result<MeasuredTrack> {
+    let reader = BagReader::open(bag)?;
+    let log = read_episodes(&reader, &EpisodeTopics::default())?;
+    let episode = log.episode(episode).with_context(|| bag.display().to_string())?;
+    episode.measured(model).with_context(|| bag.display().to_string())
+}
+
+/// Infers in this process with a bar.
+pub fn infer(
+    model: &Model,
+    measured: &MeasuredTrack,
+    policy: Option<&Policy>,
+    settings: &Settings,
+    shutdown: &Shutdown,
+) -> Result<InferenceResult> {
+    let simulator = BeamSimulator::new(model, workers::available())?;
+    let bar = ProgressBar::new(settings.iterations as u64);
+    bar.set_style(ProgressStyle::with_template("inference [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
+    let result = bayes_sim::infer(model, measured, policy, settings, &simulator, &mut |progress| {
+        if let Progress::Iteration { iteration, .. } = progress {
+            bar.set_position(iteration.iteration as u64);
+            bar.set_message(format!(
+                "{} simulations, loss {:.2} nat, {:.0} effective",
+                iteration.simulations, iteration.loss, iteration.effective_sample_size
+            ));
+        }
+        if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    bar.finish_and_clear();
+    match result {
+        Err(InferenceError::Cancelled { simulations }) => bail!("interrupted after {simulations} simulations"),
+        other => Ok(other?),
+    }
+}
+
+fn write(folder: &Path, report: &Report) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let save = |name: &str, text: String| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).with_context(|| path.display().to_string())
+    };
+    save("posterior.json", serde_json::to_string_pretty(&report.result.posterior)?)?;
+    save("inference.json", serde_json::to_string_pretty(report)?)?;
+    save("report.html", page(report)?)
+}
+
+fn page(report: &Report) -> Result<String> {
+    let result = &report.result;
+    let mut page = Page::new(&format!("catenary infer: {}", report.model));
+    page.paragraph(&format!("{}: {} frames in {:.2} s.", report.bag.display(), report.frames, report.duration_s));
+    result.warnings.iter().for_each(|w| page.warning(w));
+    let d = result.posterior.parameters.dimension();
+    for i in 0..d {
+        for j in i + 1..d {
+            page.svg(&plots::heatmap(&result.posterior, [i, j], &result.posterior.sample_low_variance(12, 0)?, None)?);
+        }
+    }
+    let row = |m: &catenary_core::posterior::Marginal| {
+        vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95)]
+    };
+    let rows: Vec<Vec<String>> = result.marginals.iter().map(row).collect();
+    page.table(&["parameter", "mean", "sd", "5 %", "median", "95 %"], &rows);
+    if let Some(p) = &result.predictive {
+        page.paragraph(&predictive_words(p));
+    }
+    let losses = result.losses().iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
+    let series = [plots::Series { name: "held-out loss".into(), points: losses }];
+    page.svg(&plots::lines("inference", "iteration", "nat", &series)?);
+    Ok(page.finish())
+}
+
+fn predictive_words(p: &bayes_sim::Predictive) -> String {
+    format!(
+        "posterior predictive: RMSE {:.1} mm; {:.0} % of the measured coordinates in the 90 % band, whose half width is {:.1} mm (rms)",
+        p.rmse_mm,
+        100.0 * p.coverage,
+        p.half_width_mm
+    )
+}
+
+fn words(report: &Report) -> String {
+    let mut lines: Vec<String> = report
+        .result
+        .marginals
+        .iter()
+        .map(|m| format!("{}: {} ({} to {})", m.name, figures(m.median), figures(m.q05), figures(m.q95)))
+        .collect();
+    lines.extend(report.result.predictive.as_ref().map(predictive_words));
+    lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
+    lines.push(format!("{} simulations in {:.1} s", report.result.simulations(), report.wall_s));
+    lines.join("\n")
+}

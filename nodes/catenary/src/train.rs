@@ -1,0 +1,92 @@
+//! `catenary train`: a policy, trained in this process.
+
+use crate::cli::TrainArgs;
+use crate::{model_file, output};
+use anyhow::{Context, Result, ensure};
+use catenary_core::{Fidelity, Model, Posterior, seed};
+use catenary_shell::Shutdown;
+use indicatif::{ProgressBar, ProgressStyle};
+use ppo_trainer::{CurvePoint, Domains, Settings, Trained};
+use serde::Serialize;
+use simulator_pool::{VectorEnv, workers};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// What a training gave.
+#[derive(Debug, Serialize)]
+struct Report {
+    policy: PathBuf,
+    steps: u64,
+    mean_return: f64,
+    success_rate: f64,
+    steps_per_second: f64,
+    curve: Vec<(u64, f64)>,
+}
+
+/// Trains and writes the policy; Ctrl-C ends the training and keeps what was learned.
+pub fn run(arguments: &TrainArgs) -> Result<()> {
+    let model = model_file::read(&arguments.model)?;
+    let mut settings = Settings::preset(&arguments.preset)?;
+    settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
+    let domains = match &arguments.posterior {
+        None => Domains::Prior(model.theta.clone()),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("posterior {}", path.display()))?;
+            let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+            ensure!(
+                posterior.parameters == model.theta,
+                "{}: its parameters are not those of the model",
+                path.display()
+            );
+            Domains::Mixture(posterior)
+        }
+    };
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let (trained, seconds) = train(&model, &domains, &settings, arguments.seed, &shutdown)?;
+    std::fs::write(&arguments.out, trained.policy.to_bytes()).with_context(|| arguments.out.display().to_string())?;
+    let last = trained.curve.last().copied();
+    let report = Report {
+        policy: arguments.out.clone(),
+        steps: trained.steps,
+        mean_return: last.map_or(f64::NAN, |p| p.mean_return),
+        success_rate: last.map_or(0.0, |p| p.success_rate),
+        steps_per_second: trained.steps as f64 / seconds,
+        curve: trained.curve.iter().map(|p: &CurvePoint| (p.steps, p.mean_return)).collect(),
+    };
+    output::result(&arguments.output, &report, |r| {
+        format!(
+            "{}: {} steps, mean return {:.3}, success {:.0} %, {:.0} steps/s",
+            r.policy.display(),
+            r.steps,
+            r.mean_return,
+            100.0 * r.success_rate,
+            r.steps_per_second
+        )
+    })
+}
+
+/// Trains in this process with a bar; returns the seconds it took too.
+pub fn train(
+    model: &Model,
+    domains: &Domains,
+    settings: &Settings,
+    train_seed: u64,
+    shutdown: &Shutdown,
+) -> Result<(Trained, f64)> {
+    let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
+    let rows = domains.rows(settings.environments, train_seed)?;
+    let env_seed = seed::derive(train_seed, 1);
+    let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, env_seed, workers::available())?;
+    let bar = ProgressBar::new(settings.total_steps);
+    bar.set_style(ProgressStyle::with_template("training [{bar:30}] {percent:>3}% {msg}")?.progress_chars("=> "));
+    let started = Instant::now();
+    let trained = ppo_trainer::train(&mut env, &task, settings, train_seed, &mut |p| {
+        bar.set_position(p.steps);
+        bar.set_message(format!("return {:.2}, success {:.0} %", p.mean_return, 100.0 * p.success_rate));
+        if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    bar.finish_and_clear();
+    Ok((trained, started.elapsed().as_secs_f64()))
+}

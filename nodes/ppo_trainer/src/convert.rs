@@ -1,0 +1,118 @@
+//! Between wire types and the trainer's.
+
+use crate::domains::Domains;
+use crate::settings::Settings;
+use crate::trainer::{Progress, Trained};
+use catenary_core::{EnvError, Model, Observation, Transition};
+use catenary_msgs::action::{TrainFeedback, TrainGoal, TrainResult};
+use catenary_msgs::srv::StepEnvsResponse;
+use catenary_shell::convert::{ConvertError, posterior_from_msg};
+
+/// Settings that a goal asks for: its preset, and what it sets otherwise.
+///
+/// # Errors
+/// A [`ConvertError`] naming the preset.
+pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
+    let mut settings = Settings::preset(&goal.preset).map_err(|e| ConvertError {
+        field: "preset",
+        expected: e.expected.to_owned(),
+        got: e.got,
+    })?;
+    if goal.total_steps > 0 {
+        settings.total_steps = goal.total_steps;
+    }
+    if goal.environments > 0 {
+        settings.environments = goal.environments as usize;
+    }
+    Ok(settings)
+}
+
+/// The distribution over the model's parameters that a goal asks for.
+///
+/// # Errors
+/// [`ConvertError`]: an unknown kind, a mixture over other parameters, a point of the wrong length.
+pub fn domains(goal: &TrainGoal, model: &Model) -> Result<Domains, ConvertError> {
+    let d = model.theta.dimension();
+    match goal.domains {
+        TrainGoal::DOMAINS_PRIOR => Ok(Domains::Prior(model.theta.clone())),
+        TrainGoal::DOMAINS_MIXTURE => {
+            let posterior = posterior_from_msg(&goal.mixture)?;
+            let names = |space: &catenary_core::ParameterSpace| -> Vec<String> {
+                space.parameters().iter().map(|p| p.name.clone()).collect()
+            };
+            if names(&posterior.parameters) != names(&model.theta) {
+                return Err(ConvertError {
+                    field: "mixture.parameters",
+                    expected: names(&model.theta).join(", "),
+                    got: names(&posterior.parameters).join(", "),
+                });
+            }
+            Ok(Domains::Mixture(posterior))
+        }
+        TrainGoal::DOMAINS_POINT if goal.point.len() == d => Ok(Domains::Point(goal.point.clone())),
+        TrainGoal::DOMAINS_POINT => {
+            Err(ConvertError { field: "point", expected: format!("{d} values"), got: goal.point.len().to_string() })
+        }
+        other => Err(ConvertError { field: "domains", expected: "one of DOMAINS_*".to_owned(), got: other.to_string() }),
+    }
+}
+
+/// Rows of 12 numbers.
+///
+/// # Errors
+/// [`EnvError::Backend`] for another number of rows than `count`.
+pub fn observations(flat: &[f64], count: usize) -> Result<Vec<Observation>, EnvError> {
+    if flat.len() != count * Observation::LEN {
+        let (rows, width) = (count, Observation::LEN);
+        return Err(EnvError::Backend(format!("expected {rows} observations of {width}, got {} numbers", flat.len())));
+    }
+    Ok(flat.chunks_exact(Observation::LEN).map(|row| Observation(std::array::from_fn(|i| row[i]))).collect())
+}
+
+/// What a step of `count` environments gave.
+///
+/// # Errors
+/// [`EnvError::Backend`]: the service failed, or answered for another number of environments.
+pub fn transitions(r: &StepEnvsResponse, count: usize) -> Result<Vec<Transition>, EnvError> {
+    if !r.success {
+        return Err(EnvError::Backend(r.message.clone()));
+    }
+    if [r.rewards.len(), r.terminated.len(), r.truncated.len()] != [count; 3] {
+        return Err(EnvError::Backend(format!("expected {count} rewards and ends, got {}", r.rewards.len())));
+    }
+    let next = observations(&r.observations, count)?;
+    let last = observations(&r.final_observations, count)?;
+    let transition = |i: usize| Transition {
+        observation: next[i],
+        reward: r.rewards[i],
+        terminated: r.terminated[i],
+        truncated: r.truncated[i],
+        final_observation: last[i],
+    };
+    Ok((0..count).map(transition).collect())
+}
+
+/// How far a training is.
+#[must_use]
+pub fn feedback(p: &Progress) -> TrainFeedback {
+    TrainFeedback {
+        steps: p.steps,
+        total_steps: p.total_steps,
+        mean_return: if p.mean_return.is_finite() { p.mean_return } else { 0.0 },
+        success_rate: p.success_rate,
+    }
+}
+
+/// What a training gave.
+#[must_use]
+pub fn result(trained: &Trained, domains: &[Vec<f64>], seconds: f64) -> TrainResult {
+    TrainResult {
+        success: true,
+        message: String::new(),
+        policy: trained.policy.to_bytes(),
+        curve_steps: trained.curve.iter().map(|p| p.steps).collect(),
+        curve_returns: trained.curve.iter().map(|p| p.mean_return).collect(),
+        domains: domains.concat(),
+        steps_per_second: trained.steps as f64 / seconds,
+    }
+}

@@ -1,0 +1,129 @@
+//! The node: an action that trains in the pool's environments.
+#![allow(clippy::disallowed_methods, reason = "the ROS side times what it did")]
+
+use crate::trainer::{TrainError, train};
+use crate::convert;
+use anyhow::{Context, Result, ensure};
+use catenary_core::{Env, EnvError, Model, Observation, Transition, seed};
+use catenary_msgs::action::{Train, TrainResult};
+use catenary_msgs::srv::{
+    CloseEnvs, CloseEnvsRequest, OpenEnvs, OpenEnvsRequest, StepEnvs, StepEnvsRequest,
+};
+use catenary_shell::{Client, Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, contract};
+use std::ops::ControlFlow;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Time that the pool has to open environments, and to step them.
+const OPEN: Duration = Duration::from_secs(60);
+const STEP: Duration = Duration::from_secs(30);
+/// Random streams of a goal's seed.
+const DOMAIN_STREAM: u64 = 1;
+const ENV_STREAM: u64 = 2;
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("ppo_trainer", args, run)
+}
+
+/// The pool's services.
+struct Pool {
+    open: Client<OpenEnvs>,
+    step: Client<StepEnvs>,
+    close: Client<CloseEnvs>,
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let node = builder.build()?;
+    let pool = Pool {
+        open: node.client(contract::OPEN_ENVS.name)?,
+        step: node.client(contract::STEP_ENVS.name)?,
+        close: node.client(contract::CLOSE_ENVS.name)?,
+    };
+    let _server = node.serve_action::<Train>(
+        contract::TRAIN.name,
+        Concurrency::One,
+        |_| Decision::Accept,
+        move |handle| serve(&handle, &pool),
+    )?;
+    node.report_diagnostics(|_| {})?;
+    node.wait_for_shutdown()
+}
+
+/// Environments of the pool. They are closed when this is dropped.
+struct PoolEnv<'a> {
+    pool: &'a Pool,
+    handle: u64,
+    count: usize,
+    first: Option<Vec<Observation>>,
+}
+
+impl<'a> PoolEnv<'a> {
+    fn open(pool: &'a Pool, request: OpenEnvsRequest) -> Result<Self> {
+        let count = request.count as usize;
+        let answer = pool.open.call(request, OPEN)?;
+        ensure!(answer.success, "{}: {}", contract::OPEN_ENVS.name, answer.message);
+        let mut env = Self { pool, handle: answer.handle, count, first: None };
+        env.first = Some(convert::observations(&answer.observations, count)?);
+        Ok(env)
+    }
+}
+
+impl Drop for PoolEnv<'_> {
+    fn drop(&mut self) {
+        if let Err(error) = self.pool.close.call(CloseEnvsRequest { handle: self.handle }, STEP) {
+            tracing::warn!("environments were not closed: {error}");
+        }
+    }
+}
+
+impl Env for PoolEnv<'_> {
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
+        let again = || EnvError::Backend("the pool starts its environments once, when they are opened".to_owned());
+        self.first.take().ok_or_else(again)
+    }
+
+    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
+        let request = StepEnvsRequest { handle: self.handle, actions: actions.concat() };
+        let answer = self.pool.step.call(request, STEP).map_err(|e| EnvError::Backend(e.to_string()))?;
+        convert::transitions(&answer, self.count)
+    }
+}
+
+fn serve(handle: &GoalHandle<Train>, pool: &Pool) -> Outcome<TrainResult> {
+    match train_goal(handle, pool) {
+        Ok(result) if handle.is_cancelled() => Outcome::Canceled(result),
+        Ok(result) => Outcome::Succeeded(result),
+        Err(error) => {
+            tracing::error!("training: {error:#}");
+            Outcome::Aborted(TrainResult { message: format!("{error:#}"), ..TrainResult::default() })
+        }
+    }
+}
+
+fn train_goal(handle: &GoalHandle<Train>, pool: &Pool) -> Result<TrainResult> {
+    let goal = handle.goal();
+    let model = Model::from_yaml(&goal.model_yaml)?;
+    let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
+    let settings = convert::settings(goal)?;
+    let rows = convert::domains(goal, &model)?.rows(settings.environments, seed::derive(goal.seed, DOMAIN_STREAM))?;
+    let request = OpenEnvsRequest {
+        model_yaml: goal.model_yaml.clone(),
+        count: u32::try_from(settings.environments)?,
+        domains: rows.concat(),
+        fidelity: goal.fidelity,
+        seed: seed::derive(goal.seed, ENV_STREAM),
+    };
+    let mut env = PoolEnv::open(pool, request)?;
+    let started = Instant::now();
+    let trained = train(&mut env, &task, &settings, goal.seed, &mut |progress| {
+        handle.feedback(convert::feedback(progress));
+        if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
+    .map_err(|e: TrainError| anyhow::anyhow!(e))?;
+    Ok(convert::result(&trained, &rows, started.elapsed().as_secs_f64()))
+}

@@ -1,0 +1,242 @@
+//! The simulated cell: the robot's and the camera's side of the contract, in real time or faster.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the ROS side reads the model file that a parameter names, and paces itself"
+)]
+
+use super::cell_arm::{Arm, ArmSettings};
+use super::cell_camera;
+use crate::cell::{Cell, collisions};
+use crate::convert;
+use anyhow::{Context, Result, ensure};
+use catenary_core::{Fidelity, Model, seed};
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
+use catenary_msgs::msg::ArmState;
+use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
+use catenary_msgs::sensor_msgs::msg::JointState;
+use catenary_msgs::tf2_msgs::msg::TFMessage;
+use catenary_shell::{Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
+use panda_bridge::{ArmPose, kinematics};
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Frame of the robot's base.
+pub const BASE_FRAME: &str = "panda_link0";
+/// Time between two measurements of the arm.
+const MEASURE_S: f64 = 0.005;
+/// Measurements between two messages on arm_state, and between two looks at collisions.
+const SLOW: u64 = 4;
+/// Random stream of theta, where it is not given.
+const THETA_STREAM: u64 = 23;
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("simulated_cell", args, run)
+}
+
+/// What every part of the node shares.
+pub struct Shared {
+    /// The node.
+    pub node: Node,
+    /// The cell and its arm's gate.
+    pub state: Mutex<State>,
+    /// Stamp of the cell's time 0.
+    pub origin: Time,
+}
+
+/// The cell and its arm's gate.
+pub struct State {
+    /// The cell.
+    pub cell: Cell,
+    /// Gate, path and counts.
+    pub arm: Arm,
+}
+
+impl Shared {
+    /// The state, locked.
+    pub fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The stamp of a time of the cell.
+    pub fn stamp(&self, time_s: f64) -> Time {
+        self.origin + Duration::from_secs_f64(time_s.max(0.0))
+    }
+}
+
+/// Parameters of the node.
+struct Parameters {
+    model_file: Param<String>,
+    theta: Param<Vec<f64>>,
+    fidelity: Param<String>,
+    seed: Param<i64>,
+    publish_clock: Param<bool>,
+    real_time_factor: Param<f64>,
+    image_noise: Param<f64>,
+    start_speed_m_s: Param<f64>,
+    settle_time_s: Param<f64>,
+}
+
+fn declare(b: &NodeBuilder) -> Result<Parameters> {
+    let text = |t: &str| ParamSpec::new(t).read_only();
+    Ok(Parameters {
+        model_file: b.declare_string("model_file", "", text("Model file of the cell."))?,
+        theta: b.declare(
+            "theta",
+            Vec::new(),
+            text("Values of the model's inferred parameters; empty: drawn from the prior."),
+        )?,
+        fidelity: b.declare_string(
+            "fidelity",
+            Fidelity::Standard.name(),
+            text("Fidelity of the simulation.").choices(&["fast", "standard", "reference"]),
+        )?,
+        seed: b.declare_i64("seed", 1, text("Seed of effects, jitter and noise.").integer_range(0..=i64::MAX))?,
+        publish_clock: b.declare_bool(
+            "publish_clock",
+            false,
+            text("Stamp with a simulated time that begins at zero, and publish it on /clock."),
+        )?,
+        real_time_factor: b.declare_f64(
+            "real_time_factor",
+            1.0,
+            text("Simulated seconds per second, where the cell publishes /clock.").range(0.01..=1000.0),
+        )?,
+        image_noise: b.declare_f64(
+            "image_noise",
+            3.0,
+            text("Standard deviation of the image noise in grey levels.").range(0.0..=50.0),
+        )?,
+        start_speed_m_s: b.declare_f64(
+            "start_speed_m_s",
+            0.15,
+            ParamSpec::new("Greatest speed on the way to the start pose.").unit("m/s").range(0.01..=1.0),
+        )?,
+        settle_time_s: b.declare_f64(
+            "settle_time_s",
+            1.5,
+            ParamSpec::new("Wait after arriving at the start pose, for the object to come to rest.")
+                .unit("s")
+                .range(0.0..=60.0),
+        )?,
+    })
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let p = declare(&builder)?;
+    let path = p.model_file.get();
+    ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
+    let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
+    let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
+    let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
+    let cell_seed = p.seed.get().cast_unsigned();
+    let theta = match p.theta.get() {
+        given if given.is_empty() => model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM)),
+        given => given,
+    };
+    let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
+    let node = builder.build()?;
+    let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
+    let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
+    let settings = ArmSettings::new(&model, p.start_speed_m_s, p.settle_time_s);
+    let shared = Arc::new(Shared {
+        node: node.clone(),
+        state: Mutex::new(State { arm: Arm::new(settings, &cell), cell }),
+        origin,
+    });
+    let _arm = super::cell_arm::serve(&shared)?;
+    cell_camera::start(&shared, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
+    Measuring::new(&shared, clock.transpose()?)?.run(&shared, factor)
+}
+
+/// The fast loop: time runs on and the arm is measured.
+struct Measuring {
+    pose: Publisher<PoseStamped>,
+    twist: Publisher<TwistStamped>,
+    wrench: Publisher<WrenchStamped>,
+    joints: Publisher<JointState>,
+    tf: Publisher<TFMessage>,
+    state: Publisher<ArmState>,
+    clock: Option<Publisher<ClockMsg>>,
+    angles_rad: [f64; kinematics::JOINTS],
+}
+
+impl Measuring {
+    fn new(shared: &Shared, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
+        let node = &shared.node;
+        Ok(Self {
+            pose: node.publisher(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
+            twist: node.publisher(contract::CURRENT_TWIST.name, contract::CURRENT_TWIST.qos)?,
+            wrench: node.publisher(contract::EXTERNAL_WRENCH.name, contract::EXTERNAL_WRENCH.qos)?,
+            joints: node.publisher(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?,
+            tf: node.publisher(contract::TF.name, contract::TF.qos)?,
+            state: node.publisher(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
+            clock,
+            angles_rad: kinematics::READY_RAD,
+        })
+    }
+
+    /// Runs until shutdown. Time follows the wall clock times `factor`; where the machine is too slow, several steps are
+    /// taken at once and only the newest is published.
+    fn run(mut self, shared: &Arc<Shared>, factor: f64) -> Result<()> {
+        let started = Instant::now();
+        let mut scene = shared.lock().cell.scene();
+        let mut count: u64 = 0;
+        let mut last_mode = None;
+        while !shared.node.is_shutdown() {
+            let wanted_s = started.elapsed().as_secs_f64() * factor;
+            let next_s = ((wanted_s / MEASURE_S).floor() * MEASURE_S).max((count + 1) as f64 * MEASURE_S);
+            let early_s = (next_s - wanted_s) / factor;
+            if early_s > 0.0 {
+                std::thread::sleep(Duration::from_secs_f64(early_s));
+            }
+            count = (next_s / MEASURE_S).round() as u64;
+            let (header, state, snapshot) = {
+                let mut s = shared.lock();
+                let State { cell, arm } = &mut *s;
+                arm.drive(cell, next_s);
+                let header = stamp::header(shared.stamp(next_s), BASE_FRAME);
+                self.publish(cell, &header);
+                (header, arm.state(), count.is_multiple_of(SLOW).then(|| cell.snapshot()))
+            };
+            if let Some(snapshot) = snapshot {
+                scene.update(snapshot.grip, &snapshot.nodes);
+                if let Some(touch) = collisions(&scene.touches(0.0)).next() {
+                    shared.lock().arm.collide(&format!("{:?} touches {:?}", touch.first, touch.second));
+                }
+            }
+            if count.is_multiple_of(SLOW) || last_mode != Some(state.mode) {
+                last_mode = Some(state.mode);
+                self.state.send(ArmState { header: header.clone(), ..state });
+            }
+            if let Some(clock) = &self.clock {
+                clock.send(ClockMsg { clock: header.stamp });
+            }
+        }
+        shared.node.wait_for_shutdown()
+    }
+
+    fn publish(&mut self, cell: &Cell, header: &catenary_msgs::std_msgs::msg::Header) {
+        let grip = cell.grip();
+        let pose = catenary_shell::convert::grip_pose_to_msg(&grip);
+        let measured = ArmPose { position_m: [grip.x_m, 0.0, grip.z_m], quaternion_xyzw: grip.quaternion_xyzw() };
+        self.pose.send(PoseStamped { header: header.clone(), pose });
+        self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(cell.velocity_m_s()) });
+        self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&cell.wrench()) });
+        self.tf.send(TFMessage { transforms: vec![convert::hand_transform(&grip, header.clone())] });
+        let before = self.angles_rad;
+        if let Some(angles) = kinematics::inverse(&measured, &before) {
+            self.angles_rad = angles;
+        }
+        let velocity = self.angles_rad.iter().zip(before).map(|(now, then)| (now - then) / MEASURE_S).collect();
+        self.joints.send(JointState {
+            header: header.clone(),
+            name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
+            position: self.angles_rad.to_vec(),
+            velocity,
+            effort: Vec::new(),
+        });
+    }
+}
