@@ -1,13 +1,22 @@
 //! Prints every type with its hash, and for messages and parts of services and actions their text and the CDR bytes of a
-//! counted instance, as JSON: what the tests against rclpy compare with.
+//! counted and of a default instance, as JSON: what the tests against rclpy compare with.
 
 use catenary_msgs::{Filled, Interface, to_cdr};
 use serde_json::{Value, json};
 
-fn row<T: Interface + Filled + serde::Serialize>() -> Value {
-    let bytes = to_cdr(&T::filled(&mut 0)).expect("a counted instance is serialisable");
-    let hex: String = bytes.iter().map(|b| format!("{b:02x}")).collect();
-    json!({ "type_name": T::TYPE_NAME, "hash": T::TYPE_HASH, "definition": T::DEFINITION, "cdr": hex })
+fn hex<T: serde::Serialize>(message: &T) -> String {
+    let bytes = to_cdr(message).expect("a small instance is serialisable");
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn row<T: Interface + Filled + Default + serde::Serialize>() -> Value {
+    json!({
+        "type_name": T::TYPE_NAME,
+        "hash": T::TYPE_HASH,
+        "definition": T::DEFINITION,
+        "cdr_filled_hex": hex(&T::filled(&mut 0)),
+        "cdr_default_hex": hex(&T::default()),
+    })
 }
 
 #[allow(clippy::print_stdout, reason = "the table is the program's result")]

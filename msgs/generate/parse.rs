@@ -92,8 +92,7 @@ fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Sec
     let name = rest[..name_end].to_owned();
     let after = rest[name_end..].trim_start();
     if let Some(value) = after.strip_prefix('=') {
-        let is_text = type_text.starts_with("string");
-        let (value, trailing) = if is_text { (value.trim(), "") } else { split_comment(value) };
+        let (value, trailing) = split_comment(value);
         comment.extend((!trailing.is_empty()).then(|| trailing.to_owned()));
         let value = value.trim().trim_matches(['"', '\'']).to_owned();
         section.constants.push(Constant { name, type_name: type_text.to_owned(), value, comment });
@@ -107,7 +106,7 @@ fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Sec
     Ok(())
 }
 
-/// Text before and after the first `#`.
+/// Text before and after the first `#`, which begins a comment even inside quotes, as for rosidl.
 fn split_comment(text: &str) -> (&str, &str) {
     text.split_once('#').map_or((text, ""), |(a, b)| (a, b.trim()))
 }

@@ -78,6 +78,8 @@ fn doc(out: &mut String, indent: &str, comment: &[String], fallback: &str) {
     }
     for line in lines {
         let escaped = line.replace('[', "\\[").replace(']', "\\]").replace('<', "\\<");
+        // What looks like an item of a list is one line of prose here.
+        let escaped = if escaped.starts_with(['*', '+', '-']) { format!("\\{escaped}") } else { escaped };
         let _ = writeln!(out, "{indent}/// {escaped}");
     }
 }

@@ -28,16 +28,18 @@ impl std::fmt::Display for CdrError {
 
 impl std::error::Error for CdrError {}
 
-/// `message` with its encapsulation header.
+/// `message` with its encapsulation header. Never fails for the generated types: only for a `T` that CDR has no form for, such
+/// as one with a sequence of unknown length.
 pub fn to_cdr<T: Serialize>(message: &T) -> Result<Vec<u8>, CdrError> {
     let mut bytes = HEADER.to_vec();
-    let body =
-        cdr_encoding::to_vec::<T, byteorder::LittleEndian>(message).map_err(|e| CdrError::Content(e.to_string()))?;
-    bytes.extend(body);
+    // Alignment counts from behind the header: the serialiser counts what it writes itself.
+    cdr_encoding::to_writer::<T, byteorder::LittleEndian, _>(&mut bytes, message)
+        .map_err(|e| CdrError::Content(e.to_string()))?;
     Ok(bytes)
 }
 
-/// The message in `bytes`, which begin with an encapsulation header of either byte order.
+/// The message in `bytes`, which begin with an encapsulation header of either byte order. Bytes behind the message, such as
+/// padding to a multiple of four, are passed over.
 pub fn from_cdr<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CdrError> {
     let [a, b, _, _, body @ ..] = bytes else { return Err(CdrError::Short(bytes.len())) };
     let read = match (a, b) {

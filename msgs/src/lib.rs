@@ -3,10 +3,14 @@
 //!
 //! Does: hold every type that goes over a topic, service or action, and its CDR form.
 //! Does not: send anything, and know nothing of the types that the algorithms use.
+//!
+//! `Default` of a structure is zeros and empty strings: default values written in .msg files are not taken over, so a default
+//! `Quaternion` is no rotation.
 
 pub mod cdr;
 
-pub use catenary_msgs::{action, msg, srv};
+// The path says which: the crate and the module of its own package have one name.
+pub use self::catenary_msgs::{action, msg, srv};
 pub use cdr::{CdrError, from_cdr, to_cdr};
 
 /// A message type.
@@ -89,5 +93,8 @@ pub trait Filled: Sized {
 
 #[cfg(feature = "filled")]
 mod filled;
+
+#[cfg(test)]
+mod tests;
 
 include!(concat!(env!("OUT_DIR"), "/interfaces.rs"));

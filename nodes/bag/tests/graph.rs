@@ -5,7 +5,7 @@
     reason = "a test of threads, processes and sockets waits for them, and a failure is a panic"
 )]
 
-use catenary_bag::{BagError, BagReader, RecordSettings, ReplaySettings, record, replay};
+use catenary_bag::{BagError, BagReader, BagWriter, RecordSettings, ReplaySettings, WriterOptions, record, replay};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{ArmState, EpisodeEvent, Keypoints};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
@@ -238,6 +238,25 @@ fn a_real_arm_that_comes_ends_the_replay() {
     assert!(reason.contains("a real arm"), "{reason}");
     assert!(start.elapsed() > Duration::from_millis(2400) && start.elapsed() < SOON, "{:?}", start.elapsed());
     comes.join().unwrap().stop();
+}
+
+#[test]
+fn states_of_a_real_arm_in_the_bag_do_not_end_their_own_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag");
+    let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
+    let states = bag.add_topic_of::<ArmState>("/panda/arm_state", ARM_STATE.qos).unwrap();
+    for i in 1..=20 {
+        let header = stamp::header(Time::from_nanos(i * 20_000_000), "");
+        bag.write(states, i * 20_000_000, 0, &ArmState { header, is_sim: false, ..ArmState::default() }).unwrap();
+    }
+    bag.finish().unwrap();
+    // On the loopback interface alone a participant does not hear itself; on networks it does.
+    let player = builder("player", 149, &[]).domain(149, Discovery::Subnet).build().unwrap();
+    let listener = builder("listener", 149, &[]).domain(149, Discovery::Subnet).build().unwrap();
+    let heard = listener.queue::<ArmState>(ARM_STATE.name, ARM_STATE.qos, 100).unwrap();
+    assert_eq!(replay(&player, &ReplaySettings::new(path)).unwrap().published, 20);
+    assert_eq!(std::iter::from_fn(|| heard.try_next()).count(), 20);
 }
 
 #[test]

@@ -25,6 +25,7 @@ pub fn simulate_request(request: &SimulationRequest, model_yaml: &str) -> Simula
         target_given: request.target_m.is_some(),
         fidelity: convert::fidelity_to_msg(request.fidelity),
         seed: request.seed,
+        first_episode: request.first_episode,
         noise: request.noise,
         ..SimulateRequest::default()
     };

@@ -24,6 +24,13 @@ use std::time::Duration;
 
 /// Time that the pool has for one batch.
 const BATCH: Duration = Duration::from_secs(600);
+/// Largest reply that is asked for: RustDDS 0.15.1 garbles service replies that it has to send in fragments (it writes a
+/// stray byte before the reply's inline QoS), so a batch comes in parts that fit into one datagram.
+const REPLY_BYTES: usize = 48_000;
+/// Bytes of one frame of a track on the wire.
+const FRAME_BYTES: usize = 17 * 8;
+/// Frames of a track where the policy's steps decide.
+const DEFAULT_FRAMES: usize = 17;
 /// What the live log keeps before the start of the newest episode.
 const KEEP_NS: i64 = 2_000_000_000;
 /// How often a goal that waits for an episode looks for it.
@@ -97,12 +104,28 @@ struct PoolClient<'a> {
 impl Simulator for PoolClient<'_> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
         let backend = |e: &dyn std::fmt::Display| SimulatorError::Backend(e.to_string());
-        let message = convert::simulate_request(request, self.model_yaml);
-        let answer = self.client.call(message, BATCH).map_err(|e| backend(&e))?;
-        if !answer.success {
-            return Err(SimulatorError::Backend(answer.message));
+        let frames = request.frame_times_s.len().max(DEFAULT_FRAMES);
+        let part = (REPLY_BYTES / (frames * FRAME_BYTES)).max(1);
+        let mut tracks = Vec::with_capacity(request.thetas.len());
+        for thetas in request.thetas.chunks(part) {
+            let from = tracks.len();
+            let effects = request.effects.iter().map(|(name, v)| (name.clone(), v[from..from + thetas.len()].to_vec()));
+            let request = SimulationRequest {
+                thetas: thetas.to_vec(),
+                effects: effects.collect(),
+                first_episode: request.first_episode + from as u64,
+                ..request.clone()
+            };
+            let message = convert::simulate_request(&request, self.model_yaml);
+            let answer = self.client.call(message, BATCH).map_err(|e| backend(&e))?;
+            if !answer.success {
+                return Err(SimulatorError::Backend(answer.message));
+            }
+            for track in &answer.tracks {
+                tracks.push(wire::track_from_msg(track).map_err(|e| backend(&e))?);
+            }
         }
-        answer.tracks.iter().map(|t| wire::track_from_msg(t).map_err(|e| backend(&e))).collect()
+        Ok(tracks)
     }
 }
 

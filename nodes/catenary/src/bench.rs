@@ -83,6 +83,7 @@ fn batch(model: &Model, fidelity: Fidelity, count: usize) -> Result<SimulationRe
         target_m: None,
         fidelity,
         seed: 1,
+        first_episode: 0,
         noise: true,
     })
 }

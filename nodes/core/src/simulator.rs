@@ -76,8 +76,10 @@ pub struct SimulationRequest {
     pub target_m: Option<[f64; 2]>,
     /// Fidelity of the simulation.
     pub fidelity: Fidelity,
-    /// Seed of the batch: episode i depends on it and on i alone.
+    /// Seed of the batch: episode i depends on it and on `first_episode + i` alone.
     pub seed: u64,
+    /// Number of the first episode: a batch may be asked for in parts.
+    pub first_episode: u64,
     /// Whether the model's camera noise is added.
     pub noise: bool,
 }

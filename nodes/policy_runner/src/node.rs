@@ -11,7 +11,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Time, contract,
+    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Time,
+    contract,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -85,7 +86,10 @@ impl Shell {
     /// The task of the model file, read anew for each episode: the parameter may change between two.
     fn task(&self) -> Result<catenary_core::Task> {
         let path = self.model_file.get();
-        anyhow::ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
+        anyhow::ensure!(
+            !path.is_empty(),
+            "parameter model_file: expected the path of a model file, got an empty string"
+        );
         let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
         let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
         model.task.with_context(|| format!("model_file {path}: it has no task"))
@@ -98,7 +102,11 @@ impl Shell {
             Ok((_, result)) => Outcome::Succeeded(result),
             Err(error) => {
                 tracing::error!("episode {episode}: {error:#}");
-                Outcome::Aborted(RunEpisodeResult { message: format!("{error:#}"), episode, ..RunEpisodeResult::default() })
+                Outcome::Aborted(RunEpisodeResult {
+                    message: format!("{error:#}"),
+                    episode,
+                    ..RunEpisodeResult::default()
+                })
             }
         }
     }
@@ -107,7 +115,8 @@ impl Shell {
     fn episode(&self, handle: &GoalHandle<RunEpisode>, episode: u32) -> Result<(End, RunEpisodeResult)> {
         let goal = handle.goal();
         let policy = Policy::from_bytes(&goal.policy)?;
-        let own = Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
+        let own =
+            Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
         self.enable_arm()?;
         let held = convert::held(&self.pose.get().context("no pose on /panda/current_pose")?.message);

@@ -34,7 +34,9 @@ impl Default for Settings {
 #[derive(Debug, Error, PartialEq)]
 pub enum RunnerError {
     /// The policy was trained for another meaning of a delta, or another pace.
-    #[error("policy `{policy}`: `{field}` is {got}, the task has {expected}: a delta would not mean what it meant in training")]
+    #[error(
+        "policy `{policy}`: `{field}` is {got}, the task has {expected}: a delta would not mean what it meant in training"
+    )]
     Contract {
         /// Name of the policy.
         policy: String,
@@ -143,7 +145,11 @@ impl Runner {
             got,
         };
         if policy.delta_anchor != task.delta_anchor {
-            return Err(contract("delta_anchor", format!("{:?}", task.delta_anchor), format!("{:?}", policy.delta_anchor)));
+            return Err(contract(
+                "delta_anchor",
+                format!("{:?}", task.delta_anchor),
+                format!("{:?}", policy.delta_anchor),
+            ));
         }
         if (policy.step_period_s - task.step_period_s).abs() > 1e-9 {
             return Err(contract("step_period_s", task.step_period_s.to_string(), policy.step_period_s.to_string()));

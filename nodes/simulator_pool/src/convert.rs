@@ -36,6 +36,7 @@ pub fn simulation_request(r: &SimulateRequest, dimension: usize) -> Result<Simul
         target_m: r.target_given.then_some(r.target),
         fidelity: convert::fidelity_from_msg(r.fidelity)?,
         seed: r.seed,
+        first_episode: r.first_episode,
         noise: r.noise,
         thetas,
     })

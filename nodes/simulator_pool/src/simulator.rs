@@ -52,7 +52,7 @@ impl BeamSimulator {
         let conditions = Conditions {
             theta: &request.thetas[index],
             effects: &effects,
-            seed: seed::derive(request.seed, index as u64),
+            seed: seed::derive(request.seed, request.first_episode + index as u64),
             noise: request.noise,
             target_m: request.target_m,
         };
@@ -114,6 +114,7 @@ mod tests {
             target_m: None,
             fidelity: Fidelity::Fast,
             seed: 5,
+            first_episode: 0,
             noise: true,
         }
     }

@@ -39,6 +39,7 @@ pub fn request(
         target_m: measured.target_m,
         fidelity,
         seed: 0,
+        first_episode: 0,
         noise: true,
     };
     Ok((request, frames))

@@ -16,7 +16,7 @@ use catenary_msgs::action::{
     TrainResult,
 };
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, convert};
+use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, convert};
 use observe::Observer;
 use rand::RngExt;
 use stage::Stages;
@@ -71,7 +71,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let sizes = if arguments.paper { PAPER } else { DEFAULT };
     let demo = Demo { model, folder, seed: arguments.seed, sizes, truth };
 
-    let builder = NodeBuilder::new("demo", &RosArgs::default())?;
+    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(domain_id()?, Discovery::Localhost);
     catenary_shell::end_on_signals(builder.shutdown())?;
     let node = builder.build()?;
     eprintln!("catenary demo: results go to {}", demo.folder.display());
@@ -86,9 +86,22 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     output::result(&arguments.output, &summary, Summary::words)
 }
 
+/// The ROS domain that the environment names, 0 by default.
+fn domain_id() -> Result<u16> {
+    match std::env::var("ROS_DOMAIN_ID") {
+        Err(_) => Ok(0),
+        Ok(text) => text.parse().with_context(|| format!("ROS_DOMAIN_ID: expected a whole number, got `{text}`")),
+    }
+}
+
 /// Builds the report of a demo's folder again.
 pub fn rebuild(folder: &Path) -> Result<PathBuf> {
     page::write(folder, &Summary::read(folder)?)
+}
+
+/// What keeps the demo's nodes to this machine.
+fn loopback_only() -> (String, String) {
+    ("ROS_AUTOMATIC_DISCOVERY_RANGE".to_owned(), "LOCALHOST".to_owned())
 }
 
 /// The cell's parameters: inside the prior's support, away from its edges.
@@ -109,7 +122,8 @@ impl Demo {
             ("respawn", "false".to_owned()),
         ]
         .map(|(k, v)| (k.to_owned(), v));
-        let description = launch::read(launch_file, &given, &|name| std::env::var(name).ok())?;
+        let mut description = launch::read(launch_file, &given, &|name| std::env::var(name).ok())?;
+        description.processes.iter_mut().for_each(|p| p.environment.push(loopback_only()));
         Supervisor::start(description.processes, &self.folder.join("log"), false)
     }
 
@@ -254,7 +268,7 @@ impl Demo {
         let process = Process {
             name: format!("recorder_{}", bag.replace('/', "_")),
             command: words.iter().map(|w| w.to_string_lossy().into_owned()).collect(),
-            environment: Vec::new(),
+            environment: vec![loopback_only()],
             respawn: false,
             respawn_delay: Duration::ZERO,
         };

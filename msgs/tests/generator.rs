@@ -1,0 +1,67 @@
+//! The generator on syntax that no interface held here uses, against hashes that rosidl computed, and on broken files.
+
+#[path = "../generate/describe.rs"]
+mod describe;
+#[path = "../generate/parse.rs"]
+mod parse;
+
+use describe::Catalogue;
+use parse::{Base, Count, sections};
+
+fn catalogue(messages: &[(&str, &str, &str)]) -> Catalogue {
+    let mut catalogue = Catalogue::default();
+    for (package, name, text) in messages {
+        catalogue.message(package, "msg", name, &sections(text, package).unwrap()[0]);
+    }
+    catalogue
+}
+
+#[test]
+fn bounded_sequences_have_the_hash_of_rosidl() {
+    let messages = [
+        ("geometry_msgs", "Point32", "float32 x\nfloat32 y\nfloat32 z\n"),
+        ("geometry_msgs", "Polygon", "Point32[] points\n"),
+        (
+            "shape_msgs",
+            "SolidPrimitive",
+            "uint8 BOX=1\nuint8 type\nfloat64[<=3] dimensions # no more\ngeometry_msgs/Polygon polygon\n",
+        ),
+    ];
+    let hash = catalogue(&messages).hash("shape_msgs/msg/SolidPrimitive").unwrap();
+    assert_eq!(hash, "RIHS01_2802a15190aadc3f496584df4b0b4c5824d8a0b31aaef839faa75bc34dda38ac");
+}
+
+#[test]
+fn bounded_strings_and_defaults_have_the_hash_of_rosidl() {
+    let text =
+        "uint8 type_id 0\nuint64 capacity 0\nuint64 string_capacity 0\nstring<=255 nested_type_name # when nested\n";
+    let hash = catalogue(&[("type_description_interfaces", "FieldType", text)]);
+    let hash = hash.hash("type_description_interfaces/msg/FieldType").unwrap();
+    assert_eq!(hash, "RIHS01_a70b6dd919645a03a3586f7f821defbc886ea3e531a1d95cc0f380a3973ccaa6");
+}
+
+#[test]
+fn constants_defaults_and_comments_are_parted() {
+    let text = "# Of all.\n\n# Of the constant.\nstring NAME=\"a b\" # beside it\nint32 LOW = -5\nfloat64 w 1 # unit\nstring<=4[<=2] tags [\"x=1\"]\n";
+    let section = &sections(text, "p").unwrap()[0];
+    assert_eq!(section.comment, ["Of all."]);
+    let constants: Vec<_> = section.constants.iter().map(|c| (c.name.as_str(), c.value.as_str())).collect();
+    assert_eq!(constants, [("NAME", "a b"), ("LOW", "-5")]);
+    assert_eq!(section.constants[0].comment, ["Of the constant.", "beside it"]);
+    assert_eq!((section.fields[0].name.as_str(), &section.fields[0].comment[..]), ("w", &["unit".to_owned()][..]));
+    let tags = &section.fields[1];
+    assert_eq!((tags.string_capacity, tags.count), (4, Count::Bounded(2)));
+    assert_eq!(tags.base, Base::Primitive("string".into()));
+}
+
+#[test]
+fn broken_lines_are_named() {
+    assert_eq!(sections("float64 x\nfloat64\n", "p").unwrap_err(), "line 2: expected TYPE NAME: `float64`");
+    assert!(sections("float64[x] y\n", "p").unwrap_err().contains("`x` is no size"));
+}
+
+#[test]
+fn an_unknown_type_is_named() {
+    let catalogue = catalogue(&[("p", "Outer", "Inner inner\n")]);
+    assert_eq!(catalogue.hash("p/msg/Outer").unwrap_err(), "no definition of `p/msg/Inner`");
+}
