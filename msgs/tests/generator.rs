@@ -6,14 +6,20 @@ mod describe;
 mod parse;
 
 use describe::Catalogue;
-use parse::{Base, Count, sections};
+use parse::{Base, Count, Section, sections};
 
 fn catalogue(messages: &[(&str, &str, &str)]) -> Catalogue {
     let mut catalogue = Catalogue::default();
     for (package, name, text) in messages {
-        catalogue.message(package, "msg", name, &sections(text, package).unwrap()[0]);
+        catalogue.message(package, "msg", name, &section(text, package));
     }
     catalogue
+}
+
+fn section(text: &str, package: &str) -> Section {
+    let mut all = sections(text, package).expect("the text of the test is well formed");
+    assert_eq!(all.len(), 1);
+    all.remove(0)
 }
 
 #[test]
@@ -43,10 +49,10 @@ fn bounded_strings_and_defaults_have_the_hash_of_rosidl() {
 #[test]
 fn constants_defaults_and_comments_are_parted() {
     let text = "# Of all.\n\n# Of the constant.\nstring NAME=\"a b\" # beside it\nint32 LOW = -5\nfloat64 w 1 # unit\nstring<=4[<=2] tags [\"x=1\"]\n";
-    let section = &sections(text, "p").unwrap()[0];
+    let section = section(text, "p");
     assert_eq!(section.comment, ["Of all."]);
-    let constants: Vec<_> = section.constants.iter().map(|c| (c.name.as_str(), c.value.as_str())).collect();
-    assert_eq!(constants, [("NAME", "a b"), ("LOW", "-5")]);
+    let constants: Vec<_> = section.constants.iter().map(|c| (&c.type_name[..], &c.name[..], &c.value[..])).collect();
+    assert_eq!(constants, [("string", "NAME", "a b"), ("int32", "LOW", "-5")]);
     assert_eq!(section.constants[0].comment, ["Of the constant.", "beside it"]);
     assert_eq!((section.fields[0].name.as_str(), &section.fields[0].comment[..]), ("w", &["unit".to_owned()][..]));
     let tags = &section.fields[1];
@@ -64,4 +70,36 @@ fn broken_lines_are_named() {
 fn an_unknown_type_is_named() {
     let catalogue = catalogue(&[("p", "Outer", "Inner inner\n")]);
     assert_eq!(catalogue.hash("p/msg/Outer").unwrap_err(), "no definition of `p/msg/Inner`");
+}
+
+#[test]
+fn services_and_actions_have_the_types_that_rosidl_derives() {
+    let mut catalogue = catalogue(&[
+        ("builtin_interfaces", "Time", "int32 sec\nuint32 nanosec\n"),
+        ("service_msgs", "ServiceEventInfo", include_str!("../ros_interfaces/service_msgs/msg/ServiceEventInfo.msg")),
+        ("unique_identifier_msgs", "UUID", "uint8[16] uuid\n"),
+    ]);
+    let (request, response) =
+        (section("bool data\n", "std_srvs"), section("bool success\nstring message\n", "std_srvs"));
+    catalogue.service("std_srvs", "srv", "SetBool", request.fields.clone(), response.fields.clone());
+    let hash = catalogue.hash("std_srvs/srv/SetBool").expect("every type is there");
+    assert_eq!(hash, "RIHS01_abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a");
+    catalogue.action("p", "Go", &request, &response, &section("float64 done\n", "p"));
+    let references = catalogue.references("p/action/Go").expect("every type is there");
+    let derived: Vec<&str> = references.iter().filter_map(|r| r.strip_prefix("p/action/Go_")).collect();
+    let expected = [
+        "Feedback",
+        "FeedbackMessage",
+        "GetResult",
+        "GetResult_Event",
+        "GetResult_Request",
+        "GetResult_Response",
+        "Goal",
+        "Result",
+        "SendGoal",
+        "SendGoal_Event",
+        "SendGoal_Request",
+        "SendGoal_Response",
+    ];
+    assert_eq!(derived, expected);
 }

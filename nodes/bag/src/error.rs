@@ -33,14 +33,14 @@ pub enum BagError {
         path: PathBuf,
     },
     /// The file system refuses.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {reason}", path.display())]
     Io {
         /// What was tried.
         action: &'static str,
         /// With which file.
         path: PathBuf,
         /// Why not.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
     /// A bag cannot be written any further; the file ends with its last complete chunk.
     #[error("{}: cannot write on: {reason}; the {safe} messages up to the last complete chunk are safe", path.display())]
@@ -131,6 +131,6 @@ impl BagError {
     /// An [`BagError::Io`], for `map_err`.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
-        move |source| Self::Io { action, path, source }
+        move |reason| Self::Io { action, path, reason }
     }
 }

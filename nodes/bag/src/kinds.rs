@@ -26,13 +26,16 @@ pub(crate) trait Outlet {
     fn topic(&self) -> &str;
 }
 
+/// Makes the outlet of a topic.
+type NewOutlet = fn(&Node, &str, Qos) -> Result<Box<dyn Outlet>, ShellError>;
+
 /// What is done with one message type.
 pub(crate) struct Kind {
     pub(crate) info: InterfaceInfo,
     /// Whether messages are so large that few of them are kept.
     pub(crate) is_large: bool,
     subscribe: fn(&Node, &str, Qos, Inbox) -> Result<Subscription, ShellError>,
-    outlet: fn(&Node, &str, Qos) -> Result<Box<dyn Outlet>, ShellError>,
+    outlet: NewOutlet,
     check: fn(&Topic) -> Result<(), BagError>,
 }
 

@@ -157,7 +157,7 @@ pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -
     let text = text(topics, files).map_err(|e| BagError::Io {
         action: "put its text together",
         path: path.clone(),
-        source: std::io::Error::other(e),
+        reason: std::io::Error::other(e),
     })?;
     let draft = folder.join(".metadata.yaml.part");
     std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(BagError::io("write", &path))

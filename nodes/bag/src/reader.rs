@@ -234,9 +234,10 @@ fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagE
         return if present.iter().any(|n| n.ends_with(".db3")) {
             unsupported("sqlite3 bags are", CONVERT)
         } else {
-            let found = match present.len() {
-                0 => "an empty folder".to_owned(),
-                _ => format!("a folder without .mcap files that holds {}", present.join(", ")),
+            let found = match &present[..] {
+                [] => "an empty folder".to_owned(),
+                [a, b, c, d, _, ..] => format!("a folder without .mcap files that holds {a}, {b}, {c}, {d} and more"),
+                few => format!("a folder without .mcap files that holds {}", few.join(", ")),
             };
             Err(BagError::NotABag { path: folder.to_owned(), found })
         };

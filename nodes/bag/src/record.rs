@@ -4,6 +4,7 @@
 use crate::backlog::Backlog;
 use crate::error::BagError;
 use crate::kinds::{self, Kind};
+use crate::reader::reindex;
 use crate::writer::{BagSummary, BagWriter, Compression, TopicId, WriterOptions};
 use catenary_shell::contract::{self, Topic};
 use catenary_shell::{Health, Node, Qos, Subscription, Throttle, Time, wall_now};
@@ -105,8 +106,15 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
         }
     })?;
     tracing::info!("recording {} topics into {}", topics.len(), settings.out.display());
-    write_until_shutdown(node, &mut bag, &backlog)?;
+    let written = write_until_shutdown(node, &mut bag, &backlog);
     drop(subscriptions);
+    if let Err(error) = written {
+        drop(bag);
+        if let Err(also) = reindex(&settings.out) {
+            tracing::warn!("metadata.yaml stays as it was at the start: {also}");
+        }
+        return Err(error);
+    }
     let (_, lost) = backlog.counts();
     if lost > 0 {
         tracing::error!("{lost} messages were lost because the disk is too slow");

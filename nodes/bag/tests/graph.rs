@@ -32,8 +32,8 @@ fn sample() -> PathBuf {
 }
 
 fn pose(index: i64) -> PoseStamped {
-    let mut pose = PoseStamped::default();
-    pose.header = stamp::header(Time::from_nanos(index), "panda_link0");
+    let header = stamp::header(Time::from_nanos(index), "panda_link0");
+    let mut pose = PoseStamped { header, ..PoseStamped::default() };
     pose.pose.position.x = index as f64;
     pose
 }

@@ -16,7 +16,6 @@ pub const NODES: &[(&str, &str, Main)] = &[
     ("simulator_pool", "batches of simulated episodes, and environments", simulator_pool::node::pool::main),
     ("bayes_sim", "posterior over the model's parameters", bayes_sim::node::main),
     ("ppo_trainer", "training of policies", ppo_trainer::node::main),
-    //("panda_bridge", "safety gate and relay to a Cartesian controller", panda_bridge::node::main),
 ];
 
 /// Whether `name` is one of our nodes.

@@ -128,7 +128,9 @@ pub enum Rejection {
         limit_s: f64,
     },
     /// Too far from where the arm is.
-    #[error("{distance_m:.3} m and {turn_rad:.2} rad from the measured pose; at most {max_m} m and {max_rad} rad are allowed")]
+    #[error(
+        "{distance_m:.3} m and {turn_rad:.2} rad from the measured pose; at most {max_m} m and {max_rad} rad are allowed"
+    )]
     Jump {
         /// Distance.
         distance_m: f64,
@@ -169,7 +171,9 @@ pub enum Refusal {
     #[error("no pose was measured yet")]
     NoPose,
     /// Time comes from a replay or a simulation, and the arm is real.
-    #[error("time comes from /clock, as in a replay, and a real arm is connected: set allow_replay to move it all the same")]
+    #[error(
+        "time comes from /clock, as in a replay, and a real arm is connected: set allow_replay to move it all the same"
+    )]
     Replay,
     /// It is on its way to the start pose.
     #[error("the arm is moving to its start pose")]

@@ -44,7 +44,8 @@ fn joint_frame(joint: usize, angle_rad: f64) -> Isometry3<f64> {
     let [a, d, alpha] = DH[joint];
     let twist = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), alpha);
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad);
-    Isometry3::from_parts(Translation3::new(a, 0.0, 0.0), twist) * Isometry3::from_parts(Translation3::new(0.0, 0.0, d), turn)
+    Isometry3::from_parts(Translation3::new(a, 0.0, 0.0), twist)
+        * Isometry3::from_parts(Translation3::new(0.0, 0.0, d), turn)
 }
 
 /// Frames of the joints, and the tool's last.
@@ -117,7 +118,8 @@ mod tests {
         let mut q = READY_RAD;
         for k in 0..20 {
             let x = 0.3 + 0.015 * f64::from(k);
-            let wanted = ArmPose { position_m: [x, 0.0, 0.45 - 0.01 * f64::from(k)], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] };
+            let wanted =
+                ArmPose { position_m: [x, 0.0, 0.45 - 0.01 * f64::from(k)], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] };
             q = inverse(&wanted, &q).expect("inside the workspace");
             let got = forward(&q);
             assert!(got.distance_m(&wanted) < 1e-6 && got.angle_rad(&wanted) < 1e-5, "{got:?}");

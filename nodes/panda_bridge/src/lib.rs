@@ -1,17 +1,12 @@
 //! Between target poses and a Panda.
 //!
 //! Does: judge every command before it reaches an arm (`gate`), plan the way to the start pose (`path`), check compliance
-//! settings, know the arm's kinematics; and, with the `node` feature, relay accepted targets to a ROS 2 Cartesian
-//! impedance controller.
+//! settings, know the arm's kinematics.
 //! Does not: trust anybody, read clocks (times are arguments), control torques.
 
 pub mod compliance;
-#[cfg(feature = "node")]
-pub mod convert;
 pub mod gate;
 pub mod kinematics;
-#[cfg(feature = "node")]
-pub mod node;
 pub mod path;
 pub mod pose;
 

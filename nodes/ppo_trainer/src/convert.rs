@@ -53,7 +53,9 @@ pub fn domains(goal: &TrainGoal, model: &Model) -> Result<Domains, ConvertError>
         TrainGoal::DOMAINS_POINT => {
             Err(ConvertError { field: "point", expected: format!("{d} values"), got: goal.point.len().to_string() })
         }
-        other => Err(ConvertError { field: "domains", expected: "one of DOMAINS_*".to_owned(), got: other.to_string() }),
+        other => {
+            Err(ConvertError { field: "domains", expected: "one of DOMAINS_*".to_owned(), got: other.to_string() })
+        }
     }
 }
 

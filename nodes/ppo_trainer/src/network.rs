@@ -73,7 +73,16 @@ impl Network {
             let layer = &self.mlp.layers()[i];
             let gradient = &mut self.gradients[i];
             let shape = (layer.outputs, batch, layer.inputs);
-            gemm(shape, 1.0, &self.delta, Transpose::Yes, &self.activations[i], Transpose::No, 0.0, &mut gradient.weight);
+            gemm(
+                shape,
+                1.0,
+                &self.delta,
+                Transpose::Yes,
+                &self.activations[i],
+                Transpose::No,
+                0.0,
+                &mut gradient.weight,
+            );
             gradient.bias.fill(0.0);
             for row in self.delta.chunks_exact(layer.outputs) {
                 for (g, d) in gradient.bias.iter_mut().zip(row) {
@@ -119,7 +128,9 @@ mod tests {
     fn gradients_agree_with_finite_differences() {
         let mut net = Network::new(&[3, 5, 4, 2], 1.0, &mut seed::rng(1, 0));
         let x: Vec<f32> = (0..12).map(|i| (i as f32 * 0.7).sin()).collect();
-        let loss = |net: &mut Network| -> f32 { net.forward(&x, 4).iter().enumerate().map(|(i, y)| (i as f32 + 1.0) * y * y).sum() };
+        let loss = |net: &mut Network| -> f32 {
+            net.forward(&x, 4).iter().enumerate().map(|(i, y)| (i as f32 + 1.0) * y * y).sum()
+        };
         loss(&mut net);
         let y = net.forward(&x, 4).to_vec();
         let d: Vec<f32> = y.iter().enumerate().map(|(i, y)| 2.0 * (i as f32 + 1.0) * y).collect();
@@ -134,7 +145,10 @@ mod tests {
                 shifted.mlp.layers_mut()[layer].weight[k] -= 2.0 * h;
                 let numeric = (up - loss(&mut shifted)) / (2.0 * h);
                 let analytic = gradients[layer].weight[k];
-                assert!((numeric - analytic).abs() < 2e-2 * (1.0 + analytic.abs()), "layer {layer}, weight {k}: {numeric} against {analytic}");
+                assert!(
+                    (numeric - analytic).abs() < 2e-2 * (1.0 + analytic.abs()),
+                    "layer {layer}, weight {k}: {numeric} against {analytic}"
+                );
             }
         }
     }

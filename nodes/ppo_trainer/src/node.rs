@@ -1,14 +1,12 @@
 //! The node: an action that trains in the pool's environments.
 #![allow(clippy::disallowed_methods, reason = "the ROS side times what it did")]
 
-use crate::trainer::{TrainError, train};
 use crate::convert;
+use crate::trainer::{TrainError, train};
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Env, EnvError, Model, Observation, Transition, seed};
 use catenary_msgs::action::{Train, TrainResult};
-use catenary_msgs::srv::{
-    CloseEnvs, CloseEnvsRequest, OpenEnvs, OpenEnvsRequest, StepEnvs, StepEnvsRequest,
-};
+use catenary_msgs::srv::{CloseEnvs, CloseEnvsRequest, OpenEnvs, OpenEnvsRequest, StepEnvs, StepEnvsRequest};
 use catenary_shell::{Client, Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, contract};
 use std::ops::ControlFlow;
 use std::process::ExitCode;

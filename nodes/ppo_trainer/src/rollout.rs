@@ -62,7 +62,10 @@ mod tests {
 
     #[test]
     fn advantages_follow_the_recursion_and_stop_at_ends() {
-        let mut r = Rollout { samples: vec![sample(1.0, 0.5, false), sample(2.0, 0.4, true), sample(3.0, 0.3, false)], ..Rollout::default() };
+        let mut r = Rollout {
+            samples: vec![sample(1.0, 0.5, false), sample(2.0, 0.4, true), sample(3.0, 0.3, false)],
+            ..Rollout::default()
+        };
         r.estimate(&[10.0], 0.9, 0.8);
         let a2 = 3.0 + 0.9 * 10.0 - 0.3;
         let a1 = 2.0 - 0.4;

@@ -192,9 +192,12 @@ impl<'a> Trainer<'a> {
             let values = self.critic.forward(&x, n).to_vec();
             let actions: Vec<[f32; 2]> = means
                 .chunks_exact(2)
-                .map(|m| std::array::from_fn(|i| m[i] + self.log_std[i].exp() * self.rng.sample::<f32, _>(StandardNormal)))
+                .map(|m| {
+                    std::array::from_fn(|i| m[i] + self.log_std[i].exp() * self.rng.sample::<f32, _>(StandardNormal))
+                })
                 .collect();
-            let deltas: Vec<[f64; 2]> = actions.iter().map(|a| a.map(|v| f64::from(v.clamp(-1.0, 1.0)) * MAX_DELTA_M)).collect();
+            let deltas: Vec<[f64; 2]> =
+                actions.iter().map(|a| a.map(|v| f64::from(v.clamp(-1.0, 1.0)) * MAX_DELTA_M)).collect();
             let transitions = env.step(&deltas)?;
             self.steps += n as u64;
             let bonuses = self.bonuses(&transitions);

@@ -200,7 +200,7 @@ fn step(put: &mut Put<'_>, topics: &Topics, scene: &mut Scene, index: u32) -> Re
         let ended = EpisodeEvent { event: EpisodeEvent::ENDED, reason, steps: STEPS, ..event };
         return put.message(topics.event, &ended);
     }
-    let dx = if index % 2 == 0 { 0.05 } else { -0.04 };
+    let dx = if index.is_multiple_of(2) { 0.05 } else { -0.04 };
     scene.target_x_m += dx;
     let header = put.header("panda_link0");
     put.message(topics.action, &EefDelta { header, episode: EPISODE, step: index, dx, dz: 0.0, anchor })?;

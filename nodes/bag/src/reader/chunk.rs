@@ -13,7 +13,7 @@ pub(super) const LARGEST: u64 = 1 << 28;
 /// the chunk record. The error says what is wrong, where `visit` has seen none, some or all of the records.
 pub(super) fn visit_records(
     body: &[u8],
-    visit: &mut dyn FnMut(u8, &[u8]) -> Result<(), String>,
+    mut visit: impl FnMut(u8, &[u8]) -> Result<(), String>,
 ) -> Result<ChunkHeader, String> {
     let Ok(Record::Chunk { header, data }) = mcap::parse_record(op::CHUNK, body) else {
         return Err("the chunk's header is not readable".to_owned());

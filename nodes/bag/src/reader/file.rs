@@ -264,7 +264,7 @@ fn take_record(
     match opcode {
         op::CHUNK => {
             let mut found = Vec::new();
-            let read = visit_records(&body, &mut |opcode, body| match opcode {
+            let read = visit_records(&body, |opcode, body| match opcode {
                 op::SCHEMA | op::CHANNEL => {
                     definitions.define(mcap::parse_record(opcode, body).map_err(|e| e.to_string())?);
                     Ok(())

@@ -86,7 +86,7 @@ impl<'a> Messages<'a> {
             Ok(())
         };
         if piece.is_chunk {
-            visit_records(&body, &mut take).map(|_header| ()).map_err(damaged)
+            visit_records(&body, take).map(|_header| ()).map_err(damaged)
         } else {
             take(op::MESSAGE, &body).map_err(damaged)
         }

@@ -46,11 +46,11 @@ impl ArmWatch {
             let (heard, topic) = (Arc::clone(&heard), name.clone());
             let listen = move |state: &ArmState| {
                 let mut heard = lock(&heard);
-                if heard.replayed.contains(&stamp::from_msg(&state.header.stamp).nanos()) {
-                } else if state.is_sim {
-                    heard.simulated = true;
-                } else {
-                    heard.real = Some(topic.clone());
+                let is_replayed = heard.replayed.contains(&stamp::from_msg(&state.header.stamp).nanos());
+                match (is_replayed, state.is_sim) {
+                    (true, _) => {}
+                    (false, true) => heard.simulated = true,
+                    (false, false) => heard.real = Some(topic.clone()),
                 }
             };
             let qos = contract::ARM_STATE.qos;

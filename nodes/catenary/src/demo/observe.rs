@@ -6,7 +6,7 @@ use catenary_core::camera::Pinhole;
 use catenary_core::{Camera, Observation};
 use catenary_msgs::msg::{Keypoints as KeypointsMsg, Observation as ObservationMsg};
 use catenary_msgs::sensor_msgs::msg::Image;
-use catenary_shell::{Latest, Node, Queue, Subscription, contract, wall_now};
+use catenary_shell::{Latest, Node, Queue, Subscription, Time, contract, wall_now};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -24,6 +24,7 @@ pub struct Observer {
     folder: PathBuf,
     policy: String,
     seen: Vec<(Observation, Frame)>,
+    since: Time,
 }
 
 impl Observer {
@@ -49,6 +50,7 @@ impl Observer {
             folder: folder.to_path_buf(),
             policy: policy.to_owned(),
             seen: Vec::new(),
+            since: node.now(),
         })
     }
 
@@ -75,6 +77,10 @@ impl Observer {
     }
 
     fn keep(&mut self, message: &ObservationMsg) -> Result<()> {
+        // A writer may hand on what it still has of an earlier episode.
+        if catenary_shell::stamp::from_msg(&message.header.stamp) < self.since {
+            return Ok(());
+        }
         let observation = Observation(message.values);
         let Some(received) = self.images.get() else { return Ok(()) };
         let image = received.message;

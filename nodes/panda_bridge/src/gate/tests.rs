@@ -122,7 +122,9 @@ fn silence_outside_an_episode_is_no_fault() {
 fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
     let mut g = gate();
     g.on_measured(pose(0.55));
-    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62, 10.0), 10.0) else { panic!("rejected") };
+    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62, 10.0), 10.0) else {
+        panic!("rejected")
+    };
     assert_eq!((clamped.position_m[0], clip), (0.6, Clip { x: true, y: false, z: false }));
     let next = g.on_command(&command(0.55, 10.1), 10.1);
     assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");

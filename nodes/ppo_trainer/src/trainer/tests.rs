@@ -52,7 +52,13 @@ impl Env for Reaching {
                 self.restart(e);
             }
             let reward = 1.0 - 5.0 * distance;
-            transitions.push(Transition { observation: self.observe(e), reward, terminated: false, truncated, final_observation });
+            transitions.push(Transition {
+                observation: self.observe(e),
+                reward,
+                terminated: false,
+                truncated,
+                final_observation,
+            });
         }
         Ok(transitions)
     }

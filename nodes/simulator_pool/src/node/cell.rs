@@ -43,6 +43,8 @@ pub struct Shared {
     pub state: Mutex<State>,
     /// Stamp of the cell's time 0.
     pub origin: Time,
+    /// When that was.
+    started: Instant,
 }
 
 /// The cell and its arm's gate.
@@ -144,6 +146,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         node: node.clone(),
         state: Mutex::new(State { arm: Arm::new(settings, &cell), cell }),
         origin,
+        started: Instant::now(),
     });
     let _arm = super::cell_arm::serve(&shared)?;
     cell_camera::start(&shared, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
@@ -181,12 +184,11 @@ impl Measuring {
     /// Runs until shutdown. Time follows the wall clock times `factor`; where the machine is too slow, several steps are
     /// taken at once and only the newest is published.
     fn run(mut self, shared: &Arc<Shared>, factor: f64) -> Result<()> {
-        let started = Instant::now();
         let mut scene = shared.lock().cell.scene();
         let mut count: u64 = 0;
         let mut last_mode = None;
         while !shared.node.is_shutdown() {
-            let wanted_s = started.elapsed().as_secs_f64() * factor;
+            let wanted_s = shared.started.elapsed().as_secs_f64() * factor;
             let next_s = ((wanted_s / MEASURE_S).floor() * MEASURE_S).max((count + 1) as f64 * MEASURE_S);
             let early_s = (next_s - wanted_s) / factor;
             if early_s > 0.0 {
