@@ -78,10 +78,18 @@ fn doc(out: &mut String, indent: &str, comment: &[String], fallback: &str) {
     }
     for line in lines {
         let escaped = line.replace('[', "\\[").replace(']', "\\]").replace('<', "\\<");
+        let words: Vec<String> = escaped.split(' ').map(linked).collect();
+        let escaped = words.join(" ");
         // What looks like an item of a list is one line of prose here.
         let escaped = if escaped.starts_with(['*', '+', '-']) { format!("\\{escaped}") } else { escaped };
         let _ = writeln!(out, "{indent}/// {escaped}");
     }
+}
+
+/// `word`, or a link where it is an address.
+fn linked(word: &str) -> String {
+    let is_address = word.starts_with("http://") || word.starts_with("https://");
+    if is_address { format!("<{word}>") } else { word.to_owned() }
 }
 
 fn constants(out: &mut String, name: &str, constants: &[Constant]) {

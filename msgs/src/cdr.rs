@@ -38,8 +38,8 @@ pub fn to_cdr<T: Serialize>(message: &T) -> Result<Vec<u8>, CdrError> {
     Ok(bytes)
 }
 
-/// The message in `bytes`, which begin with an encapsulation header of either byte order. Bytes behind the message, such as
-/// padding to a multiple of four, are passed over.
+/// The message in `bytes`, which begin with an encapsulation header of either byte order. Bytes behind the message are passed
+/// over: rclpy sends its estimate of the size, stale bytes included.
 pub fn from_cdr<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CdrError> {
     let [a, b, _, _, body @ ..] = bytes else { return Err(CdrError::Short(bytes.len())) };
     let read = match (a, b) {
@@ -66,6 +66,13 @@ mod tests {
         let image =
             Image { data: vec![1, 2, 3], height: 1, width: 1, step: 3, encoding: "rgb8".into(), ..Image::default() };
         assert_eq!(from_cdr::<Image>(&to_cdr(&image).unwrap()).unwrap(), image);
+    }
+
+    #[test]
+    fn stale_bytes_behind_the_message_are_passed_over() {
+        let mut bytes = to_cdr(&PoseStamped::default()).unwrap();
+        bytes.extend(*b"dds_::EpisodeEve");
+        assert_eq!(from_cdr::<PoseStamped>(&bytes).unwrap(), PoseStamped::default());
     }
 
     #[test]

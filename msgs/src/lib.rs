@@ -9,7 +9,6 @@
 
 pub mod cdr;
 
-// The path says which: the crate and the module of its own package have one name.
 pub use self::catenary_msgs::{action, msg, srv};
 pub use cdr::{CdrError, from_cdr, to_cdr};
 
@@ -93,7 +92,6 @@ pub trait Filled: Sized {
 
 #[cfg(feature = "filled")]
 mod filled;
-
 #[cfg(test)]
 mod tests;
 

@@ -62,8 +62,7 @@ def counted(kind, counter):
 def counted_message(cls, counter):
     message = cls()
     for name, kind in zip(cls.get_fields_and_field_types(), cls.SLOT_TYPES):
-        if name != "structure_needs_at_least_one_member":
-            setattr(message, name, counted(kind, counter))
+        setattr(message, name, counted(kind, counter))
     return message
 
 
@@ -82,12 +81,42 @@ def structures(table):
     return rows
 
 
-def assert_same_bytes(name, ours, theirs):
-    """rclpy may pad the message to a multiple of four and say so in the header's options; nothing else may differ."""
-    assert ours[:2] == theirs[:2] == b"\x00\x01", name
-    assert theirs[4 : len(ours)] == ours[4:], name
-    padding = theirs[len(ours) :]
-    assert len(padding) < 4 and not any(padding), name
+SIZES = {"boolean": 1, "octet": 1, "uint8": 1, "int8": 1, "char": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4}
+SIZES |= {"float": 4, "int64": 8, "uint64": 8, "double": 8}
+
+
+def layout(kind, value):
+    """Alignment and size of each piece of a value in CDR, in order."""
+    if isinstance(kind, AbstractNestedType):
+        if not isinstance(kind, Array):
+            yield 4, 4
+        for element in value:
+            yield from layout(kind.value_type, element)
+    elif isinstance(kind, BasicType):
+        yield SIZES[kind.typename], SIZES[kind.typename]
+    elif isinstance(kind, UnboundedString):
+        yield 4, 4
+        yield 1, len(value.encode()) + 1
+    else:
+        yield from message_layout(value)
+
+
+def message_layout(message):
+    if not message.SLOT_TYPES:
+        # An empty structure has a member on the wire that Python hides.
+        yield 1, 1
+    for name, kind in zip(message.get_fields_and_field_types(), message.SLOT_TYPES):
+        yield from layout(kind, getattr(message, name))
+
+
+def pieces(data, message):
+    """The pieces of a CDR message, and where the last one ends. Padding is left out: Fast CDR leaves it uninitialised."""
+    body, offset, found = data[4:], 0, []
+    for alignment, size in message_layout(message):
+        offset += -offset % alignment
+        found.append(body[offset : offset + size])
+        offset += size
+    return found, offset + 4
 
 
 def test_type_hashes_equal_those_of_rosidl(table):
@@ -109,10 +138,15 @@ def test_every_interface_of_the_package_is_in_the_table(table):
 
 def test_cdr_bytes_equal_those_of_rclpy(table):
     for row in structures(table):
-        cls = rosidl_class(row["type_name"])
+        name = row["type_name"]
         for key, counter in (("cdr_filled_hex", [0]), ("cdr_default_hex", None)):
-            theirs = serialize_message(counted_message(cls, counter))
-            assert_same_bytes(f"{row['type_name']} {key}", bytes.fromhex(row[key]), theirs)
+            message = counted_message(rosidl_class(name), counter)
+            ours, theirs = bytes.fromhex(row[key]), serialize_message(message)
+            assert ours[:2] == theirs[:2] == b"\x00\x01", name
+            (our_pieces, our_end), (their_pieces, _) = pieces(ours, message), pieces(theirs, message)
+            assert our_pieces == their_pieces, f"{name} {key}"
+            # rclpy returns as many bytes as it estimated, stale ones behind the message included; Rust writes no more than it.
+            assert our_end == len(ours), f"{name} {key}"
 
 
 def test_rclpy_reads_what_rust_wrote(table):
@@ -124,7 +158,9 @@ def test_rclpy_reads_what_rust_wrote(table):
 
 def test_definitions_are_complete_and_have_the_type_hash(table):
     """Each ros2msg text alone gives a reader of bags the type, with the hash that the Rust side states."""
-    messages = [row for name, row in table.items() if "/msg/" in name]
+    # rosbags gives `char` another identifier than rosidl, whose hash of this type is compared above.
+    with_char = "service_msgs/msg/ServiceEventInfo"
+    messages = [row for name, row in table.items() if "/msg/" in name and name != with_char]
     assert len(messages) > 30
     for row in messages:
         store = get_typestore(Stores.EMPTY)
