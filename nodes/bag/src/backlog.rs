@@ -1,14 +1,13 @@
 //! Messages that wait to be written.
 
 use crate::kinds::Arrival;
-use crate::writer::TopicId;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 #[derive(Default)]
 struct State {
-    waiting: VecDeque<(TopicId, Arrival)>,
+    waiting: VecDeque<(usize, Arrival)>,
     bytes: usize,
     lost: u64,
     taken: u64,
@@ -31,8 +30,8 @@ impl Backlog {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Appends a message; false: there is no room, and it is lost.
-    pub(crate) fn push(&self, topic: TopicId, arrival: Arrival) -> bool {
+    /// Appends a message of the topic with this number; false: there is no room, and it is lost.
+    pub(crate) fn push(&self, topic: usize, arrival: Arrival) -> bool {
         let mut state = self.lock();
         if state.bytes + arrival.cdr.len() > self.capacity_bytes {
             state.lost += 1;
@@ -45,8 +44,8 @@ impl Backlog {
         true
     }
 
-    /// The oldest message; none where none comes in time.
-    pub(crate) fn next(&self, timeout: Duration) -> Option<(TopicId, Arrival)> {
+    /// The oldest message with the number of its topic; none where none comes in time.
+    pub(crate) fn next(&self, timeout: Duration) -> Option<(usize, Arrival)> {
         let state = self.lock();
         let waited = self.filled.wait_timeout_while(state, timeout, |s| s.waiting.is_empty());
         let mut state = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -66,23 +65,18 @@ impl Backlog {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::writer::{BagWriter, WriterOptions};
-    use catenary_msgs::std_msgs::msg::String as Text;
-    use catenary_shell::{Qos, Time};
+    use catenary_shell::Time;
 
     #[test]
     fn what_finds_no_room_is_lost_and_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut bag = BagWriter::create(&folder.path().join("bag"), &WriterOptions::default()).unwrap();
-        let topic = bag.add_topic_of::<Text>("/text", Qos::DEFAULT).unwrap();
         let arrival = |bytes| Arrival { cdr: vec![0; bytes], received: Time::ZERO, sent: None };
         let backlog = Backlog::new(100);
-        assert!(backlog.push(topic, arrival(60)));
-        assert!(!backlog.push(topic, arrival(50)));
-        assert!(backlog.push(topic, arrival(40)));
+        assert!(backlog.push(0, arrival(60)));
+        assert!(!backlog.push(0, arrival(50)));
+        assert!(backlog.push(0, arrival(40)));
         let taken = |b: &Backlog| b.next(Duration::ZERO).map(|(_, a)| a.cdr.len());
         assert_eq!((taken(&backlog), taken(&backlog), taken(&backlog)), (Some(60), Some(40), None));
-        assert!(backlog.push(topic, arrival(100)));
+        assert!(backlog.push(0, arrival(100)));
         assert_eq!(backlog.counts(), (2, 1));
     }
 }

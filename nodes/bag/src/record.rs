@@ -89,13 +89,14 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     let mut names = Vec::new();
     for (i, topic) in topics.iter().enumerate() {
         let kind = kind_of(topic)?;
-        subscriptions.push(subscribe(node, topic, kind, TopicId::nth(i), &backlog)?);
+        subscriptions.push(subscribe(node, topic, kind, i, &backlog)?);
         names.push((node.resolve(topic.name)?, kind, topic.qos));
     }
     let options = WriterOptions { compression: settings.compression, ..WriterOptions::default() };
     let mut bag = BagWriter::create(&settings.out, &options)?;
+    let mut ids = Vec::new();
     for (name, kind, qos) in names {
-        bag.add_topic(&name, &kind.info, qos)?;
+        ids.push(bag.add_topic(&name, &kind.info, qos)?);
     }
     let counted = Arc::clone(&backlog);
     node.report_diagnostics(move |report| {
@@ -106,7 +107,7 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
         }
     })?;
     tracing::info!("recording {} topics into {}", topics.len(), settings.out.display());
-    let written = write_until_shutdown(node, &mut bag, &backlog);
+    let written = write_until_shutdown(node, &mut bag, &ids, &backlog);
     drop(subscriptions);
     if let Err(error) = written {
         drop(bag);
@@ -142,13 +143,13 @@ fn subscribe(
     node: &Node,
     topic: &Topic,
     kind: &Kind,
-    id: TopicId,
+    number: usize,
     backlog: &Arc<Backlog>,
 ) -> Result<Subscription, BagError> {
     let (backlog, name) = (Arc::clone(backlog), topic.name);
     let mut complaint = Throttle::new(COMPLAIN);
     let inbox = Box::new(move |arrival| {
-        if !backlog.push(id, arrival)
+        if !backlog.push(number, arrival)
             && let Some(before) = complaint.pass(wall_now())
         {
             tracing::error!("{name}: a message was lost because the disk is too slow (and {before} before)");
@@ -163,15 +164,20 @@ fn reader_qos(qos: Qos, kind: &Kind) -> Qos {
     if qos.is_transient_local() { qos } else { qos.with_depth(qos.depth().max(depth)) }
 }
 
-fn write_until_shutdown(node: &Node, bag: &mut BagWriter, backlog: &Backlog) -> Result<(), BagError> {
+fn write_until_shutdown(
+    node: &Node,
+    bag: &mut BagWriter,
+    topics: &[TopicId],
+    backlog: &Backlog,
+) -> Result<(), BagError> {
     let mut flush_at = Instant::now() + FLUSH_PERIOD;
     loop {
         let ending = node.is_shutdown();
         let patience = if ending { Duration::ZERO } else { LOOK_PERIOD };
         match backlog.next(patience) {
-            Some((topic, arrival)) => {
+            Some((number, arrival)) => {
                 let sent = arrival.sent.unwrap_or(arrival.received);
-                bag.write_cdr(topic, arrival.received.nanos(), sent.nanos(), &arrival.cdr)?;
+                bag.write_cdr(topics[number], arrival.received.nanos(), sent.nanos(), &arrival.cdr)?;
             }
             None if ending => return Ok(()),
             None => {}

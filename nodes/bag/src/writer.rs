@@ -63,14 +63,6 @@ impl Default for WriterOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicId(usize);
 
-#[cfg(feature = "node")]
-impl TopicId {
-    /// The topic that is added as the `n`-th, counted from 0.
-    pub(crate) fn nth(n: usize) -> Self {
-        Self(n)
-    }
-}
-
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BagSummary {
@@ -151,7 +143,7 @@ impl BagWriter {
         message: &T,
     ) -> Result<(), BagError> {
         let cdr = catenary_msgs::to_cdr(message).map_err(|e| BagError::Message {
-            topic: self.file.as_ref().map(|f| f.topics()[topic.0].name.clone()).unwrap_or_default(),
+            topic: self.file.as_ref().and_then(|f| Some(f.topics().get(topic.0)?.name.clone())).unwrap_or_default(),
             log_time_ns,
             reason: e.to_string(),
         })?;

@@ -17,14 +17,19 @@ use std::time::{Duration, Instant};
 
 const SOON: Duration = Duration::from_secs(5);
 
-fn builder(name: &str, domain: u16, args: &[&str]) -> NodeBuilder {
-    let all = std::iter::once("--ros-args").chain(args.iter().copied());
-    let (args, _) = RosArgs::parse(all).unwrap();
-    NodeBuilder::new(name, &args).unwrap().domain(domain, Discovery::Localhost)
+/// A domain for test `number`, 0 to 9, that another run of these tests at the same time hardly has.
+fn domain(number: u16) -> u16 {
+    112 + 10 * (std::process::id() % 12) as u16 + number
 }
 
-fn node(name: &str, domain: u16) -> Node {
-    builder(name, domain, &[]).build().unwrap()
+fn builder(name: &str, number: u16, args: &[&str]) -> NodeBuilder {
+    let all = std::iter::once("--ros-args").chain(args.iter().copied());
+    let (args, _) = RosArgs::parse(all).unwrap();
+    NodeBuilder::new(name, &args).unwrap().domain(domain(number), Discovery::Localhost)
+}
+
+fn node(name: &str, number: u16) -> Node {
+    builder(name, number, &[]).build().unwrap()
 }
 
 fn sample() -> PathBuf {
@@ -50,11 +55,11 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
 fn what_is_published_is_in_the_bag() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("bag");
-    let sender = node("sender", 141);
+    let sender = node("sender", 1);
     let events = sender.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
     let latched = EpisodeEvent { episode: 4, policy: "pi0".into(), ..EpisodeEvent::default() };
     events.publish(latched.clone()).unwrap();
-    let recorder = node("recorder", 141);
+    let recorder = node("recorder", 1);
     let settings =
         RecordSettings { topics: vec!["panda/*".into(), "/episode/event".into()], ..RecordSettings::new(out.clone()) };
     let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
@@ -94,11 +99,11 @@ fn what_is_published_is_in_the_bag() {
 fn simulated_time_is_the_bags_time() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("bag");
-    let recorder = builder("recorder", 142, &["-p", "use_sim_time:=true"]).build().unwrap();
+    let recorder = builder("recorder", 2, &["-p", "use_sim_time:=true"]).build().unwrap();
     let settings = RecordSettings { topics: vec!["dlo/keypoints".into()], ..RecordSettings::new(out.clone()) };
     let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
     let recording = std::thread::spawn(move || record(&inner, &settings));
-    let simulator = node("simulator", 142);
+    let simulator = node("simulator", 2);
     let clock = simulator.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
     let keypoints = simulator.publisher::<Keypoints>(KEYPOINTS.name, KEYPOINTS.qos).unwrap();
     assert!(clock.wait_for_subscriber(SOON));
@@ -132,12 +137,12 @@ fn a_killed_recorder_loses_the_last_second_at_most() {
     let out = folder.path().join("bag");
     let mut recorder = Command::new(env!("CARGO_BIN_EXE_recorder"))
         .args(["--ros-args", "-p", &format!("output:={}", out.display()), "-p", "topics:=[panda/target_pose]"])
-        .env("ROS_DOMAIN_ID", "143")
+        .env("ROS_DOMAIN_ID", domain(3).to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let sender = node("sender", 143);
+    let sender = node("sender", 3);
     let targets = sender.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
     assert!(targets.wait_for_subscriber(SOON));
     wait_for("the bag", || out.exists());
@@ -158,8 +163,8 @@ fn a_killed_recorder_loses_the_last_second_at_most() {
 
 #[test]
 fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
-    let player = node("player", 144);
-    let listener = node("listener", 144);
+    let player = node("player", 4);
+    let listener = node("listener", 4);
     let events = listener.queue::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos, 100).unwrap();
     let states = listener.queue::<ArmState>(ARM_STATE.name, ARM_STATE.qos, 1000).unwrap();
     let poses = listener.queue::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos.with_depth(100), 1000).unwrap();
@@ -193,8 +198,8 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
 }
 
 /// Publishes states of an arm at 50 Hz until it is dropped.
-fn arm(domain: u16, is_sim: bool) -> Node {
-    let arm = node("arm", domain);
+fn arm(number: u16, is_sim: bool) -> Node {
+    let arm = node("arm", number);
     let states = arm.publisher::<ArmState>(ARM_STATE.name, ARM_STATE.qos).unwrap();
     let ticking = arm.clone();
     arm.spawn("states", move || {
@@ -215,8 +220,8 @@ fn refusal(outcome: Result<catenary_bag::ReplaySummary, BagError>) -> String {
 
 #[test]
 fn nothing_is_replayed_while_a_real_arm_is_there() {
-    let real = arm(145, false);
-    let player = node("player", 145);
+    let real = arm(5, false);
+    let player = node("player", 5);
     let poses = real.queue::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos, 10).unwrap();
     let settings = ReplaySettings { allow_replay: true, ..ReplaySettings::new(sample()) };
     let reason = refusal(replay(&player, &settings));
@@ -227,10 +232,10 @@ fn nothing_is_replayed_while_a_real_arm_is_there() {
 
 #[test]
 fn a_real_arm_that_comes_ends_the_replay() {
-    let player = node("player", 146);
+    let player = node("player", 6);
     let comes = std::thread::spawn(|| {
         std::thread::sleep(Duration::from_millis(2500));
-        arm(146, false)
+        arm(6, false)
     });
     let settings = ReplaySettings { wait: Duration::ZERO, repeat: true, ..ReplaySettings::new(sample()) };
     let start = Instant::now();
@@ -252,8 +257,8 @@ fn states_of_a_real_arm_in_the_bag_do_not_end_their_own_replay() {
     }
     bag.finish().unwrap();
     // On the loopback interface alone a participant does not hear itself; on networks it does.
-    let player = builder("player", 149, &[]).domain(149, Discovery::Subnet).build().unwrap();
-    let listener = builder("listener", 149, &[]).domain(149, Discovery::Subnet).build().unwrap();
+    let player = builder("player", 9, &[]).domain(domain(9), Discovery::Subnet).build().unwrap();
+    let listener = builder("listener", 9, &[]).domain(domain(9), Discovery::Subnet).build().unwrap();
     let heard = listener.queue::<ArmState>(ARM_STATE.name, ARM_STATE.qos, 100).unwrap();
     assert_eq!(replay(&player, &ReplaySettings::new(path)).unwrap().published, 20);
     assert_eq!(std::iter::from_fn(|| heard.try_next()).count(), 20);
@@ -261,7 +266,7 @@ fn states_of_a_real_arm_in_the_bag_do_not_end_their_own_replay() {
 
 #[test]
 fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
-    let simulated = arm(147, true);
+    let simulated = arm(7, true);
     let targets = simulated.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
     let settings = ReplaySettings {
         topics: vec!["/panda/target_pose".into()],
@@ -269,15 +274,15 @@ fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
         allow_replay: true,
         ..ReplaySettings::new(sample())
     };
-    let player = node("player", 147);
+    let player = node("player", 7);
     assert_eq!(replay(&player, &settings).unwrap().published, 8);
     let got = std::iter::from_fn(|| targets.next(Duration::from_millis(500))).count();
     assert_eq!(got, 8);
     simulated.stop();
     drop((simulated, targets, player));
 
-    let unknown = node("controller", 148);
+    let unknown = node("controller", 8);
     let _targets = unknown.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
-    let reason = refusal(replay(&node("player", 148), &settings));
+    let reason = refusal(replay(&node("player", 8), &settings));
     assert!(reason.contains("somebody listens on /panda/target_pose"), "{reason}");
 }

@@ -89,7 +89,7 @@ fn one_damaged_chunk_costs_its_own_messages_alone() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
 
     #[test]
     fn damage_never_panics(

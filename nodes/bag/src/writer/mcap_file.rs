@@ -110,7 +110,10 @@ impl<F: Target> McapFile<F> {
     }
 
     pub(super) fn write(&mut self, id: TopicId, log_ns: i64, publish_ns: i64, cdr: &[u8]) -> Result<(), BagError> {
-        let topic = &mut self.topics[id.0];
+        let Some(topic) = self.topics.get_mut(id.0) else {
+            let reason = "a topic of another bag was given".to_owned();
+            return Err(BagError::Write { path: self.path.clone(), reason, safe: self.safe });
+        };
         // MCAP's times are unsigned.
         let time = |ns: i64| u64::try_from(ns).unwrap_or(0);
         let header = MessageHeader {
