@@ -46,8 +46,12 @@ pub struct Object {
     pub section: Section,
     /// Law of the axial force.
     pub axial_law: AxialLaw,
-    /// The four keypoints' places along the centre line, as fractions of the deformed length from the grip on, increasing.
+    /// The four keypoints' places along the visible centre line, as fractions of its deformed length from the grip on,
+    /// increasing.
     pub keypoint_fractions: [f64; 4],
+    /// Deformed length next to the grip that the fingers hide from the camera, m: the visible centre line begins behind it.
+    #[serde(default)]
+    pub hidden_length_m: f64,
     /// Angle in rad of the clamped tangent from +x, counter-clockwise in the x-z plane, at pitch 0:
     /// 0 for a bar gripped from above, -pi/2 for a cable that hangs from the flange.
     pub grip_angle_rad: f64,
@@ -176,7 +180,9 @@ pub enum ModelError {
 impl Model {
     /// Reads and checks a model file's text.
     pub fn from_yaml(text: &str) -> Result<Self, ModelError> {
-        let model: Model = serde_saphyr::from_str(text).map_err(|e| ModelError::Syntax(e.to_string()))?;
+        let options = serde_saphyr::options! { with_snippet: false };
+        let read = serde_saphyr::from_str_with_options(text, options);
+        let model: Model = read.map_err(|e| ModelError::Syntax(e.to_string()))?;
         model.check()?;
         Ok(model)
     }
@@ -224,6 +230,7 @@ impl Model {
             return value(field, "a positive number", v.to_string());
         }
         let not_negative = [
+            ("object.hidden_length_m", self.object.hidden_length_m),
             ("arm.time_constant_s", self.arm.time_constant_s),
             ("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s),
             ("camera.keypoint_noise_px", self.camera.keypoint_noise_px),
@@ -289,7 +296,7 @@ mod tests {
     fn errors_name_line_and_field() {
         let typo = SOFT_BAR.replace("axial_law", "axial_lew");
         let e = Model::from_yaml(&typo).unwrap_err().to_string();
-        assert!(e.contains("axial_lew") && e.contains("line"), "{e}");
+        assert!(e.contains("axial_lew") && e.contains("line") && !e.contains('\n'), "{e}");
         let nan = SOFT_BAR.replace("density_kg_m3: 1055.0", "density_kg_m3: .nan");
         let e = Model::from_yaml(&nan).unwrap_err().to_string();
         assert!(e.contains("parameters.density_kg_m3") && e.contains("NaN"), "{e}");

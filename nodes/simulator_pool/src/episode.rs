@@ -114,7 +114,7 @@ impl Stage {
 
     /// The object's keypoints as the camera sees them now, scaled to -1 .. 1, with noise where the conditions ask for it.
     pub fn keypoints(&mut self) -> [[f64; 2]; 4] {
-        let points = self.beam.centre_line_at_deformed_fraction(self.model.object.keypoint_fractions);
+        let points = self.beam.centre_line_at_deformed_fraction(self.keypoint_fractions());
         let sigma = 2.0 * self.model.camera.keypoint_noise_px / f64::from(MASK_SIZE_PX);
         points.map(|[x, z]| {
             let [u, v] = self.camera.scaled_from_world([x, 0.0, z]).unwrap_or([0.0; 2]);
@@ -125,6 +125,12 @@ impl Stage {
                 }
             }
         })
+    }
+
+    /// The keypoints' places as fractions of the whole deformed length, that behind the fingers included.
+    fn keypoint_fractions(&self) -> [f64; 4] {
+        let hidden = (self.model.object.hidden_length_m / self.beam.deformed_length_m()).min(1.0);
+        self.model.object.keypoint_fractions.map(|f| hidden + f * (1.0 - hidden))
     }
 
     /// The target as the camera sees it, scaled to -1 .. 1.
@@ -173,7 +179,8 @@ impl Stage {
         let rate = |a: f64, b: f64| (b - a) / GRIP_VELOCITY_BASE_S;
         let turning = -rate(grip.pitch_rad, later.pitch_rad);
         let velocity = [rate(grip.x_m, later.x_m), rate(grip.z_m, later.z_m), turning];
-        let fractions = self.model.object.keypoint_fractions;
+        self.hang(grip);
+        let fractions = self.keypoint_fractions();
         let sd = self.model.observation.start_velocity_sd_m_s;
         let mut drawn = |v: f64| match &mut self.start_noise {
             Some(rng) if sd > 0.0 => v + sd * rng.sample::<f64, _>(StandardNormal),
