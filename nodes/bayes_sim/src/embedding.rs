@@ -166,7 +166,7 @@ fn add_gradient(
 ) {
     let sums = by_x.iter_mut().zip(by_y).zip(by_phase);
     let weights = wx.iter().zip(wy).zip(phase).zip(by_cos);
-    let mut add = |((wx, wy), b): ((&f32, &f32), &f32), slots: ((&mut f32, &mut f32), &mut f32), gc: f32, gs: f32| {
+    let add = |((wx, wy), b): ((&f32, &f32), &f32), slots: ((&mut f32, &mut f32), &mut f32), gc: f32, gs: f32| {
         let (cos, sin) = cos_sin(x * wx + y * wy + b);
         let by_angle = SHARE * (gs * cos - gc * sin);
         *slots.0.0 += by_angle * x;

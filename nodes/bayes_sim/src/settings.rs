@@ -51,8 +51,6 @@ pub struct Settings {
     /// Networks that are trained side by side, each with its own held-out tracks; the posterior is their mean. More are
     /// better calibrated, and cost in proportion.
     pub ensemble: usize,
-    /// Whether a network starts from its weights of the last iteration, or anew.
-    pub warm_start: bool,
     /// Share of the tracks that each network holds out to know when to stop.
     pub held_out_share: f64,
     /// Adam and its limits.
@@ -79,7 +77,6 @@ impl Default for Settings {
             skip: true,
             components: 4,
             ensemble: 3,
-            warm_start: true,
             held_out_share: 0.2,
             schedule: Schedule {
                 learning_rate: 1e-3,

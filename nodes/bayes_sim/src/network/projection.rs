@@ -33,14 +33,13 @@ impl Projection {
         }
         let rank = components.min(columns).min(rows);
         let mut basis = DMatrix::from_fn(columns, rank, |_, _| rng.sample::<f64, _>(StandardNormal)).qr().q();
-        let mut image = Vec::new();
         for _ in 0..ROUNDS {
-            image = product(&scaled, Transpose::No, &basis, (rows, columns, rank));
+            let image = product(&scaled, Transpose::No, &basis, (rows, columns, rank));
             let back = DMatrix::from_row_slice(rows, rank, &image);
             let power = product(&scaled, Transpose::Yes, &back, (columns, rows, rank));
             basis = DMatrix::from_row_slice(columns, rank, &power).qr().q();
         }
-        image = product(&scaled, Transpose::No, &basis, (rows, columns, rank));
+        let image = product(&scaled, Transpose::No, &basis, (rows, columns, rank));
         let image = DMatrix::from_row_slice(rows, rank, &image);
         let eigen = SymmetricEigen::new(image.transpose() * &image);
         let mut order: Vec<usize> = (0..rank).collect();

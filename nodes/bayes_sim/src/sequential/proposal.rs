@@ -76,7 +76,7 @@ impl Proposal {
 
     /// One draw.
     pub fn sample<R: Rng>(&self, dimension: usize, iteration: usize, rng: &mut R) -> Result<Vec<f64>, InferenceError> {
-        let mut prior = |rng: &mut R| (0..dimension).map(|_| rng.random::<f64>()).collect();
+        let prior = |rng: &mut R| (0..dimension).map(|_| rng.random::<f64>()).collect();
         match self {
             Proposal::Prior => Ok(prior(rng)),
             Proposal::Region(region) => {
