@@ -51,6 +51,18 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         [0.0, 10.0],
         "Kelvin-Voigt retardation time: larger damps bending and stretching more",
     ),
+    parameter(
+        "sticking_stiffness_n_m2",
+        Some(0.0),
+        [0.0, 1e4],
+        "bending stiffness beside EI while the strands of a cable stick to one another",
+    ),
+    parameter(
+        "slip_moment_n_m",
+        Some(0.0),
+        [0.0, 1e3],
+        "moment at which the strands of a cable slip: larger damps large motions more and lets small ones slip less",
+    ),
     parameter("linear_drag_n_s_m2", Some(0.0), [0.0, 1e3], "linear air drag, force per length and speed"),
     parameter("quadratic_drag_n_s2_m3", Some(0.0), [0.0, 1e3], "quadratic air drag across the centre line"),
     parameter(
@@ -180,6 +192,8 @@ impl Values {
         let beam = BeamParameters {
             axial_law: object.axial_law,
             kelvin_voigt_time_s: self.need("kelvin_voigt_time_s")?,
+            sticking_stiffness_n_m2: self.need("sticking_stiffness_n_m2")?,
+            slip_moment_n_m: self.need("slip_moment_n_m")?,
             linear_drag_n_s_m2: self.need("linear_drag_n_s_m2")?,
             quadratic_drag_n_s2_m3: self.need("quadratic_drag_n_s2_m3")?,
             rest_curvature_per_m: self.need("rest_curvature_per_m")?,
@@ -222,7 +236,7 @@ pub(crate) mod tests {
     fn shipped_models_make_beams() {
         assert_eq!(check(&soft_bar()), Ok(()));
         assert_eq!(check(&cable()), Ok(()));
-        let values = Values::resolve(&cable(), &[0.1, 0.02, 1.5], []).unwrap();
+        let values = Values::resolve(&cable(), &[0.1, 0.02, 1.5, 0.5, 0.05], []).unwrap();
         let beam = values.beam(&cable()).unwrap();
         assert_eq!(
             (beam.bending_stiffness_n_m2, beam.kelvin_voigt_time_s, beam.rest_curvature_per_m),

@@ -183,7 +183,7 @@ mod tests {
         assert!(message(|r| r.thetas[1][1] = -1.0).contains("youngs_modulus_pa"));
         let no_task = BeamSimulator::new(&cable(), 1).unwrap();
         let mut r = request(Drive::Actions(vec![[0.0; 2]]), 1);
-        r.thetas = vec![vec![0.1, 0.02, 0.0]];
+        r.thetas = vec![vec![0.1, 0.02, 0.0, 0.5, 0.05]];
         assert!(no_task.simulate(&r).unwrap_err().to_string().contains("task"));
     }
 }

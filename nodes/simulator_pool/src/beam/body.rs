@@ -150,6 +150,9 @@ impl Beam {
         self.state.restart(&self.mesh);
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
         self.increment.enable_motion(&self.parameters);
+        for (neutral, strain) in self.increment.neutral_curvature.iter_mut().zip(&self.state.strain) {
+            *neutral = strain[2];
+        }
         self.shown.copy_from_slice(&self.state.position);
         self.steps_since_start = 0;
     }

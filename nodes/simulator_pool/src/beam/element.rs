@@ -87,7 +87,7 @@ pub(super) struct Viscosity {
 }
 
 /// Potential of an element in J, with its derivatives by the chord d = (x, z), the mean angle t and the curvature.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Response {
     pub energy: f64,
     /// Derivative by the chord: the force that the later node feels from the element, reversed, in N.

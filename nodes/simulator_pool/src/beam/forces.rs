@@ -72,7 +72,11 @@ impl Beam {
         let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
         let viscosity = Viscosity { time_s: self.parameters.kelvin_voigt_time_s, rate_per_strain: 1.0 };
         let history = [0, 1, 2].map(|i| state.strain_rate[k][i] - at.strain[i]);
-        let r = element::respond(element, self.parameters.axial_law, &viscosity, &at, &history);
+        let mut r = element::respond(element, self.parameters.axial_law, &viscosity, &at, &history);
+        let friction = &self.increment.strand_friction;
+        if friction.acts() {
+            friction.add(element, at.strain[2], self.increment.neutral_curvature[k], &mut r);
+        }
         let sign = if k == c { -1.0 } else { 1.0 };
         [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]
     }

@@ -4,7 +4,7 @@ use super::parameters::BeamParameters;
 use super::section::SectionProperties;
 
 /// Constants of one element.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Element {
     /// Rest length in m, and its inverse.
     pub length: f64,

@@ -21,6 +21,7 @@ mod shape;
 mod state;
 mod statics;
 mod stepper;
+mod strand_friction;
 #[cfg(test)]
 mod tests;
 

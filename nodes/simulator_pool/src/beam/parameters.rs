@@ -30,6 +30,10 @@ pub struct BeamParameters {
     pub rotary_inertia_per_length_kg_m: f64,
     /// Kelvin-Voigt retardation time in s: each stress gains this time times stiffness times strain rate.
     pub kelvin_voigt_time_s: f64,
+    /// Bending stiffness in N m^2 that a stranded cable has beside EI while its strands stick to one another.
+    pub sticking_stiffness_n_m2: f64,
+    /// Moment in N m at which the strands slip: small motions stay below it.
+    pub slip_moment_n_m: f64,
     /// Linear air drag: force per length and speed, in N s/m^2, against the velocity.
     pub linear_drag_n_s_m2: f64,
     /// Quadratic air drag: force per length and squared cross speed, in N s^2/m^3, against the velocity across the
@@ -116,6 +120,8 @@ impl BeamParameters {
             mass_per_length_kg_m: density_kg_m3 * area,
             rotary_inertia_per_length_kg_m: density_kg_m3 * second_moment,
             kelvin_voigt_time_s: 0.0,
+            sticking_stiffness_n_m2: 0.0,
+            slip_moment_n_m: 0.0,
             linear_drag_n_s_m2: 0.0,
             quadratic_drag_n_s2_m3: 0.0,
             rest_curvature_per_m: 0.0,
@@ -165,6 +171,8 @@ impl BeamParameters {
         }
         let not_negative = [
             ("kelvin_voigt_time_s", self.kelvin_voigt_time_s),
+            ("sticking_stiffness_n_m2", self.sticking_stiffness_n_m2),
+            ("slip_moment_n_m", self.slip_moment_n_m),
             ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
             ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
             ("tip_mass_kg", self.tip_mass_kg),

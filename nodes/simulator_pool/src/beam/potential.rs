@@ -12,6 +12,7 @@ use super::element::{self, Direction, Kinematics, Response, Strain, Viscosity};
 use super::mesh::Mesh;
 use super::parameters::{BeamParameters, Table};
 use super::state::Node;
+use super::strand_friction::StrandFriction;
 use catenary_core::model::AxialLaw;
 
 /// Drag across the centre line at one node: coefficient in N s/m, and the unit normal that it acts along.
@@ -46,6 +47,9 @@ pub(super) struct Increment {
     /// Strain rates at strain zero.
     pub strain_history: Vec<Strain>,
     pub kelvin_voigt_time_s: f64,
+    pub strand_friction: StrandFriction,
+    /// Curvature of each element, less the rest curvature, at which its strands' friction is zero, in 1/m.
+    pub neutral_curvature: Vec<f64>,
     /// Whether there is any drag.
     pub drag: bool,
     pub linear_drag: f64,
@@ -124,6 +128,8 @@ impl Increment {
             history: vec![[0.0; 3]; elements + 1],
             strain_history: vec![[0.0; 3]; elements],
             kelvin_voigt_time_s: 0.0,
+            strand_friction: StrandFriction::default(),
+            neutral_curvature: vec![0.0; elements],
             drag: false,
             linear_drag: 0.0,
             cross_drag: vec![CrossDrag::default(); elements + 1],
@@ -136,6 +142,8 @@ impl Increment {
     pub fn enable_motion(&mut self, p: &BeamParameters) {
         self.law = p.axial_law;
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
+        self.strand_friction =
+            StrandFriction { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;
@@ -144,10 +152,11 @@ impl Increment {
         self.cross_drag.fill(CrossDrag::default());
     }
 
-    /// Takes over the terms that act at rest: no damping, drag or friction.
+    /// Takes over the terms that act at rest: no damping, drag or friction, on the table or between strands.
     pub fn enable_rest(&mut self, p: &BeamParameters) {
         self.enable_motion(p);
         self.kelvin_voigt_time_s = 0.0;
+        self.strand_friction = StrandFriction::default();
         self.drag = false;
         self.table = p.table.map(|table| Table { friction_coefficient: 0.0, damping_time_s: 0.0, ..table });
     }
@@ -179,7 +188,10 @@ impl Increment {
         }
         for (k, element) in mesh.elements.iter().enumerate() {
             let at = system.kinematics[k];
-            let response = element::respond(element, self.law, &viscosity, &at, &self.strain_history[k]);
+            let mut response = element::respond(element, self.law, &viscosity, &at, &self.strain_history[k]);
+            if self.strand_friction.acts() {
+                self.strand_friction.add(element, at.strain[2], self.neutral_curvature[k], &mut response);
+            }
             potential += response.energy;
             system.add_element(k, &response);
         }

@@ -173,7 +173,7 @@ impl Beam {
         }
     }
 
-    /// Velocities, accelerations, strains and contact forces at the new positions.
+    /// Velocities, accelerations, strains, slip and contact forces at the new positions.
     fn finish(&mut self) {
         let Beam { increment, mesh, state, .. } = self;
         let rate = increment.rate;
@@ -190,6 +190,11 @@ impl Beam {
             let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
             state.direction[k] = at.direction;
             state.strain[k] = at.strain;
+        }
+        if increment.strand_friction.acts() {
+            for (neutral, strain) in increment.neutral_curvature.iter_mut().zip(&state.strain) {
+                *neutral = increment.strand_friction.neutral_after(strain[2], *neutral);
+            }
         }
         if increment.kelvin_voigt_time_s > 0.0 {
             for k in 0..state.strain.len() {

@@ -7,6 +7,7 @@ mod friction;
 mod motion;
 mod repeatability;
 mod rest;
+mod strands;
 mod stress;
 
 use super::{Beam, BeamParameters, Discretisation, GripState, Table};

@@ -1,0 +1,51 @@
+//! Friction between strands: wrong, small motions would have the stiffness of large ones, or motion would gain energy.
+
+use super::*;
+
+/// A beam without weight that is struck at time 0, and its tip's z at times a hundredth of a second apart.
+fn struck(parameters: BeamParameters, speed_m_s: f64, seconds: f64) -> Vec<f64> {
+    let parameters = BeamParameters { gravity_m_s2: [0.0, 0.0], ..parameters };
+    let mut beam = Beam::new(parameters, standard(), grip(0.0)).unwrap();
+    beam.set_velocity([0.0, speed_m_s]);
+    let times = (1..=(100.0 * seconds) as usize).map(|i| 0.01 * i as f64);
+    let tips = times.map(|t| {
+        beam.advance_to(t, |_| grip(0.0));
+        beam.tip()[1]
+    });
+    let tips = tips.collect();
+    assert_eq!(beam.counters().unconverged_steps, 0);
+    tips
+}
+
+fn with_friction(sticking_stiffness_n_m2: f64, slip_moment_n_m: f64) -> BeamParameters {
+    BeamParameters { sticking_stiffness_n_m2, slip_moment_n_m, ..bar(0.25, 2e5) }
+}
+
+fn peak(tips: &[f64]) -> f64 {
+    tips.iter().fold(0.0, |a: f64, z| a.max(z.abs()))
+}
+
+#[test]
+fn without_sticking_stiffness_no_bit_changes() {
+    assert_eq!(struck(with_friction(0.0, 0.1), 0.3, 0.5), struck(bar(0.25, 2e5), 0.3, 0.5));
+}
+
+#[test]
+fn strands_that_stick_are_a_stiffer_beam() {
+    let ei = bar(0.25, 2e5).bending_stiffness_n_m2;
+    let stiff = BeamParameters { bending_stiffness_n_m2: 3.0 * ei, ..bar(0.25, 2e5) };
+    let (friction, solid) = (struck(with_friction(2.0 * ei, 1.0), 0.05, 0.5), struck(stiff, 0.05, 0.5));
+    for (a, b) in friction.iter().zip(&solid) {
+        assert!((a - b).abs() < 1e-3 * peak(&solid), "{a} against {b}");
+    }
+}
+
+#[test]
+fn strands_that_slip_stop_a_large_motion() {
+    let ei = bar(0.25, 2e5).bending_stiffness_n_m2;
+    let free = struck(bar(0.25, 2e5), 0.3, 3.0);
+    let slipping = struck(with_friction(2.0 * ei, ei), 0.3, 3.0);
+    let late = |tips: &[f64]| peak(&tips[tips.len() * 2 / 3..]);
+    assert!(late(&free) > 0.8 * peak(&free), "{} of {}", late(&free), peak(&free));
+    assert!(late(&slipping) < 0.5 * peak(&slipping), "{} of {}", late(&slipping), peak(&slipping));
+}
