@@ -12,6 +12,7 @@ pub const NODES: &[(&str, &str, Main)] = &[
     ("simulated_cell", "robot, object and camera, simulated", simulator_pool::node::cell::main),
     ("camera", "image to label mask", camera::node::main),
     ("keypoint_tracker", "mask to keypoints", keypoint_tracker::node::main),
+    ("panda_bridge", "safety gate and relay to the arm's controller", panda_bridge::node::main),
     ("policy_runner", "one episode of a policy", policy_runner::node::main),
     ("simulator_pool", "batches of simulated episodes, and environments", simulator_pool::node::pool::main),
     ("bayes_sim", "posterior over the model's parameters", bayes_sim::node::main),

@@ -265,9 +265,7 @@ impl SafetyGate {
         if publishers > 1 {
             return Err(Refusal::Publishers(publishers));
         }
-        if self.real_arm && simulated_time && !self.settings.allow_replay {
-            return Err(Refusal::Replay);
-        }
+        self.check_replay(simulated_time)?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
         let already = matches!(self.mode, Mode::Tracking | Mode::Hold);
         self.episode_over = None;
@@ -299,20 +297,21 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
-    /// A move to the start pose begins.
-    pub fn on_move_begins(&mut self) -> Result<(), Refusal> {
+    /// A move to the start pose begins. `simulated_time`: whether time comes from `/clock`.
+    pub fn on_move_begins(&mut self, simulated_time: bool) -> Result<(), Refusal> {
         self.check_latches()?;
+        self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
         self.mode = Mode::Moving;
         self.fault.clear();
         Ok(())
     }
 
-    /// It has ended, well or not; the arm holds.
-    pub fn on_move_ended(&mut self) {
+    /// It has ended, well or not; the arm holds `target`, or where it was measured.
+    pub fn on_move_ended(&mut self, target: Option<ArmPose>) {
         if self.mode == Mode::Moving {
             self.mode = Mode::Hold;
-            self.target = self.measured;
+            self.target = target.or(self.measured);
             self.last_command_s = None;
         }
     }
@@ -418,7 +417,7 @@ impl SafetyGate {
             return Err(Rejection::NotNormalised);
         }
         let (age_s, limit_s) = (now_s - command.stamp_s, self.settings.max_age_s);
-        if !(age_s.abs() <= limit_s) {
+        if age_s.is_nan() || age_s.abs() > limit_s {
             return Err(Rejection::Stale { age_s, limit_s });
         }
         let measured = self.measured.ok_or(Rejection::NoPose)?;
@@ -468,6 +467,10 @@ impl SafetyGate {
             Mode::Disconnected => Err(Refusal::Disconnected),
             _ => Ok(()),
         }
+    }
+
+    fn check_replay(&self, simulated_time: bool) -> Result<(), Refusal> {
+        if self.real_arm && simulated_time && !self.settings.allow_replay { Err(Refusal::Replay) } else { Ok(()) }
     }
 
     /// Makes the measured pose the target.

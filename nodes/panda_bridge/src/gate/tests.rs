@@ -172,11 +172,11 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
 #[test]
 fn a_move_to_the_start_shuts_targets_out_and_ends_holding() {
     let mut g = gate();
-    g.on_move_begins().unwrap();
+    g.on_move_begins(false).unwrap();
     assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     assert_eq!(g.on_enable(1, false), Err(Refusal::Moving));
     g.on_measured(pose(0.42));
-    g.on_move_ended();
+    g.on_move_ended(None);
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
 }
 

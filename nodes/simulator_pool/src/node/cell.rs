@@ -4,10 +4,10 @@
     reason = "the ROS side reads the model file that a parameter names, and paces itself"
 )]
 
-use super::cell_arm::{Arm, ArmSettings};
-use super::cell_camera;
+use super::{cell_arm, cell_camera};
 use crate::cell::{Cell, collisions};
 use crate::convert;
+use crate::scene::Touch;
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Fidelity, Model, seed};
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
@@ -16,13 +16,12 @@ use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
-use panda_bridge::{ArmPose, kinematics};
+use panda_bridge::gate::BASE_FRAME;
+use panda_bridge::node::front::{Front, MoveParameters};
+use panda_bridge::{Arm, Mode, kinematics};
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Frame of the robot's base.
-pub const BASE_FRAME: &str = "panda_link0";
 /// Time between two measurements of the arm.
 const MEASURE_S: f64 = 0.005;
 /// Measurements between two messages on arm_state, and between two looks at collisions.
@@ -35,38 +34,6 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("simulated_cell", args, run)
 }
 
-/// What every part of the node shares.
-pub struct Shared {
-    /// The node.
-    pub node: Node,
-    /// The cell and its arm's gate.
-    pub state: Mutex<State>,
-    /// Stamp of the cell's time 0.
-    pub origin: Time,
-    /// When that was.
-    started: Instant,
-}
-
-/// The cell and its arm's gate.
-pub struct State {
-    /// The cell.
-    pub cell: Cell,
-    /// Gate, path and counts.
-    pub arm: Arm,
-}
-
-impl Shared {
-    /// The state, locked.
-    pub fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The stamp of a time of the cell.
-    pub fn stamp(&self, time_s: f64) -> Time {
-        self.origin + Duration::from_secs_f64(time_s.max(0.0))
-    }
-}
-
 /// Parameters of the node.
 struct Parameters {
     model_file: Param<String>,
@@ -76,8 +43,7 @@ struct Parameters {
     publish_clock: Param<bool>,
     real_time_factor: Param<f64>,
     image_noise: Param<f64>,
-    start_speed_m_s: Param<f64>,
-    settle_time_s: Param<f64>,
+    moves: MoveParameters,
 }
 
 fn declare(b: &NodeBuilder) -> Result<Parameters> {
@@ -110,18 +76,7 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
             3.0,
             text("Standard deviation of the image noise in grey levels.").range(0.0..=50.0),
         )?,
-        start_speed_m_s: b.declare_f64(
-            "start_speed_m_s",
-            0.15,
-            ParamSpec::new("Greatest speed on the way to the start pose.").unit("m/s").range(0.01..=1.0),
-        )?,
-        settle_time_s: b.declare_f64(
-            "settle_time_s",
-            1.5,
-            ParamSpec::new("Wait after arriving at the start pose, for the object to come to rest.")
-                .unit("s")
-                .range(0.0..=60.0),
-        )?,
+        moves: MoveParameters::declare(b)?,
     })
 }
 
@@ -141,17 +96,14 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let node = builder.build()?;
     let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
     let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
-    let settings = ArmSettings::new(&model, p.start_speed_m_s, p.settle_time_s);
-    let shared = Arc::new(Shared {
-        node: node.clone(),
-        state: Mutex::new(State { arm: Arm::new(settings, &cell), cell }),
-        origin,
-        started: Instant::now(),
-    });
-    let _arm = super::cell_arm::serve(&shared)?;
-    cell_camera::start(&shared, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    let started = Instant::now();
+    let arm = Arm::new(cell, cell_arm::settings(&model));
+    let front = Front::new(&node, origin, p.moves, arm);
+    // The arm model has no gains: good settings are accepted and say so, bad ones are refused as for the real arm.
+    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
+    cell_camera::start(&front, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
-    Measuring::new(&shared, clock.transpose()?)?.run(&shared, factor)
+    Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
 }
 
 /// The fast loop: time runs on and the arm is measured.
@@ -167,8 +119,7 @@ struct Measuring {
 }
 
 impl Measuring {
-    fn new(shared: &Shared, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
-        let node = &shared.node;
+    fn new(node: &Node, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
         Ok(Self {
             pose: node.publisher(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
             twist: node.publisher(contract::CURRENT_TWIST.name, contract::CURRENT_TWIST.qos)?,
@@ -183,47 +134,49 @@ impl Measuring {
 
     /// Runs until shutdown. Time follows the wall clock times `factor`; where the machine is too slow, several steps are
     /// taken at once and only the newest is published.
-    fn run(mut self, shared: &Arc<Shared>, factor: f64) -> Result<()> {
-        let mut scene = shared.lock().cell.scene();
+    fn run(mut self, front: &Front<Cell>, started: Instant, factor: f64) -> Result<()> {
+        let node = front.node();
+        let mut scene = front.arm().plant().scene();
         let mut count: u64 = 0;
         let mut last_mode = None;
-        while !shared.node.is_shutdown() {
-            let wanted_s = shared.started.elapsed().as_secs_f64() * factor;
+        while !node.is_shutdown() {
+            let wanted_s = started.elapsed().as_secs_f64() * factor;
             let next_s = ((wanted_s / MEASURE_S).floor() * MEASURE_S).max((count + 1) as f64 * MEASURE_S);
             let early_s = (next_s - wanted_s) / factor;
             if early_s > 0.0 {
                 std::thread::sleep(Duration::from_secs_f64(early_s));
             }
             count = (next_s / MEASURE_S).round() as u64;
-            let (header, state, snapshot) = {
-                let mut s = shared.lock();
-                let State { cell, arm } = &mut *s;
-                arm.drive(cell, next_s);
-                let header = stamp::header(shared.stamp(next_s), BASE_FRAME);
-                self.publish(cell, &header);
-                (header, arm.state(), count.is_multiple_of(SLOW).then(|| cell.snapshot()))
+            let time = front.stamp(next_s);
+            let (state, snapshot) = {
+                let mut arm = front.arm();
+                arm.steer();
+                arm.plant_mut().advance(next_s);
+                arm.watch();
+                self.publish(arm.plant(), &stamp::header(time, BASE_FRAME));
+                (front.state(&arm, 1.0, time), count.is_multiple_of(SLOW).then(|| arm.plant().snapshot()))
             };
             if let Some(snapshot) = snapshot {
                 scene.update(snapshot.grip, &snapshot.nodes);
                 if let Some(touch) = collisions(&scene.touches(0.0)).next() {
-                    shared.lock().arm.collide(&format!("{:?} touches {:?}", touch.first, touch.second));
+                    collide(&mut front.arm(), touch);
                 }
             }
             if count.is_multiple_of(SLOW) || last_mode != Some(state.mode) {
                 last_mode = Some(state.mode);
-                self.state.send(ArmState { header: header.clone(), ..state });
+                self.state.send(state);
             }
             if let Some(clock) = &self.clock {
-                clock.send(ClockMsg { clock: header.stamp });
+                clock.send(ClockMsg { clock: stamp::to_msg(time) });
             }
         }
-        shared.node.wait_for_shutdown()
+        node.wait_for_shutdown()
     }
 
     fn publish(&mut self, cell: &Cell, header: &catenary_msgs::std_msgs::msg::Header) {
         let grip = cell.grip();
         let pose = catenary_shell::convert::grip_pose_to_msg(&grip);
-        let measured = ArmPose { position_m: [grip.x_m, 0.0, grip.z_m], quaternion_xyzw: grip.quaternion_xyzw() };
+        let measured = cell_arm::arm_pose(&grip);
         self.pose.send(PoseStamped { header: header.clone(), pose });
         self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(cell.velocity_m_s()) });
         self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&cell.wrench()) });
@@ -240,5 +193,14 @@ impl Measuring {
             velocity,
             effort: Vec::new(),
         });
+    }
+}
+
+/// The hand touched what it must not touch: a reflex.
+fn collide(arm: &mut Arm<Cell>, touch: &Touch) {
+    if arm.mode() != Mode::Reflex {
+        let what = format!("{:?} touches {:?}", touch.first, touch.second);
+        tracing::error!("reflex: {what}");
+        arm.reflex(&what);
     }
 }

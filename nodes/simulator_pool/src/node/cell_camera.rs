@@ -1,12 +1,14 @@
 //! The simulated camera: a picture at every frame, on a thread of its own so that the arm's loop keeps its pace.
 
-use super::cell::{BASE_FRAME, Shared};
+use crate::cell::Cell;
 use crate::convert;
 use crate::render::Renderer;
 use anyhow::Result;
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image};
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{contract, stamp};
+use panda_bridge::gate::BASE_FRAME;
+use panda_bridge::node::front::Front;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,28 +18,28 @@ const OPTICAL_FRAME: &str = "camera_color_optical_frame";
 const LOOK: Duration = Duration::from_millis(2);
 
 /// Starts the camera at `rate_hz`, with image noise in grey levels.
-pub fn start(shared: &Arc<Shared>, rate_hz: f64, noise_levels: f64, noise_seed: u64) -> Result<()> {
-    let node = &shared.node;
+pub fn start(front: &Arc<Front<Cell>>, rate_hz: f64, noise_levels: f64, noise_seed: u64) -> Result<()> {
+    let node = front.node();
     let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
     let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
     let tf = node.publisher::<TFMessage>(contract::TF_STATIC.name, contract::TF_STATIC.qos)?;
     let (camera, mut scene) = {
-        let state = shared.lock();
-        (*state.cell.camera(), state.cell.scene())
+        let arm = front.arm();
+        (*arm.plant().camera(), arm.plant().scene())
     };
-    let header = stamp::header(shared.stamp(0.0), BASE_FRAME);
+    let header = stamp::header(front.stamp(0.0), BASE_FRAME);
     tf.send(TFMessage { transforms: vec![convert::camera_transform(&camera, header, OPTICAL_FRAME)] });
-    let shared = Arc::clone(shared);
+    let front = Arc::clone(front);
     node.spawn("camera", move || {
         // The latched transform lives as long as its publisher.
         let _latched = tf;
         let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, noise_levels, noise_seed);
         let mut next: u64 = 0;
-        while !shared.node.is_shutdown() {
+        while !front.node().is_shutdown() {
             let (time_s, snapshot) = {
-                let state = shared.lock();
-                let time_s = state.cell.time_s();
-                (time_s, (time_s * rate_hz >= next as f64).then(|| state.cell.snapshot()))
+                let arm = front.arm();
+                let time_s = arm.plant().time_s();
+                (time_s, (time_s * rate_hz >= next as f64).then(|| arm.plant().snapshot()))
             };
             let Some(snapshot) = snapshot else {
                 #[allow(clippy::disallowed_methods, reason = "the camera's pace is that of the cell")]
@@ -47,7 +49,7 @@ pub fn start(shared: &Arc<Shared>, rate_hz: f64, noise_levels: f64, noise_seed: 
             scene.update(snapshot.grip, &snapshot.nodes);
             renderer.draw(&scene, &camera, next);
             next = (time_s * rate_hz).floor() as u64 + 1;
-            let header = stamp::header(shared.stamp(time_s), OPTICAL_FRAME);
+            let header = stamp::header(front.stamp(time_s), OPTICAL_FRAME);
             infos.send(convert::camera_info(&camera, header.clone()));
             images.send(convert::image(&renderer.image, header));
         }

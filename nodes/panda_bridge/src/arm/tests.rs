@@ -1,0 +1,136 @@
+use super::*;
+
+/// An arm that covers `follows` of the way to its target in each 20 ms.
+struct Lag {
+    time_s: f64,
+    at: ArmPose,
+    target: Option<ArmPose>,
+    follows: f64,
+    orders: Vec<Order>,
+}
+
+impl Plant for Lag {
+    fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    fn measured(&self) -> Option<ArmPose> {
+        Some(self.at)
+    }
+
+    fn obey(&mut self, order: &Order) {
+        self.target = match order {
+            Order::Target(pose) | Order::Hold(pose) => Some(*pose),
+            Order::End => None,
+        };
+        self.orders.push(order.clone());
+    }
+}
+
+fn pose(x_m: f64) -> ArmPose {
+    ArmPose { position_m: [x_m, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] }
+}
+
+fn arm(follows: f64) -> Arm<Lag> {
+    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new() };
+    let settings =
+        ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
+    Arm::new(plant, settings)
+}
+
+/// Runs for a time of the arm, or until the move has ended.
+fn run(arm: &mut Arm<Lag>, duration_s: f64) -> Progress {
+    let end_s = arm.plant().time_s + duration_s;
+    loop {
+        arm.steer();
+        let lag = arm.plant_mut();
+        lag.time_s += 0.02;
+        if let Some(target) = lag.target {
+            for (at, to) in lag.at.position_m.iter_mut().zip(target.position_m) {
+                *at += lag.follows * (to - *at);
+            }
+        }
+        arm.watch();
+        match arm.move_progress() {
+            Progress::Moving(_) if arm.plant().time_s < end_s => {}
+            other => return other,
+        }
+    }
+}
+
+#[test]
+fn a_move_arrives_settles_and_holds_the_start_pose() {
+    let mut a = arm(0.2);
+    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    assert_eq!(a.mode(), Mode::Moving);
+    assert_eq!(run(&mut a, 60.0), Progress::Arrived);
+    // A minimum-jerk way of 0.25 m with a peak of 0.15 m/s takes 3.1 s, and it settles for one.
+    assert!((a.plant().time_s - 10.0 - 3.125 - 1.0).abs() < 0.1, "{} s", a.plant().time_s - 10.0);
+    assert!(a.plant().at.distance_m(&pose(0.55)) < 1e-3);
+    assert_eq!((a.mode(), a.target()), (Mode::Hold, Some(pose(0.55))));
+}
+
+#[test]
+fn the_way_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
+    let mut a = arm(0.01);
+    a.begin_move(None, 0.5, 8.0, false).unwrap();
+    assert_eq!(run(&mut a, 60.0), Progress::Arrived);
+    let mut at = pose(0.3);
+    for order in &a.plant().orders {
+        let Order::Target(target) = order else { continue };
+        assert!(target.distance_m(&at) <= 0.1 + 1e-9, "{target:?} with the arm at {at:?}");
+        at.position_m[0] += 0.01 * (target.position_m[0] - at.position_m[0]);
+    }
+}
+
+#[test]
+fn a_step_of_the_clock_does_not_make_the_target_jump() {
+    let mut a = arm(0.2);
+    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    run(&mut a, 0.5);
+    let before = a.plant().target.unwrap();
+    a.plant_mut().time_s += 3600.0;
+    a.steer();
+    assert!(a.plant().target.unwrap().distance_m(&before) <= 0.1);
+    a.plant_mut().time_s -= 7200.0;
+    let before = a.plant().target.unwrap();
+    a.steer();
+    assert_eq!(a.plant().target, Some(before));
+}
+
+#[test]
+fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
+    let mut a = arm(0.0);
+    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    let Progress::Stopped(why) = run(&mut a, 60.0) else { panic!("not stopped") };
+    assert!(why.contains("does not follow: 0.250 m"), "{why}");
+    assert_eq!((a.mode(), a.plant().target), (Mode::Hold, Some(pose(0.3))));
+}
+
+#[test]
+fn hold_reflex_and_a_lost_arm_end_a_move() {
+    let stop = |how: &dyn Fn(&mut Arm<Lag>)| {
+        let mut a = arm(0.2);
+        a.begin_move(None, 0.15, 1.0, false).unwrap();
+        run(&mut a, 1.0);
+        how(&mut a);
+        let orders = a.plant().orders.len();
+        let Progress::Stopped(why) = run(&mut a, 1.0) else { panic!("not stopped") };
+        assert_eq!(a.plant().orders.len(), orders, "no order after the stop");
+        (a.mode(), why)
+    };
+    assert_eq!(stop(&|a| a.hold().unwrap()), (Mode::Hold, "by a request".to_owned()));
+    assert_eq!(stop(&|a| a.reflex("touched")), (Mode::Reflex, "touched".to_owned()));
+    assert_eq!(stop(&|a| a.connection(false)), (Mode::Disconnected, "no connection to the arm".to_owned()));
+}
+
+#[test]
+fn moves_that_make_no_sense_are_refused() {
+    let mut a = arm(0.2);
+    assert_eq!(a.begin_move(Some(pose(0.7)), 0.15, 1.0, false), Err(ArmError::Outside([0.7, 0.0, 0.3])));
+    assert!(matches!(a.begin_move(Some(pose(f64::NAN)), 0.15, 1.0, false), Err(ArmError::NoPose(_))));
+    assert_eq!(a.begin_move(None, 0.15, 1.0, true), Err(ArmError::Refused(Refusal::Replay)));
+    a.settings.start = None;
+    assert_eq!(a.begin_move(None, 0.15, 1.0, false), Err(ArmError::NoStart));
+    assert_eq!(a.mode(), Mode::Idle);
+}

@@ -1,0 +1,81 @@
+//! Between wire types and the bridge's.
+
+use crate::arm::{Arm, Plant};
+use crate::compliance::Compliance;
+use crate::gate::{Command, Mode, Verdict};
+use crate::pose::ArmPose;
+use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
+use catenary_msgs::msg::{AcceptedTarget, ArmState};
+use catenary_msgs::srv::SetComplianceRequest;
+use catenary_msgs::std_msgs::msg::Header;
+use catenary_shell::{Time, stamp};
+
+/// The pose of a message.
+#[must_use]
+pub fn arm_pose(pose: &Pose) -> ArmPose {
+    let (p, q) = (&pose.position, &pose.orientation);
+    ArmPose { position_m: [p.x, p.y, p.z], quaternion_xyzw: [q.x, q.y, q.z, q.w] }
+}
+
+/// A pose as the wire carries it.
+#[must_use]
+pub fn pose_message(pose: &ArmPose) -> Pose {
+    let ([x, y, z], [qx, qy, qz, qw]) = (pose.position_m, pose.quaternion_xyzw);
+    Pose { position: Point { x, y, z }, orientation: Quaternion { x: qx, y: qy, z: qz, w: qw } }
+}
+
+/// A target as a command, in the time that begins at `origin`.
+#[must_use]
+pub fn command(message: &PoseStamped, origin: Time) -> Command {
+    let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(origin);
+    Command { stamp_s, frame_id: message.header.frame_id.clone(), pose: arm_pose(&message.pose) }
+}
+
+/// The settings that a request asks for.
+#[must_use]
+pub fn compliance(r: &SetComplianceRequest) -> Compliance {
+    Compliance { stiffness: r.stiffness, damping: r.damping, error_clip_m: r.error_clip }
+}
+
+/// What became of a command with this header.
+#[must_use]
+pub fn accepted_target<P: Plant>(arm: &Arm<P>, verdict: &Verdict, header: Header) -> AcceptedTarget {
+    let (accepted_count, rejected_count) = arm.counts();
+    let pose = arm.target().map(|t| pose_message(&t)).unwrap_or_default();
+    let answer = AcceptedTarget { header, pose, accepted_count, rejected_count, ..AcceptedTarget::default() };
+    match verdict {
+        Verdict::Accepted { clip, .. } => AcceptedTarget {
+            accepted: true,
+            reason: if clip.any() { "clamped to the workspace".to_owned() } else { String::new() },
+            clipped_x: clip.x,
+            clipped_y: clip.y,
+            clipped_z: clip.z,
+            ..answer
+        },
+        Verdict::Rejected(why) => AcceptedTarget { reason: why.to_string(), ..answer },
+    }
+}
+
+/// The state of an arm whose measurement `header` stamps. `success_rate`: share of control cycles that were in time.
+#[must_use]
+pub fn arm_state<P: Plant>(arm: &Arm<P>, success_rate: f64, header: Header) -> ArmState {
+    let mode = arm.mode();
+    let reflex = mode == Mode::Reflex;
+    ArmState {
+        header,
+        mode: match mode {
+            Mode::Idle => ArmState::MODE_IDLE,
+            Mode::Tracking => ArmState::MODE_TRACKING,
+            Mode::Hold => ArmState::MODE_HOLD,
+            Mode::Moving => ArmState::MODE_MOVING,
+            Mode::Reflex => ArmState::MODE_REFLEX,
+            Mode::UserStop => ArmState::MODE_USER_STOP,
+            Mode::Disconnected => ArmState::MODE_DISCONNECTED,
+        },
+        errors: if reflex { vec![arm.fault().to_owned()] } else { Vec::new() },
+        reflex,
+        success_rate,
+        fault: arm.fault().to_owned(),
+        is_sim: !arm.is_real(),
+    }
+}

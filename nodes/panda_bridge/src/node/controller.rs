@@ -1,0 +1,97 @@
+//! The controller behind the relay: it takes target poses on one topic and tells its pose on another.
+
+use crate::arm::Plant;
+use crate::convert;
+use crate::gate::Order;
+use crate::pose::ArmPose;
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_shell::{Node, Publisher, ShellError, Time, contract};
+
+/// The controller as the relay sees it.
+pub struct Controller {
+    node: Node,
+    origin: Time,
+    frame_id: String,
+    targets: Publisher<PoseStamped>,
+    measured: Option<ArmPose>,
+    target: Option<ArmPose>,
+    /// The target was sent since it was last repeated.
+    fresh: bool,
+}
+
+impl Controller {
+    /// A controller of which nothing is known, that takes targets in the frame `frame_id`.
+    pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, frame_id: String) -> Self {
+        Self { node: node.clone(), origin, frame_id, targets, measured: None, target: None, fresh: false }
+    }
+
+    /// The controller told its pose.
+    pub fn measure(&mut self, pose: ArmPose) {
+        self.measured = Some(pose);
+    }
+
+    /// The controller is silent: nothing is known of it, and it is told nothing.
+    pub fn lose(&mut self) {
+        self.measured = None;
+        self.target = None;
+    }
+
+    /// Sends the target in force again, unless it was sent since the last call.
+    pub fn repeat(&mut self) {
+        if let Some(target) = self.target
+            && !std::mem::take(&mut self.fresh)
+        {
+            self.send(&target);
+        }
+    }
+
+    /// Publishers of targets besides this one. On the loopback interface alone a participant does not discover itself; a
+    /// topic that only a bridge publishes shows whether it does.
+    fn other_publishers(&self) -> Result<usize, ShellError> {
+        let own = self.node.publisher_count(contract::ACCEPTED_TARGET.name)?.min(1);
+        Ok(self.node.publisher_count(self.targets.topic())?.saturating_sub(own))
+    }
+
+    fn send(&self, target: &ArmPose) {
+        let header = self.node.header(&self.frame_id);
+        self.targets.send(PoseStamped { header, pose: convert::pose_message(target) });
+    }
+}
+
+impl Plant for Controller {
+    fn time_s(&self) -> f64 {
+        self.node.now().secs_since(self.origin)
+    }
+
+    fn measured(&self) -> Option<ArmPose> {
+        self.measured
+    }
+
+    fn obey(&mut self, order: &Order) {
+        match order {
+            Order::Target(pose) | Order::Hold(pose) => {
+                self.send(pose);
+                self.target = Some(*pose);
+                self.fresh = true;
+            }
+            Order::End => {
+                // A controller keeps its last target: without this it would go on to it.
+                if let (Some(measured), Some(_)) = (self.measured, self.target.take()) {
+                    self.send(&measured);
+                }
+            }
+        }
+    }
+
+    fn unready(&self) -> Option<String> {
+        let topic = self.targets.topic();
+        if !self.targets.has_subscriber() {
+            return Some(format!("no controller listens on {topic}"));
+        }
+        match self.other_publishers() {
+            Ok(0) => None,
+            Ok(n) => Some(format!("{n} more on {topic}: expected this relay to be the only publisher")),
+            Err(error) => Some(error.to_string()),
+        }
+    }
+}

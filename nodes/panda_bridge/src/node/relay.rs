@@ -1,0 +1,228 @@
+//! The relay: the gate in front of a ROS 2 Cartesian impedance controller that takes target poses and tells its pose.
+#![allow(clippy::disallowed_methods, reason = "the silence of a controller is measured on a clock that does not step")]
+
+use super::controller::Controller;
+use super::front::{Front, MoveParameters};
+use super::parameters;
+use super::settings::{ControllerNames, Settings};
+use crate::arm::Arm;
+use crate::convert;
+use crate::gate::{BASE_FRAME, Mode};
+use crate::pose::ArmPose;
+use anyhow::{Result, bail};
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::ArmState;
+use catenary_msgs::sensor_msgs::msg::JointState;
+use catenary_shell::{Clock, Deadline, Health, Node, NodeBuilder, Subscription, Throttle, Time, contract, stamp};
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often the arm is looked after.
+const LOOK: Duration = Duration::from_millis(5);
+/// Looks between two targets and two states.
+const SLOW: u64 = 4;
+/// Complaints about one thing come at most this often.
+const COMPLAIN: Duration = Duration::from_secs(5);
+/// Weight of one look in the share of looks that were in time: the last second counts.
+const SHARE_WEIGHT: f64 = 0.005;
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("panda_bridge", args, run)
+}
+
+/// What is known of the controller's stream of poses.
+struct Link {
+    /// Time since the start, on a clock that does not step.
+    started: Instant,
+    poses: Deadline,
+    /// Stamp of the newest measurement.
+    measured: Time,
+}
+
+impl Link {
+    fn now(&self) -> Time {
+        Time::ZERO + self.started.elapsed()
+    }
+
+    fn is_alive(&self) -> bool {
+        self.poses.received() > 0 && !self.poses.expired(self.now())
+    }
+}
+
+/// The front, and the link to the controller. Where both are locked, the front's arm goes first.
+struct Relay {
+    front: Arc<Front<Controller>>,
+    link: Mutex<Link>,
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let settings = Settings::declare(&builder)?;
+    let moves = MoveParameters::declare(&builder)?;
+    let node = builder.build()?;
+    let names = settings.controller;
+    refuse_collisions(&node, &names)?;
+    let origin = node.now();
+    let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
+    let controller = Controller::new(&node, origin, targets, names.frame_id.clone());
+    let mut arm = Arm::new(controller, settings.arm);
+    arm.connection(false);
+    let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };
+    let front = Front::new(&node, origin, moves, arm);
+    let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
+    let _measuring = relay.subscribe(&node, &names)?;
+    let _served = front.serve(parameters::setter(&node, &names.node)?)?;
+    relay.report(&node)?;
+    relay.run(&node)
+}
+
+/// A controller's name that is one of the contract's own would feed the relay with what it sends.
+fn refuse_collisions(node: &Node, names: &ControllerNames) -> Result<()> {
+    let theirs = [
+        ("controller.target_pose_topic", &names.target_pose),
+        ("controller.current_pose_topic", &names.current_pose),
+        ("controller.joint_states_topic", &names.joint_states),
+    ];
+    for (parameter, name) in theirs {
+        for ours in [contract::TARGET_POSE, contract::CURRENT_POSE, contract::JOINT_STATES] {
+            let resolved = node.resolve(name)?;
+            if resolved == node.resolve(ours.name)? {
+                bail!("parameter {parameter}: {resolved} is the bridge's own topic; remap it, or the controller's");
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Relay {
+    fn link(&self) -> MutexGuard<'_, Link> {
+        self.link.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the controller's pose and the joint states, and passes both on.
+    fn subscribe(self: &Arc<Self>, node: &Node, names: &ControllerNames) -> Result<[Subscription; 2]> {
+        let out = node.publisher::<PoseStamped>(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?;
+        let (relay, frame_id) = (Arc::clone(self), names.frame_id.clone());
+        let mut complaints = Throttle::new(COMPLAIN);
+        let poses =
+            node.subscription::<PoseStamped>(&names.current_pose, contract::CURRENT_POSE.qos, move |received| {
+                let message = &received.message;
+                match measurement(message, &frame_id) {
+                    Ok(pose) => {
+                        let time = stamp::from_msg(&message.header.stamp);
+                        relay.on_pose(pose, time);
+                        let header = stamp::header(time, BASE_FRAME);
+                        out.send(PoseStamped { header, pose: message.pose.clone() });
+                    }
+                    Err(why) => {
+                        if let Some(more) = complaints.pass(relay.link().now()) {
+                            tracing::error!("pose of the controller ignored: {why} (and {more} more before)");
+                        }
+                    }
+                }
+            })?;
+        let out = node.publisher::<JointState>(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?;
+        let joints =
+            node.subscription::<JointState>(&names.joint_states, contract::JOINT_STATES.qos, move |received| {
+                out.send(JointState::clone(&received.message));
+            })?;
+        Ok([poses, joints])
+    }
+
+    fn on_pose(&self, pose: ArmPose, time: Time) {
+        let mut arm = self.front.arm();
+        {
+            let mut link = self.link();
+            let now = link.now();
+            link.poses.message(now);
+            link.measured = time;
+        }
+        if arm.mode() == Mode::Disconnected {
+            tracing::info!("the controller tells its pose: connected");
+            arm.connection(true);
+        }
+        arm.plant_mut().measure(pose);
+        arm.watch();
+    }
+
+    /// Looks after the arm until shutdown, and then leaves it holding.
+    fn run(&self, node: &Node) -> Result<()> {
+        let states = node.publisher::<ArmState>(contract::ARM_STATE.name, contract::ARM_STATE.qos)?;
+        // The wall clock: a /clock that stands still must not stop the watch over a controller.
+        let mut rate = Clock::new(node.shutdown()).rate(LOOK);
+        let (mut share, mut missed, mut last_mode) = (1.0, 0, None);
+        while let Some(tick) = rate.tick() {
+            let late = (tick.missed - missed).min(1000) as i32;
+            share = (share * (1.0 - SHARE_WEIGHT).powi(late)) * (1.0 - SHARE_WEIGHT) + SHARE_WEIGHT;
+            missed = tick.missed;
+            let slow = tick.index.is_multiple_of(SLOW);
+            let (alive, measured) = {
+                let link = self.link();
+                (link.is_alive(), link.measured)
+            };
+            let state = {
+                let mut arm = self.front.arm();
+                self.look(&mut arm, alive, slow);
+                self.front.state(&arm, share, measured)
+            };
+            if slow || last_mode != Some(state.mode) {
+                last_mode = Some(state.mode);
+                states.send(state);
+            }
+        }
+        let mut arm = self.front.arm();
+        if is_enabled(arm.mode()) {
+            arm.disable();
+        }
+        drop(arm);
+        node.wait_for_shutdown()
+    }
+
+    fn look(&self, arm: &mut Arm<Controller>, alive: bool, slow: bool) {
+        if !alive {
+            if arm.mode() != Mode::Disconnected {
+                tracing::error!("the controller is silent: disconnected");
+                arm.connection(false);
+                arm.plant_mut().lose();
+            }
+            return;
+        }
+        if slow {
+            arm.steer();
+        }
+        arm.watch();
+        if slow && is_enabled(arm.mode()) {
+            arm.plant_mut().repeat();
+        }
+    }
+
+    fn report(self: &Arc<Self>, node: &Node) -> Result<()> {
+        let relay = Arc::clone(self);
+        node.report_diagnostics(move |report| {
+            let mut link = relay.link();
+            let now = link.now();
+            report.value("pose_rate_hz", format!("{:.1}", link.poses.rate_hz(now)));
+            if !link.is_alive() {
+                report.problem(Health::Stale, "the controller is silent");
+            }
+        })?;
+        Ok(())
+    }
+}
+
+fn is_enabled(mode: Mode) -> bool {
+    matches!(mode, Mode::Tracking | Mode::Hold | Mode::Moving)
+}
+
+/// The pose of the arm that a message of the controller tells.
+fn measurement(message: &PoseStamped, frame_id: &str) -> Result<ArmPose, String> {
+    let pose = convert::arm_pose(&message.pose);
+    if message.header.frame_id != frame_id {
+        return Err(format!("expected frame `{frame_id}` (controller.frame_id), got `{}`", message.header.frame_id));
+    }
+    if !pose.is_finite() || !pose.is_normalised() {
+        return Err(format!("expected finite numbers and a unit quaternion, got {pose:?}"));
+    }
+    Ok(pose)
+}

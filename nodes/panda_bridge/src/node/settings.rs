@@ -1,0 +1,131 @@
+//! Parameters of the relay.
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
+
+use crate::arm::ArmSettings;
+use crate::gate::{BASE_FRAME, GateSettings};
+use crate::pose::ArmPose;
+use anyhow::{Context, Result, bail, ensure};
+use catenary_core::Model;
+use catenary_core::task::Workspace;
+use catenary_shell::{NodeBuilder, ParamSpec};
+use std::time::Duration;
+
+/// The names of the controller's topics, and of its node. The defaults are those of crisp_controllers.
+pub struct ControllerNames {
+    /// Its measured pose.
+    pub current_pose: String,
+    /// Its target.
+    pub target_pose: String,
+    /// The joint states of its arm.
+    pub joint_states: String,
+    /// Its node, empty where its parameters are not to be set.
+    pub node: String,
+    /// Frame of its poses.
+    pub frame_id: String,
+}
+
+/// Everything that is fixed once the relay runs.
+pub struct Settings {
+    /// The controller's names.
+    pub controller: ControllerNames,
+    /// Silence of the controller's pose after which the arm counts as lost.
+    pub silence: Duration,
+    /// Gate, start pose and kind of the arm.
+    pub arm: ArmSettings,
+}
+
+impl Settings {
+    /// Declares the parameters and reads the model file.
+    ///
+    /// # Errors
+    /// Values that make no sense, a model file that cannot be read.
+    pub fn declare(b: &NodeBuilder) -> Result<Self> {
+        let text = |name: &str, default: &str, text: &str| b.declare_string(name, default, fixed(text));
+        let controller = ControllerNames {
+            current_pose: text("controller.current_pose_topic", "current_pose", "Measured pose, PoseStamped.")?.get(),
+            target_pose: text("controller.target_pose_topic", "target_pose", "Target pose, PoseStamped.")?.get(),
+            joint_states: text("controller.joint_states_topic", "joint_states", "Joint states; passed on.")?.get(),
+            node: text(
+                "controller.node",
+                "cartesian_impedance_controller",
+                "Node whose parameters task.k_*, task.d_* and task.error_clip.* set the compliance; empty: refused.",
+            )?
+            .get(),
+            frame_id: text("controller.frame_id", BASE_FRAME, "What the controller calls the arm's base frame.")?.get(),
+        };
+        let silence =
+            "Silence of the controller's pose after which the arm counts as lost; larger forgives a slow network.";
+        let silence = b.declare_f64("controller.silence_s", 0.5, fixed(silence).unit("s").range(0.05..=10.0))?.get();
+        let model = text("model_file", "", "Model file for start pose and workspace; empty: none.")?.get();
+        let model = if model.is_empty() { None } else { Some(read(&model)?) };
+        let real = "A physical arm moves: a replayed recording must not reach it.";
+        let real = b.declare_bool("is_real", true, fixed(real))?.get();
+        let tolerance = "Distance from the start pose up to which a move counts as arrived; soft arms need more.";
+        let tolerance = b.declare_f64("start_tolerance_m", 0.03, fixed(tolerance).unit("m").range(0.001..=0.2))?;
+        let arm = ArmSettings {
+            gate: gate(b, model.as_ref())?,
+            start: start(b, model.as_ref())?,
+            real,
+            start_tolerance_m: tolerance.get(),
+        };
+        Ok(Self { controller, silence: Duration::from_secs_f64(silence), arm })
+    }
+}
+
+fn fixed(text: &str) -> ParamSpec {
+    ParamSpec::new(text).read_only()
+}
+
+fn read(path: &str) -> Result<Model> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("model_file {path}"))?;
+    Model::from_yaml(&text).with_context(|| format!("model_file {path}"))
+}
+
+fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
+    let d = GateSettings::default();
+    let number = |name: &str, default: f64, unit: &str, greatest: f64, text: &str| -> Result<f64> {
+        Ok(b.declare_f64(name, default, fixed(text).unit(unit).range(0.001..=greatest))?.get())
+    };
+    let of_model = model.and_then(|m| m.task).map_or(d.workspace, |t| t.workspace);
+    let side = |axis: &str, default: [f64; 2]| -> Result<[f64; 2]> {
+        let name = format!("workspace.{axis}_m");
+        let text = format!("Least and greatest {axis} of the end effector; empty: the model file's.");
+        let given = b.declare(&name, Vec::<f64>::new(), fixed(&text).unit("m").range(-2.0..=2.0))?.get();
+        match given[..] {
+            [] => Ok(default),
+            [low, high] if low < high => Ok([low, high]),
+            _ => bail!("parameter {name}: expected the least and a greater value, got {given:?}"),
+        }
+    };
+    Ok(GateSettings {
+        workspace: Workspace {
+            x_m: side("x", of_model.x_m)?,
+            y_m: side("y", of_model.y_m)?,
+            z_m: side("z", of_model.z_m)?,
+        },
+        max_jump_m: number("gate.max_jump_m", d.max_jump_m, "m", 0.3, "Greatest distance of a target from the arm.")?,
+        max_turn_rad: number("gate.max_turn_rad", d.max_turn_rad, "rad", 1.6, "Greatest turn of a target.")?,
+        max_age_s: number("gate.max_age_s", d.max_age_s, "s", 5.0, "Greatest age of a target's stamp.")?,
+        hold_after_s: number("gate.hold_after_s", d.hold_after_s, "s", 10.0, "Silence until the arm holds.")?,
+        end_after_s: number("gate.end_after_s", d.end_after_s, "s", 60.0, "Silence until the motion ends.")?,
+        allow_replay: b
+            .declare_bool("gate.allow_replay", d.allow_replay, fixed("Let a replayed recording move a real arm."))?
+            .get(),
+    })
+}
+
+fn start(b: &NodeBuilder, model: Option<&Model>) -> Result<Option<ArmPose>> {
+    let text = "Start pose: x, y, z in m and the quaternion x, y, z, w; empty: the model file's.";
+    let given = b.declare("start_pose", Vec::<f64>::new(), fixed(text))?.get();
+    match given[..] {
+        [] => Ok(model
+            .map(|m| m.arm.start)
+            .map(|s| ArmPose { position_m: [s.x_m, 0.0, s.z_m], quaternion_xyzw: s.quaternion_xyzw() })),
+        [x, y, z, qx, qy, qz, qw] => {
+            let pose = ArmPose { position_m: [x, y, z], quaternion_xyzw: [qx, qy, qz, qw] };
+            ensure!(pose.is_normalised(), "parameter start_pose: expected a unit quaternion, got {:?}", &given[3..]);
+            Ok(Some(pose))
+        }
+        _ => bail!("parameter start_pose: expected seven values, got {}", given.len()),
+    }
+}

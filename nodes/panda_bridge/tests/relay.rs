@@ -1,0 +1,337 @@
+//! The relay before a controller that this test plays. What breaks here moves an arm that should stand, or lets one stand
+//! that a policy believes to move.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "a test of threads, processes and sockets waits for them, and a failure is a panic"
+)]
+
+use catenary_msgs::action::{MoveToStart, MoveToStartGoal};
+use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
+use catenary_msgs::msg::{AcceptedTarget, ArmState};
+use catenary_msgs::rosgraph_msgs::msg::Clock;
+use catenary_msgs::sensor_msgs::msg::JointState;
+use catenary_msgs::srv::{SetCompliance, SetComplianceRequest};
+use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
+use catenary_shell::contract::{
+    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE, TARGET_POSE,
+};
+use catenary_shell::{
+    Discovery, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status, Subscription, stamp,
+};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+const SOON: Duration = Duration::from_secs(10);
+const BASE: &str = "panda_link0";
+
+/// A domain for test `number`, 0 to 9, that another run of these tests at the same time hardly has.
+fn domain(number: u16) -> u16 {
+    60 + 10 * (std::process::id() % 4) as u16 + number
+}
+
+fn builder(name: &str, number: u16) -> NodeBuilder {
+    let (args, _) = RosArgs::parse(["--ros-args"]).unwrap();
+    NodeBuilder::new(name, &args).unwrap().domain(domain(number), Discovery::Localhost)
+}
+
+fn pose(x: f64, z: f64) -> Pose {
+    Pose { position: Point { x, y: 0.0, z }, orientation: Quaternion { x: 1.0, y: 0.0, z: 0.0, w: 0.0 } }
+}
+
+fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < SOON, "{what} within {SOON:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// A controller: it follows `target_pose` with a lag and tells `current_pose` at 100 Hz.
+struct Controller {
+    node: Node,
+    speaks: Arc<AtomicBool>,
+    /// Where the arm is, and the targets that came.
+    state: Arc<Mutex<(Pose, Vec<Pose>)>>,
+    stiffness: Param<f64>,
+    clip: Param<f64>,
+    _targets: Subscription,
+}
+
+impl Controller {
+    fn start(number: u16) -> Self {
+        let b = builder("cartesian_impedance_controller", number);
+        let free = || ParamSpec::new("A gain.").range(-1.0..=2500.0);
+        let mut kept = Vec::new();
+        for axis in ["pos_x", "pos_y", "pos_z", "rot_x", "rot_y", "rot_z"] {
+            kept.push(b.declare_f64(&format!("task.k_{axis}"), 500.0, free()).unwrap());
+            b.declare_f64(&format!("task.d_{axis}"), -1.0, free()).unwrap();
+        }
+        let clips = ["x", "y", "z"].map(|axis| b.declare_f64(&format!("task.error_clip.{axis}"), 0.1, free()).unwrap());
+        b.declare_bool("limit_error", false, ParamSpec::new("Whether the clips act.")).unwrap();
+        let node = b.build().unwrap();
+        let state = Arc::new(Mutex::new((pose(0.4, 0.4), Vec::new())));
+        let seen = Arc::clone(&state);
+        let targets = node
+            .subscription::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }, move |received| {
+                seen.lock().unwrap().1.push(received.message.pose.clone());
+            })
+            .unwrap();
+        let poses = node.publisher::<PoseStamped>("current_pose", Qos::Reliable { depth: 1 }).unwrap();
+        let joints = node.publisher::<JointState>("joint_states", Qos::Reliable { depth: 10 }).unwrap();
+        let speaks = Arc::new(AtomicBool::new(true));
+        let (inner, speaking, moving) = (node.clone(), Arc::clone(&speaks), Arc::clone(&state));
+        node.spawn("arm", move || {
+            while !inner.shutdown().wait_timeout(Duration::from_millis(10)) {
+                let at = {
+                    let (at, targets) = &mut *moving.lock().unwrap();
+                    if let Some(to) = targets.last() {
+                        at.position.x += 0.2 * (to.position.x - at.position.x);
+                        at.position.z += 0.2 * (to.position.z - at.position.z);
+                    }
+                    at.clone()
+                };
+                if speaking.load(Ordering::Relaxed) {
+                    poses.send(PoseStamped { header: inner.header(BASE), pose: at });
+                    joints.send(JointState { name: vec!["panda_joint1".into()], ..JointState::default() });
+                }
+            }
+        })
+        .unwrap();
+        let (stiffness, [clip, ..]) = (kept.remove(0), clips);
+        Self { node, speaks, state, stiffness, clip, _targets: targets }
+    }
+
+    fn last_target(&self) -> Option<Pose> {
+        self.state.lock().unwrap().1.last().cloned()
+    }
+
+    fn received(&self) -> usize {
+        self.state.lock().unwrap().1.len()
+    }
+}
+
+/// The relay's process.
+struct Relay(Child);
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        let _gone = self.0.kill();
+        let _gone = self.0.wait();
+    }
+}
+
+fn command(number: u16, parameters: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panda_bridge"));
+    command.arg("--ros-args").args(parameters.iter().flat_map(|p| ["-p", p]));
+    command.env("ROS_DOMAIN_ID", domain(number).to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    command
+}
+
+fn relay(number: u16, parameters: &[&str]) -> Relay {
+    Relay(command(number, parameters).stderr(Stdio::null()).spawn().unwrap())
+}
+
+/// A client of the contract.
+struct Client {
+    node: Node,
+    state: Latest<ArmState>,
+    pose: Latest<PoseStamped>,
+    joints: Latest<JointState>,
+    target: Publisher<PoseStamped>,
+    answers: Queue<AcceptedTarget>,
+}
+
+impl Client {
+    /// Joins and waits until the arm is in `mode` and everything is matched.
+    fn join(number: u16, mode: u8) -> Self {
+        let node = builder("client", number).build().unwrap();
+        let client = Self {
+            state: node.latest(ARM_STATE.name, ARM_STATE.qos).unwrap(),
+            pose: node.latest(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap(),
+            joints: node.latest(JOINT_STATES.name, JOINT_STATES.qos).unwrap(),
+            target: node.publisher(TARGET_POSE.name, TARGET_POSE.qos).unwrap(),
+            answers: node.queue(ACCEPTED_TARGET.name, ACCEPTED_TARGET.qos, 10).unwrap(),
+            node,
+        };
+        client.wait_mode(mode);
+        assert!(client.target.wait_for_subscriber(SOON));
+        // The relay has matched the controller as well: its answers come back to us once we are known to it.
+        std::thread::sleep(Duration::from_millis(300));
+        client
+    }
+
+    fn wait_mode(&self, mode: u8) {
+        wait_for("the mode", || self.state.get().is_some_and(|s| s.message.mode == mode));
+    }
+
+    fn enable(&self, on: bool) -> SetBoolResponse {
+        self.node.client::<SetBool>(ENABLE.name).unwrap().call(SetBoolRequest { data: on }, SOON).unwrap()
+    }
+
+    fn ask(&self, x: f64, z: f64) -> AcceptedTarget {
+        self.target.publish(PoseStamped { header: self.node.header(BASE), pose: pose(x, z) }).unwrap();
+        AcceptedTarget::clone(&self.answers.next(SOON).expect("an answer").message)
+    }
+}
+
+#[test]
+fn targets_are_relayed_and_a_jump_keeps_the_old_one() {
+    let controller = Controller::start(0);
+    let mut process = relay(0, &[]);
+    let client = Client::join(0, ArmState::MODE_IDLE);
+    let refused = client.ask(0.42, 0.4);
+    assert!(!refused.accepted && refused.reason.contains("not enabled"), "{}", refused.reason);
+    assert_eq!(controller.received(), 0, "nothing reaches a controller before the arm is enabled");
+
+    let answer = client.enable(true);
+    assert!(answer.success, "{}", answer.message);
+    wait_for("the measured pose as the first target", || controller.last_target() == Some(pose(0.4, 0.4)));
+    let accepted = client.ask(0.45, 0.42);
+    assert!(accepted.accepted, "{}", accepted.reason);
+    wait_for("the target", || controller.last_target() == Some(pose(0.45, 0.42)));
+    client.wait_mode(ArmState::MODE_TRACKING);
+    wait_for("the arm", || {
+        client.pose.get().is_some_and(|p| {
+            assert_eq!(p.message.header.frame_id, BASE);
+            (p.message.pose.position.x - 0.45).abs() < 1e-4
+        })
+    });
+    assert!(!client.state.get().unwrap().message.is_sim);
+    assert_eq!(client.joints.get().unwrap().message.name, ["panda_joint1"]);
+
+    let jump = client.ask(0.57, 0.42);
+    assert!(!jump.accepted && jump.reason.contains("from the measured pose"), "{}", jump.reason);
+    assert_eq!((jump.pose.position.x, jump.accepted_count, jump.rejected_count), (0.45, 1, 1));
+    let before = controller.received();
+    std::thread::sleep(Duration::from_secs(1));
+    let rate = controller.received() - before;
+    assert!((30..=55).contains(&rate), "{rate} targets a second");
+    assert_eq!(controller.last_target(), Some(pose(0.45, 0.42)));
+
+    // A hold at the measured pose, and then nothing more.
+    client.ask(0.5, 0.42);
+    Command::new("kill").arg(process.0.id().to_string()).status().unwrap();
+    assert!(process.0.wait().unwrap().success());
+    std::thread::sleep(Duration::from_millis(100));
+    let (held, count) = (controller.last_target().unwrap(), controller.received());
+    assert!(held.position.x < 0.5 - 1e-6, "held at {} m, where the target was 0.5 m", held.position.x);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(controller.received(), count);
+}
+
+#[test]
+fn a_silent_controller_is_disconnected_and_comes_back_idle() {
+    let controller = Controller::start(1);
+    let _process = relay(1, &[]);
+    let client = Client::join(1, ArmState::MODE_IDLE);
+    assert!(client.enable(true).success);
+    client.wait_mode(ArmState::MODE_HOLD);
+    let silent = Instant::now();
+    controller.speaks.store(false, Ordering::Relaxed);
+    client.wait_mode(ArmState::MODE_DISCONNECTED);
+    let took = silent.elapsed();
+    assert!(took > Duration::from_millis(450) && took < Duration::from_secs(2), "{took:?}");
+    std::thread::sleep(Duration::from_millis(100));
+    let count = controller.received();
+    let refused = client.ask(0.41, 0.4);
+    assert!(!refused.accepted && refused.reason.contains("no connection"), "{}", refused.reason);
+    assert!(!client.enable(true).success);
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(controller.received(), count, "a lost arm is told nothing");
+    controller.speaks.store(true, Ordering::Relaxed);
+    client.wait_mode(ArmState::MODE_IDLE);
+}
+
+#[test]
+fn the_move_to_the_start_pose_reaches_it() {
+    let controller = Controller::start(2);
+    let start = "start_pose:=[0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]";
+    let _process = relay(2, &[start, "start_speed_m_s:=0.3", "settle_time_s:=0.3"]);
+    let client = Client::join(2, ArmState::MODE_IDLE);
+    let mover = client.node.action_client::<MoveToStart>(MOVE_TO_START.name).unwrap();
+    let goal = mover.send(MoveToStartGoal::default(), SOON, |_| {}).unwrap();
+    let (status, result) = goal.wait(SOON).unwrap();
+    assert_eq!((status, result.success), (Status::Succeeded, true), "{}", result.message);
+    assert!((result.pose.position.x - 0.5).abs() < 1e-3 && (result.pose.position.z - 0.3).abs() < 1e-3);
+    assert_eq!(controller.last_target(), Some(pose(0.5, 0.3)));
+    client.wait_mode(ArmState::MODE_HOLD);
+    let targets = controller.state.lock().unwrap().1.clone();
+    let largest = targets.windows(2).map(|w| (w[1].position.x - w[0].position.x).abs()).fold(0.0, f64::max);
+    assert!(largest < 0.05, "a step of {largest} m");
+}
+
+#[test]
+fn a_replay_moves_no_real_arm() {
+    let controller = Controller::start(3);
+    let _process = relay(3, &["use_sim_time:=true"]);
+    let clocks = controller.node.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
+    let client = Client::join(3, ArmState::MODE_IDLE);
+    clocks.send(Clock { clock: stamp::to_msg(client.node.now()) });
+    let refused = client.enable(true);
+    assert!(!refused.success && refused.message.contains("allow_replay"), "{}", refused.message);
+    let mover = client.node.action_client::<MoveToStart>(MOVE_TO_START.name).unwrap();
+    let goal = MoveToStartGoal { use_pose: true, pose: pose(0.42, 0.4), settle_time: 0.0 };
+    let (status, result) = mover.send(goal, SOON, |_| {}).unwrap().wait(SOON).unwrap();
+    assert_eq!(status, Status::Aborted);
+    assert!(result.message.contains("allow_replay"), "{}", result.message);
+    assert_eq!(controller.received(), 0);
+}
+
+#[test]
+fn somebody_else_on_the_controllers_topic_refuses_to_enable() {
+    let controller = Controller::start(4);
+    let _process = relay(4, &[]);
+    let client = Client::join(4, ArmState::MODE_IDLE);
+    let _other = client.node.publisher::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }).unwrap();
+    wait_for("the refusal", || {
+        let answer = client.enable(true);
+        client.enable(false);
+        !answer.success && answer.message.contains("1 more on /target_pose")
+    });
+    drop(controller);
+}
+
+#[test]
+fn compliance_becomes_the_controllers_parameters() {
+    let controller = Controller::start(5);
+    let process = relay(5, &[]);
+    let client = Client::join(5, ArmState::MODE_IDLE);
+    let setter = client.node.client::<SetCompliance>(SET_COMPLIANCE.name).unwrap();
+    let wanted = SetComplianceRequest {
+        stiffness: [1500.0, 1500.0, 1500.0, 100.0, 100.0, 100.0],
+        damping: [70.0, 70.0, 70.0, 6.0, 6.0, 6.0],
+        error_clip: 0.02,
+    };
+    let answer = setter.call(wanted.clone(), SOON).unwrap();
+    assert!(answer.success, "{}", answer.message);
+    assert_eq!((controller.stiffness.get(), controller.clip.get()), (1500.0, 0.02));
+    // The bridge lets 2900 N/m pass, this controller does not: nothing of it is set.
+    let stiff = SetComplianceRequest { stiffness: [2900.0, 1.0, 1.0, 1.0, 1.0, 1.0], ..wanted.clone() };
+    let answer = setter.call(stiff, SOON).unwrap();
+    assert!(!answer.success && answer.message.contains("2900"), "{}", answer.message);
+    assert_eq!(controller.stiffness.get(), 1500.0);
+    let bad = SetComplianceRequest { error_clip: -1.0, ..wanted.clone() };
+    assert!(setter.call(bad, SOON).unwrap().message.contains("error_clip"));
+    drop(process);
+    let _nameless = relay(5, &["controller.node:=''"]);
+    wait_for("the refusal", || {
+        let answer = setter.call(wanted.clone(), Duration::from_secs(2));
+        answer.is_ok_and(|a| !a.success && a.message.contains("controller.node is empty"))
+    });
+}
+
+#[test]
+fn names_that_collide_are_refused() {
+    let refused = |parameter: &str| {
+        let Output { status, stderr, .. } = command(6, &[parameter]).output().unwrap();
+        assert!(!status.success());
+        String::from_utf8(stderr).unwrap()
+    };
+    let line = refused("controller.target_pose_topic:=/panda/target_pose");
+    assert!(line.contains("/panda/target_pose is the bridge's own topic"), "{line}");
+    let line = refused("controller.current_pose_topic:=panda/current_pose");
+    assert!(line.contains("controller.current_pose_topic"), "{line}");
+}
