@@ -17,6 +17,8 @@ pub const NODES: &[(&str, &str, Main)] = &[
     ("simulator_pool", "batches of simulated episodes, and environments", simulator_pool::node::pool::main),
     ("bayes_sim", "posterior over the model's parameters", bayes_sim::node::main),
     ("ppo_trainer", "training of policies", ppo_trainer::node::main),
+    ("recorder", "the contract's topics to a bag", catenary_bag::node::recorder),
+    ("replayer", "a bag's messages in time", catenary_bag::node::replayer),
 ];
 
 /// Whether `name` is one of our nodes.

@@ -142,8 +142,7 @@ impl Increment {
     pub fn enable_motion(&mut self, p: &BeamParameters) {
         self.law = p.axial_law;
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
-        self.strand_friction =
-            StrandFriction { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
+        self.strand_friction = StrandFriction { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;

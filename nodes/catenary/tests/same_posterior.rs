@@ -1,0 +1,109 @@
+//! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed, with the
+//! simulations run by the pool's node. A stamp that is handled differently, a frame that is lost or a request that changes
+//! on the wire would show here.
+
+use catenary_msgs::action::{Infer, InferGoal};
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, Status};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_catenary");
+const ITERATIONS: u32 = 3;
+const SIMULATIONS: u32 = 40;
+const SEED: u64 = 7;
+/// Keypoints and poses are best effort: what one replay loses, the next brings.
+const REPLAYS: usize = 2;
+
+/// A domain that another run of this test at the same time hardly has.
+fn domain() -> u16 {
+    100 + (std::process::id() % 12) as u16
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command.args(arguments).env("ROS_DOMAIN_ID", domain().to_string());
+    command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    command
+}
+
+/// A node's process, ended with the test.
+struct Process(Child);
+
+impl Process {
+    fn node(name: &str) -> Self {
+        Self(command(&["node", name]).stdin(Stdio::null()).spawn().unwrap())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn finished(output: Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(rows) => rows.iter().flat_map(numbers).collect(),
+        number => vec![number.as_f64().unwrap()],
+    }
+}
+
+/// Weights, means and covariances by `catenary infer`.
+fn by_command(bag: &Path, model: &Path, out: &Path) -> [Vec<f64>; 3] {
+    let [bag, model, out] = [bag, model, out].map(|p| p.to_str().unwrap());
+    let sizes = [ITERATIONS.to_string(), SIMULATIONS.to_string(), SEED.to_string()];
+    let [iterations, simulations, seed] = sizes.each_ref().map(String::as_str);
+    let mut infer = command(&["infer", "--json", "--bag", bag, "--model", model, "--out", out]);
+    infer.args(["--iterations", iterations, "--simulations", simulations, "--seed", seed]);
+    let report: Value = serde_json::from_str(&finished(infer.output().unwrap())).unwrap();
+    let mixture = &report["posterior"]["mixture"];
+    ["weights", "means", "covariances"].map(|name| numbers(&mixture[name]))
+}
+
+/// The same by the inference's node, from the topics.
+fn by_topics(bag: &Path, model: &Path) -> [Vec<f64>; 3] {
+    let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
+    let builder = NodeBuilder::new("asker", &RosArgs::default()).unwrap().domain(domain(), Discovery::Localhost);
+    let node: Node = builder.build().unwrap();
+    let client: ActionClient<Infer> = node.action_client("bayes_sim/infer").unwrap();
+    assert!(client.wait_for_server(Duration::from_secs(20)));
+    for _ in 0..REPLAYS {
+        finished(command(&["replay", bag.to_str().unwrap()]).output().unwrap());
+    }
+    let goal = InferGoal {
+        source: InferGoal::SOURCE_LIVE,
+        model_yaml: std::fs::read_to_string(model).unwrap(),
+        iterations: ITERATIONS,
+        simulations: SIMULATIONS,
+        drive: SimulateRequest::DRIVE_GRIP,
+        seed: SEED,
+        ..InferGoal::default()
+    };
+    let running = client.send(goal, Duration::from_secs(20), |_| {}).unwrap();
+    let (status, result) = running.wait(Duration::from_secs(120)).unwrap();
+    assert_eq!(status, Status::Succeeded, "{}", result.message);
+    node.stop();
+    [result.posterior.weights, result.posterior.means, result.posterior.covariances]
+}
+
+#[test]
+fn file_and_replayed_topics_give_the_same_posterior() {
+    let (bag, model) = (root().join("bags/swing"), root().join("launch_configs/models/soft_bar.yaml"));
+    let folder = tempfile::tempdir().unwrap();
+    let file = by_command(&bag, &model, folder.path());
+    assert!(file[0].len() >= 4 && file[1].len() == 2 * file[0].len(), "{file:?}");
+    assert_eq!(by_topics(&bag, &model), file);
+}
