@@ -117,9 +117,11 @@ fn page(report: &Report) -> Result<String> {
     page.paragraph(&format!("{}: {} frames in {:.2} s.", report.bag.display(), report.frames, report.duration_s));
     result.warnings.iter().for_each(|w| page.warning(w));
     let d = result.posterior.parameters.dimension();
+    let domains = result.posterior.sample_low_variance(12, 0)?;
     for i in 0..d {
         for j in i + 1..d {
-            page.svg(&plots::heatmap(&result.posterior, [i, j], &result.posterior.sample_low_variance(12, 0)?, None)?);
+            let extent = plots::Extent::Prior;
+            page.svg(&plots::heatmap(&result.posterior, [i, j], extent, &domains, None)?);
         }
     }
     let row = |m: &catenary_core::posterior::Marginal| {
@@ -132,7 +134,7 @@ fn page(report: &Report) -> Result<String> {
     }
     let losses = result.losses().iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
     let series = [plots::Series { name: "held-out loss".into(), points: losses }];
-    page.svg(&plots::lines("inference", "iteration", "nat", &series)?);
+    page.svg(&plots::lines("held-out loss of inference", "iteration", "nat", &series)?);
     Ok(page.finish())
 }
 

@@ -42,7 +42,9 @@ fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
     page.heading("Posterior");
     let truth = (summary.truth.len() == inference.marginals.len()).then_some(summary.truth.as_slice());
     if inference.posterior.parameters.dimension() >= 2 {
-        page.svg(&plots::heatmap(&inference.posterior, [0, 1], &inference.domains, truth)?);
+        for extent in [plots::Extent::Prior, plots::Extent::Posterior] {
+            page.svg(&plots::heatmap(&inference.posterior, [0, 1], extent, &inference.domains, truth)?);
+        }
     }
     let row = |(i, m): (usize, &catenary_core::posterior::Marginal)| {
         let hidden = truth.map_or_else(String::new, |t| figures(t[i]));
@@ -58,7 +60,7 @@ fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
     ));
     let losses = inference.losses.iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
     let series = [Series { name: "held-out loss".into(), points: losses }];
-    page.svg(&plots::lines("inference", "iteration", "nat", &series)?);
+    page.svg(&plots::lines("held-out loss of inference", "iteration", "nat", &series)?);
     Ok(())
 }
 
@@ -70,6 +72,9 @@ fn training(page: &mut Page, summary: &Summary) -> Result<()> {
         .map(|t| Series { name: t.policy.clone(), points: t.curve.iter().map(|(s, r)| (*s as f64, *r)).collect() })
         .collect();
     page.svg(&plots::lines("learning curves", "environment steps", "mean return", &series)?);
+    page.paragraph(
+        "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
+    );
     Ok(())
 }
 

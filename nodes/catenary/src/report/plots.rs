@@ -1,7 +1,8 @@
 //! The pictures of the report, as SVG text.
 
+use crate::figures::figures;
 use anyhow::{Result, anyhow};
-use catenary_core::{Posterior, Prior};
+use catenary_core::Posterior;
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (720, 420);
@@ -40,18 +41,39 @@ pub fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> Re
                 .label(&s.name)
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2)));
         }
+        if series.len() < 2 {
+            return Ok(());
+        }
         let mut legend = chart.configure_series_labels();
+        legend.position(SeriesLabelPosition::LowerRight);
         legend.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw().map_err(plot_error)
     })
 }
 
+/// What a heatmap shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// The whole support of the prior.
+    Prior,
+    /// Where the posterior is.
+    Posterior,
+}
+
 /// Density of a posterior over two of its parameters, the low-variance domain samples (theta) and, where it is known, the
 /// truth. Axes are the parameters' units, logarithmic where the prior is.
-pub fn heatmap(posterior: &Posterior, axes: [usize; 2], domains: &[Vec<f64>], truth: Option<&[f64]>) -> Result<String> {
+pub fn heatmap(
+    posterior: &Posterior,
+    axes: [usize; 2],
+    extent: Extent,
+    domains: &[Vec<f64>],
+    truth: Option<&[f64]>,
+) -> Result<String> {
     let [i, j] = axes;
+    let window = window(posterior, axes, extent, domains, truth)?;
+    let [(i0, i1), (j0, j1)] = window;
     let parameters = posterior.parameters.parameters();
     let (pi, pj) = (&parameters[i], &parameters[j]);
-    let density = marginal_density(posterior, axes)?;
+    let density = marginal_density(posterior, axes, window)?;
     let peak = density.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     draw(|root| {
         let mut chart = ChartBuilder::on(root)
@@ -59,12 +81,12 @@ pub fn heatmap(posterior: &Posterior, axes: [usize; 2], domains: &[Vec<f64>], tr
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(70)
-            .build_cartesian_2d(0.0..1.0, 0.0..1.0)
+            .build_cartesian_2d(i0..i1, j0..j1)
             .map_err(plot_error)?;
         let cell = |index: usize| {
-            let (a, b) = ((index % CELLS) as f64 / CELLS as f64, (index / CELLS) as f64 / CELLS as f64);
-            let width = 1.0 / CELLS as f64;
-            Rectangle::new([(a, b), (a + width, b + width)], shade(density[index] / peak).filled())
+            let (column, row) = (index % CELLS, index / CELLS);
+            let (x, z) = (|c: usize| along((i0, i1), c as f64), |r: usize| along((j0, j1), r as f64));
+            Rectangle::new([(x(column), z(row)), (x(column + 1), z(row + 1))], shade(density[index] / peak).filled())
         };
         chart.draw_series((0..CELLS * CELLS).map(cell)).map_err(plot_error)?;
         chart
@@ -72,8 +94,8 @@ pub fn heatmap(posterior: &Posterior, axes: [usize; 2], domains: &[Vec<f64>], tr
             .disable_mesh()
             .x_desc(&pi.name)
             .y_desc(&pj.name)
-            .x_label_formatter(&|u| label(&pi.prior, *u))
-            .y_label_formatter(&|u| label(&pj.prior, *u))
+            .x_label_formatter(&|u| figures(pi.prior.from_unit(*u)))
+            .y_label_formatter(&|u| figures(pj.prior.from_unit(*u)))
             .draw()
             .map_err(plot_error)?;
         let place = |theta: &[f64]| (pi.prior.to_unit(theta[i]), pj.prior.to_unit(theta[j]));
@@ -114,20 +136,54 @@ pub fn paths(paths: &[(String, Vec<[f64; 2]>, Vec<f64>)], target_m: [f64; 2]) ->
             chart.draw_series(dots).map_err(plot_error)?;
         }
         let mark = TriangleMarker::new((target_m[0], target_m[1]), 10, BLACK.filled());
-        chart.draw_series([mark]).map_err(plot_error)?.label("target");
+        let drawn = chart.draw_series([mark]).map_err(plot_error)?;
+        drawn.label("target").legend(|(x, y)| TriangleMarker::new((x + 9, y), 5, BLACK.filled()));
         let mut legend = chart.configure_series_labels();
+        legend.position(SeriesLabelPosition::LowerLeft);
         legend.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw().map_err(plot_error)
     })
 }
 
+/// Least and greatest unit coordinate on each axis.
+type Window = [(f64, f64); 2];
+
+/// The coordinate `cells` cells from the low end of an axis of [`CELLS`].
+fn along((low, high): (f64, f64), cells: f64) -> f64 {
+    low + (high - low) * cells / CELLS as f64
+}
+
+/// What an extent means: for the posterior, its draws but for the outermost 0.5 % on each side, the domains and the truth.
+fn window(
+    posterior: &Posterior,
+    axes: [usize; 2],
+    extent: Extent,
+    domains: &[Vec<f64>],
+    truth: Option<&[f64]>,
+) -> Result<Window> {
+    const DRAWS: usize = 2_000;
+    if extent == Extent::Prior {
+        return Ok([(0.0, 1.0); 2]);
+    }
+    let unit = |theta: &[f64]| posterior.parameters.to_unit(theta);
+    let draws: Vec<Vec<f64>> = posterior.sample(DRAWS, 0)?.iter().map(|t| unit(t)).collect();
+    let marks: Vec<Vec<f64>> = domains.iter().map(Vec::as_slice).chain(truth).map(unit).collect();
+    Ok(axes.map(|axis| {
+        let mut values: Vec<f64> = draws.iter().map(|u| u[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        let inner = values[DRAWS / 200..DRAWS - DRAWS / 200].iter().copied();
+        let (low, high) = range(inner.chain(marks.iter().map(|u| u[axis])));
+        (low.max(0.0), high.min(1.0))
+    }))
+}
+
 /// Marginal density over two coordinates on a grid of cells, row-major with the second axis as rows, not normalised.
-fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2]) -> Result<Vec<f64>> {
+fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2], [along_i, along_j]: Window) -> Result<Vec<f64>> {
     const DRAWS: usize = 40_000;
-    let centre = |c: usize| (c as f64 + 0.5) / CELLS as f64;
     if posterior.parameters.dimension() == 2 {
         let at = |index: usize| {
             let mut u = [0.0; 2];
-            (u[i], u[j]) = (centre(index % CELLS), centre(index / CELLS));
+            let centre = |window: (f64, f64), cell: usize| along(window, cell as f64 + 0.5);
+            (u[i], u[j]) = (centre(along_i, index % CELLS), centre(along_j, index / CELLS));
             posterior.mixture.log_density(&u).exp()
         };
         return Ok((0..CELLS * CELLS).map(at).collect());
@@ -135,8 +191,13 @@ fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2]) -> Result<Vec<f64
     let mut counts = vec![0.0; CELLS * CELLS];
     for theta in posterior.sample(DRAWS, 0)? {
         let u = posterior.parameters.to_unit(&theta);
-        let cell = |v: f64| ((v * CELLS as f64) as usize).min(CELLS - 1);
-        counts[cell(u[j]) * CELLS + cell(u[i])] += 1.0;
+        let cell = |(low, high): (f64, f64), v: f64| {
+            let share = (v - low) / (high - low);
+            (0.0..1.0).contains(&share).then_some((share * CELLS as f64) as usize)
+        };
+        if let (Some(column), Some(row)) = (cell(along_i, u[i]), cell(along_j, u[j])) {
+            counts[row * CELLS + column] += 1.0;
+        }
     }
     Ok(counts)
 }
@@ -149,12 +210,6 @@ fn shade(value: f64) -> RGBColor {
     let k = (scaled as usize).min(STOPS.len() - 2);
     let mix = |c: usize| (STOPS[k][c] + (scaled - k as f64) * (STOPS[k + 1][c] - STOPS[k][c])) as u8;
     RGBColor(mix(0), mix(1), mix(2))
-}
-
-/// The value at a unit coordinate, with three figures.
-fn label(prior: &Prior, u: f64) -> String {
-    let v = prior.from_unit(u);
-    if v != 0.0 && !(1e-2..1e4).contains(&v.abs()) { format!("{v:.1e}") } else { format!("{v:.3}") }
 }
 
 /// Least and greatest value with a margin; a unit range around a single value or where there is none.
@@ -188,14 +243,18 @@ fn plot_error<E: std::fmt::Display>(e: E) -> anyhow::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::{Parameter, ParameterSpace};
+    use catenary_core::{Parameter, ParameterSpace, Prior};
 
     #[test]
     fn pictures_show_every_series_sample_and_the_truth() {
         let p = |name: &str| Parameter { name: name.into(), prior: Prior::LogUniform { low: 1.0, high: 10.0 } };
         let posterior = Posterior::prior(ParameterSpace::new(vec![p("a"), p("b")]).unwrap());
-        let svg = heatmap(&posterior, [0, 1], &[vec![2.0, 3.0], vec![4.0, 5.0]], Some(&[2.0, 2.0])).unwrap();
-        assert_eq!(svg.matches("<circle").count(), 2);
+        for extent in [Extent::Prior, Extent::Posterior] {
+            let svg =
+                heatmap(&posterior, [0, 1], extent, &[vec![2.0, 3.0], vec![4.0, 5.0]], Some(&[2.0, 2.0])).unwrap();
+            assert_eq!(svg.matches("<circle").count(), 2);
+        }
+        let svg = heatmap(&posterior, [0, 1], Extent::Prior, &[], None).unwrap();
         assert!(svg.contains(">a<") || svg.contains("a\n"), "axis names are missing");
         let series = [Series { name: "one".into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }];
         assert!(lines("t", "x", "y", &series).unwrap().contains("one"));
