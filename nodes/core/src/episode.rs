@@ -47,6 +47,14 @@ pub enum EpisodeError {
         "no complete episode: found {0}; needed are /episode/event, /dlo/keypoints and /panda/current_pose, and /policy/observation and /policy/action where a policy drives"
     )]
     NoEpisode(String),
+    /// There are complete episodes, and the one that was asked for is none of them.
+    #[error("episode {number}: expected one of the complete episodes {complete:?}")]
+    NoSuchEpisode {
+        /// The number that was asked for.
+        number: u32,
+        /// Numbers of the complete episodes.
+        complete: Vec<u32>,
+    },
     /// The episode lacks what the model's drive needs.
     #[error("episode {episode}: needs {needed}, found {found}")]
     Missing {
@@ -167,7 +175,9 @@ impl EpisodeLog {
         let missing = || EpisodeError::NoEpisode(self.summary());
         let complete = self.complete();
         let number = match number {
-            Some(n) => complete.contains(&n).then_some(n).ok_or_else(missing)?,
+            Some(n) if complete.contains(&n) => n,
+            Some(n) if !complete.is_empty() => return Err(EpisodeError::NoSuchEpisode { number: n, complete }),
+            Some(_) => return Err(missing()),
             None => *complete.last().ok_or_else(missing)?,
         };
         let (start_ns, start) = &self.starts[&number];
@@ -234,10 +244,11 @@ impl Episode {
         })
     }
 
-    /// Frames nearest to the model's frame times; a time without a frame within half a period is left out.
+    /// Frames nearest to the model's frame times and not before the start, where no simulation begins; a time without a frame
+    /// within half a period is left out.
     fn sampled_frames(&self, model: &Model, grip: &GripTrajectory) -> Vec<Frame> {
         let period_s = model.observation.frame_period_s;
-        let seen: Vec<&(f64, Keypoints)> = self.keypoints.iter().filter(|(_, k)| k.dlo_seen()).collect();
+        let seen: Vec<&(f64, Keypoints)> = self.keypoints.iter().filter(|(t, k)| *t >= 0.0 && k.dlo_seen()).collect();
         let mut target = seen.iter().find_map(|(_, k)| k.target_scaled()).unwrap_or([0.0, 0.0]);
         let mut frames: Vec<Frame> = Vec::new();
         for i in 0..model.observation.frames {
@@ -360,7 +371,9 @@ mod tests {
         let measured = log().episode(None).unwrap().measured(&model()).unwrap();
         let frames = &measured.track.frames;
         assert_eq!(frames.len(), 33);
-        assert!(frames.iter().enumerate().all(|(i, f)| (f.time_s - 0.25 * i as f64).abs() <= 0.0166), "{frames:?}");
+        let late_s = |i: usize| frames[i].time_s - 0.25 * i as f64;
+        assert!((1..33).all(|i| late_s(i).abs() <= 0.0166), "{frames:?}");
+        assert!((0.0..=0.033).contains(&late_s(0)), "a frame from before the start: {frames:?}");
         assert!(measured.target_m.is_some());
     }
 
@@ -384,6 +397,8 @@ mod tests {
     fn what_is_missing_is_named() {
         let empty = EpisodeLog::default().episode(None).unwrap_err().to_string();
         assert!(empty.contains("0 keypoints") && empty.contains("/episode/event"), "{empty}");
+        let other = log().episode(Some(9)).unwrap_err();
+        assert_eq!(other, EpisodeError::NoSuchEpisode { number: 9, complete: vec![4] });
         let mut no_pose = log();
         no_pose.poses.clear();
         let e = no_pose.episode(None).unwrap().measured(&model()).unwrap_err().to_string();

@@ -5,7 +5,7 @@ use crate::mlp::{Layer, Mlp, MlpError};
 use crate::task::{DeltaAnchor, MAX_DELTA_M};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use thiserror::Error;
 
 /// A Gaussian policy over (dx, dz): the network gives the mean in units of the action limit.
@@ -71,7 +71,7 @@ impl Policy {
         })
     }
 
-    /// The policy as a safetensors file.
+    /// The policy as a safetensors file; the same policy gives the same bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
         let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
@@ -95,7 +95,7 @@ impl Policy {
             let view = TensorView::new(Dtype::F32, shape.clone(), data).expect("shape and data were made together");
             (name.as_str(), view)
         });
-        safetensors::serialize(views, Some(metadata)).expect("the tensors are valid and named once")
+        in_order(&safetensors::serialize(views, Some(metadata)).expect("the tensors are valid and named once"))
     }
 
     /// Reads a safetensors file written by [`Policy::to_bytes`].
@@ -132,6 +132,22 @@ impl Policy {
             steps: steps.parse().map_err(|_| bad("steps", "a whole number", &steps))?,
         })
     }
+}
+
+/// A safetensors file with its header's entries by name: the library writes the metadata in a random order. The header is a
+/// length in eight bytes and a JSON object, padded with spaces to a multiple of eight.
+fn in_order(file: &[u8]) -> Vec<u8> {
+    const VALID: &str = "the library wrote a valid header";
+    let (length, rest) = file.split_first_chunk::<8>().expect(VALID);
+    let (header, data) = rest.split_at(u64::from_le_bytes(*length) as usize);
+    let mut header: BTreeMap<String, serde_json::Value> = serde_json::from_slice(header).expect(VALID);
+    if let Some(metadata) = header.get_mut("__metadata__") {
+        let entries: BTreeMap<String, String> = serde_json::from_value(metadata.take()).expect(VALID);
+        *metadata = entries.into_iter().collect();
+    }
+    let mut text = serde_json::to_vec(&header).expect(VALID);
+    text.resize(text.len().next_multiple_of(8), b' ');
+    [&(text.len() as u64).to_le_bytes()[..], &text, data].concat()
 }
 
 /// Network output (1 = the limit) to m, within the limits.
@@ -207,6 +223,7 @@ mod tests {
     fn file_round_trip_keeps_every_bit() {
         let p = policy();
         assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
+        assert!((0..8).all(|_| p.to_bytes() == p.to_bytes()), "the same policy gave other bytes");
     }
 
     #[test]
