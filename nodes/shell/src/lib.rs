@@ -66,7 +66,7 @@ pub use logging::init as init_logging;
 pub use names::NameError;
 pub use node::Node;
 pub use params::{Change, Description, Param, ParamError, ParamKind, ParamSpec, Params, Value};
-pub use participant::Discovery;
+pub use participant::{Discovery, domain_id};
 pub use publisher::Publisher;
 pub use qos::Qos;
 pub use run::{end_on_signals, main};

@@ -164,9 +164,17 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
     }
 }
 
-/// What a writer says of every datagram on a lossy link; that a reader asks for more than it offers is news.
+/// What a writer says of every datagram on a lossy link, where it is not that a reader asks for more than it offers; and
+/// what joining a domain says of a failure that it returns as well.
 fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
-    level == tracing::Level::WARN && target == "rustdds::rtps::writer" && !message.contains("QoS mismatch")
+    match target {
+        "rustdds::rtps::writer" => level == tracing::Level::WARN && !message.contains("QoS mismatch"),
+        "rustdds::dds::participant" => message.contains("ParticipantId"),
+        // Clients name themselves in the message alone, which is enough.
+        "ros2_client::service::wrappers" => message.contains("related_sample_identity missing"),
+        "rustdds::network::udp_listener" => message.contains("leave_multicast_group"),
+        _ => false,
+    }
 }
 
 fn severity(level: tracing::Level) -> u8 {

@@ -13,6 +13,14 @@ pub enum Discovery {
     Subnet,
 }
 
+/// The domain that `ROS_DOMAIN_ID` names, 0 by default.
+///
+/// # Errors
+/// [`ShellError::Environment`] where a node would refuse the environment: this variable or the range of discovery.
+pub fn domain_id() -> Result<u16, ShellError> {
+    Ok(Participation::from_environment(&|name| std::env::var(name).ok())?.0.domain)
+}
+
 /// Where a node takes part: domain and range of discovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Participation {
@@ -22,6 +30,9 @@ pub(crate) struct Participation {
 
 /// The highest domain whose UDP ports exist for at least a handful of participants.
 const MAX_DOMAIN: u16 = 232;
+
+/// Participants of a domain that RustDDS gives ports to.
+const PARTICIPANTS: u32 = 120;
 
 impl Participation {
     /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and the older `ROS_LOCALHOST_ONLY`; returns also a
@@ -70,6 +81,15 @@ impl Participation {
         Ok((Self { domain, discovery }, warnings))
     }
 
+    /// Why nobody else can join. RTPS 2.5, section 9.6.2.3: participant p of domain d listens on 7400 + 250 d + 10 + 2 p.
+    fn full(self) -> String {
+        let first = 7400 + 250 * u32::from(self.domain) + 10;
+        let last = first + 2 * (PARTICIPANTS - 1);
+        format!(
+            "expected a free UDP port for one more node, but every second one of {first} to {last} is in use; another ROS_DOMAIN_ID has others"
+        )
+    }
+
     /// Joins the domain.
     pub(crate) fn join(self) -> Result<DomainParticipant, ShellError> {
         let builder = DomainParticipantBuilder::new(self.domain);
@@ -77,7 +97,14 @@ impl Participation {
             Discovery::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
             Discovery::Subnet => builder,
         };
-        builder.build().map_err(|error| ShellError::create(format!("DDS domain {}", self.domain), error))
+        builder.build().map_err(|error| {
+            let reason = error.to_string();
+            let reason = match reason.contains("ParticipantId") {
+                true => self.full(),
+                false => reason,
+            };
+            ShellError::create(format!("DDS domain {}", self.domain), reason)
+        })
     }
 }
 

@@ -10,7 +10,7 @@ use crate::spinner::in_words;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{Read, Write as _};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -20,10 +20,16 @@ const USAGE: u8 = 2;
 /// A signal this soon after the first is the same: launchers signal the process and its group.
 const IMPATIENCE: Duration = Duration::from_secs(1);
 
+/// Set by a supervisor that holds the other end of standard input and never writes to it.
+const SUPERVISED: &str = "CATENARY_SUPERVISED";
+
+/// Time that a process without its supervisor has to end in order: nobody is left to kill it.
+const ORPHAN_GRACE: Duration = Duration::from_secs(5);
+
 /// Runs a node from the arguments after the program's name.
 ///
-/// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), and `--help`
-/// lists the node's parameters. The exit code is 0 after an orderly end, 2 for a wrong command line, parameter or
+/// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), so does the
+/// death of its supervisor, and `--help` lists the node's parameters. The exit code is 0 after an orderly end, 2 for a wrong command line, parameter or
 /// environment variable, else 1, with the error in one line on stderr.
 pub fn main<S: Into<String>>(
     name: &str,
@@ -71,12 +77,16 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
 
 /// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once.
 ///
+/// Where a supervisor has set `CATENARY_SUPERVISED`, the end of standard input triggers it too: the pipe closes when the
+/// supervisor dies, however that happens. A process that has not ended 5 s later is ended at once.
+///
 /// # Errors
-/// [`ShellError::Create`] where the system refuses the handlers.
+/// [`ShellError::Create`] where the system refuses the handlers or a thread.
 pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
     let failed = |error: std::io::Error| ShellError::create("signal handlers", error);
     let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
     let shutdown = shutdown.clone();
+    let on_signal = shutdown.clone();
     let body = move || {
         let mut first: Option<Instant> = None;
         for signal in signals.forever() {
@@ -84,7 +94,7 @@ pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
                 None => {
                     tracing::info!("signal {signal}: shutting down");
                     first = Some(Instant::now());
-                    shutdown.trigger();
+                    on_signal.trigger();
                 }
                 Some(first) if first.elapsed() < IMPATIENCE => {}
                 Some(_) => {
@@ -95,7 +105,32 @@ pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
         }
     };
     std::thread::Builder::new().name("signals".to_owned()).spawn(body).map_err(failed)?;
+    if std::env::var_os(SUPERVISED).is_some() {
+        end_with_pipe(std::io::stdin(), shutdown, || {
+            std::thread::sleep(ORPHAN_GRACE);
+            tracing::warn!("still here {} s after the supervisor: ending at once", ORPHAN_GRACE.as_secs());
+            std::process::exit(1);
+        })?;
+    }
     Ok(())
+}
+
+/// Triggers `shutdown` when `pipe` ends, then calls `last`. What comes out of the pipe has no meaning.
+fn end_with_pipe(
+    mut pipe: impl Read + Send + 'static,
+    shutdown: Shutdown,
+    last: impl FnOnce() + Send + 'static,
+) -> Result<(), ShellError> {
+    let body = move || {
+        if let Err(error) = std::io::copy(&mut pipe, &mut std::io::sink()) {
+            tracing::debug!("standard input: {error}");
+        }
+        tracing::info!("the supervisor is gone: shutting down");
+        shutdown.trigger();
+        last();
+    };
+    let spawned = std::thread::Builder::new().name("supervisor".to_owned()).spawn(body);
+    spawned.map(drop).map_err(|error| ShellError::create("thread supervisor", error))
 }
 
 /// Prints the parameters to stdout.
@@ -106,4 +141,23 @@ pub(crate) fn print_help(headline: &str, params: &Params) {
         let _ = writeln!(text, "  {} = {value}\n      {}", description.name, description.spec.in_words());
     }
     let _closed = std::io::stdout().lock().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_of_the_supervisors_pipe_and_nothing_before_it_ends_the_process_in_order() {
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        let shutdown = Shutdown::new();
+        let (sender, last) = std::sync::mpsc::channel();
+        let seen = shutdown.clone();
+        end_with_pipe(reader, shutdown.clone(), move || sender.send(seen.is_triggered()).unwrap()).unwrap();
+        writer.write_all(b"nothing of meaning\n").unwrap();
+        assert!(!shutdown.wait_timeout(Duration::from_millis(50)));
+        drop(writer);
+        assert!(shutdown.wait_timeout(Duration::from_secs(5)));
+        assert_eq!(last.recv_timeout(Duration::from_secs(5)), Ok(true));
+    }
 }
