@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// Real2Sim2Real of deformable linear objects held by a Panda: from one recording to a posterior over the object's
 /// parameters, a policy trained over it, and that policy's run on the robot.
 #[derive(Debug, Parser)]
-#[command(name = "catenary", version, about, long_about = None, max_term_width = 100)]
+#[command(name = "catenary", version, long_about = None, max_term_width = 100)]
 pub struct Cli {
     /// What to do
     #[command(subcommand)]

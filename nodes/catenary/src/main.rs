@@ -21,6 +21,7 @@ mod report;
 mod train;
 
 use clap::Parser;
+use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use std::io::Write;
 use std::process::ExitCode;
@@ -34,7 +35,10 @@ fn main() -> ExitCode {
     {
         return nodes::run(name, rest.to_vec());
     }
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse(&error),
+    };
     start_logs(cli.verbose);
     match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
@@ -43,6 +47,20 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Shows help where it was asked for; else says what is wrong with the command line, in one line.
+fn refuse(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        error.exit();
+    }
+    let text = error.to_string();
+    let said = text.split("\n\nUsage:").next().and_then(|t| t.split("\n\nFor more").next()).unwrap_or(&text);
+    let words: Vec<&str> = said.split_whitespace().collect();
+    let words = words.join(" ");
+    let words = words.strip_prefix("error: ").unwrap_or(&words);
+    let _closed = writeln!(std::io::stderr(), "catenary: {words}; --help lists what there is");
+    ExitCode::from(2)
 }
 
 /// Logs go to stderr: warnings and errors, with -v what goes on, with -vv everything of ours.
@@ -61,8 +79,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Node(_) => nodes::list(),
         Command::Deploy(arguments) => deploy::run(arguments),
         Command::Report(arguments) => {
-            tracing::info!("{}", demo::rebuild(&arguments.dir)?.display());
-            Ok(())
+            let page = demo::rebuild(&arguments.dir)?;
+            Ok(writeln!(std::io::stdout(), "{}", page.display())?)
         }
         Command::Doctor(arguments) => doctor::run(arguments),
         Command::Infer(arguments) => infer::run(arguments),

@@ -1,5 +1,6 @@
 //! What the camera's side sees of an object is what the simulator says would be seen: a difference between the two would
 //! look like another object.
+#![allow(clippy::unwrap_used, reason = "a failure is a panic")]
 
 use camera::{ColourParams, ColourSegmenter, Segmenter};
 use catenary_core::camera::Pinhole;

@@ -1,6 +1,11 @@
 //! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed, with the
 //! simulations run by the pool's node. A stamp that is handled differently, a frame that is lost or a request that changes
 //! on the wire would show here.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "a test of processes reads files, and a failure is a panic"
+)]
 
 use catenary_msgs::action::{Infer, InferGoal};
 use catenary_msgs::srv::SimulateRequest;

@@ -53,6 +53,15 @@ struct Demo {
     truth: Vec<f64>,
 }
 
+/// What a training gave.
+struct Trained {
+    /// The policy's file.
+    policy: Vec<u8>,
+    training: Training,
+    /// Thetas trained on; none where they were drawn anew.
+    domains: Vec<Vec<f64>>,
+}
+
 /// The actions that the demo calls.
 struct Clients {
     train: ActionClient<Train>,
@@ -63,6 +72,7 @@ struct Clients {
 
 /// Runs the demo and prints where the report is.
 pub fn run(arguments: &DemoArgs) -> Result<()> {
+    let domain = catenary_shell::domain_id()?;
     let folder = config::fresh_folder(&arguments.out)?;
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
     let launch_file = config::write(&folder.join("config"))?;
@@ -71,7 +81,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let sizes = if arguments.paper { PAPER } else { DEFAULT };
     let demo = Demo { model, folder, seed: arguments.seed, sizes, truth };
 
-    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(domain_id()?, Discovery::Localhost);
+    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(domain, Discovery::Localhost);
     catenary_shell::end_on_signals(builder.shutdown())?;
     let node = builder.build()?;
     eprintln!("catenary demo: results go to {}", demo.folder.display());
@@ -84,14 +94,6 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let page = page::write(&demo.folder, &summary)?;
     eprintln!("report: {}", page.display());
     output::result(&arguments.output, &summary, Summary::words)
-}
-
-/// The ROS domain that the environment names, 0 by default.
-fn domain_id() -> Result<u16> {
-    match std::env::var("ROS_DOMAIN_ID") {
-        Err(_) => Ok(0),
-        Ok(text) => text.parse().with_context(|| format!("ROS_DOMAIN_ID: expected a whole number, got `{text}`")),
-    }
 }
 
 /// Builds the report of a demo's folder again.
@@ -145,33 +147,33 @@ impl Demo {
             bar.inc(1);
             Ok(clients)
         })?;
-        let (pi0, training0) = self.train(stages, &clients, "pi0", None)?;
-        let episode0 = self.episode(stages, &clients, &pi0, "pi0")?;
-        let inferred = self.infer(stages, &clients, &episode0, &pi0)?;
+        let pi0 = self.train(stages, &clients, "pi0", None)?;
+        let episode0 = self.episode(stages, &clients, &pi0.policy, "pi0")?;
+        let inferred = self.infer(stages, &clients, &episode0, &pi0.policy)?;
         let posterior = convert::posterior_from_msg(&inferred.posterior)?;
-        let (pi1, training1) = self.train(stages, &clients, "pi1", Some(&inferred))?;
-        let episode1 = self.episode(stages, &clients, &pi1, "pi1")?;
+        let pi1 = self.train(stages, &clients, "pi1", Some(&inferred))?;
+        let episode1 = self.episode(stages, &clients, &pi1.policy, "pi1")?;
         Ok(Summary {
             seed: self.seed,
             preset: self.sizes.name.to_owned(),
             parameters: self.model.theta.parameters().iter().map(|p| p.name.clone()).collect(),
             truth: self.truth.clone(),
             target_m: self.model.task.context("the demo's model needs a task")?.target_m,
-            inference: self.inference(posterior, &inferred, &training1.1)?,
-            training: vec![training0.0, training1.0],
+            inference: self.inference(posterior, &inferred, &pi1.domains)?,
+            training: vec![pi0.training, pi1.training],
             episodes: vec![episode0, episode1],
             stages: stages.done.clone(),
         })
     }
 
-    /// Trains over the prior, or over a posterior; returns the policy, and the training with the thetas trained on.
+    /// Trains over the prior, or over a posterior.
     fn train(
         &self,
         stages: &mut Stages<'_>,
         clients: &Clients,
         name: &str,
         inferred: Option<&InferResult>,
-    ) -> Result<(Vec<u8>, (Training, Vec<Vec<f64>>))> {
+    ) -> Result<Trained> {
         let (over, domains) = match inferred {
             None => ("the prior", TrainGoal::DOMAINS_PRIOR),
             Some(_) => ("the posterior", TrainGoal::DOMAINS_MIXTURE),
@@ -208,7 +210,7 @@ impl Demo {
             curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
             steps_per_second: result.steps_per_second,
         };
-        Ok((result.policy, (training, self.model.theta.rows(&result.domains)?)))
+        Ok(Trained { policy: result.policy, training, domains: self.model.theta.rows(&result.domains)? })
     }
 
     /// Moves to the start, records, and runs one episode of a policy.

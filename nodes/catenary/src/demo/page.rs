@@ -95,8 +95,9 @@ fn episodes(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     };
     let rows: Vec<Vec<String>> = summary.episodes.iter().map(row).collect();
     page.table(&["policy", "end", "steps", "return", "best reward", "keypoint latency p50 / p99, ms", "bag"], &rows);
-    let paths: Vec<_> =
-        summary.episodes.iter().map(|e| (e.policy.clone(), e.path_m.clone(), e.rewards.clone())).collect();
+    let path =
+        |e: &Episode| plots::Path { name: e.policy.clone(), points_m: e.path_m.clone(), rewards: e.rewards.clone() };
+    let paths: Vec<plots::Path> = summary.episodes.iter().map(path).collect();
     page.svg(&plots::paths(&paths, summary.target_m)?);
     for e in &summary.episodes {
         page.heading(&format!("What the camera saw: {}", e.policy));

@@ -28,6 +28,8 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
     if description.processes.is_empty() {
         bail!("{}: it starts no process", arguments.file.display());
     }
+    // What every node would refuse is refused once.
+    catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let mut supervisor = Supervisor::start(description.processes, &arguments.log, true)?;

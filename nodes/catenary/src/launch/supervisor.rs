@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Time that a process has to end after SIGTERM before it is killed.
 const GRACE: Duration = Duration::from_secs(6);
+/// Exit code of a node whose command line, parameters or environment are wrong: starting it again would not help.
+const USAGE: i32 = 2;
 /// Restarts after which a process that keeps ending is given up.
 const MAX_RESTARTS: u32 = 10;
 /// Lines of a log that are shown when its process ends badly.
@@ -80,12 +82,6 @@ impl Supervisor {
         Ok(supervisor)
     }
 
-    /// Names, process ids and restarts of all processes; no id where one is down.
-    pub fn status(&self) -> Vec<(String, Option<u32>, u32)> {
-        let row = |w: &Watched| (w.process.name.clone(), w.child.as_ref().map(Child::id), w.restarts);
-        self.watched.iter().map(row).collect()
-    }
-
     /// Processor time in s that each live process has used, by name.
     pub fn cpu_seconds(&self) -> Vec<(String, f64)> {
         let seconds = |w: &Watched| Some((w.process.name.clone(), process_cpu_seconds(w.child.as_ref()?.id())?));
@@ -98,7 +94,8 @@ impl Supervisor {
         for w in &mut self.watched {
             if let Some(status) = w.child.as_mut().map(Child::try_wait).transpose()?.flatten() {
                 w.child = None;
-                let restarting = w.process.respawn && w.restarts < MAX_RESTARTS;
+                let curable = status.code() != Some(USAGE);
+                let restarting = w.process.respawn && curable && w.restarts < MAX_RESTARTS;
                 w.restart_at = restarting.then(|| Instant::now() + w.process.respawn_delay);
                 events.push(NodeEvent {
                     name: w.process.name.clone(),
@@ -274,6 +271,14 @@ mod tests {
     }
 
     #[test]
+    fn a_process_that_refuses_its_arguments_is_not_started_again() {
+        let logs = tempfile::tempdir().unwrap();
+        let mut s = Supervisor::start(vec![process("a", &["sh", "-c", "exit 2"], true)], logs.path(), false).unwrap();
+        let event = wait_for_event(&mut s);
+        assert!(!event.success && !event.restarting && s.is_done());
+    }
+
+    #[test]
     fn a_killed_process_is_started_again_where_asked_and_all_end_on_shutdown() {
         let logs = tempfile::tempdir().unwrap();
         let mut s = Supervisor::start(
@@ -282,14 +287,14 @@ mod tests {
             false,
         )
         .unwrap();
-        let pid = s.status()[0].1.unwrap();
+        let pid = s.watched[0].child.as_ref().unwrap().id();
         kill_process_group(Pid::from_raw(pid.cast_signed()).unwrap(), Signal::KILL).unwrap();
         let event = wait_for_event(&mut s);
         assert!(event.restarting && event.how.contains("signal 9"), "{event:?}");
         std::thread::sleep(Duration::from_millis(50));
         s.poll().unwrap();
-        let (_, again, restarts) = s.status()[0].clone();
-        assert!(restarts == 1 && again.is_some_and(|p| p != pid));
+        let again = s.watched[0].child.as_ref().unwrap().id();
+        assert!(s.watched[0].restarts == 1 && again != pid);
         s.shut_down();
         assert!(s.is_done() || s.watched.iter_mut().all(|w| !w.is_running()));
     }

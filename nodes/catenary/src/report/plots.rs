@@ -108,9 +108,19 @@ pub fn heatmap(
     })
 }
 
+/// The end effector's path in an episode.
+pub struct Path {
+    /// Its name in the legend.
+    pub name: String,
+    /// (x, z) in m at each observation.
+    pub points_m: Vec<[f64; 2]>,
+    /// Reward after each step: one fewer.
+    pub rewards: Vec<f64>,
+}
+
 /// Paths of the end effector in the plane, each with the reward of every step as the size of its dots.
-pub fn paths(paths: &[(String, Vec<[f64; 2]>, Vec<f64>)], target_m: [f64; 2]) -> Result<String> {
-    let points = || paths.iter().flat_map(|p| p.1.iter()).chain([&target_m]);
+pub fn paths(paths: &[Path], target_m: [f64; 2]) -> Result<String> {
+    let points = || paths.iter().flat_map(|p| p.points_m.iter()).chain([&target_m]);
     let (x0, x1) = range(points().map(|p| p[0]));
     let (z0, z1) = range(points().map(|p| p[1]));
     draw(|root| {
@@ -122,14 +132,14 @@ pub fn paths(paths: &[(String, Vec<[f64; 2]>, Vec<f64>)], target_m: [f64; 2]) ->
             .build_cartesian_2d(x0..x1, z0..z1)
             .map_err(plot_error)?;
         chart.configure_mesh().x_desc("x, m").y_desc("z, m").light_line_style(WHITE).draw().map_err(plot_error)?;
-        for (i, (name, path, rewards)) in paths.iter().enumerate() {
+        for (i, Path { name, points_m, rewards }) in paths.iter().enumerate() {
             let colour = PALETTE[i % PALETTE.len()];
             chart
-                .draw_series(LineSeries::new(path.iter().map(|p| (p[0], p[1])), colour.stroke_width(1)))
+                .draw_series(LineSeries::new(points_m.iter().map(|p| (p[0], p[1])), colour.stroke_width(1)))
                 .map_err(plot_error)?
                 .label(name)
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2)));
-            let dots = path.iter().skip(1).zip(rewards).map(|(p, r)| {
+            let dots = points_m.iter().skip(1).zip(rewards).map(|(p, r)| {
                 let size = (2.0 + 8.0 * r.max(0.0)) as i32;
                 Circle::new((p[0], p[1]), size, colour.mix(0.5).filled())
             });
