@@ -1,0 +1,201 @@
+"""Every mistake is answered by one line on stderr that names what is wrong and what was expected, and by an exit code."""
+
+import os
+import pathlib
+import socket
+import subprocess
+
+import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
+MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
+LAUNCH = ROOT / "launch_configs/sim.launch.xml"
+BAG = ROOT / "bags/swing"
+DOMAIN = 20 + os.getpid() % 36
+USAGE = 2
+
+
+def run(folder, *arguments, **environment):
+    """Runs the program in a folder to its end."""
+    assert PROGRAM.exists(), f"{PROGRAM} is missing: cargo build --release"
+    own = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    command = [PROGRAM, *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=folder, env=os.environ | own | environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    )
+
+
+def refused(folder, *arguments, says, code=None, speaker="catenary", **environment):
+    """Asserts that the program answers with one line that holds every part of `says`, and nothing on stdout."""
+    done = run(folder, *arguments, **environment)
+    assert done.returncode == code if code else done.returncode not in (0, None)
+    assert done.returncode > 0, f"ended by signal {-done.returncode}"
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith(f"{speaker}: "), done.stderr
+    for part in says:
+        assert str(part) in lines[0], done.stderr
+
+
+NO_FILE = "No such file"
+NO_BAG = ("nowhere", "expected a bag folder or an .mcap file")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("infer", "--bag", "nowhere", "--model", MODEL, "--out", "out"), NO_BAG),
+        (("infer", "--bag", BAG, "--model", "nowhere.yaml", "--out", "out"), ("model nowhere.yaml", NO_FILE)),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "out", "--policy", "nowhere"), ("policy nowhere", NO_FILE)),
+        (("train", "--model", "nowhere.yaml", "--out", "p"), ("model nowhere.yaml", NO_FILE)),
+        (("train", "--model", MODEL, "--posterior", "nowhere.json", "--out", "p"), ("posterior nowhere.json", NO_FILE)),
+        (("deploy", "--policy", "nowhere"), ("policy nowhere", NO_FILE)),
+        (("import-track", "nowhere.csv", "--model", MODEL, "--out", "bag"), ("track nowhere.csv", NO_FILE)),
+        (("replay", "nowhere"), NO_BAG),
+        (("report", "--dir", "nowhere"), ("nowhere/summary.json", NO_FILE)),
+        (("launch", "nowhere.xml"), ("launch file nowhere.xml", NO_FILE)),
+        (("doctor", "--model", "nowhere.yaml"), ("model nowhere.yaml", NO_FILE)),
+        (("record", "--out", BAG), (BAG, "expected a folder that does not exist yet")),
+    ],
+    ids=lambda value: value[0] if isinstance(value[0], str) else None,
+)
+def test_a_wrong_path_is_named(tmp_path, arguments, says):
+    refused(tmp_path, *arguments, says=says, code=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("inffer",), ("inffer", "infer")),
+        (("infer", "--bag", BAG), ("--model", "--out")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", "last"), ("last", "--episode")),
+        (("train", "--model", MODEL, "--out", "x", "--stesp", 3), ("--stesp", "--steps")),
+        (("node", "camra"), ("camra", "camera")),
+    ],
+    ids=["command", "missing", "value", "option", "node"],
+)
+def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
+    refused(tmp_path, *arguments, says=says, code=USAGE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("train", "--model", MODEL, "--out", "p", "--preset", "big"), ("preset", "default or sb3", "big")),
+        (("launch", LAUNCH, "sed:=1"), (LAUNCH, "sed", "seed")),
+        (("launch", LAUNCH, "seed"), ("NAME:=VALUE", "seed")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", 99), ("swing", "99")),
+        (("record", "--out", "bag", "--topics", "/dlo/keypoint"), ("/dlo/keypoint", "/dlo/keypoints")),
+    ],
+    ids=["preset", "launch argument", "no launch argument", "episode", "topic"],
+)
+def test_a_wrong_value_is_named_with_those_that_are_right(tmp_path, arguments, says):
+    refused(tmp_path, *arguments, says=says, code=1)
+
+
+def cut(folder, share):
+    """A file with the first part of the sample bag's bytes."""
+    whole = (BAG / "swing_0.mcap").read_bytes()
+    path = folder / "cut.mcap"
+    path.write_bytes(whole[: int(share * len(whole))])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("share", "says"),
+    [(0.0, ("an empty file",)), (0.0001, ("does not begin as an MCAP file does",)), (0.3, ("no complete episode", "0 episode ends"))],
+)
+def test_a_truncated_bag_is_named_with_what_is_left_of_it(tmp_path, share, says):
+    path = cut(tmp_path, share)
+    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=(path, *says), code=1)
+
+
+def test_a_truncated_bag_is_read_up_to_its_last_complete_chunk(tmp_path):
+    sizes = ("--iterations", 1, "--simulations", 40)
+    done = run(tmp_path, "infer", "--bag", cut(tmp_path, 0.9), "--model", MODEL, "--out", "x", *sizes)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
+    path = tmp_path / "poses"
+    with Reader(BAG) as reader, Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        (source,) = [c for c in reader.connections if c.topic == "/panda/current_pose"]
+        connection = writer.add_connection(source.topic, source.msgtype, typestore=get_typestore(Stores.ROS2_JAZZY))
+        for _, time, data in reader.messages([source]):
+            writer.write(connection, time, data)
+    says = (path, "/dlo/keypoints", "/episode/event")
+    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=says, code=1)
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong", "says"),
+    [
+        ("density_kg_m3: 1055.0", "density_kg_m3: .nan", ("density_kg_m3", "NaN")),
+        ("low: 0.195", "low: .nan", ("length_m", "NaN", "finite")),
+        ("side_m: 0.015", "side_m: -.inf", ("object.section", "positive", "-inf")),
+        ("time_constant_s: 0.16", "time_constant_s: .nan", ("time_constant_s", "NaN")),
+        ("step_period_s: 0.5", "step_period_s: 0", ("step_period_s", "0")),
+        ("rate_hz: 60.0", "rate_hz: fast", ("line", "floating point")),
+        ("keypoint_noise_px:", "keypoint_nose_px:", ("line", "keypoint_nose_px", "keypoint_noise_px")),
+        ("density_kg_m3:", "densty_kg_m3:", ("densty_kg_m3", "density_kg_m3")),
+    ],
+)
+def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
+    text = MODEL.read_text()
+    assert text.count(field) == 1
+    line = f"line {1 + text[: text.index(field)].count(chr(10))}"
+    path = tmp_path / "model.yaml"
+    path.write_text(text.replace(field, wrong))
+    says = [line if part == "line" else part for part in says]
+    refused(tmp_path, "infer", "--bag", BAG, "--model", path, "--out", "x", says=(path, *says), code=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says", "code"),
+    [
+        (("-p", "max_age_s:=.nan"), ("max_age_s:=.nan", "finite"), USAGE),
+        (("-p", "max_age_s:=-1.0"), ("max_age_s", "0.001 to 10 s", "-1"), USAGE),
+        (("-p", "max_age_s:=soon"), ("max_age_s", "a number", "soon"), USAGE),
+        (("-p", "max_age:=1.0"), ("max_age", "max_age_s", "patience_s"), USAGE),
+        (("-p", "max_age_s"), ("max_age_s", "NAME:=VALUE"), USAGE),
+        (("--params-file", "nowhere.yaml"), ("nowhere.yaml", NO_FILE), USAGE),
+        (("--parms-file", "x"), ("--parms-file", "--params-file"), USAGE),
+        (("-p", "model_file:=nowhere.yaml"), ("model_file nowhere.yaml", NO_FILE), 1),
+        (("--log-level", "loud"), ("loud", "debug, info, warn"), USAGE),
+    ],
+    ids=lambda value: value[1] if isinstance(value, tuple) else None,
+)
+def test_a_wrong_parameter_of_a_node_is_named(tmp_path, arguments, says, code):
+    refused(tmp_path, "node", "policy_runner", "--ros-args", *arguments, says=says, code=code, speaker="policy_runner")
+
+
+@pytest.mark.parametrize("command", ["record", "demo", "launch", "node"])
+@pytest.mark.parametrize(
+    ("variable", "value"), [("ROS_DOMAIN_ID", "999"), ("ROS_DOMAIN_ID", "lab"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]
+)
+def test_a_wrong_environment_is_named(tmp_path, command, variable, value):
+    arguments = {"record": ("--out", "bag"), "demo": ("--out", "demo"), "launch": (LAUNCH,), "node": ("camera",)}[command]
+    speaker = "camera" if command == "node" else "catenary"
+    refused(tmp_path, command, *arguments, says=(variable, value, "expected"), speaker=speaker, **{variable: value})
+    assert not list(tmp_path.iterdir()), "something was written all the same"
+
+
+def test_a_domain_without_a_free_port_is_named(tmp_path):
+    # RTPS 2.5, section 9.6.2.3: the discovery port of participant p in domain d is 7400 + 250 d + 10 + 2 p.
+    sockets = []
+    try:
+        for participant in range(120):
+            sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            try:
+                sockets[-1].bind(("0.0.0.0", 7400 + 250 * DOMAIN + 10 + 2 * participant))
+            except OSError:
+                pass  # somebody has it already, which is what is wanted
+        says = (f"domain {DOMAIN}", "expected a free UDP port", "ROS_DOMAIN_ID")
+        refused(tmp_path, "node", "camera", says=says, code=1, speaker="camera")
+        refused(tmp_path, "record", "--out", "bag", says=says, code=1)
+    finally:
+        for used in sockets:
+            used.close()

@@ -1,0 +1,90 @@
+"""What the program says where all is well: help with a line for each command, and JSON alone on stdout with --json."""
+
+import json
+import os
+import pathlib
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
+MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
+BAG = ROOT / "bags/swing"
+COMMANDS = "demo launch node infer train deploy record replay import-track report bench doctor".split()
+TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
+
+
+def run(folder, *arguments):
+    own = {"ROS_DOMAIN_ID": str(20 + os.getpid() % 36), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    command = [PROGRAM, *map(str, arguments)]
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | own, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_help_lists_every_command_with_a_line(tmp_path):
+    text = run(tmp_path, "--help")
+    rows = text.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    found = {row.split()[0]: row.split(maxsplit=1)[1] for row in rows}
+    assert set(COMMANDS) | {"help"} <= set(found)
+    for name, words in found.items():
+        assert len(words) > 10 and words[0].isupper(), name
+        assert name == "help" or "Usage: catenary" in run(tmp_path, name, "--help")
+
+
+def test_the_nodes_are_listed(tmp_path):
+    rows = run(tmp_path, "node").splitlines()
+    assert {"simulated_cell", "camera", "keypoint_tracker", "policy_runner"} <= {row.split()[0] for row in rows}
+    assert all(len(row.split()) > 1 for row in rows)
+
+
+def test_a_node_lists_its_parameters(tmp_path):
+    text = run(tmp_path, "node", "policy_runner", "--help")
+    assert "max_age_s = 0.15" in text and "Usage: policy_runner" in text
+
+
+def test_an_inference_is_json(tmp_path):
+    arguments = ("--bag", BAG, "--model", MODEL, "--out", "out", "--iterations", 1, "--simulations", 40, "--json")
+    report = json.loads(run(tmp_path, "infer", *arguments))
+    assert [m["name"] for m in report["marginals"]] == ["length_m", "youngs_modulus_pa"]
+    for marginal, (low, high) in zip(report["marginals"], ((0.195, 0.305), (1e3, 5e4))):
+        assert low <= marginal["q05"] <= marginal["median"] <= marginal["q95"] <= high
+    assert json.loads((tmp_path / "out/posterior.json").read_text()) == report["posterior"]
+
+
+def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):
+    reports = []
+    for name in ("a", "b"):
+        arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json")
+        reports.append(json.loads(run(tmp_path, "train", *arguments)))
+    assert reports[0]["steps"] >= 512 and reports[0]["curve"] == reports[1]["curve"]
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_an_import_is_json(tmp_path):
+    rows = [[0.05 * i, 0.4, 0.42, 0.0, *(c for p in range(4) for c in (0.4, 0.4 - 0.05 * p))] for i in range(40)]
+    (tmp_path / "track.csv").write_text(TRACK + "".join(",".join(f"{v:.4f}" for v in row) + "\n" for row in rows))
+    report = json.loads(run(tmp_path, "import-track", "track.csv", "--model", MODEL, "--out", "bag", "--json"))
+    assert report["messages"] > 80 and report["duration_s"] == pytest.approx(39 * 0.05, abs=0.01)
+
+
+def test_a_launch_files_contents_are_json(tmp_path):
+    report = json.loads(run(tmp_path, "launch", ROOT / "launch_configs/sim.launch.xml", "--show", "--json", "seed:=7"))
+    processes = dict(report["processes"])
+    assert "keypoint_tracker" in processes and "seed:=7" in processes["simulated_cell"]
+    assert "seed" in [name for name, *_ in report["arguments"]]
+
+
+def test_a_check_up_is_json(tmp_path):
+    report = json.loads(run(tmp_path, "doctor", "--model", MODEL, "--json"))
+    assert {"cores", "domain", "loopback", "model"} <= {check["name"] for check in report}
+    assert {check["verdict"] for check in report} <= {"good", "warning"}
+
+
+def test_a_replay_is_json(tmp_path):
+    report = json.loads(run(tmp_path, "replay", BAG, "--rate", 20, "--json"))
+    assert report["published"] == 535 and report["failed"] == 0
+    assert [line.split(":")[0] for line in report["left_out"]] == ["/panda/target_pose"]

@@ -1,0 +1,212 @@
+"""Processes of a test in a domain of their own, and a node of rclpy beside them.
+
+CATENARY_PROGRAM: the program to test; target/release/catenary by default.
+"""
+
+import itertools
+import os
+import pathlib
+import signal
+import subprocess
+import time
+import uuid
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
+MARK = "CATENARY_TEST_MARK"
+NODES = {"simulated_cell", "camera", "keypoint_tracker", "policy_runner", "simulator_pool", "bayes_sim", "ppo_trainer"}
+
+numbers = itertools.count(os.getpid())
+running = []
+
+
+def wait_for(condition, seconds, what, pause=lambda: time.sleep(0.05)):
+    """The first true value of `condition`, which has `seconds` to come."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        pause()
+    return value
+
+
+class Session:
+    """Processes that a test starts, those that these start, and their output. All carry a mark in their environment."""
+
+    wait_for = staticmethod(wait_for)
+    nodes = NODES
+    root = ROOT
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.domain = 20 + next(numbers) % 36
+        self.mark = uuid.uuid4().hex
+        own = {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", MARK: self.mark}
+        self.environment = os.environ | own
+        self.children = []
+        self.ros = None
+        running.append(self)
+
+    def start(self, *arguments, name=None):
+        """Starts the program; its output goes to NAME.out and NAME.err in the folder."""
+        name = name or arguments[0]
+        with open(self.folder / f"{name}.out", "wb") as out, open(self.folder / f"{name}.err", "wb") as err:
+            command = [PROGRAM, *map(str, arguments)]
+            child = subprocess.Popen(
+                command, env=self.environment, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
+            )
+        self.children.append(child)
+        return child
+
+    def run(self, *arguments):
+        """Runs the program to its end."""
+        command = [PROGRAM, *map(str, arguments)]
+        return subprocess.run(command, env=self.environment, cwd=self.folder, capture_output=True, text=True, timeout=120)
+
+    def launch(self, *arguments, file="sim.launch.xml", nodes=NODES):
+        """Starts the nodes of a launch file, and a node of rclpy that sees all of its nodes.
+
+        A participant of Fast DDS that begins in the same half second as one of RustDDS 0.15.1 may miss endpoints of it for
+        good, so rclpy begins when the nodes are there, and begins anew where it missed some all the same.
+        """
+        launch = self.start("launch", ROOT / "launch_configs" / file, "--log", self.folder / "log", *arguments)
+
+        def complete():
+            assert launch.poll() is None, "the launch ended by itself"
+            return nodes <= set(self.ros.node.get_node_names())
+
+        self.wait_for(lambda: all(map(self.pid_of, nodes)), 20, "a process for each node")
+        for _ in range(6):
+            time.sleep(1)
+            self.ros = Ros(self.domain)
+            if self.ros.holds_within(complete, 8):
+                return launch
+            self.ros.close()
+        raise AssertionError("rclpy does not see all nodes of the launch")
+
+    def processes(self):
+        """Ids and command lines of all processes with the mark that live; one that has ended and was not waited for does not."""
+        found, mark = {}, f"{MARK}={self.mark}".encode()
+        for folder in pathlib.Path("/proc").glob("[0-9]*"):
+            try:
+                if mark in (folder / "environ").read_bytes().split(b"\0"):
+                    found[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except OSError:
+                pass
+        return found
+
+    def pid_of(self, node):
+        """The process of a node of the launch; none while it is down."""
+        return next((pid for pid, words in self.processes().items() if f" node {node} " in words), None)
+
+    def wait_until_empty(self, seconds):
+        self.wait_for(lambda: not self.processes(), seconds, f"the end of {list(self.processes().values())}")
+
+    def text(self, name):
+        return (self.folder / name).read_text()
+
+    def end(self):
+        running.remove(self)
+        if self.ros:
+            self.ros.close()
+        for child in self.children:
+            if child.poll() is None:
+                child.send_signal(signal.SIGINT)
+        for child in self.children:
+            try:
+                child.wait(10)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        for pid in self.processes():
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+
+
+class Ros:
+    """A node of rclpy that spins while something is waited for."""
+
+    def __init__(self, domain):
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        self.context = rclpy.Context()
+        self.context.init(domain_id=domain)
+        self.node = rclpy.create_node("stranger", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def wait_for(self, condition, seconds, what):
+        return wait_for(condition, seconds, what, pause=lambda: self.executor.spin_once(timeout_sec=0.05))
+
+    def holds_within(self, condition, seconds):
+        """Whether `condition` becomes true in time."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            if condition():
+                return True
+            self.executor.spin_once(timeout_sec=0.05)
+        return False
+
+    def result(self, future, seconds, what):
+        self.wait_for(future.done, seconds, what)
+        return future.result()
+
+    def listen(self, kind, topic, depth=100):
+        """A list that messages of a best-effort topic come into."""
+        messages = []
+        profile = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.node.create_subscription(kind, topic, messages.append, profile)
+        return messages
+
+    def call(self, kind, name, request, seconds=30):
+        client = self.node.create_client(kind, name)
+        self.wait_for(client.service_is_ready, seconds, f"service {name}")
+        return self.result(client.call_async(request), seconds, f"an answer of {name}")
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def session_in(folder):
+    assert PROGRAM.exists(), f"{PROGRAM} is missing: cargo build --release"
+    session = Session(folder)
+    try:
+        yield session
+    finally:
+        session.end()
+
+
+@pytest.fixture
+def session(tmp_path):
+    """Processes of one test."""
+    yield from session_in(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    """One launch for the tests of a module."""
+    sessions = session_in(tmp_path_factory.mktemp("graph"))
+    session = next(sessions)
+    try:
+        session.launch()
+        yield session
+    finally:
+        sessions.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    """Shows what the processes said where a test fails."""
+    report = yield
+    for session in running if report.failed else []:
+        for path in sorted(session.folder.glob("*.err")) + sorted(session.folder.glob("demo/log/*.log")):
+            lines = [line[:400] for line in path.read_text(errors="replace").splitlines()[-40:]]
+            report.sections.append((str(path.relative_to(session.folder)), "\n".join(lines)))
+    return report

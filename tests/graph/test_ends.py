@@ -1,0 +1,89 @@
+"""How things end: a node that is killed comes back, and whatever ends the supervisor leaves no process behind."""
+
+import os
+import signal
+import time
+
+from catenary_msgs.action import Train
+from catenary_msgs.msg import Keypoints
+from rclpy.action import ActionClient
+from rosbags.highlevel import AnyReader
+
+
+def counts(bag):
+    """Messages by topic, each of them decoded."""
+    found = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+            found[connection.topic] = found.get(connection.topic, 0) + 1
+    return found
+
+
+def keep_busy(session):
+    """Has the graph compute for much longer than the test lasts; returns when it does."""
+    client = ActionClient(session.ros.node, Train, "/ppo_trainer/train")
+    session.ros.wait_for(client.server_is_ready, 20, "the training server")
+    model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
+    goal = Train.Goal(model_yaml=model, preset="default", total_steps=10_000_000, seed=1)
+    feedback = []
+    handle = session.ros.result(client.send_goal_async(goal, feedback_callback=feedback.append), 20, "an answer to the goal")
+    assert handle.accepted
+    session.ros.wait_for(lambda: feedback, 40, "progress of the training")
+
+
+def test_a_killed_node_is_started_again_and_keypoints_flow(session):
+    session.launch()
+    messages = session.ros.listen(Keypoints, "/dlo/keypoints")
+    session.ros.wait_for(lambda: len(messages) > 30, 30, "keypoints")
+    first = session.pid_of("keypoint_tracker")
+    os.kill(first, signal.SIGKILL)
+    killed = time.time()
+
+    def flow_again():
+        messages[:] = messages[-200:]
+        return sum(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec > killed + 0.5 for m in messages) > 30
+
+    session.ros.wait_for(flow_again, 10, "keypoints after the restart")
+    assert session.pid_of("keypoint_tracker") not in (None, first)
+    assert "keypoint_tracker was killed by signal 9" in session.text("launch.err")
+
+
+def test_a_killed_supervisor_leaves_no_process(session):
+    launch = session.launch()
+    keep_busy(session)
+    assert len(session.processes()) == 1 + len(session.nodes)
+    launch.kill()
+    launch.wait()
+    session.wait_until_empty(10)
+
+
+def test_an_interrupted_launch_ends_in_order(session):
+    launch = session.launch()
+    bag = session.folder / "bag"
+    recorder = session.start("record", "--out", bag)
+    session.wait_for(bag.exists, 30, "the recorder's bag")
+    keep_busy(session)
+    launch.send_signal(signal.SIGINT)
+    assert launch.wait(8) in (0, 130)
+    assert list(session.processes()) == [recorder.pid], "a node outlived the launch"
+    recorder.send_signal(signal.SIGINT)
+    assert recorder.wait(8) == 0
+    session.wait_until_empty(1)
+    found = counts(bag)
+    assert found["/panda/current_pose"] > 50 and found["/dlo/keypoints"] > 15
+
+
+def test_an_interrupted_demo_says_so_and_keeps_its_bag(session):
+    demo = session.start("demo", "--out", "demo")
+    frames = session.folder / "demo/frames"
+    session.wait_for(lambda: demo.poll() is not None or len(list(frames.glob("*.png"))) >= 4, 240, "four steps of pi0 on the cell")
+    demo.send_signal(signal.SIGINT)
+    assert demo.wait(20) not in (0, None)
+    assert session.text("demo.out") == ""
+    where, *rest = session.text("demo.err").splitlines()
+    assert where == f"catenary demo: results go to {session.folder / 'demo'}"
+    assert rest == ["catenary: run pi0 on the cell: interrupted"]
+    session.wait_until_empty(1)
+    found = counts(session.folder / "demo/bags/pi0")
+    assert found["/policy/action"] >= 3 and found["/dlo/keypoints"] > 20 and found["/episode/event"] >= 1

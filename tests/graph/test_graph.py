@@ -1,0 +1,287 @@
+"""The whole graph on a simulated cell, as real rclpy sees it: topics, parameters, services, an action, a recording."""
+
+import array
+import json
+import math
+import os
+import pathlib
+import signal
+import struct
+
+import pytest
+from action_msgs.msg import GoalStatus
+from catenary_msgs.action import MoveToStart, RunEpisode
+from catenary_msgs.msg import ArmState, EpisodeEvent, Keypoints
+from catenary_msgs.srv import Simulate
+from rcl_interfaces.msg import ParameterType
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ruamel.yaml import YAML
+from rosbags.highlevel import AnyReader
+from std_srvs.srv import SetBool
+
+BEST_EFFORT, RELIABLE, LATCHED = ("best_effort", "volatile"), ("reliable", "volatile"), ("reliable", "transient_local")
+CONTRACT = {
+    "/camera/camera/color/camera_info": ("sensor_msgs/msg/CameraInfo", *BEST_EFFORT, 5),
+    "/dlo/mask": ("sensor_msgs/msg/Image", *BEST_EFFORT, 1),
+    "/dlo/keypoints": ("catenary_msgs/msg/Keypoints", *BEST_EFFORT, 1),
+    "/panda/joint_states": ("sensor_msgs/msg/JointState", *BEST_EFFORT, 1),
+    "/panda/current_pose": ("geometry_msgs/msg/PoseStamped", *BEST_EFFORT, 1),
+    "/panda/current_twist": ("geometry_msgs/msg/TwistStamped", *BEST_EFFORT, 1),
+    "/panda/external_wrench": ("geometry_msgs/msg/WrenchStamped", *BEST_EFFORT, 1),
+    "/panda/arm_state": ("catenary_msgs/msg/ArmState", *LATCHED, 1),
+    "/panda/target_pose": ("geometry_msgs/msg/PoseStamped", *RELIABLE, 1),
+    "/panda/accepted_target": ("catenary_msgs/msg/AcceptedTarget", *RELIABLE, 10),
+    "/policy/action": ("catenary_msgs/msg/EefDelta", *RELIABLE, 10),
+    "/policy/observation": ("catenary_msgs/msg/Observation", *RELIABLE, 10),
+    "/episode/event": ("catenary_msgs/msg/EpisodeEvent", *LATCHED, 16),
+    "/tf": ("tf2_msgs/msg/TFMessage", *RELIABLE, 100),
+    "/tf_static": ("tf2_msgs/msg/TFMessage", *LATCHED, 1),
+    "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", *RELIABLE, 10),
+    "/rosout": ("rcl_interfaces/msg/Log", *LATCHED, 1000),
+}
+STEPS = 16
+MAX_DELTA_M = 0.06
+BIAS = (0.1, -0.05)
+
+
+def policy_file():
+    """A safetensors file of the policy that always wants the same small step: 12 inputs without weight, two biases."""
+    tensors = {
+        "actor.0.weight": ([2, 12], [0.0] * 24),
+        "actor.0.bias": ([2], BIAS),
+        "observation_mean": ([12], [0.0] * 12),
+        "observation_scale": ([12], [1.0] * 12),
+        "action_scale": ([2], [0.1, 0.1]),
+    }
+    names = {"format": "catenary policy 1", "name": "constant", "delta_anchor": "last_target"}
+    header, data = {"__metadata__": names | {"step_period_s": "0.5", "steps": str(STEPS)}}, b""
+    for name, (shape, values) in tensors.items():
+        packed = struct.pack(f"<{len(values)}f", *values)
+        header[name] = {"dtype": "F32", "shape": shape, "data_offsets": [len(data), len(data) + len(packed)]}
+        data += packed
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + data
+
+
+def stamp_s(message):
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def scaled(message):
+    """The keypoints in the image scaled to [-1, 1]."""
+    half = message.image_width / 2, message.image_height / 2
+    return [(u / half[0] - 1, v / half[1] - 1) for u, v in zip(message.dlo_u, message.dlo_v)]
+
+
+def test_keypoints_stream_at_thirty_hertz_and_more(graph):
+    messages = graph.ros.listen(Keypoints, "/dlo/keypoints")
+    graph.ros.wait_for(lambda: messages, 20, "keypoints")
+    (publisher,) = graph.ros.node.get_publishers_info_by_topic("/dlo/keypoints")
+    assert (publisher.node_name, publisher.topic_type) == ("keypoint_tracker", "catenary_msgs/msg/Keypoints")
+
+    def rate_of_the_last_three_seconds():
+        newest = stamp_s(messages[-1])
+        recent = [m for m in messages if newest - stamp_s(m) <= 3]
+        return len(recent) / 3 if newest - stamp_s(messages[0]) >= 3 else 0
+
+    graph.ros.wait_for(lambda: rate_of_the_last_three_seconds() >= 30, 40, "keypoints at 30 Hz for 3 s")
+    stamps = [stamp_s(m) for m in messages]
+    assert stamps == sorted(set(stamps)), "a stamp came twice or late"
+    for message in messages:
+        assert message.header.frame_id and message.target_seen
+        assert all(-1 <= c <= 1 for point in scaled(message) for c in point)
+        assert all(0 < score <= 1 for score in message.dlo_scores)
+    # The four points of a hanging bar follow one another downwards.
+    heights = [v for _, v in scaled(messages[-1])]
+    assert max(heights) - min(heights) > 0.1
+
+
+def test_a_parameter_is_listed_read_set_and_guarded(graph):
+    client = AsyncParameterClient(graph.ros.node, "policy_runner")
+    graph.ros.wait_for(client.services_are_ready, 20, "the parameter services")
+    listed = graph.ros.result(client.list_parameters(), 20, "the list of parameters").result.names
+    assert {"max_age_s", "patience_s", "model_file", "use_sim_time"} <= set(listed)
+
+    def value():
+        (read,) = graph.ros.result(client.get_parameters(["max_age_s"]), 20, "a parameter").values
+        assert read.type == ParameterType.PARAMETER_DOUBLE
+        return read.double_value
+
+    def put(name, value):
+        future = client.set_parameters([Parameter(name, value=value)])
+        (answer,) = graph.ros.result(future, 20, "an answer").results
+        return answer
+
+    assert value() == 0.15
+    assert put("max_age_s", 0.2).successful and value() == 0.2
+    for wrong, part in ((-1.0, "0.001 to 10"), (math.nan, "finite"), ("soon", "a number")):
+        answer = put("max_age_s", wrong)
+        assert not answer.successful and part in answer.reason, answer.reason
+    unknown = put("max_age", 1.0)
+    assert not unknown.successful and "no parameter max_age" in unknown.reason, unknown.reason
+    assert value() == 0.2
+    assert put("max_age_s", 0.15).successful
+
+
+def test_the_arm_is_enabled_and_disabled(graph):
+    states = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    graph.ros.node.create_subscription(ArmState, "/panda/arm_state", states.append, latched)
+    for data, modes in ((True, (ArmState.MODE_TRACKING, ArmState.MODE_HOLD)), (False, (ArmState.MODE_IDLE,))):
+        answer = graph.ros.call(SetBool, "/panda/enable", SetBool.Request(data=data))
+        assert answer.success, answer.message
+        graph.ros.wait_for(lambda: states and states[-1].mode in modes, 20, f"a mode of {modes}")
+        assert states[-1].is_sim
+
+
+def simulate(graph, **changes):
+    # Answers of more than 1.4 kB do not reach clients of Fast DDS: see README.
+    frames = [0.0, 1.0, 2.0]
+    request = Simulate.Request(
+        model_yaml=(graph.root / "launch_configs/models/soft_bar.yaml").read_text(),
+        theta=[0.25, 2e3, 0.25, 4e4],
+        drive=Simulate.Request.DRIVE_GRIP,
+        frame_times=frames,
+        seed=7,
+    )
+    grip = request.grip
+    grip.time, grip.x, grip.z, grip.pitch = [0.0, 1.0, 2.0], [0.40, 0.44, 0.44], [0.42, 0.42, 0.42], [0.0, 0.0, 0.0]
+    for name, value in changes.items():
+        setattr(request, name, value)
+    return frames, graph.ros.call(Simulate, "/simulator_pool/simulate", request, 60)
+
+
+def test_two_bars_are_simulated_and_the_softer_one_hangs_lower(graph):
+    frames, answer = simulate(graph)
+    assert answer.success, answer.message
+    soft, stiff = answer.tracks
+    for track in answer.tracks:
+        assert list(track.time) == frames and len(track.dlo) == len(frames) * 8
+        assert all(math.isfinite(value) and -1.5 < value < 1.5 for value in track.dlo)
+        assert track.eef[0] == pytest.approx(0.40, abs=1e-3) and track.eef[-3] == pytest.approx(0.44, abs=1e-3)
+    depth = [max(track.dlo[1:8:2]) for track in (soft, stiff)], [min(track.dlo[1:8:2]) for track in (soft, stiff)]
+    span = [high - low for high, low in zip(*depth)]
+    assert span[0] > span[1] + 0.02, "the softer bar does not stretch"
+    again = simulate(graph)[1]
+    assert again.tracks == answer.tracks, "the same request gave other bits"
+
+
+def test_a_request_that_makes_no_sense_is_answered_with_the_reason(graph):
+    assert not (answer := simulate(graph, theta=[0.25])[1]).success
+    assert "theta" in answer.message
+    assert not (answer := simulate(graph, model_yaml="version: 1\nnam: x")[1]).success
+    assert "nam" in answer.message and "line 2" in answer.message
+
+
+def run_action(graph, kind, name, goal):
+    """The result of a goal, and its feedback."""
+    client = ActionClient(graph.ros.node, kind, name)
+    graph.ros.wait_for(client.server_is_ready, 20, f"the server of {name}")
+    feedback = []
+    sent = client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
+    handle = graph.ros.result(sent, 20, "an answer to the goal")
+    assert handle.accepted
+    answer = graph.ros.result(handle.get_result_async(), 60, f"the end of {name}")
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED, answer.result.message
+    return answer.result, feedback
+
+
+@pytest.fixture(scope="module")
+def episode(graph):
+    """An episode of the constant policy from the start pose, with its feedback, and the bag of it."""
+    bag = graph.folder / "bag"
+    recorder = graph.start("record", "--out", bag, "--json")
+    graph.wait_for(bag.exists, 30, "the recorder's bag")
+    # The way to the start, and the rest there, are time for the recorder to be found by those whom it listens to.
+    moved, _ = run_action(graph, MoveToStart, "/panda/move_to_start", MoveToStart.Goal(settle_time=2.0))
+    assert moved.success and (moved.pose.position.x, moved.pose.position.z) == pytest.approx((0.40, 0.42), abs=0.005)
+    policy = array.array("B", policy_file())
+    goal = RunEpisode.Goal(policy=policy, policy_name="constant", seed=3, run_all_steps=True)
+    result, feedback = run_action(graph, RunEpisode, "/policy_runner/run_episode", goal)
+    recorder.send_signal(signal.SIGINT)
+    assert recorder.wait(20) == 0
+    return result, feedback, bag
+
+
+def test_an_episode_runs_to_its_end_with_feedback(episode):
+    result, feedback, _ = episode
+    assert result.success and result.end in ("step_limit", "success")
+    assert len(result.rewards) == STEPS and all(-1 <= reward <= 1 for reward in result.rewards)
+    assert result.episode_return == pytest.approx(sum(result.rewards))
+    # The first messages of a topic may be sent before its reader is known.
+    steps = [f.step for f in feedback]
+    assert steps == sorted(set(steps)) and steps[-1] == STEPS - 1 and len(steps) >= STEPS - 2
+    assert [result.rewards[f.step] for f in feedback] == [f.reward for f in feedback]
+
+
+def test_the_recording_holds_the_contract_and_the_episode(episode):
+    result, _, bag = episode
+    topics = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            topics.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+        kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+    assert kinds == {topic: row[0] for topic, row in CONTRACT.items()}
+
+    started, ended = topics["/episode/event"]
+    assert (started.event, started.policy, started.seed, started.step_period) == (EpisodeEvent.STARTED, "constant", 3, 0.5)
+    assert (ended.event, ended.reason, ended.steps) == (EpisodeEvent.ENDED, result.end, STEPS)
+    assert started.episode == ended.episode == result.episode
+
+    actions, observations = topics["/policy/action"], topics["/policy/observation"]
+    assert [action.step for action in actions] == list(range(STEPS))
+    assert [observation.step for observation in observations] == list(range(STEPS + 1))
+    for action in actions:
+        assert (action.dx, action.dz) == pytest.approx([MAX_DELTA_M * bias for bias in BIAS])
+    for observation in observations:
+        assert all(-1 <= value <= 1 for value in observation.values)
+    targets, accepted = topics["/panda/target_pose"], topics["/panda/accepted_target"]
+    assert len(targets) == len(accepted) == STEPS and all(a.accepted for a in accepted)
+    moved = targets[-1].pose.position.x - targets[0].pose.position.x
+    assert moved == pytest.approx((STEPS - 1) * MAX_DELTA_M * BIAS[0], abs=1e-6)
+
+    # How many of the streams came is the machine's affair; that they went on to the end is not.
+    span = stamp_s(ended) - stamp_s(started)
+    assert span == pytest.approx(STEPS * 0.5, abs=1.5)
+    for topic, least_hz in (("/dlo/keypoints", 15), ("/dlo/mask", 15), ("/panda/current_pose", 50), ("/panda/arm_state", 12)):
+        during = [m for m in topics[topic] if stamp_s(started) <= stamp_s(m) <= stamp_s(ended)]
+        assert len(during) > least_hz * span, topic
+        assert stamp_s(during[-1]) > stamp_s(ended) - 1, topic
+
+
+def rosidl_hashes():
+    """Type name to hash, as rosidl installed them."""
+    found = {}
+    for prefix in os.environ["AMENT_PREFIX_PATH"].split(":"):
+        for path in pathlib.Path(prefix, "share").glob("*/msg/*.json"):
+            found |= {row["type_name"]: row["hash_string"] for row in json.loads(path.read_text())["type_hashes"]}
+    return found
+
+
+def test_the_recording_states_qos_and_hashes(graph, episode):
+    bag, hashes = episode[2], rosidl_hashes()
+    document = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    rows = {row["topic_metadata"]["name"]: row["topic_metadata"] for row in document["topics_with_message_count"]}
+    assert set(rows) == set(CONTRACT)
+    for name, (kind, reliability, durability, depth) in CONTRACT.items():
+        (profile,) = rows[name]["offered_qos_profiles"]
+        assert (profile["reliability"], profile["durability"], profile["depth"]) == (reliability, durability, depth), name
+        assert rows[name]["type"] == kind
+        stated = rows[name]["type_description_hash"]
+        # tf2_msgs comes without descriptions.
+        assert stated == hashes.get(kind) or kind.startswith("tf2_msgs/") and stated.startswith("RIHS01_"), name
+    recorded = json.loads(graph.text("record.out"))
+    assert recorded["messages"] == document["message_count"] == sum(count for _, count in recorded["topics"])
+
+
+def test_the_recording_can_be_inferred_from(graph, episode):
+    model = graph.root / "launch_configs/models/soft_bar.yaml"
+    sizes = ("--iterations", 1, "--simulations", 40, "--out", graph.folder / "inferred", "--json")
+    done = graph.run("infer", "--bag", episode[2], "--model", model, *sizes)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert {m["name"] for m in report["marginals"]} == {"length_m", "youngs_modulus_pa"}
+    assert report["duration_s"] == pytest.approx(STEPS * 0.5, abs=0.5)
