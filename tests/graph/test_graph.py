@@ -10,8 +10,8 @@ import struct
 
 import pytest
 from action_msgs.msg import GoalStatus
-from catenary_msgs.action import MoveToStart, RunEpisode
-from catenary_msgs.msg import ArmState, EpisodeEvent, Keypoints
+from catenary_msgs.action import Infer, MoveToStart, RunEpisode
+from catenary_msgs.msg import ArmState, EpisodeEvent, Keypoints, Mixture
 from catenary_msgs.srv import Simulate
 from rcl_interfaces.msg import ParameterType
 from rclpy.action import ActionClient
@@ -37,6 +37,7 @@ CONTRACT = {
     "/policy/action": ("catenary_msgs/msg/EefDelta", *RELIABLE, 10),
     "/policy/observation": ("catenary_msgs/msg/Observation", *RELIABLE, 10),
     "/episode/event": ("catenary_msgs/msg/EpisodeEvent", *LATCHED, 16),
+    "/bayes_sim/posterior": ("catenary_msgs/msg/Mixture", *LATCHED, 1),
     "/tf": ("tf2_msgs/msg/TFMessage", *RELIABLE, 100),
     "/tf_static": ("tf2_msgs/msg/TFMessage", *LATCHED, 1),
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", *RELIABLE, 10),
@@ -285,3 +286,25 @@ def test_the_recording_can_be_inferred_from(graph, episode):
     report = json.loads(done.stdout)
     assert {m["name"] for m in report["marginals"]} == {"length_m", "youngs_modulus_pa"}
     assert report["duration_s"] == pytest.approx(STEPS * 0.5, abs=0.5)
+
+
+def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episode):
+    model = graph.root / "launch_configs/models/soft_bar.yaml"
+    goal = Infer.Goal(
+        source=Infer.Goal.SOURCE_BAG,
+        bag=str(episode[2]),
+        model_yaml=model.read_text(),
+        iterations=2,
+        simulations=40,
+        drive=Simulate.Request.DRIVE_GRIP,
+        seed=5,
+    )
+    result, feedback = run_action(graph, Infer, "/bayes_sim/infer", goal)
+    assert result.success and result.simulations == 80 and len(result.losses) == 2
+    assert feedback and feedback[-1].iterations == 2
+    components = len(result.posterior.weights)
+    assert sum(result.posterior.weights) == pytest.approx(1) and len(result.posterior.covariances) == 4 * components
+    late, profile = [], QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    graph.ros.node.create_subscription(Mixture, "/bayes_sim/posterior", late.append, profile)
+    graph.ros.wait_for(lambda: late, 10, "the latched posterior")
+    assert late[0] == result.posterior

@@ -73,7 +73,7 @@ impl Kind {
     }
 }
 
-static KINDS: [Kind; 16] = [
+static KINDS: [Kind; 17] = [
     Kind::large::<sensor_msgs::msg::Image>(),
     Kind::of::<sensor_msgs::msg::CameraInfo>(),
     Kind::of::<sensor_msgs::msg::JointState>(),
@@ -86,6 +86,7 @@ static KINDS: [Kind; 16] = [
     Kind::of::<msg::EefDelta>(),
     Kind::of::<msg::Observation>(),
     Kind::of::<msg::EpisodeEvent>(),
+    Kind::of::<msg::Mixture>(),
     Kind::of::<tf2_msgs::msg::TFMessage>(),
     Kind::of::<diagnostic_msgs::msg::DiagnosticArray>(),
     Kind::of::<rcl_interfaces::msg::Log>(),

@@ -9,9 +9,6 @@ use catenary_msgs::msg::GripTrajectory as GripMsg;
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 
-/// Draws of the posterior that a result carries.
-const SAMPLES: usize = 1_000;
-
 /// A batch of a model's file as the pool takes it.
 #[must_use]
 pub fn simulate_request(request: &SimulationRequest, model_yaml: &str) -> SimulateRequest {
@@ -74,13 +71,11 @@ pub fn feedback(iteration: &Iteration, of: usize, posterior: &Posterior) -> Infe
 
 /// What an inference gave.
 #[must_use]
-pub fn result(result: &InferenceResult, seed: u64) -> InferResult {
-    let samples = result.posterior.sample(SAMPLES, seed).unwrap_or_default();
+pub fn result(result: &InferenceResult) -> InferResult {
     InferResult {
         success: true,
         message: String::new(),
         posterior: convert::posterior_to_msg(&result.posterior),
-        samples: samples.concat(),
         mass_outside: result.mass_outside,
         effective_sample_size: result.effective_sample_size(),
         warnings: result.warnings.clone(),

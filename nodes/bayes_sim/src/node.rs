@@ -10,11 +10,12 @@ use catenary_core::simulator::SimulatorError;
 use catenary_core::{EpisodeLog, Model, Policy, SimulationRequest, Simulator, Track};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Mixture, Observation};
 use catenary_msgs::srv::Simulate;
 use catenary_shell::convert as wire;
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Subscription, contract, stamp,
+    Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Publisher, Subscription, contract,
+    stamp,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -46,12 +47,13 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let log = Arc::new(Mutex::new(EpisodeLog::default()));
     let _listening = listen(&node, &log)?;
     let pool = node.client::<Simulate>(contract::SIMULATE.name)?;
+    let posteriors = node.publisher::<Mixture>(contract::POSTERIOR.name, contract::POSTERIOR.qos)?;
     let shared = Arc::clone(&log);
     let _server = node.serve_action::<Infer>(
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &shared, &pool),
+        move |handle| serve(&handle, &shared, &pool, &posteriors),
     )?;
     node.report_diagnostics(move |report| {
         report.value("log", lock(&log).summary());
@@ -129,9 +131,17 @@ impl Simulator for PoolClient<'_> {
     }
 }
 
-fn serve(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Outcome<InferResult> {
+fn serve(
+    handle: &GoalHandle<Infer>,
+    log: &Mutex<EpisodeLog>,
+    pool: &Client<Simulate>,
+    posteriors: &Publisher<Mixture>,
+) -> Outcome<InferResult> {
     match infer_goal(handle, log, pool) {
-        Ok(result) => Outcome::Succeeded(result),
+        Ok(result) => {
+            posteriors.send(result.posterior.clone());
+            Outcome::Succeeded(result)
+        }
         Err(error) => {
             let cancelled = handle.is_cancelled();
             let result = InferResult { message: format!("{error:#}"), ..InferResult::default() };
@@ -175,7 +185,7 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
     });
     match result {
         Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
-        other => Ok(convert::result(&other?, goal.seed)),
+        other => Ok(convert::result(&other?)),
     }
 }
 

@@ -98,6 +98,8 @@ topics! {
         "What the policy saw.";
     EPISODE_EVENT: "episode/event", "catenary_msgs/msg/EpisodeEvent", TL16, "per start and end",
         "The start or the end of an episode.";
+    POSTERIOR: "bayes_sim/posterior", "catenary_msgs/msg/Mixture", TL1, "per inference",
+        "The newest posterior over the model's parameters.";
     TF: "/tf", "tf2_msgs/msg/TFMessage", Qos::TF, "200 Hz",
         "Transforms that change.";
     TF_STATIC: "/tf_static", "tf2_msgs/msg/TFMessage", Qos::TF_STATIC, "once",
