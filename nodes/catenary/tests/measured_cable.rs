@@ -1,0 +1,68 @@
+//! A real cable held by a real Franka, by the two commands that a user runs. The data's folder comes from CATENARY_DATA.
+//!
+//! Published fits of this cable's bending stiffness are 0.072 N m^2 (dynamic) and 0.144 N m^2 (static). A simulator whose
+//! motion, drive, start or camera is wrong does not follow the swing to within a centimetre; one that takes the small motion
+//! for more than it says is sure of a wrong stiffness.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "a test of processes reads the environment, and a failure is a panic"
+)]
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn run(arguments: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_catenary")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// What `catenary infer` says of a track; none where the data are absent.
+fn inferred(track: &str) -> Option<Value> {
+    let data = std::env::var("CATENARY_DATA").unwrap_or_default();
+    let track = Path::new(&data).join("measured_cable").join(track);
+    if !track.is_file() {
+        println!("skipped: {} is absent; CATENARY_DATA names the folder of the measured data", track.display());
+        return None;
+    }
+    let model = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs/models/measured_cable.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    let (bag, out) = (folder.path().join("bag"), folder.path().join("out"));
+    let [track, model, bag, out] = [&track, &model, &bag, &out].map(|p| p.to_str().unwrap());
+    run(&["import-track", track, "--model", model, "--out", bag]);
+    let report = run(&["infer", "--bag", bag, "--model", model, "--out", out, "--json"]);
+    println!("{report}");
+    Some(serde_json::from_str(&report).unwrap())
+}
+
+/// 5 % and 95 % quantile of a parameter.
+fn interval(report: &Value, name: &str) -> [f64; 2] {
+    let marginals = report["marginals"].as_array().unwrap();
+    let marginal = marginals.iter().find(|m| m["name"] == name).unwrap();
+    ["q05", "q95"].map(|q| marginal[q].as_f64().unwrap())
+}
+
+#[test]
+fn the_swing_tells_the_cables_stiffness() {
+    let Some(report) = inferred("swing_bare.csv") else { return };
+    let [low, high] = interval(&report, "bending_stiffness_n_m2");
+    assert!(low < 0.144 && high > 0.072, "{low} to {high} N m^2 meets no published value's range");
+    assert!(high < 4.0 * low, "{low} to {high} N m^2 says next to nothing");
+    let [low, high] = interval(&report, "rest_curvature_per_m");
+    assert!(high < -1.0 && low > -3.9, "{low} to {high} /m: the cable is bent towards -x at rest");
+    let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
+    assert!(rmse_mm.as_f64().unwrap() < 12.0, "{rmse_mm} mm");
+    assert!(coverage.as_f64().unwrap() > 0.85, "{coverage}");
+}
+
+#[test]
+fn the_small_motion_leaves_the_stiffness_open() {
+    let Some(report) = inferred("moving_grip_bare.csv") else { return };
+    let [low, high] = interval(&report, "bending_stiffness_n_m2");
+    assert!(low < 0.072 && high > 0.144, "{low} to {high} N m^2 leaves out what the swing and the published fits say");
+    let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
+    assert!(rmse_mm.as_f64().unwrap() < 10.0, "{rmse_mm} mm");
+    assert!(coverage.as_f64().unwrap() > 0.85, "{coverage}");
+}
