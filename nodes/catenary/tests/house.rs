@@ -82,6 +82,64 @@ fn the_top_level_is_fixed() {
     }
 }
 
+/// Endings of names that say a unit.
+const UNITS: [&str; 20] = [
+    "_m", "_mm", "_s", "_ns", "_px", "_rad", "_deg", "_hz", "_kg", "_n", "_pa", "_m_s", "_m3", "_m2", "_per_m", "_n_m",
+    "_n_m2", "_n_s_m2", "_n_s2_m3", "_scaled",
+];
+/// Words for quantities that have a dimension.
+const DIMENSIONED: [&str; 18] = [
+    "length",
+    "period",
+    "time",
+    "duration",
+    "speed",
+    "velocity",
+    "position",
+    "distance",
+    "height",
+    "width",
+    "depth",
+    "angle",
+    "pitch",
+    "mass",
+    "density",
+    "force",
+    "moment",
+    "stiffness",
+];
+/// Endings of physical parameters without a dimension.
+const PLAIN: [&str; 2] = ["_ratio", "_friction"];
+
+#[test]
+fn quantities_carry_their_units() {
+    let has_unit = |name: &str| UNITS.iter().any(|unit| name.ends_with(unit));
+    for parameter in simulator_pool::parameters::CATALOGUE {
+        let name = parameter.name;
+        assert!(
+            has_unit(name) || PLAIN.iter().any(|p| name.ends_with(p)),
+            "model parameter {name} has no unit in its name"
+        );
+    }
+    let mut quantities = 0;
+    for file in rust_files(&root().join("nodes/core/src")) {
+        let text = std::fs::read_to_string(&file).unwrap();
+        for line in text.lines() {
+            let Some((name, kind)) = line.trim().strip_prefix("pub ").and_then(|field| field.split_once(": ")) else {
+                continue;
+            };
+            if !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+                continue;
+            }
+            let is_quantity =
+                kind.contains("f64") && DIMENSIONED.iter().any(|word| name.split('_').any(|part| part == *word));
+            quantities += usize::from(is_quantity);
+            assert!(!is_quantity || has_unit(name), "{}: {name} has no unit in its name", file.display());
+        }
+    }
+    assert!(quantities > 5, "found {quantities} quantities: the search is broken");
+}
+
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {

@@ -24,7 +24,7 @@ fn inferred(track: &str) -> Option<Value> {
     let data = std::env::var("CATENARY_DATA").unwrap_or_default();
     let track = Path::new(&data).join("measured_cable").join(track);
     if !track.is_file() {
-        println!("skipped: {} is absent; CATENARY_DATA names the folder of the measured data", track.display());
+        eprintln!("skipped: {} is absent; CATENARY_DATA names the folder of the measured data", track.display());
         return None;
     }
     let model = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs/models/measured_cable.yaml");
@@ -33,7 +33,6 @@ fn inferred(track: &str) -> Option<Value> {
     let [track, model, bag, out] = [&track, &model, &bag, &out].map(|p| p.to_str().unwrap());
     run(&["import-track", track, "--model", model, "--out", bag]);
     let report = run(&["infer", "--bag", bag, "--model", model, "--out", out, "--json"]);
-    println!("{report}");
     Some(serde_json::from_str(&report).unwrap())
 }
 

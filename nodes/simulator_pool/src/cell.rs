@@ -209,7 +209,10 @@ mod tests {
 
     #[test]
     fn a_cell_needs_a_camera_and_all_of_theta() {
-        assert!(matches!(Cell::new(&cable(), &[0.1, 0.02, 0.0, 0.5, 0.05], Fidelity::Fast, 1), Err(CellError::Camera(_))));
+        assert!(matches!(
+            Cell::new(&cable(), &[0.1, 0.02, 0.0, 0.5, 0.05], Fidelity::Fast, 1),
+            Err(CellError::Camera(_))
+        ));
         assert_eq!(
             Cell::new(&soft_bar(), &[0.2], Fidelity::Fast, 1).err(),
             Some(CellError::Theta { expected: 2, got: 1 })
