@@ -30,14 +30,16 @@ pub struct Predictive {
     pub coverage: f64,
     /// Root mean square half width of the band in mm.
     pub half_width_mm: f64,
-    /// Draws that reached every measured frame.
+    /// Draws that reached every measured frame, all of them in finite numbers.
     pub draws: usize,
 }
 
 /// Compares tracks simulated from posterior draws, noise included, with the measured one. None where no draw reached every
 /// measured frame, or the camera cannot place a keypoint in the plane.
 pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option<Predictive> {
-    let whole: Vec<&Track> = tracks.iter().filter(|t| t.frames.len() >= measured.frames.len()).collect();
+    let finite = |t: &Track| t.frames.iter().all(|f| f.dlo.as_flattened().iter().all(|v| v.is_finite()));
+    let long = |t: &Track| t.frames.len() >= measured.frames.len();
+    let whole: Vec<&Track> = tracks.iter().filter(|t| long(t) && finite(t)).collect();
     let place = |p: [f64; 2]| camera.plane_from_scaled(p);
     let (mut squares, mut widths, mut inside, mut count) = (0.0, 0.0, 0usize, 0usize);
     for (i, frame) in measured.frames.iter().enumerate() {
@@ -161,6 +163,12 @@ mod tests {
         let centred: Vec<Track> = (0..21).map(|i| track(0.001 * (f64::from(i) - 10.0), false)).collect();
         assert_eq!(predictive(&track(0.0, true), &centred, &CAMERA).unwrap().coverage, 1.0);
         assert_eq!(predictive(&track(0.0, true), &[], &CAMERA), None);
+        let broken: Vec<Track> = centred.iter().cloned().chain([track(f64::NAN, false)]).collect();
+        assert_eq!(
+            predictive(&track(0.0, true), &broken, &CAMERA),
+            predictive(&track(0.0, true), &centred, &CAMERA),
+            "a track that is no number predicts nothing"
+        );
     }
 
     #[test]

@@ -8,6 +8,8 @@
 //! real-to-sim for deformable object manipulation"; the features are those of Rahimi and Recht (2007).
 
 pub mod input;
+#[cfg(test)]
+mod tests;
 mod trig;
 
 pub use input::{InputError, TrackInput};

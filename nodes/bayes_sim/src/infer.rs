@@ -89,3 +89,93 @@ pub fn infer(
     warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequential::tests::{TOY, TRUTH, quick};
+    use catenary_core::model::DriveKind;
+    use catenary_core::simulator::StartShape;
+    use catenary_core::{Drive, GripTrajectory, SimulatorError, Track};
+    use std::cell::RefCell;
+    use std::ops::ControlFlow;
+
+    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+
+    /// The linear-Gaussian toy over the model's parameters; it keeps what it was asked for.
+    struct Toy<'a>(&'a Model, RefCell<Vec<SimulationRequest>>);
+
+    impl Simulator for Toy<'_> {
+        fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            self.1.borrow_mut().push(request.clone());
+            let thetas = request.thetas.iter().map(|t| self.0.theta.to_unit(t)).collect();
+            TOY.simulate(&SimulationRequest { thetas, ..request.clone() })
+        }
+    }
+
+    fn measured() -> MeasuredTrack {
+        MeasuredTrack {
+            track: TOY.track(&TRUTH, 5),
+            grip: GripTrajectory::new(vec![0.0, 1.0], vec![Default::default(); 2]).unwrap(),
+            actions: Vec::new(),
+            start: StartShape::HangingAtRest,
+            target_m: Some([0.5, 0.1]),
+        }
+    }
+
+    #[test]
+    fn a_whole_inference_simulates_trains_and_checks_itself() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 2, predictive_draws: 25, ..quick() };
+        let simulator = Toy(&model, RefCell::default());
+        let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+        let result = infer(&model, &measured(), None, &settings, &simulator, &mut listen).unwrap();
+        let asked = simulator.1.into_inner();
+        assert_eq!(asked.iter().map(|r| r.thetas.len()).collect::<Vec<_>>(), [40, 40, 25]);
+        let times: Vec<f64> = measured().track.frames.iter().map(|f| f.time_s).collect();
+        for request in &asked {
+            assert_eq!((&request.drive, &request.frame_times_s), (&Drive::Grip(measured().grip), &times));
+            assert_eq!((request.target_m, request.noise), (Some([0.5, 0.1]), true));
+            assert!(asked.iter().filter(|r| r.seed == request.seed).count() == 1, "a seed came twice");
+        }
+        assert_eq!((result.simulations(), result.losses().len()), (80, 2));
+        assert_eq!(result.effective_sample_size(), result.iterations[1].effective_sample_size);
+        assert_eq!(result.marginals, result.posterior.marginals().unwrap());
+        assert_eq!(result.predictive.as_ref().map(|p| p.draws), Some(25));
+        assert!((0.0..1.0).contains(&result.mass_outside), "{}", result.mass_outside);
+        // 80 simulations are under the 100 effective ones that a posterior should rest on.
+        assert!(result.warnings.iter().any(|w| w.contains("effective samples only")), "{:?}", result.warnings);
+        let back: InferenceResult = serde_json::from_str(&serde_json::to_string(&result).unwrap()).unwrap();
+        // The last bit of a number may be lost in the text.
+        let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);
+        assert!((density(&back) - density(&result)).abs() < 1e-9, "{} against {}", density(&back), density(&result));
+        assert_eq!((back.warnings, back.iterations.len()), (result.warnings, 2));
+    }
+
+    #[test]
+    fn no_predictive_draws_means_no_check() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
+        let simulator = Toy(&model, RefCell::default());
+        let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+        let result = infer(&model, &measured(), None, &settings, &simulator, &mut listen).unwrap();
+        assert_eq!((result.predictive, simulator.1.borrow().len()), (None, 1));
+    }
+
+    #[test]
+    fn a_drive_that_is_not_there_is_named() {
+        let mut model = Model::from_yaml(SOFT_BAR).unwrap();
+        let mut refusal = |drive| {
+            model.observation.drive = drive;
+            request(&model, &measured(), None, catenary_core::Fidelity::Fast).unwrap_err().to_string()
+        };
+        let words = "the model drives the simulator by actions: expected the episode's actions, got none";
+        assert_eq!(refusal(DriveKind::Actions), words);
+        let words = "the model drives the simulator by policy: expected the policy that the episode ran, got none";
+        assert_eq!(refusal(DriveKind::Policy), words);
+        let acted = MeasuredTrack { actions: vec![[0.0; 2]; 16], ..measured() };
+        model.observation.drive = DriveKind::Actions;
+        let (asked, frames) = request(&model, &acted, None, catenary_core::Fidelity::Fast).unwrap();
+        assert_eq!((asked.drive, frames), (Drive::Actions(acted.actions), 17));
+    }
+}

@@ -8,6 +8,8 @@ pub mod head;
 mod projection;
 mod samples;
 mod standard;
+#[cfg(test)]
+mod tests;
 pub mod train;
 
 pub use head::MixtureHead;

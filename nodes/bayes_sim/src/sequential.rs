@@ -3,6 +3,8 @@
 mod proposal;
 mod region;
 mod request;
+#[cfg(test)]
+pub(crate) mod tests;
 
 pub use proposal::{Proposal, balance_weights, effective_sample_size};
 pub use region::Region;
@@ -70,6 +72,7 @@ pub struct Sequential<'a> {
     settings: &'a Settings,
     observed: TrackInput,
     samples: Samples,
+    /// With the number of draws of each, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
     networks: Vec<Network>,
     simulations: usize,
@@ -201,14 +204,13 @@ impl<'a> Sequential<'a> {
             return Err(InferenceError::TrackCount { expected: count, got: tracks.len() });
         }
         self.simulations += count;
-        let before = self.samples.len();
         for (u, track) in u.iter().zip(&tracks) {
             match TrackInput::new(track, self.observed.frames()) {
                 Ok(input) => self.samples.push(&input, u),
                 Err(why) => self.refused = Some(why.to_string()),
             }
         }
-        self.proposals.push((proposal, self.samples.len() - before));
+        self.proposals.push((proposal, count));
         Ok(())
     }
 
@@ -236,10 +238,11 @@ impl<'a> Sequential<'a> {
         let (mut epochs, mut loss) = (0, 0.0);
         for member in 0..self.settings.ensemble {
             let mut rng = seed::rng(self.seed(Stream::Training, number), member as u64);
-            let shape = self.networks.get(member).map_or_else(|| self.shape(data), |n| n.shape().clone());
-            let network = Network::new(shape, self.settings.length_scale, data, weights, &mut rng);
-            self.networks.truncate(member);
-            self.networks.push(network);
+            let network = Network::new(self.shape(data), self.settings.length_scale, data, weights, &mut rng);
+            match self.networks.get_mut(member) {
+                Some(slot) => *slot = network,
+                None => self.networks.push(network),
+            }
             let (held_out, training) = self.split(member, indices);
             let mut on_epoch = |epoch| on_progress(&Progress::Epoch { iteration: number, network: member, epoch });
             let schedule = &self.settings.schedule;
@@ -256,7 +259,7 @@ impl<'a> Sequential<'a> {
     }
 
     /// Positions within `indices` that network `member` holds out, and those that it trains on. A track stays on its
-    /// side in all iterations, so that weights carried over have never seen a held-out track.
+    /// side in all iterations, so that held-out losses of different iterations can be compared.
     fn split(&self, member: usize, indices: &[usize]) -> (Vec<usize>, Vec<usize>) {
         let stream = self.seed(Stream::HeldOut, member);
         let lot = |i: usize| (seed::derive(stream, i as u64) >> 11) as f64 / (1u64 << 53) as f64;

@@ -137,6 +137,7 @@ impl Settings {
         let counts = [
             ("iterations", self.iterations),
             ("embedding.frequencies", self.embedding.frequencies),
+            ("projection", self.projection.unwrap_or(1)),
             ("hidden", self.hidden.iter().copied().min().unwrap_or(0)),
             ("components", self.components),
             ("ensemble", self.ensemble),
@@ -181,3 +182,65 @@ impl Settings {
 
 /// Fewest tracks that a network is trained on.
 pub const LEAST_TRACKS: usize = 10;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_presets_are_sound_and_others_are_refused() {
+        for (name, settings) in [("default", Settings::default()), ("paper", Settings::paper())] {
+            assert_eq!(Settings::preset(name).unwrap(), settings);
+            settings.check().unwrap();
+        }
+        let other = Settings::preset("fast").unwrap_err().to_string();
+        assert_eq!(other, "settings: `preset`: expected default or paper, got fast");
+    }
+
+    #[test]
+    fn check_names_the_field_what_was_expected_and_what_came() {
+        type Change = fn(&mut Settings);
+        let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
+        let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));
+        let cases: [(&str, &str, &str, Change); 17] = [
+            ("iterations", "at least 1", "0", |s| s.iterations = 0),
+            ("simulations", "at least 10", "9", |s| s.simulations = 9),
+            ("embedding.frequencies", "at least 1", "0", |s| s.embedding.frequencies = 0),
+            ("length_scale", "a positive number", "-1", |s| s.length_scale = -1.0),
+            ("projection", "at least 1", "0", |s| s.projection = Some(0)),
+            ("hidden", "at least 1", "0", |s| s.hidden = vec![8, 0]),
+            ("hidden", "at least 1", "0", |s| s.hidden.clear()),
+            ("components", "at least 1", "0", |s| s.components = 0),
+            ("ensemble", "at least 1", "0", |s| s.ensemble = 0),
+            ("held_out_share", "a number between 0 and 1", "NaN", |s| s.held_out_share = f64::NAN),
+            ("schedule.learning_rate", "a positive number", "inf", |s| s.schedule.learning_rate = f64::INFINITY),
+            ("schedule.weight_decay", "a number of at least zero", "-0.1", |s| s.schedule.weight_decay = -0.1),
+            ("schedule.batch_size", "at least 1", "0", |s| s.schedule.batch_size = 0),
+            ("schedule.max_epochs", "at least 1", "0", |s| s.schedule.max_epochs = 0),
+            ("schedule.patience_epochs", "at least 1", "0", |s| s.schedule.patience_epochs = 0),
+            ("schedule.max_gradient_norm", "a positive number", "0", |s| s.schedule.max_gradient_norm = 0.0),
+            ("proposal.posterior.prior_share", "a number between 0 and 1", "0", |s| {
+                s.proposal = ProposalKind::Posterior { prior_share: 0.0 };
+            }),
+        ];
+        let refusal = |s: &Settings| s.check().unwrap_err().to_string();
+        for (field, expected, got, change) in cases {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            assert_eq!(refusal(&settings), format!("settings: `{field}`: expected {expected}, got {got}"));
+        }
+        for (proposal, field) in [(tail, "proposal.truncated.tail"), (shrink, "proposal.truncated.least_shrink")] {
+            let settings = Settings { proposal, ..Settings::default() };
+            assert!(refusal(&settings).contains(&format!("`{field}`: expected a number between 0 and 1")), "{field}");
+        }
+    }
+
+    #[test]
+    fn settings_survive_json_and_unknown_fields_do_not() {
+        let settings = Settings { proposal: ProposalKind::Posterior { prior_share: 0.2 }, ..Settings::paper() };
+        let text = serde_json::to_string(&settings).unwrap();
+        assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), settings);
+        let other = text.replacen("{", "{\"depth\": 3, ", 1);
+        assert!(serde_json::from_str::<Settings>(&other).unwrap_err().to_string().contains("depth"));
+    }
+}

@@ -33,7 +33,7 @@ pub enum InputError {
         /// Frames of the track.
         got: usize,
     },
-    /// A number that is NaN or infinite.
+    /// A number that is NaN or infinite, in single precision.
     #[error("track: frame {frame} (at {time_s} s) holds a number that is not finite")]
     NotFinite {
         /// Index of the frame.
@@ -59,7 +59,7 @@ impl TrackInput {
             let [x, z, pitch] = frame.eef;
             let ([dx, dz], [target_x, target_y]) = (frame.action, frame.target);
             let values = [x, z, pitch, dx, dz, target_x, target_y, 1.0];
-            if !set.as_flattened().iter().chain(&values).all(|v| v.is_finite()) {
+            if !set.as_flattened().iter().chain(&values).all(|v| (*v as f32).is_finite()) {
                 return Err(InputError::NotFinite { frame: index, time_s: frame.time_s });
             }
             point_row.iter_mut().zip(set.as_flattened()).for_each(|(slot, v)| *slot = *v as f32);

@@ -4,7 +4,7 @@
 const ROUNDER: f32 = 12_582_912.0;
 /// pi, split so that subtracting a multiple of it loses nothing: 8 + 11 + 24 bits.
 const PI_HIGH: f32 = 3.140_625;
-const PI_MIDDLE: f32 = 9.675_025_9e-4;
+const PI_MIDDLE: f32 = 9.675_026e-4;
 const PI_LOW: f32 = 1.509_957_9e-7;
 
 /// `(cos x, sin x)` to 2e-7 for |x| < 1000, by reduction to [-pi/2, pi/2] and the Taylor series.

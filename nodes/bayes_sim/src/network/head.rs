@@ -154,3 +154,97 @@ fn bend(raw: f32) -> f64 {
 fn bend_slope(raw: f32) -> f64 {
     1.0 - (f64::from(raw) / DIAGONAL_LIMIT).tanh().powi(2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::seed;
+    use rand::RngExt;
+    use rand_distr::StandardNormal;
+
+    fn raw(head: &MixtureHead, stream: u64) -> Vec<f32> {
+        let mut rng = seed::rng(21, stream);
+        (0..head.outputs()).map(|_| 0.7 * rng.sample::<f32, _>(StandardNormal)).collect()
+    }
+
+    #[test]
+    fn the_density_integrates_to_one() {
+        // Midpoints over +-40 with steps of 1/20: the narrowest component has a standard deviation over e^-2, the widest
+        // under e^2.
+        let line = |i: usize| -40.0 + (i as f64 + 0.5) / 20.0;
+        for stream in 0..3 {
+            let one = MixtureHead { components: 3, dimension: 1 };
+            let r = raw(&one, stream);
+            let sum: f64 = (0..1600).map(|i| (-one.loss(&r, &[line(i)], 1.0, None)).exp() / 20.0).sum();
+            assert!((sum - 1.0).abs() < 1e-6, "1-D: {sum}");
+            let two = MixtureHead { components: 2, dimension: 2 };
+            let r = raw(&two, stream);
+            let cell = |i: usize| (-two.loss(&r, &[line(i / 1600), line(i % 1600)], 1.0, None)).exp() / 400.0;
+            let sum: f64 = (0..1600 * 1600).map(cell).sum();
+            assert!((sum - 1.0).abs() < 1e-4, "2-D: {sum}");
+        }
+    }
+
+    #[test]
+    fn parts_are_the_mixture_whose_density_is_the_loss() {
+        let head = MixtureHead { components: 4, dimension: 3 };
+        let r = raw(&head, 9);
+        let (centre, scale) = ([0.2, 0.5, 0.9], [0.1, 0.5, 2.0]);
+        let mixture = head.mixture(&r, &centre, &scale).unwrap();
+        let mut rng = seed::rng(22, 0);
+        for _ in 0..50 {
+            let v: Vec<f64> = (0..3).map(|_| 2.0 * rng.sample::<f64, _>(StandardNormal)).collect();
+            let u: Vec<f64> = (0..3).map(|i| centre[i] + scale[i] * v[i]).collect();
+            let volume: f64 = scale.iter().map(|s: &f64| s.ln()).sum();
+            let (density, loss) = (mixture.log_density(&u), head.loss(&r, &v, 1.0, None));
+            assert!((density + volume + loss).abs() < 1e-9 * (1.0 + loss.abs()), "{density} + {volume}, {loss}");
+        }
+    }
+
+    #[test]
+    fn covariance_is_the_inverse_of_the_factors_square() {
+        let head = MixtureHead { components: 1, dimension: 2 };
+        // Logit; means 1, -1; diagonals 2 and 1/2, before the bend; 3 below them: A = [2 0; 3 0.5].
+        let unbend = |v: f64| (DIAGONAL_LIMIT * (v.ln() / DIAGONAL_LIMIT).atanh()) as f32;
+        let r = [0.0, 1.0, -1.0, unbend(2.0), unbend(0.5), 3.0];
+        let (weights, means, covariances) = head.parts(&r, &[10.0, 20.0], &[1.0, 2.0]).unwrap();
+        assert_eq!((weights[0], means[0].as_slice()), (1.0, &[11.0, 18.0][..]));
+        // A^-1 = [1/2 0; -3 2], scaled by (1, 2) from the left: L = [1/2 0; -6 4]; L L^T.
+        let exact = [0.25, -3.0, -3.0, 52.0];
+        let worst = covariances[0].iter().zip(exact).map(|(c, e)| (c - e).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-4, "{}", covariances[0]);
+    }
+
+    #[test]
+    fn the_gradient_by_raw_outputs_is_that_of_finite_differences() {
+        const STEP: f32 = 1.0 / 256.0;
+        let head = MixtureHead { components: 3, dimension: 3 };
+        let r = raw(&head, 10);
+        let v = [0.3, -0.8, 0.5];
+        let mut gradient = vec![0.0; head.outputs()];
+        head.loss(&r, &v, 0.4, Some(&mut gradient));
+        for i in 0..head.outputs() {
+            let at = |step: f32| {
+                let mut moved = r.clone();
+                moved[i] += step;
+                (head.loss(&moved, &v, 0.4, None), f64::from(moved[i]))
+            };
+            let ((above, to), (below, from)) = (at(STEP), at(-STEP));
+            let difference = 0.4 * (above - below) / (to - from);
+            // The loss is in double precision; what is left is the curvature, STEP^2 times a third derivative of order 10.
+            assert!((difference - f64::from(gradient[i])).abs() < 3e-4, "{i}: {difference} against {}", gradient[i]);
+        }
+    }
+
+    #[test]
+    fn precisions_stay_bounded_and_keep_a_gradient() {
+        let head = MixtureHead { components: 1, dimension: 1 };
+        for (far, bound) in [(40.0, (-DIAGONAL_LIMIT).exp()), (-40.0, DIAGONAL_LIMIT.exp())] {
+            let sd = head.parts(&[0.0, 0.0, far], &[0.0], &[1.0]).unwrap().2[0][(0, 0)].sqrt();
+            assert!((sd / bound - 1.0).abs() < 1e-3, "{far}: {sd} against {bound}");
+            let mut gradient = [0.0; 3];
+            assert!(head.loss(&[0.0, 0.0, far], &[3.0], 1.0, Some(&mut gradient)).is_finite());
+            assert!(gradient[2] != 0.0 && gradient.iter().all(|g| g.is_finite()), "{gradient:?}");
+        }
+    }
+}

@@ -82,3 +82,97 @@ fn product(a: &[f32], op: Transpose, b: &DMatrix<f64>, shape: (usize, usize, usi
     gemm(shape, 1.0, a, op, &b, Transpose::No, 0.0, &mut out);
     out.into_iter().map(f64::from).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::seed;
+
+    const ROWS: usize = 4_000;
+    const WIDTH: usize = 12;
+    const SPREADS: [f64; 3] = [5.0, 2.0, 1.0];
+    /// Standard deviation of the other directions.
+    const REST: f64 = 0.1;
+
+    /// Orthonormal directions (columns), and rows of Gaussians with the spreads along the first three of them.
+    fn data() -> (DMatrix<f64>, Vec<f32>) {
+        let mut rng = seed::rng(31, 0);
+        let directions = DMatrix::from_fn(WIDTH, WIDTH, |_, _| rng.sample::<f64, _>(StandardNormal)).qr().q();
+        let mut x = Vec::with_capacity(ROWS * WIDTH);
+        for _ in 0..ROWS {
+            let mut row = DMatrix::zeros(WIDTH, 1);
+            for (i, direction) in directions.column_iter().enumerate() {
+                row += direction * (SPREADS.get(i).unwrap_or(&REST) * rng.sample::<f64, _>(StandardNormal));
+            }
+            x.extend(row.iter().map(|v| *v as f32));
+        }
+        (directions, x)
+    }
+
+    /// Row p of the map, in double precision.
+    fn row(projection: &Projection, p: usize) -> Vec<f64> {
+        projection.matrix[p * WIDTH..(p + 1) * WIDTH].iter().map(|v| f64::from(*v)).collect()
+    }
+
+    #[test]
+    fn finds_the_leading_directions_in_order_and_whitens_them() {
+        let (directions, x) = data();
+        let projection = Projection::fit(&x, &[1.0; ROWS], 3, &mut seed::rng(32, 0));
+        for (p, spread) in SPREADS.into_iter().enumerate() {
+            let row = row(&projection, p);
+            let length = row.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let cosine = directions.column(p).iter().zip(&row).map(|(d, r)| d * r).sum::<f64>() / length;
+            // Sampling turns neighbouring directions by about 1/sqrt(N) times 5 * 2 / (25 - 4): 0.008 rad, and a
+            // spread is off by 1/sqrt(2 N) = 1.1 %.
+            assert!(cosine.abs() > 0.999, "component {p}: cosine {cosine}");
+            assert!((length * spread - 1.0).abs() < 0.05, "component {p}: {length} for a spread of {spread}");
+        }
+        let out = projection.apply(&x);
+        for (p, q) in (0..9).map(|i| (i / 3, i % 3)) {
+            let moment = out.chunks_exact(3).map(|r| f64::from(r[p] * r[q])).sum::<f64>() / ROWS as f64;
+            assert!((moment - f64::from(u8::from(p == q))).abs() < 2e-3, "second moment {p}, {q}: {moment}");
+        }
+    }
+
+    #[test]
+    fn weights_count_as_repeated_rows() {
+        let (_, x) = data();
+        let part = &x[..40 * WIDTH];
+        let twice: Vec<f32> =
+            part.chunks_exact(WIDTH).enumerate().flat_map(|(i, r)| r.repeat(if i % 2 == 0 { 3 } else { 1 })).collect();
+        let weights: Vec<f64> = (0..40).map(|i| if i % 2 == 0 { 3.0 } else { 1.0 }).collect();
+        let weighted = Projection::fit(part, &weights, 2, &mut seed::rng(33, 0));
+        let repeated = Projection::fit(&twice, &[1.0; 80], 2, &mut seed::rng(33, 0));
+        let plain = Projection::fit(part, &[1.0; 40], 2, &mut seed::rng(33, 0));
+        let gap = |a: &Projection, b: &Projection| {
+            let pairs = a.apply(part).into_iter().zip(b.apply(part)).collect::<Vec<_>>();
+            // A component's sign is free.
+            let of =
+                |s: f32, p: usize| pairs.iter().skip(p).step_by(2).map(|(a, b)| (a - s * b).abs()).fold(0.0, f32::max);
+            (0..2).map(|p| of(1.0, p).min(of(-1.0, p))).fold(0.0, f32::max)
+        };
+        assert!(gap(&weighted, &repeated) < 1e-3, "{}", gap(&weighted, &repeated));
+        assert!(gap(&weighted, &plain) > 0.05, "{}", gap(&weighted, &plain));
+    }
+
+    #[test]
+    fn components_beyond_the_rank_are_zero() {
+        // Two directions only, and more components than rows or directions.
+        let x: Vec<f32> = (0..6).flat_map(|i| [i as f32 - 2.5, 2.0 * (i % 2) as f32 - 1.0, 0.0, 0.0]).collect();
+        let projection = Projection::fit(&x, &[1.0; 6], 5, &mut seed::rng(34, 0));
+        let out = projection.apply(&x);
+        assert!(out.chunks_exact(5).all(|r| r[2..].iter().all(|v| *v == 0.0)), "{out:?}");
+        let unit = out.chunks_exact(5).map(|r| r[1] * r[1]).sum::<f32>() / 6.0;
+        assert!((unit - 1.0).abs() < 1e-4, "{unit}");
+    }
+
+    #[test]
+    fn the_transposed_map_is_the_adjoint() {
+        let (_, x) = data();
+        let projection = Projection::fit(&x, &[1.0; ROWS], 3, &mut seed::rng(35, 0));
+        let (x, by) = (&x[..2 * WIDTH], [0.3, -1.0, 2.0, 0.1, 0.7, -0.4]);
+        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+        let (left, right) = (dot(&projection.apply(x), &by), dot(x, &projection.apply_transposed(&by)));
+        assert!((left - right).abs() < 1e-4 * left.abs().max(1.0), "{left} against {right}");
+    }
+}

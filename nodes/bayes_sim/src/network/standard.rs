@@ -1,7 +1,7 @@
 //! Centres and scales that bring inputs and thetas to about zero and one.
 
 use super::{Network, Samples, Shape};
-use crate::embedding::input::POINT_VALUES;
+use crate::embedding::input::{POINT_VALUES, PRESENCE};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation under which a column counts as constant.
@@ -25,6 +25,8 @@ pub struct Standardisation {
     point_inverse_scale: f32,
     /// F x C: of features and channels.
     pub(super) columns: Affine,
+    /// Which of the C columns says whether a frame is there; none where it is not looked at.
+    pub(super) presence: Option<usize>,
     /// D.
     theta_centre: Vec<f64>,
     /// D.
@@ -76,6 +78,7 @@ impl Standardisation {
             point_centre: all.iter().map(|m| m.finish().0 as f32).collect(),
             point_inverse_scale: (1.0 / spread.max(LEAST_SPREAD)) as f32,
             columns: Affine { centre: vec![0.0; columns], inverse_scale: vec![1.0; columns] },
+            presence: shape.channels.iter().position(|c| *c == PRESENCE).map(|c| shape.embedding.features() + c),
             theta_centre: vec![0.0; shape.head.dimension],
             theta_scale: vec![1.0; shape.head.dimension],
         }
@@ -104,14 +107,14 @@ impl Standardisation {
         points
     }
 
-    /// Standardises the columns of `batch` in place, N x F x C; absent frames stay zero.
+    /// Standardises the columns of `batch` in place, N x F x C; absent frames stay zero but for their absence.
     pub(super) fn standardise_columns(&self, batch: &Samples, columns: &mut [f32]) {
         let width = self.columns.centre.len() / batch.frames();
         for (row, values) in columns.chunks_exact_mut(width).enumerate() {
-            if batch.present(row) {
-                let at = width * (row % batch.frames());
-                let affine = self.columns.centre[at..].iter().zip(&self.columns.inverse_scale[at..]);
-                values.iter_mut().zip(affine).for_each(|(v, (c, s))| *v = (*v - c) * s);
+            let at = width * (row % batch.frames());
+            let seen = if batch.present(row) { 0..width } else { self.presence.map_or(0..0, |c| c..c + 1) };
+            for c in seen {
+                values[c] = (values[c] - self.columns.centre[at + c]) * self.columns.inverse_scale[at + c];
             }
         }
     }
@@ -146,16 +149,17 @@ impl Standardisation {
 }
 
 impl Network {
-    /// Centres and inverse scales of the columns over `samples`.
+    /// Centres and inverse scales of the columns over the frames of `samples`; that of presence over absent ones too.
     pub(super) fn fitted_columns(&self, samples: &Samples, weights: &[f64]) -> Affine {
         let width = self.shape.columns();
         let mut moments = vec![Moments::default(); self.shape.frames * width];
         let columns = self.raw_columns(samples);
         for (row, values) in columns.chunks_exact(width).enumerate() {
-            if samples.present(row) {
-                let at = width * (row % self.shape.frames);
-                let weight = weights[row / self.shape.frames];
-                moments[at..].iter_mut().zip(values).for_each(|(m, v)| m.add(weight, f64::from(*v)));
+            let at = width * (row % self.shape.frames);
+            let weight = weights[row / self.shape.frames];
+            let seen = if samples.present(row) { 0..width } else { self.standard.presence.map_or(0..0, |c| c..c + 1) };
+            for c in seen {
+                moments[at + c].add(weight, f64::from(values[c]));
             }
         }
         let inverse = |spread: f64| if spread < LEAST_SPREAD { 0.0 } else { (1.0 / spread) as f32 };

@@ -13,7 +13,7 @@ use thiserror::Error;
 pub struct Schedule {
     /// Adam's step size. Larger learns faster, up to where the loss jumps.
     pub learning_rate: f64,
-    /// Decoupled decay of the dense weights, a share of the learning rate a step. Larger trusts few tracks less.
+    /// Decoupled decay of the dense weights and biases, a share of the learning rate a step. Larger trusts few tracks less.
     pub weight_decay: f64,
     /// Whether the embedding is trained with the rest, or stays random.
     pub train_embedding: bool,

@@ -93,7 +93,8 @@ impl Proposal {
 }
 
 /// Importance weights of draws `theta` that came from several proposals: prior over the mixture of all of them, by the
-/// balance heuristic (Veach and Guibas 1995). `proposals` are (proposal, number of its usable draws).
+/// balance heuristic (Veach and Guibas 1995). `proposals` are (proposal, number of its draws). Draws whose tracks were
+/// unusable count in that number: whether a track is usable depends on theta, not on what theta was drawn from.
 pub fn balance_weights<'a>(theta: impl Iterator<Item = &'a [f64]>, proposals: &[(Proposal, usize)]) -> Vec<f64> {
     let total: usize = proposals.iter().map(|(_, n)| n).sum();
     theta
@@ -109,4 +110,121 @@ pub fn effective_sample_size(weights: &[f64]) -> f64 {
     let sum: f64 = weights.iter().sum();
     let squares: f64 = weights.iter().map(|w| w * w).sum();
     if squares > 0.0 { sum * sum / squares } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::seed;
+    use nalgebra::{DMatrix, DVector};
+
+    fn posterior() -> Mixture {
+        let round = |v| DMatrix::from_diagonal_element(2, 2, v);
+        let means = [[0.3, 0.35], [0.6, 0.45]].map(|m| DVector::from_row_slice(&m));
+        Mixture::new(&[0.6, 0.4], means.to_vec(), vec![round(0.01), round(0.02)]).unwrap()
+    }
+
+    fn next(kind: ProposalKind, stream: u64) -> Proposal {
+        Proposal::next(kind, &posterior(), &Proposal::Prior, 2, &mut seed::rng(61, stream)).unwrap()
+    }
+
+    /// The prior, a region and a mixture, with unlike numbers of draws.
+    fn proposals() -> Vec<(Proposal, usize)> {
+        vec![
+            (Proposal::Prior, 2_000),
+            (next(ProposalKind::Truncated { tail: 0.1, least_shrink: 1e-6 }, 0), 3_000),
+            (next(ProposalKind::Posterior { prior_share: 0.1 }, 1), 5_000),
+        ]
+    }
+
+    /// Draws from every proposal, those that `usable` refuses left out.
+    fn draws(proposals: &[(Proposal, usize)], usable: &dyn Fn(&[f64]) -> bool, stream: u64) -> Vec<Vec<f64>> {
+        let mut rng = seed::rng(62, stream);
+        let all = proposals.iter().flat_map(|(p, n)| std::iter::repeat_n(p, *n));
+        all.map(|p| p.sample(2, 2, &mut rng).unwrap()).filter(|u| usable(u)).collect()
+    }
+
+    /// Weighted mean of `f`, and its standard error (delta method).
+    fn estimate(draws: &[Vec<f64>], weights: &[f64], f: &dyn Fn(&[f64]) -> f64) -> (f64, f64) {
+        let total: f64 = weights.iter().sum();
+        let mean = draws.iter().zip(weights).map(|(u, w)| w * f(u)).sum::<f64>() / total;
+        let squares: f64 = draws.iter().zip(weights).map(|(u, w)| (w * (f(u) - mean)).powi(2)).sum();
+        (mean, squares.sqrt() / total)
+    }
+
+    #[test]
+    fn every_density_integrates_to_one() {
+        let at = |i: usize| (i as f64 + 0.5) / 400.0;
+        for (proposal, _) in proposals() {
+            let sum: f64 = (0..160_000).map(|i| proposal.density(&[at(i / 400), at(i % 400)]) / 160_000.0).sum();
+            // A region's volume and a mixture's mass inside are estimates: 4 x 1.3 % and 4 x 0.2 %.
+            assert!((sum - 1.0).abs() < 0.055, "{sum}: {proposal:?}");
+            assert_eq!(proposal.density(&[1.2, 0.5]), 0.0);
+        }
+    }
+
+    #[test]
+    fn balance_weights_turn_draws_of_all_proposals_into_the_prior() {
+        let proposals = proposals();
+        let draws = draws(&proposals, &|_| true, 0);
+        let weights = balance_weights(draws.iter().map(Vec::as_slice), &proposals);
+        // The mean weight is an estimate of one.
+        let mean = weights.iter().sum::<f64>() / weights.len() as f64;
+        assert!((mean - 1.0).abs() < 0.06, "{mean}");
+        type Function<'a> = &'a dyn Fn(&[f64]) -> f64;
+        let expectations: [(&str, f64, Function<'_>); 4] = [
+            ("mean of x", 0.5, &|u| u[0]),
+            ("mean of y", 0.5, &|u| u[1]),
+            ("second moment of x", 1.0 / 3.0, &|u| u[0] * u[0]),
+            ("moment of x and y", 0.25, &|u| u[0] * u[1]),
+        ];
+        for (what, exact, f) in expectations {
+            let (value, error) = estimate(&draws, &weights, f);
+            // Four standard errors, and the 1 % of the region's volume: one wrong seed in 4,000 for all of them.
+            assert!((value - exact).abs() < 4.0 * error + 0.003, "{what}: {value} +- {error}, exact {exact}");
+            let plain = estimate(&draws, &vec![1.0; draws.len()], f).0;
+            assert!((plain - exact).abs() > 8.0 * error, "{what}: no weights would do too: {plain}");
+        }
+    }
+
+    #[test]
+    fn unusable_draws_count_in_the_weights_of_the_others() {
+        // Usable is the half nearer the mixture's first component; the prior loses half of its draws, the region fewer.
+        let usable = |u: &[f64]| u[0] < 0.5;
+        let proposals = proposals();
+        let draws = draws(&proposals, &usable, 1);
+        let weights = balance_weights(draws.iter().map(Vec::as_slice), &proposals);
+        let (value, error) = estimate(&draws, &weights, &|u| u[0]);
+        assert!((value - 0.25).abs() < 4.0 * error + 0.003, "{value} +- {error}");
+    }
+
+    #[test]
+    fn weights_of_one_proposal_are_equal_within_a_region() {
+        let region = next(ProposalKind::Truncated { tail: 0.1, least_shrink: 1e-6 }, 0);
+        assert!(region.covers(&[0.3, 0.35]) && !region.covers(&[0.01, 0.99]) && !region.covers(&[1.2, 0.45]));
+        assert!(next(ProposalKind::Posterior { prior_share: 0.1 }, 1).covers(&[0.01, 0.99]));
+        let both = [(Proposal::Prior, 100), (region.clone(), 100)];
+        let inside = [[0.3, 0.35], [0.32, 0.3], [0.6, 0.45]];
+        let weights = balance_weights(inside.iter().map(<[f64; 2]>::as_slice), &both);
+        assert!(weights.iter().all(|w| *w == weights[0]), "{weights:?}");
+        assert!((effective_sample_size(&weights) - 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_share_of_the_prior_bounds_the_weights() {
+        let prior_share = 0.1;
+        let only = [(next(ProposalKind::Posterior { prior_share }, 1), 1_000)];
+        let draws = draws(&only, &|_| true, 2);
+        let weights = balance_weights(draws.iter().map(Vec::as_slice), &only);
+        let greatest = weights.iter().copied().fold(0.0, f64::max);
+        assert!(greatest <= 1.0 / prior_share && greatest > 5.0, "{greatest}");
+    }
+
+    #[test]
+    fn effective_sample_size_is_kishs() {
+        assert_eq!(effective_sample_size(&[0.25; 8]), 8.0);
+        assert_eq!(effective_sample_size(&[5.0, 0.0, 0.0]), 1.0);
+        assert_eq!(effective_sample_size(&[3.0, 1.0]), 1.6);
+        assert_eq!(effective_sample_size(&[]), 0.0);
+    }
 }

@@ -1,0 +1,273 @@
+//! What an inference does besides being right, and, in the modules below, that it is.
+
+mod calibration;
+pub(crate) mod linear_gaussian;
+
+use super::*;
+use crate::embedding::{Embedding, Fourier};
+use crate::settings::ProposalKind;
+use catenary_core::simulator::StartShape;
+use catenary_core::track::End;
+use catenary_core::{Drive, Fidelity, Frame, Parameter, Prior, SimulatorError};
+use linear_gaussian::{FRAMES, LinearGaussian};
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use std::cell::Cell;
+
+pub(crate) const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.15 };
+pub(crate) const TRUTH: [f64; 2] = [0.4, 0.7];
+
+fn template() -> SimulationRequest {
+    SimulationRequest {
+        thetas: vec![],
+        effects: vec![],
+        drive: Drive::Actions(vec![]),
+        start: StartShape::HangingAtRest,
+        frame_times_s: vec![],
+        target_m: None,
+        fidelity: Fidelity::Standard,
+        seed: 0,
+        first_episode: 0,
+        noise: true,
+    }
+}
+
+/// All iterations; the last one's account and posterior.
+fn run(
+    sequential: &mut Sequential<'_>,
+    simulator: &dyn Simulator,
+    iterations: usize,
+) -> Result<(Iteration, Posterior), InferenceError> {
+    let mut step = || sequential.step(&template(), simulator, &mut |_| ControlFlow::Continue(()));
+    let mut last = step()?;
+    for _ in 1..iterations {
+        last = step()?;
+    }
+    Ok(last)
+}
+
+/// Small and quick, far from good.
+pub(crate) fn quick() -> Settings {
+    Settings {
+        simulations: 40,
+        embedding: Embedding { frequencies: 6, fourier: Fourier::CosOnly },
+        projection: Some(8),
+        hidden: vec![10],
+        components: 2,
+        ensemble: 2,
+        schedule: crate::network::train::Schedule { max_epochs: 4, ..Settings::default().schedule },
+        ..Settings::default()
+    }
+}
+
+/// A quick inference with `simulator`.
+fn quick_run(
+    settings: &Settings,
+    simulator: &dyn Simulator,
+    iterations: usize,
+) -> Result<(Iteration, Posterior), InferenceError> {
+    let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
+    run(&mut Sequential::new(&space, &observed, FRAMES, settings)?, simulator, iterations)
+}
+
+/// A simulator made of a function.
+struct Simulate<F>(F);
+
+impl<F: Fn(&SimulationRequest) -> Result<Vec<Track>, SimulatorError>> Simulator for Simulate<F> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        (self.0)(request)
+    }
+}
+
+/// The toy with the tracks changed by `change` (index, theta, track).
+fn changed(change: impl Fn(usize, &[f64], &mut Track)) -> impl Simulator {
+    Simulate(move |request: &SimulationRequest| {
+        let mut tracks = TOY.simulate(request)?;
+        tracks.iter_mut().enumerate().for_each(|(i, t)| change(i, &request.thetas[i], t));
+        Ok(tracks)
+    })
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_and_another_seed_another_posterior() {
+    for proposal in [Settings::default().proposal, ProposalKind::Posterior { prior_share: 0.2 }] {
+        let settings = Settings { proposal, ..quick() };
+        let first = quick_run(&settings, &TOY, 3).unwrap();
+        assert_eq!(quick_run(&settings, &TOY, 3).unwrap(), first);
+        let other = quick_run(&Settings { seed: 1, ..settings }, &TOY, 3).unwrap();
+        assert_ne!(other.1.mixture, first.1.mixture);
+    }
+}
+
+#[test]
+fn keypoints_in_another_order_give_the_same_bits() {
+    let settings = quick();
+    let turned = changed(|i, _, track| track.frames.iter_mut().for_each(|f| f.dlo.rotate_left(i % 4)));
+    assert_eq!(quick_run(&settings, &turned, 2).unwrap(), quick_run(&settings, &TOY, 2).unwrap());
+}
+
+#[test]
+fn an_iteration_accounts_for_what_it_did() {
+    let settings = quick();
+    let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
+    let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+    let (mut epochs, mut told) = (0, Vec::new());
+    let mut least_volume = 1.0;
+    for number in 1..=3 {
+        let (iteration, posterior) = sequential
+            .step(&template(), &TOY, &mut |progress| {
+                match progress {
+                    Progress::Epoch { iteration, .. } => epochs += usize::from(*iteration == number),
+                    Progress::Iteration { iteration, of, posterior } => {
+                        told.push(((*iteration).clone(), *of, (*posterior).clone()));
+                    }
+                }
+                ControlFlow::Continue(())
+            })
+            .unwrap();
+        assert_eq!((iteration.iteration, iteration.simulations, iteration.unusable), (number, 40 * number, 0));
+        assert_eq!(iteration.epochs, epochs);
+        assert_eq!(told.last(), Some(&(iteration.clone(), settings.iterations, posterior)));
+        assert!(iteration.proposal_volume <= 1.0 && iteration.proposal_volume >= 0.25 * least_volume, "{iteration:?}");
+        assert!(iteration.effective_sample_size <= iteration.tracks as f64 + 1e-9, "{iteration:?}");
+        assert!(iteration.tracks <= iteration.simulations && iteration.loss.is_finite(), "{iteration:?}");
+        least_volume = iteration.proposal_volume;
+        epochs = 0;
+    }
+    assert_eq!((sequential.samples().len(), sequential.networks().len()), (120, 2));
+}
+
+#[test]
+fn the_simulator_is_asked_for_thetas_of_the_prior_in_their_units_and_never_twice_with_one_seed() {
+    let range = Parameter { name: "youngs_modulus_pa".into(), prior: Prior::LogUniform { low: 1e3, high: 5e4 } };
+    let space = ParameterSpace::new(vec![range]).unwrap();
+    let (settings, observed) = (quick(), TOY.track(&TRUTH, 5));
+    let seeds = std::cell::RefCell::new(Vec::new());
+    let asked = Simulate(|request: &SimulationRequest| {
+        seeds.borrow_mut().push(request.seed);
+        assert!(request.thetas.iter().all(|t| (1e3..=5e4).contains(&t[0])), "{:?}", request.thetas);
+        let below = request.thetas.iter().filter(|t| t[0] < 50_f64.sqrt() * 1e3).count();
+        // Half of the prior lies below its geometric mean; 40 draws, four standard deviations of 3.2.
+        assert!(seeds.borrow().len() > 1 || below.abs_diff(20) < 13, "{below} of 40");
+        let unit = |t: &Vec<f64>| vec![space.to_unit(t)[0], 0.5];
+        TOY.simulate(&SimulationRequest { thetas: request.thetas.iter().map(unit).collect(), ..request.clone() })
+    });
+    let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+    run(&mut sequential, &asked, 2).unwrap();
+    assert!(seeds.borrow().len() == 2 && seeds.borrow()[0] != seeds.borrow()[1]);
+}
+
+#[test]
+fn cancelling_stops_at_once_and_says_after_how_many_simulations() {
+    let (space, observed, settings) = (TOY.space(), TOY.track(&TRUTH, 5), quick());
+    for (at_epoch, heard_before) in [(true, 1), (false, 9)] {
+        let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+        let (heard, mut second) = (Cell::new(0), false);
+        let mut outcome = Ok(());
+        while outcome.is_ok() {
+            let mut listen = |progress: &Progress<'_>| {
+                heard.set(heard.get() + usize::from(second));
+                let stop = second && at_epoch == matches!(progress, Progress::Epoch { .. });
+                if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            outcome = sequential.step(&template(), &TOY, &mut listen).map(drop);
+            second = true;
+        }
+        let error = outcome.unwrap_err();
+        assert!(matches!(error, InferenceError::Cancelled { simulations: 80 }), "{error:?}");
+        assert_eq!(error.to_string(), "inference was cancelled after 80 simulations");
+        // Two networks of four passes, and the iteration itself.
+        assert_eq!(heard.get(), heard_before);
+    }
+}
+
+#[test]
+fn failures_of_the_simulator_are_told_with_what_was_expected_and_what_came() {
+    let words = |simulator: &dyn Simulator| quick_run(&quick(), simulator, 1).unwrap_err().to_string();
+    let failing = Simulate(|_: &SimulationRequest| Err(SimulatorError::Backend("worker 3 is gone".into())));
+    assert_eq!(words(&failing), "simulator: worker 3 is gone");
+    let short = Simulate(|r: &SimulationRequest| TOY.simulate(r).map(|t| t[1..].to_vec()));
+    assert_eq!(words(&short), "simulator: expected 40 tracks, got 39");
+    let few = changed(|i, _, track| track.frames[2].dlo[1][0] = if i < 9 { 0.0 } else { f64::NAN });
+    let expected = "iteration 1: expected at least 10 usable tracks to train on, got 9; the last refused one: track: \
+                    frame 2 (at 0.2 s) holds a number that is not finite";
+    assert_eq!(words(&few), expected);
+    let none = changed(|_, _, track| track.frames.clear());
+    assert!(
+        words(&none).ends_with("got 0; the last refused one: track: expected 1 to 6 frames, got 0"),
+        "{}",
+        words(&none)
+    );
+}
+
+#[test]
+fn what_cannot_be_inferred_from_is_refused_at_once() {
+    let (space, settings) = (TOY.space(), quick());
+    let mut observed = TOY.track(&TRUTH, 5);
+    let refusal = |observed: &Track, frames, settings: &Settings| {
+        Sequential::new(&space, observed, frames, settings).err().unwrap().to_string()
+    };
+    assert_eq!(refusal(&observed, 5, &settings), "the measured track: expected 1 to 5 frames, got 6");
+    let bad = Settings { ensemble: 0, ..quick() };
+    assert_eq!(refusal(&observed, 6, &bad), "settings: `ensemble`: expected at least 1, got 0");
+    observed.frames[1].eef[0] = f64::NAN;
+    let words = "the measured track: frame 1 (at 0.1 s) holds a number that is not finite";
+    assert_eq!(refusal(&observed, 6, &settings), words);
+}
+
+#[test]
+fn unusable_tracks_are_left_out_and_bias_nothing() {
+    // Tracks of the right half are unusable, which the second proposal knows and the first does not.
+    let half = changed(|_, theta, track| {
+        if theta[0] > 0.5 {
+            track.frames.clear()
+        }
+    });
+    let settings = Settings { simulations: 400, proposal: ProposalKind::Posterior { prior_share: 0.1 }, ..quick() };
+    let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
+    let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+    let (iteration, _) = run(&mut sequential, &half, 2).unwrap();
+    assert_eq!(iteration.simulations - iteration.unusable, iteration.tracks);
+    assert!((250..650).contains(&iteration.tracks), "{iteration:?}");
+    assert!(sequential.proposals.iter().all(|(_, draws)| *draws == 400), "unusable draws count as draws");
+    assert!(iteration.effective_sample_size < 0.97 * iteration.tracks as f64, "weights are all alike: {iteration:?}");
+    let samples = sequential.samples();
+    let weights = balance_weights((0..samples.len()).map(|i| samples.theta(i)), &sequential.proposals);
+    // The weights' sum over the draws made estimates the share of the prior that is usable, one half.
+    let share = weights.iter().sum::<f64>() / iteration.simulations as f64;
+    let squares = weights.iter().map(|w| w * w).sum::<f64>() / iteration.simulations as f64;
+    let error = ((squares - share * share) / iteration.simulations as f64).sqrt();
+    assert!((share - 0.5).abs() < 4.0 * error, "{share} +- {error}");
+}
+
+#[test]
+fn the_length_of_a_track_alone_tells_theta() {
+    // Keypoints are the same everywhere; an episode of the right half ends early.
+    let still = changed(|_, theta, track| {
+        let frame = track.frames[0];
+        track.frames =
+            vec![Frame { dlo: [[0.0; 2]; 4], time_s: 0.0, ..frame }; if theta[0] > 0.5 { 3 } else { FRAMES }];
+    });
+    let mut schedule = quick().schedule;
+    schedule.max_epochs = 60;
+    let settings = Settings { simulations: 300, ensemble: 1, schedule, ..quick() };
+    let space = TOY.space();
+    let mean = |frames: usize| {
+        let mut observed = TOY.track(&TRUTH, 5);
+        observed.frames = vec![Frame { dlo: [[0.0; 2]; 4], ..observed.frames[0] }; frames];
+        let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+        run(&mut sequential, &still, 1).unwrap().1.marginals().unwrap()[0].mean
+    };
+    let (early, whole) = (mean(3), mean(FRAMES));
+    assert!((early - 0.75).abs() < 0.08 && (whole - 0.25).abs() < 0.08, "{early}, {whole}");
+}
+
+#[test]
+fn a_training_that_fails_says_so_and_where() {
+    let mut settings = quick();
+    settings.schedule.learning_rate = 1e30;
+    settings.schedule.max_gradient_norm = 1e30;
+    let error = quick_run(&settings, &TOY, 1).unwrap_err();
+    assert!(matches!(error, InferenceError::Training { iteration: 1, .. }), "{error:?}");
+    assert!(error.to_string().starts_with("iteration 1: training failed in epoch 1: the "), "{error}");
+}
