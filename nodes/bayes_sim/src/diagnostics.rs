@@ -142,7 +142,8 @@ mod tests {
     use catenary_core::{Frame, Mixture, Parameter, ParameterSpace, Prior};
     use nalgebra::{DMatrix, DVector};
 
-    const CAMERA: Camera = Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0 });
+    const CAMERA: Camera =
+        Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0, roll_rad: 0.0, distortion_k1: 0.0 });
 
     fn track(shift: f64, flip: bool) -> Track {
         let mut dlo = [[0.0, 0.1], [0.0, 0.2], [0.0, 0.3], [0.0, 0.4]].map(|[x, y]: [f64; 2]| [x + shift, y]);

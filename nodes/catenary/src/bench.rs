@@ -12,6 +12,7 @@ use ppo_trainer::{Domains, Settings};
 use rand::RngExt;
 use serde::Serialize;
 use simulator_pool::arm::ArmModel;
+use simulator_pool::world::ArmSettings;
 use simulator_pool::{BeamSimulator, workers};
 use std::path::Path;
 use std::time::Instant;
@@ -94,7 +95,7 @@ fn motion(model: &Model, motion_seed: u64) -> Result<GripTrajectory> {
     let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
     let mut rng = seed::rng(motion_seed, MOTION_STREAM);
     let start = model.arm.start;
-    let mut arm = ArmModel::new(&model.arm, [start.x_m, start.z_m]);
+    let mut arm = ArmModel::new(&ArmSettings::new(model.arm.law, task.delta_anchor), [start.x_m, start.z_m]);
     let (mut times, mut poses) = (Vec::new(), Vec::new());
     for step in 0..task.steps {
         let from_s = step as f64 * task.step_period_s;
@@ -102,9 +103,10 @@ fn motion(model: &Model, motion_seed: u64) -> Result<GripTrajectory> {
         let [x, z] = arm.target_m();
         let (a, b) = (rng.random_range(-0.06..0.06), rng.random_range(-0.06..0.06));
         let move_m = [delta(x, task.workspace.x_m, a), delta(z, task.workspace.z_m, b - 0.01)];
-        arm.set_delta(from_s, move_m, task.delta_anchor);
+        arm.set_delta(from_s, move_m);
         for i in 0..SAMPLES_PER_STEP {
             let t = from_s + task.step_period_s * i as f64 / SAMPLES_PER_STEP as f64;
+            arm.run_to(t);
             let [x_m, z_m] = arm.position_m(t);
             times.push(t);
             poses.push(GripPose { x_m, z_m, pitch_rad: start.pitch_rad });

@@ -41,6 +41,8 @@ pub enum Command {
     Report(ReportArgs),
     /// Measure the simulator, training and inference on this machine
     Bench(BenchArgs),
+    /// List the effects that a model may have, with units and priors
+    Effects(EffectsArgs),
     /// Check this machine and its ROS 2 settings
     Doctor(DoctorArgs),
 }
@@ -289,6 +291,14 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+}
+
+/// `catenary effects`.
+#[derive(Debug, Args)]
+pub struct EffectsArgs {
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// `catenary doctor`.

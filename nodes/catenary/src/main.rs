@@ -10,6 +10,7 @@ mod cli;
 mod demo;
 mod deploy;
 mod doctor;
+mod effects;
 mod figures;
 mod import;
 mod infer;
@@ -82,6 +83,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
             let page = demo::rebuild(&arguments.dir)?;
             Ok(writeln!(std::io::stdout(), "{}", page.display())?)
         }
+        Command::Effects(arguments) => effects::run(arguments),
         Command::Doctor(arguments) => doctor::run(arguments),
         Command::Infer(arguments) => infer::run(arguments),
         Command::Train(arguments) => train::run(arguments),

@@ -121,6 +121,9 @@ fn quantities_carry_their_units() {
             "model parameter {name} has no unit in its name"
         );
     }
+    for about in simulator_pool::Registry::shipped().effects().map(|e| e.about()) {
+        assert_eq!(has_unit(about.name), about.unit != "1", "effect {} of unit {}", about.name, about.unit);
+    }
     let mut quantities = 0;
     for file in rust_files(&root().join("nodes/core/src")) {
         let text = std::fs::read_to_string(&file).unwrap();

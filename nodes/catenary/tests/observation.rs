@@ -72,7 +72,7 @@ fn keypoints_of_pictures_lie_where_the_simulator_puts_them() {
             z_m: start.z_m - 0.03 * (1.0 - (TAU * up_hz * t).cos()),
             pitch_rad: 0.0,
         };
-        let mut stage = Stage::new(&model, Fidelity::Standard).unwrap();
+        let mut stage = Stage::new(&model, simulator_pool::Registry::shipped(), Fidelity::Standard).unwrap();
         let conditions =
             Conditions { theta: &theta, effects: &[], seed: object, noise: false, target_m: Some(TARGET_M) };
         stage.prepare(&conditions).unwrap();
@@ -86,7 +86,7 @@ fn keypoints_of_pictures_lie_where_the_simulator_puts_them() {
             stage.advance(time_s, path);
             scene.update(path(time_s), stage.beam().nodes());
             renderer.draw(&scene, &eye.camera, frame);
-            all.push(misses_px(eye.keypoints(&renderer), stage.keypoints()));
+            all.push(misses_px(eye.keypoints(&renderer), stage.keypoints(time_s)));
         }
     }
     for k in 0..4 {

@@ -19,8 +19,8 @@ pub enum Camera {
     Plane(Plane),
 }
 
-/// A pinhole camera without distortion, upright.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// A pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pinhole {
     /// Width of the image in pixels.
@@ -33,16 +33,67 @@ pub struct Pinhole {
     pub position_m: [f64; 3],
     /// The point that the middle of the image shows, in m.
     pub look_at_m: [f64; 3],
+    /// Roll about the optical axis in rad, clockwise as the camera looks; an upright camera has none.
+    #[serde(default)]
+    pub roll_rad: f64,
+    /// First radial coefficient k1 of the lens: a point at r focal lengths from the axis is seen at r (1 + k1 r^2).
+    #[serde(default)]
+    pub distortion_k1: f64,
 }
 
 /// A square of the plane y = 0, as an image of its own.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plane {
     /// (x, z) in m of the middle of the square.
     pub centre_m: [f64; 2],
     /// Side of the square in m.
     pub side_m: f64,
+    /// Turn of the square in rad about its middle, clockwise as a reader sees x to the right and z up.
+    #[serde(default)]
+    pub roll_rad: f64,
+    /// First radial coefficient: a point at r sides from the middle is seen at r (1 + k1 r^2).
+    #[serde(default)]
+    pub distortion_k1: f64,
+}
+
+/// The point that a lens of radial coefficient `k1` shows at distance r (1 + k1 r^2) in the direction of `p`.
+fn distorted(p: [f64; 2], k1: f64) -> [f64; 2] {
+    let scale = 1.0 + k1 * (p[0] * p[0] + p[1] * p[1]);
+    p.map(|v| v * scale)
+}
+
+/// The point that [`distorted`] takes to `p`, by Newton's method on the radius.
+fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
+    let seen = p[0].hypot(p[1]);
+    if k1 == 0.0 || seen == 0.0 {
+        return p;
+    }
+    let mut r = seen;
+    for _ in 0..UNDISTORT_ITERATIONS {
+        r -= (r * (1.0 + k1 * r * r) - seen) / (1.0 + 3.0 * k1 * r * r);
+    }
+    p.map(|v| v * r / seen)
+}
+
+/// Rejects a roll that is not a number, and a lens that folds the picture over within one focal length of its axis.
+fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), String> {
+    if !roll_rad.is_finite() {
+        return Err(format!("camera.{kind}.roll_rad: expected a finite number, got {roll_rad}"));
+    }
+    if !(k1.is_finite() && k1 > -1.0 / 3.0) {
+        return Err(format!("camera.{kind}.distortion_k1: expected a number above -1/3, got {k1}"));
+    }
+    Ok(())
+}
+
+/// Iterations of [`undistorted`]; the fourth already ends at rounding for the lenses that the checks let pass.
+const UNDISTORT_ITERATIONS: usize = 8;
+
+/// `p` turned counter-clockwise by `angle_rad`.
+fn turned([x, y]: [f64; 2], angle_rad: f64) -> [f64; 2] {
+    let (sin, cos) = angle_rad.sin_cos();
+    [cos * x - sin * y, sin * x + cos * y]
 }
 
 impl Camera {
@@ -56,7 +107,7 @@ impl Camera {
             Camera::Plane(p) if !p.centre_m.iter().all(|v| v.is_finite()) => {
                 Err(format!("camera.plane.centre_m: expected finite numbers, got {:?}", p.centre_m))
             }
-            Camera::Plane(_) => Ok(()),
+            Camera::Plane(p) => check_lens("plane", p.roll_rad, p.distortion_k1),
         }
     }
 
@@ -65,10 +116,10 @@ impl Camera {
         let size = f64::from(MASK_SIZE_PX);
         match self {
             Camera::Pinhole(p) => p.image_from_world(point_m).map(|px| p.mask_from_image(px)),
-            Camera::Plane(p) => Some([
-                ((point_m[0] - p.centre_m[0]) / p.side_m + 0.5) * size,
-                (0.5 - (point_m[2] - p.centre_m[1]) / p.side_m) * size,
-            ]),
+            Camera::Plane(p) => {
+                let [a, b] = p.lens([(point_m[0] - p.centre_m[0]) / p.side_m, (point_m[2] - p.centre_m[1]) / p.side_m]);
+                Some([(a + 0.5) * size, (0.5 - b) * size])
+            }
         }
     }
 
@@ -84,7 +135,8 @@ impl Camera {
         match self {
             Camera::Pinhole(p) => p.plane_from_image(p.image_from_mask(px)),
             Camera::Plane(p) => {
-                Some([p.centre_m[0] + (px[0] / size - 0.5) * p.side_m, p.centre_m[1] + (0.5 - px[1] / size) * p.side_m])
+                let [a, b] = p.through_lens([px[0] / size - 0.5, 0.5 - px[1] / size]);
+                Some([p.centre_m[0] + a * p.side_m, p.centre_m[1] + b * p.side_m])
             }
         }
     }
@@ -96,11 +148,67 @@ impl Camera {
     }
 }
 
+/// The same camera elsewhere, turned or with another lens.
+impl Camera {
+    /// Moved by `shift_m` (x, y, z) in m without turning.
+    pub fn moved(self, shift_m: [f64; 3]) -> Self {
+        match self {
+            Camera::Pinhole(p) => Camera::Pinhole(Pinhole {
+                position_m: std::array::from_fn(|i| p.position_m[i] + shift_m[i]),
+                look_at_m: std::array::from_fn(|i| p.look_at_m[i] + shift_m[i]),
+                ..p
+            }),
+            Camera::Plane(p) => {
+                Camera::Plane(Plane { centre_m: [p.centre_m[0] + shift_m[0], p.centre_m[1] + shift_m[2]], ..p })
+            }
+        }
+    }
+
+    /// Rolled further by `angle_rad`, clockwise as it looks.
+    pub fn rolled(self, angle_rad: f64) -> Self {
+        match self {
+            Camera::Pinhole(p) => Camera::Pinhole(Pinhole { roll_rad: p.roll_rad + angle_rad, ..p }),
+            Camera::Plane(p) => Camera::Plane(Plane { roll_rad: p.roll_rad + angle_rad, ..p }),
+        }
+    }
+
+    /// With a focal length `factor` times as long: everything looks that much larger.
+    pub fn enlarged(self, factor: f64) -> Self {
+        match self {
+            Camera::Pinhole(p) => Camera::Pinhole(Pinhole { focal_px: p.focal_px * factor, ..p }),
+            Camera::Plane(p) => Camera::Plane(Plane { side_m: p.side_m / factor, ..p }),
+        }
+    }
+
+    /// With `k1` added to the radial coefficient of its lens.
+    pub fn distorted(self, k1: f64) -> Self {
+        match self {
+            Camera::Pinhole(p) => Camera::Pinhole(Pinhole { distortion_k1: p.distortion_k1 + k1, ..p }),
+            Camera::Plane(p) => Camera::Plane(Plane { distortion_k1: p.distortion_k1 + k1, ..p }),
+        }
+    }
+}
+
+impl Plane {
+    /// Where roll and lens show the point (a, b), in sides from the middle, x right and z up.
+    fn lens(&self, p: [f64; 2]) -> [f64; 2] {
+        let p = if self.roll_rad == 0.0 { p } else { turned(p, self.roll_rad) };
+        if self.distortion_k1 == 0.0 { p } else { distorted(p, self.distortion_k1) }
+    }
+
+    /// The inverse of [`Self::lens`].
+    fn through_lens(&self, p: [f64; 2]) -> [f64; 2] {
+        let p = undistorted(p, self.distortion_k1);
+        if self.roll_rad == 0.0 { p } else { turned(p, -self.roll_rad) }
+    }
+}
+
 impl Pinhole {
     fn check(&self) -> Result<(), String> {
         if !(self.focal_px > 0.0 && self.focal_px.is_finite()) {
             return Err(format!("camera.pinhole.focal_px: expected a positive number, got {}", self.focal_px));
         }
+        check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
         if self.image_width_px == 0 || self.image_height_px == 0 {
             return Err("camera.pinhole: expected an image of at least one pixel".to_owned());
         }
@@ -122,27 +230,40 @@ impl Pinhole {
         let forward = self.forward().normalize();
         let right = forward.cross(&Vector3::z()).normalize();
         let down = forward.cross(&right);
+        let (right, down) = if self.roll_rad == 0.0 {
+            (right, down)
+        } else {
+            let (sin, cos) = self.roll_rad.sin_cos();
+            (cos * right + sin * down, cos * down - sin * right)
+        };
         Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()])
     }
 
     /// Image pixel (u, v) that shows `point_m`; none where the point lies behind the camera.
     pub fn image_from_world(&self, point_m: [f64; 3]) -> Option<[f64; 2]> {
         let p = self.optical_from_world() * (Point3::from(point_m) - Point3::from(self.position_m));
-        (p.z > 1e-6).then(|| {
-            [
-                0.5 * f64::from(self.image_width_px) + self.focal_px * p.x / p.z,
-                0.5 * f64::from(self.image_height_px) + self.focal_px * p.y / p.z,
-            ]
-        })
+        (p.z > 1e-6).then(|| self.image_from_optical(p.into()))
+    }
+
+    /// Image pixel (u, v) that shows a point (m) of the optical frame (x right, y down, z forward), which must lie before
+    /// the camera.
+    pub fn image_from_optical(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
+        let bent = if self.distortion_k1 == 0.0 {
+            [self.focal_px * x / z, self.focal_px * y / z]
+        } else {
+            distorted([x / z, y / z], self.distortion_k1).map(|v| self.focal_px * v)
+        };
+        [0.5 * f64::from(self.image_width_px) + bent[0], 0.5 * f64::from(self.image_height_px) + bent[1]]
     }
 
     /// Direction in the world (unit length) of the ray through image pixel (u, v).
     pub fn ray_from_image(&self, px: [f64; 2]) -> Vector3<f64> {
-        let in_optical = Vector3::new(
+        let seen = [
             (px[0] - 0.5 * f64::from(self.image_width_px)) / self.focal_px,
             (px[1] - 0.5 * f64::from(self.image_height_px)) / self.focal_px,
-            1.0,
-        );
+        ];
+        let [x, y] = undistorted(seen, self.distortion_k1);
+        let in_optical = Vector3::new(x, y, 1.0);
         (self.optical_from_world().transpose() * in_optical).normalize()
     }
 
@@ -183,7 +304,29 @@ mod tests {
             focal_px: 615.0,
             position_m: [0.44, -1.15, 0.3],
             look_at_m: [0.44, 0.0, 0.27],
+            ..Pinhole::default()
         })
+    }
+
+    fn square() -> Camera {
+        Camera::Plane(Plane { centre_m: [0.1, 0.5], side_m: 1.2, ..Plane::default() })
+    }
+
+    #[test]
+    fn moved_rolled_enlarged_and_distorted_cameras_see_what_they_should() {
+        for c in [side(), square()] {
+            let see = |c: &Camera, x: f64, z: f64| c.scaled_from_world([x, 0.0, z]).unwrap();
+            let middle = c.plane_from_scaled([0.0, 0.0]).unwrap();
+            let [u, _] = see(&c, middle[0] + 0.1, middle[1]);
+            let moved = see(&c.moved([0.1, 0.0, 0.0]), middle[0] + 0.1, middle[1]);
+            assert!(moved[0].abs() < 1e-9 && moved[1].abs() < 1e-9, "{moved:?}");
+            // Rolled clockwise by a quarter, it sees what lay to the right above the middle.
+            let rolled = see(&c.rolled(std::f64::consts::FRAC_PI_2), middle[0] + 0.1, middle[1]);
+            assert!(rolled[0].abs() < 1e-9 && (rolled[1] + u).abs() < 1e-9, "{rolled:?} for {u}");
+            assert!((see(&c.enlarged(1.5), middle[0] + 0.1, middle[1])[0] - 1.5 * u).abs() < 1e-9);
+            let barrel = see(&c.distorted(-0.2), middle[0] + 0.1, middle[1])[0];
+            assert!(barrel < u && barrel > 0.97 * u, "{barrel} for {u}");
+        }
     }
 
     #[test]
@@ -199,8 +342,7 @@ mod tests {
     proptest! {
         #[test]
         fn back_projection_inverts_projection(x in 0.1f64..0.8, z in 0.0f64..0.6) {
-            let plane = Camera::Plane(Plane { centre_m: [0.1, 0.5], side_m: 1.2 });
-            for c in [side(), plane] {
+            for c in [side(), square(), side().rolled(0.2).distorted(-0.2), square().rolled(-0.4).distorted(0.3)] {
                 let back = c.plane_from_mask(c.mask_from_world([x, 0.0, z]).unwrap()).unwrap();
                 prop_assert!((back[0] - x).abs() < 1e-9 && (back[1] - z).abs() < 1e-9);
             }

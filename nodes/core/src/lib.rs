@@ -38,5 +38,5 @@ pub use parameter::{Parameter, ParameterSpace, Prior};
 pub use policy::Policy;
 pub use posterior::Posterior;
 pub use simulator::{Drive, Fidelity, SimulationRequest, Simulator, SimulatorError};
-pub use task::Task;
+pub use task::{DeltaAnchor, Task};
 pub use track::{Frame, Track};

@@ -1,130 +1,286 @@
-//! The arm: a first-order lag towards its target, with a speed limit.
+//! The arm: it follows its targets by a law, late and with faults where the world says so.
 
-use catenary_core::model::Arm;
-use catenary_core::task::DeltaAnchor;
+use crate::world::ArmSettings;
+use catenary_core::DeltaAnchor;
+use catenary_core::model::{ArmLaw, Impedance};
+use std::collections::VecDeque;
 
-/// Where the end effector is on its way from one target to the next, in the plane. Times are s.
+/// Period of the arm's own loop, s.
+const TICK_S: f64 = 1e-3;
+
+/// Where the end effector is on its way, in the plane.
 ///
-/// Along the straight line to the target the distance d follows d' = -min(d / time constant, greatest speed), whose
-/// solution is closed, so that a position does not depend on how time is divided.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// It moves by a loop of 1 kHz, as a real arm's controller does; between two ticks its position is linear in time. How
+/// time is divided by the calls changes nothing.
+#[derive(Debug, Clone)]
 pub struct ArmModel {
-    time_constant_s: f64,
-    max_speed_m_s: f64,
-    start_m: [f64; 2],
-    start_s: f64,
+    settings: ArmSettings,
+    /// Commanded last, (x, z) in m.
     target_m: [f64; 2],
+    /// Targets that the loop has not seen yet, with the times in s when it will.
+    coming: VecDeque<(f64, [f64; 2])>,
+    /// What the loop follows.
+    followed_m: [f64; 2],
+    /// The impedance law's reference.
+    reference_m: [f64; 2],
+    velocity_m_s: [f64; 2],
+    /// Positions at the ticks from `first_tick` on; the last is where the loop is.
+    path_m: Vec<[f64; 2]>,
+    first_tick: u64,
 }
 
 impl ArmModel {
-    /// An arm at rest at `position_m` (x, z).
-    pub fn new(arm: &Arm, position_m: [f64; 2]) -> Self {
+    /// An arm at rest at `position_m` (x, z) at time 0.
+    pub fn new(settings: &ArmSettings, position_m: [f64; 2]) -> Self {
         Self {
-            time_constant_s: arm.time_constant_s,
-            max_speed_m_s: arm.max_speed_m_s,
-            start_m: position_m,
-            start_s: 0.0,
+            settings: settings.clone(),
             target_m: position_m,
+            coming: VecDeque::new(),
+            followed_m: position_m,
+            reference_m: position_m,
+            velocity_m_s: [0.0; 2],
+            path_m: vec![position_m],
+            first_tick: 0,
         }
     }
 
-    /// The target (x, z) in m.
+    /// The target (x, z) in m that was commanded last.
     pub fn target_m(&self) -> [f64; 2] {
         self.target_m
     }
 
-    /// From `time_s` on the arm goes to `target_m`.
+    /// From `time_s` on the arm is told to go to `target_m`. The time must not lie before that of [`Self::run_to`].
     pub fn set_target(&mut self, time_s: f64, target_m: [f64; 2]) {
-        self.start_m = self.position_m(time_s);
-        self.start_s = time_s;
+        self.run_to(time_s);
         self.target_m = target_m;
+        let followed = self.settings.terms.iter().fold(target_m, |target, term| term.target(time_s, target));
+        self.coming.push_back((time_s + self.settings.delay_s, followed));
     }
 
-    /// From `time_s` on the arm goes to the delta (dx, dz) in m from its anchor.
-    pub fn set_delta(&mut self, time_s: f64, delta_m: [f64; 2], anchor: DeltaAnchor) {
-        let from = match anchor {
-            DeltaAnchor::Measured => self.position_m(time_s),
-            DeltaAnchor::LastTarget => self.target_m,
+    /// From `time_s` on the arm is told to go to the delta (dx, dz) in m from its anchor.
+    pub fn set_delta(&mut self, time_s: f64, delta_m: [f64; 2]) {
+        self.run_to(time_s);
+        let (own, other) = match self.settings.anchor {
+            DeltaAnchor::Measured => (self.position_m(time_s), self.target_m),
+            DeltaAnchor::LastTarget => (self.target_m, self.position_m(time_s)),
         };
+        let share = self.settings.other_anchor_share;
+        let from = if share == 0.0 { own } else { [0, 1].map(|i| own[i] + share * (other[i] - own[i])) };
         self.set_target(time_s, [from[0] + delta_m[0], from[1] + delta_m[1]]);
     }
 
-    /// Position (x, z) in m at `time_s`, which must not be before the last target was set.
-    pub fn position_m(&self, time_s: f64) -> [f64; 2] {
-        let way = [self.target_m[0] - self.start_m[0], self.target_m[1] - self.start_m[1]];
-        let distance_m = way[0].hypot(way[1]);
-        if distance_m == 0.0 {
-            return self.target_m;
+    /// Lets the loop run on until its position at `time_s` is known; positions before the last call's time are forgotten.
+    pub fn run_to(&mut self, time_s: f64) {
+        let wanted = (time_s / TICK_S - 1e-6).ceil().max(0.0) as u64;
+        let newest = self.first_tick + self.path_m.len() as u64 - 1;
+        if wanted <= newest {
+            return;
         }
-        let share_left = self.distance_left_m(distance_m, (time_s - self.start_s).max(0.0)) / distance_m;
-        std::array::from_fn(|i| self.target_m[i] - share_left * way[i])
+        // The last two ticks hold the present time.
+        let forgotten = self.path_m.len().saturating_sub(2);
+        self.path_m.drain(..forgotten);
+        self.first_tick += forgotten as u64;
+        let mut position_m = self.path_m[self.path_m.len() - 1];
+        for tick in newest..wanted {
+            let now_s = tick as f64 * TICK_S;
+            while self.coming.front().is_some_and(|(t, _)| *t <= now_s + 1e-6 * TICK_S) {
+                self.followed_m = self.coming.pop_front().map_or(self.followed_m, |(_, target)| target);
+            }
+            let next_m = match self.settings.law {
+                ArmLaw::Lag { time_constant_s, max_speed_m_s } => self.lag(position_m, time_constant_s, max_speed_m_s),
+                ArmLaw::Impedance(law) => self.impedance(position_m, &law),
+            };
+            if matches!(self.settings.law, ArmLaw::Lag { .. }) {
+                self.velocity_m_s = [0, 1].map(|i| (next_m[i] - position_m[i]) / TICK_S);
+            }
+            position_m = next_m;
+            self.path_m.push(position_m);
+        }
     }
 
-    fn distance_left_m(&self, distance_m: f64, elapsed_s: f64) -> f64 {
-        let (tau_s, speed) = (self.time_constant_s, self.max_speed_m_s);
-        let lag_m = speed * tau_s;
-        let full_speed_s = ((distance_m - lag_m) / speed).max(0.0);
-        if elapsed_s <= full_speed_s {
-            return distance_m - speed * elapsed_s;
+    /// One tick along the straight line to the target: the distance d to where the arm sticks follows
+    /// d' = -min(d / time constant, greatest speed), whose solution is closed.
+    fn lag(&self, position_m: [f64; 2], time_constant_s: f64, max_speed_m_s: f64) -> [f64; 2] {
+        let way = [self.followed_m[0] - position_m[0], self.followed_m[1] - position_m[1]];
+        let distance_m = way[0].hypot(way[1]);
+        let left_m = distance_m - self.settings.standing_error_m;
+        if left_m <= 0.0 {
+            return position_m;
         }
-        if tau_s == 0.0 {
-            return 0.0;
-        }
-        distance_m.min(lag_m) * (-(elapsed_s - full_speed_s) / tau_s).exp()
+        let tau_s = time_constant_s + self.settings.extra_lag_s;
+        let share = 1.0 - distance_left_m(left_m, TICK_S, tau_s, max_speed_m_s) / left_m;
+        let step_m = share * left_m / distance_m;
+        [0, 1].map(|i| position_m[i] + step_m * way[i])
     }
+
+    /// One tick of m x'' = K clip(r - x) - D x' - friction, where the reference r lags behind the target.
+    fn impedance(&mut self, position_m: [f64; 2], law: &Impedance) -> [f64; 2] {
+        let tau_s = law.reference_time_constant_s + self.settings.extra_lag_s;
+        let nearer = if tau_s > 0.0 { -(-TICK_S / tau_s).exp_m1() } else { 1.0 };
+        let per_mass = TICK_S / law.mass_kg;
+        let damped = 1.0 / (1.0 + per_mass * law.damping_n_s_m);
+        let mut velocity = [0.0; 2];
+        for i in 0..2 {
+            self.reference_m[i] += nearer * (self.followed_m[i] - self.reference_m[i]);
+            let error_m = (self.reference_m[i] - position_m[i]).clamp(-law.clip_m, law.clip_m);
+            velocity[i] = damped * (self.velocity_m_s[i] + per_mass * law.stiffness_n_m * error_m);
+        }
+        // Coulomb friction takes away speed, and no more than there is.
+        let friction_n = law.friction_n + law.stiffness_n_m * self.settings.standing_error_m;
+        let speed = velocity[0].hypot(velocity[1]);
+        let kept = if speed > 0.0 { (1.0 - damped * per_mass * friction_n / speed).max(0.0) } else { 0.0 };
+        self.velocity_m_s = velocity.map(|v| kept * v);
+        [0, 1].map(|i| position_m[i] + TICK_S * self.velocity_m_s[i])
+    }
+
+    /// Position (x, z) in m at `time_s`: not before the time of the last [`Self::run_to`] but one, and held after the last.
+    pub fn position_m(&self, time_s: f64) -> [f64; 2] {
+        let tick = (time_s / TICK_S - self.first_tick as f64).max(0.0);
+        let (k, last) = (tick.floor() as usize, self.path_m.len() - 1);
+        if k >= last {
+            return self.path_m[last];
+        }
+        let share = tick - k as f64;
+        let (from, to) = (self.path_m[k], self.path_m[k + 1]);
+        [0, 1].map(|i| from[i] + share * (to[i] - from[i]))
+    }
+
+    /// Velocity (x, z) in m/s at the newest tick.
+    pub fn velocity_m_s(&self) -> [f64; 2] {
+        self.velocity_m_s
+    }
+}
+
+/// What is left of a distance after `elapsed_s`.
+fn distance_left_m(distance_m: f64, elapsed_s: f64, tau_s: f64, max_speed_m_s: f64) -> f64 {
+    let lag_m = max_speed_m_s * tau_s;
+    let full_speed_s = ((distance_m - lag_m) / max_speed_m_s).max(0.0);
+    if elapsed_s <= full_speed_s {
+        return distance_m - max_speed_m_s * elapsed_s;
+    }
+    if tau_s == 0.0 {
+        return 0.0;
+    }
+    distance_m.min(lag_m) * (-(elapsed_s - full_speed_s) / tau_s).exp()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::GripPose;
     use proptest::prelude::*;
 
-    fn arm(time_constant_s: f64) -> Arm {
-        Arm { time_constant_s, max_speed_m_s: 0.5, start: GripPose::default() }
+    fn lag(time_constant_s: f64) -> ArmSettings {
+        ArmSettings::new(ArmLaw::Lag { time_constant_s, max_speed_m_s: 0.5 }, DeltaAnchor::LastTarget)
+    }
+
+    fn impedance(change: impl FnOnce(&mut Impedance)) -> ArmSettings {
+        let mut law = Impedance::default();
+        change(&mut law);
+        ArmSettings::new(ArmLaw::Impedance(law), DeltaAnchor::LastTarget)
+    }
+
+    /// Position along x after a step of 6 cm, at each of these times.
+    fn after_six_centimetres(settings: &ArmSettings, times_s: &[f64]) -> Vec<f64> {
+        let mut arm = ArmModel::new(settings, [0.4, 0.4]);
+        arm.set_target(0.0, [0.46, 0.4]);
+        let x = |t: &f64| {
+            arm.run_to(*t);
+            arm.position_m(*t)[0] - 0.4
+        };
+        times_s.iter().map(x).collect()
+    }
+
+    /// Time in s after which 90 % of 6 cm are covered.
+    fn rise_s(settings: &ArmSettings) -> f64 {
+        let times: Vec<f64> = (1..3000).map(|i| 1e-3 * f64::from(i)).collect();
+        let covered = after_six_centimetres(settings, &times);
+        times[covered.iter().position(|x| *x >= 0.054).expect("the arm arrives")]
     }
 
     #[test]
     fn a_small_step_is_an_exponential_and_a_large_one_begins_at_full_speed() {
-        let mut a = ArmModel::new(&arm(0.2), [0.0, 0.0]);
-        a.set_target(1.0, [0.06, 0.0]);
         let expected = 0.06 * (1.0 - (-0.5f64).exp());
-        assert!((a.position_m(1.1)[0] - expected).abs() < 1e-12);
-        let mut a = ArmModel::new(&arm(0.2), [0.0, 0.0]);
-        a.set_target(0.0, [1.0, 0.0]);
-        assert!((a.position_m(1.0)[0] - 0.5).abs() < 1e-12);
-        assert!((a.position_m(2.0)[0] - (1.0 - 0.1 * (-1.0f64).exp())).abs() < 1e-12);
+        assert!((after_six_centimetres(&lag(0.2), &[0.1])[0] - expected).abs() < 1e-12);
+        let mut arm = ArmModel::new(&lag(0.2), [0.0, 0.0]);
+        arm.set_target(0.0, [1.0, 0.0]);
+        for (time_s, expected) in [(1.0, 0.5), (2.0, 1.0 - 0.1 * (-1.0f64).exp())] {
+            arm.run_to(time_s);
+            assert!((arm.position_m(time_s)[0] - expected).abs() < 1e-9, "{:?}", arm.position_m(time_s));
+        }
     }
 
     #[test]
-    fn ninety_percent_of_six_centimetres_take_the_measured_time() {
+    fn shipped_arm_covers_six_centimetres_in_the_measured_time() {
         let model = crate::parameters::tests::soft_bar();
-        let mut a = ArmModel::new(&model.arm, [0.4, 0.4]);
-        a.set_delta(0.0, [0.06, 0.0], DeltaAnchor::LastTarget);
-        let share = (a.position_m(0.45)[0] - 0.4) / 0.06;
-        assert!((share - 0.9).abs() < 0.05, "{share}");
+        let rise = rise_s(&ArmSettings::new(model.arm.law, DeltaAnchor::LastTarget));
+        assert!((rise - 0.45).abs() < 0.1, "{rise} s");
+    }
+
+    // What a Cartesian impedance law does on an emulated arm, 6 cm in x: stiffness 2000 N/m: 90 % after 0.45 s; error
+    // clipped at 3 mm: 1.16 s; 150 to 200 N/m with Coulomb friction: 10 to 13 mm short for ever.
+    #[test]
+    fn stiff_impedance_law_rises_in_the_measured_time_and_arrives() {
+        let settings = impedance(|_| ());
+        assert!((rise_s(&settings) - 0.45).abs() < 0.07, "{} s", rise_s(&settings));
+        assert!((after_six_centimetres(&settings, &[5.0])[0] - 0.06).abs() < 1e-4);
+    }
+
+    #[test]
+    fn impedance_law_with_a_tight_clip_is_slow() {
+        let settings = impedance(|law| (law.clip_m, law.friction_n) = (0.003, 1.9));
+        assert!((rise_s(&settings) - 1.16).abs() < 0.2, "{} s", rise_s(&settings));
+    }
+
+    #[test]
+    fn soft_impedance_law_with_friction_stays_a_centimetre_short() {
+        for stiffness in [150.0f64, 200.0] {
+            let settings = impedance(|law| {
+                (law.stiffness_n_m, law.damping_n_s_m, law.friction_n) = (stiffness, 2.0 * stiffness.sqrt(), 1.9);
+                law.clip_m = 0.1;
+            });
+            let short_m = 0.06 - after_six_centimetres(&settings, &[10.0])[0];
+            assert!((0.008..=0.014).contains(&short_m), "{short_m} m at {stiffness} N/m");
+        }
     }
 
     #[test]
     fn deltas_add_up_on_the_last_target_and_fall_short_on_the_measured_pose() {
-        let total = |anchor| {
-            let mut a = ArmModel::new(&arm(0.2), [0.0, 0.0]);
-            (0..10).for_each(|k| a.set_delta(0.1 * f64::from(k), [0.02, 0.0], anchor));
-            a.position_m(10.0)[0]
+        let total = |anchor, share| {
+            let settings = ArmSettings { anchor, other_anchor_share: share, ..lag(0.2) };
+            let mut arm = ArmModel::new(&settings, [0.0, 0.0]);
+            (0..10).for_each(|k| arm.set_delta(0.1 * f64::from(k), [0.02, 0.0]));
+            arm.run_to(10.0);
+            arm.position_m(10.0)[0]
         };
-        assert!((total(DeltaAnchor::LastTarget) - 0.2).abs() < 1e-9);
-        assert!(total(DeltaAnchor::Measured) < 0.12, "{}", total(DeltaAnchor::Measured));
+        let (target, measured) = (total(DeltaAnchor::LastTarget, 0.0), total(DeltaAnchor::Measured, 0.0));
+        assert!((target - 0.2).abs() < 1e-9 && measured < 0.12, "{target} {measured}");
+        assert!((total(DeltaAnchor::LastTarget, 1.0) - measured).abs() < 1e-12);
+    }
+
+    #[test]
+    fn delay_and_standing_error_are_what_they_say() {
+        let late = ArmSettings { delay_s: 0.05, ..lag(0.1) };
+        let (on_time, delayed) =
+            (after_six_centimetres(&lag(0.1), &[0.2]), after_six_centimetres(&late, &[0.05, 0.25]));
+        assert_eq!(delayed[0], 0.0);
+        assert!((delayed[1] - on_time[0]).abs() < 1e-12);
+        let sticking = ArmSettings { standing_error_m: 0.004, ..lag(0.1) };
+        assert!((after_six_centimetres(&sticking, &[5.0])[0] - 0.056).abs() < 1e-9);
+        let soft = ArmSettings { standing_error_m: 0.004, ..impedance(|law| law.clip_m = 1.0) };
+        assert!((after_six_centimetres(&soft, &[5.0])[0] - 0.056).abs() < 5e-4);
     }
 
     proptest! {
         #[test]
         fn positions_do_not_depend_on_how_time_is_divided(tau in 0.0f64..0.5, t in 0.0f64..2.0, x in -0.5f64..0.5) {
-            let mut whole = ArmModel::new(&arm(tau), [0.0, 0.1]);
+            let mut whole = ArmModel::new(&lag(tau), [0.0, 0.1]);
             whole.set_target(0.0, [x, 0.0]);
-            let mut parts = whole;
-            parts.set_target(0.5 * t, [x, 0.0]);
-            let (a, b) = (whole.position_m(t), parts.position_m(t));
-            prop_assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);
+            let mut parts = whole.clone();
+            parts.run_to(0.3 * t);
+            parts.run_to(0.5 * t);
+            whole.run_to(t);
+            parts.run_to(t);
+            prop_assert_eq!(whole.position_m(t), parts.position_m(t));
         }
     }
 }

@@ -1,15 +1,16 @@
 //! A simulated cell: arm, object and camera, advancing in time under commands.
 
 use crate::arm::ArmModel;
+use crate::effects::Registry;
 use crate::episode::{Conditions, Stage, jittered_target};
 use crate::parameters::ParameterError;
 use crate::scene::{Part, Scene, Touch};
 use catenary_core::camera::{Camera, Pinhole};
-use catenary_core::{Fidelity, GripPose, Model};
+use catenary_core::{Fidelity, GripPose, Model, seed};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use std::collections::VecDeque;
 use thiserror::Error;
-
-/// Time over which velocities are taken, s.
-const VELOCITY_BASE_S: f64 = 1e-3;
 
 /// Why a cell was not made.
 #[derive(Debug, Error, PartialEq)]
@@ -48,6 +49,21 @@ pub struct Snapshot {
     pub nodes: Vec<[f64; 3]>,
 }
 
+/// What one picture is made of.
+#[derive(Debug, Clone)]
+pub struct Light {
+    /// Bands of rows of equal height from the first row on; a picture of each band is the mean over its moments.
+    pub bands: Vec<Vec<Snapshot>>,
+    /// Whether the camera drops this frame and shows the one before.
+    pub dropped: bool,
+}
+
+/// Bands into which a rolling shutter's picture is divided, and moments at which an exposure is looked at.
+const SHUTTER_BANDS: usize = 4;
+const EXPOSURE_MOMENTS: usize = 3;
+/// Random stream of dropped frames.
+const DROP_STREAM: u64 = 29;
+
 /// The cell.
 pub struct Cell {
     stage: Stage,
@@ -57,6 +73,9 @@ pub struct Cell {
     target_m: Option<[f64; 2]>,
     table_height_m: Option<f64>,
     camera: Pinhole,
+    /// Snapshots of the last [`crate::world::View::memory_s`], oldest first, where the camera needs them.
+    past: VecDeque<(f64, Snapshot)>,
+    drops: ChaCha8Rng,
     section: catenary_core::model::Section,
 }
 
@@ -69,18 +88,20 @@ impl Cell {
             return Err(CellError::Theta { expected, got: theta.len() });
         }
         let target_m = model.task.map(|t| jittered_target(&t, cell_seed));
-        let mut stage = Stage::new(model, fidelity)?;
+        let mut stage = Stage::new(model, Registry::shipped(), fidelity)?;
         stage.prepare(&Conditions { theta, effects: &[], seed: cell_seed, noise: true, target_m })?;
         let Camera::Pinhole(camera) = *stage.camera() else { return Err(CellError::Camera(model.name.clone())) };
         let start = model.arm.start;
         stage.hang(start);
         Ok(Self {
-            arm: ArmModel::new(&model.arm, [start.x_m, start.z_m]),
+            arm: stage.arm([start.x_m, start.z_m]),
             pitch_rad: start.pitch_rad,
             time_s: 0.0,
             target_m,
-            table_height_m: model.parameters.get("table_height_m").copied(),
+            table_height_m: stage.world().beam.table.map(|t| t.height_m),
             camera,
+            past: VecDeque::new(),
+            drops: seed::rng(cell_seed, DROP_STREAM),
             section: model.object.section,
             stage,
         })
@@ -106,9 +127,41 @@ impl Cell {
         if time_s <= self.time_s {
             return;
         }
-        let (arm, pitch_rad) = (self.arm, self.pitch_rad);
-        self.stage.advance(time_s, |t| grip(&arm, pitch_rad, t));
+        self.arm.run_to(time_s);
+        let (arm, pitch_rad) = (&self.arm, self.pitch_rad);
+        self.stage.advance(time_s, |t| grip(arm, pitch_rad, t));
         self.time_s = time_s;
+        let memory_s = self.stage.world().view.memory_s();
+        if memory_s > 0.0 {
+            self.past.push_back((time_s, self.snapshot()));
+            while self.past.len() > 1 && self.past[1].0 <= time_s - memory_s {
+                self.past.pop_front();
+            }
+        }
+    }
+
+    /// What a picture stamped with the present time is made of, as delay, exposure and shutter of the camera have it.
+    pub fn light(&mut self) -> Light {
+        let view = &self.stage.world().view;
+        let (delay_s, exposure_s, shutter_s) = (view.frame_delay_s, view.exposure_s, view.rolling_shutter_s);
+        let dropped = view.dropped_share > 0.0 && self.drops.random::<f64>() < view.dropped_share;
+        let bands = if shutter_s > 0.0 { SHUTTER_BANDS } else { 1 };
+        let moments = if exposure_s > 0.0 { EXPOSURE_MOMENTS } else { 1 };
+        let band = |b: usize| {
+            let row = (b as f64 + 0.5) / bands as f64;
+            let moment = |m: usize| {
+                let age_s = delay_s + shutter_s * (1.0 - row) + exposure_s * (m as f64 + 0.5) / moments as f64;
+                self.snapshot_at(self.time_s - age_s)
+            };
+            (0..moments).map(moment).collect()
+        };
+        Light { bands: (0..bands).map(band).collect(), dropped }
+    }
+
+    /// The snapshot nearest to `time_s` among those kept.
+    fn snapshot_at(&self, time_s: f64) -> Snapshot {
+        let nearest = self.past.iter().min_by(|a, b| (a.0 - time_s).abs().total_cmp(&(b.0 - time_s).abs()));
+        nearest.map_or_else(|| self.snapshot(), |(_, snapshot)| snapshot.clone())
     }
 
     /// The measured pose of the grip.
@@ -118,9 +171,7 @@ impl Cell {
 
     /// The grip's velocity along x and z in m/s.
     pub fn velocity_m_s(&self) -> [f64; 2] {
-        let later = self.arm.position_m(self.time_s + VELOCITY_BASE_S);
-        let now = self.arm.position_m(self.time_s);
-        std::array::from_fn(|i| (later[i] - now[i]) / VELOCITY_BASE_S)
+        self.arm.velocity_m_s()
     }
 
     /// The object's pull on the hand: the reaction to what holds it.
@@ -184,6 +235,20 @@ mod tests {
         c.advance(5.0);
         assert!((c.grip().x_m - 0.5).abs() < 1e-9);
         assert!((c.snapshot().nodes[20][0] - before[0] - 0.1).abs() < 0.02);
+    }
+
+    #[test]
+    fn a_late_camera_with_a_rolling_shutter_sees_what_was() {
+        let mut model = soft_bar();
+        model.parameters.insert("frame_delay_s".into(), 0.1);
+        model.parameters.insert("rolling_shutter_s".into(), 0.04);
+        let mut c = Cell::new(&model, &[0.25, 2e4], Fidelity::Fast, 3).unwrap();
+        c.set_target([0.5, 0.42]);
+        (1..60).for_each(|i| c.advance(0.005 * f64::from(i)));
+        let light = c.light();
+        let x: Vec<f64> = light.bands.iter().map(|b| b[0].grip.x_m).collect();
+        assert!(x.len() == 4 && x.is_sorted() && x[3] < c.grip().x_m - 0.01 && x[0] < x[3], "{x:?}");
+        assert_eq!(cell().light().bands[0][0].grip, cell().grip());
     }
 
     #[test]

@@ -130,7 +130,7 @@ pub fn image(picture: &RgbImage, header: Header) -> Image {
     }
 }
 
-/// Intrinsics of the camera, without distortion.
+/// Intrinsics of the camera.
 #[must_use]
 pub fn camera_info(camera: &Pinhole, header: Header) -> CameraInfo {
     let (f, cx, cy) =
@@ -140,7 +140,7 @@ pub fn camera_info(camera: &Pinhole, header: Header) -> CameraInfo {
         height: camera.image_height_px,
         width: camera.image_width_px,
         distortion_model: "plumb_bob".to_owned(),
-        d: vec![0.0; 5],
+        d: vec![camera.distortion_k1, 0.0, 0.0, 0.0, 0.0],
         k: [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
         r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p: [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],

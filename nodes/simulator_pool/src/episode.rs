@@ -2,8 +2,11 @@
 
 use crate::arm::ArmModel;
 use crate::beam::{Beam, Discretisation, GripState, MeasuredPoint};
+use crate::effects::Registry;
 use crate::parameters::{ParameterError, Values};
-use catenary_core::camera::{Camera, MASK_SIZE_PX};
+use crate::view::Eye;
+use crate::world::World;
+use catenary_core::camera::Camera;
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::task::{LEFT_WORKSPACE_REWARD, Task};
 use catenary_core::track::End;
@@ -22,6 +25,7 @@ mod stream {
     pub const TARGET: u64 = 2;
     pub const NOISE: u64 = 3;
     pub const START: u64 = 4;
+    pub const DROPS: u64 = 5;
 }
 
 /// What makes one episode differ from another of the same model.
@@ -42,29 +46,28 @@ pub struct Conditions<'a> {
 /// A stage on which episodes of one model run, one after the other, in the same memory.
 pub struct Stage {
     model: Model,
+    registry: Registry,
+    world: World,
     beam: Beam,
-    camera: Camera,
-    grip_angle_rad: f64,
+    eye: Eye,
     target_scaled: [f64; 2],
-    noise: Option<ChaCha8Rng>,
     /// Draws of the start's velocities, where the conditions ask for noise.
     start_noise: Option<ChaCha8Rng>,
 }
 
 impl Stage {
     /// A stage for `model`, which must have been checked, at a fidelity.
-    pub fn new(model: &Model, fidelity: Fidelity) -> Result<Self, ParameterError> {
+    pub fn new(model: &Model, registry: &Registry, fidelity: Fidelity) -> Result<Self, ParameterError> {
         let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
         let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-        let values = Values::resolve(model, &middle, effects)?;
-        let beam = Beam::new(values.beam(model)?, Discretisation::of(fidelity), GripState::default())?;
+        let world = Values::resolve(registry, model, &middle, effects)?.world(model)?;
         Ok(Self {
-            camera: model.camera.view,
-            grip_angle_rad: values.grip_angle_rad(model),
+            beam: Beam::new(world.beam, Discretisation::of(fidelity), GripState::default())?,
+            eye: Eye::new(&world.view, world.view.camera, None, None),
             target_scaled: [0.0; 2],
-            noise: None,
             start_noise: None,
-            beam,
+            world,
+            registry: registry.clone(),
             model: model.clone(),
         })
     }
@@ -74,9 +77,19 @@ impl Stage {
         &self.beam
     }
 
+    /// The world of the present episode.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
     /// The camera of the present episode, jitter included.
     pub fn camera(&self) -> &Camera {
-        &self.camera
+        &self.eye.camera
+    }
+
+    /// The arm of the present episode, at rest at `position_m` (x, z).
+    pub fn arm(&self, position_m: [f64; 2]) -> ArmModel {
+        ArmModel::new(&self.world.arm, position_m)
     }
 
     /// Puts the object of these conditions on the stage; a shape must follow.
@@ -89,42 +102,62 @@ impl Stage {
             .map(|e| (e.name.as_str(), e.distribution.from_unit(effects_rng.random::<f64>())))
             .collect();
         let given = c.effects.iter().map(|(name, value)| (name.as_str(), *value));
-        let values = Values::resolve(&self.model, c.theta, drawn.into_iter().chain(given))?;
-        self.beam.reset(values.beam(&self.model)?, GripState::default())?;
-        self.grip_angle_rad = values.grip_angle_rad(&self.model);
-        self.camera = if c.noise { self.jittered_camera(c.seed) } else { self.model.camera.view };
-        self.noise = c.noise.then(|| seed::rng(c.seed, stream::NOISE));
-        self.start_noise = c.noise.then(|| seed::rng(c.seed, stream::START));
+        let values = Values::resolve(&self.registry, &self.model, c.theta, drawn.into_iter().chain(given))?;
+        self.world = values.world(&self.model)?;
+        self.beam.reset_to(self.world.beam, &self.world.terms, GripState::default())?;
+        let noise = |number| c.noise.then(|| seed::rng(c.seed, number));
+        let camera = if c.noise { self.jittered_camera(c.seed) } else { self.world.view.camera };
+        self.eye = Eye::new(&self.world.view, camera, noise(stream::NOISE), noise(stream::DROPS));
+        self.start_noise = noise(stream::START);
         let target_m = c.target_m.or_else(|| self.model.task.map(|t| jittered_target(&t, c.seed)));
-        let place = |[x, z]: [f64; 2]| self.camera.scaled_from_world([x, 0.0, z]);
+        let place = |[x, z]: [f64; 2]| camera.scaled_from_world([x, 0.0, z]);
         self.target_scaled = target_m.and_then(place).unwrap_or([0.0; 2]);
         Ok(())
     }
 
     /// Lets the object hang at rest from the grip.
     pub fn hang(&mut self, grip: GripPose) {
-        self.beam.hang_at_rest(GripState::from_pose(grip, self.grip_angle_rad));
+        self.beam.hang_at_rest(GripState::from_pose(grip, self.world.grip_angle_rad));
+        self.remember(0.0);
     }
 
     /// Moves on to `time_s` while the grip is where `grip` says.
     pub fn advance(&mut self, time_s: f64, grip: impl Fn(f64) -> GripPose) {
-        let angle = self.grip_angle_rad;
+        let angle = self.world.grip_angle_rad;
+        if self.eye.has_memory() {
+            let step_s = self.beam.discretisation().time_step_s;
+            loop {
+                let next_s = self.beam.time_s() + step_s;
+                if next_s >= time_s {
+                    break;
+                }
+                self.beam.advance_to(next_s, |t| GripState::from_pose(grip(t), angle));
+                self.remember(self.beam.time_s());
+            }
+        }
         self.beam.advance_to(time_s, |t| GripState::from_pose(grip(t), angle));
     }
 
-    /// The object's keypoints as the camera sees them now, scaled to -1 .. 1, with noise where the conditions ask for it.
-    pub fn keypoints(&mut self) -> [[f64; 2]; 4] {
-        let points = self.beam.centre_line_at_deformed_fraction(self.keypoint_fractions());
-        let sigma = 2.0 * self.model.camera.keypoint_noise_px / f64::from(MASK_SIZE_PX);
-        points.map(|[x, z]| {
-            let [u, v] = self.camera.scaled_from_world([x, 0.0, z]).unwrap_or([0.0; 2]);
-            match &mut self.noise {
-                None => [u, v],
-                Some(rng) => {
-                    [u + sigma * rng.sample::<f64, _>(StandardNormal), v + sigma * rng.sample::<f64, _>(StandardNormal)]
-                }
-            }
-        })
+    fn remember(&mut self, time_s: f64) {
+        if self.eye.has_memory() {
+            let places_m = self.keypoints_m();
+            self.eye.remember(time_s, places_m);
+        }
+    }
+
+    /// Places (x, z) in m of the object's keypoints now.
+    fn keypoints_m(&self) -> [[f64; 2]; 4] {
+        let shift = self.world.view.keypoint_shift;
+        let fractions = self.keypoint_fractions();
+        let seen = if shift == 0.0 { fractions } else { fractions.map(|f| (f + shift).clamp(0.0, 1.0)) };
+        self.beam.centre_line_at_deformed_fraction(seen)
+    }
+
+    /// The object's keypoints in a frame stamped `time_s`, which must be where the stage is, scaled to -1 .. 1, with noise
+    /// where the conditions ask for it.
+    pub fn keypoints(&mut self, time_s: f64) -> [[f64; 2]; 4] {
+        let places_m = self.keypoints_m();
+        self.eye.look(time_s, places_m)
     }
 
     /// The keypoints' places as fractions of the whole deformed length, that behind the fingers included.
@@ -142,7 +175,7 @@ impl Stage {
         let half = self.model.camera.position_jitter_m;
         let mut rng = seed::rng(episode_seed, stream::CAMERA);
         let mut shift = || if half > 0.0 { rng.random_range(-half..=half) } else { 0.0 };
-        match self.model.camera.view {
+        match self.world.view.camera {
             Camera::Pinhole(mut p) => {
                 p.position_m = p.position_m.map(|v| v + shift());
                 Camera::Pinhole(p)
@@ -155,7 +188,7 @@ impl Stage {
     }
 
     fn frame(&mut self, time_s: f64, grip: GripPose, action: [f64; 2]) -> Frame {
-        let dlo = self.keypoints();
+        let dlo = self.keypoints(time_s);
         Frame { time_s, dlo, target: self.target_scaled, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action }
     }
 
@@ -192,7 +225,8 @@ impl Stage {
             position_m: points_m[k],
             velocity_m_s: velocities_m_s[k],
         });
-        self.beam.set_shape(GripState::from_pose(grip, self.grip_angle_rad), velocity, &points);
+        self.beam.set_shape(GripState::from_pose(grip, self.world.grip_angle_rad), velocity, &points);
+        self.remember(0.0);
     }
 
     /// Runs an episode of actions from the model's start pose. `choose` gives the action after an observation; none ends
@@ -205,11 +239,12 @@ impl Stage {
         mut choose: impl FnMut(usize, &Observation) -> Option<[f64; 2]>,
     ) -> Track {
         let start = self.model.arm.start;
-        let mut arm = ArmModel::new(&self.model.arm, [start.x_m, start.z_m]);
+        let mut arm = self.arm([start.x_m, start.z_m]);
         self.hang(start);
         let mut frames: Vec<Frame> = Vec::new();
         for step in 0.. {
             let time_s = step as f64 * task.step_period_s;
+            arm.run_to(time_s);
             let pose = |t: f64| {
                 let [x_m, z_m] = arm.position_m(t);
                 GripPose { x_m, z_m, pitch_rad: start.pitch_rad }
@@ -224,7 +259,7 @@ impl Stage {
             match (action, end) {
                 (_, Some(end)) => return Track { frames, end },
                 (None, None) => return Track { frames, end: End::Complete },
-                (Some(delta), None) => arm.set_delta(time_s, delta, task.delta_anchor),
+                (Some(delta), None) => arm.set_delta(time_s, delta),
             }
         }
         unreachable!("the loop over steps has no end of its own")

@@ -1,4 +1,4 @@
-//! The simulator: planar beam physics, parameters, episodes, the vectorised environment, the scene and its picture, and the
+//! The simulator: planar beam physics, effects, parameters, episodes, the vectorised environment, the scene and its picture, and the
 //! simulated cell.
 //!
 //! Does: turn a model and its parameters into tracks, rewards, images and measurements.
@@ -10,6 +10,7 @@ pub mod beam;
 pub mod cell;
 #[cfg(feature = "node")]
 pub mod convert;
+pub mod effects;
 pub mod episode;
 #[cfg(feature = "node")]
 pub mod node;
@@ -18,7 +19,11 @@ pub mod render;
 pub mod scene;
 pub mod simulator;
 pub mod vector_env;
+mod view;
 pub mod workers;
+pub mod world;
 
+pub use effects::Registry;
 pub use simulator::BeamSimulator;
 pub use vector_env::VectorEnv;
+pub use world::World;

@@ -1,6 +1,8 @@
-//! The physical parameters that a model may name, and the beam that they make.
+//! The parameters and effects that a model may name, and the world that they make.
 
-use crate::beam::{BeamError, BeamParameters, Table};
+use crate::beam::{BeamError, BeamParameters, Table, Terms};
+use crate::effects::Registry;
+use crate::world::{ArmSettings, View, World};
 use catenary_core::Model;
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -46,12 +48,6 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
     parameter("poisson_ratio", Some(0.45), [0.0, 0.5], "Poisson's ratio, for the shear stiffness"),
     parameter("density_kg_m3", None, [1.0, 1e5], "density"),
     parameter(
-        "kelvin_voigt_time_s",
-        Some(0.0),
-        [0.0, 10.0],
-        "Kelvin-Voigt retardation time: larger damps bending and stretching more",
-    ),
-    parameter(
         "sticking_stiffness_n_m2",
         Some(0.0),
         [0.0, 1e4],
@@ -63,28 +59,7 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         [0.0, 1e3],
         "moment at which the strands of a cable slip: larger damps large motions more and lets small ones slip less",
     ),
-    parameter("linear_drag_n_s_m2", Some(0.0), [0.0, 1e3], "linear air drag, force per length and speed"),
-    parameter("quadratic_drag_n_s2_m3", Some(0.0), [0.0, 1e3], "quadratic air drag across the centre line"),
-    parameter(
-        "rest_curvature_per_m",
-        Some(0.0),
-        [-100.0, 100.0],
-        "curvature of the unloaded centre line, counter-clockwise",
-    ),
-    parameter("tip_mass_kg", Some(0.0), [0.0, 100.0], "point mass at the tip"),
-    parameter("overhang_m", Some(0.0), [0.0, 1.0], "length that sticks out behind the grip"),
-    parameter(
-        "grip_angle_offset_rad",
-        Some(0.0),
-        [-1.6, 1.6],
-        "angle by which the object is held askew, counter-clockwise",
-    ),
-    parameter(
-        "gravity_tilt_rad",
-        Some(0.0),
-        [-0.5, 0.5],
-        "tilt of the whole set-up: gravity turns counter-clockwise by it",
-    ),
+    parameter("creep_time_s", Some(2.0), [1e-2, 1e5], "time constant of creep, where there is any"),
     parameter("table_height_m", None, [-10.0, 10.0], "height of the table; without it there is no table"),
     parameter("table_friction", Some(0.5), [0.0, 5.0], "Coulomb coefficient of friction on the table"),
 ];
@@ -93,12 +68,14 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
 #[derive(Debug, Error, PartialEq)]
 pub enum ParameterError {
     /// A name that nothing reads.
-    #[error("model parameter `{name}`: unknown; known are {known}")]
+    #[error("model parameter `{name}`: unknown; parameters are {parameters}; effects are {effects}")]
     Unknown {
         /// The name.
         name: String,
-        /// All names.
-        known: String,
+        /// Names of the parameters.
+        parameters: String,
+        /// Names of the effects.
+        effects: String,
     },
     /// A value outside the range that makes sense.
     #[error("model parameter `{name}`: expected {low} to {high}, got {got}")]
@@ -118,23 +95,63 @@ pub enum ParameterError {
     /// Two ways of saying the stiffness, or half of one.
     #[error("model parameters: expected youngs_modulus_pa, or bending_stiffness_n_m2 with axial_stiffness_n, got {0}")]
     Stiffness(&'static str),
+    /// A prior or a distribution that reaches beyond what makes sense.
+    #[error("model parameter `{name}`: expected a distribution within {low} to {high}, got {from} to {to}")]
+    Support {
+        /// The name.
+        name: String,
+        /// Least value that makes sense.
+        low: f64,
+        /// Greatest value that makes sense.
+        high: f64,
+        /// Least value of the distribution.
+        from: f64,
+        /// Greatest value of the distribution.
+        to: f64,
+    },
+    /// Strands that stick but never slip, or slip but never stick.
+    #[error("model parameters: sticking_stiffness_n_m2 and slip_moment_n_m act together: expected both or neither")]
+    Strands,
+    /// An effect that finds nothing to act on.
+    #[error("effect `{name}`: expected {needs}, got one without")]
+    Effect {
+        /// Name of the effect.
+        name: &'static str,
+        /// What it acts on.
+        needs: &'static str,
+    },
     /// A combination that the beam refuses.
     #[error(transparent)]
     Beam(#[from] BeamError),
 }
 
-/// Values of physical parameters by name.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Values(BTreeMap<&'static str, f64>);
+/// Values of parameters and effects by name.
+#[derive(Debug, Clone)]
+pub struct Values<'r> {
+    registry: &'r Registry,
+    given: BTreeMap<&'static str, f64>,
+}
 
-impl Values {
+/// Name and range of a parameter or an effect.
+fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
+    let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.name, p.range));
+    let effect = || registry.find(name).map(|e| (e.about().name, e.about().range));
+    parameter.or_else(effect).ok_or_else(|| ParameterError::Unknown {
+        name: name.to_owned(),
+        parameters: CATALOGUE.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
+        effects: registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", "),
+    })
+}
+
+impl<'r> Values<'r> {
     /// The model's fixed values, then `theta` in the model's order, then further values by name, which win.
     pub fn resolve<'a>(
+        registry: &'r Registry,
         model: &Model,
         theta: &[f64],
         further: impl IntoIterator<Item = (&'a str, f64)>,
     ) -> Result<Self, ParameterError> {
-        let mut values = Self::default();
+        let mut values = Self { registry, given: BTreeMap::new() };
         for (name, value) in &model.parameters {
             values.set(name, *value)?;
         }
@@ -148,33 +165,47 @@ impl Values {
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        let known = CATALOGUE.iter().find(|p| p.name == name).ok_or_else(|| ParameterError::Unknown {
-            name: name.to_owned(),
-            known: CATALOGUE.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
-        })?;
-        let [low, high] = known.range;
+        let (name, [low, high]) = known(self.registry, name)?;
         if !(low..=high).contains(&value) {
-            return Err(ParameterError::Range { name: known.name, low, high, got: value });
+            return Err(ParameterError::Range { name, low, high, got: value });
         }
-        self.0.insert(known.name, value);
+        self.given.insert(name, value);
         Ok(())
     }
 
     /// The value of a parameter: given, or its default.
-    pub fn get(&self, name: &'static str) -> Option<f64> {
+    fn get(&self, name: &'static str) -> Option<f64> {
         let default = || CATALOGUE.iter().find(|p| p.name == name).and_then(|p| p.default);
-        self.0.get(name).copied().or_else(default)
+        self.given.get(name).copied().or_else(default)
     }
 
     fn need(&self, name: &'static str) -> Result<f64, ParameterError> {
         self.get(name).ok_or(ParameterError::Missing(name))
     }
 
-    /// The beam that the values make of the model's object.
-    pub fn beam(&self, model: &Model) -> Result<BeamParameters, ParameterError> {
+    /// The world that the values make of the model: the base, and the effects in the registry's order.
+    pub fn world(&self, model: &Model) -> Result<World, ParameterError> {
+        let mut world = World {
+            beam: self.beam(model)?,
+            terms: Terms::default(),
+            grip_angle_rad: model.object.grip_angle_rad,
+            arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
+            view: View::new(model.camera.view, model.camera.keypoint_noise_px),
+        };
+        for effect in self.registry.effects() {
+            let name = effect.about().name;
+            if let Some(magnitude) = self.given.get(name) {
+                effect.apply(*magnitude, &mut world).map_err(|needs| ParameterError::Effect { name, needs })?;
+            }
+        }
+        world.beam.check()?;
+        Ok(world)
+    }
+
+    /// The beam without effects.
+    fn beam(&self, model: &Model) -> Result<BeamParameters, ParameterError> {
         let object = &model.object;
-        let overhang_m = self.need("overhang_m")?;
-        let length_m = self.need("length_m")? + overhang_m;
+        let length_m = self.need("length_m")?;
         let (density, poisson) = (self.need("density_kg_m3")?, self.need("poisson_ratio")?);
         let stiffness =
             (self.get("youngs_modulus_pa"), self.get("bending_stiffness_n_m2"), self.get("axial_stiffness_n"));
@@ -187,37 +218,40 @@ impl Values {
             (Some(_), _, _) => return Err(ParameterError::Stiffness("both")),
             (None, _, _) => return Err(ParameterError::Stiffness("one of the two")),
         };
-        let tilt = self.need("gravity_tilt_rad")?;
-        let gravity = base.gravity_m_s2[1];
-        let beam = BeamParameters {
+        let strands = [self.need("sticking_stiffness_n_m2")?, self.need("slip_moment_n_m")?];
+        if (strands[0] > 0.0) != (strands[1] > 0.0) {
+            return Err(ParameterError::Strands);
+        }
+        Ok(BeamParameters {
             axial_law: object.axial_law,
-            kelvin_voigt_time_s: self.need("kelvin_voigt_time_s")?,
-            sticking_stiffness_n_m2: self.need("sticking_stiffness_n_m2")?,
-            slip_moment_n_m: self.need("slip_moment_n_m")?,
-            linear_drag_n_s_m2: self.need("linear_drag_n_s_m2")?,
-            quadratic_drag_n_s2_m3: self.need("quadratic_drag_n_s2_m3")?,
-            rest_curvature_per_m: self.need("rest_curvature_per_m")?,
-            tip_mass_kg: self.need("tip_mass_kg")?,
-            gravity_m_s2: [-gravity * tilt.sin(), gravity * tilt.cos()],
-            overhang_m,
+            sticking_stiffness_n_m2: strands[0],
+            slip_moment_n_m: strands[1],
+            creep_time_s: self.need("creep_time_s")?,
             table: self.get("table_height_m").map(|h| Table::new(h, self.get("table_friction").unwrap_or_default())),
             ..base
-        };
-        beam.check()?;
-        Ok(beam)
-    }
-
-    /// Angle in rad of the clamped tangent at pitch 0.
-    pub fn grip_angle_rad(&self, model: &Model) -> f64 {
-        model.object.grip_angle_rad + self.get("grip_angle_offset_rad").unwrap_or_default()
+        })
     }
 }
 
-/// Checks that a model names parameters that exist and make a beam, with theta and effects at the middle of their ranges.
+/// Checks that a model names parameters and effects that exist, with distributions that make sense throughout, and that
+/// they make a world at the middle of their ranges.
 pub fn check(model: &Model) -> Result<(), ParameterError> {
+    check_with(model, Registry::shipped())
+}
+
+/// As [`check`], with other effects.
+pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterError> {
+    let theta = model.theta.parameters().iter().map(|p| (&p.name, p.prior));
+    for (name, prior) in theta.chain(model.effects.iter().map(|e| (&e.name, e.distribution))) {
+        let (_, [low, high]) = known(registry, name)?;
+        let (from, to) = prior.bounds();
+        if from < low || to > high {
+            return Err(ParameterError::Support { name: name.clone(), low, high, from, to });
+        }
+    }
     let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
     let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-    Values::resolve(model, &middle, effects)?.beam(model).map(|_| ())
+    Values::resolve(registry, model, &middle, effects)?.world(model).map(|_| ())
 }
 
 #[cfg(test)]
@@ -236,8 +270,8 @@ pub(crate) mod tests {
     fn shipped_models_make_beams() {
         assert_eq!(check(&soft_bar()), Ok(()));
         assert_eq!(check(&cable()), Ok(()));
-        let values = Values::resolve(&cable(), &[0.1, 0.02, 1.5, 0.5, 0.05], []).unwrap();
-        let beam = values.beam(&cable()).unwrap();
+        let values = Values::resolve(Registry::shipped(), &cable(), &[0.1, 0.02, 1.5, 0.5, 0.05], []).unwrap();
+        let beam = values.world(&cable()).unwrap().beam;
         assert_eq!(
             (beam.bending_stiffness_n_m2, beam.kelvin_voigt_time_s, beam.rest_curvature_per_m),
             (0.1, 0.02, 1.5)
@@ -248,12 +282,25 @@ pub(crate) mod tests {
     #[test]
     fn mistakes_name_the_parameter() {
         let model = soft_bar();
-        let values = |name, value| Values::resolve(&model, &[0.25, 1e4], [(name, value)]);
+        let values = |name, value| Values::resolve(Registry::shipped(), &model, &[0.25, 1e4], [(name, value)]);
         assert!(values("youngs_modulus", 1.0).unwrap_err().to_string().contains("`youngs_modulus`: unknown"));
         assert!(values("table_friction", -1.0).unwrap_err().to_string().contains("table_friction"));
         assert!(values("length_m", f64::NAN).is_err());
-        let both = values("bending_stiffness_n_m2", 0.1).unwrap().beam(&model);
-        assert_eq!(both, Err(ParameterError::Stiffness("both")));
+        let both = values("bending_stiffness_n_m2", 0.1).unwrap().world(&model);
+        assert_eq!(both.err(), Some(ParameterError::Stiffness("both")));
+        let strands = values("sticking_stiffness_n_m2", 0.1).unwrap().world(&model);
+        assert_eq!(strands.err(), Some(ParameterError::Strands));
+        let no_table = Values::resolve(
+            Registry::shipped(),
+            &cable(),
+            &[0.1, 0.02, 1.5, 0.5, 0.05],
+            [("table_height_change_m", 0.01)],
+        );
+        let error = no_table.unwrap().world(&cable()).unwrap_err().to_string();
+        assert!(error.contains("table_height_change_m") && error.contains("table_height_m"), "{error}");
+        let mut wide = model.clone();
+        wide.effects[0].distribution = catenary_core::Prior::Uniform { low: -0.1, high: 0.1 };
+        assert!(check(&wide).unwrap_err().to_string().contains("-0.1 to 0.1"));
         let mut short = model.clone();
         short.parameters.remove("density_kg_m3");
         assert_eq!(check(&short), Err(ParameterError::Missing("density_kg_m3")));

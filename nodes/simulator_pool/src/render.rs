@@ -64,9 +64,8 @@ impl View<'_> {
     fn see(&self, point_m: [f64; 3]) -> Option<Seen> {
         let p = self.rotation * (Vector3::from(point_m) - Vector3::from(self.camera.position_m));
         (p.z > 0.05).then(|| {
-            let f = self.camera.focal_px / p.z;
-            let (cx, cy) = (0.5 * f64::from(self.camera.image_width_px), 0.5 * f64::from(self.camera.image_height_px));
-            [cx + f * p.x, cy + f * p.y, 1.0 / p.z]
+            let [u, v] = self.camera.image_from_optical([p.x, p.y, p.z]);
+            [u, v, 1.0 / p.z]
         })
     }
 }

@@ -1,5 +1,6 @@
 //! Batches of episodes.
 
+use crate::effects::Registry;
 use crate::episode::{self, Conditions, Stage};
 use crate::parameters::ParameterError;
 use crate::workers;
@@ -11,6 +12,7 @@ use std::sync::{Mutex, PoisonError};
 /// The beam simulator of one model, with stages that its workers share.
 pub struct BeamSimulator {
     model: Model,
+    registry: Registry,
     workers: usize,
     /// Stages that no worker uses at present, by fidelity.
     idle: Mutex<Vec<(Fidelity, Stage)>>,
@@ -20,8 +22,19 @@ pub struct BeamSimulator {
 impl BeamSimulator {
     /// A simulator with `workers` threads; the same request gives the same bits for any number of them.
     pub fn new(model: &Model, workers: usize) -> Result<Self, ParameterError> {
-        crate::parameters::check(model)?;
-        Ok(Self { model: model.clone(), workers, idle: Mutex::new(Vec::new()), unconverged: AtomicU64::new(0) })
+        Self::with_effects(model, Registry::shipped(), workers)
+    }
+
+    /// As [`Self::new`], with the effects of another registry.
+    pub fn with_effects(model: &Model, registry: &Registry, workers: usize) -> Result<Self, ParameterError> {
+        crate::parameters::check_with(model, registry)?;
+        Ok(Self {
+            model: model.clone(),
+            registry: registry.clone(),
+            workers,
+            idle: Mutex::new(Vec::new()),
+            unconverged: AtomicU64::new(0),
+        })
     }
 
     /// The model.
@@ -40,7 +53,7 @@ impl BeamSimulator {
             Some(i) => Ok(idle.swap_remove(i).1),
             None => {
                 drop(idle);
-                Stage::new(&self.model, fidelity)
+                Stage::new(&self.model, &self.registry, fidelity)
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The vectorised environment of the task.
 
 use crate::arm::ArmModel;
+use crate::effects::Registry;
 use crate::episode::{Conditions, Stage, judge};
 use crate::parameters::ParameterError;
 use crate::workers;
@@ -69,9 +70,10 @@ impl VectorEnv {
         }
         crate::parameters::check(model)?;
         let member = |i: usize| -> Result<Member, ParameterError> {
+            let stage = Stage::new(model, Registry::shipped(), fidelity)?;
             Ok(Member {
-                stage: Stage::new(model, fidelity)?,
-                arm: ArmModel::new(&model.arm, [model.arm.start.x_m, model.arm.start.z_m]),
+                arm: stage.arm([model.arm.start.x_m, model.arm.start.z_m]),
+                stage,
                 step: 0,
                 seed: seed::derive(env_seed, i as u64),
                 episodes: 0,
@@ -123,13 +125,13 @@ impl Member {
         };
         self.stage.prepare(&conditions).map_err(|e| EnvError::Input(e.to_string()))?;
         let start = shared.model.arm.start;
-        self.arm = ArmModel::new(&shared.model.arm, [start.x_m, start.z_m]);
+        self.arm = self.stage.arm([start.x_m, start.z_m]);
         self.stage.hang(start);
-        Ok(self.observe([start.x_m, start.z_m]))
+        Ok(self.observe(0.0, [start.x_m, start.z_m]))
     }
 
-    fn observe(&mut self, eef_m: [f64; 2]) -> Observation {
-        let dlo = self.stage.keypoints();
+    fn observe(&mut self, time_s: f64, eef_m: [f64; 2]) -> Observation {
+        let dlo = self.stage.keypoints(time_s);
         Observation::new(eef_m, &dlo, self.stage.target_scaled())
     }
 
@@ -137,14 +139,16 @@ impl Member {
         let task = shared.task;
         let period_s = task.step_period_s;
         let (now_s, next_s) = (self.step as f64 * period_s, (self.step + 1) as f64 * period_s);
-        self.arm.set_delta(now_s, action, task.delta_anchor);
-        let (arm, pitch_rad) = (self.arm, shared.model.arm.start.pitch_rad);
+        self.arm.set_delta(now_s, action);
+        self.arm.run_to(next_s);
+        let (arm, pitch_rad) = (&self.arm, shared.model.arm.start.pitch_rad);
         self.stage.advance(next_s, |t| {
             let [x_m, z_m] = arm.position_m(t);
             GripPose { x_m, z_m, pitch_rad }
         });
         self.step += 1;
-        let observation = self.observe(arm.position_m(next_s));
+        let eef_m = arm.position_m(next_s);
+        let observation = self.observe(next_s, eef_m);
         let (reward, end) = judge(task, &self.arm, &observation);
         let terminated = matches!(end, Some(End::Success | End::LeftWorkspace));
         let truncated = !terminated && self.step >= task.steps;

@@ -49,6 +49,22 @@ impl BlockTridiagonal {
         }
     }
 
+    /// Takes the place of node `k` out of the system, but not its angle: x and z become zero.
+    pub fn fix_place(&mut self, k: usize, rhs: &mut [[f64; 3]]) {
+        let angle = self.diagonal[k][5];
+        self.diagonal[k] = [1.0, 0.0, 1.0, 0.0, 0.0, angle];
+        (rhs[k][0], rhs[k][1]) = (0.0, 0.0);
+        if k > 0 {
+            // Rows belong to the later node, which is this one.
+            (self.coupling[k - 1][0], self.coupling[k - 1][1]) = ([0.0; 3], [0.0; 3]);
+        }
+        if k < self.coupling.len() {
+            for row in &mut self.coupling[k] {
+                (row[0], row[1]) = (0.0, 0.0);
+            }
+        }
+    }
+
     /// Solves in place: `rhs` becomes the solution, and the matrix is used up.
     ///
     /// Elimination runs from both ends to the middle at once: two short chains of dependent divisions instead of a
@@ -223,5 +239,20 @@ mod tests {
         matrix.fix_node(1, &mut rhs);
         matrix.solve(&mut rhs);
         assert_eq!(rhs, vec![[0.5; 3], [0.0; 3], [0.5; 3]]);
+    }
+
+    #[test]
+    fn fixed_place_turns_as_if_its_neighbours_met_its_angle_alone() {
+        let mut matrix = BlockTridiagonal::new(3);
+        matrix.diagonal.fill([2.0, 0.0, 2.0, 0.0, 0.0, 2.0]);
+        matrix.coupling.fill([[0.5, 0.25, 0.125]; 3]);
+        let mut rhs = vec![[1.0; 3]; 3];
+        matrix.fix_place(1, &mut rhs);
+        matrix.solve(&mut rhs);
+        assert_eq!([rhs[1][0], rhs[1][1]], [0.0; 2]);
+        // The angle's row: 0.5 x + 0.25 z + 0.125 t of node 0, 2 t of its own, 0.125 (x + z + t) of node 2.
+        let [a, t, b] = [rhs[0], [0.0, 0.0, rhs[1][2]], rhs[2]];
+        let row = 0.5 * a[0] + 0.25 * a[1] + 0.125 * a[2] + 2.0 * t[2] + 0.125 * (b[0] + b[1] + b[2]);
+        assert!((row - 1.0).abs() < 1e-14, "{row}");
     }
 }

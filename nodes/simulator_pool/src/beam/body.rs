@@ -7,6 +7,7 @@ use super::mesh::Mesh;
 use super::parameters::BeamParameters;
 use super::potential::{Increment, System};
 use super::state::{Node, State};
+use super::terms::Terms;
 use catenary_core::GripPose;
 
 /// Where the gripper holds the beam, and the direction it gives it there.
@@ -61,6 +62,7 @@ pub struct Counters {
 #[derive(Debug, Clone)]
 pub struct Beam {
     pub(super) parameters: BeamParameters,
+    pub(super) terms: Terms,
     pub(super) discretisation: Discretisation,
     pub(super) mesh: Mesh,
     pub(super) state: State,
@@ -85,6 +87,7 @@ impl Beam {
         let elements = discretisation.elements;
         let mut beam = Self {
             parameters,
+            terms: Terms::default(),
             discretisation,
             mesh: Mesh::new(elements),
             state: State::new(elements),
@@ -101,11 +104,18 @@ impl Beam {
     }
 
     /// Makes it another beam in the same memory: straight, unloaded, at rest at time 0, counters at zero.
-    /// What follows does not depend on what was before.
+    /// What follows does not depend on what was before. Terms from outside are gone.
     pub fn reset(&mut self, parameters: BeamParameters, grip: GripState) -> Result<(), BeamError> {
+        self.reset_to(parameters, &Terms::default(), grip)
+    }
+
+    /// As [`Self::reset`], with terms from outside.
+    pub fn reset_to(&mut self, parameters: BeamParameters, terms: &Terms, grip: GripState) -> Result<(), BeamError> {
         parameters.check()?;
         self.parameters = parameters;
-        self.mesh.fill(&parameters);
+        self.terms.clone_from(terms);
+        self.mesh.fill(&parameters, terms);
+        self.increment.term_force.fill([0.0; 2]);
         self.counters = Counters::default();
         self.lay_straight(grip);
         Ok(())
@@ -149,7 +159,7 @@ impl Beam {
     pub(super) fn start_here(&mut self) {
         self.state.restart(&self.mesh);
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
-        self.increment.enable_motion(&self.parameters);
+        self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
         for (neutral, strain) in self.increment.neutral_curvature.iter_mut().zip(&self.state.strain) {
             *neutral = strain[2];
         }

@@ -36,6 +36,21 @@ pub(super) struct Rates<'a> {
     pub history: &'a [Node],
 }
 
+/// Gap in m over which adhesion fades.
+const ADHESION_REACH_M: f64 = 1e-3;
+
+/// Pull towards the table in N, its derivative by the gap and its energy, of an edge at depth `d` (negative: a gap) whose
+/// pull in touch is `full` in N. The pull falls linearly over [`ADHESION_REACH_M`].
+#[inline(always)]
+fn adhesion(d: f64, full: f64) -> (f64, f64, f64) {
+    if d >= 0.0 {
+        return (full, 0.0, -full * (d + 0.5 * ADHESION_REACH_M));
+    }
+    let left = (1.0 + d / ADHESION_REACH_M).max(0.0);
+    let slope = if left > 0.0 { -full / ADHESION_REACH_M } else { 0.0 };
+    (full * left, slope, -0.5 * full * ADHESION_REACH_M * left * left)
+}
+
 /// Normal force, stiffness and energy of an edge at depth `d` > 0, for full stiffness `k` in N/m.
 #[inline(always)]
 fn normal(d: f64, k: f64, softening: f64) -> (f64, f64, f64) {
@@ -76,10 +91,11 @@ impl Contact {
     ) -> f64 {
         let mut potential = 0.0;
         self.touching = false;
+        let reach = if table.adhesion_n_m > 0.0 { ADHESION_REACH_M } else { 0.0 };
         for (k, edges) in self.edges.iter().enumerate() {
             let above = position[k][1] - table.height_m;
             let idle = edges.normal == [0.0; 2] && edges.engagement == [0.0; 2];
-            if above >= mesh.half_height && idle {
+            if above >= mesh.half_height + reach && idle {
                 continue;
             }
             let mut at = Section {
@@ -98,6 +114,9 @@ impl Contact {
                 let limit = table.friction_coefficient * edges.normal[side];
                 if depth > 0.0 {
                     potential += at.add_normal(depth, arm * sin, arm * cos);
+                }
+                if reach > 0.0 && depth > -reach {
+                    potential += at.add_adhesion(depth, table.adhesion_n_m * mesh.share[k], arm * sin, arm * cos);
                 }
                 if edges.engagement[side] > 0.0 && table.damping_time_s > 0.0 {
                     potential += at.add_damping(edges.engagement[side]);
@@ -183,6 +202,15 @@ impl Section<'_> {
         let (force, slope, energy) = normal(depth, self.stiffness, self.table.softening_depth_m);
         self.add_scalar([0.0, 1.0, -sinking], -force, slope);
         self.diagonal[5] += force * arm_z;
+        energy
+    }
+
+    /// The table's pull on an edge at `depth`; the other arguments as for [`Self::add_normal`].
+    #[inline(always)]
+    fn add_adhesion(&mut self, depth: f64, full: f64, sinking: f64, arm_z: f64) -> f64 {
+        let (pull, slope, energy) = adhesion(depth, full);
+        self.add_scalar([0.0, 1.0, -sinking], pull, slope);
+        self.diagonal[5] -= pull * arm_z;
         energy
     }
 

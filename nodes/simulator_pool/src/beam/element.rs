@@ -1,9 +1,8 @@
 //! One element: its strains, and its energy with first and second derivatives.
 
-use super::material;
+use super::material::{self, AxialMix};
 use super::mesh::Element;
 use super::state::Node;
-use catenary_core::model::AxialLaw;
 use std::f64::consts::TAU;
 
 /// Stretch less one, shear angle in rad, curvature less the rest curvature in 1/m.
@@ -77,13 +76,13 @@ pub(super) fn kinematics(element: &Element, from: &Node, to: &Node, reference: &
     }
 }
 
-/// Kelvin-Voigt damping over one step, in which strain rates are `rate_per_strain` times the strain plus a history.
+/// What the past and the rate of deformation add to an element's stresses within one step.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Viscosity {
-    /// Retardation time in s.
-    pub time_s: f64,
-    /// d(strain rate) / d(strain) in 1/s.
-    pub rate_per_strain: f64,
+pub(super) struct Memory {
+    /// Kelvin-Voigt damping: stress per stiffness and present strain.
+    pub stiffening: f64,
+    /// Stress per stiffness that the past has decided: of damping, and of what creep has relaxed.
+    pub shift: Strain,
 }
 
 /// Potential of an element in J, with its derivatives by the chord d = (x, z), the mean angle t and the curvature.
@@ -106,35 +105,29 @@ pub(super) struct Response {
     pub bending: f64,
 }
 
-/// Evaluates an element where `at` says it is. `history`: strain rates less their share of the present strain.
+/// Evaluates an element where `at` says it is.
 #[inline(always)]
-pub(super) fn respond(
-    element: &Element,
-    law: AxialLaw,
-    viscosity: &Viscosity,
-    at: &Kinematics,
-    history: &Strain,
-) -> Response {
+pub(super) fn respond(element: &Element, mix: AxialMix, memory: &Memory, at: &Kinematics) -> Response {
     let [ea, ga, ei] = element.stiffness;
     let [strain, shear, curvature] = at.strain;
     let (h, inverse_chord) = (element.length, at.inverse_chord);
     let Direction { cos: c, sin: s, .. } = at.direction;
-    let a0 = viscosity.rate_per_strain;
-    let rate = [a0 * strain + history[0], a0 * shear + history[1], a0 * curvature + history[2]];
+    let Memory { stiffening, shift } = *memory;
+    let full = 1.0 + stiffening;
 
-    let axial = material::axial(law, ea, at.stretch, h * inverse_chord);
-    let stored = axial.energy + 0.5 * (ga * shear * shear + ei * curvature * curvature);
-    let lost = 0.5 * (ea * rate[0] * rate[0] + ga * rate[1] * rate[1] + ei * rate[2] * rate[2]);
-    let energy = h * (stored + viscosity.time_s / a0 * lost);
+    let axial = material::axial(mix, ea, at.stretch, h * inverse_chord);
+    let in_tension = ea * strain * (0.5 * stiffening * strain + shift[0]);
+    let in_shear = ga * shear * (0.5 * full * shear + shift[1]);
+    let in_bending = ei * curvature * (0.5 * full * curvature + shift[2]);
+    let energy = h * (axial.energy + in_tension + in_shear + in_bending);
 
-    let tension = axial.force + viscosity.time_s * ea * rate[0];
-    let shear_moment = h * ga * (shear + viscosity.time_s * rate[1]);
-    let bending_moment = ei * (curvature + viscosity.time_s * rate[2]);
+    let tension = axial.force + ea * (stiffening * strain + shift[0]);
+    let shear_moment = h * ga * (full * shear + shift[1]);
+    let bending_moment = ei * (full * curvature + shift[2]);
     let across = shear_moment * inverse_chord;
 
-    let stiffening = 1.0 + viscosity.time_s * a0;
-    let angle = h * ga * stiffening;
-    let tt = (axial.stiffness + viscosity.time_s * a0 * ea) * element.inverse_length;
+    let angle = h * ga * full;
+    let tt = (axial.stiffness + stiffening * ea) * element.inverse_length;
     let nn = inverse_chord * (tension + angle * inverse_chord);
     let tn = -across * inverse_chord;
     Response {
@@ -149,6 +142,6 @@ pub(super) fn respond(
         ],
         chord_angle: [angle * inverse_chord * s, -angle * inverse_chord * c],
         angle,
-        bending: ei * stiffening * element.inverse_length,
+        bending: ei * full * element.inverse_length,
     }
 }

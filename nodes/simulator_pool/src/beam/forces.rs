@@ -1,8 +1,8 @@
 //! Energies and forces at the newest step.
 
 use super::body::Beam;
-use super::element::{self, Viscosity};
-use super::material;
+use super::element::{self, Memory};
+use super::material::{self, AxialMix};
 
 /// Force and moment by which the gripper holds the beam.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -62,17 +62,20 @@ impl Beam {
             held[0] -= edges.friction[side];
             held[1] -= edges.normal[side];
         }
+        let drag = self.increment.drag_on(&self.mesh, c, [state.velocity[c][0], state.velocity[c][1]]);
+        for i in 0..2 {
+            held[i] += drag[i] - self.increment.term_force[c][i];
+        }
         GripReaction { force_x_n: held[0], force_z_n: held[1], moment_n_m: held[2] }
     }
 
-    /// Derivative of element `k`'s energy, damping included, by the position of its node `c`.
+    /// Derivative of element `k`'s energy, damping and creep included, by the position of its node `c`.
     fn element_force(&self, k: usize, c: usize) -> [f64; 3] {
         let state = &self.state;
         let element = &self.mesh.elements[k];
         let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
-        let viscosity = Viscosity { time_s: self.parameters.kelvin_voigt_time_s, rate_per_strain: 1.0 };
-        let history = [0, 1, 2].map(|i| state.strain_rate[k][i] - at.strain[i]);
-        let mut r = element::respond(element, self.parameters.axial_law, &viscosity, &at, &history);
+        let memory = Memory { stiffening: 0.0, shift: state.extra_stress[k] };
+        let mut r = element::respond(element, AxialMix::of(&self.parameters), &memory, &at);
         let friction = &self.increment.strand_friction;
         if friction.acts() {
             friction.add(element, at.strain[2], self.increment.neutral_curvature[k], &mut r);
@@ -89,7 +92,7 @@ impl Beam {
         for (element, strain) in mesh.elements.iter().zip(&state.strain) {
             let [ea, ga, ei] = element.stiffness;
             let stretch = 1.0 + strain[0];
-            let axial = material::axial(self.parameters.axial_law, ea, stretch, 1.0 / stretch).energy;
+            let axial = material::axial(AxialMix::of(&self.parameters), ea, stretch, 1.0 / stretch).energy;
             let rest = 0.5 * (ga * strain[1] * strain[1] + ei * strain[2] * strain[2]);
             energy.elastic_j += element.length * (axial + rest);
         }

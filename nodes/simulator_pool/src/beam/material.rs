@@ -1,6 +1,25 @@
 //! Law of the axial force, and the barrier against collapse.
 
+use super::parameters::BeamParameters;
 use catenary_core::model::AxialLaw;
+
+/// Shares of the two laws in the axial force.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct AxialMix {
+    pub linear: f64,
+    pub neo_hookean: f64,
+}
+
+impl AxialMix {
+    /// The mix of a beam.
+    pub fn of(p: &BeamParameters) -> Self {
+        let (own, other) = (1.0 - p.other_law_share, p.other_law_share);
+        match p.axial_law {
+            AxialLaw::Linear => Self { linear: own, neo_hookean: other },
+            AxialLaw::NeoHookean => Self { linear: other, neo_hookean: own },
+        }
+    }
+}
 
 /// Stretch below which the barrier acts.
 const BARRIER_STRETCH: f64 = 0.4;
@@ -21,22 +40,19 @@ pub(super) struct Axial {
 /// Linear: w = EA (u - 1)^2 / 2. Neo-Hookean, incompressible, in uniaxial tension: w = EA / 3 (u^2 / 2 + 1 / u - 3 / 2).
 /// Below a stretch of 0.4 a barrier EA ln^2(u / 0.4) keeps the two ends of an element apart.
 #[inline(always)]
-pub(super) fn axial(law: AxialLaw, ea: f64, u: f64, inverse: f64) -> Axial {
-    let mut axial = match law {
-        AxialLaw::Linear => {
-            let strain = u - 1.0;
-            Axial { energy: 0.5 * ea * strain * strain, force: ea * strain, stiffness: ea }
-        }
-        AxialLaw::NeoHookean => {
-            let third = ea * (1.0 / 3.0);
-            let inverse_2 = inverse * inverse;
-            Axial {
-                energy: third * (0.5 * u * u + inverse - 1.5),
-                force: third * (u - inverse_2),
-                stiffness: third * (1.0 + 2.0 * inverse_2 * inverse),
-            }
-        }
-    };
+pub(super) fn axial(mix: AxialMix, ea: f64, u: f64, inverse: f64) -> Axial {
+    let mut axial = Axial { energy: 0.0, force: 0.0, stiffness: 0.0 };
+    if mix.linear > 0.0 {
+        let (ea, strain) = (ea * mix.linear, u - 1.0);
+        axial = Axial { energy: 0.5 * ea * strain * strain, force: ea * strain, stiffness: ea };
+    }
+    if mix.neo_hookean > 0.0 {
+        let third = ea * mix.neo_hookean * (1.0 / 3.0);
+        let inverse_2 = inverse * inverse;
+        axial.energy += third * (0.5 * u * u + inverse - 1.5);
+        axial.force += third * (u - inverse_2);
+        axial.stiffness += third * (1.0 + 2.0 * inverse_2 * inverse);
+    }
     if u < BARRIER_STRETCH {
         add_barrier(&mut axial, ea, u);
     }

@@ -2,6 +2,7 @@
 
 use super::parameters::BeamParameters;
 use super::section::SectionProperties;
+use super::terms::{ElementMaterial, Terms};
 
 /// Constants of one element.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -31,7 +32,12 @@ pub(super) struct Mesh {
     pub mean_length: f64,
     /// Distance from the centre line to the surface in m.
     pub half_height: f64,
+    /// Length in m that has slipped out of the grip.
+    slipped: f64,
 }
+
+/// Share of the beam's length that may slip out of the grip.
+const MOST_SLIP: f64 = 0.5;
 
 impl Mesh {
     /// Memory for `elements` elements; [`Self::fill`] gives it its values.
@@ -45,11 +51,12 @@ impl Mesh {
             origin: 0,
             mean_length: 0.0,
             half_height: 0.0,
+            slipped: 0.0,
         }
     }
 
     /// Divides the beam. A node lies in the grip: the overhang gets its share of the elements, at least one.
-    pub fn fill(&mut self, p: &BeamParameters) {
+    pub fn fill(&mut self, p: &BeamParameters, terms: &Terms) {
         let count = self.elements.len();
         let behind = if p.overhang_m > 0.0 {
             ((p.overhang_m / p.length_m * count as f64).round() as usize).clamp(1, count - 1)
@@ -62,23 +69,61 @@ impl Mesh {
         self.clamped_node = p.clamped.then_some(behind);
         self.mean_length = p.length_m / count as f64;
         self.half_height = p.section.half_height_m();
+        self.slipped = 0.0;
         self.share.fill(0.0);
-        for (k, element) in self.elements.iter_mut().enumerate() {
+        self.inertia.fill([0.0; 3]);
+        for k in 0..count {
             let length = if k < behind { length_behind } else { length_ahead };
-            *element = Element {
+            let fraction = (k as f64 + 0.5 - behind as f64).max(0.0) / (count - behind) as f64;
+            let stiffer = 1.0 + p.stiffness_gradient * (2.0 * fraction - 1.0);
+            let mut material = ElementMaterial {
+                stiffness: [p.axial_stiffness_n, p.shear_stiffness_n, p.bending_stiffness_n_m2].map(|s| s * stiffer),
+                rest_curvature_per_m: p.rest_curvature_per_m,
+                mass_per_length_kg_m: p.mass_per_length_kg_m,
+            };
+            for term in &terms.materials {
+                term.change(fraction, &mut material);
+            }
+            self.elements[k] = Element {
                 length,
                 inverse_length: 1.0 / length,
-                stiffness: [p.axial_stiffness_n, p.shear_stiffness_n, p.bending_stiffness_n_m2],
-                rest_curvature: p.rest_curvature_per_m,
+                stiffness: material.stiffness,
+                rest_curvature: material.rest_curvature_per_m,
             };
-            self.share[k] += 0.5 * length;
-            self.share[k + 1] += 0.5 * length;
-        }
-        for (inertia, share) in self.inertia.iter_mut().zip(&self.share) {
-            let mass = p.mass_per_length_kg_m * share;
-            *inertia = [mass, mass, p.rotary_inertia_per_length_kg_m * share];
+            let mass = 0.5 * length * material.mass_per_length_kg_m;
+            let rotary = 0.5 * length * p.rotary_inertia_per_length_kg_m;
+            for node in [k, k + 1] {
+                self.share[node] += 0.5 * length;
+                self.inertia[node] =
+                    [self.inertia[node][0] + mass, self.inertia[node][1] + mass, self.inertia[node][2] + rotary];
+            }
         }
         self.inertia[count][0] += p.tip_mass_kg;
         self.inertia[count][1] += p.tip_mass_kg;
+    }
+
+    /// Lets `more` m of beam slip out of the grip: every element ahead of it grows alike, with its mass.
+    pub fn slip(&mut self, more: f64, p: &BeamParameters) {
+        let more = more.min(MOST_SLIP * p.length_m - self.slipped);
+        self.slipped += more;
+        let ahead = self.elements.len() - self.origin;
+        let growth = more / ahead as f64;
+        for k in self.origin..self.elements.len() {
+            let element = &mut self.elements[k];
+            element.length += growth;
+            element.inverse_length = 1.0 / element.length;
+            for node in [k, k + 1] {
+                let half = 0.5 * growth;
+                self.share[node] += half;
+                let (mass, rotary) = (p.mass_per_length_kg_m * half, p.rotary_inertia_per_length_kg_m * half);
+                let [x, z, angle] = self.inertia[node];
+                self.inertia[node] = [x + mass, z + mass, angle + rotary];
+            }
+        }
+    }
+
+    /// Fraction of the rest length, from the grip (0) to the tip (1), at which node `k` lies.
+    pub fn fraction(&self, k: usize) -> f64 {
+        k.saturating_sub(self.origin) as f64 / (self.elements.len() - self.origin) as f64
     }
 }

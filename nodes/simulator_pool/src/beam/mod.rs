@@ -22,6 +22,7 @@ mod state;
 mod statics;
 mod stepper;
 mod strand_friction;
+mod terms;
 #[cfg(test)]
 mod tests;
 
@@ -32,3 +33,4 @@ pub use forces::{Energy, GripReaction, TableForce};
 pub use parameters::{BeamParameters, Table};
 pub use section::SectionProperties;
 pub use statics::{Equilibrium, MeasuredPoint};
+pub use terms::{ElementMaterial, ForceTerm, GripTerm, MaterialTerm, PointState, Terms};

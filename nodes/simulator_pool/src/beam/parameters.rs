@@ -18,12 +18,16 @@ pub struct BeamParameters {
     pub section: Section,
     /// Law of the axial force. Bending and shear stiffness stay those of the section at rest.
     pub axial_law: AxialLaw,
+    /// Share, 0 to 1, of the axial law that is not `axial_law`: 1 is the other law altogether.
+    pub other_law_share: f64,
     /// Axial stiffness EA in N.
     pub axial_stiffness_n: f64,
     /// Shear stiffness, coefficient included, in N.
     pub shear_stiffness_n: f64,
     /// Bending stiffness EI in N m^2.
     pub bending_stiffness_n_m2: f64,
+    /// Relative change of all stiffnesses along the beam: they are (1 - g) of the mean at the grip and (1 + g) at the tip.
+    pub stiffness_gradient: f64,
     /// Mass per rest length in kg/m.
     pub mass_per_length_kg_m: f64,
     /// Rotary inertia of the section per rest length in kg m (density times I).
@@ -34,6 +38,11 @@ pub struct BeamParameters {
     pub sticking_stiffness_n_m2: f64,
     /// Moment in N m at which the strands slip: small motions stay below it.
     pub slip_moment_n_m: f64,
+    /// Share of the stresses that a strain held for ever loses: standard linear solid with unrelaxed stiffness EA, GA, EI.
+    /// The shape that the motion starts from is taken to be new.
+    pub creep_fraction: f64,
+    /// Time constant in s of that relaxation.
+    pub creep_time_s: f64,
     /// Linear air drag: force per length and speed, in N s/m^2, against the velocity.
     pub linear_drag_n_s_m2: f64,
     /// Quadratic air drag: force per length and squared cross speed, in N s^2/m^3, against the velocity across the
@@ -49,6 +58,10 @@ pub struct BeamParameters {
     pub clamped: bool,
     /// Length in m that sticks out behind the grip.
     pub overhang_m: f64,
+    /// Turn of the held section in rad per N m of moment; 0 holds it firmly.
+    pub grip_compliance_rad_n_m: f64,
+    /// Speed in m/s at which the beam slips out of the grip under a pull of its own weight, in proportion to the pull.
+    pub grip_slip_m_s: f64,
     /// The table, if there is one.
     pub table: Option<Table>,
 }
@@ -69,6 +82,8 @@ pub struct Table {
     pub slip_speed_m_s: f64,
     /// Damping of the normal contact in s: force gained per unit stiffness and speed of approach.
     pub damping_time_s: f64,
+    /// Pull of the table on an edge that touches it, in N per length in m; it fades over the first millimetre of a gap.
+    pub adhesion_n_m: f64,
 }
 
 impl Table {
@@ -81,6 +96,7 @@ impl Table {
             softening_depth_m: 2e-4,
             slip_speed_m_s: 2e-3,
             damping_time_s: 0.0,
+            adhesion_n_m: 0.0,
         }
     }
 
@@ -90,6 +106,7 @@ impl Table {
         require("table.stiffness_n_m2", "a positive number", self.stiffness_n_m2, |v| v > 0.0)?;
         require("table.softening_depth_m", "a positive number", self.softening_depth_m, |v| v > 0.0)?;
         require("table.slip_speed_m_s", "a positive number", self.slip_speed_m_s, |v| v > 0.0)?;
+        require("table.adhesion_n_m", "at least zero", self.adhesion_n_m, |v| v >= 0.0)?;
         require("table.damping_time_s", "at least zero", self.damping_time_s, |v| v >= 0.0)
     }
 }
@@ -114,12 +131,16 @@ impl BeamParameters {
             length_m,
             section,
             axial_law: AxialLaw::Linear,
+            other_law_share: 0.0,
             axial_stiffness_n,
             shear_stiffness_n: section.shear_coefficient() * axial_stiffness_n / (2.0 * (1.0 + poisson_ratio)),
             bending_stiffness_n_m2: youngs_modulus_pa * second_moment,
             mass_per_length_kg_m: density_kg_m3 * area,
             rotary_inertia_per_length_kg_m: density_kg_m3 * second_moment,
+            stiffness_gradient: 0.0,
             kelvin_voigt_time_s: 0.0,
+            creep_fraction: 0.0,
+            creep_time_s: 2.0,
             sticking_stiffness_n_m2: 0.0,
             slip_moment_n_m: 0.0,
             linear_drag_n_s_m2: 0.0,
@@ -129,6 +150,8 @@ impl BeamParameters {
             gravity_m_s2: [0.0, -GRAVITY_M_S2],
             clamped: true,
             overhang_m: 0.0,
+            grip_compliance_rad_n_m: 0.0,
+            grip_slip_m_s: 0.0,
             table: None,
         }
     }
@@ -165,6 +188,7 @@ impl BeamParameters {
             ("bending_stiffness_n_m2", self.bending_stiffness_n_m2),
             ("mass_per_length_kg_m", self.mass_per_length_kg_m),
             ("rotary_inertia_per_length_kg_m", self.rotary_inertia_per_length_kg_m),
+            ("creep_time_s", self.creep_time_s),
         ];
         for (name, value) in positive {
             require(name, "a positive number", value, |v| v > 0.0)?;
@@ -176,10 +200,15 @@ impl BeamParameters {
             ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
             ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
             ("tip_mass_kg", self.tip_mass_kg),
+            ("grip_compliance_rad_n_m", self.grip_compliance_rad_n_m),
+            ("grip_slip_m_s", self.grip_slip_m_s),
         ];
         for (name, value) in not_negative {
             require(name, "at least zero", value, |v| v >= 0.0)?;
         }
+        require("other_law_share", "0 to 1", self.other_law_share, |v| (0.0..=1.0).contains(&v))?;
+        require("creep_fraction", "0 to below 1", self.creep_fraction, |v| (0.0..1.0).contains(&v))?;
+        require("stiffness_gradient", "above -1 and below 1", self.stiffness_gradient, |v| v.abs() < 1.0)?;
         for value in [self.rest_curvature_per_m, self.gravity_m_s2[0], self.gravity_m_s2[1]] {
             require("rest_curvature_per_m, gravity_m_s2", "finite numbers", value, |_| true)?;
         }

@@ -8,18 +8,28 @@
 
 use super::block_tridiagonal::BlockTridiagonal;
 use super::contact::{Contact, Rates};
-use super::element::{self, Direction, Kinematics, Response, Strain, Viscosity};
+use super::element::{self, Direction, Kinematics, Memory, Response, Strain};
+use super::material::AxialMix;
 use super::mesh::Mesh;
 use super::parameters::{BeamParameters, Table};
 use super::state::Node;
 use super::strand_friction::StrandFriction;
-use catenary_core::model::AxialLaw;
 
 /// Drag across the centre line at one node: coefficient in N s/m, and the unit normal that it acts along.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct CrossDrag {
     pub coefficient: f64,
     pub normal: [f64; 2],
+}
+
+/// A spring that turns the clamped section towards the grip's angle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GripSpring {
+    pub node: usize,
+    /// Angle in rad without moment.
+    pub angle: f64,
+    /// Stiffness in N m/rad.
+    pub stiffness: f64,
 }
 
 /// A spring that pulls a point of the centre line to a place.
@@ -37,16 +47,20 @@ pub(super) struct Spring {
 /// Everything about one step but the positions.
 #[derive(Debug, Clone)]
 pub(super) struct Increment {
-    pub law: AxialLaw,
+    pub mix: AxialMix,
     /// a0 in 1/s.
     pub rate: f64,
     /// Positions without forces but gravity.
     pub target: Vec<Node>,
     /// Velocities at position zero.
     pub history: Vec<Node>,
-    /// Strain rates at strain zero.
-    pub strain_history: Vec<Strain>,
+    /// Stresses per stiffness that the past has decided.
+    pub stress_shift: Vec<Strain>,
     pub kelvin_voigt_time_s: f64,
+    /// How the gripper turns the clamped section, if it does not hold it firmly.
+    pub grip_spring: Option<GripSpring>,
+    /// Forces on the nodes that terms from outside add, (x, z) in N.
+    pub term_force: Vec<[f64; 2]>,
     pub strand_friction: StrandFriction,
     /// Curvature of each element, less the rest curvature, at which its strands' friction is zero, in 1/m.
     pub neutral_curvature: Vec<f64>,
@@ -122,12 +136,14 @@ impl Increment {
     /// Memory for `elements` elements and up to `springs` springs.
     pub fn new(elements: usize, springs: usize) -> Self {
         Self {
-            law: AxialLaw::Linear,
+            mix: AxialMix::default(),
             rate: 0.0,
             target: vec![[0.0; 3]; elements + 1],
             history: vec![[0.0; 3]; elements + 1],
-            strain_history: vec![[0.0; 3]; elements],
+            stress_shift: vec![[0.0; 3]; elements],
             kelvin_voigt_time_s: 0.0,
+            grip_spring: None,
+            term_force: vec![[0.0; 2]; elements + 1],
             strand_friction: StrandFriction::default(),
             neutral_curvature: vec![0.0; elements],
             drag: false,
@@ -139,30 +155,28 @@ impl Increment {
     }
 
     /// Takes over the terms that act in motion, and forgets the past.
-    pub fn enable_motion(&mut self, p: &BeamParameters) {
-        self.law = p.axial_law;
+    pub fn enable_motion(&mut self, p: &BeamParameters, clamped_node: Option<usize>) {
+        self.mix = AxialMix::of(p);
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
         self.strand_friction = StrandFriction { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;
         self.springs.clear();
-        self.strain_history.fill([0.0; 3]);
+        let compliance = p.grip_compliance_rad_n_m;
+        let spring = |node| GripSpring { node, angle: 0.0, stiffness: 1.0 / compliance };
+        self.grip_spring = if compliance > 0.0 { clamped_node.map(spring) } else { None };
+        self.stress_shift.fill([0.0; 3]);
         self.cross_drag.fill(CrossDrag::default());
     }
 
     /// Takes over the terms that act at rest: no damping, drag or friction, on the table or between strands.
-    pub fn enable_rest(&mut self, p: &BeamParameters) {
-        self.enable_motion(p);
+    pub fn enable_rest(&mut self, p: &BeamParameters, clamped_node: Option<usize>) {
+        self.enable_motion(p, clamped_node);
         self.kelvin_voigt_time_s = 0.0;
         self.strand_friction = StrandFriction::default();
         self.drag = false;
         self.table = p.table.map(|table| Table { friction_coefficient: 0.0, damping_time_s: 0.0, ..table });
-    }
-
-    /// Damping within this step.
-    pub fn viscosity(&self) -> Viscosity {
-        Viscosity { time_s: self.kelvin_voigt_time_s, rate_per_strain: self.rate }
     }
 
     /// Velocities as a function of positions.
@@ -180,19 +194,26 @@ impl Increment {
         system: &mut System,
     ) -> f64 {
         let mut potential = self.add_nodes(mesh, position, system);
-        let viscosity = self.viscosity();
+        let stiffening = self.kelvin_voigt_time_s * self.rate;
         let ends = position.windows(2).zip(reference);
         for ((at, element), (ends, reference)) in system.kinematics.iter_mut().zip(&mesh.elements).zip(ends) {
             *at = element::kinematics(element, &ends[0], &ends[1], reference);
         }
         for (k, element) in mesh.elements.iter().enumerate() {
             let at = system.kinematics[k];
-            let mut response = element::respond(element, self.law, &viscosity, &at, &self.strain_history[k]);
+            let memory = Memory { stiffening, shift: self.stress_shift[k] };
+            let mut response = element::respond(element, self.mix, &memory, &at);
             if self.strand_friction.acts() {
                 self.strand_friction.add(element, at.strain[2], self.neutral_curvature[k], &mut response);
             }
             potential += response.energy;
             system.add_element(k, &response);
+        }
+        if let Some(grip) = &self.grip_spring {
+            let turn = position[grip.node][2] - grip.angle;
+            potential += 0.5 * grip.stiffness * turn * turn;
+            system.gradient[grip.node][2] += grip.stiffness * turn;
+            system.matrix.diagonal[grip.node][5] += grip.stiffness;
         }
         for spring in &self.springs {
             potential += system.add_spring(spring, position);
@@ -223,17 +244,21 @@ impl Increment {
         potential
     }
 
+    /// Drag (x, z) in N on node `k` at that velocity, reversed: it points along the motion.
+    pub fn drag_on(&self, mesh: &Mesh, k: usize, velocity: [f64; 2]) -> [f64; 2] {
+        let linear = self.linear_drag * mesh.share[k];
+        let CrossDrag { coefficient, normal: [nx, nz] } = self.cross_drag[k];
+        let cross_speed = velocity[0] * nx + velocity[1] * nz;
+        [linear * velocity[0] + coefficient * cross_speed * nx, linear * velocity[1] + coefficient * cross_speed * nz]
+    }
+
     fn add_drag(&self, mesh: &Mesh, position: &[Node], system: &mut System) -> f64 {
         let mut potential = 0.0;
         for (k, share) in mesh.share.iter().enumerate() {
             let velocity = [0, 1].map(|i| self.rate * position[k][i] + self.history[k][i]);
+            let drag = self.drag_on(mesh, k, velocity);
             let linear = self.linear_drag * share;
             let CrossDrag { coefficient, normal: [nx, nz] } = self.cross_drag[k];
-            let cross_speed = velocity[0] * nx + velocity[1] * nz;
-            let drag = [
-                linear * velocity[0] + coefficient * cross_speed * nx,
-                linear * velocity[1] + coefficient * cross_speed * nz,
-            ];
             potential += 0.5 * (drag[0] * velocity[0] + drag[1] * velocity[1]) / self.rate;
             system.gradient[k][0] += drag[0];
             system.gradient[k][1] += drag[1];

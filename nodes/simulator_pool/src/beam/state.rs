@@ -21,8 +21,10 @@ pub(super) struct State {
     /// Strains of each element now and one step ago.
     pub strain: Vec<Strain>,
     pub strain_1: Vec<Strain>,
-    /// Rates of the strains now.
-    pub strain_rate: Vec<Strain>,
+    /// Stress per stiffness of each element now that is not the elastic one's: of damping and of creep.
+    pub extra_stress: Vec<Strain>,
+    /// Strain of each element that creep has made its own.
+    pub relaxed: Vec<Strain>,
     /// Direction of each element's chord now.
     pub direction: Vec<Direction>,
     /// No step was made since the state was set: there is no history to differentiate.
@@ -43,7 +45,8 @@ impl State {
             acceleration: nodes,
             strain: strains.clone(),
             strain_1: strains.clone(),
-            strain_rate: strains,
+            extra_stress: strains.clone(),
+            relaxed: strains,
             direction: vec![Direction::default(); elements],
             fresh: true,
         }
@@ -63,7 +66,8 @@ impl State {
         self.position_2.copy_from_slice(&self.position);
         self.velocity_1.copy_from_slice(&self.velocity);
         self.acceleration.fill([0.0; 3]);
-        self.strain_rate.fill([0.0; 3]);
+        self.extra_stress.fill([0.0; 3]);
+        self.relaxed.fill([0.0; 3]);
         for (k, element) in mesh.elements.iter().enumerate() {
             let (from, to) = (&self.position[k], &self.position[k + 1]);
             self.direction[k] = Direction::between(from, to);

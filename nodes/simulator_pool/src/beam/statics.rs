@@ -51,7 +51,8 @@ impl Beam {
     pub fn hang_at_rest(&mut self, grip: GripState) -> Equilibrium {
         self.lay_straight(grip);
         self.tilt_towards_gravity();
-        self.increment.enable_rest(&self.parameters);
+        self.enable_rest();
+        self.hold(grip);
         let equilibrium = self.settle();
         self.state.velocity.fill([0.0; 3]);
         self.start_here();
@@ -91,6 +92,10 @@ impl Beam {
         equilibrium
     }
 
+    fn enable_rest(&mut self) {
+        self.increment.enable_rest(&self.parameters, self.mesh.clamped_node);
+    }
+
     /// Brings the beam to rest under springs to where the points are `time_s` after they were measured.
     fn fit(&mut self, grip: GripState, points: &[MeasuredPoint], time_s: f64) -> Equilibrium {
         let [gx, gz] = self.parameters.gravity_m_s2;
@@ -98,15 +103,13 @@ impl Beam {
         let stiffness = weight_n / FIT_SLACK_M;
         let mut equilibrium = Equilibrium { converged: false, last_move_m: f64::INFINITY, newton_iterations: 0 };
         for _ in 0..FIT_PASSES {
-            self.increment.enable_rest(&self.parameters);
+            self.enable_rest();
             for point in points.iter().take(self.increment.springs.capacity()) {
                 let (element, share) = self.place_on_mesh(&self.state.position, point.fraction);
                 let place = [0, 1].map(|i| point.position_m[i] + time_s * point.velocity_m_s[i]);
                 self.increment.springs.push(Spring { element, share, place, stiffness });
             }
-            if let Some(k) = self.mesh.clamped_node {
-                self.state.position[k] = grip.node();
-            }
+            self.hold(grip);
             let iterations = equilibrium.newton_iterations;
             equilibrium = self.settle();
             equilibrium.newton_iterations += iterations;
@@ -162,6 +165,9 @@ impl Beam {
         for (k, position) in self.state.position.iter().enumerate() {
             self.increment.target[k] = [0, 1, 2].map(|i| position[i] + fall[i]);
             self.increment.history[k] = position.map(|q| -rate * q);
+        }
+        if !self.terms.forces.is_empty() {
+            self.add_forces();
         }
         self.minimise()
     }

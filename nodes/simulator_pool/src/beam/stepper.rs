@@ -5,6 +5,7 @@ use super::discretisation::Scheme;
 use super::element;
 use super::potential::CrossDrag;
 use super::state::Node;
+use super::terms::PointState;
 use std::f64::consts::TAU;
 
 /// Weight in m/rad of an angle beside a position in the size of a step.
@@ -46,14 +47,68 @@ impl Beam {
     pub fn step(&mut self, grip: GripState) {
         let scheme = if self.state.fresh { Scheme::ImplicitEuler } else { self.discretisation.scheme };
         let difference = BackwardDifference::new(scheme, self.discretisation.time_step_s);
+        let grip = self.changed_grip(grip);
         self.prepare(difference);
         self.predict(grip);
+        if !self.terms.forces.is_empty() {
+            self.add_forces();
+        }
         if !self.minimise() {
             self.counters.unconverged_steps += 1;
         }
         self.finish();
+        if self.parameters.grip_slip_m_s > 0.0 {
+            self.slip(grip);
+        }
         self.counters.steps += 1;
         self.steps_since_start += 1;
+    }
+
+    /// The grip's state as the terms from outside change it.
+    pub(super) fn changed_grip(&self, mut grip: GripState) -> GripState {
+        if !self.terms.grips.is_empty() {
+            let (time_s, reaction) = (self.time_s() + self.discretisation.time_step_s, self.grip_reaction());
+            self.terms.grips.iter().for_each(|term| term.change(time_s, &reaction, &mut grip));
+        }
+        grip
+    }
+
+    /// Adds the forces from outside at the present positions, which are where the nodes are expected at the step's end.
+    pub(super) fn add_forces(&mut self) {
+        let Beam { increment, state, mesh, terms, .. } = self;
+        let time_s = (self.steps_since_start + 1) as f64 * self.discretisation.time_step_s;
+        for (k, q) in state.position.iter().enumerate() {
+            let velocity_m_s = [0, 1].map(|i| increment.rate * q[i] + increment.history[k][i]);
+            let at = PointState {
+                time_s,
+                fraction: mesh.fraction(k),
+                length_m: mesh.share[k],
+                position_m: [q[0], q[1]],
+                velocity_m_s,
+            };
+            let mut force = [0.0; 2];
+            for term in &terms.forces {
+                let more = term.force_n(&at);
+                force = [force[0] + more[0], force[1] + more[1]];
+            }
+            for i in 0..2 {
+                increment.target[k][i] += force[i] / (mesh.inertia[k][i] * increment.rate * increment.rate);
+            }
+            increment.term_force[k] = force;
+        }
+    }
+
+    /// Lets the beam slip out of the grip as fast as the grip pulls on it.
+    fn slip(&mut self, grip: GripState) {
+        let reaction = self.grip_reaction();
+        let (sin, cos) = grip.tangent_rad.sin_cos();
+        let pull_n = -(reaction.force_x_n * cos + reaction.force_z_n * sin);
+        let weight_n =
+            self.parameters.mass_kg() * self.parameters.gravity_m_s2[0].hypot(self.parameters.gravity_m_s2[1]);
+        if pull_n > 0.0 && weight_n > 0.0 {
+            let speed_m_s = self.parameters.grip_slip_m_s * pull_n / weight_n;
+            self.mesh.slip(speed_m_s * self.discretisation.time_step_s, &self.parameters);
+        }
     }
 
     /// Shifts the history and computes what the past decides in this step.
@@ -72,9 +127,21 @@ impl Beam {
                 increment.target[k][i] = fall[i] - velocity_history[i] * inverse - acceleration_history[i] * inverse_2;
             }
         }
-        if self.parameters.kelvin_voigt_time_s > 0.0 {
+        let (damping, creep) = (self.parameters.kelvin_voigt_time_s, self.parameters.creep_fraction);
+        if damping > 0.0 {
             for k in 0..state.strain.len() {
-                increment.strain_history[k] = difference.history(&state.strain_1[k], &state.strain[k]);
+                let rate = difference.history(&state.strain_1[k], &state.strain[k]);
+                increment.stress_shift[k] = rate.map(|r| damping * r);
+            }
+        }
+        if creep > 0.0 {
+            let share = -(-self.discretisation.time_step_s / self.parameters.creep_time_s).exp_m1();
+            for k in 0..state.strain.len() {
+                let from_damping = if damping > 0.0 { increment.stress_shift[k] } else { [0.0; 3] };
+                for i in 0..3 {
+                    state.relaxed[k][i] += share * (state.strain_1[k][i] - state.relaxed[k][i]);
+                    increment.stress_shift[k][i] = from_damping[i] - creep * state.relaxed[k][i];
+                }
             }
         }
         if self.parameters.quadratic_drag_n_s2_m3 > 0.0 {
@@ -96,8 +163,19 @@ impl Beam {
                 state.position[k][i] += step_s * (state.velocity_1[k][i] + 0.5 * step_s * state.acceleration[k][i]);
             }
         }
-        if let Some(k) = self.mesh.clamped_node {
-            state.position[k] = unwrapped(grip.node(), &state.position_1[k]);
+        self.hold(grip);
+    }
+
+    /// Puts the clamped node to the grip; one that is held softly keeps its angle.
+    pub(super) fn hold(&mut self, grip: GripState) {
+        let Some(k) = self.mesh.clamped_node else { return };
+        let [x, z, angle] = unwrapped(grip.node(), &self.state.position_1[k]);
+        match &mut self.increment.grip_spring {
+            Some(spring) => {
+                spring.angle = angle;
+                self.state.position[k] = [x, z, self.state.position[k][2]];
+            }
+            None => self.state.position[k] = [x, z, angle],
         }
     }
 
@@ -149,7 +227,10 @@ impl Beam {
     fn newton_step(&mut self) -> f64 {
         let step = &mut self.system.gradient;
         if let Some(k) = self.mesh.clamped_node {
-            self.system.matrix.fix_node(k, step);
+            match self.increment.grip_spring {
+                Some(_) => self.system.matrix.fix_place(k, step),
+                None => self.system.matrix.fix_node(k, step),
+            }
         }
         self.system.matrix.solve(step);
         let size_m = step_size_m(step);
@@ -196,10 +277,11 @@ impl Beam {
                 *neutral = increment.strand_friction.neutral_after(strain[2], *neutral);
             }
         }
-        if increment.kelvin_voigt_time_s > 0.0 {
+        let stiffening = rate * increment.kelvin_voigt_time_s;
+        if stiffening > 0.0 || self.parameters.creep_fraction > 0.0 {
             for k in 0..state.strain.len() {
                 for i in 0..3 {
-                    state.strain_rate[k][i] = rate * state.strain[k][i] + increment.strain_history[k][i];
+                    state.extra_stress[k][i] = stiffening * state.strain[k][i] + increment.stress_shift[k][i];
                 }
             }
         }

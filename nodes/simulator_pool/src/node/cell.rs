@@ -9,7 +9,7 @@ use crate::cell::{Cell, collisions};
 use crate::convert;
 use crate::scene::Touch;
 use anyhow::{Context, Result, ensure};
-use catenary_core::{Fidelity, Model, seed};
+use catenary_core::{Camera, Fidelity, Model, seed};
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
@@ -101,7 +101,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let front = Front::new(&node, origin, p.moves, arm);
     // The arm model has no gains: good settings are accepted and say so, bad ones are refused as for the real arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
-    cell_camera::start(&front, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
+    cell_camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
 }

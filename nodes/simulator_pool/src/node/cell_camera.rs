@@ -1,9 +1,12 @@
 //! The simulated camera: a picture at every frame, on a thread of its own so that the arm's loop keeps its pace.
 
-use crate::cell::Cell;
+use crate::cell::{Cell, Light};
 use crate::convert;
 use crate::render::Renderer;
+use crate::scene::Scene;
 use anyhow::Result;
+use catenary_core::RgbImage;
+use catenary_core::camera::Pinhole;
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image};
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{contract, stamp};
@@ -17,8 +20,15 @@ const OPTICAL_FRAME: &str = "camera_color_optical_frame";
 /// How often the thread looks whether a frame is due.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// Starts the camera at `rate_hz`, with image noise in grey levels.
-pub fn start(front: &Arc<Front<Cell>>, rate_hz: f64, noise_levels: f64, noise_seed: u64) -> Result<()> {
+/// Starts the camera at `rate_hz`, with image noise in grey levels. `calibrated` is the camera that the cell's owner
+/// believes to have: it is what camera_info and tf tell, and the pictures are those of the real one.
+pub fn start(
+    front: &Arc<Front<Cell>>,
+    calibrated: &Pinhole,
+    rate_hz: f64,
+    noise_levels: f64,
+    noise_seed: u64,
+) -> Result<()> {
     let node = front.node();
     let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
     let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
@@ -28,7 +38,8 @@ pub fn start(front: &Arc<Front<Cell>>, rate_hz: f64, noise_levels: f64, noise_se
         (*arm.plant().camera(), arm.plant().scene())
     };
     let header = stamp::header(front.stamp(0.0), BASE_FRAME);
-    tf.send(TFMessage { transforms: vec![convert::camera_transform(&camera, header, OPTICAL_FRAME)] });
+    let calibrated = *calibrated;
+    tf.send(TFMessage { transforms: vec![convert::camera_transform(&calibrated, header, OPTICAL_FRAME)] });
     let front = Arc::clone(front);
     node.spawn("camera", move || {
         // The latched transform lives as long as its publisher.
@@ -36,23 +47,50 @@ pub fn start(front: &Arc<Front<Cell>>, rate_hz: f64, noise_levels: f64, noise_se
         let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, noise_levels, noise_seed);
         let mut next: u64 = 0;
         while !front.node().is_shutdown() {
-            let (time_s, snapshot) = {
-                let arm = front.arm();
+            let (time_s, light) = {
+                let mut arm = front.arm();
                 let time_s = arm.plant().time_s();
-                (time_s, (time_s * rate_hz >= next as f64).then(|| arm.plant().snapshot()))
+                (time_s, (time_s * rate_hz >= next as f64).then(|| arm.plant_mut().light()))
             };
-            let Some(snapshot) = snapshot else {
+            let Some(light) = light else {
                 #[allow(clippy::disallowed_methods, reason = "the camera's pace is that of the cell")]
                 std::thread::sleep(LOOK);
                 continue;
             };
-            scene.update(snapshot.grip, &snapshot.nodes);
-            renderer.draw(&scene, &camera, next);
+            if next == 0 || !light.dropped {
+                expose(&mut renderer, &mut scene, &camera, &light, next);
+            }
             next = (time_s * rate_hz).floor() as u64 + 1;
             let header = stamp::header(front.stamp(time_s), OPTICAL_FRAME);
-            infos.send(convert::camera_info(&camera, header.clone()));
+            infos.send(convert::camera_info(&calibrated, header.clone()));
             images.send(convert::image(&renderer.image, header));
         }
     })?;
     Ok(())
+}
+
+/// Draws one picture: band by band where rows differ in age, and as a mean where light is gathered over a time.
+fn expose(renderer: &mut Renderer, scene: &mut Scene, camera: &Pinhole, light: &Light, frame: u64) {
+    let mut draw = |renderer: &mut Renderer, snapshot: &crate::cell::Snapshot| {
+        scene.update(snapshot.grip, &snapshot.nodes);
+        renderer.draw(scene, camera, frame);
+    };
+    if let [band] = &light.bands[..]
+        && let [moment] = &band[..]
+    {
+        return draw(renderer, moment);
+    }
+    let mut picture = RgbImage::new(camera.image_width_px, camera.image_height_px);
+    let rows = (camera.image_height_px as usize).div_ceil(light.bands.len());
+    let band_bytes = 3 * camera.image_width_px as usize * rows;
+    for (i, (band, out)) in light.bands.iter().zip(picture.data.chunks_mut(band_bytes)).enumerate() {
+        let mut sums = vec![0u16; out.len()];
+        for moment in band {
+            draw(renderer, moment);
+            let rows = &renderer.image.data[i * band_bytes..];
+            sums.iter_mut().zip(rows).for_each(|(sum, v)| *sum += u16::from(*v));
+        }
+        out.iter_mut().zip(&sums).for_each(|(v, sum)| *v = (sum / band.len() as u16) as u8);
+    }
+    renderer.image = picture;
 }

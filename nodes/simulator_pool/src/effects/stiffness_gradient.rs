@@ -1,0 +1,50 @@
+//! Stiffness that changes along the object.
+
+use super::{About, Effect, Hook, uniform};
+use crate::world::World;
+
+/// Stiffness that changes along the object.
+pub(super) struct StiffnessGradient;
+
+impl Effect for StiffnessGradient {
+    fn about(&self) -> About {
+        About {
+            name: "stiffness_gradient",
+            title: "stiffness gradient",
+            description: "relative change of stiffness along the object: softer at the grip and stiffer at the tip by this share of the mean",
+            unit: "1",
+            hook: Hook::Material,
+            prior: uniform(-0.8, 0.8),
+            range: [-0.95, 0.95],
+        }
+    }
+
+    fn apply(&self, magnitude: f64, world: &mut World) -> Result<(), &'static str> {
+        world.beam.stiffness_gradient += magnitude;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::trial::{self, DOWN, GRAVITY, THETA};
+    use super::StiffnessGradient;
+
+    #[test]
+    fn zero_is_the_base_to_the_bit() {
+        trial::zero_is_the_base(&StiffnessGradient);
+    }
+
+    #[test]
+    fn a_hanging_bar_stretches_as_its_stiffness_allows() {
+        let (magnitude, e) = (0.6, 5e4);
+        let elongation_m =
+            trial::at_rest(trial::beam(&StiffnessGradient, magnitude, e, |_| ()), DOWN).deformed_length_m() - THETA[0];
+        // The load at s is the weight below it.
+        let piece = |i: i32| {
+            let s = (f64::from(i) + 0.5) / 1000.0;
+            1055.0 * GRAVITY * THETA[0] * THETA[0] * (1.0 - s) / (e * (1.0 + magnitude * (2.0 * s - 1.0))) / 1000.0
+        };
+        trial::close(elongation_m, (0..1000).map(piece).sum(), 5e-3);
+    }
+}

@@ -1,0 +1,158 @@
+//! Effects from outside the registry, one for each hook. What breaks here keeps a lab from adding its own.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, Prior, SimulationRequest, Simulator, Track};
+use simulator_pool::beam::{ElementMaterial, ForceTerm, GripReaction, GripState, GripTerm, MaterialTerm, PointState};
+use simulator_pool::effects::{About, Effect, Hook};
+use simulator_pool::world::{ActuationTerm, ObservationTerm};
+use simulator_pool::{BeamSimulator, Registry, World};
+use std::sync::Arc;
+
+/// An effect whose work is done by `terms`.
+struct Own {
+    name: &'static str,
+    hook: Hook,
+    terms: fn(f64, &mut World),
+}
+
+impl Effect for Own {
+    fn about(&self) -> About {
+        About {
+            name: self.name,
+            title: self.name,
+            description: "an effect of the test's own",
+            unit: "1",
+            hook: self.hook,
+            prior: Prior::Uniform { low: -1.0, high: 1.0 },
+            range: [-10.0, 10.0],
+        }
+    }
+
+    fn apply(&self, magnitude: f64, world: &mut World) -> Result<(), &'static str> {
+        (self.terms)(magnitude, world);
+        Ok(())
+    }
+}
+
+/// Wind along x: a force per length in N/m.
+struct Wind(f64);
+impl ForceTerm for Wind {
+    fn force_n(&self, at: &PointState) -> [f64; 2] {
+        [self.0 * at.length_m, 0.0]
+    }
+}
+
+/// A joint at the middle of the object: bending stiffness less by this share there.
+struct Joint(f64);
+impl MaterialTerm for Joint {
+    fn change(&self, fraction: f64, element: &mut ElementMaterial) {
+        if (0.45..0.55).contains(&fraction) {
+            element.stiffness[2] *= 1.0 - self.0;
+        }
+    }
+}
+
+/// A grip that turns with time, in rad/s.
+struct Turning(f64);
+impl GripTerm for Turning {
+    fn change(&self, time_s: f64, _: &GripReaction, grip: &mut GripState) {
+        grip.tangent_rad += self.0 * time_s;
+    }
+}
+
+/// Targets that come out too far by this share of their x.
+struct Gain(f64);
+impl ActuationTerm for Gain {
+    fn target(&self, _: f64, [x, z]: [f64; 2]) -> [f64; 2] {
+        [x * (1.0 + self.0), z]
+    }
+}
+
+/// A picture that drifts in time, in half masks per second.
+struct Drift(f64);
+impl ObservationTerm for Drift {
+    fn change(&self, time_s: f64, keypoints: &mut [[f64; 2]; 4]) {
+        keypoints.iter_mut().for_each(|p| p[0] += self.0 * time_s);
+    }
+}
+
+fn own() -> Registry {
+    let effects = [
+        Own { name: "wind_n_m", hook: Hook::Force, terms: |m, w| w.terms.forces.push(Arc::new(Wind(m))) },
+        Own { name: "joint", hook: Hook::Material, terms: |m, w| w.terms.materials.push(Arc::new(Joint(m))) },
+        Own { name: "grip_turn_rad_s", hook: Hook::Boundary, terms: |m, w| w.terms.grips.push(Arc::new(Turning(m))) },
+        Own { name: "target_gain", hook: Hook::Actuation, terms: |m, w| w.arm.terms.push(Arc::new(Gain(m))) },
+        Own { name: "drift", hook: Hook::Observation, terms: |m, w| w.view.terms.push(Arc::new(Drift(m))) },
+    ];
+    effects.into_iter().fold(Registry::shipped().clone(), |registry, effect| registry.with(Arc::new(effect)))
+}
+
+fn model() -> Model {
+    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    model.effects.clear();
+    model.parameters.insert("kelvin_voigt_time_s".into(), 0.03);
+    model
+}
+
+fn run(drive: Drive, effects: &[(&str, f64)]) -> Track {
+    let request = SimulationRequest {
+        thetas: vec![vec![0.25, 3e4]],
+        effects: effects.iter().map(|(name, v)| ((*name).to_owned(), vec![*v])).collect(),
+        drive,
+        start: StartShape::HangingAtRest,
+        frame_times_s: vec![0.0, 1.0, 2.0],
+        target_m: None,
+        fidelity: Fidelity::Fast,
+        seed: 1,
+        first_episode: 0,
+        noise: false,
+    };
+    BeamSimulator::with_effects(&model(), &own(), 1).unwrap().simulate(&request).unwrap().remove(0)
+}
+
+fn moves() -> Drive {
+    Drive::Actions(vec![[0.05, -0.03], [-0.02, -0.06], [0.04, 0.02]])
+}
+
+fn still() -> Drive {
+    Drive::Grip(GripTrajectory::new(vec![0.0], vec![GripPose { x_m: 0.4, z_m: 0.42, pitch_rad: 0.0 }]).unwrap())
+}
+
+#[test]
+fn at_zero_none_changes_a_bit_and_otherwise_each_does() {
+    let base = run(moves(), &[]);
+    for effect in own().effects().map(Effect::about).skip(Registry::shipped().effects().count()) {
+        assert_eq!(run(moves(), &[(effect.name, 0.0)]), base, "{}", effect.name);
+        assert_ne!(run(moves(), &[(effect.name, 0.3)]), base, "{} does nothing", effect.name);
+    }
+}
+
+#[test]
+fn wind_is_gravity_along_x() {
+    let weight_n_m = 1055.0 * 0.015 * 0.015 * 9.81;
+    let tilted = run(still(), &[("gravity_tilt_rad", 0.2)]);
+    let factor = 0.2f64.tan();
+    let blown = run(still(), &[("wind_n_m", weight_n_m * factor)]);
+    let (a, b) = (tilted.frames[2].dlo[3], blown.frames[2].dlo[3]);
+    // Tilted gravity is shorter by cos 0.2 along z: 2 %.
+    assert!((a[0] - b[0]).abs() < 0.02 && (a[1] - b[1]).abs() < 0.02, "{a:?} {b:?}");
+}
+
+#[test]
+fn drift_moves_the_picture_by_what_it_says() {
+    let (base, drifting) = (run(still(), &[]), run(still(), &[("drift", 0.1)]));
+    for (a, b) in base.frames.iter().zip(&drifting.frames) {
+        assert!((b.dlo[2][0] - a.dlo[2][0] - 0.1 * a.time_s).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn they_act_beside_the_shipped_ones_and_a_name_is_taken_once() {
+    let both = run(moves(), &[("wind_n_m", 0.5), ("arm_lag_s", 0.1)]);
+    assert!(both != run(moves(), &[("wind_n_m", 0.5)]) && both != run(moves(), &[("arm_lag_s", 0.1)]));
+    let twice = std::panic::catch_unwind(|| {
+        own().with(Arc::new(Own { name: "joint", hook: Hook::Material, terms: |_, _| () }))
+    });
+    assert!(twice.is_err());
+}
