@@ -18,7 +18,7 @@ pub(super) fn hanging_elongation(d: &Discretisation) -> Result<Vec<Comparison>, 
                 AxialLaw::NeoHookean => ("neo-Hookean", elastica::neo_hookean_length_m(&p) - p.length_m),
             };
             let elongation_m = at_rest(p, d, grip(DOWN_RAD))?.deformed_length_m() - p.length_m;
-            rows.push(Comparison::new(format!("{name}, {youngs_modulus_pa:.0} Pa"), "m", elongation_m, exact_m));
+            rows.push(Comparison::new(format!("{name}, {youngs_modulus_pa:e} Pa"), "m", elongation_m, exact_m));
         }
     }
     Ok(rows)
@@ -31,7 +31,7 @@ pub(super) fn small_deflection(d: &Discretisation) -> Result<Vec<Comparison>, Ve
     let bending_m = load_n_m * p.length_m.powi(4) / (8.0 * p.bending_stiffness_n_m2);
     let shear_m = load_n_m * p.length_m.powi(2) / (2.0 * p.shear_stiffness_n);
     let sag_m = -at_rest(p, d, grip(0.0))?.tip()[1];
-    Ok(vec![Comparison::new("sag, 100000000 Pa".into(), "m", sag_m, bending_m + shear_m)])
+    Ok(vec![Comparison::new("sag, 1e8 Pa".into(), "m", sag_m, bending_m + shear_m)])
 }
 
 /// Tip of a soft horizontal cantilever. Where Poisson's ratio is zero, against published boundary values (rounded to
@@ -47,7 +47,7 @@ pub(super) fn large_deflection(d: &Discretisation) -> Result<Vec<Comparison>, Ve
     for (source, p, youngs_modulus_pa, exact_m) in published.into_iter().chain(own) {
         let tip_m = at_rest(p, d, grip(0.0))?.tip();
         for (axis, name) in ["x", "z"].into_iter().enumerate() {
-            let what = format!("tip {name}, {source}, {youngs_modulus_pa:.0} Pa");
+            let what = format!("tip {name}, {source}, {youngs_modulus_pa:e} Pa");
             rows.push(Comparison::new(what, "m", tip_m[axis], exact_m[axis]));
         }
     }

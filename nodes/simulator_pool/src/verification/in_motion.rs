@@ -33,12 +33,7 @@ pub(super) fn swing_period(d: &Discretisation) -> Result<Vec<Comparison>, Verifi
         let [mode] = vibration::modes::<1>(&p, GRAVITY_M_S2).ok_or(VerificationError::NoFrequency)?;
         let frequency_rad_s = frequency(at_rest(p, d, grip(DOWN_RAD))?, &mode)?;
         let period_s = 2.0 * PI / frequency_rad_s;
-        rows.push(Comparison::new(
-            format!("{youngs_modulus_pa:.0} Pa"),
-            "s",
-            period_s,
-            2.0 * PI / mode.frequency_rad_s,
-        ));
+        rows.push(Comparison::new(format!("{youngs_modulus_pa:e} Pa"), "s", period_s, 2.0 * PI / mode.frequency_rad_s));
     }
     Ok(rows)
 }
@@ -94,7 +89,7 @@ pub(super) fn energy_drift(d: &Discretisation) -> Result<Vec<Comparison>, Verifi
             beam.advance_to(time_s, |_| grip(DOWN_RAD));
             beam.energy().total_j() - at_rest_j
         });
-        let what = format!("energy after 1 s, {youngs_modulus_pa:.0} Pa");
+        let what = format!("energy after 1 s, {youngs_modulus_pa:e} Pa");
         rows.push(Comparison::new(what, "J", energy_j[1], energy_j[0]));
     }
     Ok(rows)

@@ -6,9 +6,6 @@ use crate::parameters::tests::soft_bar;
 
 fn assert_kept(fidelity: Fidelity) {
     let rows = table(fidelity, workers::available()).unwrap();
-    for r in &rows {
-        println!("{:24} {:32} {:12.6} {:12.6} {:9.6} {}", r.case, r.what, r.computed, r.reference, r.ratio, r.unit);
-    }
     let missed: Vec<&Row> = rows.iter().filter(|r| r.passes == Some(false)).collect();
     assert!(missed.is_empty(), "{} keeps not {missed:#?}", fidelity.name());
     assert!(rows.len() > 30);
@@ -39,28 +36,26 @@ fn what_is_not_a_number_keeps_no_promise() {
 #[test]
 fn errors_fall_in_second_order_in_space_and_time() {
     for order in orders(workers::available()).unwrap() {
-        let errors: Vec<String> = order.errors.iter().map(|e| format!("{}: {:.2e}", e.division, e.error_m)).collect();
-        println!("{} ({}): {}; order {:.3}", order.case, order.divided, errors.join(", "), order.measured);
         assert!(order.passes, "{order:#?}");
     }
 }
 
+fn stress(fidelity: Fidelity, episodes: usize, workers: usize) -> StressReport {
+    let (model, extremes) = (soft_bar(), default_extremes());
+    Stress { model: &model, extremes: &extremes, fidelity, episodes, seed: 1, workers }.run(|| ()).unwrap()
+}
+
 #[test]
 fn random_episodes_at_the_edges_stay_finite_and_converge() {
-    let (model, extremes) = (soft_bar(), default_extremes());
     for fidelity in [Fidelity::Fast, Fidelity::Standard] {
-        let stress = Stress {
-            model: &model,
-            extremes: &extremes,
-            fidelity,
-            episodes: 60,
-            seed: 1,
-            workers: workers::available(),
-        };
-        let report = stress.run(|| ()).unwrap();
-        println!("{report:#?}");
+        let report = stress(fidelity, 60, workers::available());
         assert!(report.passes, "{report:#?}");
     }
+}
+
+#[test]
+fn random_episodes_do_not_depend_on_the_number_of_workers() {
+    assert_eq!(stress(Fidelity::Fast, 6, 1), stress(Fidelity::Fast, 6, 3));
 }
 
 #[test]
