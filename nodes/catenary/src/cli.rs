@@ -273,6 +273,8 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+    /// The simulator against theory at each fidelity; fails where a promised bound is missed
+    Fidelity(FidelityArgs),
     /// Environment steps per second of training
     Training {
         /// Environment steps to take
@@ -291,6 +293,20 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+}
+
+/// `catenary bench fidelity`.
+#[derive(Debug, Args)]
+pub struct FidelityArgs {
+    /// Random episodes at the edges of every parameter, at fast and at standard; 0: none
+    #[arg(long, default_value_t = 0)]
+    pub stress: usize,
+    /// Model file whose prior the random episodes span; none: the soft bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// `catenary effects`.

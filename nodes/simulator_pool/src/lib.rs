@@ -1,7 +1,7 @@
 //! The simulator: planar beam physics, effects, parameters, episodes, the vectorised environment, the scene and its picture, and the
 //! simulated cell.
 //!
-//! Does: turn a model and its parameters into tracks, rewards, images and measurements.
+//! Does: turn a model and its parameters into tracks, rewards, images and measurements, and prove itself against theory.
 //! Does not: know ROS (the `node` feature does), read files or clocks, infer or train. Its workers are the one place where
 //! pure code starts threads, and they change no bit of a result.
 
@@ -19,6 +19,7 @@ pub mod render;
 pub mod scene;
 pub mod simulator;
 pub mod vector_env;
+pub mod verification;
 mod view;
 pub mod workers;
 pub mod world;

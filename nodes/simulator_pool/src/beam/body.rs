@@ -173,6 +173,20 @@ impl Beam {
         self.start_here();
     }
 
+    /// Starts at time 0 from these nodes, from the rear end to the tip: x and z in m and section angle in rad, and their
+    /// rates. The clamped node still follows the grip.
+    pub fn start_from(&mut self, nodes: &[[f64; 3]], velocities: &[[f64; 3]]) -> Result<(), BeamError> {
+        for got in [nodes.len(), velocities.len()] {
+            if got != self.state.position.len() {
+                return Err(BeamError::Elements { expected: self.discretisation.elements, got: got.saturating_sub(1) });
+            }
+        }
+        self.state.position.copy_from_slice(nodes);
+        self.state.velocity.copy_from_slice(velocities);
+        self.start_here();
+        Ok(())
+    }
+
     /// Time in s of the newest step.
     pub fn time_s(&self) -> f64 {
         self.steps_since_start as f64 * self.discretisation.time_step_s

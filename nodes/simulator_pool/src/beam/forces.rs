@@ -124,4 +124,12 @@ impl Beam {
         }
         momentum
     }
+
+    /// Angular momentum about the frame's origin in kg m^2/s, counter-clockwise, the sections' own rotation included.
+    pub fn angular_momentum_kg_m2_s(&self) -> f64 {
+        let motion = self.state.position.iter().zip(&self.state.velocity);
+        let of_node =
+            |(m, (q, v)): (&[f64; 3], (&[f64; 3], &[f64; 3]))| m[0] * (q[0] * v[1] - q[1] * v[0]) + m[2] * v[2];
+        self.mesh.inertia.iter().zip(motion).map(of_node).sum()
+    }
 }

@@ -16,14 +16,15 @@ pub(super) struct State {
     /// Velocities now and one step ago.
     pub velocity: Vec<Node>,
     pub velocity_1: Vec<Node>,
-    /// Accelerations now.
+    /// Accelerations now and one step ago.
     pub acceleration: Vec<Node>,
+    pub acceleration_1: Vec<Node>,
     /// Strains of each element now and one step ago.
     pub strain: Vec<Strain>,
     pub strain_1: Vec<Strain>,
     /// Stress per stiffness of each element now that is not the elastic one's: of damping and of creep.
     pub extra_stress: Vec<Strain>,
-    /// Strain of each element that creep has made its own.
+    /// Elastic stress per stiffness of each element that time has worn away, were all of it to creep.
     pub relaxed: Vec<Strain>,
     /// Direction of each element's chord now.
     pub direction: Vec<Direction>,
@@ -42,7 +43,8 @@ impl State {
             position_2: nodes.clone(),
             velocity: nodes.clone(),
             velocity_1: nodes.clone(),
-            acceleration: nodes,
+            acceleration: nodes.clone(),
+            acceleration_1: nodes,
             strain: strains.clone(),
             strain_1: strains.clone(),
             extra_stress: strains.clone(),
@@ -57,6 +59,7 @@ impl State {
         std::mem::swap(&mut self.position_2, &mut self.position_1);
         self.position_1.copy_from_slice(&self.position);
         std::mem::swap(&mut self.velocity_1, &mut self.velocity);
+        std::mem::swap(&mut self.acceleration_1, &mut self.acceleration);
         std::mem::swap(&mut self.strain_1, &mut self.strain);
     }
 
@@ -66,6 +69,7 @@ impl State {
         self.position_2.copy_from_slice(&self.position);
         self.velocity_1.copy_from_slice(&self.velocity);
         self.acceleration.fill([0.0; 3]);
+        self.acceleration_1.fill([0.0; 3]);
         self.extra_stress.fill([0.0; 3]);
         self.relaxed.fill([0.0; 3]);
         for (k, element) in mesh.elements.iter().enumerate() {

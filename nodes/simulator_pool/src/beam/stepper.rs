@@ -3,6 +3,7 @@
 use super::body::{Beam, GripState};
 use super::discretisation::Scheme;
 use super::element;
+use super::material;
 use super::potential::CrossDrag;
 use super::state::Node;
 use super::terms::PointState;
@@ -138,8 +139,12 @@ impl Beam {
             let share = -(-self.discretisation.time_step_s / self.parameters.creep_time_s).exp_m1();
             for k in 0..state.strain.len() {
                 let from_damping = if damping > 0.0 { increment.stress_shift[k] } else { [0.0; 3] };
+                let [strain, shear, curvature] = state.strain_1[k];
+                let stretch = 1.0 + strain;
+                let tension = material::axial(increment.mix, 1.0, stretch, 1.0 / stretch).force;
+                let elastic = [tension, shear, curvature];
                 for i in 0..3 {
-                    state.relaxed[k][i] += share * (state.strain_1[k][i] - state.relaxed[k][i]);
+                    state.relaxed[k][i] += share * (elastic[i] - state.relaxed[k][i]);
                     increment.stress_shift[k][i] = from_damping[i] - creep * state.relaxed[k][i];
                 }
             }
@@ -154,13 +159,17 @@ impl Beam {
         }
     }
 
-    /// First guess of the new positions.
+    /// First guess of the new positions: where the nodes go if their accelerations go on as they changed.
     fn predict(&mut self, grip: GripState) {
-        let step_s = self.discretisation.time_step_s;
-        let state = &mut self.state;
+        let (state, increment) = (&mut self.state, &self.increment);
+        let inverse_2 = 1.0 / (increment.rate * increment.rate);
+        let [gx, gz] = self.parameters.gravity_m_s2;
+        let gravity = [gx, gz, 0.0];
         for k in 0..state.position.len() {
             for i in 0..3 {
-                state.position[k][i] += step_s * (state.velocity_1[k][i] + 0.5 * step_s * state.acceleration[k][i]);
+                // After `begin_step`, `acceleration` is the one two steps ago.
+                let expected = 2.0 * state.acceleration_1[k][i] - state.acceleration[k][i];
+                state.position[k][i] = increment.target[k][i] + inverse_2 * (expected - gravity[i]);
             }
         }
         self.hold(grip);

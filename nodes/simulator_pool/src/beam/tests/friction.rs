@@ -26,30 +26,6 @@ fn table_carries_the_weight_of_a_lying_bar() {
 }
 
 #[test]
-fn sliding_bar_stops_after_the_distance_of_coulombs_law() {
-    let mut beam = lying_bar();
-    let speed_m_s = 0.4;
-    beam.set_velocity([speed_m_s, 0.0]);
-    let from = beam.tip()[0];
-    beam.advance_to(0.5, |_| grip(0.0));
-    let expected = speed_m_s * speed_m_s / (2.0 * FRICTION * GRAVITY);
-    assert_close(beam.tip()[0] - from, expected, 2e-2);
-}
-
-#[test]
-fn dragged_bar_resists_with_friction_times_normal_force() {
-    let p = BeamParameters { kelvin_voigt_time_s: 0.02, ..on_table(bar(0.25, 2e4)) };
-    let path = |time_s: f64| GripState { x_m: -0.05 * time_s, z_m: 0.03, ..grip(0.0) };
-    let mut beam = hanging(p, standard(), path(0.0));
-    beam.advance_to(2.0, path);
-    let (force, reaction) = (beam.table_force(), beam.grip_reaction());
-    assert!(force.normal_n > 0.3 * p.mass_kg() * GRAVITY, "{force:?}");
-    assert_close(force.friction_n, FRICTION * force.normal_n, 2e-2);
-    assert_close(-reaction.force_x_n, FRICTION * force.normal_n, 2e-2);
-    assert_close(reaction.force_z_n + force.normal_n, p.mass_kg() * GRAVITY, 1e-2);
-}
-
-#[test]
 fn bar_on_a_slope_under_the_friction_angle_stays() {
     let mut beam = lying_bar();
     beam.parameters.gravity_m_s2 = [0.25 * GRAVITY, -GRAVITY];

@@ -1,14 +1,12 @@
-//! The beam against theory. A wrong constitutive law, a locked element, a lossy time step or a contact that is not
-//! Coulomb's shows here first.
+//! The beam's own tests, beside the comparisons with theory of [`crate::verification`].
 
-mod boundary_value;
 mod episode;
 mod friction;
 mod motion;
 mod repeatability;
 mod rest;
 mod strands;
-mod stress;
+mod tolerance;
 
 use super::{Beam, BeamParameters, Discretisation, GripState, Table};
 use catenary_core::Fidelity;

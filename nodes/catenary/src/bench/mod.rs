@@ -1,4 +1,7 @@
-//! `catenary bench`: what this machine does in a second, and how near posteriors come to hidden truths.
+//! `catenary bench`: what this machine does in a second, how near the simulator comes to theory and posteriors to hidden
+//! truths.
+
+mod fidelity;
 
 use crate::cli::{BenchArgs, BenchWhat, Output};
 use crate::{infer, model_file, output, train};
@@ -6,27 +9,25 @@ use anyhow::{Context, Result};
 use bayes_sim::Settings as InferenceSettings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::{Drive, StartShape};
-use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, SimulationRequest, Simulator, seed};
+use catenary_core::{Fidelity, GripTrajectory, Model, SimulationRequest, Simulator, seed};
 use catenary_shell::Shutdown;
 use ppo_trainer::{Domains, Settings};
 use rand::RngExt;
 use serde::Serialize;
-use simulator_pool::arm::ArmModel;
-use simulator_pool::world::ArmSettings;
+use simulator_pool::verification::random_hand_path;
 use simulator_pool::{BeamSimulator, workers};
 use std::path::Path;
 use std::time::Instant;
 
 /// Episodes of one measurement of the pool.
 const EPISODES: usize = 100;
-/// Random stream of the motions.
-const MOTION_STREAM: u64 = 31;
 
 /// Runs a measurement.
 pub fn run(arguments: &BenchArgs) -> Result<()> {
     match &arguments.what {
         BenchWhat::Pool { model, output } => pool(model.as_deref(), output),
         BenchWhat::Training { steps, output } => training(*steps, output),
+        BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
 }
@@ -89,30 +90,8 @@ fn batch(model: &Model, fidelity: Fidelity, count: usize) -> Result<SimulationRe
     })
 }
 
-/// The path of a hand under 16 random actions that keep it in the workspace, low over the table half of the time.
 fn motion(model: &Model, motion_seed: u64) -> Result<GripTrajectory> {
-    const SAMPLES_PER_STEP: usize = 50;
-    let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
-    let mut rng = seed::rng(motion_seed, MOTION_STREAM);
-    let start = model.arm.start;
-    let mut arm = ArmModel::new(&ArmSettings::new(model.arm.law, task.delta_anchor), [start.x_m, start.z_m]);
-    let (mut times, mut poses) = (Vec::new(), Vec::new());
-    for step in 0..task.steps {
-        let from_s = step as f64 * task.step_period_s;
-        let delta = |v: f64, [low, high]: [f64; 2], noise: f64| (v + noise).clamp(low + 0.01, high - 0.01) - v;
-        let [x, z] = arm.target_m();
-        let (a, b) = (rng.random_range(-0.06..0.06), rng.random_range(-0.06..0.06));
-        let move_m = [delta(x, task.workspace.x_m, a), delta(z, task.workspace.z_m, b - 0.01)];
-        arm.set_delta(from_s, move_m);
-        for i in 0..SAMPLES_PER_STEP {
-            let t = from_s + task.step_period_s * i as f64 / SAMPLES_PER_STEP as f64;
-            arm.run_to(t);
-            let [x_m, z_m] = arm.position_m(t);
-            times.push(t);
-            poses.push(GripPose { x_m, z_m, pitch_rad: start.pitch_rad });
-        }
-    }
-    Ok(GripTrajectory::new(times, poses)?)
+    random_hand_path(model, motion_seed).with_context(|| format!("model `{}` has no task", model.name))
 }
 
 #[derive(Debug, Serialize)]
