@@ -283,7 +283,12 @@ impl SafetyGate {
         if distance_m > max_m || turn_rad > max_rad {
             return Err(Rejection::Jump { distance_m, turn_rad, max_m, max_rad });
         }
-        Ok(self.clamped(pose))
+        let (inside, clip) = self.clamped(pose);
+        let distance_m = inside.distance_m(&measured);
+        if distance_m > max_m {
+            return Err(Rejection::FarOutside { distance_m, max_m });
+        }
+        Ok((inside, clip))
     }
 
     fn clamped(&self, mut pose: ArmPose) -> (ArmPose, Clip) {

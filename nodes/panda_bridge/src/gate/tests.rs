@@ -133,6 +133,19 @@ fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
 }
 
 #[test]
+fn a_clamped_target_may_be_no_jump_either() {
+    let at = |z: f64| ArmPose { position_m: [0.4, 0.0, z], ..pose(0.4) };
+    let to = |z: f64| Command { pose: at(z), ..command(0.4, 10.0) };
+    let mut g = gate();
+    g.on_measured(at(0.85));
+    assert!(matches!(rejected(&mut g, &to(0.82)), Rejection::FarOutside { distance_m, .. } if distance_m > 0.34));
+    let mut g = gate();
+    g.on_measured(at(0.55));
+    let back = g.on_command(&to(0.52), 10.0);
+    assert!(matches!(back, Verdict::Accepted { pose, .. } if pose == at(0.5)), "{back:?}");
+}
+
+#[test]
 fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_pose() {
     let mut g = gate();
     g.on_command(&command(0.45, 10.0), 10.0);

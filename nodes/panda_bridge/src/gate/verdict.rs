@@ -100,6 +100,16 @@ pub enum Rejection {
         /// Limit of the turn.
         max_rad: f64,
     },
+    /// The arm is so far outside the workspace that to clamp the target to it would be a jump.
+    #[error(
+        "the arm is outside the workspace: clamped to it, the target lies {distance_m:.3} m from the measured pose; at most {max_m} m are allowed"
+    )]
+    FarOutside {
+        /// Distance of the clamped target.
+        distance_m: f64,
+        /// Limit of the distance.
+        max_m: f64,
+    },
     /// Nobody knows where the arm is.
     #[error("no pose was measured yet")]
     NoPose,
