@@ -70,6 +70,9 @@ pub enum Fault {
         /// What there was.
         detail: String,
     },
+    /// The end effector is outside the workspace before the first action.
+    #[error("the end effector is at x {0} m, z {1} m, outside the workspace: move it to the start first")]
+    Outside(f64, f64),
     /// The policy gave no finite action.
     #[error("the policy gave the action {0:?} at step {1}")]
     Action([f64; 2], usize),
@@ -237,7 +240,11 @@ impl Runner {
     fn step(&mut self, observation: Observation, stamps_s: [f64; 2]) -> Turn {
         let index = self.next_step;
         let [x, z] = observation.eef_m();
-        let left = self.target_left_workspace || !self.task.workspace.contains(x, 0.0, z);
+        let outside = !self.task.workspace.contains(x, 0.0, z);
+        if outside && index == 0 {
+            return Turn::Fault(Fault::Outside(x, z));
+        }
+        let left = self.target_left_workspace || outside;
         let reward = (index > 0).then(|| if left { LEFT_WORKSPACE_REWARD } else { observation.reward() });
         self.rewards.extend(reward);
         self.end = match reward {

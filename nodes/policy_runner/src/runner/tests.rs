@@ -100,8 +100,15 @@ fn a_target_or_a_pose_outside_the_workspace_ends_the_episode_with_minus_one() {
     let steps = run(&mut r, 20.0, 0.58);
     assert_eq!((steps.len(), steps[1].end, steps[1].reward), (2, Some(End::LeftWorkspace), Some(-1.0)));
     let mut r = runner([0.0, 0.0], Settings::default());
-    let steps = run(&mut r, 20.0, 0.7);
-    assert_eq!(steps.last().unwrap().end, Some(End::LeftWorkspace));
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let Turn::Step(left) = r.turn(&inputs(10.5, 20.0, 0.7)) else { panic!("no step") };
+    assert_eq!((left.end, left.reward, left.action), (Some(End::LeftWorkspace), Some(-1.0), None));
+}
+
+#[test]
+fn no_action_is_taken_from_outside_the_workspace() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    assert_eq!(r.turn(&inputs(10.0, 20.0, 0.7)), Turn::Fault(Fault::Outside(0.7, 0.4)));
 }
 
 #[test]
