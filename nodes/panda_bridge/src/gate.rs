@@ -52,11 +52,16 @@ impl Default for GateSettings {
 #[derive(Debug, Clone)]
 pub struct SafetyGate {
     settings: GateSettings,
-    mode: Mode,
+    /// What the arm does where it is connected and nothing is latched.
+    activity: Mode,
+    connected: bool,
+    /// The reflex that is latched.
+    reflex: Option<String>,
+    user_stop_latched: bool,
+    user_stop_pressed: bool,
     real_arm: bool,
     measured: Option<ArmPose>,
     target: Option<ArmPose>,
-    user_stop_pressed: bool,
     /// Step period of the episode that runs.
     episode_step_s: Option<f64>,
     episode_over: Option<String>,
@@ -71,11 +76,14 @@ impl SafetyGate {
     pub fn new(settings: GateSettings, real_arm: bool) -> Self {
         Self {
             settings,
-            mode: Mode::Idle,
+            activity: Mode::Idle,
+            connected: true,
+            reflex: None,
+            user_stop_latched: false,
+            user_stop_pressed: false,
             real_arm,
             measured: None,
             target: None,
-            user_stop_pressed: false,
             episode_step_s: None,
             episode_over: None,
             last_command_s: None,
@@ -87,7 +95,12 @@ impl SafetyGate {
 
     /// What the arm is doing.
     pub fn mode(&self) -> Mode {
-        self.mode
+        match (self.connected, self.user_stop_latched, &self.reflex) {
+            (false, _, _) => Mode::Disconnected,
+            (true, true, _) => Mode::UserStop,
+            (true, false, Some(_)) => Mode::Reflex,
+            (true, false, None) => self.activity,
+        }
     }
 
     /// The target in force.
@@ -102,7 +115,12 @@ impl SafetyGate {
 
     /// Why the arm stopped or refuses, empty where it does not.
     pub fn fault(&self) -> &str {
-        &self.fault
+        match (self.connected, self.user_stop_latched, &self.reflex) {
+            (false, _, _) => "no connection to the arm",
+            (true, true, _) => "user stop",
+            (true, false, Some(what)) => what,
+            (true, false, None) => &self.fault,
+        }
     }
 
     /// The arm was measured at `pose`.
@@ -116,7 +134,7 @@ impl SafetyGate {
     /// `/clock`.
     pub fn on_enable(&mut self, publishers: usize, simulated_time: bool) -> Result<Order, Refusal> {
         self.check_latches()?;
-        if self.mode == Mode::Moving {
+        if self.activity == Mode::Moving {
             return Err(Refusal::Moving);
         }
         if publishers > 1 {
@@ -124,7 +142,7 @@ impl SafetyGate {
         }
         self.check_replay(simulated_time)?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        let already = matches!(self.mode, Mode::Tracking | Mode::Hold);
+        let already = matches!(self.activity, Mode::Tracking | Mode::Hold);
         self.episode_over = None;
         self.fault.clear();
         if already && let Some(target) = self.target {
@@ -137,8 +155,8 @@ impl SafetyGate {
 
     /// Disables the arm.
     pub fn on_disable(&mut self) -> Order {
-        if matches!(self.mode, Mode::Tracking | Mode::Hold | Mode::Moving) {
-            self.mode = Mode::Idle;
+        if matches!(self.activity, Mode::Tracking | Mode::Hold | Mode::Moving) {
+            self.activity = Mode::Idle;
         }
         self.last_command_s = None;
         Order::End
@@ -148,7 +166,7 @@ impl SafetyGate {
     pub fn on_hold(&mut self) -> Result<Order, Refusal> {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if matches!(self.mode, Mode::Tracking | Mode::Hold) {
+        if matches!(self.activity, Mode::Tracking | Mode::Hold) {
             self.seed(pose, Mode::Hold);
         }
         Ok(Order::Hold(pose))
@@ -159,15 +177,15 @@ impl SafetyGate {
         self.check_latches()?;
         self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
-        self.mode = Mode::Moving;
+        self.activity = Mode::Moving;
         self.fault.clear();
         Ok(())
     }
 
     /// It has ended, well or not; the arm holds `target`, or where it was measured.
     pub fn on_move_ended(&mut self, target: Option<ArmPose>) {
-        if self.mode == Mode::Moving {
-            self.mode = Mode::Hold;
+        if self.activity == Mode::Moving {
+            self.activity = Mode::Hold;
             self.target = target.or(self.measured);
             self.last_command_s = None;
         }
@@ -175,8 +193,8 @@ impl SafetyGate {
 
     /// A reflex or a contact: latched.
     pub fn on_reflex(&mut self, what: &str) -> Order {
-        self.mode = Mode::Reflex;
-        self.fault = what.to_owned();
+        self.reflex = Some(what.to_owned());
+        self.activity = Mode::Idle;
         Order::End
     }
 
@@ -184,38 +202,32 @@ impl SafetyGate {
     pub fn on_user_stop(&mut self, pressed: bool) -> Order {
         self.user_stop_pressed = pressed;
         if pressed {
-            self.mode = Mode::UserStop;
-            "user stop".clone_into(&mut self.fault);
+            self.user_stop_latched = true;
+            self.activity = Mode::Idle;
         }
         Order::End
     }
 
-    /// The arm was lost or came back; back, it is idle.
+    /// The arm was lost or came back; back, it is idle, and what was latched still is.
     pub fn on_connection(&mut self, connected: bool) {
-        match (connected, self.mode) {
-            (false, _) => {
-                self.mode = Mode::Disconnected;
-                "no connection to the arm".clone_into(&mut self.fault);
-            }
-            (true, Mode::Disconnected) => {
-                self.mode = Mode::Idle;
-                self.measured = None;
-                self.fault.clear();
-            }
-            (true, _) => {}
+        if connected != self.connected {
+            self.connected = connected;
+            self.activity = Mode::Idle;
+            self.measured = None;
+            self.fault.clear();
         }
     }
 
     /// Recovers from a latched stop: by request alone. The target is the measured pose, and the arm must be enabled again.
     pub fn on_recovery(&mut self) -> Result<Order, Refusal> {
-        if self.mode == Mode::Disconnected {
+        if !self.connected {
             return Err(Refusal::Disconnected);
         }
         if self.user_stop_pressed {
             return Err(Refusal::StillStopped);
         }
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if matches!(self.mode, Mode::Reflex | Mode::UserStop) {
+        if self.reflex.take().is_some() | std::mem::take(&mut self.user_stop_latched) {
             self.seed(pose, Mode::Idle);
             self.fault.clear();
         }
@@ -241,7 +253,7 @@ impl SafetyGate {
             Ok((pose, clip)) => {
                 self.accepted += 1;
                 self.target = Some(pose);
-                self.mode = Mode::Tracking;
+                self.activity = Mode::Tracking;
                 self.last_command_s = Some(now_s);
                 if clip.any() {
                     self.episode_over = Some("the target left the workspace".to_owned());
@@ -256,8 +268,8 @@ impl SafetyGate {
     }
 
     fn judge(&self, command: &Command, now_s: f64) -> Result<(ArmPose, Clip), Rejection> {
-        if !matches!(self.mode, Mode::Tracking | Mode::Hold) {
-            let why = if self.fault.is_empty() { format!("{:?}", self.mode) } else { self.fault.clone() };
+        if !matches!(self.mode(), Mode::Tracking | Mode::Hold) {
+            let why = if self.fault().is_empty() { format!("{:?}", self.mode()) } else { self.fault().to_owned() };
             return Err(Rejection::NotEnabled(why));
         }
         if let Some(why) = &self.episode_over {
@@ -306,15 +318,15 @@ impl SafetyGate {
     pub fn tick(&mut self, now_s: f64) -> Option<Order> {
         let silence_s = now_s - self.last_command_s?;
         let step_s = self.episode_step_s?;
-        if self.mode == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
+        if self.activity == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
             let pose = self.measured?;
             self.target = Some(pose);
-            self.mode = Mode::Hold;
+            self.activity = Mode::Hold;
             self.fault = format!("no target for {silence_s:.2} s: holding");
             return Some(Order::Hold(pose));
         }
-        if self.mode == Mode::Hold && silence_s > self.settings.end_after_s {
-            self.mode = Mode::Idle;
+        if self.activity == Mode::Hold && silence_s > self.settings.end_after_s {
+            self.activity = Mode::Idle;
             self.last_command_s = None;
             self.fault = format!("no target for {silence_s:.2} s: motion ended");
             return Some(Order::End);
@@ -323,7 +335,7 @@ impl SafetyGate {
     }
 
     fn check_latches(&self) -> Result<(), Refusal> {
-        match self.mode {
+        match self.mode() {
             Mode::Reflex => Err(Refusal::Latched("reflex")),
             Mode::UserStop => Err(Refusal::Latched("user stop")),
             Mode::Disconnected => Err(Refusal::Disconnected),
@@ -338,7 +350,7 @@ impl SafetyGate {
     /// Makes the measured pose the target.
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
-        self.mode = mode;
+        self.activity = mode;
         self.last_command_s = None;
     }
 }

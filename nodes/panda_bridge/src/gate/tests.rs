@@ -203,3 +203,26 @@ fn a_lost_arm_refuses_everything_and_comes_back_idle() {
     assert_eq!(g.mode(), Mode::Idle);
     assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose), "the old pose counts no more");
 }
+
+#[test]
+fn what_is_latched_outlives_the_connection() {
+    let mut g = gate();
+    g.on_reflex("contact");
+    g.on_connection(false);
+    assert_eq!((g.mode(), g.fault()), (Mode::Disconnected, "no connection to the arm"));
+    g.on_connection(true);
+    g.on_measured(pose(0.4));
+    assert_eq!((g.mode(), g.fault()), (Mode::Reflex, "contact"));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
+    g.on_recovery().unwrap();
+    g.on_connection(false);
+    g.on_user_stop(true);
+    assert_eq!(g.mode(), Mode::Disconnected, "a stop brings no arm back");
+    g.on_connection(true);
+    g.on_measured(pose(0.4));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("user stop")));
+    assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
+    g.on_user_stop(false);
+    g.on_recovery().unwrap();
+    assert!(g.on_enable(1, false).is_ok());
+}
