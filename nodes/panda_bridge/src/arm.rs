@@ -264,7 +264,7 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
-    /// How the move stands; where it has ended, the arm holds.
+    /// How the move stands; where it has ended, the arm stays.
     pub fn move_progress(&mut self) -> Progress {
         let (Some(way), Some(measured)) = (self.way, self.plant.measured()) else {
             let fault = self.gate.fault();

@@ -54,6 +54,8 @@ pub struct SafetyGate {
     settings: GateSettings,
     /// What the arm does where it is connected and nothing is latched.
     activity: Mode,
+    /// The arm was enabled when the move to the start pose began.
+    enabled_before_move: bool,
     connected: bool,
     /// The reflex that is latched.
     reflex: Option<String>,
@@ -77,6 +79,7 @@ impl SafetyGate {
         Self {
             settings,
             activity: Mode::Idle,
+            enabled_before_move: false,
             connected: true,
             reflex: None,
             user_stop_latched: false,
@@ -142,7 +145,7 @@ impl SafetyGate {
         }
         self.check_replay(simulated_time)?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        let already = matches!(self.activity, Mode::Tracking | Mode::Hold);
+        let already = self.is_enabled();
         self.episode_over = None;
         self.fault.clear();
         if already && let Some(target) = self.target {
@@ -166,7 +169,7 @@ impl SafetyGate {
     pub fn on_hold(&mut self) -> Result<Order, Refusal> {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if matches!(self.activity, Mode::Tracking | Mode::Hold) {
+        if self.is_enabled() {
             self.seed(pose, Mode::Hold);
         }
         Ok(Order::Hold(pose))
@@ -177,15 +180,18 @@ impl SafetyGate {
         self.check_latches()?;
         self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
+        if self.activity != Mode::Moving {
+            self.enabled_before_move = self.is_enabled();
+        }
         self.activity = Mode::Moving;
         self.fault.clear();
         Ok(())
     }
 
-    /// It has ended, well or not; the arm holds `target`, or where it was measured.
+    /// It has ended, well or not; the arm stays at `target`, or where it was measured. It is enabled if it was before.
     pub fn on_move_ended(&mut self, target: Option<ArmPose>) {
         if self.activity == Mode::Moving {
-            self.activity = Mode::Hold;
+            self.activity = if self.enabled_before_move { Mode::Hold } else { Mode::Idle };
             self.target = target.or(self.measured);
             self.last_command_s = None;
         }
@@ -268,7 +274,7 @@ impl SafetyGate {
     }
 
     fn judge(&self, command: &Command, now_s: f64) -> Result<(ArmPose, Clip), Rejection> {
-        if !matches!(self.mode(), Mode::Tracking | Mode::Hold) {
+        if !self.is_enabled() {
             let why = if self.fault().is_empty() { format!("{:?}", self.mode()) } else { self.fault().to_owned() };
             return Err(Rejection::NotEnabled(why));
         }
@@ -345,6 +351,11 @@ impl SafetyGate {
 
     fn check_replay(&self, simulated_time: bool) -> Result<(), Refusal> {
         if self.real_arm && simulated_time && !self.settings.allow_replay { Err(Refusal::Replay) } else { Ok(()) }
+    }
+
+    /// Whether targets may move the arm. Whatever latches or cuts it off makes it idle.
+    fn is_enabled(&self) -> bool {
+        matches!(self.activity, Mode::Tracking | Mode::Hold)
     }
 
     /// Makes the measured pose the target.

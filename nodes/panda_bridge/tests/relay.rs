@@ -257,7 +257,9 @@ fn the_move_to_the_start_pose_reaches_it() {
     assert_eq!((status, result.success), (Status::Succeeded, true), "{}", result.message);
     assert!((result.pose.position.x - 0.5).abs() < 1e-3 && (result.pose.position.z - 0.3).abs() < 1e-3);
     assert_eq!(controller.last_target(), Some(pose(0.5, 0.3)));
-    client.wait_mode(ArmState::MODE_HOLD);
+    client.wait_mode(ArmState::MODE_IDLE);
+    let refused = client.ask(0.51, 0.3);
+    assert!(!refused.accepted && refused.reason.contains("not enabled"), "a move enabled the arm: {}", refused.reason);
     let targets = controller.state.lock().unwrap().1.clone();
     let largest = targets.windows(2).map(|w| (w[1].position.x - w[0].position.x).abs()).fold(0.0, f64::max);
     assert!(largest < 0.05, "a step of {largest} m");

@@ -59,7 +59,7 @@ fn run(arm: &mut Arm<Lag>, duration_s: f64) -> Progress {
 }
 
 #[test]
-fn a_move_arrives_settles_and_holds_the_start_pose() {
+fn a_move_arrives_and_settles_at_the_start_pose() {
     let mut a = arm(0.2);
     a.begin_move(None, 0.15, 1.0, false).unwrap();
     assert_eq!(a.mode(), Mode::Moving);
@@ -67,7 +67,8 @@ fn a_move_arrives_settles_and_holds_the_start_pose() {
     // A minimum-jerk way of 0.25 m with a peak of 0.15 m/s takes 3.1 s, and it settles for one.
     assert!((a.plant().time_s - 10.0 - 3.125 - 1.0).abs() < 0.1, "{} s", a.plant().time_s - 10.0);
     assert!(a.plant().at.distance_m(&pose(0.55)) < 1e-3);
-    assert_eq!((a.mode(), a.target()), (Mode::Hold, Some(pose(0.55))));
+    assert_eq!((a.mode(), a.target()), (Mode::Idle, Some(pose(0.55))), "nobody enabled it");
+    assert_eq!(a.plant().target, Some(pose(0.55)), "it stays there");
 }
 
 #[test]
@@ -101,6 +102,7 @@ fn a_step_of_the_clock_does_not_make_the_target_jump() {
 #[test]
 fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
     let mut a = arm(0.0);
+    a.enable(1, false).unwrap();
     a.begin_move(None, 0.15, 1.0, false).unwrap();
     let Progress::Stopped(why) = run(&mut a, 60.0) else { panic!("not stopped") };
     assert!(why.contains("does not follow: 0.250 m"), "{why}");
@@ -111,6 +113,7 @@ fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
 fn hold_reflex_and_a_lost_arm_end_a_move() {
     let stop = |how: &dyn Fn(&mut Arm<Lag>)| {
         let mut a = arm(0.2);
+        a.enable(1, false).unwrap();
         a.begin_move(None, 0.15, 1.0, false).unwrap();
         run(&mut a, 1.0);
         how(&mut a);

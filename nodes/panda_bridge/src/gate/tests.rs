@@ -183,7 +183,7 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
 }
 
 #[test]
-fn a_move_to_the_start_shuts_targets_out_and_ends_holding() {
+fn a_move_to_the_start_shuts_targets_out_and_an_enabled_arm_holds_after_it() {
     let mut g = gate();
     g.on_move_begins(false).unwrap();
     assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
@@ -191,6 +191,19 @@ fn a_move_to_the_start_shuts_targets_out_and_ends_holding() {
     g.on_measured(pose(0.42));
     g.on_move_ended(None);
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
+}
+
+#[test]
+fn a_move_to_the_start_enables_no_arm() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    for target in [Some(pose(0.4)), None] {
+        g.on_move_begins(false).unwrap();
+        g.on_move_begins(false).unwrap();
+        g.on_move_ended(target);
+        assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.4))));
+        assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    }
 }
 
 #[test]
