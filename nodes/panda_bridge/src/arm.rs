@@ -1,6 +1,6 @@
 //! An arm behind the gate: what the contract's commands, services and move to the start do to whatever carries them out.
 
-use crate::gate::{Command, GateSettings, Mode, Order, Refusal, SafetyGate, Verdict};
+use crate::gate::{Command, GateSettings, Mode, Order, Refusal, SafetyGate, StepPeriod, Verdict};
 use crate::path::StartPath;
 use crate::pose::ArmPose;
 use thiserror::Error;
@@ -229,9 +229,9 @@ impl<P: Plant> Arm<P> {
         self.gate.on_connection(connected);
     }
 
-    /// An episode began, with this time between two actions, s.
-    pub fn episode_started(&mut self, step_period_s: f64) {
-        self.gate.on_episode_started(step_period_s);
+    /// An episode began, with this time between two actions, s; see [`SafetyGate::on_episode_started`].
+    pub fn episode_started(&mut self, step_period_s: f64) -> Result<(), StepPeriod> {
+        self.gate.on_episode_started(step_period_s, self.plant.time_s())
     }
 
     /// The episode ended.

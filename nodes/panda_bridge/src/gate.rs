@@ -7,7 +7,7 @@ use catenary_core::task::Workspace;
 
 mod verdict;
 
-pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, Verdict};
+pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, StepPeriod, Verdict};
 
 /// The frame that commands must be in.
 pub const BASE_FRAME: &str = "panda_link0";
@@ -67,7 +67,8 @@ pub struct SafetyGate {
     /// Step period of the episode that runs.
     episode_step_s: Option<f64>,
     episode_over: Option<String>,
-    last_command_s: Option<f64>,
+    /// When the stream was last heard, or the episode began.
+    heard_s: Option<f64>,
     accepted: u64,
     rejected: u64,
     fault: String,
@@ -89,7 +90,7 @@ impl SafetyGate {
             target: None,
             episode_step_s: None,
             episode_over: None,
-            last_command_s: None,
+            heard_s: None,
             accepted: 0,
             rejected: 0,
             fault: String::new(),
@@ -161,7 +162,7 @@ impl SafetyGate {
         if matches!(self.activity, Mode::Tracking | Mode::Hold | Mode::Moving) {
             self.activity = Mode::Idle;
         }
-        self.last_command_s = None;
+        self.heard_s = None;
         Order::End
     }
 
@@ -193,7 +194,7 @@ impl SafetyGate {
         if self.activity == Mode::Moving {
             self.activity = if self.enabled_before_move { Mode::Hold } else { Mode::Idle };
             self.target = target.or(self.measured);
-            self.last_command_s = None;
+            self.heard_s = None;
         }
     }
 
@@ -240,17 +241,22 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
-    /// An episode began, with this time between two actions, s.
-    pub fn on_episode_started(&mut self, step_period_s: f64) {
-        self.episode_step_s = Some(step_period_s);
-        self.episode_over = None;
-        self.last_command_s = None;
+    /// An episode began, with this time between two actions, s. From now on silence counts.
+    ///
+    /// # Errors
+    /// A time that no policy has; the episode is watched as one of quick steps then.
+    pub fn on_episode_started(&mut self, step_period_s: f64, now_s: f64) -> Result<(), StepPeriod> {
+        self.heard_s = Some(now_s);
+        let longest_s = self.settings.end_after_s;
+        let makes_sense = step_period_s > 0.0 && step_period_s <= longest_s;
+        self.episode_step_s = Some(if makes_sense { step_period_s } else { 0.0 });
+        if makes_sense { Ok(()) } else { Err(StepPeriod { step_period_s, longest_s }) }
     }
 
     /// The episode ended.
     pub fn on_episode_ended(&mut self) {
         self.episode_step_s = None;
-        self.last_command_s = None;
+        self.heard_s = None;
     }
 
     /// Judges a command.
@@ -260,7 +266,7 @@ impl SafetyGate {
                 self.accepted += 1;
                 self.target = Some(pose);
                 self.activity = Mode::Tracking;
-                self.last_command_s = Some(now_s);
+                self.heard_s = Some(now_s);
                 if clip.any() {
                     self.episode_over = Some("the target left the workspace".to_owned());
                 }
@@ -322,7 +328,7 @@ impl SafetyGate {
 
     /// Looks at the silence of the stream; to be called at least every 50 ms.
     pub fn tick(&mut self, now_s: f64) -> Option<Order> {
-        let silence_s = now_s - self.last_command_s?;
+        let silence_s = now_s - self.heard_s?;
         let step_s = self.episode_step_s?;
         if self.activity == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
             let pose = self.measured?;
@@ -333,7 +339,7 @@ impl SafetyGate {
         }
         if self.activity == Mode::Hold && silence_s > self.settings.end_after_s {
             self.activity = Mode::Idle;
-            self.last_command_s = None;
+            self.heard_s = None;
             self.fault = format!("no target for {silence_s:.2} s: motion ended");
             return Some(Order::End);
         }
@@ -362,7 +368,7 @@ impl SafetyGate {
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
         self.activity = mode;
-        self.last_command_s = None;
+        self.heard_s = None;
     }
 }
 

@@ -15,7 +15,7 @@ fn gate() -> SafetyGate {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
     g.on_enable(1, false).unwrap();
-    g.on_episode_started(0.1);
+    g.on_episode_started(0.1, 9.0).unwrap();
     g
 }
 
@@ -103,10 +103,50 @@ fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
 #[test]
 fn a_slow_policy_is_not_silent_between_its_steps() {
     let mut g = gate();
-    g.on_episode_started(0.5);
+    g.on_episode_started(0.5, 9.0).unwrap();
     g.on_command(&command(0.45, 10.0), 10.0);
     assert_eq!(g.tick(10.6), None);
     assert!(g.tick(10.76).is_some());
+}
+
+#[test]
+fn an_episode_whose_beginning_comes_after_its_first_target_is_watched() {
+    let mut g = gate();
+    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_episode_started(0.1, 10.001).unwrap();
+    assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.4))));
+    assert_eq!(g.tick(12.1), Some(Order::End));
+}
+
+#[test]
+fn an_episode_without_a_target_ends_the_motion() {
+    let mut g = gate();
+    assert_eq!(g.tick(10.9), None);
+    assert_eq!(g.tick(11.1), Some(Order::End));
+}
+
+#[test]
+fn no_step_period_turns_the_watch_off() {
+    for period_s in [f64::INFINITY, f64::NAN, -1.0, 0.0, 1e9, 2.1] {
+        let mut g = gate();
+        assert!(g.on_episode_started(period_s, 9.0).is_err(), "{period_s}");
+        g.on_command(&command(0.45, 10.0), 10.0);
+        assert!(matches!(g.tick(10.26), Some(Order::Hold(_))), "{period_s}");
+    }
+    let mut g = gate();
+    g.on_episode_started(2.0, 9.0).unwrap();
+    g.on_command(&command(0.45, 10.0), 10.0);
+    assert_eq!(g.tick(12.5), None, "a slow policy within the limit");
+}
+
+#[test]
+fn a_new_episode_does_not_undo_the_end_of_the_last() {
+    let mut g = gate();
+    g.on_measured(pose(0.55));
+    g.on_command(&command(0.62, 10.0), 10.0);
+    g.on_episode_started(0.1, 10.0).unwrap();
+    let next = g.on_command(&command(0.55, 10.1), 10.1);
+    assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
 }
 
 #[test]

@@ -149,6 +149,18 @@ pub enum Refusal {
     Moving,
 }
 
+/// A time between two actions that no policy has.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error(
+    "step period: expected more than 0 and at most {longest_s} s, after which silence ends a motion, got {step_period_s} s"
+)]
+pub struct StepPeriod {
+    /// The time given.
+    pub step_period_s: f64,
+    /// The longest that is taken.
+    pub longest_s: f64,
+}
+
 /// What the transport must do now.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {

@@ -107,7 +107,11 @@ impl<P: Plant> Front<P> {
             contract::EPISODE_EVENT.name,
             contract::EPISODE_EVENT.qos,
             move |received| match received.message.event {
-                EpisodeEvent::STARTED => front.arm().episode_started(received.message.step_period),
+                EpisodeEvent::STARTED => {
+                    if let Err(why) = front.arm().episode_started(received.message.step_period) {
+                        tracing::error!("episode {}: {why}", received.message.episode);
+                    }
+                }
                 _ => front.arm().episode_ended(),
             },
         )?;
