@@ -14,8 +14,12 @@ const STALLED_S: f64 = 3.0;
 
 /// What carries orders out: a simulated arm, or a controller elsewhere.
 pub trait Plant: Send + 'static {
-    /// The arm's time, s since an origin of its own.
+    /// The arm's time, s since an origin of its own. It runs on as long as the arm can move, and does not step.
     fn time_s(&self) -> f64;
+    /// The present time of the clock that stamps commands, s since the arm's origin.
+    fn stamp_time_s(&self) -> f64 {
+        self.time_s()
+    }
     /// The newest measured pose.
     fn measured(&self) -> Option<ArmPose>;
     /// Carries an order out. After [`Order::End`] nothing moves the arm until the next order.

@@ -1,6 +1,6 @@
 //! The safety gate: what a command must be before it reaches an arm, and what ends a motion.
 //!
-//! A state machine without a clock: times are s of one clock, given with every call.
+//! A state machine without a clock: times are s of one clock that does not step, given with every call.
 
 use crate::pose::ArmPose;
 use catenary_core::task::Workspace;
@@ -261,7 +261,7 @@ impl SafetyGate {
 
     /// Judges a command.
     pub fn on_command(&mut self, command: &Command, now_s: f64) -> Verdict {
-        match self.judge(command, now_s) {
+        match self.judge(command) {
             Ok((pose, clip)) => {
                 self.accepted += 1;
                 self.target = Some(pose);
@@ -279,7 +279,7 @@ impl SafetyGate {
         }
     }
 
-    fn judge(&self, command: &Command, now_s: f64) -> Result<(ArmPose, Clip), Rejection> {
+    fn judge(&self, command: &Command) -> Result<(ArmPose, Clip), Rejection> {
         if !self.is_enabled() {
             let why = if self.fault().is_empty() { format!("{:?}", self.mode()) } else { self.fault().to_owned() };
             return Err(Rejection::NotEnabled(why));
@@ -297,7 +297,8 @@ impl SafetyGate {
         if !pose.is_normalised() {
             return Err(Rejection::NotNormalised);
         }
-        let (age_s, limit_s) = (now_s - command.stamp_s, self.settings.max_age_s);
+        self.check_replay(command.simulated_time).map_err(|_| Rejection::Replay)?;
+        let (age_s, limit_s) = (command.age_s, self.settings.max_age_s);
         if age_s.is_nan() || age_s.abs() > limit_s {
             return Err(Rejection::Stale { age_s, limit_s });
         }

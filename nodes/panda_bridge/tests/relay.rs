@@ -8,13 +8,14 @@
 
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
-use catenary_msgs::msg::{AcceptedTarget, ArmState};
+use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::srv::{SetCompliance, SetComplianceRequest};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::contract::{
-    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE, TARGET_POSE,
+    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, EPISODE_EVENT, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE,
+    TARGET_POSE,
 };
 use catenary_shell::{
     Discovery, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status, Subscription, stamp,
@@ -280,6 +281,25 @@ fn a_replay_moves_no_real_arm() {
     assert_eq!(status, Status::Aborted);
     assert!(result.message.contains("allow_replay"), "{}", result.message);
     assert_eq!(controller.received(), 0);
+}
+
+#[test]
+fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
+    let controller = Controller::start(7);
+    let _process = relay(7, &["use_sim_time:=true", "is_real:=false", "gate.max_age_s:=5.0"]);
+    let clocks = controller.node.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
+    let client = Client::join(7, ArmState::MODE_IDLE);
+    let events = client.node.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
+    assert!(events.wait_for_subscriber(SOON) && clocks.wait_for_subscriber(SOON));
+    clocks.send(Clock { clock: stamp::to_msg(client.node.now()) });
+    wait_for("the enabled arm", || client.enable(true).success);
+    let started = EpisodeEvent { event: EpisodeEvent::STARTED, step_period: 0.1, ..EpisodeEvent::default() };
+    events.publish(started).unwrap();
+    let answer = client.ask(0.45, 0.4);
+    assert!(answer.accepted, "{}", answer.reason);
+    let fault = || client.state.get().map(|s| s.message.fault.clone()).unwrap_or_default();
+    wait_for("the end of the motion", || fault().contains("motion ended"));
+    client.wait_mode(ArmState::MODE_IDLE);
 }
 
 #[test]

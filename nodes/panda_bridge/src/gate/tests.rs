@@ -6,8 +6,8 @@ fn pose(x: f64) -> ArmPose {
     ArmPose { position_m: [x, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] }
 }
 
-fn command(x: f64, stamp_s: f64) -> Command {
-    Command { stamp_s, frame_id: BASE_FRAME.into(), pose: pose(x) }
+fn command(x: f64) -> Command {
+    Command { age_s: 0.01, simulated_time: false, frame_id: BASE_FRAME.into(), pose: pose(x) }
 }
 
 /// A gate in an episode, enabled and at x = 0.4 m.
@@ -30,42 +30,44 @@ fn rejected(g: &mut SafetyGate, c: &Command) -> Rejection {
 #[test]
 fn a_good_command_becomes_the_target() {
     let mut g = gate();
-    assert_eq!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Accepted { pose: pose(0.45), clip: Clip::default() });
+    assert_eq!(g.on_command(&command(0.45), 10.0), Verdict::Accepted { pose: pose(0.45), clip: Clip::default() });
     assert_eq!((g.mode(), g.target(), g.counts()), (Mode::Tracking, Some(pose(0.45)), (1, 0)));
 }
 
 #[test]
 fn nan_is_rejected() {
-    let mut c = command(0.4, 10.0);
+    let mut c = command(0.4);
     c.pose.position_m[1] = f64::NAN;
     assert_eq!(rejected(&mut gate(), &c), Rejection::NotFinite);
-    let c = Command { stamp_s: f64::NAN, ..command(0.4, 10.0) };
+    let c = Command { age_s: f64::NAN, ..command(0.4) };
     assert!(matches!(rejected(&mut gate(), &c), Rejection::Stale { .. }));
 }
 
 #[test]
 fn an_unnormalised_quaternion_is_rejected() {
-    let mut c = command(0.4, 10.0);
+    let mut c = command(0.4);
     c.pose.quaternion_xyzw = [0.9, 0.0, 0.0, 0.0];
     assert_eq!(rejected(&mut gate(), &c), Rejection::NotNormalised);
 }
 
 #[test]
 fn another_frame_is_rejected() {
-    let c = Command { frame_id: "world".into(), ..command(0.4, 10.0) };
+    let c = Command { frame_id: "world".into(), ..command(0.4) };
     assert_eq!(rejected(&mut gate(), &c), Rejection::Frame("world".into()));
 }
 
 #[test]
 fn a_stale_stamp_and_one_from_the_future_are_rejected() {
-    assert!(matches!(rejected(&mut gate(), &command(0.4, 9.7)), Rejection::Stale { .. }));
-    assert!(matches!(rejected(&mut gate(), &command(0.4, 10.3)), Rejection::Stale { .. }));
+    for age_s in [0.3, -0.3] {
+        let c = Command { age_s, ..command(0.4) };
+        assert!(matches!(rejected(&mut gate(), &c), Rejection::Stale { .. }));
+    }
 }
 
 #[test]
 fn a_jump_or_a_turn_from_the_measured_pose_is_rejected() {
-    assert!(matches!(rejected(&mut gate(), &command(0.501, 10.0)), Rejection::Jump { .. }));
-    let mut c = command(0.4, 10.0);
+    assert!(matches!(rejected(&mut gate(), &command(0.501)), Rejection::Jump { .. }));
+    let mut c = command(0.4);
     let turned = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.31, 0.0) * c.pose.rotation();
     c.pose = ArmPose::from_parts(c.pose.position_m, &turned);
     assert!(matches!(rejected(&mut gate(), &c), Rejection::Jump { .. }));
@@ -84,13 +86,13 @@ fn nothing_is_accepted_before_it_is_enabled() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose));
     g.on_measured(pose(0.4));
-    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
 }
 
 #[test]
 fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     g.on_measured(pose(0.43));
     assert_eq!(g.tick(10.2), None);
     assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.43))));
@@ -104,7 +106,7 @@ fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
 fn a_slow_policy_is_not_silent_between_its_steps() {
     let mut g = gate();
     g.on_episode_started(0.5, 9.0).unwrap();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     assert_eq!(g.tick(10.6), None);
     assert!(g.tick(10.76).is_some());
 }
@@ -112,7 +114,7 @@ fn a_slow_policy_is_not_silent_between_its_steps() {
 #[test]
 fn an_episode_whose_beginning_comes_after_its_first_target_is_watched() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     g.on_episode_started(0.1, 10.001).unwrap();
     assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.4))));
     assert_eq!(g.tick(12.1), Some(Order::End));
@@ -130,12 +132,12 @@ fn no_step_period_turns_the_watch_off() {
     for period_s in [f64::INFINITY, f64::NAN, -1.0, 0.0, 1e9, 2.1] {
         let mut g = gate();
         assert!(g.on_episode_started(period_s, 9.0).is_err(), "{period_s}");
-        g.on_command(&command(0.45, 10.0), 10.0);
+        g.on_command(&command(0.45), 10.0);
         assert!(matches!(g.tick(10.26), Some(Order::Hold(_))), "{period_s}");
     }
     let mut g = gate();
     g.on_episode_started(2.0, 9.0).unwrap();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     assert_eq!(g.tick(12.5), None, "a slow policy within the limit");
 }
 
@@ -143,16 +145,16 @@ fn no_step_period_turns_the_watch_off() {
 fn a_new_episode_does_not_undo_the_end_of_the_last() {
     let mut g = gate();
     g.on_measured(pose(0.55));
-    g.on_command(&command(0.62, 10.0), 10.0);
+    g.on_command(&command(0.62), 10.0);
     g.on_episode_started(0.1, 10.0).unwrap();
-    let next = g.on_command(&command(0.55, 10.1), 10.1);
+    let next = g.on_command(&command(0.55), 10.1);
     assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
 }
 
 #[test]
 fn silence_outside_an_episode_is_no_fault() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     g.on_episode_ended();
     assert_eq!(g.tick(100.0), None);
     assert_eq!(g.target(), Some(pose(0.45)));
@@ -162,20 +164,18 @@ fn silence_outside_an_episode_is_no_fault() {
 fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
     let mut g = gate();
     g.on_measured(pose(0.55));
-    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62, 10.0), 10.0) else {
-        panic!("rejected")
-    };
+    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62), 10.0) else { panic!("rejected") };
     assert_eq!((clamped.position_m[0], clip), (0.6, Clip { x: true, y: false, z: false }));
-    let next = g.on_command(&command(0.55, 10.1), 10.1);
+    let next = g.on_command(&command(0.55), 10.1);
     assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
     g.on_enable(1, false).unwrap();
-    assert!(matches!(g.on_command(&command(0.55, 10.2), 10.2), Verdict::Accepted { .. }));
+    assert!(matches!(g.on_command(&command(0.55), 10.2), Verdict::Accepted { .. }));
 }
 
 #[test]
 fn a_clamped_target_may_be_no_jump_either() {
     let at = |z: f64| ArmPose { position_m: [0.4, 0.0, z], ..pose(0.4) };
-    let to = |z: f64| Command { pose: at(z), ..command(0.4, 10.0) };
+    let to = |z: f64| Command { pose: at(z), ..command(0.4) };
     let mut g = gate();
     g.on_measured(at(0.85));
     assert!(matches!(rejected(&mut g, &to(0.82)), Rejection::FarOutside { distance_m, .. } if distance_m > 0.34));
@@ -188,10 +188,10 @@ fn a_clamped_target_may_be_no_jump_either() {
 #[test]
 fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_pose() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     assert_eq!(g.on_reflex("cartesian_reflex"), Order::End);
     assert_eq!(g.mode(), Mode::Reflex);
-    assert!(matches!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.45), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
     assert_eq!(g.tick(20.0), None, "time alone recovers nothing");
     g.on_measured(pose(0.41));
@@ -223,10 +223,20 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
 }
 
 #[test]
+fn an_enabled_arm_takes_no_target_once_time_comes_from_a_replay() {
+    let replayed = Command { simulated_time: true, ..command(0.42) };
+    assert_eq!(rejected(&mut gate(), &replayed), Rejection::Replay);
+    let mut g = SafetyGate::new(GateSettings::default(), false);
+    g.on_measured(pose(0.4));
+    g.on_enable(1, true).unwrap();
+    assert!(matches!(g.on_command(&replayed, 10.0), Verdict::Accepted { .. }), "a simulated arm may follow");
+}
+
+#[test]
 fn a_move_to_the_start_shuts_targets_out_and_an_enabled_arm_holds_after_it() {
     let mut g = gate();
     g.on_move_begins(false).unwrap();
-    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     assert_eq!(g.on_enable(1, false), Err(Refusal::Moving));
     g.on_measured(pose(0.42));
     g.on_move_ended(None);
@@ -242,7 +252,7 @@ fn a_move_to_the_start_enables_no_arm() {
         g.on_move_begins(false).unwrap();
         g.on_move_ended(target);
         assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.4))));
-        assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+        assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     }
 }
 

@@ -26,8 +26,10 @@ pub enum Mode {
 /// One command.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Command {
-    /// When it was given, s.
-    pub stamp_s: f64,
+    /// Time since its stamp, s; negative where that lies ahead. NaN where it has none.
+    pub age_s: f64,
+    /// Whether its age was told by `/clock`, as in a replay or a simulation.
+    pub simulated_time: bool,
     /// The frame that its pose is in.
     pub frame_id: String,
     /// The pose wanted.
@@ -113,6 +115,9 @@ pub enum Rejection {
     /// Nobody knows where the arm is.
     #[error("no pose was measured yet")]
     NoPose,
+    /// Time comes from a replay or a simulation, and the arm is real.
+    #[error("{}", Refusal::Replay)]
+    Replay,
     /// The arm may not be commanded.
     #[error("the arm is not enabled: {0}")]
     NotEnabled(String),

@@ -1,4 +1,5 @@
 //! The controller behind the relay: it takes target poses on one topic and tells its pose on another.
+#![allow(clippy::disallowed_methods, reason = "silence and motion are timed on a clock that does not step")]
 
 use crate::arm::Plant;
 use crate::convert;
@@ -6,11 +7,14 @@ use crate::gate::Order;
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_shell::{Node, Publisher, ShellError, Time, contract};
+use std::time::Instant;
 
 /// The controller as the relay sees it.
 pub struct Controller {
     node: Node,
+    /// The same moment in the node's clock and in one that does not step.
     origin: Time,
+    started: Instant,
     frame_id: String,
     targets: Publisher<PoseStamped>,
     measured: Option<ArmPose>,
@@ -22,7 +26,16 @@ pub struct Controller {
 impl Controller {
     /// A controller of which nothing is known, that takes targets in the frame `frame_id`.
     pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, frame_id: String) -> Self {
-        Self { node: node.clone(), origin, frame_id, targets, measured: None, target: None, fresh: false }
+        Self {
+            node: node.clone(),
+            origin,
+            started: Instant::now(),
+            frame_id,
+            targets,
+            measured: None,
+            target: None,
+            fresh: false,
+        }
     }
 
     /// The controller told its pose.
@@ -60,6 +73,10 @@ impl Controller {
 
 impl Plant for Controller {
     fn time_s(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    fn stamp_time_s(&self) -> f64 {
         self.node.now().secs_since(self.origin)
     }
 

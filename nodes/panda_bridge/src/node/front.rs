@@ -162,7 +162,9 @@ impl<P: Plant> Front<P> {
     fn on_target(&self, accepted: &Publisher<AcceptedTarget>, message: &PoseStamped, complaints: &mut Throttle) {
         let answer = {
             let mut arm = self.arm();
-            let verdict = arm.command(&convert::command(message, self.origin));
+            let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(self.origin);
+            let age_s = arm.plant().stamp_time_s() - stamp_s;
+            let verdict = arm.command(&convert::command(message, age_s, self.node.clock().is_simulated()));
             if let Verdict::Rejected(why) = &verdict
                 && let Some(more) = complaints.pass(wall_now())
             {
