@@ -173,9 +173,8 @@ impl<P: Plant> Arm<P> {
         if let Some(pose) = self.plant.measured() {
             self.gate.on_measured(pose);
         }
-        if let Some(order) = self.gate.tick(self.plant.time_s()) {
-            self.plant.obey(&order);
-        }
+        let order = self.gate.tick(self.plant.time_s());
+        self.obey(order);
     }
 
     /// Judges a command and carries it out.
@@ -206,15 +205,14 @@ impl<P: Plant> Arm<P> {
     pub fn hold(&mut self) -> Result<(), ArmError> {
         let order = self.gate.on_hold()?;
         self.way = None;
-        self.gate.on_move_ended(None);
-        self.plant.obey(&order);
+        self.obey(order);
         Ok(())
     }
 
     /// Recovers from a latched stop.
     pub fn recover(&mut self) -> Result<(), ArmError> {
         let order = self.gate.on_recovery()?;
-        self.plant.obey(&order);
+        self.obey(order);
         Ok(())
     }
 
@@ -299,6 +297,12 @@ impl<P: Plant> Arm<P> {
         self.gate.on_move_ended(None);
         if let Some(pose) = self.plant.measured() {
             self.plant.obey(&Order::Hold(pose));
+        }
+    }
+
+    fn obey(&mut self, order: Option<Order>) {
+        if let Some(order) = order {
+            self.plant.obey(&order);
         }
     }
 

@@ -166,14 +166,16 @@ impl SafetyGate {
         Order::End
     }
 
-    /// Holds the measured pose.
-    pub fn on_hold(&mut self) -> Result<Order, Refusal> {
+    /// Holds the measured pose; a move to the start pose ends there. An idle arm is told nothing.
+    pub fn on_hold(&mut self) -> Result<Option<Order>, Refusal> {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if self.is_enabled() {
-            self.seed(pose, Mode::Hold);
+        match self.activity {
+            Mode::Tracking | Mode::Hold => (self.activity, self.target) = (Mode::Hold, Some(pose)),
+            Mode::Moving => self.on_move_ended(None),
+            _ => return Ok(None),
         }
-        Ok(Order::Hold(pose))
+        Ok(Some(Order::Hold(pose)))
     }
 
     /// A move to the start pose begins. `simulated_time`: whether time comes from `/clock`.
@@ -226,7 +228,8 @@ impl SafetyGate {
     }
 
     /// Recovers from a latched stop: by request alone. The target is the measured pose, and the arm must be enabled again.
-    pub fn on_recovery(&mut self) -> Result<Order, Refusal> {
+    /// Where nothing is latched, the arm is told nothing.
+    pub fn on_recovery(&mut self) -> Result<Option<Order>, Refusal> {
         if !self.connected {
             return Err(Refusal::Disconnected);
         }
@@ -234,11 +237,13 @@ impl SafetyGate {
             return Err(Refusal::StillStopped);
         }
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if self.reflex.take().is_some() | std::mem::take(&mut self.user_stop_latched) {
-            self.seed(pose, Mode::Idle);
-            self.fault.clear();
+        if self.reflex.is_none() && !self.user_stop_latched {
+            return Ok(None);
         }
-        Ok(Order::Hold(pose))
+        (self.reflex, self.user_stop_latched) = (None, false);
+        self.seed(pose, Mode::Idle);
+        self.fault.clear();
+        Ok(Some(Order::Hold(pose)))
     }
 
     /// An episode began, with this time between two actions, s. From now on silence counts.

@@ -195,8 +195,28 @@ fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_p
     assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
     assert_eq!(g.tick(20.0), None, "time alone recovers nothing");
     g.on_measured(pose(0.41));
-    assert_eq!(g.on_recovery(), Ok(Order::Hold(pose(0.41))));
+    assert_eq!(g.on_recovery(), Ok(Some(Order::Hold(pose(0.41)))));
     assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.41))), "it must be enabled again");
+}
+
+#[test]
+fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    assert_eq!((g.on_hold(), g.on_recovery()), (Ok(None), Ok(None)), "an idle arm is nobody's");
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!(g.on_recovery(), Ok(None), "nothing is latched");
+    assert_eq!((g.mode(), g.target()), (Mode::Tracking, Some(pose(0.45))), "it goes on");
+    assert_eq!(g.on_hold(), Ok(Some(Order::Hold(pose(0.4)))));
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.4))));
+    assert_eq!(g.clone().tick(12.1), Some(Order::End), "a held arm is watched all the same");
+    g.on_move_begins(false).unwrap();
+    assert_eq!(g.on_recovery(), Ok(None));
+    assert_eq!(g.mode(), Mode::Moving);
+    g.on_measured(pose(0.42));
+    assert_eq!(g.on_hold(), Ok(Some(Order::Hold(pose(0.42)))));
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
 }
 
 #[test]
