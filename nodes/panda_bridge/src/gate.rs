@@ -14,6 +14,9 @@ pub const BASE_FRAME: &str = "panda_link0";
 /// Steps of a policy after which a silent stream counts as silent, where steps are longer than the silence allowed else:
 /// a policy that acts twice a second is not silent in between.
 const SILENT_STEPS: f64 = 1.5;
+/// Share of the limits for targets beyond which an arm counts as pushed or blocked: a target at the limit may come while
+/// the arm is still on its way from it.
+const STRAYED: f64 = 1.5;
 
 /// Limits of the gate. Defaults are those for a Panda.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -332,8 +335,11 @@ impl SafetyGate {
         (pose, Clip { x: flags[0], y: flags[1], z: flags[2] })
     }
 
-    /// Looks at the silence of the stream; to be called at least every 50 ms.
+    /// Looks at the silence of the stream, and whether the arm is where it should be; to be called at least every 50 ms.
     pub fn tick(&mut self, now_s: f64) -> Option<Order> {
+        if let Some(what) = self.strayed() {
+            return Some(self.on_reflex(&what));
+        }
         let silence_s = now_s - self.heard_s?;
         let step_s = self.episode_step_s?;
         if self.activity == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
@@ -350,6 +356,14 @@ impl SafetyGate {
             return Some(Order::End);
         }
         None
+    }
+
+    /// How an enabled arm is elsewhere than any target it took. What keeps it there would have it run back when it lets go.
+    fn strayed(&self) -> Option<String> {
+        let (true, Some(target), Some(measured)) = (self.is_enabled(), self.target, self.measured) else { return None };
+        let (distance_m, turn_rad) = (target.distance_m(&measured), target.angle_rad(&measured));
+        let far = distance_m > STRAYED * self.settings.max_jump_m || turn_rad > STRAYED * self.settings.max_turn_rad;
+        far.then(|| format!("pushed or blocked: {distance_m:.3} m and {turn_rad:.2} rad from the target"))
     }
 
     fn check_latches(&self) -> Result<(), Refusal> {

@@ -54,6 +54,8 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
 struct Controller {
     node: Node,
     speaks: Arc<AtomicBool>,
+    /// Somebody holds the arm where it is.
+    held: Arc<AtomicBool>,
     /// Where the arm is, and the targets that came.
     state: Arc<Mutex<(Pose, Vec<Pose>)>>,
     stiffness: Param<f64>,
@@ -83,12 +85,14 @@ impl Controller {
         let poses = node.publisher::<PoseStamped>("current_pose", Qos::Reliable { depth: 1 }).unwrap();
         let joints = node.publisher::<JointState>("joint_states", Qos::Reliable { depth: 10 }).unwrap();
         let speaks = Arc::new(AtomicBool::new(true));
+        let held = Arc::new(AtomicBool::new(false));
         let (inner, speaking, moving) = (node.clone(), Arc::clone(&speaks), Arc::clone(&state));
+        let holding = Arc::clone(&held);
         node.spawn("arm", move || {
             while !inner.shutdown().wait_timeout(Duration::from_millis(10)) {
                 let at = {
                     let (at, targets) = &mut *moving.lock().unwrap();
-                    if let Some(to) = targets.last() {
+                    if let (false, Some(to)) = (holding.load(Ordering::Relaxed), targets.last()) {
                         at.position.x += 0.2 * (to.position.x - at.position.x);
                         at.position.z += 0.2 * (to.position.z - at.position.z);
                     }
@@ -102,7 +106,7 @@ impl Controller {
         })
         .unwrap();
         let (stiffness, [clip, ..]) = (kept.remove(0), clips);
-        Self { node, speaks, state, stiffness, clip, _targets: targets }
+        Self { node, speaks, held, state, stiffness, clip, _targets: targets }
     }
 
     fn last_target(&self) -> Option<Pose> {
@@ -221,6 +225,24 @@ fn targets_are_relayed_and_a_jump_keeps_the_old_one() {
     assert!(held.position.x < 0.5 - 1e-6, "held at {} m, where the target was 0.5 m", held.position.x);
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(controller.received(), count);
+}
+
+#[test]
+fn an_arm_that_is_pushed_away_is_latched_and_its_target_not_repeated() {
+    let controller = Controller::start(8);
+    let _process = relay(8, &[]);
+    let client = Client::join(8, ArmState::MODE_IDLE);
+    assert!(client.enable(true).success);
+    wait_for("the target", || controller.last_target() == Some(pose(0.4, 0.4)));
+    controller.held.store(true, Ordering::Relaxed);
+    controller.state.lock().unwrap().0 = pose(0.4, 0.2);
+    client.wait_mode(ArmState::MODE_REFLEX);
+    assert!(client.state.get().unwrap().message.fault.contains("pushed or blocked"));
+    wait_for("the pose where it was pushed to", || controller.last_target() == Some(pose(0.4, 0.2)));
+    let count = controller.received();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(controller.received(), count);
+    assert!(!client.enable(true).success);
 }
 
 #[test]

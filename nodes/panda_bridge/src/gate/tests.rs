@@ -220,6 +220,22 @@ fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
 }
 
 #[test]
+fn an_arm_that_is_pushed_or_blocked_is_not_led_back() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    g.on_measured(pose(0.31));
+    assert_eq!(g.tick(10.1), None, "a lag");
+    g.on_measured(pose(0.29));
+    assert_eq!(g.tick(10.1), Some(Order::End));
+    assert_eq!(g.mode(), Mode::Reflex);
+    assert!(g.fault().contains("pushed or blocked: 0.160 m"), "{}", g.fault());
+    let turned = nalgebra::UnitQuaternion::from_euler_angles(0.5, 0.0, 0.0) * pose(0.4).rotation();
+    let mut g = gate();
+    g.on_measured(ArmPose::from_parts(pose(0.4).position_m, &turned));
+    assert_eq!((g.tick(9.1), g.mode()), (Some(Order::End), Mode::Reflex), "turned while it held");
+}
+
+#[test]
 fn a_user_stop_latches_beyond_its_release() {
     let mut g = gate();
     g.on_user_stop(true);
