@@ -119,6 +119,9 @@ pub enum Turn {
     Fault(Fault),
 }
 
+/// Share of a period by which a step may be late without delaying those after it, so that small delays do not add up. An
+/// action needs its period to take effect, so none is made up for.
+const LATE: f64 = 0.1;
 /// How often fresh data are looked for once a step is due, s.
 const RETRY_S: f64 = 0.005;
 
@@ -203,7 +206,9 @@ impl Runner {
         }
         match self.observe(inputs, due_s) {
             Ok((observation, stamps_s)) => {
-                self.due_s = Some(due_s + self.task.step_period_s);
+                let period_s = self.task.step_period_s;
+                let late = inputs.now_s - due_s > LATE * period_s;
+                self.due_s = Some(if late { inputs.now_s } else { due_s } + period_s);
                 self.step(observation, stamps_s)
             }
             Err((what, detail)) if inputs.now_s - due_s >= self.settings.patience_s => {

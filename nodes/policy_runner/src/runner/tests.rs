@@ -141,6 +141,18 @@ fn stale_or_missing_data_are_waited_for_and_then_end_the_episode() {
 }
 
 #[test]
+fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut due_s = Vec::new();
+    for now_s in [10.0, 10.52, 11.9] {
+        assert!(matches!(r.turn(&inputs(now_s, 20.0, 0.4)), Turn::Step(_)), "{now_s}");
+        let Turn::Wait(until_s) = r.turn(&inputs(now_s + 0.005, 20.0, 0.4)) else { panic!("two steps at {now_s}") };
+        due_s.push(until_s);
+    }
+    assert!(due_s.iter().zip([10.5, 11.0, 12.4]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{due_s:?}");
+}
+
+#[test]
 fn an_occluded_target_stays_where_it_was_seen() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let Turn::Step(first) = r.turn(&inputs(10.0, 20.0, 0.4)) else { panic!("no step") };
