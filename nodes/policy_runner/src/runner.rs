@@ -11,8 +11,8 @@ use thiserror::Error;
 /// What an episode needs besides the policy and the task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Oldest keypoints and pose that an observation may use, s. Larger tolerates slower perception; smaller acts on
-    /// fresher data.
+    /// Oldest keypoints and pose that an observation may use, s, and how far their stamps may lie ahead. Larger tolerates
+    /// slower perception and clocks that differ more; smaller acts on fresher data.
     pub max_age_s: f64,
     /// Time after a step was due until the episode is given up for want of fresh data, s.
     pub patience_s: f64,
@@ -223,15 +223,16 @@ impl Runner {
     /// the age limit.
     fn observe(&mut self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
         let oldest_s = inputs.now_s.max(due_s) - self.settings.max_age_s;
-        let aged = |stamp_s: f64| format!("the newest is {:.3} s old", inputs.now_s - stamp_s);
+        let newest_s = inputs.now_s + self.settings.max_age_s;
+        let fresh = |what: &'static str, stamp_s: f64| match stamp_s {
+            s if s < oldest_s => Err((what, format!("the newest is {:.3} s old", inputs.now_s - s))),
+            s if s > newest_s => Err((what, format!("its stamp lies {:.3} s ahead", s - inputs.now_s))),
+            _ => Ok(()),
+        };
         let (keypoints_s, keypoints) = inputs.keypoints.ok_or(("keypoints", "none came".to_owned()))?;
         let (pose_s, pose) = inputs.pose.ok_or(("pose", "none came".to_owned()))?;
-        if keypoints_s < oldest_s {
-            return Err(("keypoints", aged(keypoints_s)));
-        }
-        if pose_s < oldest_s {
-            return Err(("pose", aged(pose_s)));
-        }
+        fresh("keypoints", keypoints_s)?;
+        fresh("pose", pose_s)?;
         if !keypoints.dlo_seen() {
             return Err(("keypoints", "the object is not seen".to_owned()));
         }

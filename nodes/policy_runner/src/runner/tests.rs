@@ -141,6 +141,21 @@ fn stale_or_missing_data_are_waited_for_and_then_end_the_episode() {
 }
 
 #[test]
+fn a_stamp_from_the_future_is_not_fresh() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut ahead = inputs(10.0, 20.0, 0.4);
+    ahead.keypoints.as_mut().unwrap().0 = 13.0;
+    assert!(matches!(r.turn(&ahead), Turn::Wait(_)));
+    ahead.now_s = 11.0;
+    ahead.pose.as_mut().unwrap().0 = 11.0;
+    let Turn::Fault(fault) = r.turn(&ahead) else { panic!("no fault") };
+    assert!(fault.to_string().contains("keypoints") && fault.to_string().contains("2.000 s ahead"), "{fault}");
+    ahead = inputs(11.0, 20.0, 0.4);
+    ahead.keypoints.as_mut().unwrap().0 = 11.1;
+    assert!(matches!(r.turn(&ahead), Turn::Step(_)), "clocks may differ by the age allowed");
+}
+
+#[test]
 fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let mut due_s = Vec::new();
