@@ -1,11 +1,11 @@
 //! Between wire types and the runner's.
 
-use crate::runner::{Inputs, Settings, Step};
+use crate::runner::{Inputs, Objection, Settings, Step};
 use catenary_core::task::DeltaAnchor;
 use catenary_core::{GripPose, Keypoints};
 use catenary_msgs::action::RunEpisodeGoal;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
-use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
+use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
 use catenary_shell::{Time, convert, stamp};
 
 /// Frame of targets and actions.
@@ -22,7 +22,7 @@ pub fn inputs(
     let since = |header: &catenary_msgs::std_msgs::msg::Header| stamp::from_msg(&header.stamp).secs_since(origin);
     let keypoints = keypoints.and_then(|k| Some((since(&k.header), placed(k)?)));
     let pose = pose.map(|p| (since(&p.header), convert::grip_pose_from_msg(&p.pose)));
-    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm) }
+    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm), objection: None }
 }
 
 fn placed(message: &KeypointsMsg) -> Option<Keypoints> {
@@ -41,6 +41,14 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
         _ => "it is not connected",
     };
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
+}
+
+/// What the gate objects to in the target that it answers.
+pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
+    if !answer.accepted {
+        return Some(Objection::Rejected(answer.reason.clone()));
+    }
+    (answer.clipped_x || answer.clipped_y || answer.clipped_z).then_some(Objection::Clipped)
 }
 
 /// Settings that a goal asks for, on top of the node's own.

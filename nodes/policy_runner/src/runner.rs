@@ -58,6 +58,14 @@ pub enum Fault {
     /// The arm cannot be commanded.
     #[error("the arm refuses commands: {0}")]
     Arm(String),
+    /// The arm did not take the target.
+    #[error("the arm rejected the target of step {step}: {why}")]
+    Rejected {
+        /// The step.
+        step: usize,
+        /// Why.
+        why: String,
+    },
     /// No fresh data in time.
     #[error("no fresh {what} within {patience_s} s of step {step}: {detail}")]
     Stale {
@@ -78,6 +86,15 @@ pub enum Fault {
     Action([f64; 2], usize),
 }
 
+/// What the arm's gate objects to in a target.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Objection {
+    /// It lay outside the gate's workspace and was clamped.
+    Clipped,
+    /// It was rejected for this reason: the arm keeps the target before.
+    Rejected(String),
+}
+
 /// What is known at one moment. Times are s of one clock.
 #[derive(Debug, Clone, Default)]
 pub struct Inputs {
@@ -89,6 +106,8 @@ pub struct Inputs {
     pub pose: Option<(f64, GripPose)>,
     /// Why the arm cannot be commanded; none: it can.
     pub arm_fault: Option<String>,
+    /// What is objected to in the last target, once it is known.
+    pub objection: Option<Objection>,
 }
 
 /// One step: an observation, and the action that follows it unless the episode ended with it.
@@ -200,6 +219,14 @@ impl Runner {
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
         if let Some(fault) = &inputs.arm_fault {
             return Turn::Fault(Fault::Arm(fault.clone()));
+        }
+        match &inputs.objection {
+            Some(Objection::Rejected(why)) => {
+                let step = self.next_step.saturating_sub(1);
+                return Turn::Fault(Fault::Rejected { step, why: why.clone() });
+            }
+            Some(Objection::Clipped) => self.target_left_workspace = true,
+            None => {}
         }
         if inputs.now_s < due_s {
             return Turn::Wait(due_s);

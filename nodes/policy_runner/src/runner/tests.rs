@@ -49,6 +49,7 @@ fn inputs(now_s: f64, dlo_px: f64, x_m: f64) -> Inputs {
         keypoints: Some((now_s - 0.01, keypoints(dlo_px))),
         pose: Some((now_s - 0.005, GripPose { x_m, z_m: 0.4, pitch_rad: 0.0 })),
         arm_fault: None,
+        objection: None,
     }
 }
 
@@ -182,6 +183,24 @@ fn an_arm_that_refuses_ends_the_episode() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let refusing = Inputs { arm_fault: Some("reflex".into()), ..inputs(10.0, 20.0, 0.4) };
     assert_eq!(r.turn(&refusing), Turn::Fault(Fault::Arm("reflex".into())));
+}
+
+#[test]
+fn a_target_that_the_arm_rejects_ends_the_episode_before_another_builds_on_it() {
+    let mut r = runner([0.5, 0.5], Settings::default());
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let refused = Inputs { objection: Some(Objection::Rejected("a jump".into())), ..inputs(10.02, 20.0, 0.4) };
+    assert_eq!(r.turn(&refused), Turn::Fault(Fault::Rejected { step: 0, why: "a jump".into() }));
+}
+
+#[test]
+fn a_target_that_the_arm_clamps_has_left_the_workspace() {
+    let mut r = runner([0.5, 0.0], Settings::default());
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let clipped = Inputs { objection: Some(Objection::Clipped), ..inputs(10.02, 20.0, 0.4) };
+    assert!(matches!(r.turn(&clipped), Turn::Wait(_)));
+    let Turn::Step(left) = r.turn(&inputs(10.5, 20.0, 0.4)) else { panic!("no step") };
+    assert_eq!((left.end, left.reward, left.action), (Some(End::LeftWorkspace), Some(-1.0), None));
 }
 
 #[test]
