@@ -124,7 +124,7 @@ impl Shell {
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
         self.enable_arm()?;
-        let held = convert::held(&self.pose.get().context("no pose on /panda/current_pose")?.message);
+        let held = self.pose.get().context("no pose on /panda/current_pose")?.message.pose.clone();
         let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
