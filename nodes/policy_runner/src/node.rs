@@ -123,11 +123,12 @@ impl Shell {
         let own =
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
-        self.enable_arm()?;
         let held = self.pose.get().context("no pose on /panda/current_pose")?.message.pose.clone();
+        self.enable_arm()?;
         let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
+        self.disable_arm();
         let reason = match &outcome {
             Ok(Some(end)) => end.name().to_owned(),
             Ok(None) => "cancelled".to_owned(),
@@ -225,6 +226,20 @@ impl Shell {
     fn enable_arm(&self) -> Result<()> {
         let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE)?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
+        self.wait_enabled().inspect_err(|_| self.disable_arm())
+    }
+
+    /// Stops the arm where it is. However an episode ends, its last target may still be ahead of the arm, and nobody
+    /// watches over whoever sends the next.
+    fn disable_arm(&self) {
+        match self.enable.call(SetBoolRequest { data: false }, ENABLE) {
+            Ok(answer) if answer.success => {}
+            Ok(answer) => tracing::error!("the arm refuses to be disabled: {}", answer.message),
+            Err(error) => tracing::error!("the arm may still be enabled: {error}"),
+        }
+    }
+
+    fn wait_enabled(&self) -> Result<()> {
         let mut seen = 0;
         let start = self.node.now();
         loop {
