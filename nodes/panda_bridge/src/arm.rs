@@ -194,6 +194,17 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
+    /// Looks again at what enabling looked at; an arm that could not be enabled any more ends its motion. Returns why.
+    pub fn recheck(&mut self, publishers: usize) -> Option<&str> {
+        let order = match self.plant.unready() {
+            Some(why) => self.gate.on_unready(&why),
+            None => self.gate.on_publishers(publishers),
+        };
+        self.plant.obey(&order?);
+        self.way = None;
+        Some(self.gate.fault())
+    }
+
     /// Disables the arm: it stays where it is.
     pub fn disable(&mut self) {
         let order = self.gate.on_disable();

@@ -160,6 +160,22 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
+    /// These publishers of targets were counted: more than one end what enabling would refuse.
+    pub fn on_publishers(&mut self, publishers: usize) -> Option<Order> {
+        if publishers <= 1 || !self.is_enabled() {
+            return None;
+        }
+        self.end(Refusal::Publishers(publishers).to_string())
+    }
+
+    /// What carries the orders out is not ready any more.
+    pub fn on_unready(&mut self, why: &str) -> Option<Order> {
+        if !self.is_enabled() && self.activity != Mode::Moving {
+            return None;
+        }
+        self.end(why.to_owned())
+    }
+
     /// Disables the arm.
     pub fn on_disable(&mut self) -> Order {
         if matches!(self.activity, Mode::Tracking | Mode::Hold | Mode::Moving) {
@@ -350,10 +366,7 @@ impl SafetyGate {
             return Some(Order::Hold(pose));
         }
         if self.activity == Mode::Hold && silence_s > self.settings.end_after_s {
-            self.activity = Mode::Idle;
-            self.heard_s = None;
-            self.fault = format!("no target for {silence_s:.2} s: motion ended");
-            return Some(Order::End);
+            return self.end(format!("no target for {silence_s:.2} s: motion ended"));
         }
         None
     }
@@ -364,6 +377,14 @@ impl SafetyGate {
         let (distance_m, turn_rad) = (target.distance_m(&measured), target.angle_rad(&measured));
         let far = distance_m > STRAYED * self.settings.max_jump_m || turn_rad > STRAYED * self.settings.max_turn_rad;
         far.then(|| format!("pushed or blocked: {distance_m:.3} m and {turn_rad:.2} rad from the target"))
+    }
+
+    /// Ends the motion: the arm is idle.
+    fn end(&mut self, fault: String) -> Option<Order> {
+        self.activity = Mode::Idle;
+        self.heard_s = None;
+        self.fault = fault;
+        Some(Order::End)
     }
 
     fn check_latches(&self) -> Result<(), Refusal> {

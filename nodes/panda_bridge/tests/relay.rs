@@ -325,17 +325,24 @@ fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
 }
 
 #[test]
-fn somebody_else_on_the_controllers_topic_refuses_to_enable() {
-    let controller = Controller::start(4);
+fn somebody_else_on_the_controllers_topic_ends_the_motion_and_refuses_to_enable() {
+    let _controller = Controller::start(4);
     let _process = relay(4, &[]);
     let client = Client::join(4, ArmState::MODE_IDLE);
-    let _other = client.node.publisher::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }).unwrap();
-    wait_for("the refusal", || {
-        let answer = client.enable(true);
-        client.enable(false);
-        !answer.success && answer.message.contains("1 more on /target_pose")
-    });
-    drop(controller);
+    assert!(client.enable(true).success);
+    client.wait_mode(ArmState::MODE_HOLD);
+    let other = client.node.publisher::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }).unwrap();
+    client.wait_mode(ArmState::MODE_IDLE);
+    let fault = client.state.get().unwrap().message.fault.clone();
+    assert!(fault.contains("1 more on /target_pose"), "{fault}");
+    let answer = client.enable(true);
+    assert!(!answer.success && answer.message.contains("1 more on /target_pose"), "{}", answer.message);
+    drop(other);
+    wait_for("the arm, enabled again", || client.enable(true).success);
+    let _second = client.node.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
+    client.wait_mode(ArmState::MODE_IDLE);
+    let fault = client.state.get().unwrap().message.fault.clone();
+    assert!(fault.contains("2 publishers"), "{fault}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ struct Lag {
     target: Option<ArmPose>,
     follows: f64,
     orders: Vec<Order>,
+    unready: Option<String>,
 }
 
 impl Plant for Lag {
@@ -16,6 +17,10 @@ impl Plant for Lag {
 
     fn measured(&self) -> Option<ArmPose> {
         Some(self.at)
+    }
+
+    fn unready(&self) -> Option<String> {
+        self.unready.clone()
     }
 
     fn obey(&mut self, order: &Order) {
@@ -32,7 +37,7 @@ fn pose(x_m: f64) -> ArmPose {
 }
 
 fn arm(follows: f64) -> Arm<Lag> {
-    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new() };
+    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), unready: None };
     let settings =
         ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
     Arm::new(plant, settings)
@@ -125,6 +130,18 @@ fn hold_reflex_and_a_lost_arm_end_a_move() {
     assert_eq!(stop(&|a| a.hold().unwrap()), (Mode::Hold, "by a request".to_owned()));
     assert_eq!(stop(&|a| a.reflex("touched")), (Mode::Reflex, "touched".to_owned()));
     assert_eq!(stop(&|a| a.connection(false)), (Mode::Disconnected, "no connection to the arm".to_owned()));
+}
+
+#[test]
+fn a_move_ends_where_somebody_else_takes_the_controller() {
+    let mut a = arm(0.2);
+    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    run(&mut a, 1.0);
+    assert_eq!(a.recheck(1), None);
+    a.plant_mut().unready = Some("1 more on /target_pose".to_owned());
+    assert_eq!(a.recheck(1), Some("1 more on /target_pose"));
+    assert_eq!(a.plant().orders.last(), Some(&Order::End));
+    assert_eq!(run(&mut a, 1.0), Progress::Stopped("1 more on /target_pose".to_owned()));
 }
 
 #[test]

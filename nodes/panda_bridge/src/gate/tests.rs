@@ -82,6 +82,20 @@ fn two_publishers_refuse_to_enable() {
 }
 
 #[test]
+fn a_publisher_that_comes_later_ends_the_motion() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!((g.on_publishers(1), g.mode()), (None, Mode::Tracking));
+    assert_eq!((g.on_publishers(2), g.mode()), (Some(Order::End), Mode::Idle));
+    assert!(g.fault().contains("2 publishers"), "{}", g.fault());
+    assert_eq!((g.on_publishers(2), g.on_unready("gone")), (None, None), "an idle arm has nothing to end");
+    let mut g = gate();
+    g.on_move_begins(false).unwrap();
+    assert_eq!((g.on_publishers(2), g.mode()), (None, Mode::Moving), "targets are shut out anyway");
+    assert_eq!((g.on_unready("gone"), g.mode(), g.fault()), (Some(Order::End), Mode::Idle, "gone"));
+}
+
+#[test]
 fn nothing_is_accepted_before_it_is_enabled() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose));

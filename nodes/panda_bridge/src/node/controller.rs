@@ -6,7 +6,7 @@ use crate::convert;
 use crate::gate::Order;
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_shell::{Node, Publisher, ShellError, Time, contract};
+use catenary_shell::{Node, Publisher, Time};
 use std::time::Instant;
 
 /// The controller as the relay sees it.
@@ -58,13 +58,6 @@ impl Controller {
         }
     }
 
-    /// Publishers of targets besides this one. On the loopback interface alone a participant does not discover itself; a
-    /// topic that only a bridge publishes shows whether it does.
-    fn other_publishers(&self) -> Result<usize, ShellError> {
-        let own = self.node.publisher_count(contract::ACCEPTED_TARGET.name)?.min(1);
-        Ok(self.node.publisher_count(self.targets.topic())?.saturating_sub(own))
-    }
-
     fn send(&self, target: &ArmPose) {
         let header = self.node.header(&self.frame_id);
         self.targets.send(PoseStamped { header, pose: convert::pose_message(target) });
@@ -105,7 +98,7 @@ impl Plant for Controller {
         if !self.targets.has_subscriber() {
             return Some(format!("no controller listens on {topic}"));
         }
-        match self.other_publishers() {
+        match self.node.other_publisher_count(topic) {
             Ok(0) => None,
             Ok(n) => Some(format!("{n} more on {topic}: expected this relay to be the only publisher")),
             Err(error) => Some(error.to_string()),

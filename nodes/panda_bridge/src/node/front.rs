@@ -22,6 +22,8 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(20);
 /// Warnings about rejected targets come at most this often.
 const COMPLAIN: Duration = Duration::from_secs(1);
+/// Time between two looks at who else may move an arm, s.
+pub const RECHECK_S: f64 = 0.5;
 /// Longest settling that a goal may ask for, s.
 const MAX_SETTLE_S: f64 = 60.0;
 
@@ -77,6 +79,18 @@ impl<P: Plant> Front<P> {
     /// The arm, locked.
     pub fn arm(&self) -> MutexGuard<'_, Arm<P>> {
         self.arm.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Looks again at what enabling looked at: whether others may move the arm. To be called every [`RECHECK_S`].
+    pub fn recheck(&self) {
+        match self.node.publisher_count(contract::TARGET_POSE.name) {
+            Ok(publishers) => {
+                if let Some(why) = self.arm().recheck(publishers) {
+                    tracing::error!("motion ended: {why}");
+                }
+            }
+            Err(error) => tracing::error!("{error}"),
+        }
     }
 
     /// The stamp of a time of the arm.
