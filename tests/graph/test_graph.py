@@ -11,7 +11,7 @@ import struct
 import pytest
 from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, MoveToStart, RunEpisode
-from catenary_msgs.msg import ArmState, EpisodeEvent, Keypoints, Mixture
+from catenary_msgs.msg import ArmState, EefDelta, EpisodeEvent, Keypoints, Mixture
 from catenary_msgs.srv import Simulate
 from rcl_interfaces.msg import ParameterType
 from rclpy.action import ActionClient
@@ -308,3 +308,22 @@ def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episo
     graph.ros.node.create_subscription(Mixture, "/bayes_sim/posterior", late.append, profile)
     graph.ros.wait_for(lambda: late, 10, "the latched posterior")
     assert late[0] == result.posterior
+
+
+def test_an_interrupted_deploy_cancels_the_episode_and_stops_the_arm(graph):
+    policy = graph.folder / "constant.safetensors"
+    policy.write_bytes(policy_file())
+    events, states, latched = [], [], DurabilityPolicy.TRANSIENT_LOCAL
+    graph.ros.node.create_subscription(EpisodeEvent, "/episode/event", events.append, QoSProfile(depth=16, durability=latched))
+    graph.ros.node.create_subscription(ArmState, "/panda/arm_state", states.append, QoSProfile(depth=1, durability=latched))
+    actions = graph.ros.listen(EefDelta, "/policy/action")
+    deploy = graph.start("deploy", "--policy", policy, "--run-all-steps")
+    graph.ros.wait_for(lambda: len(actions) >= 3, 60, "three steps")
+    deploy.send_signal(signal.SIGINT)
+    ended = lambda: (events[-1].event, events[-1].reason) == (EpisodeEvent.ENDED, "cancelled")
+    graph.ros.wait_for(ended, 3, "the end of the cancelled episode")
+    graph.ros.wait_for(lambda: states[-1].mode == ArmState.MODE_IDLE, 2, "an arm that is not enabled")
+    assert deploy.wait(10) == 1
+    assert "run_episode: interrupted and cancelled" in graph.text("deploy.err")
+    steps = len(actions)
+    assert not graph.ros.holds_within(lambda: len(actions) > steps, 1.5) and steps < STEPS

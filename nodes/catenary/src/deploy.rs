@@ -2,13 +2,20 @@
 
 use crate::cli::DeployArgs;
 use crate::output;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Error, Result, anyhow, ensure};
 use catenary_core::Policy;
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
-use catenary_shell::{Act, ActionClient, CallError, NodeBuilder, RosArgs};
+use catenary_shell::{Act, ActionClient, CallError, NodeBuilder, RosArgs, RunningGoal, Shutdown, Status};
 use indicatif::ProgressBar;
 use serde::Serialize;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// How often a signal is looked for.
+const LOOK: Duration = Duration::from_millis(100);
+/// Time without its server after which a goal is given up.
+const GONE: Duration = Duration::from_secs(5);
+/// Time in which a goal must say that it is being cancelled, and then end.
+const CANCEL: Duration = Duration::from_secs(5);
 
 /// What came of the episode.
 #[derive(Debug, Serialize)]
@@ -19,18 +26,19 @@ struct Deployed {
     episode_return: f64,
 }
 
-/// Runs the episode; Ctrl-C cancels it.
+/// Runs the episode; Ctrl-C cancels it, which stops the arm.
 pub fn run(arguments: &DeployArgs) -> Result<()> {
     let path = &arguments.policy;
     let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
     let policy = Policy::from_bytes(&bytes).with_context(|| format!("{}", path.display()))?;
-    let builder = NodeBuilder::new("deploy", &RosArgs::default())?;
-    catenary_shell::end_on_signals(builder.shutdown())?;
-    let node = builder.build()?;
+    // Not the node's own shutdown: a node that has ended can cancel nothing.
+    let interrupted = Shutdown::new();
+    catenary_shell::end_on_signals(&interrupted)?;
+    let node = NodeBuilder::new("deploy", &RosArgs::default())?.build()?;
     let wait = Duration::try_from_secs_f64(arguments.wait_s).context("--wait-s: expected seconds")?;
     if !arguments.from_here {
         let client: ActionClient<MoveToStart> = node.action_client("panda/move_to_start")?;
-        let moved = follow(&client, MoveToStartGoal::default(), wait, |_| {})?;
+        let moved = follow(&client, MoveToStartGoal::default(), wait, &interrupted, |_| {})?;
         ensure!(moved.success, "move to start: {}", moved.message);
     }
     let client: ActionClient<RunEpisode> = node.action_client("policy_runner/run_episode")?;
@@ -42,7 +50,7 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     };
     let bar = ProgressBar::new(policy.steps as u64);
     let shown = bar.clone();
-    let result = follow(&client, goal, wait, move |feedback| {
+    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
         shown.set_position(u64::from(feedback.step) + 1);
         shown.set_message(format!("reward {:.3}", feedback.reward));
     })?;
@@ -67,23 +75,46 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     })
 }
 
-/// Sends a goal and waits for its result, however long it takes; Ctrl-C cancels it.
+/// Sends a goal and waits for its result, however long it takes; at `interrupted` it is cancelled, and its end awaited.
 fn follow<A: Act>(
     client: &ActionClient<A>,
     goal: A::Goal,
     wait: Duration,
+    interrupted: &Shutdown,
     on_feedback: impl FnMut(A::Feedback) + Send + 'static,
 ) -> Result<A::Result> {
+    let name = client.name();
+    let deadline = Instant::now() + wait;
+    while !client.wait_for_server(LOOK) {
+        ensure!(!interrupted.is_triggered(), "{name}: interrupted");
+        if Instant::now() >= deadline {
+            return Err(CallError::NoServer { name: name.to_owned(), waited: wait }.into());
+        }
+    }
     let running = client.send(goal, wait, on_feedback)?;
+    let mut seen = Instant::now();
     loop {
-        match running.wait(Duration::from_millis(500)) {
+        if interrupted.is_triggered() {
+            return Err(cancel(name, &running));
+        }
+        match running.wait(LOOK) {
             Ok((_, result)) => return Ok(result),
             Err(CallError::Timeout { .. }) => {}
-            Err(CallError::Shutdown { name }) => bail!("{name}: interrupted; the goal ends with this program"),
             Err(e) => return Err(e.into()),
         }
-        if !client.wait_for_server(Duration::from_secs(5)) {
-            bail!("{}: its server is gone", client.name());
+        if client.wait_for_server(Duration::ZERO) {
+            seen = Instant::now();
         }
+        ensure!(seen.elapsed() < GONE, "{name}: its server is gone");
+    }
+}
+
+/// Cancels a goal and says what came of it.
+fn cancel<A: Act>(name: &str, running: &RunningGoal<A>) -> Error {
+    let asked = running.cancel(CANCEL);
+    match asked.and_then(|_| running.wait(CANCEL)) {
+        Ok((Status::Canceled, _)) => anyhow!("{name}: interrupted and cancelled"),
+        Ok((status, _)) => anyhow!("{name}: interrupted when it was over: {status:?}"),
+        Err(e) => anyhow!("{name}: interrupted, and may run on: {e}"),
     }
 }

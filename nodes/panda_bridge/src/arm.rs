@@ -1,6 +1,6 @@
 //! An arm behind the gate: what the contract's commands, services and move to the start do to whatever carries them out.
 
-use crate::gate::{Command, GateSettings, Mode, Order, Refusal, SafetyGate, Verdict};
+use crate::gate::{Command, GateSettings, Mode, Order, Refusal, SafetyGate, StepPeriod, Verdict};
 use crate::path::StartPath;
 use crate::pose::ArmPose;
 use thiserror::Error;
@@ -14,8 +14,12 @@ const STALLED_S: f64 = 3.0;
 
 /// What carries orders out: a simulated arm, or a controller elsewhere.
 pub trait Plant: Send + 'static {
-    /// The arm's time, s since an origin of its own.
+    /// The arm's time, s since an origin of its own. It runs on as long as the arm can move, and does not step.
     fn time_s(&self) -> f64;
+    /// The present time of the clock that stamps commands, s since the arm's origin.
+    fn stamp_time_s(&self) -> f64 {
+        self.time_s()
+    }
     /// The newest measured pose.
     fn measured(&self) -> Option<ArmPose>;
     /// Carries an order out. After [`Order::End`] nothing moves the arm until the next order.
@@ -169,9 +173,8 @@ impl<P: Plant> Arm<P> {
         if let Some(pose) = self.plant.measured() {
             self.gate.on_measured(pose);
         }
-        if let Some(order) = self.gate.tick(self.plant.time_s()) {
-            self.plant.obey(&order);
-        }
+        let order = self.gate.tick(self.plant.time_s());
+        self.obey(order);
     }
 
     /// Judges a command and carries it out.
@@ -191,6 +194,17 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
+    /// Looks again at what enabling looked at; an arm that could not be enabled any more ends its motion. Returns why.
+    pub fn recheck(&mut self, publishers: usize) -> Option<&str> {
+        let order = match self.plant.unready() {
+            Some(why) => self.gate.on_unready(&why),
+            None => self.gate.on_publishers(publishers),
+        };
+        self.plant.obey(&order?);
+        self.way = None;
+        Some(self.gate.fault())
+    }
+
     /// Disables the arm: it stays where it is.
     pub fn disable(&mut self) {
         let order = self.gate.on_disable();
@@ -202,15 +216,14 @@ impl<P: Plant> Arm<P> {
     pub fn hold(&mut self) -> Result<(), ArmError> {
         let order = self.gate.on_hold()?;
         self.way = None;
-        self.gate.on_move_ended(None);
-        self.plant.obey(&order);
+        self.obey(order);
         Ok(())
     }
 
     /// Recovers from a latched stop.
     pub fn recover(&mut self) -> Result<(), ArmError> {
         let order = self.gate.on_recovery()?;
-        self.plant.obey(&order);
+        self.obey(order);
         Ok(())
     }
 
@@ -229,9 +242,9 @@ impl<P: Plant> Arm<P> {
         self.gate.on_connection(connected);
     }
 
-    /// An episode began, with this time between two actions, s.
-    pub fn episode_started(&mut self, step_period_s: f64) {
-        self.gate.on_episode_started(step_period_s);
+    /// An episode began, with this time between two actions, s; see [`SafetyGate::on_episode_started`].
+    pub fn episode_started(&mut self, step_period_s: f64) -> Result<(), StepPeriod> {
+        self.gate.on_episode_started(step_period_s, self.plant.time_s())
     }
 
     /// The episode ended.
@@ -264,7 +277,7 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
-    /// How the move stands; where it has ended, the arm holds.
+    /// How the move stands; where it has ended, the arm stays.
     pub fn move_progress(&mut self) -> Progress {
         let (Some(way), Some(measured)) = (self.way, self.plant.measured()) else {
             let fault = self.gate.fault();
@@ -295,6 +308,12 @@ impl<P: Plant> Arm<P> {
         self.gate.on_move_ended(None);
         if let Some(pose) = self.plant.measured() {
             self.plant.obey(&Order::Hold(pose));
+        }
+    }
+
+    fn obey(&mut self, order: Option<Order>) {
+        if let Some(order) = order {
+            self.plant.obey(&order);
         }
     }
 

@@ -8,7 +8,6 @@ use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
 use catenary_msgs::msg::{AcceptedTarget, ArmState};
 use catenary_msgs::srv::SetComplianceRequest;
 use catenary_msgs::std_msgs::msg::Header;
-use catenary_shell::{Time, stamp};
 
 /// The pose of a message.
 #[must_use]
@@ -24,11 +23,10 @@ pub fn pose_message(pose: &ArmPose) -> Pose {
     Pose { position: Point { x, y, z }, orientation: Quaternion { x: qx, y: qy, z: qz, w: qw } }
 }
 
-/// A target as a command, in the time that begins at `origin`.
+/// A target as a command of this age. `simulated_time`: whether `/clock` tells the age.
 #[must_use]
-pub fn command(message: &PoseStamped, origin: Time) -> Command {
-    let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(origin);
-    Command { stamp_s, frame_id: message.header.frame_id.clone(), pose: arm_pose(&message.pose) }
+pub fn command(message: &PoseStamped, age_s: f64, simulated_time: bool) -> Command {
+    Command { age_s, simulated_time, frame_id: message.header.frame_id.clone(), pose: arm_pose(&message.pose) }
 }
 
 /// The settings that a request asks for.

@@ -1,16 +1,22 @@
 //! The safety gate: what a command must be before it reaches an arm, and what ends a motion.
 //!
-//! A state machine without a clock: times are s of one clock, given with every call.
+//! A state machine without a clock: times are s of one clock that does not step, given with every call.
 
 use crate::pose::ArmPose;
 use catenary_core::task::Workspace;
-use thiserror::Error;
+
+mod verdict;
+
+pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, StepPeriod, Verdict};
 
 /// The frame that commands must be in.
 pub const BASE_FRAME: &str = "panda_link0";
 /// Steps of a policy after which a silent stream counts as silent, where steps are longer than the silence allowed else:
 /// a policy that acts twice a second is not silent in between.
 const SILENT_STEPS: f64 = 1.5;
+/// Share of the limits for targets beyond which an arm counts as pushed or blocked: a target at the limit may come while
+/// the arm is still on its way from it.
+const STRAYED: f64 = 1.5;
 
 /// Limits of the gate. Defaults are those for a Panda.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,165 +51,27 @@ impl Default for GateSettings {
     }
 }
 
-/// What the arm is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Not enabled: targets are rejected.
-    Idle,
-    /// Following targets.
-    Tracking,
-    /// Holding the measured pose; a good target makes it track again.
-    Hold,
-    /// On its way to the start pose.
-    Moving,
-    /// A reflex or a contact is latched.
-    Reflex,
-    /// The user stop is latched.
-    UserStop,
-    /// No arm.
-    Disconnected,
-}
-
-/// One command.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Command {
-    /// When it was given, s.
-    pub stamp_s: f64,
-    /// The frame that its pose is in.
-    pub frame_id: String,
-    /// The pose wanted.
-    pub pose: ArmPose,
-}
-
-/// Axes along which a command was clamped to the workspace.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Clip {
-    /// x.
-    pub x: bool,
-    /// y.
-    pub y: bool,
-    /// z.
-    pub z: bool,
-}
-
-impl Clip {
-    /// Whether any axis was clamped.
-    pub fn any(self) -> bool {
-        self.x || self.y || self.z
-    }
-}
-
-/// What became of a command.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Verdict {
-    /// The arm goes to `pose`, which lies inside the workspace.
-    Accepted {
-        /// The pose in force.
-        pose: ArmPose,
-        /// Where it was clamped.
-        clip: Clip,
-    },
-    /// The arm keeps its last target.
-    Rejected(Rejection),
-}
-
-/// Why a command was rejected.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum Rejection {
-    /// NaN or infinity.
-    #[error("the pose is not finite")]
-    NotFinite,
-    /// A quaternion that is none.
-    #[error("the quaternion has not unit norm")]
-    NotNormalised,
-    /// Another frame.
-    #[error("expected frame {BASE_FRAME}, got `{0}`")]
-    Frame(String),
-    /// Too old, or from the future.
-    #[error("the stamp is {age_s:.3} s old; at most {limit_s} s are allowed, either way")]
-    Stale {
-        /// Age, negative for the future.
-        age_s: f64,
-        /// Limit.
-        limit_s: f64,
-    },
-    /// Too far from where the arm is.
-    #[error(
-        "{distance_m:.3} m and {turn_rad:.2} rad from the measured pose; at most {max_m} m and {max_rad} rad are allowed"
-    )]
-    Jump {
-        /// Distance.
-        distance_m: f64,
-        /// Turn.
-        turn_rad: f64,
-        /// Limit of the distance.
-        max_m: f64,
-        /// Limit of the turn.
-        max_rad: f64,
-    },
-    /// Nobody knows where the arm is.
-    #[error("no pose was measured yet")]
-    NoPose,
-    /// The arm may not be commanded.
-    #[error("the arm is not enabled: {0}")]
-    NotEnabled(String),
-    /// The episode was ended by the gate; the arm must be enabled anew.
-    #[error("the episode has ended: {0}; enable the arm to begin another")]
-    EpisodeOver(String),
-}
-
-/// Why the arm was not enabled, or not recovered.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum Refusal {
-    /// More than one publisher of targets.
-    #[error("{0} publishers on the target topic: expected at most one")]
-    Publishers(usize),
-    /// A stop is latched.
-    #[error("a {0} is latched: recover first")]
-    Latched(&'static str),
-    /// The user stop is still pressed.
-    #[error("the user stop is still pressed")]
-    StillStopped,
-    /// No arm.
-    #[error("no arm is connected")]
-    Disconnected,
-    /// Nobody knows where the arm is.
-    #[error("no pose was measured yet")]
-    NoPose,
-    /// Time comes from a replay or a simulation, and the arm is real.
-    #[error(
-        "time comes from /clock, as in a replay, and a real arm is connected: set allow_replay to move it all the same"
-    )]
-    Replay,
-    /// It is on its way to the start pose.
-    #[error("the arm is moving to its start pose")]
-    Moving,
-}
-
-/// What the transport must do now.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Order {
-    /// Make this pose the target.
-    Target(ArmPose),
-    /// Make this pose, which was measured, the target, and hold.
-    Hold(ArmPose),
-    /// End the motion: the arm is not enabled any more.
-    End,
-}
-
 /// The gate.
 #[derive(Debug, Clone)]
 pub struct SafetyGate {
     settings: GateSettings,
-    mode: Mode,
+    /// What the arm does where it is connected and nothing is latched.
+    activity: Mode,
+    /// The arm was enabled when the move to the start pose began.
+    enabled_before_move: bool,
+    connected: bool,
+    /// The reflex that is latched.
+    reflex: Option<String>,
+    user_stop_latched: bool,
+    user_stop_pressed: bool,
     real_arm: bool,
     measured: Option<ArmPose>,
     target: Option<ArmPose>,
-    user_stop_pressed: bool,
     /// Step period of the episode that runs.
     episode_step_s: Option<f64>,
     episode_over: Option<String>,
-    last_command_s: Option<f64>,
+    /// When the stream was last heard, or the episode began.
+    heard_s: Option<f64>,
     accepted: u64,
     rejected: u64,
     fault: String,
@@ -214,14 +82,18 @@ impl SafetyGate {
     pub fn new(settings: GateSettings, real_arm: bool) -> Self {
         Self {
             settings,
-            mode: Mode::Idle,
+            activity: Mode::Idle,
+            enabled_before_move: false,
+            connected: true,
+            reflex: None,
+            user_stop_latched: false,
+            user_stop_pressed: false,
             real_arm,
             measured: None,
             target: None,
-            user_stop_pressed: false,
             episode_step_s: None,
             episode_over: None,
-            last_command_s: None,
+            heard_s: None,
             accepted: 0,
             rejected: 0,
             fault: String::new(),
@@ -230,7 +102,12 @@ impl SafetyGate {
 
     /// What the arm is doing.
     pub fn mode(&self) -> Mode {
-        self.mode
+        match (self.connected, self.user_stop_latched, &self.reflex) {
+            (false, _, _) => Mode::Disconnected,
+            (true, true, _) => Mode::UserStop,
+            (true, false, Some(_)) => Mode::Reflex,
+            (true, false, None) => self.activity,
+        }
     }
 
     /// The target in force.
@@ -245,7 +122,12 @@ impl SafetyGate {
 
     /// Why the arm stopped or refuses, empty where it does not.
     pub fn fault(&self) -> &str {
-        &self.fault
+        match (self.connected, self.user_stop_latched, &self.reflex) {
+            (false, _, _) => "no connection to the arm",
+            (true, true, _) => "user stop",
+            (true, false, Some(what)) => what,
+            (true, false, None) => &self.fault,
+        }
     }
 
     /// The arm was measured at `pose`.
@@ -259,7 +141,7 @@ impl SafetyGate {
     /// `/clock`.
     pub fn on_enable(&mut self, publishers: usize, simulated_time: bool) -> Result<Order, Refusal> {
         self.check_latches()?;
-        if self.mode == Mode::Moving {
+        if self.activity == Mode::Moving {
             return Err(Refusal::Moving);
         }
         if publishers > 1 {
@@ -267,7 +149,7 @@ impl SafetyGate {
         }
         self.check_replay(simulated_time)?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        let already = matches!(self.mode, Mode::Tracking | Mode::Hold);
+        let already = self.is_enabled();
         self.episode_over = None;
         self.fault.clear();
         if already && let Some(target) = self.target {
@@ -278,23 +160,41 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
+    /// These publishers of targets were counted: more than one end what enabling would refuse.
+    pub fn on_publishers(&mut self, publishers: usize) -> Option<Order> {
+        if publishers <= 1 || !self.is_enabled() {
+            return None;
+        }
+        self.end(Refusal::Publishers(publishers).to_string())
+    }
+
+    /// What carries the orders out is not ready any more.
+    pub fn on_unready(&mut self, why: &str) -> Option<Order> {
+        if !self.is_enabled() && self.activity != Mode::Moving {
+            return None;
+        }
+        self.end(why.to_owned())
+    }
+
     /// Disables the arm.
     pub fn on_disable(&mut self) -> Order {
-        if matches!(self.mode, Mode::Tracking | Mode::Hold | Mode::Moving) {
-            self.mode = Mode::Idle;
+        if matches!(self.activity, Mode::Tracking | Mode::Hold | Mode::Moving) {
+            self.activity = Mode::Idle;
         }
-        self.last_command_s = None;
+        self.heard_s = None;
         Order::End
     }
 
-    /// Holds the measured pose.
-    pub fn on_hold(&mut self) -> Result<Order, Refusal> {
+    /// Holds the measured pose; a move to the start pose ends there. An idle arm is told nothing.
+    pub fn on_hold(&mut self) -> Result<Option<Order>, Refusal> {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if matches!(self.mode, Mode::Tracking | Mode::Hold) {
-            self.seed(pose, Mode::Hold);
+        match self.activity {
+            Mode::Tracking | Mode::Hold => (self.activity, self.target) = (Mode::Hold, Some(pose)),
+            Mode::Moving => self.on_move_ended(None),
+            _ => return Ok(None),
         }
-        Ok(Order::Hold(pose))
+        Ok(Some(Order::Hold(pose)))
     }
 
     /// A move to the start pose begins. `simulated_time`: whether time comes from `/clock`.
@@ -302,24 +202,27 @@ impl SafetyGate {
         self.check_latches()?;
         self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
-        self.mode = Mode::Moving;
+        if self.activity != Mode::Moving {
+            self.enabled_before_move = self.is_enabled();
+        }
+        self.activity = Mode::Moving;
         self.fault.clear();
         Ok(())
     }
 
-    /// It has ended, well or not; the arm holds `target`, or where it was measured.
+    /// It has ended, well or not; the arm stays at `target`, or where it was measured. It is enabled if it was before.
     pub fn on_move_ended(&mut self, target: Option<ArmPose>) {
-        if self.mode == Mode::Moving {
-            self.mode = Mode::Hold;
+        if self.activity == Mode::Moving {
+            self.activity = if self.enabled_before_move { Mode::Hold } else { Mode::Idle };
             self.target = target.or(self.measured);
-            self.last_command_s = None;
+            self.heard_s = None;
         }
     }
 
     /// A reflex or a contact: latched.
     pub fn on_reflex(&mut self, what: &str) -> Order {
-        self.mode = Mode::Reflex;
-        self.fault = what.to_owned();
+        self.reflex = Some(what.to_owned());
+        self.activity = Mode::Idle;
         Order::End
     }
 
@@ -327,65 +230,67 @@ impl SafetyGate {
     pub fn on_user_stop(&mut self, pressed: bool) -> Order {
         self.user_stop_pressed = pressed;
         if pressed {
-            self.mode = Mode::UserStop;
-            "user stop".clone_into(&mut self.fault);
+            self.user_stop_latched = true;
+            self.activity = Mode::Idle;
         }
         Order::End
     }
 
-    /// The arm was lost or came back; back, it is idle.
+    /// The arm was lost or came back; back, it is idle, and what was latched still is.
     pub fn on_connection(&mut self, connected: bool) {
-        match (connected, self.mode) {
-            (false, _) => {
-                self.mode = Mode::Disconnected;
-                "no connection to the arm".clone_into(&mut self.fault);
-            }
-            (true, Mode::Disconnected) => {
-                self.mode = Mode::Idle;
-                self.measured = None;
-                self.fault.clear();
-            }
-            (true, _) => {}
+        if connected != self.connected {
+            self.connected = connected;
+            self.activity = Mode::Idle;
+            self.measured = None;
+            self.fault.clear();
         }
     }
 
     /// Recovers from a latched stop: by request alone. The target is the measured pose, and the arm must be enabled again.
-    pub fn on_recovery(&mut self) -> Result<Order, Refusal> {
-        if self.mode == Mode::Disconnected {
+    /// Where nothing is latched, the arm is told nothing.
+    pub fn on_recovery(&mut self) -> Result<Option<Order>, Refusal> {
+        if !self.connected {
             return Err(Refusal::Disconnected);
         }
         if self.user_stop_pressed {
             return Err(Refusal::StillStopped);
         }
         let pose = self.measured.ok_or(Refusal::NoPose)?;
-        if matches!(self.mode, Mode::Reflex | Mode::UserStop) {
-            self.seed(pose, Mode::Idle);
-            self.fault.clear();
+        if self.reflex.is_none() && !self.user_stop_latched {
+            return Ok(None);
         }
-        Ok(Order::Hold(pose))
+        (self.reflex, self.user_stop_latched) = (None, false);
+        self.seed(pose, Mode::Idle);
+        self.fault.clear();
+        Ok(Some(Order::Hold(pose)))
     }
 
-    /// An episode began, with this time between two actions, s.
-    pub fn on_episode_started(&mut self, step_period_s: f64) {
-        self.episode_step_s = Some(step_period_s);
-        self.episode_over = None;
-        self.last_command_s = None;
+    /// An episode began, with this time between two actions, s. From now on silence counts.
+    ///
+    /// # Errors
+    /// A time that no policy has; the episode is watched as one of quick steps then.
+    pub fn on_episode_started(&mut self, step_period_s: f64, now_s: f64) -> Result<(), StepPeriod> {
+        self.heard_s = Some(now_s);
+        let longest_s = self.settings.end_after_s;
+        let makes_sense = step_period_s > 0.0 && step_period_s <= longest_s;
+        self.episode_step_s = Some(if makes_sense { step_period_s } else { 0.0 });
+        if makes_sense { Ok(()) } else { Err(StepPeriod { step_period_s, longest_s }) }
     }
 
     /// The episode ended.
     pub fn on_episode_ended(&mut self) {
         self.episode_step_s = None;
-        self.last_command_s = None;
+        self.heard_s = None;
     }
 
     /// Judges a command.
     pub fn on_command(&mut self, command: &Command, now_s: f64) -> Verdict {
-        match self.judge(command, now_s) {
+        match self.judge(command) {
             Ok((pose, clip)) => {
                 self.accepted += 1;
                 self.target = Some(pose);
-                self.mode = Mode::Tracking;
-                self.last_command_s = Some(now_s);
+                self.activity = Mode::Tracking;
+                self.heard_s = Some(now_s);
                 if clip.any() {
                     self.episode_over = Some("the target left the workspace".to_owned());
                 }
@@ -398,9 +303,9 @@ impl SafetyGate {
         }
     }
 
-    fn judge(&self, command: &Command, now_s: f64) -> Result<(ArmPose, Clip), Rejection> {
-        if !matches!(self.mode, Mode::Tracking | Mode::Hold) {
-            let why = if self.fault.is_empty() { format!("{:?}", self.mode) } else { self.fault.clone() };
+    fn judge(&self, command: &Command) -> Result<(ArmPose, Clip), Rejection> {
+        if !self.is_enabled() {
+            let why = if self.fault().is_empty() { format!("{:?}", self.mode()) } else { self.fault().to_owned() };
             return Err(Rejection::NotEnabled(why));
         }
         if let Some(why) = &self.episode_over {
@@ -416,7 +321,8 @@ impl SafetyGate {
         if !pose.is_normalised() {
             return Err(Rejection::NotNormalised);
         }
-        let (age_s, limit_s) = (now_s - command.stamp_s, self.settings.max_age_s);
+        self.check_replay(command.simulated_time).map_err(|_| Rejection::Replay)?;
+        let (age_s, limit_s) = (command.age_s, self.settings.max_age_s);
         if age_s.is_nan() || age_s.abs() > limit_s {
             return Err(Rejection::Stale { age_s, limit_s });
         }
@@ -426,7 +332,12 @@ impl SafetyGate {
         if distance_m > max_m || turn_rad > max_rad {
             return Err(Rejection::Jump { distance_m, turn_rad, max_m, max_rad });
         }
-        Ok(self.clamped(pose))
+        let (inside, clip) = self.clamped(pose);
+        let distance_m = inside.distance_m(&measured);
+        if distance_m > max_m {
+            return Err(Rejection::FarOutside { distance_m, max_m });
+        }
+        Ok((inside, clip))
     }
 
     fn clamped(&self, mut pose: ArmPose) -> (ArmPose, Clip) {
@@ -440,28 +351,44 @@ impl SafetyGate {
         (pose, Clip { x: flags[0], y: flags[1], z: flags[2] })
     }
 
-    /// Looks at the silence of the stream; to be called at least every 50 ms.
+    /// Looks at the silence of the stream, and whether the arm is where it should be; to be called at least every 50 ms.
     pub fn tick(&mut self, now_s: f64) -> Option<Order> {
-        let silence_s = now_s - self.last_command_s?;
+        if let Some(what) = self.strayed() {
+            return Some(self.on_reflex(&what));
+        }
+        let silence_s = now_s - self.heard_s?;
         let step_s = self.episode_step_s?;
-        if self.mode == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
+        if self.activity == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
             let pose = self.measured?;
             self.target = Some(pose);
-            self.mode = Mode::Hold;
+            self.activity = Mode::Hold;
             self.fault = format!("no target for {silence_s:.2} s: holding");
             return Some(Order::Hold(pose));
         }
-        if self.mode == Mode::Hold && silence_s > self.settings.end_after_s {
-            self.mode = Mode::Idle;
-            self.last_command_s = None;
-            self.fault = format!("no target for {silence_s:.2} s: motion ended");
-            return Some(Order::End);
+        if self.activity == Mode::Hold && silence_s > self.settings.end_after_s {
+            return self.end(format!("no target for {silence_s:.2} s: motion ended"));
         }
         None
     }
 
+    /// How an enabled arm is elsewhere than any target it took. What keeps it there would have it run back when it lets go.
+    fn strayed(&self) -> Option<String> {
+        let (true, Some(target), Some(measured)) = (self.is_enabled(), self.target, self.measured) else { return None };
+        let (distance_m, turn_rad) = (target.distance_m(&measured), target.angle_rad(&measured));
+        let far = distance_m > STRAYED * self.settings.max_jump_m || turn_rad > STRAYED * self.settings.max_turn_rad;
+        far.then(|| format!("pushed or blocked: {distance_m:.3} m and {turn_rad:.2} rad from the target"))
+    }
+
+    /// Ends the motion: the arm is idle.
+    fn end(&mut self, fault: String) -> Option<Order> {
+        self.activity = Mode::Idle;
+        self.heard_s = None;
+        self.fault = fault;
+        Some(Order::End)
+    }
+
     fn check_latches(&self) -> Result<(), Refusal> {
-        match self.mode {
+        match self.mode() {
             Mode::Reflex => Err(Refusal::Latched("reflex")),
             Mode::UserStop => Err(Refusal::Latched("user stop")),
             Mode::Disconnected => Err(Refusal::Disconnected),
@@ -473,11 +400,16 @@ impl SafetyGate {
         if self.real_arm && simulated_time && !self.settings.allow_replay { Err(Refusal::Replay) } else { Ok(()) }
     }
 
+    /// Whether targets may move the arm. Whatever latches or cuts it off makes it idle.
+    fn is_enabled(&self) -> bool {
+        matches!(self.activity, Mode::Tracking | Mode::Hold)
+    }
+
     /// Makes the measured pose the target.
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
-        self.mode = mode;
-        self.last_command_s = None;
+        self.activity = mode;
+        self.heard_s = None;
     }
 }
 

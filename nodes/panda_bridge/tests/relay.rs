@@ -8,13 +8,14 @@
 
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
-use catenary_msgs::msg::{AcceptedTarget, ArmState};
+use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::srv::{SetCompliance, SetComplianceRequest};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::contract::{
-    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE, TARGET_POSE,
+    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, EPISODE_EVENT, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE,
+    TARGET_POSE,
 };
 use catenary_shell::{
     Discovery, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status, Subscription, stamp,
@@ -53,6 +54,8 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
 struct Controller {
     node: Node,
     speaks: Arc<AtomicBool>,
+    /// Somebody holds the arm where it is.
+    held: Arc<AtomicBool>,
     /// Where the arm is, and the targets that came.
     state: Arc<Mutex<(Pose, Vec<Pose>)>>,
     stiffness: Param<f64>,
@@ -82,12 +85,14 @@ impl Controller {
         let poses = node.publisher::<PoseStamped>("current_pose", Qos::Reliable { depth: 1 }).unwrap();
         let joints = node.publisher::<JointState>("joint_states", Qos::Reliable { depth: 10 }).unwrap();
         let speaks = Arc::new(AtomicBool::new(true));
+        let held = Arc::new(AtomicBool::new(false));
         let (inner, speaking, moving) = (node.clone(), Arc::clone(&speaks), Arc::clone(&state));
+        let holding = Arc::clone(&held);
         node.spawn("arm", move || {
             while !inner.shutdown().wait_timeout(Duration::from_millis(10)) {
                 let at = {
                     let (at, targets) = &mut *moving.lock().unwrap();
-                    if let Some(to) = targets.last() {
+                    if let (false, Some(to)) = (holding.load(Ordering::Relaxed), targets.last()) {
                         at.position.x += 0.2 * (to.position.x - at.position.x);
                         at.position.z += 0.2 * (to.position.z - at.position.z);
                     }
@@ -101,7 +106,7 @@ impl Controller {
         })
         .unwrap();
         let (stiffness, [clip, ..]) = (kept.remove(0), clips);
-        Self { node, speaks, state, stiffness, clip, _targets: targets }
+        Self { node, speaks, held, state, stiffness, clip, _targets: targets }
     }
 
     fn last_target(&self) -> Option<Pose> {
@@ -223,6 +228,24 @@ fn targets_are_relayed_and_a_jump_keeps_the_old_one() {
 }
 
 #[test]
+fn an_arm_that_is_pushed_away_is_latched_and_its_target_not_repeated() {
+    let controller = Controller::start(8);
+    let _process = relay(8, &[]);
+    let client = Client::join(8, ArmState::MODE_IDLE);
+    assert!(client.enable(true).success);
+    wait_for("the target", || controller.last_target() == Some(pose(0.4, 0.4)));
+    controller.held.store(true, Ordering::Relaxed);
+    controller.state.lock().unwrap().0 = pose(0.4, 0.2);
+    client.wait_mode(ArmState::MODE_REFLEX);
+    assert!(client.state.get().unwrap().message.fault.contains("pushed or blocked"));
+    wait_for("the pose where it was pushed to", || controller.last_target() == Some(pose(0.4, 0.2)));
+    let count = controller.received();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(controller.received(), count);
+    assert!(!client.enable(true).success);
+}
+
+#[test]
 fn a_silent_controller_is_disconnected_and_comes_back_idle() {
     let controller = Controller::start(1);
     let _process = relay(1, &[]);
@@ -257,7 +280,9 @@ fn the_move_to_the_start_pose_reaches_it() {
     assert_eq!((status, result.success), (Status::Succeeded, true), "{}", result.message);
     assert!((result.pose.position.x - 0.5).abs() < 1e-3 && (result.pose.position.z - 0.3).abs() < 1e-3);
     assert_eq!(controller.last_target(), Some(pose(0.5, 0.3)));
-    client.wait_mode(ArmState::MODE_HOLD);
+    client.wait_mode(ArmState::MODE_IDLE);
+    let refused = client.ask(0.51, 0.3);
+    assert!(!refused.accepted && refused.reason.contains("not enabled"), "a move enabled the arm: {}", refused.reason);
     let targets = controller.state.lock().unwrap().1.clone();
     let largest = targets.windows(2).map(|w| (w[1].position.x - w[0].position.x).abs()).fold(0.0, f64::max);
     assert!(largest < 0.05, "a step of {largest} m");
@@ -281,17 +306,43 @@ fn a_replay_moves_no_real_arm() {
 }
 
 #[test]
-fn somebody_else_on_the_controllers_topic_refuses_to_enable() {
-    let controller = Controller::start(4);
+fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
+    let controller = Controller::start(7);
+    let _process = relay(7, &["use_sim_time:=true", "is_real:=false", "gate.max_age_s:=5.0"]);
+    let clocks = controller.node.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
+    let client = Client::join(7, ArmState::MODE_IDLE);
+    let events = client.node.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
+    assert!(events.wait_for_subscriber(SOON) && clocks.wait_for_subscriber(SOON));
+    clocks.send(Clock { clock: stamp::to_msg(client.node.now()) });
+    wait_for("the enabled arm", || client.enable(true).success);
+    let started = EpisodeEvent { event: EpisodeEvent::STARTED, step_period: 0.1, ..EpisodeEvent::default() };
+    events.publish(started).unwrap();
+    let answer = client.ask(0.45, 0.4);
+    assert!(answer.accepted, "{}", answer.reason);
+    let fault = || client.state.get().map(|s| s.message.fault.clone()).unwrap_or_default();
+    wait_for("the end of the motion", || fault().contains("motion ended"));
+    client.wait_mode(ArmState::MODE_IDLE);
+}
+
+#[test]
+fn somebody_else_on_the_controllers_topic_ends_the_motion_and_refuses_to_enable() {
+    let _controller = Controller::start(4);
     let _process = relay(4, &[]);
     let client = Client::join(4, ArmState::MODE_IDLE);
-    let _other = client.node.publisher::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }).unwrap();
-    wait_for("the refusal", || {
-        let answer = client.enable(true);
-        client.enable(false);
-        !answer.success && answer.message.contains("1 more on /target_pose")
-    });
-    drop(controller);
+    assert!(client.enable(true).success);
+    client.wait_mode(ArmState::MODE_HOLD);
+    let other = client.node.publisher::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }).unwrap();
+    client.wait_mode(ArmState::MODE_IDLE);
+    let fault = client.state.get().unwrap().message.fault.clone();
+    assert!(fault.contains("1 more on /target_pose"), "{fault}");
+    let answer = client.enable(true);
+    assert!(!answer.success && answer.message.contains("1 more on /target_pose"), "{}", answer.message);
+    drop(other);
+    wait_for("the arm, enabled again", || client.enable(true).success);
+    let _second = client.node.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
+    client.wait_mode(ArmState::MODE_IDLE);
+    let fault = client.state.get().unwrap().message.fault.clone();
+    assert!(fault.contains("2 publishers"), "{fault}");
 }
 
 #[test]

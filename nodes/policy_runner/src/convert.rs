@@ -1,11 +1,11 @@
 //! Between wire types and the runner's.
 
-use crate::runner::{Inputs, Settings, Step};
+use crate::runner::{Inputs, Objection, Settings, Step};
+use catenary_core::Keypoints;
 use catenary_core::task::DeltaAnchor;
-use catenary_core::{GripPose, Keypoints};
 use catenary_msgs::action::RunEpisodeGoal;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
-use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
+use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
 use catenary_shell::{Time, convert, stamp};
 
 /// Frame of targets and actions.
@@ -22,7 +22,7 @@ pub fn inputs(
     let since = |header: &catenary_msgs::std_msgs::msg::Header| stamp::from_msg(&header.stamp).secs_since(origin);
     let keypoints = keypoints.and_then(|k| Some((since(&k.header), placed(k)?)));
     let pose = pose.map(|p| (since(&p.header), convert::grip_pose_from_msg(&p.pose)));
-    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm) }
+    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm), objection: None }
 }
 
 fn placed(message: &KeypointsMsg) -> Option<Keypoints> {
@@ -41,6 +41,14 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
         _ => "it is not connected",
     };
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
+}
+
+/// What the gate objects to in the target that it answers.
+pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
+    if !answer.accepted {
+        return Some(Objection::Rejected(answer.reason.clone()));
+    }
+    (answer.clipped_x || answer.clipped_y || answer.clipped_z).then_some(Objection::Clipped)
 }
 
 /// Settings that a goal asks for, on top of the node's own.
@@ -85,12 +93,6 @@ pub fn target(target_m: [f64; 2], held: &Pose, now: Time) -> PoseStamped {
     PoseStamped { header: stamp::header(now, BASE_FRAME), pose }
 }
 
-/// The pose that targets keep y and orientation of, at the start of an episode.
-pub fn held(pose: &PoseStamped) -> Pose {
-    let planar: GripPose = convert::grip_pose_from_msg(&pose.pose);
-    Pose { position: pose.pose.position.clone(), ..convert::grip_pose_to_msg(&planar) }
-}
-
 /// An event of an episode with everything but its kind, reason and counts.
 pub fn event(episode: u32, policy: &catenary_core::Policy, name: &str, seed: u64, now: Time) -> EpisodeEvent {
     EpisodeEvent {
@@ -101,5 +103,22 @@ pub fn event(episode: u32, policy: &catenary_core::Policy, name: &str, seed: u64
         step_period: policy.step_period_s,
         anchor: convert::anchor_to_msg(policy.delta_anchor),
         ..EpisodeEvent::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_msgs::geometry_msgs::msg::{Point, Quaternion};
+
+    #[test]
+    fn a_target_keeps_the_y_and_the_whole_orientation_of_the_hand() {
+        // Half a turn about x, as the hand points down, and 0.25 rad of yaw.
+        let orientation = Quaternion { x: 0.992_198, y: 0.124_675, z: 0.0, w: 0.0 };
+        let held = Pose { position: Point { x: 0.4, y: 0.03, z: 0.42 }, orientation: orientation.clone() };
+        let target = target([0.45, 0.38], &held, Time::from_nanos(5));
+        assert_eq!(target.pose.position, Point { x: 0.45, y: 0.03, z: 0.38 });
+        assert_eq!(target.pose.orientation, orientation);
+        assert_eq!(target.header.frame_id, BASE_FRAME);
     }
 }

@@ -10,4 +10,4 @@ pub mod convert;
 pub mod node;
 pub mod runner;
 
-pub use runner::{Fault, Inputs, Runner, RunnerError, Settings, Step, Turn};
+pub use runner::{Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, Turn};

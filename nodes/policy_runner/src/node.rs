@@ -2,17 +2,18 @@
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
 use crate::convert;
-use crate::runner::{Fault, Inputs, Runner, Settings, Step, Turn};
+use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, Turn};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
 use catenary_core::{Model, Policy};
 use catenary_msgs::action::{RunEpisode, RunEpisodeFeedback, RunEpisodeGoal, RunEpisodeResult};
+use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
-use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Time,
-    contract,
+    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Queue,
+    Time, contract,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -20,7 +21,9 @@ use std::time::Duration;
 
 /// Time in which the arm must answer that it is enabled, and then say so.
 const ENABLE: Duration = Duration::from_secs(3);
-/// Longest uninterrupted wait, so that a cancelled episode ends soon.
+/// Answers to targets that are kept until they are looked at.
+const ANSWERS: usize = 100;
+/// Longest uninterrupted wait, so that an episode ends soon that is cancelled or whose arm refuses.
 const NAP: Duration = Duration::from_millis(20);
 
 /// Runs the node from the arguments after the program's name.
@@ -38,6 +41,7 @@ struct Shell {
     pose: Latest<PoseStamped>,
     arm: Latest<ArmState>,
     target: Publisher<PoseStamped>,
+    answers: Queue<AcceptedTarget>,
     action: Publisher<EefDelta>,
     observation: Publisher<Observation>,
     event: Publisher<EpisodeEvent>,
@@ -65,6 +69,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         pose: node.latest(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
         arm: node.latest(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
         target: node.publisher(contract::TARGET_POSE.name, contract::TARGET_POSE.qos)?,
+        answers: node.queue(contract::ACCEPTED_TARGET.name, contract::ACCEPTED_TARGET.qos, ANSWERS)?,
         action: node.publisher(contract::ACTION.name, contract::ACTION.qos)?,
         observation: node.publisher(contract::OBSERVATION.name, contract::OBSERVATION.qos)?,
         event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
@@ -118,11 +123,12 @@ impl Shell {
         let own =
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
+        let held = self.pose.get().context("no pose on /panda/current_pose")?.message.pose.clone();
         self.enable_arm()?;
-        let held = convert::held(&self.pose.get().context("no pose on /panda/current_pose")?.message);
         let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
+        self.disable_arm();
         let reason = match &outcome {
             Ok(Some(end)) => end.name().to_owned(),
             Ok(None) => "cancelled".to_owned(),
@@ -150,11 +156,18 @@ impl Shell {
         origin: Time,
         held: &Pose,
     ) -> Result<Option<End>> {
+        let mut sent = None;
         while !handle.is_cancelled() {
-            match runner.turn(&self.inputs(origin)) {
-                Turn::Wait(until_s) => self.wait(handle, origin + Duration::from_secs_f64(until_s.max(0.0))),
+            let inputs = Inputs { objection: self.objection(sent.as_ref()), ..self.inputs(origin) };
+            match runner.turn(&inputs) {
+                Turn::Wait(until_s) => {
+                    let until = origin + Duration::from_secs_f64(until_s.max(0.0));
+                    if handle.wait_cancelled(until.saturating_since(self.node.now()).min(NAP)) {
+                        return Ok(None);
+                    }
+                }
                 Turn::Step(step) => {
-                    self.publish(&step, runner, episode, origin, held)?;
+                    sent = self.publish(&step, runner, episode, origin, held)?.or(sent);
                     if let Some(reward) = step.reward {
                         handle.feedback(RunEpisodeFeedback { step: step.index as u32 - 1, reward });
                     }
@@ -179,24 +192,23 @@ impl Shell {
         )
     }
 
-    /// Waits until `time` of the node's clock or until the goal is cancelled.
-    fn wait(&self, handle: &GoalHandle<RunEpisode>, time: Time) {
-        loop {
-            let left = time.saturating_since(self.node.now());
-            if left.is_zero() || handle.wait_cancelled(left.min(NAP)) {
-                return;
-            }
-        }
+    /// What the gate objects to in the target with this stamp, as far as it has answered.
+    fn objection(&self, sent: Option<&Stamp>) -> Option<Objection> {
+        let answers = std::iter::from_fn(|| self.answers.try_next());
+        let own = answers.filter(|answer| Some(&answer.message.header.stamp) == sent);
+        own.filter_map(|answer| convert::objection(&answer.message)).last()
     }
 
-    fn publish(&self, step: &Step, runner: &Runner, episode: u32, origin: Time, held: &Pose) -> Result<()> {
+    /// Tells a step; gives the stamp of its target, where it has one.
+    fn publish(&self, step: &Step, runner: &Runner, episode: u32, origin: Time, held: &Pose) -> Result<Option<Stamp>> {
         let now = self.node.now();
         self.observation.publish(convert::observation(step, episode, origin, now))?;
-        if let Some((delta, target_m)) = step.action {
-            self.action.publish(convert::action(step, delta, episode, runner.policy().delta_anchor, now))?;
-            self.target.publish(convert::target(target_m, held, now))?;
-        }
-        Ok(())
+        let Some((delta, target_m)) = step.action else { return Ok(None) };
+        self.action.publish(convert::action(step, delta, episode, runner.policy().delta_anchor, now))?;
+        let target = convert::target(target_m, held, now);
+        let stamp = target.header.stamp.clone();
+        self.target.publish(target)?;
+        Ok(Some(stamp))
     }
 
     fn announce(&self, runner: &Runner, goal: &RunEpisodeGoal, episode: u32, event: u8, reason: String) {
@@ -214,6 +226,20 @@ impl Shell {
     fn enable_arm(&self) -> Result<()> {
         let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE)?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
+        self.wait_enabled().inspect_err(|_| self.disable_arm())
+    }
+
+    /// Stops the arm where it is. However an episode ends, its last target may still be ahead of the arm, and nobody
+    /// watches over whoever sends the next.
+    fn disable_arm(&self) {
+        match self.enable.call(SetBoolRequest { data: false }, ENABLE) {
+            Ok(answer) if answer.success => {}
+            Ok(answer) => tracing::error!("the arm refuses to be disabled: {}", answer.message),
+            Err(error) => tracing::error!("the arm may still be enabled: {error}"),
+        }
+    }
+
+    fn wait_enabled(&self) -> Result<()> {
         let mut seen = 0;
         let start = self.node.now();
         loop {

@@ -11,8 +11,8 @@ use thiserror::Error;
 /// What an episode needs besides the policy and the task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Oldest keypoints and pose that an observation may use, s. Larger tolerates slower perception; smaller acts on
-    /// fresher data.
+    /// Oldest keypoints and pose that an observation may use, s, and how far their stamps may lie ahead. Larger tolerates
+    /// slower perception and clocks that differ more; smaller acts on fresher data.
     pub max_age_s: f64,
     /// Time after a step was due until the episode is given up for want of fresh data, s.
     pub patience_s: f64,
@@ -58,6 +58,14 @@ pub enum Fault {
     /// The arm cannot be commanded.
     #[error("the arm refuses commands: {0}")]
     Arm(String),
+    /// The arm did not take the target.
+    #[error("the arm rejected the target of step {step}: {why}")]
+    Rejected {
+        /// The step.
+        step: usize,
+        /// Why.
+        why: String,
+    },
     /// No fresh data in time.
     #[error("no fresh {what} within {patience_s} s of step {step}: {detail}")]
     Stale {
@@ -70,9 +78,21 @@ pub enum Fault {
         /// What there was.
         detail: String,
     },
+    /// The end effector is outside the workspace before the first action.
+    #[error("the end effector is at x {0} m, z {1} m, outside the workspace: move it to the start first")]
+    Outside(f64, f64),
     /// The policy gave no finite action.
     #[error("the policy gave the action {0:?} at step {1}")]
     Action([f64; 2], usize),
+}
+
+/// What the arm's gate objects to in a target.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Objection {
+    /// It lay outside the gate's workspace and was clamped.
+    Clipped,
+    /// It was rejected for this reason: the arm keeps the target before.
+    Rejected(String),
 }
 
 /// What is known at one moment. Times are s of one clock.
@@ -86,6 +106,8 @@ pub struct Inputs {
     pub pose: Option<(f64, GripPose)>,
     /// Why the arm cannot be commanded; none: it can.
     pub arm_fault: Option<String>,
+    /// What is objected to in the last target, once it is known.
+    pub objection: Option<Objection>,
 }
 
 /// One step: an observation, and the action that follows it unless the episode ended with it.
@@ -116,6 +138,9 @@ pub enum Turn {
     Fault(Fault),
 }
 
+/// Share of a period by which a step may be late without delaying those after it, so that small delays do not add up. An
+/// action needs its period to take effect, so none is made up for.
+const LATE: f64 = 0.1;
 /// How often fresh data are looked for once a step is due, s.
 const RETRY_S: f64 = 0.005;
 
@@ -195,12 +220,22 @@ impl Runner {
         if let Some(fault) = &inputs.arm_fault {
             return Turn::Fault(Fault::Arm(fault.clone()));
         }
+        match &inputs.objection {
+            Some(Objection::Rejected(why)) => {
+                let step = self.next_step.saturating_sub(1);
+                return Turn::Fault(Fault::Rejected { step, why: why.clone() });
+            }
+            Some(Objection::Clipped) => self.target_left_workspace = true,
+            None => {}
+        }
         if inputs.now_s < due_s {
             return Turn::Wait(due_s);
         }
         match self.observe(inputs, due_s) {
             Ok((observation, stamps_s)) => {
-                self.due_s = Some(due_s + self.task.step_period_s);
+                let period_s = self.task.step_period_s;
+                let late = inputs.now_s - due_s > LATE * period_s;
+                self.due_s = Some(if late { inputs.now_s } else { due_s } + period_s);
                 self.step(observation, stamps_s)
             }
             Err((what, detail)) if inputs.now_s - due_s >= self.settings.patience_s => {
@@ -215,15 +250,16 @@ impl Runner {
     /// the age limit.
     fn observe(&mut self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
         let oldest_s = inputs.now_s.max(due_s) - self.settings.max_age_s;
-        let aged = |stamp_s: f64| format!("the newest is {:.3} s old", inputs.now_s - stamp_s);
+        let newest_s = inputs.now_s + self.settings.max_age_s;
+        let fresh = |what: &'static str, stamp_s: f64| match stamp_s {
+            s if s < oldest_s => Err((what, format!("the newest is {:.3} s old", inputs.now_s - s))),
+            s if s > newest_s => Err((what, format!("its stamp lies {:.3} s ahead", s - inputs.now_s))),
+            _ => Ok(()),
+        };
         let (keypoints_s, keypoints) = inputs.keypoints.ok_or(("keypoints", "none came".to_owned()))?;
         let (pose_s, pose) = inputs.pose.ok_or(("pose", "none came".to_owned()))?;
-        if keypoints_s < oldest_s {
-            return Err(("keypoints", aged(keypoints_s)));
-        }
-        if pose_s < oldest_s {
-            return Err(("pose", aged(pose_s)));
-        }
+        fresh("keypoints", keypoints_s)?;
+        fresh("pose", pose_s)?;
         if !keypoints.dlo_seen() {
             return Err(("keypoints", "the object is not seen".to_owned()));
         }
@@ -237,7 +273,11 @@ impl Runner {
     fn step(&mut self, observation: Observation, stamps_s: [f64; 2]) -> Turn {
         let index = self.next_step;
         let [x, z] = observation.eef_m();
-        let left = self.target_left_workspace || !self.task.workspace.contains(x, 0.0, z);
+        let outside = !self.task.workspace.contains(x, 0.0, z);
+        if outside && index == 0 {
+            return Turn::Fault(Fault::Outside(x, z));
+        }
+        let left = self.target_left_workspace || outside;
         let reward = (index > 0).then(|| if left { LEFT_WORKSPACE_REWARD } else { observation.reward() });
         self.rewards.extend(reward);
         self.end = match reward {

@@ -6,7 +6,7 @@ use crate::logging;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
-use rustdds::{Topic as DdsTopic, TopicKind};
+use rustdds::{RTPSEntity, Topic as DdsTopic, TopicKind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -78,6 +78,15 @@ impl Graph {
                 TopicKind::NoKey,
             )
             .map_err(|error| ShellError::create(format!("topic {name}"), error))
+    }
+
+    /// How many publishers of a topic other participants have. A participant may or may not discover its own.
+    pub(crate) fn other_publisher_count(&self, name: &str) -> usize {
+        let (participant, topic) = (self.participant(), format!("rt{name}"));
+        let own = participant.guid().prefix;
+        let theirs = participant.discovered_writers().into_iter();
+        let theirs = theirs.filter(|w| w.writer_proxy.remote_writer_guid.prefix != own);
+        theirs.filter(|w| w.publication_topic_data.topic_name == topic).count()
     }
 
     /// Waits until `matched` holds, looking again at every change of the graph.

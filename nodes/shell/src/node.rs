@@ -228,6 +228,15 @@ impl Node {
         Ok(self.graph().ros().publisher_count(&name))
     }
 
+    /// How many publishers of a topic are known in the whole graph besides this node's own.
+    ///
+    /// # Errors
+    /// [`ShellError::Name`].
+    pub fn other_publisher_count(&self, topic: &str) -> Result<usize, ShellError> {
+        let name = self.resolve(topic)?;
+        Ok(self.graph().other_publisher_count(&name))
+    }
+
     pub(crate) fn threads(&self) -> &Arc<Threads> {
         &self.inner.threads
     }

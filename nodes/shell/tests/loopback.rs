@@ -51,6 +51,8 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
     assert_eq!((newest.message.pose.position.x, newest.count), (49.0, 50));
     assert_eq!((queue.dropped(), publisher.published()), (0, 50));
     assert_eq!(receiver.publisher_count("target").unwrap(), 1);
+    assert_eq!(receiver.other_publisher_count("target").unwrap(), 1);
+    assert_eq!(sender.other_publisher_count("target").unwrap(), 0);
 }
 
 #[test]

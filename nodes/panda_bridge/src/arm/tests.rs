@@ -7,6 +7,7 @@ struct Lag {
     target: Option<ArmPose>,
     follows: f64,
     orders: Vec<Order>,
+    unready: Option<String>,
 }
 
 impl Plant for Lag {
@@ -16,6 +17,10 @@ impl Plant for Lag {
 
     fn measured(&self) -> Option<ArmPose> {
         Some(self.at)
+    }
+
+    fn unready(&self) -> Option<String> {
+        self.unready.clone()
     }
 
     fn obey(&mut self, order: &Order) {
@@ -32,7 +37,7 @@ fn pose(x_m: f64) -> ArmPose {
 }
 
 fn arm(follows: f64) -> Arm<Lag> {
-    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new() };
+    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), unready: None };
     let settings =
         ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
     Arm::new(plant, settings)
@@ -59,7 +64,7 @@ fn run(arm: &mut Arm<Lag>, duration_s: f64) -> Progress {
 }
 
 #[test]
-fn a_move_arrives_settles_and_holds_the_start_pose() {
+fn a_move_arrives_and_settles_at_the_start_pose() {
     let mut a = arm(0.2);
     a.begin_move(None, 0.15, 1.0, false).unwrap();
     assert_eq!(a.mode(), Mode::Moving);
@@ -67,7 +72,8 @@ fn a_move_arrives_settles_and_holds_the_start_pose() {
     // A minimum-jerk way of 0.25 m with a peak of 0.15 m/s takes 3.1 s, and it settles for one.
     assert!((a.plant().time_s - 10.0 - 3.125 - 1.0).abs() < 0.1, "{} s", a.plant().time_s - 10.0);
     assert!(a.plant().at.distance_m(&pose(0.55)) < 1e-3);
-    assert_eq!((a.mode(), a.target()), (Mode::Hold, Some(pose(0.55))));
+    assert_eq!((a.mode(), a.target()), (Mode::Idle, Some(pose(0.55))), "nobody enabled it");
+    assert_eq!(a.plant().target, Some(pose(0.55)), "it stays there");
 }
 
 #[test]
@@ -101,6 +107,7 @@ fn a_step_of_the_clock_does_not_make_the_target_jump() {
 #[test]
 fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
     let mut a = arm(0.0);
+    a.enable(1, false).unwrap();
     a.begin_move(None, 0.15, 1.0, false).unwrap();
     let Progress::Stopped(why) = run(&mut a, 60.0) else { panic!("not stopped") };
     assert!(why.contains("does not follow: 0.250 m"), "{why}");
@@ -111,6 +118,7 @@ fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
 fn hold_reflex_and_a_lost_arm_end_a_move() {
     let stop = |how: &dyn Fn(&mut Arm<Lag>)| {
         let mut a = arm(0.2);
+        a.enable(1, false).unwrap();
         a.begin_move(None, 0.15, 1.0, false).unwrap();
         run(&mut a, 1.0);
         how(&mut a);
@@ -122,6 +130,18 @@ fn hold_reflex_and_a_lost_arm_end_a_move() {
     assert_eq!(stop(&|a| a.hold().unwrap()), (Mode::Hold, "by a request".to_owned()));
     assert_eq!(stop(&|a| a.reflex("touched")), (Mode::Reflex, "touched".to_owned()));
     assert_eq!(stop(&|a| a.connection(false)), (Mode::Disconnected, "no connection to the arm".to_owned()));
+}
+
+#[test]
+fn a_move_ends_where_somebody_else_takes_the_controller() {
+    let mut a = arm(0.2);
+    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    run(&mut a, 1.0);
+    assert_eq!(a.recheck(1), None);
+    a.plant_mut().unready = Some("1 more on /target_pose".to_owned());
+    assert_eq!(a.recheck(1), Some("1 more on /target_pose"));
+    assert_eq!(a.plant().orders.last(), Some(&Order::End));
+    assert_eq!(run(&mut a, 1.0), Progress::Stopped("1 more on /target_pose".to_owned()));
 }
 
 #[test]

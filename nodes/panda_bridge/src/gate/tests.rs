@@ -6,8 +6,8 @@ fn pose(x: f64) -> ArmPose {
     ArmPose { position_m: [x, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] }
 }
 
-fn command(x: f64, stamp_s: f64) -> Command {
-    Command { stamp_s, frame_id: BASE_FRAME.into(), pose: pose(x) }
+fn command(x: f64) -> Command {
+    Command { age_s: 0.01, simulated_time: false, frame_id: BASE_FRAME.into(), pose: pose(x) }
 }
 
 /// A gate in an episode, enabled and at x = 0.4 m.
@@ -15,7 +15,7 @@ fn gate() -> SafetyGate {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
     g.on_enable(1, false).unwrap();
-    g.on_episode_started(0.1);
+    g.on_episode_started(0.1, 9.0).unwrap();
     g
 }
 
@@ -30,42 +30,44 @@ fn rejected(g: &mut SafetyGate, c: &Command) -> Rejection {
 #[test]
 fn a_good_command_becomes_the_target() {
     let mut g = gate();
-    assert_eq!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Accepted { pose: pose(0.45), clip: Clip::default() });
+    assert_eq!(g.on_command(&command(0.45), 10.0), Verdict::Accepted { pose: pose(0.45), clip: Clip::default() });
     assert_eq!((g.mode(), g.target(), g.counts()), (Mode::Tracking, Some(pose(0.45)), (1, 0)));
 }
 
 #[test]
 fn nan_is_rejected() {
-    let mut c = command(0.4, 10.0);
+    let mut c = command(0.4);
     c.pose.position_m[1] = f64::NAN;
     assert_eq!(rejected(&mut gate(), &c), Rejection::NotFinite);
-    let c = Command { stamp_s: f64::NAN, ..command(0.4, 10.0) };
+    let c = Command { age_s: f64::NAN, ..command(0.4) };
     assert!(matches!(rejected(&mut gate(), &c), Rejection::Stale { .. }));
 }
 
 #[test]
 fn an_unnormalised_quaternion_is_rejected() {
-    let mut c = command(0.4, 10.0);
+    let mut c = command(0.4);
     c.pose.quaternion_xyzw = [0.9, 0.0, 0.0, 0.0];
     assert_eq!(rejected(&mut gate(), &c), Rejection::NotNormalised);
 }
 
 #[test]
 fn another_frame_is_rejected() {
-    let c = Command { frame_id: "world".into(), ..command(0.4, 10.0) };
+    let c = Command { frame_id: "world".into(), ..command(0.4) };
     assert_eq!(rejected(&mut gate(), &c), Rejection::Frame("world".into()));
 }
 
 #[test]
 fn a_stale_stamp_and_one_from_the_future_are_rejected() {
-    assert!(matches!(rejected(&mut gate(), &command(0.4, 9.7)), Rejection::Stale { .. }));
-    assert!(matches!(rejected(&mut gate(), &command(0.4, 10.3)), Rejection::Stale { .. }));
+    for age_s in [0.3, -0.3] {
+        let c = Command { age_s, ..command(0.4) };
+        assert!(matches!(rejected(&mut gate(), &c), Rejection::Stale { .. }));
+    }
 }
 
 #[test]
 fn a_jump_or_a_turn_from_the_measured_pose_is_rejected() {
-    assert!(matches!(rejected(&mut gate(), &command(0.501, 10.0)), Rejection::Jump { .. }));
-    let mut c = command(0.4, 10.0);
+    assert!(matches!(rejected(&mut gate(), &command(0.501)), Rejection::Jump { .. }));
+    let mut c = command(0.4);
     let turned = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.31, 0.0) * c.pose.rotation();
     c.pose = ArmPose::from_parts(c.pose.position_m, &turned);
     assert!(matches!(rejected(&mut gate(), &c), Rejection::Jump { .. }));
@@ -80,17 +82,31 @@ fn two_publishers_refuse_to_enable() {
 }
 
 #[test]
+fn a_publisher_that_comes_later_ends_the_motion() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!((g.on_publishers(1), g.mode()), (None, Mode::Tracking));
+    assert_eq!((g.on_publishers(2), g.mode()), (Some(Order::End), Mode::Idle));
+    assert!(g.fault().contains("2 publishers"), "{}", g.fault());
+    assert_eq!((g.on_publishers(2), g.on_unready("gone")), (None, None), "an idle arm has nothing to end");
+    let mut g = gate();
+    g.on_move_begins(false).unwrap();
+    assert_eq!((g.on_publishers(2), g.mode()), (None, Mode::Moving), "targets are shut out anyway");
+    assert_eq!((g.on_unready("gone"), g.mode(), g.fault()), (Some(Order::End), Mode::Idle, "gone"));
+}
+
+#[test]
 fn nothing_is_accepted_before_it_is_enabled() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose));
     g.on_measured(pose(0.4));
-    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
 }
 
 #[test]
 fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     g.on_measured(pose(0.43));
     assert_eq!(g.tick(10.2), None);
     assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.43))));
@@ -103,16 +119,56 @@ fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
 #[test]
 fn a_slow_policy_is_not_silent_between_its_steps() {
     let mut g = gate();
-    g.on_episode_started(0.5);
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_episode_started(0.5, 9.0).unwrap();
+    g.on_command(&command(0.45), 10.0);
     assert_eq!(g.tick(10.6), None);
     assert!(g.tick(10.76).is_some());
 }
 
 #[test]
+fn an_episode_whose_beginning_comes_after_its_first_target_is_watched() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    g.on_episode_started(0.1, 10.001).unwrap();
+    assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.4))));
+    assert_eq!(g.tick(12.1), Some(Order::End));
+}
+
+#[test]
+fn an_episode_without_a_target_ends_the_motion() {
+    let mut g = gate();
+    assert_eq!(g.tick(10.9), None);
+    assert_eq!(g.tick(11.1), Some(Order::End));
+}
+
+#[test]
+fn no_step_period_turns_the_watch_off() {
+    for period_s in [f64::INFINITY, f64::NAN, -1.0, 0.0, 1e9, 2.1] {
+        let mut g = gate();
+        assert!(g.on_episode_started(period_s, 9.0).is_err(), "{period_s}");
+        g.on_command(&command(0.45), 10.0);
+        assert!(matches!(g.tick(10.26), Some(Order::Hold(_))), "{period_s}");
+    }
+    let mut g = gate();
+    g.on_episode_started(2.0, 9.0).unwrap();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!(g.tick(12.5), None, "a slow policy within the limit");
+}
+
+#[test]
+fn a_new_episode_does_not_undo_the_end_of_the_last() {
+    let mut g = gate();
+    g.on_measured(pose(0.55));
+    g.on_command(&command(0.62), 10.0);
+    g.on_episode_started(0.1, 10.0).unwrap();
+    let next = g.on_command(&command(0.55), 10.1);
+    assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
+}
+
+#[test]
 fn silence_outside_an_episode_is_no_fault() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     g.on_episode_ended();
     assert_eq!(g.tick(100.0), None);
     assert_eq!(g.target(), Some(pose(0.45)));
@@ -122,28 +178,75 @@ fn silence_outside_an_episode_is_no_fault() {
 fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
     let mut g = gate();
     g.on_measured(pose(0.55));
-    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62, 10.0), 10.0) else {
-        panic!("rejected")
-    };
+    let Verdict::Accepted { pose: clamped, clip } = g.on_command(&command(0.62), 10.0) else { panic!("rejected") };
     assert_eq!((clamped.position_m[0], clip), (0.6, Clip { x: true, y: false, z: false }));
-    let next = g.on_command(&command(0.55, 10.1), 10.1);
+    let next = g.on_command(&command(0.55), 10.1);
     assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
     g.on_enable(1, false).unwrap();
-    assert!(matches!(g.on_command(&command(0.55, 10.2), 10.2), Verdict::Accepted { .. }));
+    assert!(matches!(g.on_command(&command(0.55), 10.2), Verdict::Accepted { .. }));
+}
+
+#[test]
+fn a_clamped_target_may_be_no_jump_either() {
+    let at = |z: f64| ArmPose { position_m: [0.4, 0.0, z], ..pose(0.4) };
+    let to = |z: f64| Command { pose: at(z), ..command(0.4) };
+    let mut g = gate();
+    g.on_measured(at(0.85));
+    assert!(matches!(rejected(&mut g, &to(0.82)), Rejection::FarOutside { distance_m, .. } if distance_m > 0.34));
+    let mut g = gate();
+    g.on_measured(at(0.55));
+    let back = g.on_command(&to(0.52), 10.0);
+    assert!(matches!(back, Verdict::Accepted { pose, .. } if pose == at(0.5)), "{back:?}");
 }
 
 #[test]
 fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_pose() {
     let mut g = gate();
-    g.on_command(&command(0.45, 10.0), 10.0);
+    g.on_command(&command(0.45), 10.0);
     assert_eq!(g.on_reflex("cartesian_reflex"), Order::End);
     assert_eq!(g.mode(), Mode::Reflex);
-    assert!(matches!(g.on_command(&command(0.45, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.45), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
     assert_eq!(g.tick(20.0), None, "time alone recovers nothing");
     g.on_measured(pose(0.41));
-    assert_eq!(g.on_recovery(), Ok(Order::Hold(pose(0.41))));
+    assert_eq!(g.on_recovery(), Ok(Some(Order::Hold(pose(0.41)))));
     assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.41))), "it must be enabled again");
+}
+
+#[test]
+fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    assert_eq!((g.on_hold(), g.on_recovery()), (Ok(None), Ok(None)), "an idle arm is nobody's");
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!(g.on_recovery(), Ok(None), "nothing is latched");
+    assert_eq!((g.mode(), g.target()), (Mode::Tracking, Some(pose(0.45))), "it goes on");
+    assert_eq!(g.on_hold(), Ok(Some(Order::Hold(pose(0.4)))));
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.4))));
+    assert_eq!(g.clone().tick(12.1), Some(Order::End), "a held arm is watched all the same");
+    g.on_move_begins(false).unwrap();
+    assert_eq!(g.on_recovery(), Ok(None));
+    assert_eq!(g.mode(), Mode::Moving);
+    g.on_measured(pose(0.42));
+    assert_eq!(g.on_hold(), Ok(Some(Order::Hold(pose(0.42)))));
+    assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
+}
+
+#[test]
+fn an_arm_that_is_pushed_or_blocked_is_not_led_back() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    g.on_measured(pose(0.31));
+    assert_eq!(g.tick(10.1), None, "a lag");
+    g.on_measured(pose(0.29));
+    assert_eq!(g.tick(10.1), Some(Order::End));
+    assert_eq!(g.mode(), Mode::Reflex);
+    assert!(g.fault().contains("pushed or blocked: 0.160 m"), "{}", g.fault());
+    let turned = nalgebra::UnitQuaternion::from_euler_angles(0.5, 0.0, 0.0) * pose(0.4).rotation();
+    let mut g = gate();
+    g.on_measured(ArmPose::from_parts(pose(0.4).position_m, &turned));
+    assert_eq!((g.tick(9.1), g.mode()), (Some(Order::End), Mode::Reflex), "turned while it held");
 }
 
 #[test]
@@ -170,14 +273,37 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
 }
 
 #[test]
-fn a_move_to_the_start_shuts_targets_out_and_ends_holding() {
+fn an_enabled_arm_takes_no_target_once_time_comes_from_a_replay() {
+    let replayed = Command { simulated_time: true, ..command(0.42) };
+    assert_eq!(rejected(&mut gate(), &replayed), Rejection::Replay);
+    let mut g = SafetyGate::new(GateSettings::default(), false);
+    g.on_measured(pose(0.4));
+    g.on_enable(1, true).unwrap();
+    assert!(matches!(g.on_command(&replayed, 10.0), Verdict::Accepted { .. }), "a simulated arm may follow");
+}
+
+#[test]
+fn a_move_to_the_start_shuts_targets_out_and_an_enabled_arm_holds_after_it() {
     let mut g = gate();
     g.on_move_begins(false).unwrap();
-    assert!(matches!(g.on_command(&command(0.4, 10.0), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
     assert_eq!(g.on_enable(1, false), Err(Refusal::Moving));
     g.on_measured(pose(0.42));
     g.on_move_ended(None);
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
+}
+
+#[test]
+fn a_move_to_the_start_enables_no_arm() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    for target in [Some(pose(0.4)), None] {
+        g.on_move_begins(false).unwrap();
+        g.on_move_begins(false).unwrap();
+        g.on_move_ended(target);
+        assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.4))));
+        assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    }
 }
 
 #[test]
@@ -189,4 +315,27 @@ fn a_lost_arm_refuses_everything_and_comes_back_idle() {
     g.on_connection(true);
     assert_eq!(g.mode(), Mode::Idle);
     assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose), "the old pose counts no more");
+}
+
+#[test]
+fn what_is_latched_outlives_the_connection() {
+    let mut g = gate();
+    g.on_reflex("contact");
+    g.on_connection(false);
+    assert_eq!((g.mode(), g.fault()), (Mode::Disconnected, "no connection to the arm"));
+    g.on_connection(true);
+    g.on_measured(pose(0.4));
+    assert_eq!((g.mode(), g.fault()), (Mode::Reflex, "contact"));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
+    g.on_recovery().unwrap();
+    g.on_connection(false);
+    g.on_user_stop(true);
+    assert_eq!(g.mode(), Mode::Disconnected, "a stop brings no arm back");
+    g.on_connection(true);
+    g.on_measured(pose(0.4));
+    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("user stop")));
+    assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
+    g.on_user_stop(false);
+    g.on_recovery().unwrap();
+    assert!(g.on_enable(1, false).is_ok());
 }

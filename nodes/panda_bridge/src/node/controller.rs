@@ -1,16 +1,20 @@
 //! The controller behind the relay: it takes target poses on one topic and tells its pose on another.
+#![allow(clippy::disallowed_methods, reason = "silence and motion are timed on a clock that does not step")]
 
 use crate::arm::Plant;
 use crate::convert;
 use crate::gate::Order;
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_shell::{Node, Publisher, ShellError, Time, contract};
+use catenary_shell::{Node, Publisher, Time};
+use std::time::Instant;
 
 /// The controller as the relay sees it.
 pub struct Controller {
     node: Node,
+    /// The same moment in the node's clock and in one that does not step.
     origin: Time,
+    started: Instant,
     frame_id: String,
     targets: Publisher<PoseStamped>,
     measured: Option<ArmPose>,
@@ -22,7 +26,16 @@ pub struct Controller {
 impl Controller {
     /// A controller of which nothing is known, that takes targets in the frame `frame_id`.
     pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, frame_id: String) -> Self {
-        Self { node: node.clone(), origin, frame_id, targets, measured: None, target: None, fresh: false }
+        Self {
+            node: node.clone(),
+            origin,
+            started: Instant::now(),
+            frame_id,
+            targets,
+            measured: None,
+            target: None,
+            fresh: false,
+        }
     }
 
     /// The controller told its pose.
@@ -45,13 +58,6 @@ impl Controller {
         }
     }
 
-    /// Publishers of targets besides this one. On the loopback interface alone a participant does not discover itself; a
-    /// topic that only a bridge publishes shows whether it does.
-    fn other_publishers(&self) -> Result<usize, ShellError> {
-        let own = self.node.publisher_count(contract::ACCEPTED_TARGET.name)?.min(1);
-        Ok(self.node.publisher_count(self.targets.topic())?.saturating_sub(own))
-    }
-
     fn send(&self, target: &ArmPose) {
         let header = self.node.header(&self.frame_id);
         self.targets.send(PoseStamped { header, pose: convert::pose_message(target) });
@@ -60,6 +66,10 @@ impl Controller {
 
 impl Plant for Controller {
     fn time_s(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    fn stamp_time_s(&self) -> f64 {
         self.node.now().secs_since(self.origin)
     }
 
@@ -88,7 +98,7 @@ impl Plant for Controller {
         if !self.targets.has_subscriber() {
             return Some(format!("no controller listens on {topic}"));
         }
-        match self.other_publishers() {
+        match self.node.other_publisher_count(topic) {
             Ok(0) => None,
             Ok(n) => Some(format!("{n} more on {topic}: expected this relay to be the only publisher")),
             Err(error) => Some(error.to_string()),

@@ -22,6 +22,8 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(20);
 /// Warnings about rejected targets come at most this often.
 const COMPLAIN: Duration = Duration::from_secs(1);
+/// Time between two looks at who else may move an arm, s.
+pub const RECHECK_S: f64 = 0.5;
 /// Longest settling that a goal may ask for, s.
 const MAX_SETTLE_S: f64 = 60.0;
 
@@ -79,6 +81,18 @@ impl<P: Plant> Front<P> {
         self.arm.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Looks again at what enabling looked at: whether others may move the arm. To be called every [`RECHECK_S`].
+    pub fn recheck(&self) {
+        match self.node.publisher_count(contract::TARGET_POSE.name) {
+            Ok(publishers) => {
+                if let Some(why) = self.arm().recheck(publishers) {
+                    tracing::error!("motion ended: {why}");
+                }
+            }
+            Err(error) => tracing::error!("{error}"),
+        }
+    }
+
     /// The stamp of a time of the arm.
     pub fn stamp(&self, time_s: f64) -> Time {
         self.origin + Duration::from_secs_f64(time_s.max(0.0))
@@ -107,7 +121,11 @@ impl<P: Plant> Front<P> {
             contract::EPISODE_EVENT.name,
             contract::EPISODE_EVENT.qos,
             move |received| match received.message.event {
-                EpisodeEvent::STARTED => front.arm().episode_started(received.message.step_period),
+                EpisodeEvent::STARTED => {
+                    if let Err(why) = front.arm().episode_started(received.message.step_period) {
+                        tracing::error!("episode {}: {why}", received.message.episode);
+                    }
+                }
                 _ => front.arm().episode_ended(),
             },
         )?;
@@ -158,7 +176,9 @@ impl<P: Plant> Front<P> {
     fn on_target(&self, accepted: &Publisher<AcceptedTarget>, message: &PoseStamped, complaints: &mut Throttle) {
         let answer = {
             let mut arm = self.arm();
-            let verdict = arm.command(&convert::command(message, self.origin));
+            let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(self.origin);
+            let age_s = arm.plant().stamp_time_s() - stamp_s;
+            let verdict = arm.command(&convert::command(message, age_s, self.node.clock().is_simulated()));
             if let Verdict::Rejected(why) = &verdict
                 && let Some(more) = complaints.pass(wall_now())
             {

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "the silence of a controller is measured on a clock that does not step")]
 
 use super::controller::Controller;
-use super::front::{Front, MoveParameters};
+use super::front::{Front, MoveParameters, RECHECK_S};
 use super::parameters;
 use super::settings::{ControllerNames, Settings};
 use crate::arm::Arm;
@@ -151,12 +151,16 @@ impl Relay {
         let states = node.publisher::<ArmState>(contract::ARM_STATE.name, contract::ARM_STATE.qos)?;
         // The wall clock: a /clock that stands still must not stop the watch over a controller.
         let mut rate = Clock::new(node.shutdown()).rate(LOOK);
+        let recheck = (RECHECK_S / LOOK.as_secs_f64()).round() as u64;
         let (mut share, mut missed, mut last_mode) = (1.0, 0, None);
         while let Some(tick) = rate.tick() {
             let late = (tick.missed - missed).min(1000) as i32;
             share = (share * (1.0 - SHARE_WEIGHT).powi(late)) * (1.0 - SHARE_WEIGHT) + SHARE_WEIGHT;
             missed = tick.missed;
             let slow = tick.index.is_multiple_of(SLOW);
+            if tick.index.is_multiple_of(recheck) {
+                self.front.recheck();
+            }
             let (alive, measured) = {
                 let link = self.link();
                 (link.is_alive(), link.measured)

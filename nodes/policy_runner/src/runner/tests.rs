@@ -49,6 +49,7 @@ fn inputs(now_s: f64, dlo_px: f64, x_m: f64) -> Inputs {
         keypoints: Some((now_s - 0.01, keypoints(dlo_px))),
         pose: Some((now_s - 0.005, GripPose { x_m, z_m: 0.4, pitch_rad: 0.0 })),
         arm_fault: None,
+        objection: None,
     }
 }
 
@@ -100,8 +101,15 @@ fn a_target_or_a_pose_outside_the_workspace_ends_the_episode_with_minus_one() {
     let steps = run(&mut r, 20.0, 0.58);
     assert_eq!((steps.len(), steps[1].end, steps[1].reward), (2, Some(End::LeftWorkspace), Some(-1.0)));
     let mut r = runner([0.0, 0.0], Settings::default());
-    let steps = run(&mut r, 20.0, 0.7);
-    assert_eq!(steps.last().unwrap().end, Some(End::LeftWorkspace));
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let Turn::Step(left) = r.turn(&inputs(10.5, 20.0, 0.7)) else { panic!("no step") };
+    assert_eq!((left.end, left.reward, left.action), (Some(End::LeftWorkspace), Some(-1.0), None));
+}
+
+#[test]
+fn no_action_is_taken_from_outside_the_workspace() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    assert_eq!(r.turn(&inputs(10.0, 20.0, 0.7)), Turn::Fault(Fault::Outside(0.7, 0.4)));
 }
 
 #[test]
@@ -134,6 +142,33 @@ fn stale_or_missing_data_are_waited_for_and_then_end_the_episode() {
 }
 
 #[test]
+fn a_stamp_from_the_future_is_not_fresh() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut ahead = inputs(10.0, 20.0, 0.4);
+    ahead.keypoints.as_mut().unwrap().0 = 13.0;
+    assert!(matches!(r.turn(&ahead), Turn::Wait(_)));
+    ahead.now_s = 11.0;
+    ahead.pose.as_mut().unwrap().0 = 11.0;
+    let Turn::Fault(fault) = r.turn(&ahead) else { panic!("no fault") };
+    assert!(fault.to_string().contains("keypoints") && fault.to_string().contains("2.000 s ahead"), "{fault}");
+    ahead = inputs(11.0, 20.0, 0.4);
+    ahead.keypoints.as_mut().unwrap().0 = 11.1;
+    assert!(matches!(r.turn(&ahead), Turn::Step(_)), "clocks may differ by the age allowed");
+}
+
+#[test]
+fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    let mut due_s = Vec::new();
+    for now_s in [10.0, 10.52, 11.9] {
+        assert!(matches!(r.turn(&inputs(now_s, 20.0, 0.4)), Turn::Step(_)), "{now_s}");
+        let Turn::Wait(until_s) = r.turn(&inputs(now_s + 0.005, 20.0, 0.4)) else { panic!("two steps at {now_s}") };
+        due_s.push(until_s);
+    }
+    assert!(due_s.iter().zip([10.5, 11.0, 12.4]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{due_s:?}");
+}
+
+#[test]
 fn an_occluded_target_stays_where_it_was_seen() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let Turn::Step(first) = r.turn(&inputs(10.0, 20.0, 0.4)) else { panic!("no step") };
@@ -148,6 +183,24 @@ fn an_arm_that_refuses_ends_the_episode() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let refusing = Inputs { arm_fault: Some("reflex".into()), ..inputs(10.0, 20.0, 0.4) };
     assert_eq!(r.turn(&refusing), Turn::Fault(Fault::Arm("reflex".into())));
+}
+
+#[test]
+fn a_target_that_the_arm_rejects_ends_the_episode_before_another_builds_on_it() {
+    let mut r = runner([0.5, 0.5], Settings::default());
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let refused = Inputs { objection: Some(Objection::Rejected("a jump".into())), ..inputs(10.02, 20.0, 0.4) };
+    assert_eq!(r.turn(&refused), Turn::Fault(Fault::Rejected { step: 0, why: "a jump".into() }));
+}
+
+#[test]
+fn a_target_that_the_arm_clamps_has_left_the_workspace() {
+    let mut r = runner([0.5, 0.0], Settings::default());
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let clipped = Inputs { objection: Some(Objection::Clipped), ..inputs(10.02, 20.0, 0.4) };
+    assert!(matches!(r.turn(&clipped), Turn::Wait(_)));
+    let Turn::Step(left) = r.turn(&inputs(10.5, 20.0, 0.4)) else { panic!("no step") };
+    assert_eq!((left.end, left.reward, left.action), (Some(End::LeftWorkspace), Some(-1.0), None));
 }
 
 #[test]

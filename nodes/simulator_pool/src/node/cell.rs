@@ -17,7 +17,7 @@ use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
 use panda_bridge::gate::BASE_FRAME;
-use panda_bridge::node::front::{Front, MoveParameters};
+use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S};
 use panda_bridge::{Arm, Mode, kinematics};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -140,6 +140,8 @@ impl Measuring {
         let mut scene = front.arm().plant().scene();
         let mut count: u64 = 0;
         let mut last_mode = None;
+        let recheck = (RECHECK_S / MEASURE_S).round() as u64;
+        let mut next_check = recheck;
         while !node.is_shutdown() {
             let wanted_s = started.elapsed().as_secs_f64() * factor;
             let next_s = ((wanted_s / MEASURE_S).floor() * MEASURE_S).max((count + 1) as f64 * MEASURE_S);
@@ -166,6 +168,10 @@ impl Measuring {
             if count.is_multiple_of(SLOW) || last_mode != Some(state.mode) {
                 last_mode = Some(state.mode);
                 self.state.send(state);
+            }
+            if count >= next_check {
+                next_check = count + recheck;
+                front.recheck();
             }
             if let Some(clock) = &self.clock {
                 clock.send(ClockMsg { clock: stamp::to_msg(time) });
