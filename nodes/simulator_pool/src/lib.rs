@@ -6,6 +6,7 @@
 //! pure code starts threads, and they change no bit of a result.
 
 pub mod arm;
+pub mod backend;
 pub mod beam;
 pub mod cell;
 #[cfg(feature = "node")]
@@ -14,11 +15,14 @@ pub mod episode;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod parameters;
+#[cfg(feature = "rapier_fem")]
+pub mod rapier_fem;
 pub mod render;
 pub mod scene;
 pub mod simulator;
 pub mod vector_env;
 pub mod workers;
 
+pub use backend::Backend;
 pub use simulator::BeamSimulator;
 pub use vector_env::VectorEnv;
