@@ -10,7 +10,7 @@ pub enum Backend {
     /// The planar beam.
     #[default]
     Beam,
-    /// rapier's finite elements, for cross-checks: a thousand times slower, and built in with the feature `rapier_fem` only.
+    /// rapier's finite elements, for cross-checks: a hundred times slower, and built in with the feature `rapier_fem` only.
     RapierFem,
 }
 
