@@ -6,6 +6,7 @@
 //! pure code starts threads, and they change no bit of a result.
 
 pub mod arm;
+pub mod backend;
 pub mod beam;
 pub mod cell;
 #[cfg(feature = "node")]
@@ -15,6 +16,8 @@ pub mod episode;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod parameters;
+#[cfg(feature = "rapier_fem")]
+pub mod rapier_fem;
 pub mod render;
 pub mod scene;
 pub mod simulator;
@@ -24,6 +27,7 @@ mod view;
 pub mod workers;
 pub mod world;
 
+pub use backend::Backend;
 pub use effects::Registry;
 pub use simulator::BeamSimulator;
 pub use vector_env::VectorEnv;
