@@ -84,7 +84,8 @@ pub fn infer(
         }
     };
     let marginals = posterior.marginals().map_err(failed)?;
-    let mut warnings = diagnostics::edges(&posterior).map_err(failed)?;
+    let mut warnings = measured.warnings.clone();
+    warnings.extend(diagnostics::edges(&posterior).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
@@ -120,6 +121,7 @@ mod tests {
             actions: Vec::new(),
             start: StartShape::HangingAtRest,
             target_m: Some([0.5, 0.1]),
+            warnings: vec!["the recording is doubtful".into()],
         }
     }
 
@@ -145,6 +147,7 @@ mod tests {
         assert!((0.0..1.0).contains(&result.mass_outside), "{}", result.mass_outside);
         // 80 simulations are under the 100 effective ones that a posterior should rest on.
         assert!(result.warnings.iter().any(|w| w.contains("effective samples only")), "{:?}", result.warnings);
+        assert_eq!(result.warnings[0], measured().warnings[0], "what is doubtful about the track comes along");
         let back: InferenceResult = serde_json::from_str(&serde_json::to_string(&result).unwrap()).unwrap();
         // The last bit of a number may be lost in the text.
         let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);

@@ -1,0 +1,130 @@
+//! Episodes and tracks out of logs.
+
+use super::*;
+use crate::task::DeltaAnchor;
+
+fn keypoints(shift: f64, flip: bool) -> Keypoints {
+    let mut dlo_px = [0.0, 1.0, 2.0, 3.0].map(|i: f64| [100.0 + shift, 100.0 + 10.0 * i]);
+    if flip {
+        dlo_px.reverse();
+    }
+    Keypoints {
+        dlo_px,
+        target_px: Some([150.0, 160.0]),
+        scores: [1.0; 4],
+        target_score: 1.0,
+        image_width_px: 256,
+        image_height_px: 256,
+    }
+}
+
+fn start() -> EpisodeStart {
+    EpisodeStart { policy: "recorded".into(), seed: 1, step_period_s: 0.5, delta_anchor: DeltaAnchor::LastTarget }
+}
+
+fn log() -> EpisodeLog {
+    let mut log = EpisodeLog::default();
+    log.push_start(1_000_000_000, 4, start());
+    for i in 0..300 {
+        let stamp = 900_000_000 + i * 33_000_000;
+        log.push_keypoints(stamp, keypoints(i as f64 * 0.1, i % 2 == 0));
+        log.push_pose(stamp + 1, GripPose { x_m: 0.4, z_m: 0.4, pitch_rad: 0.0 });
+    }
+    log.push_end(9_100_000_000, 4, "complete".into());
+    log
+}
+
+fn model() -> Model {
+    Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
+}
+
+#[test]
+fn track_takes_the_frames_nearest_to_the_models_times() {
+    let measured = log().episode(None).unwrap().measured(&model()).unwrap();
+    let frames = &measured.track.frames;
+    assert_eq!(frames.len(), 33);
+    let late_s = |i: usize| frames[i].time_s - 0.25 * i as f64;
+    assert!((1..33).all(|i| late_s(i).abs() <= 0.0166), "{frames:?}");
+    assert!((0.0..=0.033).contains(&late_s(0)), "a frame from before the start: {frames:?}");
+    assert!(measured.target_m.is_some());
+}
+
+#[test]
+fn the_order_of_arrival_does_not_matter() {
+    let forward = log().episode(None).unwrap();
+    let mut backward = EpisodeLog::default();
+    backward.push_end(9_100_000_000, 4, "complete".into());
+    let stamp = |time_s: f64| 1_000_000_000 + (time_s * 1e9).round() as i64;
+    for (t, k) in forward.keypoints.iter().rev() {
+        backward.push_keypoints(stamp(*t), *k);
+    }
+    for (t, p) in forward.poses.iter().rev() {
+        backward.push_pose(stamp(*t), *p);
+    }
+    backward.push_start(1_000_000_000, 4, start());
+    assert_eq!(forward, backward.episode(Some(4)).unwrap());
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let empty = EpisodeLog::default().episode(None).unwrap_err().to_string();
+    assert!(empty.contains("0 keypoints") && empty.contains("/episode/event"), "{empty}");
+    let other = log().episode(Some(9)).unwrap_err();
+    assert_eq!(other, EpisodeError::NoSuchEpisode { number: 9, complete: vec![4] });
+    let no_pose = Episode { poses: Vec::new(), ..log().episode(None).unwrap() };
+    let e = no_pose.measured(&model()).unwrap_err().to_string();
+    assert!(e.contains("/panda/current_pose"), "{e}");
+}
+
+#[test]
+fn measured_start_is_ordered_from_the_grip_and_moves() {
+    let mut m = model();
+    m.observation.start = StartKind::Measured;
+    let measured = log().episode(None).unwrap().measured(&m).unwrap();
+    let StartShape::Measured { points_m, velocities_m_s } = measured.start else { panic!("{:?}", measured.start) };
+    assert!(points_m.windows(2).all(|w| w[0][1] > w[1][1]), "{points_m:?}");
+    assert!(velocities_m_s.iter().all(|v| v[0] > 0.0 && v[1].abs() < 1e-9), "{velocities_m_s:?}");
+}
+
+/// Step `step` of a policy that tells its runs apart by `run`.
+fn push_step(log: &mut EpisodeLog, stamp_ns: i64, episode: u32, step: u32, run: f64) {
+    log.push_observation(stamp_ns, episode, step, Observation([run; 12]));
+    log.push_action(stamp_ns + 1, episode, step, [run, 0.0]);
+}
+
+#[test]
+fn a_number_that_comes_twice_names_two_episodes() {
+    let mut log = EpisodeLog::default();
+    // The second run is the shorter one, and its records come first, as from a graph whose topics are read one by one.
+    for (start_ns, steps, run) in [(20_000_000_000, 2, 2.0), (1_000_000_000, 4, 1.0)] {
+        log.push_start(start_ns, 1, start());
+        for step in 0..steps {
+            push_step(&mut log, start_ns + i64::from(step) * 500_000_000, 1, step, run);
+        }
+        log.push_end(start_ns + i64::from(steps) * 500_000_000, 1, format!("run {run}"));
+    }
+    assert_eq!(log.complete(), [1, 1]);
+    let last = log.episode(Some(1)).unwrap();
+    assert_eq!((last.start_ns, last.duration_s, last.end.as_str()), (20_000_000_000, 1.0, "run 2"));
+    assert_eq!(last.actions, [[2.0, 0.0]; 2]);
+    assert_eq!(last.observations, [Observation([2.0; 12]); 2]);
+    assert_eq!(last.namesakes, 1);
+    // A run that was killed has no end: the end of the next one is not its own.
+    log.push_start(30_000_000_000, 1, start());
+    push_step(&mut log, 30_000_000_000, 1, 0, 3.0);
+    assert_eq!(log.episode(None).unwrap(), last);
+    log.push_start(40_000_000_000, 1, start());
+    log.push_end(41_000_000_000, 1, "run 4".into());
+    let fourth = log.episode(None).unwrap();
+    assert_eq!((fourth.start_ns, fourth.actions.len(), fourth.namesakes), (40_000_000_000, 0, 2));
+}
+
+#[test]
+fn an_ambiguous_number_is_said() {
+    let mut twice = log();
+    assert_eq!(twice.episode(None).unwrap().measured(&model()).unwrap().warnings, [] as [String; 0]);
+    twice.push_start(100, 4, start());
+    twice.push_end(200, 4, "complete".into());
+    let warnings = twice.episode(Some(4)).unwrap().measured(&model()).unwrap().warnings;
+    assert!(warnings.len() == 1 && warnings[0].contains("2 complete episodes called 4"), "{warnings:?}");
+}
