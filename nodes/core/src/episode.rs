@@ -63,10 +63,10 @@ pub struct Episode {
     pub keypoints: Vec<(f64, Keypoints)>,
     /// Poses of the grip with their times, in order.
     pub poses: Vec<(f64, GripPose)>,
-    /// Actions (dx, dz) in m, in order of their steps.
-    pub actions: Vec<[f64; 2]>,
-    /// Observations, in order of their steps; one more than actions where the episode ended in order.
-    pub observations: Vec<Observation>,
+    /// Actions (dx, dz) in m with the numbers of their steps, in order.
+    pub actions: Vec<(u32, [f64; 2])>,
+    /// Observations with the numbers of their steps, in order; one more than actions where the episode ended in order.
+    pub observations: Vec<(u32, Observation)>,
 }
 
 /// A measured track with what the simulator needs to reproduce it.
@@ -76,7 +76,7 @@ pub struct MeasuredTrack {
     pub track: Track,
     /// The measured path of the clamped end.
     pub grip: GripTrajectory,
-    /// The actions that were taken.
+    /// The actions that were taken, step by step; empty where the measured path drives the simulator.
     pub actions: Vec<[f64; 2]>,
     /// The shape at the start.
     pub start: StartShape,
@@ -106,9 +106,12 @@ impl Episode {
         }
         let grip =
             GripTrajectory::new(self.poses.iter().map(|p| p.0).collect(), self.poses.iter().map(|p| p.1).collect())?;
-        let frames = match model.observation.drive {
-            DriveKind::Grip => self.sampled_frames(model, &grip),
-            DriveKind::Actions | DriveKind::Policy => self.policy_frames(&grip),
+        let (frames, actions) = match model.observation.drive {
+            DriveKind::Grip => (self.sampled_frames(model, &grip), Vec::new()),
+            DriveKind::Actions | DriveKind::Policy => {
+                let (actions, observations) = self.steps()?;
+                (self.policy_frames(&grip, &actions, &observations), actions)
+            }
         };
         if frames.len() < 2 {
             return Err(missing("at least two frames with all four keypoints"));
@@ -125,7 +128,7 @@ impl Episode {
         Ok(MeasuredTrack {
             track: Track { frames, end },
             grip,
-            actions: self.actions.clone(),
+            actions,
             start,
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings: self.namesake_warning().into_iter().collect(),
@@ -169,15 +172,34 @@ impl Episode {
         frames
     }
 
+    /// Actions and observations of all steps from 0 on: a lost one would shift those after it in time.
+    fn steps(&self) -> Result<(Vec<[f64; 2]>, Vec<Observation>), EpisodeError> {
+        let missing = |needed: &str, found: String| EpisodeError::Missing {
+            episode: self.number,
+            needed: needed.to_owned(),
+            found,
+        };
+        let actions = each_once(&self.actions)
+            .map_err(|found| missing("the actions of all steps from 0 on, each once, on /policy/action", found))?;
+        let observations = each_once(&self.observations).map_err(|found| {
+            missing("the observations of all steps from 0 on, each once, on /policy/observation", found)
+        })?;
+        if !(actions.len()..=actions.len() + 1).contains(&observations.len()) {
+            let found = format!("{} observations, {} actions", observations.len(), actions.len());
+            return Err(missing("an observation before each action, and at most one after the last", found));
+        }
+        Ok((actions, observations))
+    }
+
     /// Frames at the steps of the policy, as it saw them.
-    fn policy_frames(&self, grip: &GripTrajectory) -> Vec<Frame> {
+    fn policy_frames(&self, grip: &GripTrajectory, actions: &[[f64; 2]], observations: &[Observation]) -> Vec<Frame> {
         let frame = |(i, o): (usize, &Observation)| {
             let time_s = i as f64 * self.start.step_period_s;
             let [x, z] = o.eef_m();
-            let action = self.actions.get(i).copied().unwrap_or_default();
+            let action = actions.get(i).copied().unwrap_or_default();
             Frame { time_s, dlo: o.dlo(), target: o.target(), eef: [x, z, grip.at(time_s).pitch_rad], action }
         };
-        self.observations.iter().enumerate().map(frame).collect()
+        observations.iter().enumerate().map(frame).collect()
     }
 
     /// Points and velocities of the first frame at or after the start, ordered from the grip on.
@@ -197,6 +219,14 @@ impl Episode {
             points_m: first,
             velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
         })
+    }
+}
+
+/// The values of steps 0, 1, 2 and so on; in words what comes instead where one is missing or comes twice.
+fn each_once<T: Copy>(steps: &[(u32, T)]) -> Result<Vec<T>, String> {
+    match steps.iter().enumerate().find(|(i, (step, _))| *i as u64 != u64::from(*step)) {
+        Some((i, (step, _))) => Err(format!("step {step} in place of step {i}, among {} in all", steps.len())),
+        None => Ok(steps.iter().map(|(_, value)| *value).collect()),
     }
 }
 

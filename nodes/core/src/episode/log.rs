@@ -152,8 +152,8 @@ impl EpisodeLog {
 }
 
 /// The records of the steps in the order of the steps.
-fn in_order<'a, T: Copy + 'a>(records: impl Iterator<Item = (&'a (u32, i64, u32), &'a T)>) -> Vec<T> {
+fn in_order<'a, T: Copy + 'a>(records: impl Iterator<Item = (&'a (u32, i64, u32), &'a T)>) -> Vec<(u32, T)> {
     let mut steps: Vec<(u32, T)> = records.map(|((_, _, step), value)| (*step, *value)).collect();
     steps.sort_by_key(|(step, _)| *step);
-    steps.into_iter().map(|(_, value)| value).collect()
+    steps
 }

@@ -106,8 +106,8 @@ fn a_number_that_comes_twice_names_two_episodes() {
     assert_eq!(log.complete(), [1, 1]);
     let last = log.episode(Some(1)).unwrap();
     assert_eq!((last.start_ns, last.duration_s, last.end.as_str()), (20_000_000_000, 1.0, "run 2"));
-    assert_eq!(last.actions, [[2.0, 0.0]; 2]);
-    assert_eq!(last.observations, [Observation([2.0; 12]); 2]);
+    assert_eq!(last.actions, [(0, [2.0, 0.0]), (1, [2.0, 0.0])]);
+    assert_eq!(last.observations, [0, 1].map(|step| (step, Observation([2.0; 12]))));
     assert_eq!(last.namesakes, 1);
     // A run that was killed has no end: the end of the next one is not its own.
     log.push_start(30_000_000_000, 1, start());
@@ -127,4 +127,56 @@ fn an_ambiguous_number_is_said() {
     twice.push_end(200, 4, "complete".into());
     let warnings = twice.episode(Some(4)).unwrap().measured(&model()).unwrap().warnings;
     assert!(warnings.len() == 1 && warnings[0].contains("2 complete episodes called 4"), "{warnings:?}");
+}
+
+/// A log whose policy took `steps` steps and saw where it ended; observation and action of step i carry i.
+fn driven(steps: u32) -> EpisodeLog {
+    let mut log = log();
+    for step in 0..=steps {
+        let stamp_ns = 1_000_000_000 + i64::from(step) * 500_000_000;
+        log.push_observation(stamp_ns, 4, step, Observation([f64::from(step); 12]));
+        if step < steps {
+            log.push_action(stamp_ns, 4, step, [f64::from(step), 0.0]);
+        }
+    }
+    log
+}
+
+#[test]
+fn a_lost_step_is_named_and_shifts_nothing() {
+    for drive in [DriveKind::Actions, DriveKind::Policy] {
+        let mut model = model();
+        model.observation.drive = drive;
+        let whole = driven(3).episode(None).unwrap();
+        let measured = whole.measured(&model).unwrap();
+        assert_eq!(measured.actions, [0.0, 1.0, 2.0].map(|x| [x, 0.0]));
+        let at: Vec<[f64; 2]> = measured.track.frames.iter().map(|f| [f.time_s, f.dlo[0][0]]).collect();
+        assert_eq!(at, [[0.0, 0.0], [0.5, 1.0], [1.0, 2.0], [1.5, 3.0]]);
+        let refusal = |change: fn(&mut Episode)| {
+            let mut episode = whole.clone();
+            change(&mut episode);
+            episode.measured(&model).unwrap_err().to_string()
+        };
+        let e = refusal(|e| drop(e.actions.remove(0)));
+        assert!(e.contains("/policy/action") && e.contains("step 1 in place of step 0"), "{e}");
+        let e = refusal(|e| drop(e.observations.remove(2)));
+        assert!(e.contains("/policy/observation") && e.contains("step 3 in place of step 2"), "{e}");
+        let e = refusal(|e| e.actions.insert(1, (0, [0.0; 2])));
+        assert!(e.contains("step 0 in place of step 1"), "{e}");
+        let e = refusal(|e| drop(e.actions.pop()));
+        assert!(e.contains("4 observations, 2 actions"), "{e}");
+        let stopped = Episode { observations: whole.observations[..3].to_vec(), ..whole.clone() };
+        assert_eq!(
+            stopped.measured(&model).unwrap().track.frames.len(),
+            3,
+            "the episode was cancelled in its last step"
+        );
+    }
+}
+
+#[test]
+fn a_measured_path_needs_no_actions() {
+    let mut episode = driven(3).episode(None).unwrap();
+    episode.actions.remove(0);
+    assert_eq!(episode.measured(&model()).unwrap().track.frames.len(), 33);
 }
