@@ -3,6 +3,7 @@
 //! A bag reader and a live subscription feed the same [`EpisodeLog`], in whatever order records arrive; what comes out
 //! depends on the records alone.
 
+mod coverage;
 mod log;
 
 use crate::grip::GripError;
@@ -10,6 +11,7 @@ use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::track::End;
 use crate::{Camera, Frame, GripPose, GripTrajectory, Keypoints, Model, Observation, Track};
+use coverage::{frame_warning, path_coverage, start_warning};
 pub use log::{EpisodeLog, EpisodeStart};
 use thiserror::Error;
 
@@ -106,22 +108,33 @@ impl Episode {
         }
         let grip =
             GripTrajectory::new(self.poses.iter().map(|p| p.0).collect(), self.poses.iter().map(|p| p.1).collect())?;
+        let mut warnings: Vec<String> = self.namesake_warning().into_iter().collect();
         let (frames, actions) = match model.observation.drive {
-            DriveKind::Grip => (self.sampled_frames(model, &grip), Vec::new()),
+            DriveKind::Grip => {
+                let covered = path_coverage(grip.times_s(), self.duration_s);
+                let frames = self.sampled_frames(model, &grip, covered.until_s);
+                let room = self.room(model, covered.until_s);
+                warnings.extend(covered.warning);
+                warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
+                (frames, Vec::new())
+            }
             DriveKind::Actions | DriveKind::Policy => {
                 let (actions, observations) = self.steps()?;
                 (self.policy_frames(&grip, &actions, &observations), actions)
             }
         };
         if frames.len() < 2 {
-            return Err(missing("at least two frames with all four keypoints"));
+            return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
         }
         let camera = &model.camera.view;
         let target = median_target(&frames);
         let start = match model.observation.start {
             StartKind::HangingAtRest => StartShape::HangingAtRest,
             StartKind::Measured => {
-                self.start_shape(camera, &grip).ok_or_else(|| missing("two first frames that the camera can place"))?
+                let seen = self.start_shape(camera, &grip);
+                let (shape, times_s) = seen.ok_or_else(|| missing("two first frames that the camera can place"))?;
+                warnings.extend(start_warning(times_s));
+                shape
             }
         };
         let end = End::from_name(&self.end).unwrap_or(End::Complete);
@@ -131,7 +144,7 @@ impl Episode {
             actions,
             start,
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
-            warnings: self.namesake_warning().into_iter().collect(),
+            warnings,
         })
     }
 
@@ -147,11 +160,18 @@ impl Episode {
         })
     }
 
-    /// Frames nearest to the model's frame times and not before the start, where no simulation begins; a time without a frame
-    /// within half a period is left out.
-    fn sampled_frames(&self, model: &Model, grip: &GripTrajectory) -> Vec<Frame> {
+    /// How many of the model's frame times lie within the episode, and not after `until_s`.
+    fn room(&self, model: &Model, until_s: f64) -> usize {
+        let last_s = self.duration_s.min(until_s);
+        (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
+    }
+
+    /// Frames nearest to the model's frame times and not before the start, where no simulation begins, nor after `until_s`;
+    /// a time without a frame within half a period is left out.
+    fn sampled_frames(&self, model: &Model, grip: &GripTrajectory, until_s: f64) -> Vec<Frame> {
         let period_s = model.observation.frame_period_s;
-        let seen: Vec<&(f64, Keypoints)> = self.keypoints.iter().filter(|(t, k)| *t >= 0.0 && k.dlo_seen()).collect();
+        let usable = |(t, k): &&(f64, Keypoints)| (0.0..=until_s).contains(t) && k.dlo_seen();
+        let seen: Vec<&(f64, Keypoints)> = self.keypoints.iter().filter(usable).collect();
         let mut target = seen.iter().find_map(|(_, k)| k.target_scaled()).unwrap_or([0.0, 0.0]);
         let mut frames: Vec<Frame> = Vec::new();
         for i in 0..model.observation.frames {
@@ -202,8 +222,9 @@ impl Episode {
         observations.iter().enumerate().map(frame).collect()
     }
 
-    /// Points and velocities of the first frame at or after the start, ordered from the grip on.
-    fn start_shape(&self, camera: &Camera, grip: &GripTrajectory) -> Option<StartShape> {
+    /// Points and velocities of the first frame at or after the start, ordered from the grip on, and the times in s of the two
+    /// frames that they come from.
+    fn start_shape(&self, camera: &Camera, grip: &GripTrajectory) -> Option<(StartShape, [f64; 2])> {
         let mut seen = self.keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
         let mut placed = || {
             let (time_s, k) = seen.next()?;
@@ -215,10 +236,11 @@ impl Episode {
         let (t0, first) = placed()?;
         let (t1, second) = placed()?;
         let velocity = |i: usize, j: usize| (second[i][j] - first[i][j]) / (t1 - t0);
-        Some(StartShape::Measured {
+        let shape = StartShape::Measured {
             points_m: first,
             velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
-        })
+        };
+        Some((shape, [t0, t1]))
     }
 }
 

@@ -157,13 +157,13 @@ fn a_lost_step_is_named_and_shifts_nothing() {
             change(&mut episode);
             episode.measured(&model).unwrap_err().to_string()
         };
-        let e = refusal(|e| drop(e.actions.remove(0)));
+        let e = refusal(|e| e.actions.retain(|(step, _)| *step != 0));
         assert!(e.contains("/policy/action") && e.contains("step 1 in place of step 0"), "{e}");
-        let e = refusal(|e| drop(e.observations.remove(2)));
+        let e = refusal(|e| e.observations.retain(|(step, _)| *step != 2));
         assert!(e.contains("/policy/observation") && e.contains("step 3 in place of step 2"), "{e}");
         let e = refusal(|e| e.actions.insert(1, (0, [0.0; 2])));
         assert!(e.contains("step 0 in place of step 1"), "{e}");
-        let e = refusal(|e| drop(e.actions.pop()));
+        let e = refusal(|e| e.actions.truncate(2));
         assert!(e.contains("4 observations, 2 actions"), "{e}");
         let stopped = Episode { observations: whole.observations[..3].to_vec(), ..whole.clone() };
         assert_eq!(
@@ -179,4 +179,65 @@ fn a_measured_path_needs_no_actions() {
     let mut episode = driven(3).episode(None).unwrap();
     episode.actions.remove(0);
     assert_eq!(episode.measured(&model()).unwrap().track.frames.len(), 33);
+}
+
+/// The episode of 8.1 s without the records whose times `lost` names.
+fn without(poses: fn(f64) -> bool, keypoints: fn(f64) -> bool) -> Episode {
+    let mut episode = log().episode(None).unwrap();
+    episode.poses.retain(|(t, _)| !poses(*t));
+    episode.keypoints.retain(|(t, _)| !keypoints(*t));
+    episode
+}
+
+fn none(_: f64) -> bool {
+    false
+}
+
+#[test]
+fn a_grip_that_nobody_measured_is_not_simulated() {
+    let model = model();
+    let times = |episode: Episode| {
+        let measured = episode.measured(&model).unwrap();
+        let times: Vec<f64> = measured.track.frames.iter().map(|f| f.time_s).collect();
+        (times, measured.warnings)
+    };
+    let (all, warnings) = times(without(none, none));
+    assert_eq!((all.len(), warnings.len()), (33, 0), "{warnings:?}");
+    let (used, warnings) = times(without(|t| t > 2.0, none));
+    assert!(used.len() == 9 && used[8] < 2.1, "{used:?}");
+    assert!(
+        warnings[0].contains("from 1.98 s to 8.10 s of 8.10 s") && warnings[0].contains("not used"),
+        "{warnings:?}"
+    );
+    assert!(warnings[1].contains("9 frames") && warnings[1].contains("33"), "{warnings:?}");
+    let (used, warnings) = times(without(|t| (3.0..5.0).contains(&t), none));
+    assert!(used.len() == 13 && warnings[0].contains("from 2.97 s to 5.02 s"), "{used:?}: {warnings:?}");
+    let (used, warnings) = times(without(|t| (3.0..3.3).contains(&t), none));
+    assert_eq!((used, warnings.len()), (all.clone(), 1), "a short gap costs nothing but a word");
+    assert!(warnings[0].contains("from 2.97 s to 3.33 s") && warnings[0].contains("straight"), "{warnings:?}");
+    let (used, warnings) = times(without(|t| t < 0.3, none));
+    assert!(used == all && warnings[0].contains("from 0.00 s to 0.33 s"), "{warnings:?}");
+    let e = without(|t| t < 0.7, none).measured(&model).unwrap_err().to_string();
+    assert!(e.contains("when the grip's pose is known"), "{e}");
+}
+
+#[test]
+fn a_thin_track_says_so() {
+    let mut model = model();
+    let thin = without(none, |t| t > 0.3).measured(&model).unwrap();
+    assert_eq!(thin.track.frames.len(), 2);
+    assert!(thin.warnings.len() == 1 && thin.warnings[0].contains("only 2 of 33 frames"), "{:?}", thin.warnings);
+    let some = without(none, |t| (1.0..1.4).contains(&t)).measured(&model).unwrap();
+    assert_eq!((some.track.frames.len(), some.warnings.len()), (32, 0), "a lost image or two: {:?}", some.warnings);
+    let short = Episode { duration_s: 1.0, ..without(|t| t > 1.0, |t| t > 1.0) }.measured(&model).unwrap();
+    assert_eq!(short.warnings.len(), 1, "{:?}", short.warnings);
+    assert!(short.warnings[0].contains("5 frames, and the model looks at 33"), "{:?}", short.warnings);
+    model.observation.start = StartKind::Measured;
+    assert_eq!(without(none, none).measured(&model).unwrap().warnings, [] as [String; 0]);
+    let late = without(none, |t| t < 0.2).measured(&model).unwrap();
+    assert!(
+        late.warnings.len() == 1 && late.warnings[0].contains("frames at 0.23 s and 0.26 s"),
+        "{:?}",
+        late.warnings
+    );
 }
