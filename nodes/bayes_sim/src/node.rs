@@ -15,7 +15,6 @@ use catenary_msgs::srv::Simulate;
 use catenary_shell::convert as wire;
 use catenary_shell::{
     Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Publisher, Subscription, contract,
-    stamp,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -32,8 +31,8 @@ const REPLY_BYTES: usize = 48_000;
 const FRAME_BYTES: usize = 17 * 8;
 /// Frames of a track where the policy's steps decide.
 const DEFAULT_FRAMES: usize = 17;
-/// What the live log keeps before the start of the newest episode.
-const KEEP_NS: i64 = 2_000_000_000;
+/// How often the live log drops what nobody needs.
+const TIDY: Duration = Duration::from_secs(5);
 /// How often a goal that waits for an episode looks for it.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -46,6 +45,12 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let node = builder.build()?;
     let log = Arc::new(Mutex::new(EpisodeLog::default()));
     let _listening = listen(&node, &log)?;
+    let (tidied, shutdown) = (Arc::clone(&log), node.shutdown().clone());
+    node.spawn("tidy_log", move || {
+        while !shutdown.wait_timeout(TIDY) {
+            lock(&tidied).forget_old();
+        }
+    })?;
     let pool = node.client::<Simulate>(contract::SIMULATE.name)?;
     let posteriors = node.publisher::<Mixture>(contract::POSTERIOR.name, contract::POSTERIOR.qos)?;
     let shared = Arc::clone(&log);
@@ -65,23 +70,14 @@ fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
     log.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps the records of the newest episodes.
+/// Records what the topics say of episodes.
 fn listen(node: &Node, log: &Arc<Mutex<EpisodeLog>>) -> Result<[Subscription; 5]> {
-    let l = Arc::clone(log);
-    let events =
-        node.subscription::<EpisodeEvent>(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos, move |m| {
-            let mut log = lock(&l);
-            if m.message.event == EpisodeEvent::STARTED {
-                log.forget_before(stamp::from_msg(&m.message.header.stamp).nanos() - KEEP_NS);
-            }
-            feed(&mut log, &*m.message);
-        })?;
     Ok([
         follow::<Keypoints>(node, log, &contract::KEYPOINTS)?,
         follow::<PoseStamped>(node, log, &contract::CURRENT_POSE)?,
         follow::<EefDelta>(node, log, &contract::ACTION)?,
         follow::<Observation>(node, log, &contract::OBSERVATION)?,
-        events,
+        follow::<EpisodeEvent>(node, log, &contract::EPISODE_EVENT)?,
     ])
 }
 
@@ -166,7 +162,9 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
             read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
         }
         InferGoal::SOURCE_LIVE => loop {
-            if let Ok(episode) = lock(log).episode(None) {
+            // Events are told to late joiners: one without poses and keypoints ended before this node listened.
+            let last = lock(log).episode(None).ok();
+            if let Some(episode) = last.filter(|e| !(e.poses.is_empty() && e.keypoints.is_empty())) {
                 break episode;
             }
             if handle.wait_cancelled(LOOK) {

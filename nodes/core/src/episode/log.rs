@@ -8,6 +8,11 @@ use std::collections::BTreeMap;
 /// Time before an episode's start from which records still belong to it, ns: the pose and the frame that it starts from.
 const LEAD_NS: i64 = 200_000_000;
 
+/// What a live log keeps of the newest records, ns: an episode that starts now may have begun with them.
+const RECENT_NS: i64 = 2_000_000_000;
+/// Longest episode that a live log waits for the end of, ns: a start that is older was left by a node that died.
+const OPEN_NS: i64 = 3_600_000_000_000;
+
 /// The start of an episode, as `/episode/event` reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeStart {
@@ -38,6 +43,8 @@ pub struct EpisodeLog {
     starts: BTreeMap<(u32, i64), EpisodeStart>,
     /// By number of the episode and stamp.
     ends: BTreeMap<(u32, i64), String>,
+    /// Stamp of the record that came last.
+    newest_ns: Option<i64>,
 }
 
 /// An episode that both started and ended, by its stamps in ns.
@@ -53,31 +60,37 @@ struct Span {
 impl EpisodeLog {
     /// Records the keypoints of the image stamped `stamp_ns`.
     pub fn push_keypoints(&mut self, stamp_ns: i64, keypoints: Keypoints) {
+        self.newest_ns = Some(stamp_ns);
         self.keypoints.insert(stamp_ns, keypoints);
     }
 
     /// Records the pose of the grip at `stamp_ns`.
     pub fn push_pose(&mut self, stamp_ns: i64, pose: GripPose) {
+        self.newest_ns = Some(stamp_ns);
         self.poses.insert(stamp_ns, pose);
     }
 
     /// Records action `step` (dx, dz in m) of an episode.
     pub fn push_action(&mut self, stamp_ns: i64, episode: u32, step: u32, delta_m: [f64; 2]) {
+        self.newest_ns = Some(stamp_ns);
         self.actions.insert((episode, stamp_ns, step), delta_m);
     }
 
     /// Records observation `step` of an episode.
     pub fn push_observation(&mut self, stamp_ns: i64, episode: u32, step: u32, observation: Observation) {
+        self.newest_ns = Some(stamp_ns);
         self.observations.insert((episode, stamp_ns, step), observation);
     }
 
     /// Records the start of an episode.
     pub fn push_start(&mut self, stamp_ns: i64, episode: u32, start: EpisodeStart) {
+        self.newest_ns = Some(stamp_ns);
         self.starts.insert((episode, stamp_ns), start);
     }
 
     /// Records the end of an episode.
     pub fn push_end(&mut self, stamp_ns: i64, episode: u32, reason: String) {
+        self.newest_ns = Some(stamp_ns);
         self.ends.insert((episode, stamp_ns), reason);
     }
 
@@ -99,10 +112,25 @@ impl EpisodeLog {
         self.spans().into_iter().map(|s| s.number).collect()
     }
 
-    /// Drops the keypoints and poses from before `stamp_ns`, so that a log that runs for days stays small.
-    pub fn forget_before(&mut self, stamp_ns: i64) {
-        self.keypoints = self.keypoints.split_off(&stamp_ns);
-        self.poses = self.poses.split_off(&stamp_ns);
+    /// Drops what live inference has no use for, so that a log that runs for days stays small. Kept are the last complete
+    /// episode, those that started within the last hour and have not ended yet, and the newest two seconds; the time is that
+    /// of the record that came last.
+    pub fn forget_old(&mut self) {
+        let Some(newest_ns) = self.newest_ns else { return };
+        let spans = self.spans();
+        let ended = |key: &(u32, i64)| spans.iter().any(|s| (s.number, s.start_ns) == *key);
+        let open = self.starts.keys().filter(|key| !ended(key)).map(|(_, start_ns)| *start_ns);
+        let awaited = open.filter(|start_ns| newest_ns.saturating_sub(*start_ns) <= OPEN_NS).min();
+        let recent_ns = newest_ns.saturating_sub(RECENT_NS);
+        let from_ns = awaited.map_or(recent_ns, |start_ns| recent_ns.min(start_ns.saturating_sub(LEAD_NS)));
+        let whole = spans.last().map(|s| s.start_ns.saturating_sub(LEAD_NS)..=s.end_ns);
+        let kept = |stamp_ns: i64| stamp_ns >= from_ns || whole.as_ref().is_some_and(|w| w.contains(&stamp_ns));
+        self.keypoints.retain(|stamp_ns, _| kept(*stamp_ns));
+        self.poses.retain(|stamp_ns, _| kept(*stamp_ns));
+        self.actions.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
+        self.observations.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
+        self.starts.retain(|(_, stamp_ns), _| kept(*stamp_ns));
+        self.ends.retain(|(_, stamp_ns), _| kept(*stamp_ns));
     }
 
     /// What the log holds, in words.

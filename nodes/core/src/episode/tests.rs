@@ -241,3 +241,71 @@ fn a_thin_track_says_so() {
         late.warnings
     );
 }
+
+/// Poses at 10 Hz from `from_s` to `to_s`.
+fn push_poses(log: &mut EpisodeLog, from_s: u32, to_s: u32) {
+    for i in 10 * i64::from(from_s)..10 * i64::from(to_s) {
+        log.push_pose(100_000_000 * i, GripPose::default());
+    }
+}
+
+#[test]
+fn an_idle_live_log_stays_small() {
+    let mut log = EpisodeLog::default();
+    for minute in 0..60 {
+        push_poses(&mut log, 60 * minute, 60 * minute + 60);
+        log.forget_old();
+        let held = log.summary();
+        assert!(held.contains(" 20 poses") || held.contains(" 21 poses"), "after minute {minute}: {held}");
+    }
+}
+
+#[test]
+fn a_live_log_keeps_the_last_complete_episode_while_the_next_one_runs() {
+    let mut live = log();
+    push_poses(&mut live, 10, 60);
+    live.push_start(60_000_000_000, 5, start());
+    push_poses(&mut live, 60, 100);
+    live.forget_old();
+    assert_eq!(live.episode(None).unwrap(), log().episode(None).unwrap());
+    live.push_end(99_950_000_000, 5, "complete".into());
+    live.forget_old();
+    let next = live.episode(None).unwrap();
+    assert_eq!((next.number, next.poses.len()), (5, 2 + 400), "the whole of it, with its lead");
+    push_poses(&mut live, 100, 110);
+    live.forget_old();
+    assert_eq!(live.episode(None).unwrap(), next);
+    assert_eq!(live.complete(), [5], "one complete episode is enough");
+}
+
+#[test]
+fn a_live_log_waits_for_no_end_for_ever() {
+    let mut live = EpisodeLog::default();
+    live.push_start(0, 1, start());
+    push_poses(&mut live, 0, 3500);
+    live.forget_old();
+    assert!(live.summary().contains(" 35000 poses"), "{}", live.summary());
+    push_poses(&mut live, 3500, 3700);
+    live.forget_old();
+    assert!(live.summary().contains(" 21 poses") && live.summary().contains(" 0 episode starts"), "{}", live.summary());
+}
+
+#[test]
+fn a_live_log_takes_a_replay_whose_stamps_run_back() {
+    let mut live = EpisodeLog::default();
+    push_poses(&mut live, 1000, 1010);
+    let recorded = log().episode(None).unwrap().poses;
+    let (lead, rest) = recorded.split_at(recorded.partition_point(|(t, _)| *t < 0.0));
+    let replay = |live: &mut EpisodeLog, poses: &[(f64, GripPose)]| {
+        for (t, pose) in poses {
+            live.push_pose(1_000_000_000 + (t * 1e9).round() as i64, *pose);
+            live.forget_old();
+        }
+    };
+    replay(&mut live, lead);
+    live.push_start(1_000_000_000, 4, start());
+    replay(&mut live, rest);
+    live.push_end(9_100_000_000, 4, "complete".into());
+    live.forget_old();
+    assert_eq!((live.episode(None).unwrap().poses, lead.len()), (recorded, 4));
+}
