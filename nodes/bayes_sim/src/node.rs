@@ -152,8 +152,7 @@ fn serve(
 
 fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Result<InferResult> {
     let goal = handle.goal();
-    let mut model = Model::from_yaml(&goal.model_yaml)?;
-    model.observation.drive = wire::drive_from_msg(goal.drive)?;
+    let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
     let settings = settings(goal)?;
     let episode = match goal.source {
@@ -173,7 +172,8 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
         },
         other => bail!("source: expected SOURCE_LIVE or SOURCE_BAG, got {other}"),
     };
-    let measured = episode.measured(&model)?;
+    let mut measured = episode.measured(&model)?;
+    measured.warnings.extend(overridden);
     let simulator = PoolClient { client: pool, model_yaml: &goal.model_yaml };
     let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior } = progress {
@@ -187,6 +187,17 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
     }
 }
 
+/// The goal's model with the goal's drive, and what to say where the model file has another one.
+fn model(goal: &InferGoal) -> Result<(Model, Option<String>)> {
+    let mut model = Model::from_yaml(&goal.model_yaml)?;
+    let drive = wire::drive_from_msg(goal.drive)?;
+    let own = std::mem::replace(&mut model.observation.drive, drive);
+    let overridden = (own != drive).then(|| {
+        format!("the goal's drive by {} took the place of the model file's drive by {}", drive.name(), own.name())
+    });
+    Ok((model, overridden))
+}
+
 fn settings(goal: &InferGoal) -> Result<Settings> {
     let preset = if goal.preset.is_empty() { "default" } else { &goal.preset };
     let mut settings = Settings::preset(preset).context("preset")?;
@@ -198,4 +209,23 @@ fn settings(goal: &InferGoal) -> Result<Settings> {
     }
     settings.seed = goal.seed;
     Ok(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::model::DriveKind;
+    use catenary_msgs::srv::SimulateRequest;
+
+    #[test]
+    fn a_drive_that_is_not_the_model_files_is_said() {
+        let model_yaml = include_str!("../../../launch_configs/models/soft_bar.yaml").to_owned();
+        let of = |drive| model(&InferGoal { model_yaml: model_yaml.clone(), drive, ..InferGoal::default() }).unwrap();
+        let (same, nothing) = of(SimulateRequest::DRIVE_GRIP);
+        assert_eq!((same.observation.drive, nothing), (DriveKind::Grip, None));
+        let (other, said) = of(SimulateRequest::DRIVE_ACTIONS);
+        assert_eq!(other.observation.drive, DriveKind::Actions);
+        let said = said.unwrap();
+        assert!(said.contains("goal's drive by actions") && said.contains("file's drive by grip"), "{said}");
+    }
 }
