@@ -59,6 +59,8 @@ NO_BAG = ("nowhere", "expected a bag folder or an .mcap file")
         (("launch", "nowhere.xml"), ("launch file nowhere.xml", NO_FILE)),
         (("doctor", "--model", "nowhere.yaml"), ("model nowhere.yaml", NO_FILE)),
         (("record", "--out", BAG), (BAG, "expected a folder that does not exist yet")),
+        (("train", "--model", MODEL, "--preset", "sb3", "--out", BAG), (BAG, "cannot be written")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--preset", "paper", "--out", MODEL), (MODEL,)),
     ],
     ids=lambda value: value[0] if isinstance(value[0], str) else None,
 )

@@ -58,7 +58,7 @@ impl Feed for PoseStamped {
 impl Feed for ObservationMsg {
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
         finite("values", self.values)?;
-        log.push_observation(self.episode, self.step, Observation(self.values));
+        log.push_observation(stamp_ns(&self.header.stamp), self.episode, self.step, Observation(self.values));
         Ok(())
     }
 }
@@ -66,7 +66,7 @@ impl Feed for ObservationMsg {
 impl Feed for EefDelta {
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
         finite("dx, dz", [self.dx, self.dz])?;
-        log.push_action(self.episode, self.step, [self.dx, self.dz]);
+        log.push_action(stamp_ns(&self.header.stamp), self.episode, self.step, [self.dx, self.dz]);
         Ok(())
     }
 }

@@ -5,6 +5,7 @@ use crate::error::InferenceError;
 use crate::sequential::{Iteration, OnProgress, Sequential, request};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, seed};
 use serde::{Deserialize, Serialize};
@@ -84,7 +85,12 @@ pub fn infer(
         }
     };
     let marginals = posterior.marginals().map_err(failed)?;
-    let mut warnings = diagnostics::edges(&posterior).map_err(failed)?;
+    let mut warnings = measured.warnings.clone();
+    let drive = model.observation.drive;
+    if policy.is_some() && drive != DriveKind::Policy {
+        warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
+    }
+    warnings.extend(diagnostics::edges(&posterior).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
@@ -94,9 +100,10 @@ pub fn infer(
 mod tests {
     use super::*;
     use crate::sequential::tests::{TOY, TRUTH, quick};
-    use catenary_core::model::DriveKind;
+    use catenary_core::mlp::Layer;
     use catenary_core::simulator::StartShape;
-    use catenary_core::{Drive, GripTrajectory, SimulatorError, Track};
+    use catenary_core::task::DeltaAnchor;
+    use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError, Track};
     use std::cell::RefCell;
     use std::ops::ControlFlow;
 
@@ -120,6 +127,7 @@ mod tests {
             actions: Vec::new(),
             start: StartShape::HangingAtRest,
             target_m: Some([0.5, 0.1]),
+            warnings: vec!["the recording is doubtful".into()],
         }
     }
 
@@ -145,6 +153,7 @@ mod tests {
         assert!((0.0..1.0).contains(&result.mass_outside), "{}", result.mass_outside);
         // 80 simulations are under the 100 effective ones that a posterior should rest on.
         assert!(result.warnings.iter().any(|w| w.contains("effective samples only")), "{:?}", result.warnings);
+        assert_eq!(result.warnings[0], measured().warnings[0], "what is doubtful about the track comes along");
         let back: InferenceResult = serde_json::from_str(&serde_json::to_string(&result).unwrap()).unwrap();
         // The last bit of a number may be lost in the text.
         let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);
@@ -160,6 +169,30 @@ mod tests {
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
         let result = infer(&model, &measured(), None, &settings, &simulator, &mut listen).unwrap();
         assert_eq!((result.predictive, simulator.1.borrow().len()), (None, 1));
+    }
+
+    #[test]
+    fn a_policy_that_drives_nothing_is_said() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
+        let warned = |policy: Option<&Policy>| {
+            let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+            let simulator = Toy(&model, RefCell::default());
+            let result = infer(&model, &measured(), policy, &settings, &simulator, &mut listen).unwrap();
+            result.warnings.iter().any(|w| w.contains("policy was given and not used") && w.contains("grip"))
+        };
+        let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: vec![0.0; 2] };
+        let policy = Policy {
+            name: "still".into(),
+            actor: Mlp::new(vec![layer]).unwrap(),
+            observation_mean: [0.0; 12],
+            observation_scale: [1.0; 12],
+            action_scale: [1.0; 2],
+            step_period_s: 0.5,
+            delta_anchor: DeltaAnchor::LastTarget,
+            steps: 16,
+        };
+        assert!(warned(Some(&policy)) && !warned(None));
     }
 
     #[test]

@@ -15,7 +15,6 @@ use catenary_msgs::srv::Simulate;
 use catenary_shell::convert as wire;
 use catenary_shell::{
     Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Publisher, Subscription, contract,
-    stamp,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -32,8 +31,8 @@ const REPLY_BYTES: usize = 48_000;
 const FRAME_BYTES: usize = 17 * 8;
 /// Frames of a track where the policy's steps decide.
 const DEFAULT_FRAMES: usize = 17;
-/// What the live log keeps before the start of the newest episode.
-const KEEP_NS: i64 = 2_000_000_000;
+/// How often the live log drops what nobody needs.
+const TIDY: Duration = Duration::from_secs(5);
 /// How often a goal that waits for an episode looks for it.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -46,6 +45,12 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let node = builder.build()?;
     let log = Arc::new(Mutex::new(EpisodeLog::default()));
     let _listening = listen(&node, &log)?;
+    let (tidied, shutdown) = (Arc::clone(&log), node.shutdown().clone());
+    node.spawn("tidy_log", move || {
+        while !shutdown.wait_timeout(TIDY) {
+            lock(&tidied).forget_old();
+        }
+    })?;
     let pool = node.client::<Simulate>(contract::SIMULATE.name)?;
     let posteriors = node.publisher::<Mixture>(contract::POSTERIOR.name, contract::POSTERIOR.qos)?;
     let shared = Arc::clone(&log);
@@ -65,23 +70,14 @@ fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
     log.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps the records of the newest episodes.
+/// Records what the topics say of episodes.
 fn listen(node: &Node, log: &Arc<Mutex<EpisodeLog>>) -> Result<[Subscription; 5]> {
-    let l = Arc::clone(log);
-    let events =
-        node.subscription::<EpisodeEvent>(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos, move |m| {
-            let mut log = lock(&l);
-            if m.message.event == EpisodeEvent::STARTED {
-                log.forget_before(stamp::from_msg(&m.message.header.stamp).nanos() - KEEP_NS);
-            }
-            feed(&mut log, &*m.message);
-        })?;
     Ok([
         follow::<Keypoints>(node, log, &contract::KEYPOINTS)?,
         follow::<PoseStamped>(node, log, &contract::CURRENT_POSE)?,
         follow::<EefDelta>(node, log, &contract::ACTION)?,
         follow::<Observation>(node, log, &contract::OBSERVATION)?,
-        events,
+        follow::<EpisodeEvent>(node, log, &contract::EPISODE_EVENT)?,
     ])
 }
 
@@ -156,8 +152,7 @@ fn serve(
 
 fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Result<InferResult> {
     let goal = handle.goal();
-    let mut model = Model::from_yaml(&goal.model_yaml)?;
-    model.observation.drive = wire::drive_from_msg(goal.drive)?;
+    let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
     let settings = settings(goal)?;
     let episode = match goal.source {
@@ -166,7 +161,9 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
             read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
         }
         InferGoal::SOURCE_LIVE => loop {
-            if let Ok(episode) = lock(log).episode(None) {
+            // Events are told to late joiners: one without poses and keypoints ended before this node listened.
+            let last = lock(log).episode(None).ok();
+            if let Some(episode) = last.filter(|e| !(e.poses.is_empty() && e.keypoints.is_empty())) {
                 break episode;
             }
             if handle.wait_cancelled(LOOK) {
@@ -175,7 +172,8 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
         },
         other => bail!("source: expected SOURCE_LIVE or SOURCE_BAG, got {other}"),
     };
-    let measured = episode.measured(&model)?;
+    let mut measured = episode.measured(&model)?;
+    measured.warnings.extend(overridden);
     let simulator = PoolClient { client: pool, model_yaml: &goal.model_yaml };
     let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior } = progress {
@@ -189,6 +187,17 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
     }
 }
 
+/// The goal's model with the goal's drive, and what to say where the model file has another one.
+fn model(goal: &InferGoal) -> Result<(Model, Option<String>)> {
+    let mut model = Model::from_yaml(&goal.model_yaml)?;
+    let drive = wire::drive_from_msg(goal.drive)?;
+    let own = std::mem::replace(&mut model.observation.drive, drive);
+    let overridden = (own != drive).then(|| {
+        format!("the goal's drive by {} took the place of the model file's drive by {}", drive.name(), own.name())
+    });
+    Ok((model, overridden))
+}
+
 fn settings(goal: &InferGoal) -> Result<Settings> {
     let preset = if goal.preset.is_empty() { "default" } else { &goal.preset };
     let mut settings = Settings::preset(preset).context("preset")?;
@@ -200,4 +209,23 @@ fn settings(goal: &InferGoal) -> Result<Settings> {
     }
     settings.seed = goal.seed;
     Ok(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::model::DriveKind;
+    use catenary_msgs::srv::SimulateRequest;
+
+    #[test]
+    fn a_drive_that_is_not_the_model_files_is_said() {
+        let model_yaml = include_str!("../../../launch_configs/models/soft_bar.yaml").to_owned();
+        let of = |drive| model(&InferGoal { model_yaml: model_yaml.clone(), drive, ..InferGoal::default() }).unwrap();
+        let (same, nothing) = of(SimulateRequest::DRIVE_GRIP);
+        assert_eq!((same.observation.drive, nothing), (DriveKind::Grip, None));
+        let (other, said) = of(SimulateRequest::DRIVE_ACTIONS);
+        assert_eq!(other.observation.drive, DriveKind::Actions);
+        let said = said.unwrap();
+        assert!(said.contains("goal's drive by actions") && said.contains("file's drive by grip"), "{said}");
+    }
 }

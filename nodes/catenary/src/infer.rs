@@ -17,6 +17,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// What a run writes: the posterior, everything of the inference, and pictures of it.
+const FILES: [&str; 3] = ["posterior.json", "inference.json", "report.html"];
+
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
 struct Report {
@@ -47,6 +50,9 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     settings.iterations = arguments.iterations.unwrap_or(settings.iterations);
     settings.simulations = arguments.simulations.unwrap_or(settings.simulations);
     settings.seed = arguments.seed;
+    for name in FILES {
+        output::prepare(&arguments.out.join(name))?;
+    }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
@@ -101,14 +107,12 @@ pub fn infer(
 }
 
 fn write(folder: &Path, report: &Report) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    let save = |name: &str, text: String| {
+    let posterior = serde_json::to_string_pretty(&report.result.posterior)?;
+    for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, page(report)?]) {
         let path = folder.join(name);
-        std::fs::write(&path, text).with_context(|| path.display().to_string())
-    };
-    save("posterior.json", serde_json::to_string_pretty(&report.result.posterior)?)?;
-    save("inference.json", serde_json::to_string_pretty(report)?)?;
-    save("report.html", page(report)?)
+        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
 }
 
 fn page(report: &Report) -> Result<String> {

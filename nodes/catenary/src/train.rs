@@ -42,6 +42,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
             Domains::Mixture(posterior)
         }
     };
+    output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let (trained, seconds) = train(&model, &domains, &settings, arguments.seed, &shutdown)?;

@@ -1,6 +1,6 @@
 //! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed, with the
-//! simulations run by the pool's node. A stamp that is handled differently, a frame that is lost or a request that changes
-//! on the wire would show here.
+//! simulations run by the pool's node, though the next episode has begun by then. A stamp that is handled differently, a
+//! frame that is lost or forgotten, or a request that changes on the wire would show here.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -8,8 +8,9 @@
 )]
 
 use catenary_msgs::action::{Infer, InferGoal};
+use catenary_msgs::msg::EpisodeEvent;
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, Status};
+use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, Status, Time, contract, stamp};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -21,6 +22,10 @@ const SIMULATIONS: u32 = 40;
 const SEED: u64 = 7;
 /// Keypoints and poses are best effort: what one replay loses, the next brings.
 const REPLAYS: usize = 2;
+/// Stamp of an episode that begins a minute after the replayed one.
+const NEXT_START_NS: i64 = 160_000_000_000;
+/// Longer than the inference's node takes to drop what it does not need.
+const FORGETTING: Duration = Duration::from_secs(6);
 
 /// A domain that another run of this test at the same time hardly has.
 fn domain() -> u16 {
@@ -78,6 +83,21 @@ fn by_command(bag: &Path, model: &Path, out: &Path) -> [Vec<f64>; 3] {
     ["weights", "means", "covariances"].map(|name| numbers(&mixture[name]))
 }
 
+/// Tells the graph that another episode began, after the replayed one, and leaves the nodes time to forget.
+fn begin_another(node: &Node) {
+    let topic = contract::EPISODE_EVENT;
+    let events = node.publisher::<EpisodeEvent>(topic.name, topic.qos).unwrap();
+    assert!(events.wait_for_subscriber(Duration::from_secs(20)));
+    events.send(EpisodeEvent {
+        header: stamp::header(Time::from_nanos(NEXT_START_NS), ""),
+        episode: 9,
+        event: EpisodeEvent::STARTED,
+        step_period: 0.5,
+        ..EpisodeEvent::default()
+    });
+    std::thread::sleep(FORGETTING);
+}
+
 /// The same by the inference's node, from the topics.
 fn by_topics(bag: &Path, model: &Path) -> [Vec<f64>; 3] {
     let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
@@ -88,6 +108,7 @@ fn by_topics(bag: &Path, model: &Path) -> [Vec<f64>; 3] {
     for _ in 0..REPLAYS {
         finished(command(&["replay", bag.to_str().unwrap()]).output().unwrap());
     }
+    begin_another(&node);
     let goal = InferGoal {
         source: InferGoal::SOURCE_LIVE,
         model_yaml: std::fs::read_to_string(model).unwrap(),

@@ -105,6 +105,17 @@ pub enum DriveKind {
     Policy,
 }
 
+impl DriveKind {
+    /// Its name in a model file.
+    pub fn name(self) -> &'static str {
+        match self {
+            DriveKind::Grip => "grip",
+            DriveKind::Actions => "actions",
+            DriveKind::Policy => "policy",
+        }
+    }
+}
+
 /// What the object's shape is at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -8,6 +8,7 @@
 pub mod convert;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod numbering;
 pub mod runner;
 
 pub use runner::{Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, Turn};

@@ -17,7 +17,7 @@ use catenary_shell::{
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// Time in which the arm must answer that it is enabled, and then say so.
 const ENABLE: Duration = Duration::from_secs(3);
@@ -74,7 +74,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         observation: node.publisher(contract::OBSERVATION.name, contract::OBSERVATION.qos)?,
         event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
         enable: node.client(contract::ENABLE.name)?,
-        episodes: AtomicU32::new(0),
+        episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
         node: node.clone(),
     };
     shell.task()?;
@@ -101,7 +101,7 @@ impl Shell {
     }
 
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
-        let episode = self.episodes.fetch_add(1, Ordering::Relaxed) + 1;
+        let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
         match self.episode(handle, episode) {
             Ok((End::Complete, result)) => Outcome::Canceled(result),
             Ok((_, result)) => Outcome::Succeeded(result),

@@ -9,6 +9,10 @@ use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+/// Latest time at which an episode may be looked at, s: far more than any recording of one motion, and an amount of work
+/// that ends.
+const LATEST_FRAME_S: f64 = 3600.0;
+
 /// The beam simulator of one model, with stages that its workers share.
 pub struct BeamSimulator {
     model: Model,
@@ -89,11 +93,10 @@ impl BeamSimulator {
             return refuse(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
         }
         let times = &request.frame_times_s;
-        if let Some(i) =
-            (0..times.len()).find(|&i| !times[i].is_finite() || times[i] < 0.0 || (i > 0 && times[i] <= times[i - 1]))
-        {
+        let follows = |i: usize| i == 0 || times[i] > times[i - 1];
+        if let Some(i) = (0..times.len()).find(|&i| !(0.0..=LATEST_FRAME_S).contains(&times[i]) || !follows(i)) {
             return refuse(format!(
-                "frame_times: expected increasing times from 0 s on, got {} s at place {i}",
+                "frame_times: expected increasing times from 0 s to {LATEST_FRAME_S} s, got {} s at place {i}",
                 times[i]
             ));
         }
@@ -192,6 +195,8 @@ mod tests {
         };
         assert!(message(|r| r.thetas[0].clear()).contains("theta"));
         assert!(message(|r| r.frame_times_s = vec![0.1, 0.1]).contains("frame_times"));
+        assert!(message(|r| r.frame_times_s = vec![0.0, 1e12]).contains("3600 s, got 1000000000000 s at place 1"));
+        assert!(message(|r| r.frame_times_s = vec![f64::NAN]).contains("frame_times"));
         assert!(message(|r| r.effects = vec![("tip_mass_kg".into(), vec![])]).contains("tip_mass_kg"));
         assert!(message(|r| r.thetas[1][1] = -1.0).contains("youngs_modulus_pa"));
         let no_task = BeamSimulator::new(&cable(), 1).unwrap();

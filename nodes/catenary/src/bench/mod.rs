@@ -173,7 +173,14 @@ fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64) -> Result<Mea
     request.drive = Drive::Grip(path.clone());
     let track = BeamSimulator::new(model, 1)?.simulate(&request)?.remove(0);
     let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
-    Ok(MeasuredTrack { track, grip: path, actions: Vec::new(), start: StartShape::HangingAtRest, target_m })
+    Ok(MeasuredTrack {
+        track,
+        grip: path,
+        actions: Vec::new(),
+        start: StartShape::HangingAtRest,
+        target_m,
+        warnings: Vec::new(),
+    })
 }
 
 fn inference_words(model: &Model, rows: &[InferenceRow]) -> String {

@@ -10,6 +10,7 @@ use crate::cli::DemoArgs;
 use crate::launch::{self, Process, Supervisor};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
+use catenary_core::model::DriveKind;
 use catenary_core::{Model, Policy, Posterior, seed};
 use catenary_msgs::action::{
     Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
@@ -294,13 +295,14 @@ impl Demo {
         episode: &Episode,
         policy: &[u8],
     ) -> Result<InferResult> {
+        let by_policy = self.model.observation.drive == DriveKind::Policy;
         let goal = InferGoal {
             source: InferGoal::SOURCE_BAG,
             bag: self.folder.join(&episode.bag).display().to_string(),
             model_yaml: config::SOFT_BAR.to_owned(),
             preset: self.sizes.name.to_owned(),
             drive: convert::drive_to_msg(self.model.observation.drive),
-            policy: policy.to_vec(),
+            policy: if by_policy { policy.to_vec() } else { Vec::new() },
             seed: seed::derive(self.seed, stream::INFERENCE),
             ..InferGoal::default()
         };

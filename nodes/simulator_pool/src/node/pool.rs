@@ -1,5 +1,5 @@
 //! The pool: batches of episodes, and vectorised environments, for whoever asks.
-#![allow(clippy::disallowed_methods, reason = "the ROS side asks for the number of processors")]
+#![allow(clippy::disallowed_methods, reason = "the ROS side asks for the time and the number of processors")]
 
 use crate::simulator::BeamSimulator;
 use crate::vector_env::VectorEnv;
@@ -15,9 +15,13 @@ use catenary_shell::{NodeBuilder, Param, ParamSpec, contract};
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Sets of environments that may be open at once.
 const MAX_OPEN: usize = 16;
+/// Time without a step after which environments are closed: their trainer died. A living one is back within the minutes of
+/// an update of its networks.
+const IDLE: Duration = Duration::from_secs(1800);
 /// Simulators that are kept for the next request of the same model.
 const KEPT_SIMULATORS: usize = 4;
 
@@ -26,17 +30,78 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("simulator_pool", args, run)
 }
 
-/// Environments by handle, and the next handle.
+/// Environments of one caller.
+struct Entry {
+    env: Arc<Mutex<VectorEnv>>,
+    /// When they were opened or stepped last.
+    used: Instant,
+}
+
+/// Environments by handle, and the newest handle.
 #[derive(Default)]
 struct Opened {
-    envs: BTreeMap<u64, Arc<Mutex<VectorEnv>>>,
-    next: u64,
+    envs: BTreeMap<u64, Entry>,
+    newest: u64,
+}
+
+impl Opened {
+    /// Closes what nobody has used for [`IDLE`]; returns the handles.
+    fn close_idle(&mut self, now: Instant) -> Vec<u64> {
+        let idle = |entry: &Entry| now.saturating_duration_since(entry.used) > IDLE;
+        let closed = self.envs.iter().filter(|(_, entry)| idle(entry)).map(|(handle, _)| *handle).collect();
+        self.envs.retain(|_, entry| !idle(entry));
+        closed
+    }
+
+    /// Keeps environments under a new handle, where there is room.
+    fn insert(&mut self, env: VectorEnv, now: Instant) -> Result<u64> {
+        anyhow::ensure!(
+            self.envs.len() < MAX_OPEN,
+            "{MAX_OPEN} sets of environments are open already: close one first"
+        );
+        self.newest += 1;
+        self.envs.insert(self.newest, Entry { env: Arc::new(Mutex::new(env)), used: now });
+        Ok(self.newest)
+    }
+
+    /// The environments under a handle, which are in use now.
+    fn get(&mut self, handle: u64, now: Instant) -> Result<Arc<Mutex<VectorEnv>>> {
+        let entry = self.envs.get_mut(&handle).ok_or_else(|| unknown(handle))?;
+        entry.used = entry.used.max(now);
+        Ok(Arc::clone(&entry.env))
+    }
+}
+
+/// One simulator of the newest requests.
+struct Kept {
+    yaml: String,
+    workers: usize,
+    simulator: Arc<BeamSimulator>,
+}
+
+/// The simulators of the newest requests.
+#[derive(Default)]
+struct Simulators(Vec<Kept>);
+
+impl Simulators {
+    /// The simulator of a model file's text with so many workers, kept from an earlier request where there was one.
+    fn get(&mut self, yaml: &str, workers: usize) -> Result<Arc<BeamSimulator>> {
+        if let Some(kept) = self.0.iter().find(|kept| kept.yaml == yaml && kept.workers == workers) {
+            return Ok(Arc::clone(&kept.simulator));
+        }
+        let simulator = Arc::new(BeamSimulator::new(&Model::from_yaml(yaml)?, workers)?);
+        if self.0.len() == KEPT_SIMULATORS {
+            self.0.remove(0);
+        }
+        self.0.push(Kept { yaml: yaml.to_owned(), workers, simulator: Arc::clone(&simulator) });
+        Ok(simulator)
+    }
 }
 
 /// What the services share.
 struct Pool {
     workers: Param<i64>,
-    simulators: Mutex<Vec<(String, Arc<BeamSimulator>)>>,
+    simulators: Mutex<Simulators>,
     opened: Mutex<Opened>,
 }
 
@@ -55,6 +120,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let p = Arc::clone(&pool);
     let _close = node.serve::<CloseEnvs>(contract::CLOSE_ENVS.name, move |r| p.close(&r))?;
     node.report_diagnostics(move |report| {
+        pool.close_idle();
         report.value("open_environments", lock(&pool.opened).envs.len());
     })?;
     node.wait_for_shutdown()
@@ -72,23 +138,9 @@ impl Pool {
         }
     }
 
-    /// The simulator of a model file's text, kept from an earlier request where there was one.
-    fn simulator(&self, yaml: &str) -> Result<Arc<BeamSimulator>> {
-        let mut kept = lock(&self.simulators);
-        if let Some((_, simulator)) = kept.iter().find(|(text, _)| text == yaml) {
-            return Ok(Arc::clone(simulator));
-        }
-        let simulator = Arc::new(BeamSimulator::new(&Model::from_yaml(yaml)?, self.worker_count())?);
-        if kept.len() == KEPT_SIMULATORS {
-            kept.remove(0);
-        }
-        kept.push((yaml.to_owned(), Arc::clone(&simulator)));
-        Ok(simulator)
-    }
-
     fn simulate(&self, request: &SimulateRequest) -> SimulateResponse {
         let answer = || -> Result<SimulateResponse> {
-            let simulator = self.simulator(&request.model_yaml)?;
+            let simulator = lock(&self.simulators).get(&request.model_yaml, self.worker_count())?;
             let before = simulator.unconverged_steps();
             let batch = convert::simulation_request(request, simulator.model().theta.dimension())?;
             let tracks = simulator.simulate(&batch)?;
@@ -110,14 +162,8 @@ impl Pool {
             let count = request.count as usize;
             let mut env = VectorEnv::open(&model, count, domains, fidelity, request.seed, self.worker_count())?;
             let observations = convert::observations(&env.reset()?);
-            let mut opened = lock(&self.opened);
-            anyhow::ensure!(
-                opened.envs.len() < MAX_OPEN,
-                "{MAX_OPEN} sets of environments are open already: close one first"
-            );
-            opened.next += 1;
-            let handle = opened.next;
-            opened.envs.insert(handle, Arc::new(Mutex::new(env)));
+            self.close_idle();
+            let handle = lock(&self.opened).insert(env, Instant::now())?;
             Ok(OpenEnvsResponse { success: true, message: String::new(), handle, observations })
         };
         answer().unwrap_or_else(|e| OpenEnvsResponse { message: format!("{e:#}"), ..OpenEnvsResponse::default() })
@@ -125,12 +171,17 @@ impl Pool {
 
     fn step(&self, request: &StepEnvsRequest) -> StepEnvsResponse {
         let answer = || -> Result<StepEnvsResponse> {
-            let env = lock(&self.opened).envs.get(&request.handle).cloned();
-            let env = env.ok_or_else(|| unknown(request.handle))?;
+            let env = lock(&self.opened).get(request.handle, Instant::now())?;
             let transitions = lock(&env).step(&convert::actions(&request.actions)?)?;
             Ok(convert::transitions(&transitions))
         };
         answer().unwrap_or_else(|e| StepEnvsResponse { message: format!("{e:#}"), ..StepEnvsResponse::default() })
+    }
+
+    fn close_idle(&self) {
+        for handle in lock(&self.opened).close_idle(Instant::now()) {
+            tracing::warn!("handle {handle}: closed, as nobody has stepped its environments for {} s", IDLE.as_secs());
+        }
     }
 
     fn close(&self, request: &CloseEnvsRequest) -> CloseEnvsResponse {
@@ -143,4 +194,40 @@ impl Pool {
 
 fn unknown(handle: u64) -> anyhow::Error {
     anyhow::anyhow!("handle {handle}: no environments are open under it")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::Fidelity;
+
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+
+    fn env() -> VectorEnv {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        VectorEnv::open(&model, 1, vec![vec![0.25, 1e4]], Fidelity::Fast, 1, 1).unwrap()
+    }
+
+    #[test]
+    fn environments_of_a_dead_trainer_make_room() {
+        let (mut opened, start) = (Opened::default(), Instant::now());
+        let handles: Vec<u64> = (0..MAX_OPEN).map(|_| opened.insert(env(), start).unwrap()).collect();
+        assert!(opened.insert(env(), start).unwrap_err().to_string().contains("close one first"));
+        let later = start + IDLE / 2;
+        assert_eq!(opened.close_idle(later), [] as [u64; 0], "a trainer may think");
+        opened.get(handles[3], later).unwrap();
+        let closed = opened.close_idle(start + IDLE + Duration::from_secs(1));
+        assert_eq!((closed.len(), closed.contains(&handles[3])), (MAX_OPEN - 1, false));
+        assert!(opened.get(handles[0], later).map(drop).unwrap_err().to_string().contains("no environments are open"));
+        let new = opened.insert(env(), later).unwrap();
+        assert!(!handles.contains(&new), "handle {new} means something else to a trainer that lives on");
+    }
+
+    #[test]
+    fn a_change_of_workers_reaches_the_next_batch() {
+        let mut simulators = Simulators::default();
+        let one = simulators.get(SOFT_BAR, 1).unwrap();
+        assert!(Arc::ptr_eq(&one, &simulators.get(SOFT_BAR, 1).unwrap()), "the same request builds nothing anew");
+        assert!(!Arc::ptr_eq(&one, &simulators.get(SOFT_BAR, 2).unwrap()));
+    }
 }
