@@ -11,8 +11,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Time,
-    contract,
+    Client, Concurrency, Decision, GoalHandle, Latest, Misconfigured, Node, NodeBuilder, Outcome, Param, ParamSpec,
+    Publisher, Time, contract,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -72,7 +72,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         episodes: AtomicU32::new(0),
         node: node.clone(),
     };
-    shell.task()?;
+    shell.task().map_err(Misconfigured::new)?;
     let _server = node.serve_action::<RunEpisode>(
         "policy_runner/run_episode",
         Concurrency::One,
