@@ -8,7 +8,10 @@ use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisode
 use catenary_shell::{Act, ActionClient, CallError, NodeBuilder, RosArgs};
 use indicatif::ProgressBar;
 use serde::Serialize;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// How often the server is asked whether it still runs the goal.
+const ASK: Duration = Duration::from_secs(2);
 
 /// What came of the episode.
 #[derive(Debug, Serialize)]
@@ -24,10 +27,12 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     let path = &arguments.policy;
     let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
     let policy = Policy::from_bytes(&bytes).with_context(|| format!("{}", path.display()))?;
+    let wait = Duration::try_from_secs_f64(arguments.wait_s).ok().filter(|w| !w.is_zero());
+    let wait =
+        wait.with_context(|| format!("--wait-s: expected a positive number of seconds, got {}", arguments.wait_s))?;
     let builder = NodeBuilder::new("deploy", &RosArgs::default())?;
     catenary_shell::end_on_signals(builder.shutdown())?;
     let node = builder.build()?;
-    let wait = Duration::try_from_secs_f64(arguments.wait_s).context("--wait-s: expected seconds")?;
     if !arguments.from_here {
         let client: ActionClient<MoveToStart> = node.action_client("panda/move_to_start")?;
         let moved = follow(&client, MoveToStartGoal::default(), wait, |_| {})?;
@@ -74,7 +79,8 @@ fn follow<A: Act>(
     wait: Duration,
     on_feedback: impl FnMut(A::Feedback) + Send + 'static,
 ) -> Result<A::Result> {
-    let running = client.send(goal, wait, on_feedback)?;
+    let mut running = client.send(goal, wait, on_feedback)?;
+    let mut asked = Instant::now();
     loop {
         match running.wait(Duration::from_millis(500)) {
             Ok((_, result)) => return Ok(result),
@@ -82,8 +88,13 @@ fn follow<A: Act>(
             Err(CallError::Shutdown { name }) => bail!("{name}: interrupted; the goal ends with this program"),
             Err(e) => return Err(e.into()),
         }
+        // Only its answer tells a server that was started anew from the one that runs the goal.
+        if asked.elapsed() > ASK {
+            running.ask_again()?;
+            asked = Instant::now();
+        }
         if !client.wait_for_server(Duration::from_secs(5)) {
-            bail!("{}: its server is gone", client.name());
+            bail!("{}: its server went away while the goal ran", client.name());
         }
     }
 }
