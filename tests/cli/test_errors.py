@@ -76,8 +76,10 @@ def test_a_wrong_path_is_named(tmp_path, arguments, says):
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", "last"), ("last", "--episode")),
         (("train", "--model", MODEL, "--out", "x", "--stesp", 3), ("--stesp", "--steps")),
         (("node", "camra"), ("camra", "camera")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", -1), ("-1", "--episode", "1..")),
+        (("bench", "inference", "--seeds", 0), ("0", "--seeds", "1..")),
     ],
-    ids=["command", "missing", "value", "option", "node"],
+    ids=["command", "missing", "value", "option", "node", "negative", "no seeds"],
 )
 def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
     refused(tmp_path, *arguments, says=says, code=USAGE)
@@ -91,11 +93,42 @@ def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
         (("launch", LAUNCH, "seed"), ("NAME:=VALUE", "seed")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", 99), ("swing", "99")),
         (("record", "--out", "bag", "--topics", "/dlo/keypoint"), ("/dlo/keypoint", "/dlo/keypoints")),
+        (("record", "--out", "bag", "--topics", ""), ("topics", "/dlo/keypoints")),
+        (("record", "--out", MODEL / "bag"), (MODEL, "cannot make the folder", "not a directory")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--simulations", 99999999999999), ("simulations", "at most 6666")),
+        (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--iterations", 2000000000), ("iterations", "at most 1000")),
+        (("replay", BAG, "--rate", 0), ("rate", "0.001 to 1000000")),
+        (("replay", BAG, "--rate", "1e-300"), ("rate", "0.001 to 1000000", "1e-300")),
+        (("replay", BAG, "--start-offset-s", "1e9"), ("start_offset_s", "s of the bag")),
+        (("launch", LAUNCH, "bin:=/nope"), ("bin:=/nope", "/nope/simulated_cell")),
+        (("launch", MODEL), (MODEL, "launch file", "is this one")),
+        (("deploy", "--policy", MODEL), (MODEL, "is this a policy?")),
     ],
-    ids=["preset", "launch argument", "no launch argument", "episode", "topic"],
 )
 def test_a_wrong_value_is_named_with_those_that_are_right(tmp_path, arguments, says):
     refused(tmp_path, *arguments, says=says, code=1)
+
+
+def test_a_deployment_that_waits_for_nothing_is_refused_before_it_begins(tmp_path):
+    run(tmp_path, "train", "--model", MODEL, "--out", "policy", "--steps", 512)
+    refused(tmp_path, "deploy", "--policy", "policy", "--wait-s", 0, says=("--wait-s", "positive"), code=1)
+
+
+TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", ("track.csv", "an empty file")),
+        (TRACK + "".join(f"{0.05 * i},400,420,0,400,400,400,350,400,300,400,250\n" for i in range(40)), ("in m", "all 160 outside")),
+    ],
+    ids=["empty", "millimetres"],
+)
+def test_a_track_without_sense_becomes_no_bag(tmp_path, text, says):
+    (tmp_path / "track.csv").write_text(text)
+    refused(tmp_path, "import-track", "track.csv", "--model", MODEL, "--out", "bag", says=says, code=1)
+    assert not (tmp_path / "bag").exists()
 
 
 def cut(folder, share):
@@ -156,6 +189,24 @@ def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
 
 
 @pytest.mark.parametrize(
+    ("field", "wrong", "says"),
+    [
+        ("density_kg_m3: 1055.0", "density_kg_m3: -5", ("density_kg_m3", "-5")),
+        ("density_kg_m3:", "densty_kg_m3:", ("densty_kg_m3", "density_kg_m3")),
+        ("name: length_m", "name: lenght_m", ("lenght_m", "length_m")),
+    ],
+)
+def test_a_check_up_finds_what_an_inference_would_refuse(tmp_path, field, wrong, says):
+    text = MODEL.read_text()
+    assert text.count(field) == 1
+    (tmp_path / "model.yaml").write_text(text.replace(field, wrong))
+    done = run(tmp_path, "doctor", "--model", "model.yaml")
+    assert done.returncode == 1
+    (row,) = [line for line in done.stdout.splitlines() if " model " in line]
+    assert row.startswith("BAD") and all(part in row for part in says), row
+
+
+@pytest.mark.parametrize(
     ("arguments", "says", "code"),
     [
         (("-p", "max_age_s:=.nan"), ("max_age_s:=.nan", "finite"), USAGE),
@@ -165,13 +216,21 @@ def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
         (("-p", "max_age_s"), ("max_age_s", "NAME:=VALUE"), USAGE),
         (("--params-file", "nowhere.yaml"), ("nowhere.yaml", NO_FILE), USAGE),
         (("--parms-file", "x"), ("--parms-file", "--params-file"), USAGE),
-        (("-p", "model_file:=nowhere.yaml"), ("model_file nowhere.yaml", NO_FILE), 1),
+        (("-p", "model_file:=nowhere.yaml"), ("model_file nowhere.yaml", NO_FILE), USAGE),
         (("--log-level", "loud"), ("loud", "debug, info, warn"), USAGE),
     ],
     ids=lambda value: value[1] if isinstance(value, tuple) else None,
 )
 def test_a_wrong_parameter_of_a_node_is_named(tmp_path, arguments, says, code):
     refused(tmp_path, "node", "policy_runner", "--ros-args", *arguments, says=says, code=code, speaker="policy_runner")
+
+
+@pytest.mark.parametrize(
+    ("theta", "says"), [("[0.25]", ("theta", "2 values", "1")), ("[90.0, 1000.0]", ("length_m", "90"))], ids=["too few", "too long"]
+)
+def test_a_cell_without_sense_is_not_worth_starting_again(tmp_path, theta, says):
+    arguments = ("--ros-args", "-p", f"model_file:={MODEL}", "-p", f"theta:={theta}")
+    refused(tmp_path, "node", "simulated_cell", *arguments, says=says, code=USAGE, speaker="simulated_cell")
 
 
 @pytest.mark.parametrize("command", ["record", "demo", "launch", "node"])

@@ -60,7 +60,7 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):
     for name in ("a", "b"):
         arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json")
         reports.append(json.loads(run(tmp_path, "train", *arguments)))
-    assert reports[0]["steps"] >= 512 and reports[0]["curve"] == reports[1]["curve"]
+    assert reports[0]["steps"] >= 512 and reports[0]["interrupted"] is False and reports[0]["curve"] == reports[1]["curve"]
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -72,9 +72,11 @@ def test_an_import_is_json(tmp_path):
 
 
 def test_a_launch_files_contents_are_json(tmp_path):
-    report = json.loads(run(tmp_path, "launch", ROOT / "launch_configs/sim.launch.xml", "--show", "--json", "seed:=7"))
+    arguments = ("--show", "--json", "seed:=7", "cell_theta:=[0.25, 1000.0]")
+    report = json.loads(run(tmp_path, "launch", ROOT / "launch_configs/sim.launch.xml", *arguments))
     processes = dict(report["processes"])
     assert "keypoint_tracker" in processes and "seed:=7" in processes["simulated_cell"]
+    assert "theta:=[0.25, 1000.0]" in processes["simulated_cell"]
     assert "seed" in [name for name, *_ in report["arguments"]]
 
 

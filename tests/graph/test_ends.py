@@ -5,9 +5,10 @@ import signal
 import time
 
 from catenary_msgs.action import Train
-from catenary_msgs.msg import Keypoints
+from catenary_msgs.msg import EefDelta, Keypoints
 from rclpy.action import ActionClient
 from rosbags.highlevel import AnyReader
+from test_graph import policy_file
 
 
 def counts(bag):
@@ -49,6 +50,44 @@ def test_a_killed_node_is_started_again_and_keypoints_flow(session):
     assert "keypoint_tracker was killed by signal 9" in session.text("launch.err")
 
 
+def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
+    session.launch()
+    (session.folder / "policy").write_bytes(policy_file())
+    actions = session.ros.listen(EefDelta, "/policy/action")
+    deploy = session.start("deploy", "--policy", "policy")
+    session.ros.wait_for(lambda: len(actions) >= 2 or deploy.poll() is not None, 30, "two actions of the policy")
+    os.kill(session.pid_of("policy_runner"), signal.SIGKILL)
+    assert deploy.wait(25) == 1
+    assert session.text("deploy.out") == ""
+    assert "run_episode: its server went away while the goal ran" in session.text("deploy.err").splitlines()[-1]
+    assert session.pid_of("policy_runner"), "the launch did not start it again"
+
+
+def test_a_launch_says_what_it_runs_without_and_does_not_start_it_again(session):
+    theirs = session.folder / "log/simulated_cell.log"
+    theirs.parent.mkdir()
+    theirs.write_text("simulated_cell: what an earlier launch said\n")
+    file, arguments = session.root / "launch_configs/sim.launch.xml", ("learning:=false", "cell_theta:=[90.0, 1000.0]")
+    launch = session.start("launch", file, "--log", theirs.parent, *arguments)
+    session.wait_for(lambda: "runs without" in session.text("launch.err"), 20, "the end of the cell")
+    time.sleep(2)
+    err = session.text("launch.err")
+    assert err.count("simulated_cell failed with exit code 2: simulated_cell: ") == 1 and "`length_m`" in err
+    assert "the graph runs without simulated_cell" in err and "earlier launch" not in err
+    launch.send_signal(signal.SIGINT)
+    assert launch.wait(10) == 1
+    assert session.text("launch.err").splitlines()[-1] == "catenary: ended with an error: simulated_cell"
+
+
+def test_a_recording_is_not_replayed_over_a_running_cell(session):
+    session.launch("learning:=false", nodes=session.nodes - {"simulator_pool", "bayes_sim", "ppo_trainer"})
+    done = session.run("replay", session.root / "bags/swing")
+    assert done.returncode == 1 and done.stdout == ""
+    assert "others publish" in done.stderr and "/panda/current_pose" in done.stderr and "allow_others" in done.stderr
+    done = session.run("replay", session.root / "bags/swing", "--allow-others", "--rate", 20)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_killed_supervisor_leaves_no_process(session):
     launch = session.launch()
     keep_busy(session)
@@ -79,11 +118,12 @@ def test_an_interrupted_demo_says_so_and_keeps_its_bag(session):
     frames = session.folder / "demo/frames"
     session.wait_for(lambda: demo.poll() is not None or len(list(frames.glob("*.png"))) >= 4, 240, "four steps of pi0 on the cell")
     demo.send_signal(signal.SIGINT)
-    assert demo.wait(20) not in (0, None)
+    assert demo.wait(20) == 130
     assert session.text("demo.out") == ""
     where, *rest = session.text("demo.err").splitlines()
     assert where == f"catenary demo: results go to {session.folder / 'demo'}"
-    assert rest == ["catenary: run pi0 on the cell: interrupted"]
+    stages, last = [line.split(": ")[0] for line in rest[:-1]], rest[-1]
+    assert stages == ["start the graph", "train pi0 over the prior"] and last == "catenary: run pi0 on the cell: interrupted"
     session.wait_until_empty(1)
     found = counts(session.folder / "demo/bags/pi0")
     assert found["/policy/action"] >= 3 and found["/dlo/keypoints"] > 20 and found["/episode/event"] >= 1

@@ -106,6 +106,21 @@ pub enum BagError {
         /// What is there.
         got: String,
     },
+    /// A track of which the model's camera would have seen nothing.
+    #[error(
+        "{file}: expected points in metres within the image of the model's camera, got all {points} outside of it, the first of line {line} at ({}, {}) m: is the track in m, and the model the track's?",
+        first_m[0], first_m[1]
+    )]
+    OutOfView {
+        /// Name of the file.
+        file: String,
+        /// Line of the first row.
+        line: u64,
+        /// Points of the track.
+        points: usize,
+        /// (x, z) in m of the first one.
+        first_m: [f64; 2],
+    },
     /// A setting makes no sense.
     #[error("{name}: expected {expected}, got {got}")]
     Setting {

@@ -32,7 +32,8 @@ const EPISODE: u32 = 1;
 /// times, a second after the epoch.
 ///
 /// # Errors
-/// [`BagError::Csv`] naming line and column; those of [`BagWriter`].
+/// [`BagError::Csv`] naming line and column; [`BagError::OutOfView`] where no point is in the image; those of
+/// [`BagWriter`].
 pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<BagSummary, BagError> {
     let rows = read_rows(source, csv)?;
     let camera = &model.camera.view;
@@ -41,6 +42,10 @@ pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Resul
     let outside = keypoints.iter().flat_map(|k| k.dlo_px).filter(|p| p.iter().any(|v| !(0.0..=size).contains(v)));
     match outside.count() {
         0 => {}
+        n if n == 4 * rows.len() => {
+            let ([x, z], line) = (rows[0].points_m[0], rows[0].line);
+            return Err(BagError::OutOfView { file: source.to_owned(), line, points: n, first_m: [x, z] });
+        }
         n => {
             tracing::warn!("{source}: {n} of {} points lie outside of the image of the model's camera", 4 * rows.len())
         }

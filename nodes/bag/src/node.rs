@@ -5,7 +5,7 @@ use crate::record::{RecordSettings, record};
 use crate::replay::{ReplaySettings, replay};
 use crate::writer::Compression;
 use anyhow::{Context, Result, ensure};
-use catenary_shell::{NodeBuilder, ParamSpec, wall_now};
+use catenary_shell::{Misconfigured, NodeBuilder, ParamSpec, wall_now};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -31,8 +31,10 @@ fn run_recorder(builder: NodeBuilder) -> Result<()> {
     let compression = builder.declare_string("compression", Compression::default().name(), compression)?.get();
     let compression = Compression::from_name(&compression).context("parameter compression")?;
     let out = if out.is_empty() { PathBuf::from(name_after(wall_now().nanos())) } else { PathBuf::from(out) };
+    let settings = RecordSettings { out, topics, images, compression };
     let node = builder.build()?;
-    let summary = record(&node, &RecordSettings { out, topics, images, compression })?;
+    settings.check().map_err(Misconfigured::new)?;
+    let summary = record(&node, &settings)?;
     tracing::info!("{}: {} messages", summary.path.display(), summary.messages);
     Ok(())
 }
@@ -47,6 +49,7 @@ fn run_replayer(builder: NodeBuilder) -> Result<()> {
     let repeat = ParamSpec::new("Begin anew at the end.").read_only();
     let clock = ParamSpec::new("Publish /clock in step with the bag.").read_only();
     let allow = "Replay commands to the arm, too, where no arm or a simulated one follows them.";
+    let others = "Replay what the arm and the camera measure even where others publish it, too.";
     let wait = ParamSpec::new("How long to wait until every topic has a subscriber.").unit("s").range(0.0..=600.0);
     let settings = ReplaySettings {
         topics: builder.declare("topics", d.topics.clone(), topics)?.get(),
@@ -55,11 +58,17 @@ fn run_replayer(builder: NodeBuilder) -> Result<()> {
         repeat: builder.declare_bool("loop", d.repeat, repeat)?.get(),
         clock: builder.declare_bool("clock", d.clock, clock)?.get(),
         allow_replay: builder.declare_bool("allow_replay", d.allow_replay, ParamSpec::new(allow).read_only())?.get(),
+        allow_others: builder.declare_bool("allow_others", d.allow_others, ParamSpec::new(others).read_only())?.get(),
         wait: Duration::from_secs_f64(builder.declare_f64("wait_s", d.wait.as_secs_f64(), wait.read_only())?.get()),
         ..d
     };
     let node = builder.build()?;
-    ensure!(!bag.is_empty(), "parameter bag: expected a bag folder or an .mcap file, got nothing");
+    let given = || -> Result<()> {
+        ensure!(!bag.is_empty(), "parameter bag: expected a bag folder or an .mcap file, got nothing");
+        settings.open()?;
+        Ok(())
+    };
+    given().map_err(Misconfigured::new)?;
     let summary = replay(&node, &settings)?;
     tracing::info!("{} messages published, {} failed", summary.published, summary.failed);
     Ok(())

@@ -8,7 +8,8 @@ use crate::reader::reindex;
 use crate::writer::{BagSummary, BagWriter, Compression, TopicId, WriterOptions};
 use catenary_shell::contract::{self, Topic};
 use catenary_shell::{Health, Node, Qos, Subscription, Throttle, Time, wall_now};
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -41,6 +42,26 @@ impl RecordSettings {
     #[must_use]
     pub fn new(out: PathBuf) -> Self {
         Self { out, topics: Vec::new(), images: false, compression: Compression::default() }
+    }
+
+    /// Rejects topics that the contract does not have, and a folder that is there or cannot be made.
+    ///
+    /// # Errors
+    /// [`BagError::Setting`], [`BagError::Exists`], [`BagError::Io`].
+    pub fn check(&self) -> Result<(), BagError> {
+        self.chosen()?;
+        if self.out.exists() {
+            return Err(BagError::Exists { path: self.out.clone() });
+        }
+        let parents = self.out.ancestors().skip(1).map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
+        let Some(nearest) = parents.into_iter().find(|p| p.exists()) else { return Ok(()) };
+        let refuse = |kind: ErrorKind| Err(BagError::io("make the folder", &self.out)(kind.into()));
+        match std::fs::metadata(nearest) {
+            Ok(found) if !found.is_dir() => refuse(ErrorKind::NotADirectory),
+            Ok(found) if found.permissions().readonly() => refuse(ErrorKind::PermissionDenied),
+            Ok(_) => Ok(()),
+            Err(e) => Err(BagError::io("look at", nearest)(e)),
+        }
     }
 
     /// The topics that are meant.
@@ -79,10 +100,8 @@ impl RecordSettings {
 /// [`BagError`]: unknown topics, an existing folder, the graph, the disk. A full disk ends the recording; the bag can be
 /// read up to its last complete chunk.
 pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagError> {
+    settings.check()?;
     let topics = settings.chosen()?;
-    if settings.out.exists() {
-        return Err(BagError::Exists { path: settings.out.clone() });
-    }
     wait_for_clock(node);
     let backlog = Arc::new(Backlog::new(BACKLOG_BYTES));
     let mut subscriptions = Vec::new();
@@ -205,6 +224,18 @@ mod tests {
         assert_eq!(usual.len(), contract::TOPICS.len() - 2);
         assert!(!usual.contains(&contract::CLOCK.name) && !usual.contains(&contract::IMAGE.name));
         assert!(chosen(&[], true).unwrap().contains(&contract::IMAGE.name));
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_refused_beforehand() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        let words = |out: PathBuf| RecordSettings::new(out).check().map_err(|e| e.to_string());
+        assert!(words(file.join("bag")).unwrap_err().contains("cannot make the folder: not a directory"));
+        assert!(words(file).unwrap_err().contains("expected a folder that does not exist yet"));
+        assert_eq!(words(folder.path().join("a/b/bag")), Ok(()));
+        assert_eq!(words("bag".into()), Ok(()));
     }
 
     #[test]

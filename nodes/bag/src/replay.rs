@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 
 /// Ticks of `/clock` per second of wall time.
 const CLOCK_HZ: f64 = 200.0;
+/// Least and greatest finite speed.
+const RATES: [f64; 2] = [1e-3, 1e6];
 /// How long the last messages have to reach reliable subscribers.
 const LINGER: Duration = Duration::from_millis(500);
 /// Complaints come at most this often.
@@ -39,6 +41,8 @@ pub struct ReplaySettings {
     pub clock: bool,
     /// Whether to replay commands, too, where no arm or a simulated one follows them, default no.
     pub allow_replay: bool,
+    /// Whether to replay what an arm and a camera measure where others publish it, too, default no.
+    pub allow_others: bool,
     /// How long to wait until every topic has a subscriber, default 2 s. Replaying begins in any case.
     pub wait: Duration,
 }
@@ -55,16 +59,34 @@ impl ReplaySettings {
             repeat: false,
             clock: false,
             allow_replay: false,
+            allow_others: false,
             wait: Duration::from_secs(2),
         }
     }
 
+    /// Opens the bag, having checked the numbers.
+    ///
+    /// # Errors
+    /// [`BagError::Setting`], and those of [`BagReader::open`].
+    pub fn open(&self) -> Result<BagReader, BagError> {
+        self.check()?;
+        let bag = BagReader::open(&self.bag)?;
+        let span_s = bag.span_ns().map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 * 1e-9);
+        if self.start_offset_s > span_s {
+            let expected = format!("at most the {span_s:.3} s of the bag");
+            let got = format!("{:?}", self.start_offset_s);
+            return Err(BagError::Setting { name: "start_offset_s", expected, got });
+        }
+        Ok(bag)
+    }
+
     fn check(&self) -> Result<(), BagError> {
         let wrong = |name, expected: &str, got: f64| {
-            Err(BagError::Setting { name, expected: expected.to_owned(), got: got.to_string() })
+            Err(BagError::Setting { name, expected: expected.to_owned(), got: format!("{got:?}") })
         };
-        if self.rate.is_nan() || self.rate <= 0.0 {
-            return wrong("rate", "a positive number", self.rate);
+        let [slowest, fastest] = RATES;
+        if !(self.rate == f64::INFINITY || (slowest..=fastest).contains(&self.rate)) {
+            return wrong("rate", &format!("a number from {slowest} to {fastest}, or inf"), self.rate);
         }
         if !self.start_offset_s.is_finite() || self.start_offset_s < 0.0 {
             return wrong("start_offset_s", "a number of at least zero", self.start_offset_s);
@@ -93,8 +115,7 @@ pub struct ReplaySummary {
 /// # Errors
 /// [`BagError`]: settings, a bag that is none or has nothing to replay, the graph, [`BagError::Refused`].
 pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, BagError> {
-    settings.check()?;
-    let bag = BagReader::open(&settings.bag)?;
+    let bag = settings.open()?;
     for note in bag.notes() {
         tracing::warn!("{note}");
     }
@@ -106,12 +127,36 @@ pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, B
     let states = chosen.iter().filter(|t| t.type_name == ArmState::TYPE_NAME).map(|t| t.name.clone());
     let watch = ArmWatch::start(node, states.collect())?;
     watch.wait_until_safe(node)?;
+    if !settings.allow_others {
+        refuse_others(node, &chosen, settings)?;
+    }
     let mut player = Player::new(node, &chosen, settings, watch)?;
     player.wait_for_subscribers(settings.wait);
     let names: Vec<&str> = chosen.iter().map(|t| t.name.as_str()).collect();
     while player.play(&bag, &names, settings, &mut summary)? && settings.repeat {}
     node.shutdown().wait_timeout(LINGER);
     Ok(summary)
+}
+
+/// Fails where somebody publishes a time, or what an arm or a camera measures, that is to be replayed: nobody could tell
+/// the two apart. What is computed from that may come from both.
+fn refuse_others(node: &Node, topics: &[&Topic], settings: &ReplaySettings) -> Result<(), BagError> {
+    let measured = |name: &&str| ["/panda/", "/camera/"].iter().any(|part| name.contains(part)) || *name == "/clock";
+    let clock = settings.clock.then_some("/clock");
+    let mut taken = Vec::new();
+    for name in topics.iter().map(|t| t.name.as_str()).chain(clock).filter(measured) {
+        if !is_command(node, name)? && node.publisher_count(name)? > 0 {
+            taken.push(name);
+        }
+    }
+    match taken.is_empty() {
+        true => Ok(()),
+        false => Err(BagError::Refused(format!(
+            "others publish {} now, and nobody could tell theirs from the bag's; end them, replay in another \
+             ROS_DOMAIN_ID, or allow_others",
+            taken.join(", ")
+        ))),
+    }
 }
 
 /// The topics to replay; what is left out is said in words.

@@ -289,3 +289,35 @@ fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
     let reason = refusal(replay(&node("player", 8), &settings));
     assert!(reason.contains("somebody listens on /panda/target_pose"), "{reason}");
 }
+
+#[test]
+fn what_a_live_arm_measures_is_not_replayed_over_it_and_what_is_computed_may_be() {
+    let simulated = arm(0, true);
+    let tracker = node("keypoint_tracker", 0);
+    let _keypoints = tracker.publisher::<Keypoints>(KEYPOINTS.name, KEYPOINTS.qos).unwrap();
+    let fast = ReplaySettings { rate: f64::INFINITY, wait: Duration::ZERO, ..ReplaySettings::new(sample()) };
+    let reason = refusal(replay(&node("player", 0), &fast));
+    assert!(reason.contains("others publish /panda/arm_state now") && reason.contains("allow_others"), "{reason}");
+    let allowed = ReplaySettings { allow_others: true, ..fast.clone() };
+    assert!(replay(&node("player", 0), &allowed).unwrap().published > 500);
+    simulated.stop();
+    drop(simulated);
+    let computed = ReplaySettings { topics: vec!["/dlo/keypoints".into()], ..fast };
+    assert!(replay(&node("player", 0), &computed).unwrap().published > 50);
+}
+
+#[test]
+fn a_pace_or_an_offset_without_sense_is_refused() {
+    let player = node("player", 2);
+    let words = |settings: ReplaySettings| replay(&player, &settings).unwrap_err().to_string();
+    let sample = || ReplaySettings::new(sample());
+    for rate in [0.0, -1.0, 1e-300, f64::NAN, 1e300] {
+        let words = words(ReplaySettings { rate, ..sample() });
+        assert!(words.starts_with("rate: expected a number from 0.001 to 1000000, or inf, got "), "{words}");
+    }
+    let words = words(ReplaySettings { start_offset_s: 1e9, ..sample() });
+    assert!(
+        words.starts_with("start_offset_s: expected at most the 4.") && words.ends_with("got 1000000000.0"),
+        "{words}"
+    );
+}

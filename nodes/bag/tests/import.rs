@@ -149,3 +149,25 @@ fn a_bag_without_episode_topics_says_what_is_needed_and_found() {
     let error = read_episodes(&bag, &swapped).unwrap_err().to_string();
     assert!(error.contains("/dlo/keypoints: expected geometry_msgs/msg/PoseStamped"), "{error}");
 }
+
+#[test]
+fn a_track_of_which_the_camera_sees_nothing_is_refused_and_leaves_no_bag() {
+    let (folder, model) = (tempfile::tempdir().unwrap(), Model::from_yaml(BAR).unwrap());
+    let out = folder.path().join("track");
+    let metres = track(0.0, 20);
+    let (header, rows) = metres.split_once('\n').unwrap();
+    let scaled = |line: &str| {
+        let values: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
+        let words: Vec<String> =
+            values.iter().enumerate().map(|(i, v)| (if i == 0 { *v } else { 1e3 * v }).to_string()).collect();
+        words.join(",")
+    };
+    let millimetres = format!("{header}\n{}\n", rows.lines().map(scaled).collect::<Vec<_>>().join("\n"));
+    let error = import_track("track.csv", &millimetres, &model, &out).unwrap_err().to_string();
+    assert!(
+        error.starts_with("track.csv: expected points in metres") && error.contains("got all 80 outside"),
+        "{error}"
+    );
+    assert!(error.contains("line 2") && !out.exists(), "{error}");
+    import_track("track.csv", &metres, &model, &out).unwrap();
+}

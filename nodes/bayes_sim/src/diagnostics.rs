@@ -30,8 +30,17 @@ pub struct Predictive {
     pub coverage: f64,
     /// Root mean square half width of the band in mm.
     pub half_width_mm: f64,
+    /// Root mean square distance, in mm, of the measured keypoints from their own middle: what a prediction of nothing but
+    /// that middle would be off by.
+    pub spread_mm: f64,
     /// Draws that reached every measured frame, all of them in finite numbers.
     pub draws: usize,
+}
+
+/// Measured keypoints outside of what the camera sees.
+pub fn out_of_view(track: &Track) -> usize {
+    let inside = |p: &&[f64; 2]| p.iter().all(|v| (-1.0..=1.0).contains(v));
+    track.frames.iter().flat_map(|f| &f.dlo).filter(|p| !inside(p)).count()
 }
 
 /// Compares tracks simulated from posterior draws, noise included, with the measured one. None where no draw reached every
@@ -42,10 +51,12 @@ pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option
     let whole: Vec<&Track> = tracks.iter().filter(|t| long(t) && finite(t)).collect();
     let place = |p: [f64; 2]| camera.plane_from_scaled(p);
     let (mut squares, mut widths, mut inside, mut count) = (0.0, 0.0, 0usize, 0usize);
+    let mut measured_points: Vec<[f64; 2]> = Vec::new();
     for (i, frame) in measured.frames.iter().enumerate() {
         let drawn: Vec<[[f64; 2]; 4]> = whole.iter().map(|t| nearest_order(&frame.dlo, &t.frames[i].dlo)).collect();
         for k in 0..4 {
             let seen = place(frame.dlo[k])?;
+            measured_points.push(seen);
             let points = drawn.iter().map(|d| place(d[k])).collect::<Option<Vec<[f64; 2]>>>()?;
             for axis in 0..2 {
                 let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
@@ -65,8 +76,18 @@ pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option
         rmse_mm: root(squares, 0.5 * count as f64),
         coverage: inside as f64 / count as f64,
         half_width_mm: root(widths, count as f64),
+        spread_mm: root(spread(&measured_points), 0.5 * count as f64),
         draws: whole.len(),
     })
+}
+
+/// Summed squared distance of points from their mean.
+fn spread(points: &[[f64; 2]]) -> f64 {
+    let axis = |a: usize| {
+        let mean = points.iter().map(|p| p[a]).sum::<f64>() / points.len() as f64;
+        points.iter().map(|p| (p[a] - mean).powi(2)).sum::<f64>()
+    };
+    axis(0) + axis(1)
 }
 
 /// Linear interpolation between order statistics.
@@ -131,6 +152,12 @@ pub fn doubts(mass_outside: f64, effective_sample_size: f64, predictive: Option<
             100.0 * p.coverage
         ));
     }
+    if let Some(p) = predictive.filter(|p| p.rmse_mm > p.spread_mm) {
+        warnings.push(format!(
+            "the predictions are off by {:.1} mm, the measured keypoints' own middle by {:.1} mm only: the model and the recording are not one another's",
+            p.rmse_mm, p.spread_mm
+        ));
+    }
     warnings
 }
 
@@ -161,6 +188,8 @@ mod tests {
         assert!((p.rmse_mm - 10.0).abs() < 1e-6, "{p:?}");
         assert!((p.coverage - 0.5).abs() < 1e-9, "y is inside its band, x is not: {p:?}");
         assert_eq!(p.draws, 21);
+        // Four points 0.1 m apart: their variance is 5/4 of the square of that.
+        assert!((p.spread_mm - 100.0 * 1.25_f64.sqrt()).abs() < 1e-6, "{p:?}");
         let centred: Vec<Track> = (0..21).map(|i| track(0.001 * (f64::from(i) - 10.0), false)).collect();
         assert_eq!(predictive(&track(0.0, true), &centred, &CAMERA).unwrap().coverage, 1.0);
         assert_eq!(predictive(&track(0.0, true), &[], &CAMERA), None);
@@ -188,10 +217,13 @@ mod tests {
 
     #[test]
     fn doubts_are_worded_with_their_numbers() {
-        let good = Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, draws: 50 };
+        let good = Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, draws: 50 };
         assert!(doubts(0.01, 500.0, Some(&good)).is_empty());
         let bad = Predictive { coverage: 0.3, ..good };
         let words = doubts(0.5, 20.0, Some(&bad));
         assert!(words.len() == 3 && words[2].contains("30 %"), "{words:?}");
+        let foreign = Predictive { rmse_mm: 495.0, ..good };
+        let words = doubts(0.01, 500.0, Some(&foreign));
+        assert!(words.len() == 1 && words[0].contains("495.0 mm") && words[0].contains("100.0 mm"), "{words:?}");
     }
 }

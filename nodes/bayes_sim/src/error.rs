@@ -22,6 +22,14 @@ pub enum InferenceError {
     /// The measured track cannot be used.
     #[error("the measured {0}")]
     Observation(InputError),
+    /// Nothing of the measured track lies in what the model's camera sees.
+    #[error(
+        "the measured track: expected keypoints within the view of the model's camera, got all {points} outside of it: the model and the recording are not one another's, or the track is not in metres"
+    )]
+    OutOfView {
+        /// Keypoints of the track.
+        points: usize,
+    },
     /// The model asks for a drive that the caller did not give.
     #[error("the model drives the simulator by {drive}: expected {expected}, got none")]
     Drive {

@@ -61,6 +61,11 @@ pub fn infer(
     simulator: &dyn Simulator,
     on_progress: OnProgress<'_>,
 ) -> Result<InferenceResult, InferenceError> {
+    let outside = diagnostics::out_of_view(&measured.track);
+    let points = 4 * measured.track.frames.len();
+    if outside == points && points > 0 {
+        return Err(InferenceError::OutOfView { points });
+    }
     let (template, frames) = request(model, measured, policy, settings.fidelity)?;
     let mut sequential = Sequential::new(&model.theta, &measured.track, frames, settings)?;
     let (mut iterations, mut posterior) = (Vec::new(), Posterior::prior(model.theta.clone()));
@@ -93,6 +98,9 @@ pub fn infer(
     warnings.extend(diagnostics::edges(&posterior).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
+    if outside > 0 {
+        warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
+    }
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
 }
 
@@ -159,6 +167,28 @@ mod tests {
         let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);
         assert!((density(&back) - density(&result)).abs() < 1e-9, "{} against {}", density(&back), density(&result));
         assert_eq!((back.warnings, back.iterations.len()), (result.warnings, 2));
+    }
+
+    #[test]
+    fn a_track_out_of_view_is_refused_and_one_partly_out_of_it_is_warned_of() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
+        let outcome = |shift: f64, frames: usize| {
+            let mut measured = measured();
+            for frame in &mut measured.track.frames[..frames] {
+                frame.dlo.iter_mut().for_each(|[x, _]| *x += shift);
+            }
+            let simulator = Toy(&model, RefCell::default());
+            let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+            let result = infer(&model, &measured, None, &settings, &simulator, &mut listen);
+            result.map(|r| r.warnings.join("; ")).map_err(|e| e.to_string())
+        };
+        let frames = measured().track.frames.len();
+        let words = outcome(200.0, frames).unwrap_err();
+        assert!(words.contains(&format!("got all {} outside of it", 4 * frames)), "{words}");
+        let words = outcome(3.0, 1).unwrap();
+        assert!(words.contains(&format!("4 of {} measured keypoints lie outside", 4 * frames)), "{words}");
+        assert!(!outcome(0.0, 0).unwrap().contains("outside of what"));
     }
 
     #[test]

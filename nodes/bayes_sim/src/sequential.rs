@@ -18,6 +18,9 @@ use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simul
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
+/// Simulations that are asked for at once: between two parts the caller may stop.
+const PART: usize = 64;
+
 /// What one iteration did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,6 +46,13 @@ pub struct Iteration {
 /// What the caller hears while inference runs.
 #[derive(Debug)]
 pub enum Progress<'a> {
+    /// A part of the simulations is done, or of a pass over the tracks: a chance to stop.
+    Working {
+        /// Iteration, from 1.
+        iteration: usize,
+        /// Simulations run so far.
+        simulations: usize,
+    },
     /// A network made a pass over the tracks.
     Epoch {
         /// Iteration, from 1.
@@ -139,7 +149,7 @@ impl<'a> Sequential<'a> {
     ) -> Result<(Iteration, Posterior), InferenceError> {
         let number = self.proposals.len() + 1;
         let proposal = self.next_proposal(number)?;
-        self.simulate(number, proposal, template, simulator)?;
+        self.simulate(number, proposal, template, simulator, on_progress)?;
         let (newest, _) = &self.proposals[number - 1];
         let indices: Vec<usize> = (0..self.samples.len()).filter(|&i| newest.covers(self.samples.theta(i))).collect();
         if indices.len() < LEAST_TRACKS {
@@ -189,6 +199,7 @@ impl<'a> Sequential<'a> {
         proposal: Proposal,
         template: &SimulationRequest,
         simulator: &dyn Simulator,
+        on_progress: OnProgress<'_>,
     ) -> Result<(), InferenceError> {
         let mut rng = seed::rng(self.seed(Stream::Thetas, number), 0);
         let d = self.space.dimension();
@@ -199,15 +210,21 @@ impl<'a> Sequential<'a> {
             seed: self.seed(Stream::Simulator, number),
             ..template.clone()
         };
-        let tracks = simulator.simulate(&request)?;
-        if tracks.len() != count {
-            return Err(InferenceError::TrackCount { expected: count, got: tracks.len() });
-        }
-        self.simulations += count;
-        for (u, track) in u.iter().zip(&tracks) {
-            match TrackInput::new(track, self.observed.frames()) {
-                Ok(input) => self.samples.push(&input, u),
-                Err(why) => self.refused = Some(why.to_string()),
+        for (part, u) in u.chunks(PART).enumerate() {
+            let from = part * PART;
+            let tracks = simulator.simulate(&request.part(from..from + u.len()))?;
+            if tracks.len() != u.len() {
+                return Err(InferenceError::TrackCount { expected: u.len(), got: tracks.len() });
+            }
+            self.simulations += u.len();
+            for (u, track) in u.iter().zip(&tracks) {
+                match TrackInput::new(track, self.observed.frames()) {
+                    Ok(input) => self.samples.push(&input, u),
+                    Err(why) => self.refused = Some(why.to_string()),
+                }
+            }
+            if on_progress(&Progress::Working { iteration: number, simulations: self.simulations }).is_break() {
+                return Err(InferenceError::Cancelled { simulations: self.simulations });
             }
         }
         self.proposals.push((proposal, count));
@@ -244,10 +261,14 @@ impl<'a> Sequential<'a> {
                 None => self.networks.push(network),
             }
             let (held_out, training) = self.split(member, indices);
-            let mut on_epoch = |epoch| on_progress(&Progress::Epoch { iteration: number, network: member, epoch });
+            let simulations = self.simulations;
+            let mut listen = |epoch: Option<Epoch>| match epoch {
+                Some(epoch) => on_progress(&Progress::Epoch { iteration: number, network: member, epoch }),
+                None => on_progress(&Progress::Working { iteration: number, simulations }),
+            };
             let schedule = &self.settings.schedule;
             let network = &mut self.networks[member];
-            let trained = train(network, data, &training, &held_out, weights, schedule, &mut rng, &mut on_epoch)
+            let trained = train(network, data, &training, &held_out, weights, schedule, &mut rng, &mut listen)
                 .map_err(|source| match source {
                     TrainingError::Stopped => InferenceError::Cancelled { simulations: self.simulations },
                     source => InferenceError::Training { iteration: number, source },

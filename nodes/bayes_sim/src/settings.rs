@@ -151,6 +151,13 @@ impl Settings {
         if self.simulations < LEAST_TRACKS {
             return refuse("simulations", &format!("at least {LEAST_TRACKS}"), self.simulations.to_string());
         }
+        if self.iterations > MOST_ITERATIONS {
+            return refuse("iterations", &format!("at most {MOST_ITERATIONS}"), self.iterations.to_string());
+        }
+        if self.simulations > MOST_TRACKS / self.iterations {
+            let most = format!("at most {} in each of {} iterations", MOST_TRACKS / self.iterations, self.iterations);
+            return refuse("simulations", &most, self.simulations.to_string());
+        }
         let positive = [
             ("length_scale", self.length_scale),
             ("schedule.learning_rate", self.schedule.learning_rate),
@@ -182,6 +189,10 @@ impl Settings {
 
 /// Fewest tracks that a network is trained on.
 pub const LEAST_TRACKS: usize = 10;
+/// Most iterations.
+pub const MOST_ITERATIONS: usize = 1_000;
+/// Most simulations in all iterations together: their tracks are kept, and take a gigabyte where they are long.
+pub const MOST_TRACKS: usize = 100_000;
 
 #[cfg(test)]
 mod tests {
@@ -202,9 +213,14 @@ mod tests {
         type Change = fn(&mut Settings);
         let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
         let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));
-        let cases: [(&str, &str, &str, Change); 17] = [
+        let cases: [(&str, &str, &str, Change); 20] = [
             ("iterations", "at least 1", "0", |s| s.iterations = 0),
             ("simulations", "at least 10", "9", |s| s.simulations = 9),
+            ("iterations", "at most 1000", "1001", |s| s.iterations = 1001),
+            ("simulations", "at most 6666 in each of 15 iterations", "6667", |s| s.simulations = 6667),
+            ("simulations", "at most 6666 in each of 15 iterations", "18446744073709551615", |s| {
+                s.simulations = usize::MAX;
+            }),
             ("embedding.frequencies", "at least 1", "0", |s| s.embedding.frequencies = 0),
             ("length_scale", "a positive number", "-1", |s| s.length_scale = -1.0),
             ("projection", "at least 1", "0", |s| s.projection = Some(0)),

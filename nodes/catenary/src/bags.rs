@@ -1,6 +1,7 @@
 //! `catenary record` and `catenary replay`.
 
 use crate::cli::{RecordArgs, ReplayArgs};
+use crate::interrupted::Interrupted;
 use crate::output;
 use anyhow::Result;
 use catenary_bag::{RecordSettings, ReplaySettings, record, replay};
@@ -30,6 +31,8 @@ pub fn run_record(arguments: &RecordArgs) -> Result<()> {
         images: arguments.images,
         ..RecordSettings::new(arguments.out.clone())
     };
+    // Before the middleware starts, whose warnings would come before the one line that helps.
+    settings.check()?;
     let summary = record(&node("recorder")?, &settings)?;
     let recorded = Recorded { bag: summary.path, messages: summary.messages, topics: summary.topics };
     output::result(&arguments.output, &recorded, |r| {
@@ -55,9 +58,12 @@ pub fn run_replay(arguments: &ReplayArgs) -> Result<()> {
         start_offset_s: arguments.start_offset_s,
         clock: arguments.clock,
         allow_replay: arguments.allow_replay,
+        allow_others: arguments.allow_others,
         ..ReplaySettings::new(arguments.bag.clone())
     };
-    let summary = replay(&node("replayer")?, &settings)?;
+    settings.open()?;
+    let node = node("replayer")?;
+    let summary = replay(&node, &settings)?;
     let replayed = Replayed {
         bag: arguments.bag.clone(),
         published: summary.published,
@@ -67,5 +73,9 @@ pub fn run_replay(arguments: &ReplayArgs) -> Result<()> {
     output::result(&arguments.output, &replayed, |r| {
         let left_out: String = r.left_out.iter().map(|l| format!("\nnot replayed: {l}")).collect();
         format!("{}: {} messages published, {} lost{left_out}", r.bag.display(), r.published, r.failed)
-    })
+    })?;
+    match node.is_shutdown() {
+        true => Err(Interrupted(format!(" after {} messages", replayed.published)).into()),
+        false => Ok(()),
+    }
 }

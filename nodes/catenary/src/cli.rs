@@ -122,7 +122,7 @@ pub struct InferArgs {
     #[arg(long)]
     pub out: PathBuf,
     /// Number of the episode in the bag; none: the last complete one
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub episode: Option<u32>,
     /// Policy that the episode ran, where the model's drive is a policy
     #[arg(long)]
@@ -183,7 +183,7 @@ pub struct DeployArgs {
     #[arg(long)]
     pub from_here: bool,
     /// Seconds to wait for the graph
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
@@ -213,10 +213,10 @@ pub struct ReplayArgs {
     /// Bag (folder or .mcap file)
     pub bag: PathBuf,
     /// Speed: 2 is twice as fast as recorded
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub rate: f64,
     /// Seconds of the bag to skip
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub start_offset_s: f64,
     /// Publish /clock in step with the bag
     #[arg(long)]
@@ -224,6 +224,9 @@ pub struct ReplayArgs {
     /// Replay commands too, even where an arm may follow them
     #[arg(long)]
     pub allow_replay: bool,
+    /// Replay what the arm and the camera measure even where others publish it too
+    #[arg(long)]
+    pub allow_others: bool,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -287,7 +290,7 @@ pub enum BenchWhat {
     /// Posterior against hidden truths, over seeds
     Inference {
         /// Number of hidden truths
-        #[arg(long, default_value_t = 10)]
+        #[arg(long, default_value_t = 10, allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=10_000))]
         seeds: u64,
         /// Machine-readable output
         #[command(flatten)]

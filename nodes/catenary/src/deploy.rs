@@ -1,6 +1,7 @@
 //! `catenary deploy`: one episode of a policy on the running graph.
 
 use crate::cli::DeployArgs;
+use crate::interrupted::Interrupted;
 use crate::output;
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use catenary_core::Policy;
@@ -16,6 +17,8 @@ const LOOK: Duration = Duration::from_millis(100);
 const GONE: Duration = Duration::from_secs(5);
 /// Time in which a goal must say that it is being cancelled, and then end.
 const CANCEL: Duration = Duration::from_secs(5);
+/// How often the server is asked whether it still runs the goal.
+const ASK: Duration = Duration::from_secs(2);
 
 /// What came of the episode.
 #[derive(Debug, Serialize)]
@@ -31,11 +34,13 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     let path = &arguments.policy;
     let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
     let policy = Policy::from_bytes(&bytes).with_context(|| format!("{}", path.display()))?;
+    let wait = Duration::try_from_secs_f64(arguments.wait_s).ok().filter(|w| !w.is_zero());
+    let wait =
+        wait.with_context(|| format!("--wait-s: expected a positive number of seconds, got {}", arguments.wait_s))?;
     // Not the node's own shutdown: a node that has ended can cancel nothing.
     let interrupted = Shutdown::new();
     catenary_shell::end_on_signals(&interrupted)?;
     let node = NodeBuilder::new("deploy", &RosArgs::default())?.build()?;
-    let wait = Duration::try_from_secs_f64(arguments.wait_s).context("--wait-s: expected seconds")?;
     if !arguments.from_here {
         let client: ActionClient<MoveToStart> = node.action_client("panda/move_to_start")?;
         let moved = follow(&client, MoveToStartGoal::default(), wait, &interrupted, |_| {})?;
@@ -86,13 +91,15 @@ fn follow<A: Act>(
     let name = client.name();
     let deadline = Instant::now() + wait;
     while !client.wait_for_server(LOOK) {
-        ensure!(!interrupted.is_triggered(), "{name}: interrupted");
+        if interrupted.is_triggered() {
+            return Err(Error::from(Interrupted(String::new())).context(name.to_owned()));
+        }
         if Instant::now() >= deadline {
             return Err(CallError::NoServer { name: name.to_owned(), waited: wait }.into());
         }
     }
-    let running = client.send(goal, wait, on_feedback)?;
-    let mut seen = Instant::now();
+    let mut running = client.send(goal, wait, on_feedback)?;
+    let (mut seen, mut asked) = (Instant::now(), Instant::now());
     loop {
         if interrupted.is_triggered() {
             return Err(cancel(name, &running));
@@ -105,7 +112,12 @@ fn follow<A: Act>(
         if client.wait_for_server(Duration::ZERO) {
             seen = Instant::now();
         }
-        ensure!(seen.elapsed() < GONE, "{name}: its server is gone");
+        ensure!(seen.elapsed() < GONE, "{name}: its server went away while the goal ran");
+        // Only its answer tells a server that was started anew from the one that runs the goal.
+        if asked.elapsed() > ASK {
+            running.ask_again()?;
+            asked = Instant::now();
+        }
     }
 }
 
@@ -113,7 +125,7 @@ fn follow<A: Act>(
 fn cancel<A: Act>(name: &str, running: &RunningGoal<A>) -> Error {
     let asked = running.cancel(CANCEL);
     match asked.and_then(|_| running.wait(CANCEL)) {
-        Ok((Status::Canceled, _)) => anyhow!("{name}: interrupted and cancelled"),
+        Ok((Status::Canceled, _)) => Error::from(Interrupted(" and cancelled".to_owned())).context(name.to_owned()),
         Ok((status, _)) => anyhow!("{name}: interrupted when it was over: {status:?}"),
         Err(e) => anyhow!("{name}: interrupted, and may run on: {e}"),
     }

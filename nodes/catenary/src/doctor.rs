@@ -129,13 +129,18 @@ fn loopback() -> Check {
 
 fn model(path: &std::path::Path) -> Result<Check> {
     let text = std::fs::read_to_string(path).with_context(|| format!("model {}", path.display()))?;
-    Ok(match Model::from_yaml(&text) {
+    let checked = || -> Result<Model> {
+        let model = Model::from_yaml(&text)?;
+        simulator_pool::parameters::check(&model)?;
+        Ok(model)
+    };
+    Ok(match checked() {
         Ok(m) => check(
             "model",
             Verdict::Good,
             format!("{}: `{}`, {} inferred parameters", path.display(), m.name, m.theta.dimension()),
         ),
-        Err(e) => check("model", Verdict::Bad, format!("{}: {e}", path.display())),
+        Err(e) => check("model", Verdict::Bad, format!("{}: {e:#}", path.display())),
     })
 }
 

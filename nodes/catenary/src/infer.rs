@@ -1,9 +1,10 @@
 //! `catenary infer`: a posterior from a bag, in this process.
 
 use crate::cli::{InferArgs, Preset};
+use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
 use crate::{figures::figures, model_file, output};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::{BagReader, EpisodeTopics, read_episodes};
@@ -90,18 +91,24 @@ pub fn infer(
     let bar = ProgressBar::new(settings.iterations as u64);
     bar.set_style(ProgressStyle::with_template("inference [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
     let result = bayes_sim::infer(model, measured, policy, settings, &simulator, &mut |progress| {
-        if let Progress::Iteration { iteration, .. } = progress {
-            bar.set_position(iteration.iteration as u64);
-            bar.set_message(format!(
-                "{} simulations, loss {:.2} nat, {:.0} effective",
-                iteration.simulations, iteration.loss, iteration.effective_sample_size
-            ));
+        match progress {
+            Progress::Working { simulations, .. } => bar.set_message(format!("{simulations} simulations")),
+            Progress::Epoch { .. } => {}
+            Progress::Iteration { iteration, .. } => {
+                bar.set_position(iteration.iteration as u64);
+                bar.set_message(format!(
+                    "{} simulations, loss {:.2} nat, {:.0} effective",
+                    iteration.simulations, iteration.loss, iteration.effective_sample_size
+                ));
+            }
         }
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();
     match result {
-        Err(InferenceError::Cancelled { simulations }) => bail!("interrupted after {simulations} simulations"),
+        Err(InferenceError::Cancelled { simulations }) => {
+            Err(Interrupted(format!(" after {simulations} simulations")).into())
+        }
         other => Ok(other?),
     }
 }

@@ -14,6 +14,7 @@ mod effects;
 mod figures;
 mod import;
 mod infer;
+mod interrupted;
 mod launch;
 mod model_file;
 mod nodes;
@@ -24,6 +25,7 @@ mod train;
 use clap::Parser;
 use clap::error::ErrorKind;
 use cli::{Cli, Command};
+use interrupted::Interrupted;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -45,7 +47,10 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             let _closed = writeln!(std::io::stderr(), "catenary: {}", format!("{error:#}").replace('\n', " "));
-            ExitCode::FAILURE
+            match error.is::<Interrupted>() {
+                true => ExitCode::from(Interrupted::EXIT_CODE),
+                false => ExitCode::FAILURE,
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `catenary train`: a policy, trained in this process.
 
 use crate::cli::TrainArgs;
+use crate::interrupted::Interrupted;
 use crate::{model_file, output};
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Fidelity, Model, Posterior, seed};
@@ -18,6 +19,8 @@ use std::time::Instant;
 struct Report {
     policy: PathBuf,
     steps: u64,
+    /// Whether Ctrl-C ended it before its time.
+    interrupted: bool,
     mean_return: f64,
     success_rate: f64,
     steps_per_second: f64,
@@ -51,6 +54,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let report = Report {
         policy: arguments.out.clone(),
         steps: trained.steps,
+        interrupted: trained.steps < settings.total_steps,
         mean_return: last.map_or(f64::NAN, |p| p.mean_return),
         success_rate: last.map_or(0.0, |p| p.success_rate),
         steps_per_second: trained.steps as f64 / seconds,
@@ -65,7 +69,17 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
             100.0 * r.success_rate,
             r.steps_per_second
         )
-    })
+    })?;
+    if report.interrupted {
+        let so_far = format!(
+            " after {} of {} steps; {} holds the policy so far",
+            report.steps,
+            settings.total_steps,
+            report.policy.display()
+        );
+        return Err(Interrupted(so_far).into());
+    }
+    Ok(())
 }
 
 /// Trains in this process with a bar; returns the seconds it took too.

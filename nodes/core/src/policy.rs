@@ -8,6 +8,13 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::{BTreeMap, HashMap};
 use thiserror::Error;
 
+/// What the metadata of a file says of its format.
+const FORMAT: &str = "catenary policy 1";
+/// Greatest step limit of an episode that a file may name.
+const MOST_STEPS: usize = 100_000;
+/// Greatest standard deviation of an action that a file may name, in units of the action limit.
+const GREATEST_ACTION_SCALE: f32 = 100.0;
+
 /// A Gaussian policy over (dx, dz): the network gives the mean in units of the action limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
@@ -33,7 +40,7 @@ pub struct Policy {
 #[derive(Debug, Error)]
 pub enum PolicyError {
     /// Not a safetensors file, or a truncated one.
-    #[error("policy: not a safetensors file: {0}")]
+    #[error("is this a policy? It is no safetensors file: {0}")]
     Format(#[from] safetensors::SafeTensorError),
     /// A metadata field or a tensor is missing or unusable.
     #[error("policy: `{field}`: expected {expected}, got {got}")]
@@ -85,7 +92,7 @@ impl Policy {
         add("observation_scale".into(), vec![Observation::LEN], &self.observation_scale);
         add("action_scale".into(), vec![2], &self.action_scale);
         let metadata = HashMap::from([
-            ("format".to_owned(), "catenary policy 1".to_owned()),
+            ("format".to_owned(), FORMAT.to_owned()),
             ("name".to_owned(), self.name.clone()),
             ("step_period_s".to_owned(), self.step_period_s.to_string()),
             ("delta_anchor".to_owned(), anchor_name(self.delta_anchor).to_owned()),
@@ -104,6 +111,10 @@ impl Policy {
         let file = SafeTensors::deserialize(bytes)?;
         let metadata = header.metadata().clone().unwrap_or_default();
         let text = |field: &str| metadata.get(field).cloned().ok_or_else(|| bad(field, "a metadata entry", "none"));
+        match text("format")? {
+            format if format == FORMAT => {}
+            other => return Err(bad("format", FORMAT, &other)),
+        }
         let mut layers = Vec::new();
         while file.tensor(&format!("actor.{}.weight", layers.len())).is_ok() {
             layers.push(layer(&file, layers.len())?);
@@ -121,15 +132,26 @@ impl Policy {
             name: text("name")?,
             actor,
             observation_mean: fixed(&file, "observation_mean")?,
-            observation_scale: fixed(&file, "observation_scale")?,
-            action_scale: fixed(&file, "action_scale")?,
+            observation_scale: within(
+                fixed(&file, "observation_scale")?,
+                "observation_scale",
+                "positive numbers",
+                |v| v > 0.0,
+            )?,
+            action_scale: within(fixed(&file, "action_scale")?, "action_scale", "numbers from 0 to 100", |v| {
+                (0.0..=GREATEST_ACTION_SCALE).contains(&v)
+            })?,
             step_period_s: step_period_s.ok_or_else(|| bad("step_period_s", "a positive number", &period))?,
             delta_anchor: match anchor.as_str() {
                 "measured" => DeltaAnchor::Measured,
                 "last_target" => DeltaAnchor::LastTarget,
                 other => return Err(bad("delta_anchor", "measured or last_target", other)),
             },
-            steps: steps.parse().map_err(|_| bad("steps", "a whole number", &steps))?,
+            steps: steps
+                .parse()
+                .ok()
+                .filter(|n| (1..=MOST_STEPS).contains(n))
+                .ok_or_else(|| bad("steps", &format!("a whole number from 1 to {MOST_STEPS}"), &steps))?,
         })
     }
 }
@@ -186,6 +208,19 @@ fn fixed<const N: usize>(file: &SafeTensors<'_>, name: &str) -> Result<[f32; N],
     data.try_into().map_err(|_| bad(name, &format!("{N} values"), &got.to_string()))
 }
 
+/// The values, where each of them is good.
+fn within<const N: usize>(
+    values: [f32; N],
+    name: &str,
+    expected: &str,
+    is_good: impl Fn(f32) -> bool,
+) -> Result<[f32; N], PolicyError> {
+    match values.into_iter().find(|v| !is_good(*v)) {
+        Some(got) => Err(bad(name, expected, &got.to_string())),
+        None => Ok(values),
+    }
+}
+
 fn layer(file: &SafeTensors<'_>, index: usize) -> Result<Layer, PolicyError> {
     let name = format!("actor.{index}.weight");
     let (shape, weight) = values(file, &name)?;
@@ -231,6 +266,31 @@ mod tests {
         let bytes = policy().to_bytes();
         assert!(Policy::from_bytes(&bytes[..bytes.len() / 2]).is_err());
         assert!(Policy::from_bytes(b"not a policy").is_err());
+    }
+
+    #[test]
+    fn every_field_of_a_file_is_checked() {
+        type Change = fn(&mut Policy);
+        let cases: [(Change, &str); 7] = [
+            (|p| p.steps = 0, "`steps`: expected a whole number from 1 to 100000, got 0"),
+            (|p| p.steps = 1_000_000, "`steps`: expected a whole number from 1 to 100000, got 1000000"),
+            (|p| p.observation_scale = [0.0; 12], "`observation_scale`: expected positive numbers, got 0"),
+            (|p| p.observation_scale[3] = -1.0, "`observation_scale`: expected positive numbers, got -1"),
+            (|p| p.action_scale = [1e9, 0.1], "`action_scale`: expected numbers from 0 to 100, got 1000000000"),
+            (|p| p.action_scale[1] = -0.5, "`action_scale`: expected numbers from 0 to 100, got -0.5"),
+            (|p| p.step_period_s = 0.0, "`step_period_s`: expected a positive number, got 0"),
+        ];
+        for (change, words) in cases {
+            let mut p = policy();
+            change(&mut p);
+            assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap_err().to_string(), format!("policy: {words}"));
+        }
+        let bytes = policy().to_bytes();
+        let place = bytes.windows(FORMAT.len()).position(|w| w == FORMAT.as_bytes()).unwrap();
+        let mut other = bytes.clone();
+        other[place + FORMAT.len() - 1] = b'2';
+        let words = Policy::from_bytes(&other).unwrap_err().to_string();
+        assert_eq!(words, "policy: `format`: expected catenary policy 1, got catenary policy 2");
     }
 
     #[test]

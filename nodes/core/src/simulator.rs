@@ -2,6 +2,7 @@
 
 use crate::{GripTrajectory, Policy, Track};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use thiserror::Error;
 
 /// How finely time and the object are divided.
@@ -82,6 +83,24 @@ pub struct SimulationRequest {
     pub first_episode: u64,
     /// Whether the model's camera noise is added.
     pub noise: bool,
+}
+
+impl SimulationRequest {
+    /// The episodes of the batch at these places, as a batch of their own: they come out the same.
+    pub fn part(&self, episodes: Range<usize>) -> SimulationRequest {
+        let (from, to) = (episodes.start.min(self.thetas.len()), episodes.end.min(self.thetas.len()));
+        // Values that are not one an episode stay as they are, for the simulator to refuse.
+        let values = |v: &Vec<f64>| if v.len() == self.thetas.len() { v[from..to].to_vec() } else { v.clone() };
+        SimulationRequest {
+            thetas: self.thetas[from..to].to_vec(),
+            effects: self.effects.iter().map(|(name, v)| (name.clone(), values(v))).collect(),
+            drive: self.drive.clone(),
+            start: self.start.clone(),
+            frame_times_s: self.frame_times_s.clone(),
+            first_episode: self.first_episode + from as u64,
+            ..*self
+        }
+    }
 }
 
 /// Why nothing was simulated.

@@ -12,8 +12,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Latest, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Queue,
-    Time, contract,
+    Client, Concurrency, Decision, GoalHandle, Latest, Misconfigured, Node, NodeBuilder, Outcome, Param, ParamSpec,
+    Publisher, Queue, Time, contract,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -77,7 +77,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
         node: node.clone(),
     };
-    shell.task()?;
+    shell.task().map_err(Misconfigured::new)?;
     let _server = node.serve_action::<RunEpisode>(
         "policy_runner/run_episode",
         Concurrency::One,

@@ -47,6 +47,16 @@ pub enum RunnerError {
         /// The policy's value.
         got: String,
     },
+    /// The policy would go on beyond the task's end.
+    #[error("policy `{policy}`: `steps` is {got}, the task ends after {most}")]
+    TooLong {
+        /// Name of the policy.
+        policy: String,
+        /// The task's step limit.
+        most: usize,
+        /// The policy's.
+        got: usize,
+    },
     /// A limit of no steps.
     #[error("an episode needs at least one step")]
     NoSteps,
@@ -178,6 +188,9 @@ impl Runner {
         }
         if (policy.step_period_s - task.step_period_s).abs() > 1e-9 {
             return Err(contract("step_period_s", task.step_period_s.to_string(), policy.step_period_s.to_string()));
+        }
+        if policy.steps > task.steps {
+            return Err(RunnerError::TooLong { policy: policy.name.clone(), most: task.steps, got: policy.steps });
         }
         let steps = settings.max_steps.unwrap_or(policy.steps);
         if steps == 0 {

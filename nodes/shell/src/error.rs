@@ -111,6 +111,12 @@ pub enum CallError {
         /// The action.
         name: String,
     },
+    /// Its server does not know the goal that it accepted: another one took its place.
+    #[error("{name}: its server went away while the goal ran, and the one that came does not know the goal")]
+    Forgotten {
+        /// The action.
+        name: String,
+    },
     /// This node shuts down.
     #[error("{name}: this node shuts down")]
     Shutdown {

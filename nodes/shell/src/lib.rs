@@ -69,7 +69,7 @@ pub use params::{Change, Description, Param, ParamError, ParamKind, ParamSpec, P
 pub use participant::{Discovery, domain_id};
 pub use publisher::Publisher;
 pub use qos::Qos;
-pub use run::{end_on_signals, main};
+pub use run::{Misconfigured, end_on_signals, main};
 pub use service::{Client, Service};
 pub use shutdown::Shutdown;
 pub use subscription::{Latest, Queue, Received, Subscription};

@@ -29,8 +29,9 @@ const ORPHAN_GRACE: Duration = Duration::from_secs(5);
 /// Runs a node from the arguments after the program's name.
 ///
 /// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), so does the
-/// death of its supervisor, and `--help` lists the node's parameters. The exit code is 0 after an orderly end, 2 for a wrong command line, parameter or
-/// environment variable, else 1, with the error in one line on stderr.
+/// death of its supervisor, and `--help` lists the node's parameters. The exit code is 0 after an orderly end, 2 for a
+/// wrong command line, parameter or environment variable and for what is [`Misconfigured`], else 1, with the error in one
+/// line on stderr.
 pub fn main<S: Into<String>>(
     name: &str,
     args: impl IntoIterator<Item = S>,
@@ -41,9 +42,22 @@ pub fn main<S: Into<String>>(
         Err(error) => match error.downcast_ref::<ShellError>() {
             Some(ShellError::HelpShown) => ExitCode::SUCCESS,
             Some(shell) if shell.is_usage() => fail(name, &error, USAGE),
-            _ if error.is::<UsageError>() => fail(name, &error, USAGE),
+            _ if error.is::<UsageError>() || error.is::<Misconfigured>() => fail(name, &error, USAGE),
             _ => fail(name, &error, 1),
         },
+    }
+}
+
+/// A mistake in what a node was given, found while it starts: exit code 2, for starting it again would not help.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Misconfigured(String);
+
+impl Misconfigured {
+    /// Marks an error, with all of its causes, as a mistake in what the node was given; for `map_err`.
+    #[must_use]
+    pub fn new(error: impl Into<anyhow::Error>) -> Self {
+        Self(format!("{:#}", error.into()))
     }
 }
 
@@ -146,6 +160,16 @@ pub(crate) fn print_help(headline: &str, params: &Params) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_misconfigured_keeps_its_causes_behind_further_context() {
+        use anyhow::Context;
+        let cause = anyhow::anyhow!("no such file").context("model_file nope");
+        let error = Err::<(), _>(Misconfigured::new(cause)).context("start").unwrap_err();
+        assert!(error.is::<Misconfigured>());
+        assert_eq!(format!("{error:#}"), "start: model_file nope: no such file");
+        assert!(!anyhow::anyhow!("broken").is::<Misconfigured>());
+    }
 
     #[test]
     fn the_end_of_the_supervisors_pipe_and_nothing_before_it_ends_the_process_in_order() {

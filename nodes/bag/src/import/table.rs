@@ -94,6 +94,11 @@ impl Table<'_> {
 
 /// Reads the rows of a track; `file` names it in messages.
 pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
+    if csv.trim().is_empty() {
+        let (file, column) = (file.to_owned(), NEEDED[0].to_owned());
+        let (expected, got) = ("a header line and rows of numbers".to_owned(), "an empty file".to_owned());
+        return Err(BagError::Csv { file, line: 1, column, expected, got });
+    }
     let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(csv.as_bytes());
     let header = reader.headers().map(|h| h.iter().map(str::to_owned).collect()).unwrap_or_default();
     let table = Table { file, header };
@@ -189,7 +194,7 @@ mod tests {
             (good.replace(",p4_z_m\n", ",p4_z_m,grip_fx_n\n"), "column grip_fz_n: expected all columns of the wrench"),
             (format!("{}\n{}\n", header(), row("0.0")), "expected at least two rows, got 1"),
             (good.replace("\n0.1,", "\n1e300,"), "column t_s: expected at most"),
-            (String::new(), "column t_s: expected this column"),
+            (" \n".to_owned(), "line 1, column t_s: expected a header line and rows of numbers, got an empty file"),
         ];
         for (csv, part) in expected {
             let e = error(&csv);

@@ -213,7 +213,7 @@ fn trained(schedule: &train::Schedule, stream: u64) -> (Network, Result<Trained,
     let mut network = Network::new(shape(&samples, Some(6), Fourier::CosOnly), 1.0, &samples, &weights, &mut rng);
     let mut heard = Vec::new();
     let mut listen = |epoch| {
-        heard.push(epoch);
+        heard.extend(epoch);
         ControlFlow::Continue(())
     };
     let outcome = train(&mut network, &samples, &training, &held_out, &weights, schedule, &mut rng, &mut listen);

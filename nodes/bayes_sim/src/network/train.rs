@@ -101,7 +101,7 @@ impl Adam {
 }
 
 /// Trains `network` on the samples at `training`, watching those at `held_out`; `weights` (N) belong to all samples.
-/// `on_epoch` hears of every pass and may stop the run.
+/// `listen` hears of every pass, and none of it after each batch; it may stop the run.
 #[allow(clippy::too_many_arguments, reason = "data, its two parts, its weights, how, chance, and who listens")]
 pub fn train<R: Rng>(
     network: &mut Network,
@@ -111,7 +111,7 @@ pub fn train<R: Rng>(
     weights: &[f64],
     schedule: &Schedule,
     rng: &mut R,
-    on_epoch: &mut dyn FnMut(Epoch) -> ControlFlow<()>,
+    listen: &mut dyn FnMut(Option<Epoch>) -> ControlFlow<()>,
 ) -> Result<Trained, TrainingError> {
     let all = if schedule.train_embedding { Vec::new() } else { network.inputs(samples) };
     let width = network.shape().inputs();
@@ -153,13 +153,16 @@ pub fn train<R: Rng>(
             check(epoch, "the norm of the gradient", norm)?;
             let scale = (schedule.max_gradient_norm / norm.max(f64::MIN_POSITIVE)).min(1.0) as f32;
             adam.step(network.parameters_mut(), &gradient, scale, schedule, decay_from);
+            if listen(None).is_break() {
+                return Err(TrainingError::Stopped);
+            }
         }
         let held_out_loss = watch(network, &mut work);
         check(epoch, "the held-out loss", held_out_loss)?;
         if held_out_loss < best.0 || !best.0.is_finite() {
             best = (held_out_loss, epoch, network.parameters().to_vec());
         }
-        if on_epoch(Epoch { epoch, held_out_loss }).is_break() {
+        if listen(Some(Epoch { epoch, held_out_loss })).is_break() {
             return Err(TrainingError::Stopped);
         }
     }

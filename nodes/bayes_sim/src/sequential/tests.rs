@@ -117,6 +117,7 @@ fn an_iteration_accounts_for_what_it_did() {
         let (iteration, posterior) = sequential
             .step(&template(), &TOY, &mut |progress| {
                 match progress {
+                    Progress::Working { .. } => {}
                     Progress::Epoch { iteration, .. } => epochs += usize::from(*iteration == number),
                     Progress::Iteration { iteration, of, posterior } => {
                         told.push(((*iteration).clone(), *of, (*posterior).clone()));
@@ -160,15 +161,20 @@ fn the_simulator_is_asked_for_thetas_of_the_prior_in_their_units_and_never_twice
 #[test]
 fn cancelling_stops_at_once_and_says_after_how_many_simulations() {
     let (space, observed, settings) = (TOY.space(), TOY.track(&TRUTH, 5), quick());
-    for (at_epoch, heard_before) in [(true, 1), (false, 9)] {
+    type At = fn(&Progress<'_>) -> bool;
+    let cases: [(At, usize); 2] = [
+        (|p| matches!(p, Progress::Epoch { .. }), 1),
+        // Two networks of four passes, and the iteration itself.
+        (|p| matches!(p, Progress::Iteration { .. }), 9),
+    ];
+    for (at, heard_before) in cases {
         let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
         let (heard, mut second) = (Cell::new(0), false);
         let mut outcome = Ok(());
         while outcome.is_ok() {
             let mut listen = |progress: &Progress<'_>| {
-                heard.set(heard.get() + usize::from(second));
-                let stop = second && at_epoch == matches!(progress, Progress::Epoch { .. });
-                if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                heard.set(heard.get() + usize::from(second && !matches!(progress, Progress::Working { .. })));
+                if second && at(progress) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
             outcome = sequential.step(&template(), &TOY, &mut listen).map(drop);
             second = true;
@@ -176,9 +182,55 @@ fn cancelling_stops_at_once_and_says_after_how_many_simulations() {
         let error = outcome.unwrap_err();
         assert!(matches!(error, InferenceError::Cancelled { simulations: 80 }), "{error:?}");
         assert_eq!(error.to_string(), "inference was cancelled after 80 simulations");
-        // Two networks of four passes, and the iteration itself.
         assert_eq!(heard.get(), heard_before);
     }
+}
+
+#[test]
+fn an_iteration_can_be_cancelled_between_parts_of_its_simulations_and_between_batches() {
+    let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
+    let settings = Settings { simulations: 300, ..quick() };
+    // Five parts of the simulations, then batches of 50 tracks.
+    for (stop_at, simulations) in [(1, 64), (2, 128), (5, 300), (7, 300)] {
+        let (asked, heard, passes) = (Cell::new(0), Cell::new(0), Cell::new(0));
+        let counted = Simulate(|request: &SimulationRequest| {
+            asked.set(asked.get() + request.thetas.len());
+            TOY.simulate(request)
+        });
+        let mut listen = |progress: &Progress<'_>| {
+            heard.set(heard.get() + 1);
+            passes.set(passes.get() + usize::from(!matches!(progress, Progress::Working { .. })));
+            if heard.get() == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+        let error = sequential.step(&template(), &counted, &mut listen).unwrap_err();
+        let InferenceError::Cancelled { simulations: told } = error else { panic!("{error:?}") };
+        assert_eq!((told, asked.get(), heard.get(), passes.get()), (simulations, simulations, stop_at, 0));
+    }
+}
+
+#[test]
+fn a_round_that_is_simulated_in_parts_gives_the_tracks_of_the_whole() {
+    let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
+    let settings = Settings { simulations: 150, ..quick() };
+    let whole = SimulationRequest {
+        thetas: (0..150).map(|i| vec![f64::from(i) / 150.0, 0.5]).collect(),
+        effects: vec![("tip_mass_kg".into(), (0..150).map(f64::from).collect())],
+        seed: 9,
+        ..template()
+    };
+    let parts: Vec<Track> = [0..64, 64..128, 128..150].map(|r| TOY.simulate(&whole.part(r)).unwrap()).concat();
+    assert_eq!(parts, TOY.simulate(&whole).unwrap());
+    assert_eq!(whole.part(64..128).effects[0].1[..2], [64.0, 65.0]);
+    let episodes = std::cell::RefCell::new(Vec::new());
+    let noted = Simulate(|r: &SimulationRequest| {
+        episodes.borrow_mut().push((r.seed, r.first_episode, r.thetas.len()));
+        TOY.simulate(r)
+    });
+    run(&mut Sequential::new(&space, &observed, FRAMES, &settings).unwrap(), &noted, 1).unwrap();
+    let asked = episodes.into_inner();
+    assert_eq!(asked.iter().map(|(_, first, n)| (*first, *n)).collect::<Vec<_>>(), [(0, 64), (64, 64), (128, 22)]);
+    assert!(asked.iter().all(|(seed, ..)| *seed == asked[0].0));
 }
 
 #[test]

@@ -75,6 +75,10 @@ struct Clients {
 pub fn run(arguments: &DemoArgs) -> Result<()> {
     let domain = catenary_shell::domain_id()?;
     let folder = config::fresh_folder(&arguments.out)?;
+    let taken = match folder == arguments.out {
+        true => String::new(),
+        false => format!(", because {} exists already", arguments.out.display()),
+    };
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
     let launch_file = config::write(&folder.join("config"))?;
     let model = Model::from_yaml(config::SOFT_BAR)?;
@@ -85,7 +89,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(domain, Discovery::Localhost);
     catenary_shell::end_on_signals(builder.shutdown())?;
     let node = builder.build()?;
-    eprintln!("catenary demo: results go to {}", demo.folder.display());
+    eprintln!("catenary demo: results go to {}{taken}", demo.folder.display());
     let supervisor = demo.launch(&launch_file)?;
     let mut stages = Stages::new(&node, supervisor);
     let outcome = demo.algorithm(&node, &mut stages);
@@ -99,7 +103,11 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
 
 /// Builds the report of a demo's folder again.
 pub fn rebuild(folder: &Path) -> Result<PathBuf> {
-    page::write(folder, &Summary::read(folder)?)
+    let summary = Summary::read(folder)?;
+    for bag in summary.episodes.iter().map(|e| folder.join(&e.bag)).filter(|bag| !bag.exists()) {
+        tracing::warn!("{} is gone: the report names it all the same", bag.display());
+    }
+    page::write(folder, &summary)
 }
 
 /// What keeps the demo's nodes to this machine.

@@ -1,10 +1,12 @@
 //! Stages of the demo: progress, time, and what ends them early.
 
 use super::summary::Stage;
+use crate::interrupted::Interrupted;
 use crate::launch::Supervisor;
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{Act, ActionClient, CallError, Node, Status};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::Write;
 use std::time::{Duration, Instant};
 
 /// Time in which a server must answer that it takes a goal.
@@ -24,7 +26,7 @@ pub struct Stages<'a> {
 }
 
 impl<'a> Stages<'a> {
-    /// Stages on the graph that `supervisor` runs. Bars go to stderr, and only where that is a terminal.
+    /// Stages on the graph that `supervisor` runs. Where stderr is a terminal it shows bars, else a line a stage.
     pub fn new(node: &'a Node, supervisor: Supervisor) -> Self {
         let quiet = !std::io::IsTerminal::is_terminal(&std::io::stderr());
         Self { node, supervisor, done: Vec::new(), quiet }
@@ -45,8 +47,8 @@ impl<'a> Stages<'a> {
             Ok(_) => bar.finish_with_message(format!("{:.1} s", stage.wall_s)),
             Err(_) => bar.abandon_with_message("stopped"),
         }
-        if self.quiet {
-            tracing::info!("{name}: {:.1} s", stage.wall_s);
+        if self.quiet && result.is_ok() {
+            let _closed = writeln!(std::io::stderr(), "{name}: {:.1} s", stage.wall_s);
         }
         self.done.push(stage);
         result
@@ -67,11 +69,11 @@ impl<'a> Stages<'a> {
                 Ok((Status::Canceled, _)) => bail!("cancelled"),
                 Ok((Status::Aborted, result)) => return Ok(result),
                 Err(CallError::Timeout { .. }) => {}
-                Err(CallError::Shutdown { .. }) => bail!("interrupted"),
+                Err(CallError::Shutdown { .. }) => return Err(Interrupted(String::new()).into()),
                 Err(e) => return Err(e.into()),
             }
             if self.node.is_shutdown() {
-                bail!("interrupted");
+                return Err(Interrupted(String::new()).into());
             }
             if let Err(e) = self.check() {
                 // The goal's own server may be the one that died: nobody may be left to cancel it.
@@ -94,7 +96,7 @@ impl<'a> Stages<'a> {
         let end = Instant::now() + time;
         while Instant::now() < end {
             if self.node.is_shutdown() {
-                bail!("interrupted");
+                return Err(Interrupted(String::new()).into());
             }
             self.check()?;
             std::thread::sleep(Duration::from_millis(50).min(end.saturating_duration_since(Instant::now())));

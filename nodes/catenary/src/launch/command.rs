@@ -6,6 +6,7 @@ use crate::output;
 use anyhow::{Context, Result, bail};
 use catenary_shell::Shutdown;
 use serde::Serialize;
+use std::path::Path;
 use std::time::Duration;
 
 /// How often the processes are looked after.
@@ -28,6 +29,7 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
     if description.processes.is_empty() {
         bail!("{}: it starts no process", arguments.file.display());
     }
+    refuse_missing(&given, &description)?;
     // What every node would refuse is refused once.
     catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();
@@ -39,6 +41,9 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
             tracing::warn!("{}", event.describe());
             if !event.success && !event.restarting {
                 failed.push(event.name);
+                if !supervisor.is_done() {
+                    tracing::warn!("the graph runs without {}", failed.join(", "));
+                }
             }
         }
         std::thread::sleep(WATCH);
@@ -48,6 +53,18 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
         true => Ok(()),
         false => bail!("ended with an error: {}", failed.join(", ")),
     }
+}
+
+/// Refuses a folder of executables that was asked for and is not there; that of the file itself gives way to this program's
+/// own nodes.
+fn refuse_missing(given: &[(String, String)], description: &LaunchDescription) -> Result<()> {
+    for program in description.processes.iter().filter_map(|p| p.command.first()).map(Path::new) {
+        let of_argument = |(_, value): &&(String, String)| !value.is_empty() && program.starts_with(value);
+        if let (false, Some((name, value))) = (program.exists(), given.iter().find(of_argument)) {
+            bail!("{name}:={value}: expected the folder of the nodes' executables, found no {}", program.display());
+        }
+    }
+    Ok(())
 }
 
 /// NAME:=VALUE as a pair.

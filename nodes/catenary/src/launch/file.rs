@@ -1,6 +1,6 @@
 //! Reading a launch file.
 
-use super::substitution::{Scope, substitute};
+use super::substitution::{Scope, command_line, substitute};
 use anyhow::{Context, Result, anyhow, bail};
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;
@@ -82,10 +82,12 @@ impl Reader<'_> {
             bail!("{}: includes nest deeper than {MAX_INCLUDE_DEPTH}", path.display());
         }
         let text = std::fs::read_to_string(path).with_context(|| format!("launch file {}", path.display()))?;
-        let document = Document::parse(&text).with_context(|| format!("launch file {}", path.display()))?;
+        let document =
+            Document::parse(&text).with_context(|| format!("launch file {}: is this one, in XML?", path.display()))?;
         let root = document.root_element();
         if root.tag_name().name() != "launch" {
-            bail!("{}: expected <launch>, got <{}>", path.display(), root.tag_name().name());
+            let got = root.tag_name().name();
+            bail!("{}: expected <launch>, got <{got}>: is this a launch file?", path.display());
         }
         let directory = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let mut scope = FileScope { variables: given.clone(), directory, depth };
@@ -155,9 +157,8 @@ impl Reader<'_> {
 
     fn executable(&mut self, node: Node<'_, '_>, scope: &FileScope) -> Result<()> {
         allow(node, &["cmd", "name", "output", "respawn", "respawn_delay", "if", "unless"])?;
-        let cmd = self.required(node, "cmd", scope)?;
-        let command =
-            shlex::split(&cmd).filter(|c| !c.is_empty()).ok_or_else(|| anyhow!("cmd `{cmd}` is no command"))?;
+        let cmd = node.attribute("cmd").ok_or_else(|| anyhow!("the attribute `cmd` is missing"))?;
+        let command = command_line(cmd, &self.scope(scope)).map_err(|e| anyhow!("cmd: {e}"))?;
         let program = Path::new(&command[0]).file_name().map(|n| n.to_string_lossy().into_owned());
         let name = self.optional(node, "name", scope)?.or(program).unwrap_or_else(|| command[0].clone());
         let mut environment = Vec::new();
@@ -185,10 +186,13 @@ impl Reader<'_> {
         Ok(holds && !prevented)
     }
 
+    fn scope<'s>(&'s self, scope: &'s FileScope) -> Scope<'s> {
+        Scope { variables: &scope.variables, environment: self.environment, directory: &scope.directory }
+    }
+
     fn optional(&self, node: Node<'_, '_>, attribute: &str, scope: &FileScope) -> Result<Option<String>> {
         let Some(text) = node.attribute(attribute) else { return Ok(None) };
-        let scope = Scope { variables: &scope.variables, environment: self.environment, directory: &scope.directory };
-        substitute(text, &scope).map(Some).map_err(|e| anyhow!("{attribute}: {e}"))
+        substitute(text, &self.scope(scope)).map(Some).map_err(|e| anyhow!("{attribute}: {e}"))
     }
 
     fn required(&self, node: Node<'_, '_>, attribute: &str, scope: &FileScope) -> Result<String> {
@@ -248,6 +252,13 @@ mod tests {
         assert_eq!(d.processes[0].environment, [("K".to_owned(), "7".to_owned())]);
         assert!(d.processes[0].respawn && d.processes[0].respawn_delay == Duration::from_millis(500));
         assert_eq!(d.processes[1].command, ["echo", "you7"]);
+    }
+
+    #[test]
+    fn a_value_stays_one_word_of_the_command_whatever_is_in_it() {
+        let text = r#"<launch><arg name="theta"/><executable cmd="cell -p theta:=$(var theta) -p seed:=1"/></launch>"#;
+        let d = launch(text, &[("theta", "[9.0, 1000.0]")]).unwrap();
+        assert_eq!(d.processes[0].command, ["cell", "-p", "theta:=[9.0, 1000.0]", "-p", "seed:=1"]);
     }
 
     #[test]

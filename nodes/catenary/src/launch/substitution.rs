@@ -15,18 +15,63 @@ pub struct Scope<'a> {
 
 /// `text` with every substitution replaced, inner ones first; an error names the substitution that has no value.
 pub fn substitute(text: &str, scope: &Scope<'_>) -> Result<String, String> {
-    let mut result = String::with_capacity(text.len());
+    let words = pieces(text, scope)?.into_iter().map(|p| match p {
+        Piece::Text(text) => text,
+        Piece::Value(value) => value,
+    });
+    Ok(words.collect())
+}
+
+/// The words of a command line. As with ROS 2's own launch the text between substitutions is split as a shell splits it, and
+/// a substitution's value stays whole, spaces, quotes and all; so a substitution cannot stand within quotes, nor need it.
+pub fn command_line(text: &str, scope: &Scope<'_>) -> Result<Vec<String>, String> {
+    let mut words: Vec<String> = Vec::new();
+    // Whether what comes next belongs to the last word.
+    let mut open = false;
+    for piece in pieces(text, scope)? {
+        let (parts, begins, ends) = match &piece {
+            Piece::Value(value) => (vec![value.clone()], false, false),
+            Piece::Text(text) => {
+                let split = shlex::split(text)
+                    .ok_or_else(|| format!("`{text}`: a quote without its other; $(...) needs none around it"))?;
+                (split, text.starts_with(char::is_whitespace), text.ends_with(char::is_whitespace))
+            }
+        };
+        open &= !begins;
+        for (i, part) in parts.into_iter().enumerate() {
+            match words.last_mut() {
+                Some(last) if open && i == 0 => last.push_str(&part),
+                _ => words.push(part),
+            }
+            open = true;
+        }
+        open &= !ends;
+    }
+    if words.is_empty() { Err(format!("`{text}` is no command")) } else { Ok(words) }
+}
+
+/// A part of a text.
+enum Piece {
+    /// As it is written.
+    Text(String),
+    /// What a substitution stands for.
+    Value(String),
+}
+
+/// The parts of `text`, in order; none is an empty text.
+fn pieces(text: &str, scope: &Scope<'_>) -> Result<Vec<Piece>, String> {
+    let mut pieces = Vec::new();
     let mut rest = text;
     while let Some(start) = rest.find("$(") {
-        result.push_str(&rest[..start]);
         let inner = &rest[start + 2..];
         let end = closing(inner).ok_or_else(|| format!("`{text}`: `$(` without its `)`"))?;
         let expression = substitute(&inner[..end], scope)?;
-        result.push_str(&value(&expression, scope)?);
+        pieces.extend((start > 0).then(|| Piece::Text(rest[..start].to_owned())));
+        pieces.push(Piece::Value(value(&expression, scope)?));
         rest = &inner[end + 1..];
     }
-    result.push_str(rest);
-    Ok(result)
+    pieces.extend((!rest.is_empty()).then(|| Piece::Text(rest.to_owned())));
+    Ok(pieces)
 }
 
 /// Position of the parenthesis that closes the one before `text`.
@@ -65,14 +110,38 @@ fn value(expression: &str, scope: &Scope<'_>) -> Result<String, String> {
 mod tests {
     use super::*;
 
-    fn check(text: &str) -> Result<String, String> {
-        let variables =
-            BTreeMap::from([("bin".to_owned(), "/opt/bin".to_owned()), ("which".to_owned(), "bin".to_owned())]);
+    fn with_scope<T>(work: impl FnOnce(&Scope<'_>) -> T) -> T {
+        let variables = [("bin", "/opt/bin"), ("which", "bin"), ("list", "[9.0, 1e3]"), ("it", "it's"), ("none", "")];
+        let variables: BTreeMap<String, String> = variables.map(|(k, v)| (k.to_owned(), v.to_owned())).into();
         let environment = |name: &str| (name == "HOME").then(|| "/home/lab".to_owned());
-        substitute(
-            text,
-            &Scope { variables: &variables, environment: &environment, directory: Path::new("/etc/launch") },
-        )
+        work(&Scope { variables: &variables, environment: &environment, directory: Path::new("/etc/launch") })
+    }
+
+    fn check(text: &str) -> Result<String, String> {
+        with_scope(|scope| substitute(text, scope))
+    }
+
+    #[test]
+    fn the_text_of_a_command_is_split_and_values_are_not() {
+        let words = |text: &str| with_scope(|scope| command_line(text, scope));
+        let cases: [(&str, &[&str]); 8] = [
+            (
+                "$(var bin)/cell -p theta:=$(var list) -p a:=1",
+                &["/opt/bin/cell", "-p", "theta:=[9.0, 1e3]", "-p", "a:=1"],
+            ),
+            ("run $(var list)", &["run", "[9.0, 1e3]"]),
+            ("run $(var list) $(var it) last", &["run", "[9.0, 1e3]", "it's", "last"]),
+            ("run $(var bin)$(var which)x", &["run", "/opt/binbinx"]),
+            ("run -p x:=$(var none) y", &["run", "-p", "x:=", "y"]),
+            ("run $(var none) y", &["run", "", "y"]),
+            ("  run '--a b'  \"c d\" ", &["run", "--a b", "c d"]),
+            ("run 'a '$(var bin)", &["run", "a /opt/bin"]),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(words(text).unwrap(), expected, "{text}");
+        }
+        assert!(words("run 'theta:=$(var list)'").unwrap_err().contains("$(...) needs none around it"));
+        assert!(words(" ").unwrap_err().contains("is no command"));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time that a process has to end after SIGTERM before it is killed.
@@ -16,6 +17,8 @@ const GRACE: Duration = Duration::from_secs(6);
 const USAGE: i32 = 2;
 /// Restarts after which a process that keeps ending is given up.
 const MAX_RESTARTS: u32 = 10;
+/// Time that the output of a process that has ended takes to be in its log at most.
+const LAST_WORDS: Duration = Duration::from_millis(500);
 /// Lines of a log that are shown when its process ends badly.
 const TAIL_LINES: usize = 5;
 
@@ -55,6 +58,8 @@ struct Watched {
     process: Process,
     log: PathBuf,
     child: Option<Child>,
+    /// Threads that copy its output to the log.
+    copies: Vec<JoinHandle<()>>,
     restarts: u32,
     restart_at: Option<Instant>,
 }
@@ -72,10 +77,14 @@ impl Supervisor {
     /// one end of a pipe as its standard input: where the supervisor dies, the pipe closes and the nodes end by themselves.
     pub fn start(processes: Vec<Process>, log_folder: &Path, echo: bool) -> Result<Self> {
         std::fs::create_dir_all(log_folder).with_context(|| format!("log folder {}", log_folder.display()))?;
+        let logs: Vec<PathBuf> = processes.iter().map(|p| log_folder.join(format!("{}.log", p.name))).collect();
+        for log in &logs {
+            // What an earlier launch wrote is no cause of anything now.
+            File::create(log).with_context(|| format!("log {}", log.display()))?;
+        }
         let mut supervisor = Self { watched: Vec::new(), echo };
-        for process in processes {
-            let log = log_folder.join(format!("{}.log", process.name));
-            let mut watched = Watched { process, log, child: None, restarts: 0, restart_at: None };
+        for (process, log) in processes.into_iter().zip(logs) {
+            let mut watched = Watched { process, log, child: None, copies: Vec::new(), restarts: 0, restart_at: None };
             watched.spawn(echo)?;
             supervisor.watched.push(watched);
         }
@@ -94,6 +103,7 @@ impl Supervisor {
         for w in &mut self.watched {
             if let Some(status) = w.child.as_mut().map(Child::try_wait).transpose()?.flatten() {
                 w.child = None;
+                w.wait_for_last_words();
                 let curable = status.code() != Some(USAGE);
                 let restarting = w.process.respawn && curable && w.restarts < MAX_RESTARTS;
                 w.restart_at = restarting.then(|| Instant::now() + w.process.respawn_delay);
@@ -162,10 +172,19 @@ impl Watched {
             let log = File::options().create(true).append(true).open(&self.log);
             let log = log.with_context(|| format!("log {}", self.log.display()))?;
             let prefix = echo.then(|| self.process.name.clone());
-            std::thread::spawn(move || copy_lines(stream, log, prefix));
+            self.copies.push(std::thread::spawn(move || copy_lines(stream, log, prefix)));
         }
         self.child = Some(child);
         Ok(())
+    }
+
+    /// Waits until what the process wrote is in the log; not for ever, as a child of its own may hold the pipe open.
+    fn wait_for_last_words(&mut self) {
+        let deadline = Instant::now() + LAST_WORDS;
+        while self.copies.iter().any(|c| !c.is_finished()) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.copies.clear();
     }
 
     fn is_running(&mut self) -> bool {
@@ -265,9 +284,19 @@ mod tests {
                 .unwrap();
         let event = wait_for_event(&mut s);
         assert!(!event.success && !event.restarting);
-        std::thread::sleep(Duration::from_millis(100));
         assert!(event.describe().contains("exit code 3: no luck"), "{}", event.describe());
         assert!(s.is_done());
+    }
+
+    #[test]
+    fn the_words_of_an_earlier_launch_are_no_cause_of_what_happens_now() {
+        let logs = tempfile::tempdir().unwrap();
+        for (script, said) in [("echo no luck >&2; exit 3", ": no luck"), ("exit 3", "exit code 3 (")] {
+            let mut s =
+                Supervisor::start(vec![process("a", &["sh", "-c", script], false)], logs.path(), false).unwrap();
+            let words = wait_for_event(&mut s).describe();
+            assert!(words.contains(said), "{words}");
+        }
     }
 
     #[test]

@@ -13,7 +13,9 @@ use anyhow::{Result, bail};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::sensor_msgs::msg::JointState;
-use catenary_shell::{Clock, Deadline, Health, Node, NodeBuilder, Subscription, Throttle, Time, contract, stamp};
+use catenary_shell::{
+    Clock, Deadline, Health, Misconfigured, Node, NodeBuilder, Subscription, Throttle, Time, contract, stamp,
+};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -58,7 +60,7 @@ struct Relay {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
-    let settings = Settings::declare(&builder)?;
+    let settings = Settings::declare(&builder).map_err(Misconfigured::new)?;
     let moves = MoveParameters::declare(&builder)?;
     let node = builder.build()?;
     let names = settings.controller;

@@ -208,6 +208,12 @@ fn a_policy_for_another_pace_or_anchor_is_refused() {
     let mut p = policy([0.0, 0.0]);
     p.step_period_s = 0.1;
     assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("step_period_s"));
+    let mut p = policy([0.0; 2]);
+    p.steps = 17;
+    let words = Runner::new(p.clone(), task(), Settings::default()).err().unwrap().to_string();
+    assert_eq!(words, "policy `constant`: `steps` is 17, the task ends after 16");
+    p.steps = 3;
+    assert!(Runner::new(p, task(), Settings::default()).is_ok());
     let mut p = policy([0.0, 0.0]);
     p.delta_anchor = DeltaAnchor::Measured;
     assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("delta_anchor"));

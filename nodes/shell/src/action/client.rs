@@ -212,7 +212,7 @@ impl<A: Act> RunningGoal<A> {
     /// Waits for the result; after a [`CallError::Timeout`] it may be called again.
     ///
     /// # Errors
-    /// [`CallError`]: not in time, shutdown, a server that does not know the goal.
+    /// [`CallError`]: not in time, shutdown, [`CallError::Forgotten`].
     pub fn wait(&self, timeout: Duration) -> Result<(Status, A::Result), CallError> {
         let inner = &self.release.0;
         let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
@@ -222,9 +222,22 @@ impl<A: Act> RunningGoal<A> {
             GoalStatusEnum::Succeeded => Status::Succeeded,
             GoalStatusEnum::Canceled => Status::Canceled,
             GoalStatusEnum::Aborted => Status::Aborted,
+            GoalStatusEnum::Unknown => return Err(CallError::Forgotten { name: inner.name.clone() }),
             other => return Err(failed(format!("expected an end of the goal, got {other:?}"))),
         };
         Ok((status, response.result))
+    }
+
+    /// Asks for the result anew, which a server that was started in the meantime answers with [`CallError::Forgotten`]
+    /// from the next [`RunningGoal::wait`] on. The server that took the goal answers all that asked.
+    ///
+    /// # Errors
+    /// [`CallError`]: the middleware.
+    pub fn ask_again(&mut self) -> Result<(), CallError> {
+        let inner = &self.release.0;
+        let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
+        self.request = inner.client.request_result(self.goal_id).map_err(|error| failed(error.to_string()))?;
+        Ok(())
     }
 
     /// Asks the server to cancel; true: it will, and the result follows. False: it refuses, or the goal is over.

@@ -15,7 +15,7 @@ use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
+use catenary_shell::{Misconfigured, Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
 use panda_bridge::gate::BASE_FRAME;
 use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S};
 use panda_bridge::{Arm, Mode, kinematics};
@@ -82,18 +82,8 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
 
 fn run(builder: NodeBuilder) -> Result<()> {
     let p = declare(&builder)?;
-    let path = p.model_file.get();
-    ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
-    let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
-    let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
-    let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
-    let cell_seed = p.seed.get().cast_unsigned();
-    let theta = match p.theta.get() {
-        given if given.is_empty() => model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM)),
-        given => given,
-    };
-    let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
     let node = builder.build()?;
+    let (cell, model, cell_seed) = cell(&p).map_err(Misconfigured::new)?;
     let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
     let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
     let started = Instant::now();
@@ -105,6 +95,22 @@ fn run(builder: NodeBuilder) -> Result<()> {
     cell_camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
+}
+
+/// The cell that the parameters describe, its model and its seed.
+fn cell(p: &Parameters) -> Result<(Cell, Model, u64)> {
+    let path = p.model_file.get();
+    ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
+    let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
+    let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
+    let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
+    let cell_seed = p.seed.get().cast_unsigned();
+    let theta = match p.theta.get() {
+        given if given.is_empty() => model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM)),
+        given => given,
+    };
+    let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
+    Ok((cell, model, cell_seed))
 }
 
 /// The fast loop: time runs on and the arm is measured.

@@ -66,7 +66,7 @@ impl LinearGaussian {
 
 impl Simulator for LinearGaussian {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        let tracks = request.thetas.iter().enumerate();
-        Ok(tracks.map(|(i, theta)| self.track(theta, seed::derive(request.seed, i as u64))).collect())
+        let tracks = (request.first_episode..).zip(&request.thetas);
+        Ok(tracks.map(|(i, theta)| self.track(theta, seed::derive(request.seed, i))).collect())
     }
 }
