@@ -3,6 +3,7 @@
 //! World: frame panda_link0, m, x forward, y left, z up. Image: pixels, u right, v down, the centre of the first pixel at
 //! (0.5, 0.5). Two pixel grids are in use: the image (640 x 480) and the square mask (256 x 256) that is cut from its middle.
 
+use crate::ModelError;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -46,15 +47,18 @@ pub struct Plane {
 }
 
 impl Camera {
-    /// Rejects numbers that make no camera; names the field.
-    pub fn check(&self) -> Result<(), String> {
+    /// Rejects numbers that make no camera; names the field in a model file.
+    ///
+    /// # Errors
+    /// [`ModelError::Value`].
+    pub fn check(&self) -> Result<(), ModelError> {
         match self {
             Camera::Pinhole(p) => p.check(),
             Camera::Plane(p) if !(p.side_m > 0.0 && p.side_m.is_finite()) => {
-                Err(format!("camera.plane.side_m: expected a positive length, got {}", p.side_m))
+                Err(ModelError::value("camera.view.plane.side_m", "a positive length", p.side_m))
             }
             Camera::Plane(p) if !p.centre_m.iter().all(|v| v.is_finite()) => {
-                Err(format!("camera.plane.centre_m: expected finite numbers, got {:?}", p.centre_m))
+                Err(ModelError::value("camera.view.plane.centre_m", "finite numbers", format!("{:?}", p.centre_m)))
             }
             Camera::Plane(_) => Ok(()),
         }
@@ -97,18 +101,27 @@ impl Camera {
 }
 
 impl Pinhole {
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), ModelError> {
+        let refuse = |field: &str, expected: &str, got: String| {
+            Err(ModelError::value(format!("camera.view.pinhole.{field}"), expected, got))
+        };
         if !(self.focal_px > 0.0 && self.focal_px.is_finite()) {
-            return Err(format!("camera.pinhole.focal_px: expected a positive number, got {}", self.focal_px));
+            return refuse("focal_px", "a positive number", self.focal_px.to_string());
         }
-        if self.image_width_px == 0 || self.image_height_px == 0 {
-            return Err("camera.pinhole: expected an image of at least one pixel".to_owned());
+        for (field, side) in [("image_width_px", self.image_width_px), ("image_height_px", self.image_height_px)] {
+            if side == 0 {
+                return refuse(field, "at least 1", side.to_string());
+            }
+        }
+        for (field, point) in [("position_m", self.position_m), ("look_at_m", self.look_at_m)] {
+            if !point.iter().all(|v| v.is_finite()) {
+                return refuse(field, "finite numbers", format!("{point:?}"));
+            }
         }
         let forward = self.forward();
         if !(forward.norm() > 0.0 && forward.cross(&Vector3::z()).norm() > 1e-9 * forward.norm()) {
-            return Err(
-                "camera.pinhole: look_at_m must lie away from position_m and not straight above or below it".to_owned()
-            );
+            let expected = "a point away from position_m and not straight above or below it";
+            return refuse("look_at_m", expected, format!("{:?}", self.look_at_m));
         }
         Ok(())
     }
