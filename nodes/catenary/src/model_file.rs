@@ -1,7 +1,8 @@
 //! Reading model files.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use catenary_core::Model;
+use simulator_pool::model_text;
 use std::path::Path;
 
 /// The soft bar, carried inside the program.
@@ -9,17 +10,10 @@ pub const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar
 
 /// The model in the file at `path`, its physical parameters checked too.
 pub fn read(path: &Path) -> Result<Model> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("model {}", path.display()))?;
-    parse(&text).with_context(|| path.display().to_string())
+    catenary_shell::read_model("model", path, model_text::read)
 }
 
 /// The model in the file at `path`, or the soft bar.
 pub fn read_or_soft_bar(path: Option<&Path>) -> Result<Model> {
-    path.map_or_else(|| parse(SOFT_BAR), read)
-}
-
-fn parse(text: &str) -> Result<Model> {
-    let model = Model::from_yaml(text)?;
-    simulator_pool::parameters::check(&model)?;
-    Ok(model)
+    path.map_or_else(|| Ok(model_text::read(SOFT_BAR)?), read)
 }

@@ -11,6 +11,7 @@ pub mod cell;
 #[cfg(feature = "node")]
 pub mod convert;
 pub mod episode;
+pub mod model_text;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod parameters;

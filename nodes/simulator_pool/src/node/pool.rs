@@ -3,9 +3,9 @@
 
 use crate::simulator::BeamSimulator;
 use crate::vector_env::VectorEnv;
-use crate::{convert, workers};
+use crate::{convert, model_text, workers};
 use anyhow::Result;
-use catenary_core::{Env, Model, Simulator};
+use catenary_core::{Env, Simulator};
 use catenary_msgs::srv::{
     CloseEnvs, CloseEnvsRequest, CloseEnvsResponse, OpenEnvs, OpenEnvsRequest, OpenEnvsResponse, Simulate,
     SimulateRequest, SimulateResponse, StepEnvs, StepEnvsRequest, StepEnvsResponse,
@@ -78,7 +78,7 @@ impl Pool {
         if let Some((_, simulator)) = kept.iter().find(|(text, _)| text == yaml) {
             return Ok(Arc::clone(simulator));
         }
-        let simulator = Arc::new(BeamSimulator::new(&Model::from_yaml(yaml)?, self.worker_count())?);
+        let simulator = Arc::new(BeamSimulator::new(&model_text::read(yaml)?, self.worker_count())?);
         if kept.len() == KEPT_SIMULATORS {
             kept.remove(0);
         }
@@ -104,7 +104,7 @@ impl Pool {
 
     fn open(&self, request: &OpenEnvsRequest) -> OpenEnvsResponse {
         let answer = || -> Result<OpenEnvsResponse> {
-            let model = Model::from_yaml(&request.model_yaml)?;
+            let model = model_text::read(&request.model_yaml)?;
             let domains = model.theta.rows(&request.domains)?;
             let fidelity = wire::fidelity_from_msg(request.fidelity)?;
             let count = request.count as usize;
