@@ -168,14 +168,20 @@ def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
 @pytest.mark.parametrize(
     ("field", "wrong", "says"),
     [
-        ("density_kg_m3: 1055.0", "density_kg_m3: .nan", ("density_kg_m3", "NaN")),
-        ("low: 0.195", "low: .nan", ("length_m", "NaN", "finite")),
-        ("side_m: 0.015", "side_m: -.inf", ("object.section", "positive", "-inf")),
-        ("time_constant_s: 0.16", "time_constant_s: .nan", ("time_constant_s", "NaN")),
-        ("step_period_s: 0.5", "step_period_s: 0", ("step_period_s", "0")),
-        ("rate_hz: 60.0", "rate_hz: fast", ("line", "floating point")),
-        ("keypoint_noise_px:", "keypoint_nose_px:", ("line", "keypoint_nose_px", "keypoint_noise_px")),
-        ("density_kg_m3:", "densty_kg_m3:", ("densty_kg_m3", "density_kg_m3")),
+        ("version: 1", "version: 7", ("`version`", "1, the version that this program reads", "7")),
+        ("density_kg_m3: 1055.0", "density_kg_m3: .nan", ("`parameters.density_kg_m3`", "a finite number", "NaN")),
+        ("low: 0.195", "low: .nan", ("`theta.length_m.prior`", "NaN", "finite")),
+        ("low: 0.195, high: 0.305", "low: 0.305, high: 0.195", ("`theta.length_m.prior`", "low < high", "low 0.305")),
+        ("{name: length_m, prior: {uniform: {low: 0.195, high: 0.305}}}", "{name: length_m}", ("`theta.length_m`", "prior")),
+        ("name: table_friction", "name: length_m", ("`effects.1`", "once", "length_m")),
+        ("side_m: 0.015", "side_m: -.inf", ("`object.section.square.side_m`", "positive", "-inf")),
+        ("time_constant_s: 0.16", "time_constant_s: .nan", ("`arm.time_constant_s`", "NaN")),
+        ("step_period_s: 0.5", "step_period_s: 0", ("`task.step_period_s`", "0")),
+        ("axial_law: neo_hookean", "axial_law: hooke", ("`object.axial_law`", "hooke", "linear, neo_hookean")),
+        ("rate_hz: 60.0", "rate_hz: fast", ("`camera.rate_hz`", "a number", "`fast`")),
+        ("keypoint_noise_px:", "keypoint_nose_px:", ("keypoint_nose_px", "keypoint_noise_px")),
+        ("density_kg_m3:", "densty_kg_m3:", ("`parameters.densty_kg_m3`", "densty_kg_m3", "density_kg_m3")),
+        ("  rate_hz: 60.0", "\trate_hz: 60.0", ("spaces", "a tab")),
     ],
 )
 def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
@@ -184,8 +190,33 @@ def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
     line = f"line {1 + text[: text.index(field)].count(chr(10))}"
     path = tmp_path / "model.yaml"
     path.write_text(text.replace(field, wrong))
-    says = [line if part == "line" else part for part in says]
-    refused(tmp_path, "infer", "--bag", BAG, "--model", path, "--out", "x", says=(path, *says), code=1)
+    refused(tmp_path, "infer", "--bag", BAG, "--model", path, "--out", "x", says=(path, line, *says), code=1)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("infer", "--bag", BAG, "--out", "x"),
+        ("train", "--out", "p"),
+        ("import-track", "track.csv", "--out", "bag"),
+        ("simulate", "--actions", "actions.csv"),
+        ("bench", "pool"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_every_command_reads_the_same_model_file(tmp_path, arguments):
+    path = tmp_path / "model.yaml"
+    path.write_text(MODEL.read_text().replace("density_kg_m3:", "densty_kg_m3:"))
+    says = (f"model {path}: line 11, `parameters.densty_kg_m3`: expected a parameter that the simulator has",)
+    refused(tmp_path, *arguments, "--model", path, says=says, code=1)
+
+
+@pytest.mark.parametrize("node", ["simulated_cell", "policy_runner", "panda_bridge"])
+def test_every_node_reads_the_same_model_file(tmp_path, node):
+    path = tmp_path / "model.yaml"
+    path.write_text(MODEL.read_text().replace("steps: 16", "steps: 0"))
+    says = (f"model_file {path}: line 43, `task.steps`: expected at least 1, got 0",)
+    refused(tmp_path, "node", node, "--ros-args", "-p", f"model_file:={path}", says=says, code=1, speaker=node)
 
 
 @pytest.mark.parametrize(

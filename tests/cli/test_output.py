@@ -11,7 +11,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 BAG = ROOT / "bags/swing"
-COMMANDS = "demo launch node infer train deploy record replay import-track report bench doctor".split()
+COMMANDS = "demo launch node infer train deploy record replay import-track simulate report bench doctor".split()
 TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
 
 

@@ -37,6 +37,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Make a bag from a track in a CSV file
     ImportTrack(ImportArgs),
+    /// Show one episode of a model: figures, a bag, a video, a picture
+    Simulate(SimulateArgs),
     /// Build the report of a demo folder again
     Report(ReportArgs),
     /// Measure the simulator, training and inference on this machine
@@ -246,6 +248,73 @@ pub struct ImportArgs {
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
+}
+
+/// `catenary simulate`.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// Model file; several may be given for a picture
+    #[arg(long, required = true)]
+    pub model: Vec<PathBuf>,
+    /// Actions of the episode: a CSV file with the columns dx_m, dz_m, a row for each step
+    #[arg(long, required_unless_present = "track", conflicts_with = "track")]
+    pub actions: Option<PathBuf>,
+    /// Measured motion to follow in place of actions: a CSV track as import-track reads it, or a bag
+    #[arg(long)]
+    pub track: Option<PathBuf>,
+    /// Folder of the bag to make
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Put the camera's images into the bag too
+    #[arg(long, requires = "out")]
+    pub images: bool,
+    /// Video to make: NAME.gif, or NAME.mp4 where there is an ffmpeg
+    #[arg(long)]
+    pub video: Option<PathBuf>,
+    /// Frames per second of the video
+    #[arg(long, default_value_t = 25.0, value_parser = rate)]
+    pub video_rate: f64,
+    /// Picture to make (PNG): a row of moments for each model
+    #[arg(long)]
+    pub picture: Option<PathBuf>,
+    /// Moments in the picture, the first and the last of the episode among them
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(2..=20))]
+    pub moments: u32,
+    /// An inferred parameter's value, as NAME=VALUE; else the model's nominal one, else its prior's median
+    #[arg(long, value_parser = assignment)]
+    pub theta: Vec<(String, f64)>,
+    /// Another parameter's value, as NAME=VALUE; effects that nobody gives are at their medians, with --noise drawn
+    #[arg(long, value_parser = assignment)]
+    pub effect: Vec<(String, f64)>,
+    /// Fidelity: fast, standard or reference
+    #[arg(long, default_value = "standard")]
+    pub fidelity: String,
+    /// Seed of what is drawn
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Add the model's noise: keypoints, camera, target, effects that nobody gives
+    #[arg(long)]
+    pub noise: bool,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// NAME=VALUE with a finite value.
+fn assignment(text: &str) -> Result<(String, f64), String> {
+    let parts = text.split_once('=').and_then(|(name, value)| Some((name.trim(), value.trim().parse::<f64>().ok()?)));
+    match parts {
+        Some((name, value)) if !name.is_empty() && value.is_finite() => Ok((name.to_owned(), value)),
+        _ => Err("expected NAME=VALUE with a finite number".to_owned()),
+    }
+}
+
+/// A frame rate.
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (0.1..=1000.0).contains(&rate) => Ok(rate),
+        _ => Err("expected 0.1 to 1000 frames per second".to_owned()),
+    }
 }
 
 /// `catenary report`.

@@ -1,9 +1,8 @@
 //! `catenary doctor`: what on this machine would keep the graph from working.
 
 use crate::cli::DoctorArgs;
-use crate::output;
+use crate::{model_file, output};
 use anyhow::{Context, Result, bail};
-use catenary_core::Model;
 use serde::Serialize;
 use std::net::UdpSocket;
 
@@ -128,19 +127,14 @@ fn loopback() -> Check {
 }
 
 fn model(path: &std::path::Path) -> Result<Check> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("model {}", path.display()))?;
-    let checked = || -> Result<Model> {
-        let model = Model::from_yaml(&text)?;
-        simulator_pool::parameters::check(&model)?;
-        Ok(model)
-    };
-    Ok(match checked() {
+    std::fs::metadata(path).with_context(|| format!("model {}", path.display()))?;
+    Ok(match model_file::read(path) {
         Ok(m) => check(
             "model",
             Verdict::Good,
             format!("{}: `{}`, {} inferred parameters", path.display(), m.name, m.theta.dimension()),
         ),
-        Err(e) => check("model", Verdict::Bad, format!("{}: {e:#}", path.display())),
+        Err(e) => check("model", Verdict::Bad, format!("{e:#}")),
     })
 }
 

@@ -20,6 +20,7 @@ mod model_file;
 mod nodes;
 mod output;
 mod report;
+mod simulate;
 mod train;
 
 use clap::Parser;
@@ -94,6 +95,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Train(arguments) => train::run(arguments),
         Command::ImportTrack(arguments) => import::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
         Command::Record(arguments) => bags::run_record(arguments),
         Command::Replay(arguments) => bags::run_replay(arguments),
     }

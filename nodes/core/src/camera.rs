@@ -3,6 +3,7 @@
 //! World: frame panda_link0, m, x forward, y left, z up. Image: pixels, u right, v down, the centre of the first pixel at
 //! (0.5, 0.5). Two pixel grids are in use: the image (640 x 480) and the square mask (256 x 256) that is cut from its middle.
 
+use crate::ModelError;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -77,12 +78,15 @@ fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
 }
 
 /// Rejects a roll that is not a number, and a lens that folds the picture over within one focal length of its axis.
-fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), String> {
+fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
+    let refuse = |field: &str, expected: &str, got: f64| {
+        Err(ModelError::value(format!("camera.view.{kind}.{field}"), expected, got))
+    };
     if !roll_rad.is_finite() {
-        return Err(format!("camera.{kind}.roll_rad: expected a finite number, got {roll_rad}"));
+        return refuse("roll_rad", "a finite number", roll_rad);
     }
     if !(k1.is_finite() && k1 > -1.0 / 3.0) {
-        return Err(format!("camera.{kind}.distortion_k1: expected a number above -1/3, got {k1}"));
+        return refuse("distortion_k1", "a number above -1/3", k1);
     }
     Ok(())
 }
@@ -97,15 +101,18 @@ fn turned([x, y]: [f64; 2], angle_rad: f64) -> [f64; 2] {
 }
 
 impl Camera {
-    /// Rejects numbers that make no camera; names the field.
-    pub fn check(&self) -> Result<(), String> {
+    /// Rejects numbers that make no camera; names the field in a model file.
+    ///
+    /// # Errors
+    /// [`ModelError::Value`].
+    pub fn check(&self) -> Result<(), ModelError> {
         match self {
             Camera::Pinhole(p) => p.check(),
             Camera::Plane(p) if !(p.side_m > 0.0 && p.side_m.is_finite()) => {
-                Err(format!("camera.plane.side_m: expected a positive length, got {}", p.side_m))
+                Err(ModelError::value("camera.view.plane.side_m", "a positive length", p.side_m))
             }
             Camera::Plane(p) if !p.centre_m.iter().all(|v| v.is_finite()) => {
-                Err(format!("camera.plane.centre_m: expected finite numbers, got {:?}", p.centre_m))
+                Err(ModelError::value("camera.view.plane.centre_m", "finite numbers", format!("{:?}", p.centre_m)))
             }
             Camera::Plane(p) => check_lens("plane", p.roll_rad, p.distortion_k1),
         }
@@ -204,19 +211,28 @@ impl Plane {
 }
 
 impl Pinhole {
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), ModelError> {
+        let refuse = |field: &str, expected: &str, got: String| {
+            Err(ModelError::value(format!("camera.view.pinhole.{field}"), expected, got))
+        };
         if !(self.focal_px > 0.0 && self.focal_px.is_finite()) {
-            return Err(format!("camera.pinhole.focal_px: expected a positive number, got {}", self.focal_px));
+            return refuse("focal_px", "a positive number", self.focal_px.to_string());
         }
         check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
-        if self.image_width_px == 0 || self.image_height_px == 0 {
-            return Err("camera.pinhole: expected an image of at least one pixel".to_owned());
+        for (field, side) in [("image_width_px", self.image_width_px), ("image_height_px", self.image_height_px)] {
+            if side == 0 {
+                return refuse(field, "at least 1", side.to_string());
+            }
+        }
+        for (field, point) in [("position_m", self.position_m), ("look_at_m", self.look_at_m)] {
+            if !point.iter().all(|v| v.is_finite()) {
+                return refuse(field, "finite numbers", format!("{point:?}"));
+            }
         }
         let forward = self.forward();
         if !(forward.norm() > 0.0 && forward.cross(&Vector3::z()).norm() > 1e-9 * forward.norm()) {
-            return Err(
-                "camera.pinhole: look_at_m must lie away from position_m and not straight above or below it".to_owned()
-            );
+            let expected = "a point away from position_m and not straight above or below it";
+            return refuse("look_at_m", expected, format!("{:?}", self.look_at_m));
         }
         Ok(())
     }

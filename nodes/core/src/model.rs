@@ -1,10 +1,19 @@
 //! The model file: which simulator is meant, with which parameters and distributions.
 
+mod check;
+mod error;
+mod outline;
+mod rewrite;
+#[cfg(test)]
+mod tests;
+
+pub use error::{ModelError, Place};
+
 use crate::task::DeltaAnchor;
-use crate::{Camera, GripPose, ParameterSpace, Prior, Task};
+use crate::{Camera, GripPose, Parameter, ParameterSpace, Prior, Task};
+use outline::Node;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use thiserror::Error;
 
 /// The version of the format that this program reads and writes.
 pub const MODEL_VERSION: u32 = 1;
@@ -24,6 +33,10 @@ pub struct Model {
     pub parameters: BTreeMap<String, f64>,
     /// Parameters that are inferred, with their priors.
     pub theta: ParameterSpace,
+    /// The object's own values, where they are known, of parameters in `theta` and `effects`: what a simulated cell holds
+    /// and `catenary simulate` shows. Inference and training do not read them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub nominal: BTreeMap<String, f64>,
     /// Parameters that are drawn anew for each episode: effects and nuisances, with their distributions.
     #[serde(default)]
     pub effects: Vec<Effect>,
@@ -218,7 +231,7 @@ impl Default for Impedance {
 impl ArmLaw {
     /// Constants that must be positive, and constants that must be at least zero, by name.
     #[allow(clippy::type_complexity, reason = "two short lists of named numbers, read in one place")]
-    fn constants(&self) -> (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>) {
+    pub(super) fn constants(&self) -> (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>) {
         match self {
             ArmLaw::Lag { time_constant_s, max_speed_m_s } => (
                 vec![("arm.law.lag.max_speed_m_s", *max_speed_m_s)],
@@ -240,151 +253,37 @@ impl ArmLaw {
     }
 }
 
-/// Why a model was refused.
-#[derive(Debug, Error)]
-pub enum ModelError {
-    /// The text is no model: the message names line and field.
-    #[error("model: {0}")]
-    Syntax(String),
-    /// A field's value makes no sense.
-    #[error("model: `{field}`: expected {expected}, got {got}")]
-    Value {
-        /// Path of the field.
-        field: String,
-        /// What was expected.
-        expected: String,
-        /// What came.
-        got: String,
-    },
-}
-
 impl Model {
-    /// Reads and checks a model file's text.
+    /// Reads and checks a model file's text; errors name line and field.
+    ///
+    /// # Errors
+    /// [`ModelError`]: another version, no model, values that make no sense.
     pub fn from_yaml(text: &str) -> Result<Self, ModelError> {
+        let outline = Node::of(text);
+        check::version(outline.as_ref())?;
         let options = serde_saphyr::options! { with_snippet: false };
         let read = serde_saphyr::from_str_with_options(text, options);
-        let model: Model = read.map_err(|e| ModelError::Syntax(e.to_string()))?;
-        model.check()?;
+        let model: Model = read.map_err(|e| ModelError::from_yaml(&e, text, outline.as_ref()))?;
+        model.check().map_err(|e| e.in_text(text))?;
         Ok(model)
     }
 
-    /// The model as a file's text; reading it gives the same model.
+    /// The model as a file's text; reading it gives the same model, to the bit.
+    ///
+    /// # Errors
+    /// [`ModelError`] where YAML cannot hold a value.
     pub fn to_yaml(&self) -> Result<String, ModelError> {
-        serde_saphyr::to_string(self).map_err(|e| ModelError::Syntax(e.to_string()))
-    }
-
-    /// Checks every value; names the field that makes no sense.
-    pub fn check(&self) -> Result<(), ModelError> {
-        let value = |field: &str, expected: &str, got: String| {
-            Err(ModelError::Value { field: field.to_owned(), expected: expected.to_owned(), got })
-        };
-        if self.version != MODEL_VERSION {
-            return value("version", &MODEL_VERSION.to_string(), self.version.to_string());
-        }
-        if self.theta.dimension() == 0 {
-            return value("theta", "at least one parameter with a prior", "none".into());
-        }
-        if let Err(e) = ParameterSpace::new(self.theta.parameters().to_vec()) {
-            return value("theta", "parameters with proper priors", e.to_string());
-        }
-        self.check_names()?;
-        if let Some((name, v)) = self.parameters.iter().find(|(_, v)| !v.is_finite()) {
-            return value(&format!("parameters.{name}"), "a finite number", v.to_string());
-        }
-        let (Section::Square { side_m: size } | Section::Round { diameter_m: size }) = self.object.section;
-        let f = self.object.keypoint_fractions;
-        if !(f[0] >= 0.0 && f[3] <= 1.0 && f.windows(2).all(|w| w[0] < w[1])) {
-            return value("object.keypoint_fractions", "four increasing numbers within 0 and 1", format!("{f:?}"));
-        }
-        let o = &self.observation;
-        if !(2..=10_000).contains(&o.frames) {
-            return value("observation.frames", "2 to 10000", o.frames.to_string());
-        }
-        let (arm_positive, arm_not_negative) = self.arm.law.constants();
-        let positive = [
-            ("object.section", size),
-            ("observation.frame_period_s", o.frame_period_s),
-            ("camera.rate_hz", self.camera.rate_hz),
-            ("task.step_period_s", self.task.map_or(1.0, |t| t.step_period_s)),
-        ];
-        if let Some((field, v)) = positive.iter().chain(&arm_positive).find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
-            return value(field, "a positive number", v.to_string());
-        }
-        let not_negative = [
-            ("object.hidden_length_m", self.object.hidden_length_m),
-            ("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s),
-            ("camera.keypoint_noise_px", self.camera.keypoint_noise_px),
-            ("camera.position_jitter_m", self.camera.position_jitter_m),
-            ("task.target_jitter_m", self.task.map_or(0.0, |t| t.target_jitter_m)),
-        ];
-        if let Some((field, v)) =
-            not_negative.iter().chain(&arm_not_negative).find(|(_, v)| !(v.is_finite() && *v >= 0.0))
-        {
-            return value(field, "a number of at least zero", v.to_string());
-        }
-        if self.task.is_some_and(|t| t.steps == 0) {
-            return value("task.steps", "at least 1", "0".into());
-        }
-        self.camera.view.check().or_else(|e| value("camera", "a camera", e))
-    }
-
-    /// A parameter may be fixed, inferred or drawn, but only one of them.
-    fn check_names(&self) -> Result<(), ModelError> {
-        let theta = self.theta.parameters().iter().map(|p| p.name.as_str());
-        let effects = self.effects.iter().map(|e| e.name.as_str());
-        let mut seen: Vec<&str> = Vec::new();
-        for name in self.parameters.keys().map(String::as_str).chain(theta).chain(effects) {
-            if seen.contains(&name) {
-                return Err(ModelError::Value {
-                    field: name.into(),
-                    expected: "one place among parameters, theta and effects".into(),
-                    got: "more than one".into(),
-                });
-            }
-            seen.push(name);
-        }
-        match self.effects.iter().find_map(|e| e.distribution.check().err().map(|w| (e, w))) {
-            Some((e, got)) => Err(ModelError::Value {
-                field: format!("effects.{}", e.name),
-                expected: "a proper distribution".into(),
-                got,
-            }),
-            None => Ok(()),
-        }
+        serde_saphyr::to_string(self).map_err(|e| ModelError::text("", e))
     }
 
     /// What a delta is added to: the task's, or the default where there is no task.
     pub fn delta_anchor(&self) -> DeltaAnchor {
         self.task.map_or_else(DeltaAnchor::default, |t| t.delta_anchor)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
-    const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
-
-    #[test]
-    fn shipped_models_are_valid_and_round_trip() {
-        for text in [SOFT_BAR, CABLE] {
-            let model = Model::from_yaml(text).unwrap();
-            assert_eq!(Model::from_yaml(&model.to_yaml().unwrap()).unwrap(), model);
-        }
-    }
-
-    #[test]
-    fn errors_name_line_and_field() {
-        let typo = SOFT_BAR.replace("axial_law", "axial_lew");
-        let e = Model::from_yaml(&typo).unwrap_err().to_string();
-        assert!(e.contains("axial_lew") && e.contains("line") && !e.contains('\n'), "{e}");
-        let nan = SOFT_BAR.replace("density_kg_m3: 1055.0", "density_kg_m3: .nan");
-        let e = Model::from_yaml(&nan).unwrap_err().to_string();
-        assert!(e.contains("parameters.density_kg_m3") && e.contains("NaN"), "{e}");
-        let twice = SOFT_BAR.replace("name: table_friction", "name: length_m");
-        assert!(Model::from_yaml(&twice).unwrap_err().to_string().contains("length_m"));
-        let backwards = SOFT_BAR.replace("low: 0.195, high: 0.305", "low: 0.305, high: 0.195");
-        assert!(Model::from_yaml(&backwards).unwrap_err().to_string().contains("length_m"));
+    /// Theta of the object itself: its nominal values, and the prior's median where there is none.
+    pub fn nominal_theta(&self) -> Vec<f64> {
+        let value = |p: &Parameter| self.nominal.get(&p.name).copied().unwrap_or_else(|| p.prior.from_unit(0.5));
+        self.theta.parameters().iter().map(value).collect()
     }
 }

@@ -13,7 +13,7 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypo
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
     Client, Concurrency, Decision, GoalHandle, Latest, Misconfigured, Node, NodeBuilder, Outcome, Param, ParamSpec,
-    Publisher, Queue, Time, contract,
+    Publisher, Queue, Time, contract, read_model,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -95,8 +95,7 @@ impl Shell {
             !path.is_empty(),
             "parameter model_file: expected the path of a model file, got an empty string"
         );
-        let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
-        let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
+        let model = read_model("model_file", path.as_ref(), Model::from_yaml)?;
         model.task.with_context(|| format!("model_file {path}: it has no task"))
     }
 

@@ -13,6 +13,7 @@ pub mod cell;
 pub mod convert;
 pub mod effects;
 pub mod episode;
+pub mod model_text;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod parameters;

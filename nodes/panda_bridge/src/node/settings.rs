@@ -4,10 +4,10 @@
 use crate::arm::ArmSettings;
 use crate::gate::{BASE_FRAME, GateSettings};
 use crate::pose::ArmPose;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use catenary_core::Model;
 use catenary_core::task::Workspace;
-use catenary_shell::{NodeBuilder, ParamSpec};
+use catenary_shell::{NodeBuilder, ParamSpec, read_model};
 use std::time::Duration;
 
 /// The names of the controller's topics, and of its node. The defaults are those of crisp_controllers.
@@ -57,7 +57,8 @@ impl Settings {
             "Silence of the controller's pose after which the arm counts as lost; larger forgives a slow network.";
         let silence = b.declare_f64("controller.silence_s", 0.5, fixed(silence).unit("s").range(0.05..=10.0))?.get();
         let model = text("model_file", "", "Model file for start pose and workspace; empty: none.")?.get();
-        let model = if model.is_empty() { None } else { Some(read(&model)?) };
+        let model =
+            if model.is_empty() { None } else { Some(read_model("model_file", model.as_ref(), Model::from_yaml)?) };
         let real = "A physical arm moves: a replayed recording must not reach it.";
         let real = b.declare_bool("is_real", true, fixed(real))?.get();
         let tolerance = "Distance from the start pose up to which a move counts as arrived; soft arms need more.";
@@ -74,11 +75,6 @@ impl Settings {
 
 fn fixed(text: &str) -> ParamSpec {
     ParamSpec::new(text).read_only()
-}
-
-fn read(path: &str) -> Result<Model> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("model_file {path}"))?;
-    Model::from_yaml(&text).with_context(|| format!("model_file {path}"))
 }
 
 fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {

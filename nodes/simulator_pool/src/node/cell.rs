@@ -6,8 +6,8 @@
 
 use super::{cell_arm, cell_camera};
 use crate::cell::{Cell, collisions};
-use crate::convert;
 use crate::scene::Touch;
+use crate::{convert, model_text};
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Camera, Fidelity, Model, seed};
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
@@ -15,7 +15,9 @@ use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Misconfigured, Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, stamp};
+use catenary_shell::{
+    Misconfigured, Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, read_model, stamp,
+};
 use panda_bridge::gate::BASE_FRAME;
 use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S};
 use panda_bridge::{Arm, Mode, kinematics};
@@ -53,7 +55,7 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
         theta: b.declare(
             "theta",
             Vec::new(),
-            text("Values of the model's inferred parameters; empty: drawn from the prior."),
+            text("Values of the model's inferred parameters; empty: its nominal ones, and draws from the prior of others."),
         )?,
         fidelity: b.declare_string(
             "fidelity",
@@ -101,16 +103,22 @@ fn run(builder: NodeBuilder) -> Result<()> {
 fn cell(p: &Parameters) -> Result<(Cell, Model, u64)> {
     let path = p.model_file.get();
     ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
-    let text = std::fs::read_to_string(&path).with_context(|| format!("model_file {path}"))?;
-    let model = Model::from_yaml(&text).with_context(|| format!("model_file {path}"))?;
+    let model = read_model("model_file", path.as_ref(), model_text::read)?;
     let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
     let cell_seed = p.seed.get().cast_unsigned();
     let theta = match p.theta.get() {
-        given if given.is_empty() => model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM)),
+        given if given.is_empty() => hidden_theta(&model, cell_seed),
         given => given,
     };
     let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
     Ok((cell, model, cell_seed))
+}
+
+/// Theta of a cell that is told none: the object's own values where the model has them, else draws from the prior.
+fn hidden_theta(model: &Model, cell_seed: u64) -> Vec<f64> {
+    let drawn = model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM));
+    let parameters = model.theta.parameters().iter().zip(drawn);
+    parameters.map(|(p, drawn)| model.nominal.get(&p.name).copied().unwrap_or(drawn)).collect()
 }
 
 /// The fast loop: time runs on and the arm is measured.

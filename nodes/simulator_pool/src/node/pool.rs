@@ -3,9 +3,9 @@
 
 use crate::simulator::BeamSimulator;
 use crate::vector_env::VectorEnv;
-use crate::{convert, workers};
+use crate::{convert, model_text, workers};
 use anyhow::Result;
-use catenary_core::{Env, Model, Simulator};
+use catenary_core::{Env, Simulator};
 use catenary_msgs::srv::{
     CloseEnvs, CloseEnvsRequest, CloseEnvsResponse, OpenEnvs, OpenEnvsRequest, OpenEnvsResponse, Simulate,
     SimulateRequest, SimulateResponse, StepEnvs, StepEnvsRequest, StepEnvsResponse,
@@ -89,7 +89,7 @@ impl Simulators {
         if let Some(kept) = self.0.iter().find(|kept| kept.yaml == yaml && kept.workers == workers) {
             return Ok(Arc::clone(&kept.simulator));
         }
-        let simulator = Arc::new(BeamSimulator::new(&Model::from_yaml(yaml)?, workers)?);
+        let simulator = Arc::new(BeamSimulator::new(&model_text::read(yaml)?, workers)?);
         if self.0.len() == KEPT_SIMULATORS {
             self.0.remove(0);
         }
@@ -156,7 +156,7 @@ impl Pool {
 
     fn open(&self, request: &OpenEnvsRequest) -> OpenEnvsResponse {
         let answer = || -> Result<OpenEnvsResponse> {
-            let model = Model::from_yaml(&request.model_yaml)?;
+            let model = model_text::read(&request.model_yaml)?;
             let domains = model.theta.rows(&request.domains)?;
             let fidelity = wire::fidelity_from_msg(request.fidelity)?;
             let count = request.count as usize;

@@ -1,0 +1,174 @@
+//! `catenary simulate`: one episode of a model, as figures, a bag, a video or a picture.
+
+mod actions;
+mod picture;
+mod player;
+mod recording;
+mod show;
+mod staged;
+mod summary;
+mod timeline;
+mod video;
+
+use crate::cli::SimulateArgs;
+use crate::{infer, model_file, output};
+use anyhow::{Context, Result, bail, ensure};
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::model::Effect;
+use catenary_core::{Fidelity, Model};
+use catenary_shell::Shutdown;
+use indicatif::{ProgressBar, ProgressStyle};
+use picture::Sheet;
+use player::{Motion, Player, Setting};
+use recording::{Facts, Recording};
+use show::{Show, Sinks};
+use simulator_pool::render::Renderer;
+use staged::Staged;
+use std::path::Path;
+use summary::{Episode, Report};
+use video::Video;
+
+/// Sensor noise of noisy pictures in grey levels: a RealSense indoors.
+const IMAGE_NOISE: f64 = 3.0;
+
+/// Plays the episode of each model and writes what was asked for; Ctrl-C ends it and leaves no file.
+pub fn run(arguments: &SimulateArgs) -> Result<()> {
+    let models = arguments.model.iter().map(|path| model_file::read(path)).collect::<Result<Vec<Model>>>()?;
+    let fidelity = Fidelity::from_name(&arguments.fidelity)
+        .with_context(|| format!("--fidelity: expected fast, standard or reference, got `{}`", arguments.fidelity))?;
+    let single = [("out", &arguments.out), ("video", &arguments.video)].into_iter().find(|(_, path)| path.is_some());
+    if let (Some((option, _)), true) = (single, models.len() > 1) {
+        bail!("--{option}: expected one --model, got {}: several go into a --picture", models.len());
+    }
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let motions = models.iter().map(|model| motion(arguments, model)).collect::<Result<Vec<Motion>>>()?;
+    let bar = ProgressBar::new(motions.iter().map(|m| (1e3 * m.duration_s()) as u64).sum());
+    bar.set_style(ProgressStyle::with_template("simulation [{bar:30}] {percent:>3}% {msg}")?.progress_chars("=> "));
+    let mut sheet = arguments.picture.as_ref().map(|_| Sheet::default());
+    let mut report = Report::default();
+    for (model, motion) in models.iter().zip(&motions) {
+        bar.set_message(model.name.clone());
+        let setting = setting(arguments, model)?;
+        let player =
+            Player::new(model, motion, &setting, fidelity).with_context(|| format!("model `{}`", model.name))?;
+        let mut sinks = open(arguments, model, motion, &player)?;
+        sinks.sheet = sheet.take();
+        let episode = Episode::new(model, &setting, fidelity);
+        let mut show = Show::new(model, motion, player, sinks, episode);
+        let mut passed_ms = 0;
+        for (at_ns, tick) in timeline::ticks(motion, &show.rates(arguments))? {
+            ensure!(!shutdown.is_triggered(), "interrupted");
+            show.tick(at_ns, tick)?;
+            let now_ms = (at_ns / 1_000_000) as u64;
+            bar.inc(now_ms - passed_ms);
+            passed_ms = now_ms;
+        }
+        let (episode, sinks) = show.finish();
+        report.episodes.push(episode);
+        if let Some((staged, recording)) = sinks.recording {
+            report.messages = recording.finish("complete")?.messages;
+            report.bag = Some(staged.commit()?);
+        }
+        if let Some((staged, video)) = sinks.video {
+            video.finish()?;
+            report.video = Some(staged.commit()?);
+        }
+        sheet = sinks.sheet;
+    }
+    bar.finish_and_clear();
+    if let (Some(path), Some(sheet)) = (&arguments.picture, sheet) {
+        let staged = Staged::new(path)?;
+        std::fs::write(staged.path(), sheet.png()?).with_context(|| path.display().to_string())?;
+        report.picture = Some(staged.commit()?);
+    }
+    output::result(&arguments.output, &report, Report::words)
+}
+
+/// What moves the clamped end.
+fn motion(arguments: &SimulateArgs, model: &Model) -> Result<Motion> {
+    if let Some(path) = &arguments.track {
+        return Ok(Motion::Measured(Box::new(measured(path, model)?)));
+    }
+    let path = arguments.actions.as_ref().context("expected --actions or --track: what moves the object")?;
+    let task = model.task.with_context(|| {
+        format!(
+            "model `{}` has no task, which says how long an action lasts: expected --track in place of --actions",
+            model.name
+        )
+    })?;
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(|| format!("actions {name}"))?;
+    Ok(Motion::Actions { task, actions: actions::read(&name, &text)? })
+}
+
+/// The track in a CSV file or in a bag.
+fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
+    if path.is_dir() || path.extension().is_some_and(|e| e == "mcap") {
+        return infer::measured(path, None, model);
+    }
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(|| format!("track {name}"))?;
+    let staged = Staged::new(&std::env::temp_dir().join("catenary_track"))?;
+    catenary_bag::import_track(&name, &text, model, &staged.path())?;
+    infer::measured(&staged.path(), None, model).with_context(|| name.clone())
+}
+
+/// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,
+/// effects that nobody gives are drawn.
+fn setting(arguments: &SimulateArgs, model: &Model) -> Result<Setting> {
+    let mut theta = model.nominal_theta();
+    for (name, value) in &arguments.theta {
+        let names = || model.theta.parameters().iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+        let place = model.theta.index_of(name);
+        let place =
+            place.with_context(|| format!("--theta {name}: expected one of {} of model `{}`", names(), model.name))?;
+        theta[place] = *value;
+    }
+    let usual =
+        |e: &Effect| model.nominal.get(&e.name).copied().or((!arguments.noise).then(|| e.distribution.from_unit(0.5)));
+    let mut given: Vec<(String, f64)> =
+        model.effects.iter().filter_map(|e| Some((e.name.clone(), usual(e)?))).collect();
+    for (name, value) in &arguments.effect {
+        ensure!(
+            model.theta.index_of(name).is_none(),
+            "--effect {name}: it is inferred: expected --theta {name}={value}"
+        );
+        given.retain(|(known, _)| known != name);
+        given.push((name.clone(), *value));
+    }
+    Ok(Setting { theta, given, seed: arguments.seed, noise: arguments.noise })
+}
+
+/// What the episode is written to, but the sheet.
+fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Player<'_>) -> Result<Sinks> {
+    let camera = player.camera();
+    let size = [camera.image_width_px, camera.image_height_px];
+    let video = match &arguments.video {
+        None => None,
+        Some(path) => {
+            let staged = Staged::new(path)?;
+            let video = Video::create(&staged.path(), path, size, arguments.video_rate)?;
+            Some((staged, video))
+        }
+    };
+    let recording = match &arguments.out {
+        None => None,
+        Some(path) => {
+            ensure!(!path.exists(), "--out {}: expected a folder that does not exist yet", path.display());
+            let facts = Facts::of(model, matches!(motion, Motion::Actions { .. }), arguments.seed);
+            let staged = Staged::new(path)?;
+            let recording = Recording::create(&staged.path(), facts, arguments.images)?;
+            Some((staged, recording))
+        }
+    };
+    let noise = if arguments.noise { IMAGE_NOISE } else { 0.0 };
+    let renderer = |noise| Renderer::new(size[0], size[1], noise, arguments.seed);
+    Ok(Sinks {
+        recording,
+        pictures: arguments.images.then(|| renderer(noise)),
+        frames: video.is_some().then(|| renderer(0.0)),
+        video,
+        sheet: None,
+    })
+}

@@ -1,0 +1,212 @@
+//! An episode as a bag with the contract's topics, as the recorder would have written it.
+
+use super::player::Player;
+use anyhow::Result;
+use catenary_bag::{BagSummary, BagWriter, TopicId, WriterOptions};
+use catenary_core::task::DeltaAnchor;
+use catenary_core::{GripPose, Keypoints, Model, RgbImage};
+use catenary_msgs::Interface;
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
+use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation as ObservationMsg};
+use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image, JointState};
+use catenary_msgs::std_msgs::msg::Header;
+use catenary_shell::convert::{anchor_to_msg, grip_pose_to_msg, keypoints_to_msg};
+use catenary_shell::{Time, contract, stamp};
+use panda_bridge::{ArmPose, kinematics};
+use serde::Serialize;
+use simulator_pool::convert;
+use std::path::Path;
+
+/// The episode's time 0 in the bag, ns: a stamp of zero means "no time" in ROS.
+const EPOCH_NS: i64 = 1_000_000_000;
+/// Frame of poses and wrenches.
+const BASE_FRAME: &str = "panda_link0";
+/// Frame of pictures and keypoints.
+const CAMERA_FRAME: &str = "camera_color_optical_frame";
+/// Number of the one episode.
+const EPISODE: u32 = 1;
+
+/// What every event of the episode says.
+pub struct Facts {
+    /// Name of what was run: `actions` or `recorded`.
+    pub policy: &'static str,
+    /// Seed of the episode.
+    pub seed: u64,
+    /// s between two actions.
+    pub step_period_s: f64,
+    /// What a delta is added to.
+    pub anchor: DeltaAnchor,
+}
+
+impl Facts {
+    /// Those of an episode of actions, or of one that follows what was measured.
+    pub fn of(model: &Model, acts: bool, seed: u64) -> Self {
+        let period_s = model.task.filter(|_| acts).map(|t| t.step_period_s);
+        Self {
+            policy: if acts { "actions" } else { "recorded" },
+            seed,
+            step_period_s: period_s.unwrap_or(model.observation.frame_period_s),
+            anchor: model.delta_anchor(),
+        }
+    }
+}
+
+struct Topics {
+    keypoints: TopicId,
+    pose: TopicId,
+    twist: TopicId,
+    wrench: TopicId,
+    joints: TopicId,
+    arm: TopicId,
+    target: TopicId,
+    action: TopicId,
+    observation: TopicId,
+    event: TopicId,
+    picture: Option<(TopicId, TopicId)>,
+}
+
+/// A bag that is being written.
+pub struct Recording {
+    bag: BagWriter,
+    topics: Topics,
+    facts: Facts,
+    angles_rad: [f64; kinematics::JOINTS],
+    now_ns: i64,
+    keypoints_ns: i64,
+    actions: u32,
+    episode_return: f64,
+}
+
+impl Recording {
+    /// Makes the bag in `folder`, which must not exist, and starts its episode; with `pictures`, the camera's too.
+    pub fn create(folder: &Path, facts: Facts, pictures: bool) -> Result<Self> {
+        let mut bag = BagWriter::create(folder, &WriterOptions::default())?;
+        fn add<T: Interface>(bag: &mut BagWriter, topic: contract::Topic) -> Result<TopicId> {
+            Ok(bag.add_topic_of::<T>(&format!("/{}", topic.name.trim_start_matches('/')), topic.qos)?)
+        }
+        let picture = match pictures {
+            true => {
+                Some((add::<Image>(&mut bag, contract::IMAGE)?, add::<CameraInfo>(&mut bag, contract::CAMERA_INFO)?))
+            }
+            false => None,
+        };
+        let topics = Topics {
+            keypoints: add::<KeypointsMsg>(&mut bag, contract::KEYPOINTS)?,
+            pose: add::<PoseStamped>(&mut bag, contract::CURRENT_POSE)?,
+            twist: add::<TwistStamped>(&mut bag, contract::CURRENT_TWIST)?,
+            wrench: add::<WrenchStamped>(&mut bag, contract::EXTERNAL_WRENCH)?,
+            joints: add::<JointState>(&mut bag, contract::JOINT_STATES)?,
+            arm: add::<ArmState>(&mut bag, contract::ARM_STATE)?,
+            target: add::<PoseStamped>(&mut bag, contract::TARGET_POSE)?,
+            action: add::<EefDelta>(&mut bag, contract::ACTION)?,
+            observation: add::<ObservationMsg>(&mut bag, contract::OBSERVATION)?,
+            event: add::<EpisodeEvent>(&mut bag, contract::EPISODE_EVENT)?,
+            picture,
+        };
+        let angles_rad = kinematics::READY_RAD;
+        let (now_ns, keypoints_ns, actions, episode_return) = (0, 0, 0, 0.0);
+        let mut recording = Self { bag, topics, facts, angles_rad, now_ns, keypoints_ns, actions, episode_return };
+        let state = ArmState { mode: ArmState::MODE_TRACKING, success_rate: 1.0, is_sim: true, ..ArmState::default() };
+        let state = ArmState { header: recording.header(""), ..state };
+        recording.put(recording.topics.arm, &state)?;
+        recording.event(EpisodeEvent::STARTED, "")?;
+        Ok(recording)
+    }
+
+    /// From now on it is `time_ns` since the start of the episode.
+    pub fn set_time(&mut self, time_ns: i64) {
+        self.now_ns = time_ns;
+    }
+
+    fn header(&self, frame: &str) -> Header {
+        stamp::header(Time::from_nanos(EPOCH_NS + self.now_ns), frame)
+    }
+
+    fn put<T: Serialize>(&mut self, topic: TopicId, message: &T) -> Result<()> {
+        let at_ns = EPOCH_NS + self.now_ns;
+        Ok(self.bag.write(topic, at_ns, at_ns, message)?)
+    }
+
+    fn event(&mut self, event: u8, reason: &str) -> Result<()> {
+        let message = EpisodeEvent {
+            header: self.header(""),
+            episode: EPISODE,
+            event,
+            reason: reason.to_owned(),
+            policy: self.facts.policy.to_owned(),
+            seed: self.facts.seed,
+            step_period: self.facts.step_period_s,
+            anchor: anchor_to_msg(self.facts.anchor),
+            steps: self.actions,
+            episode_return: self.episode_return,
+        };
+        self.put(self.topics.event, &message)
+    }
+
+    /// What the arm measures.
+    pub fn arm(&mut self, player: &Player<'_>) -> Result<()> {
+        let grip = player.grip();
+        let header = self.header(BASE_FRAME);
+        let measured = ArmPose { position_m: [grip.x_m, 0.0, grip.z_m], quaternion_xyzw: grip.quaternion_xyzw() };
+        if let Some(angles) = kinematics::inverse(&measured, &self.angles_rad) {
+            self.angles_rad = angles;
+        }
+        let pose = PoseStamped { header: header.clone(), pose: grip_pose_to_msg(&grip) };
+        let twist = TwistStamped { header: header.clone(), twist: convert::twist(player.velocity_m_s()) };
+        let wrench = WrenchStamped { header: header.clone(), wrench: convert::wrench(&player.wrench()) };
+        let joints = JointState {
+            header,
+            name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
+            position: self.angles_rad.to_vec(),
+            ..JointState::default()
+        };
+        self.put(self.topics.pose, &pose)?;
+        self.put(self.topics.twist, &twist)?;
+        self.put(self.topics.wrench, &wrench)?;
+        self.put(self.topics.joints, &joints)
+    }
+
+    /// What the tracker sees.
+    pub fn keypoints(&mut self, keypoints: &Keypoints) -> Result<()> {
+        self.keypoints_ns = self.now_ns;
+        let message = KeypointsMsg { header: self.header(CAMERA_FRAME), ..keypoints_to_msg(keypoints) };
+        self.put(self.topics.keypoints, &message)
+    }
+
+    /// What the camera sees.
+    pub fn picture(&mut self, picture: &RgbImage, player: &Player<'_>) -> Result<()> {
+        let Some((image, info)) = self.topics.picture else { return Ok(()) };
+        self.put(info, &convert::camera_info(player.camera(), self.header(CAMERA_FRAME)))?;
+        self.put(image, &convert::image(picture, self.header(CAMERA_FRAME)))
+    }
+
+    /// Observation `step`, and the reward that came with it.
+    pub fn observation(&mut self, step: usize, values: [f64; 12], reward: Option<f64>) -> Result<()> {
+        self.episode_return += reward.unwrap_or_default();
+        let message = ObservationMsg {
+            header: self.header(BASE_FRAME),
+            episode: EPISODE,
+            step: step as u32,
+            values,
+            keypoints_stamp: stamp::to_msg(Time::from_nanos(EPOCH_NS + self.keypoints_ns)),
+            pose_stamp: self.header("").stamp,
+        };
+        self.put(self.topics.observation, &message)
+    }
+
+    /// Action `step` and the target that it means.
+    pub fn action(&mut self, step: usize, [dx, dz]: [f64; 2], [x_m, z_m]: [f64; 2], grip: GripPose) -> Result<()> {
+        self.actions += 1;
+        let (header, anchor) = (self.header(BASE_FRAME), anchor_to_msg(self.facts.anchor));
+        self.put(self.topics.action, &EefDelta { header, episode: EPISODE, step: step as u32, dx, dz, anchor })?;
+        let target = GripPose { x_m, z_m, ..grip };
+        let message = PoseStamped { header: self.header(BASE_FRAME), pose: grip_pose_to_msg(&target) };
+        self.put(self.topics.target, &message)
+    }
+
+    /// Ends the episode and the bag.
+    pub fn finish(mut self, reason: &str) -> Result<BagSummary> {
+        self.event(EpisodeEvent::ENDED, reason)?;
+        Ok(self.bag.finish()?)
+    }
+}

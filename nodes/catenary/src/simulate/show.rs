@@ -1,0 +1,139 @@
+//! An episode in the making: what happens at each moment goes to whoever wants it.
+
+use super::picture::{self, Sheet};
+use super::player::{Motion, Player};
+use super::recording::Recording;
+use super::staged::Staged;
+use super::summary::Episode;
+use super::timeline::{Rates, Tick};
+use super::video::Video;
+use crate::cli::SimulateArgs;
+use anyhow::Result;
+use catenary_core::camera::Pinhole;
+use catenary_core::{Keypoints, Model};
+use simulator_pool::render::Renderer;
+
+/// Everything that an episode is written to.
+pub struct Sinks {
+    /// The bag.
+    pub recording: Option<(Staged, Recording)>,
+    /// Draws the pictures in the bag, with sensor noise.
+    pub pictures: Option<Renderer>,
+    /// The video.
+    pub video: Option<(Staged, Video)>,
+    /// Draws the video.
+    pub frames: Option<Renderer>,
+    /// The picture of moments.
+    pub sheet: Option<Sheet>,
+}
+
+/// One episode with its sinks.
+pub struct Show<'a> {
+    player: Player<'a>,
+    model: &'a Model,
+    motion: &'a Motion,
+    sinks: Sinks,
+    episode: Episode,
+    /// What the camera has seen last.
+    seen: Keypoints,
+    /// Draws the moments.
+    moments: Option<(Renderer, Pinhole)>,
+}
+
+impl<'a> Show<'a> {
+    /// An episode that has not begun.
+    pub fn new(
+        model: &'a Model,
+        motion: &'a Motion,
+        mut player: Player<'a>,
+        mut sinks: Sinks,
+        episode: Episode,
+    ) -> Self {
+        let moments = sinks.sheet.as_mut().map(|sheet| {
+            sheet.begin_row();
+            let camera = picture::oversampled(player.camera());
+            (Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0), camera)
+        });
+        Self { seen: player.keypoints(), player, model, motion, sinks, episode, moments }
+    }
+
+    /// How often the sinks want something.
+    pub fn rates(&self, arguments: &SimulateArgs) -> Rates {
+        Rates {
+            camera_hz: self.model.camera.rate_hz,
+            video_hz: self.sinks.video.is_some().then_some(arguments.video_rate),
+            moments: if self.sinks.sheet.is_some() { arguments.moments } else { 0 },
+        }
+    }
+
+    /// Lets time run on to `at_ns`, and what happens then happen.
+    pub fn tick(&mut self, at_ns: i64, tick: Tick) -> Result<()> {
+        let time_s = 1e-9 * at_ns as f64;
+        self.player.advance(time_s);
+        if let Some((_, recording)) = &mut self.sinks.recording {
+            recording.set_time(at_ns);
+        }
+        match tick {
+            Tick::Arm => self.sinks.recording.as_mut().map_or(Ok(()), |(_, recording)| recording.arm(&self.player)),
+            Tick::Camera(frame) => self.see(frame),
+            Tick::Step(step) => self.step(time_s, step),
+            Tick::Compare(frame) => {
+                self.compare(frame);
+                Ok(())
+            }
+            Tick::Frame(frame) => {
+                let (Some((_, video)), Some(renderer)) = (&mut self.sinks.video, &mut self.sinks.frames) else {
+                    return Ok(());
+                };
+                let camera = *self.player.camera();
+                self.player.draw(renderer, &camera, frame);
+                video.push(&renderer.image)
+            }
+            Tick::Moment => {
+                if let (Some((renderer, camera)), Some(sheet)) = (&mut self.moments, &mut self.sinks.sheet) {
+                    self.player.draw(renderer, camera, 0);
+                    sheet.push(&renderer.image, &renderer.labels);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn see(&mut self, frame: u64) -> Result<()> {
+        self.seen = self.player.keypoints();
+        self.episode.keypoints_m = self.player.plane_m(&self.seen);
+        let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };
+        if let Some(renderer) = &mut self.sinks.pictures {
+            let camera = *self.player.camera();
+            self.player.draw(renderer, &camera, frame);
+            recording.picture(&renderer.image, &self.player)?;
+        }
+        recording.keypoints(&self.seen)
+    }
+
+    fn step(&mut self, time_s: f64, step: usize) -> Result<()> {
+        let observation = self.player.observation(&self.seen);
+        let reward = (step > 0).then(|| observation.reward());
+        self.episode.step(time_s, reward, self.player.is_inside());
+        let taken = self.player.act(step);
+        let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };
+        recording.observation(step, observation.0, reward)?;
+        match taken {
+            Some((target_m, delta_m)) => recording.action(step, delta_m, target_m, self.player.grip()),
+            None => Ok(()),
+        }
+    }
+
+    fn compare(&mut self, frame: usize) {
+        let Motion::Measured(m) = self.motion else { return };
+        let measured = m.track.frames[frame].dlo.map(|p| self.model.camera.view.plane_from_scaled(p));
+        let simulated = self.player.keypoints();
+        self.episode.compare(self.player.plane_m(&simulated), measured);
+    }
+
+    /// The end of the episode.
+    pub fn finish(mut self) -> (Episode, Sinks) {
+        self.episode.finish(self.motion.duration_s(), self.player.steps());
+        (self.episode, self.sinks)
+    }
+}

@@ -1,0 +1,46 @@
+//! Moving pictures: GIF by this program, everything else by ffmpeg.
+
+mod ffmpeg;
+mod gif_file;
+
+use anyhow::{Result, bail};
+use catenary_core::RgbImage;
+use std::path::Path;
+
+/// A video that is being written.
+pub enum Video {
+    /// An animated GIF.
+    Gif(Box<gif_file::GifFile>),
+    /// A process that takes raw frames.
+    Ffmpeg(ffmpeg::Ffmpeg),
+}
+
+impl Video {
+    /// Begins a video of this size in `file`, whose ending says of which kind it is. `named` is what messages call it.
+    ///
+    /// # Errors
+    /// Another ending, `.mp4` without ffmpeg, a rate that GIF cannot have.
+    pub fn create(file: &Path, named: &Path, [width, height]: [u32; 2], rate_hz: f64) -> Result<Self> {
+        match named.extension().and_then(|e| e.to_str()) {
+            Some("gif") => Ok(Self::Gif(Box::new(gif_file::GifFile::create(file, [width, height], rate_hz)?))),
+            Some("mp4") => Ok(Self::Ffmpeg(ffmpeg::Ffmpeg::start(file, named, [width, height], rate_hz)?)),
+            _ => bail!("--video {}: expected a name that ends in .gif or .mp4", named.display()),
+        }
+    }
+
+    /// Adds a frame.
+    pub fn push(&mut self, frame: &RgbImage) -> Result<()> {
+        match self {
+            Self::Gif(gif) => gif.push(&frame.data),
+            Self::Ffmpeg(ffmpeg) => ffmpeg.push(&frame.data),
+        }
+    }
+
+    /// Ends the video.
+    pub fn finish(self) -> Result<()> {
+        match self {
+            Self::Gif(gif) => gif.finish(),
+            Self::Ffmpeg(ffmpeg) => ffmpeg.finish(),
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Raw frames for ffmpeg, which knows how to write MP4.
+
+use anyhow::{Context, Result, bail};
+use std::io::{ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// A running ffmpeg. Dropped before [`Ffmpeg::finish`], it is ended.
+pub struct Ffmpeg {
+    child: Child,
+    named: PathBuf,
+}
+
+impl Ffmpeg {
+    /// Starts it.
+    pub fn start(file: &Path, named: &Path, [width, height]: [u32; 2], rate_hz: f64) -> Result<Self> {
+        let mut command = Command::new("ffmpeg");
+        command
+            .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+            .args(["-s", &format!("{width}x{height}"), "-r", &rate_hz.to_string(), "-i", "-", "-an"])
+            .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart"])
+            .arg(file)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        match command.spawn() {
+            Ok(child) => Ok(Self { child, named: named.to_path_buf() }),
+            Err(e) if e.kind() == ErrorKind::NotFound => bail!(
+                "--video {}: expected the program ffmpeg on the PATH, which makes .mp4 files, found none; a name that ends in .gif needs no other program",
+                named.display()
+            ),
+            Err(e) => Err(e).context("ffmpeg"),
+        }
+    }
+
+    /// Hands over a frame of RGB bytes.
+    pub fn push(&mut self, rgb: &[u8]) -> Result<()> {
+        let sent = self.child.stdin.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(rgb));
+        match sent {
+            Ok(()) => Ok(()),
+            Err(e) => {
+                let said = self.last_words().unwrap_or_else(|| e.to_string());
+                bail!("--video {}: ffmpeg: {said}", self.named.display())
+            }
+        }
+    }
+
+    /// Ends the input and waits for the file.
+    pub fn finish(mut self) -> Result<()> {
+        drop(self.child.stdin.take());
+        let said = self.last_words();
+        let status = self.child.wait().context("ffmpeg")?;
+        if !status.success() {
+            bail!("--video {}: ffmpeg: {}", self.named.display(), said.unwrap_or_else(|| status.to_string()));
+        }
+        Ok(())
+    }
+
+    /// The last line that it has written, at its end.
+    fn last_words(&mut self) -> Option<String> {
+        drop(self.child.stdin.take());
+        let mut said = String::new();
+        self.child.stderr.take()?.read_to_string(&mut said).ok()?;
+        said.lines().rfind(|l| !l.trim().is_empty()).map(str::to_owned)
+    }
+}
+
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        // It has ended already where all went well, and then both calls say so.
+        let _ended = self.child.kill();
+        let _waited = self.child.wait();
+    }
+}

@@ -1,0 +1,178 @@
+//! Checks of a model's values. Each error names the path of the field, and with it the line.
+
+use super::outline::{Content, Node};
+use super::{MODEL_VERSION, Model, ModelError, Place, Section};
+use crate::{GripPose, Task};
+use std::collections::BTreeSet;
+
+/// Rejects another version, before fields that it may have confuse anybody.
+pub(super) fn version(outline: Option<&Node>) -> Result<(), ModelError> {
+    let Some(outline) = outline.filter(|o| matches!(o.content, Content::Map { .. })) else { return Ok(()) };
+    let line = Some(outline.line_of("version"));
+    let refuse = |got: &str, hint: &str| {
+        let place = Place { line, field: "version".into() };
+        let expected = format!("{MODEL_VERSION}, the version that this program reads");
+        Err(ModelError::Value { place, expected, got: format!("{got}{hint}") })
+    };
+    match outline.get("version").map(|v| &v.content) {
+        None => refuse("none", &format!("; begin the file with `version: {MODEL_VERSION}`")),
+        Some(Content::Scalar(text)) => match text.parse::<u32>() {
+            Ok(MODEL_VERSION) => Ok(()),
+            Ok(newer) if newer > MODEL_VERSION => refuse(text, ": a newer catenary wrote it"),
+            Ok(_) | Err(_) => refuse(text, ""),
+        },
+        Some(_) => refuse("a collection", ""),
+    }
+}
+
+impl Model {
+    /// Checks every value; the error names the field that makes no sense.
+    ///
+    /// # Errors
+    /// [`ModelError::Value`] or [`ModelError::Text`] of the first such field.
+    pub fn check(&self) -> Result<(), ModelError> {
+        if self.version != MODEL_VERSION {
+            return Err(ModelError::value("version", MODEL_VERSION.to_string(), self.version));
+        }
+        self.check_distributions()?;
+        self.check_names()?;
+        self.check_nominal()?;
+        for (name, v) in &self.parameters {
+            finite(&format!("parameters.{name}"), *v)?;
+        }
+        self.check_object()?;
+        let o = &self.observation;
+        if !(2..=10_000).contains(&o.frames) {
+            return Err(ModelError::value("observation.frames", "2 to 10000", o.frames));
+        }
+        positive("observation.frame_period_s", o.frame_period_s)?;
+        not_negative("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s)?;
+        self.camera.view.check()?;
+        positive("camera.rate_hz", self.camera.rate_hz)?;
+        not_negative("camera.keypoint_noise_px", self.camera.keypoint_noise_px)?;
+        not_negative("camera.position_jitter_m", self.camera.position_jitter_m)?;
+        self.check_arm()?;
+        self.task.as_ref().map_or(Ok(()), check_task)
+    }
+
+    /// Where the parameter of this name is set: `parameters.NAME`, `theta.NAME` or `effects.NAME`; `parameters` where it is
+    /// set nowhere.
+    pub fn field_of(&self, name: &str) -> String {
+        let is_theta = self.theta.index_of(name).is_some();
+        let is_effect = self.effects.iter().any(|e| e.name == name);
+        match (self.parameters.contains_key(name), is_theta, is_effect) {
+            (true, _, _) => format!("parameters.{name}"),
+            (_, true, _) => format!("theta.{name}"),
+            (_, _, true) => format!("effects.{name}"),
+            _ => "parameters".to_owned(),
+        }
+    }
+
+    fn check_distributions(&self) -> Result<(), ModelError> {
+        if self.theta.dimension() == 0 {
+            return Err(ModelError::value("theta", "at least one parameter with a prior", "none"));
+        }
+        for p in self.theta.parameters() {
+            p.prior.check().map_err(|what| ModelError::text(format!("theta.{}.prior", p.name), what))?;
+        }
+        for e in &self.effects {
+            e.distribution
+                .check()
+                .map_err(|what| ModelError::text(format!("effects.{}.distribution", e.name), what))?;
+        }
+        Ok(())
+    }
+
+    /// A parameter may be fixed, inferred or drawn, but only one of them, and once.
+    fn check_names(&self) -> Result<(), ModelError> {
+        let theta = self.theta.parameters().iter().enumerate().map(|(i, p)| (format!("theta.{i}"), &p.name));
+        let effects = self.effects.iter().enumerate().map(|(i, e)| (format!("effects.{i}"), &e.name));
+        let mut seen: BTreeSet<&String> = self.parameters.keys().collect();
+        for (field, name) in theta.chain(effects) {
+            if !seen.insert(name) {
+                let expected = "each name once among parameters, theta and effects";
+                return Err(ModelError::value(field, expected, format!("`{name}` once more")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Nominal values belong to parameters that vary, and lie where those may lie.
+    fn check_nominal(&self) -> Result<(), ModelError> {
+        for (name, value) in &self.nominal {
+            let theta = self.theta.parameters().iter().find(|p| p.name == *name).map(|p| p.prior);
+            let effect = || self.effects.iter().find(|e| e.name == *name).map(|e| e.distribution);
+            let field = format!("nominal.{name}");
+            let Some(prior) = theta.or_else(effect) else {
+                return Err(ModelError::value(
+                    field,
+                    "the name of a parameter in theta or effects",
+                    format!("`{name}`"),
+                ));
+            };
+            let (low, high) = prior.bounds();
+            if !(low..=high).contains(value) {
+                return Err(ModelError::value(field, format!("{low} to {high}, where its prior lies"), value));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_object(&self) -> Result<(), ModelError> {
+        match self.object.section {
+            Section::Square { side_m } => positive("object.section.square.side_m", side_m)?,
+            Section::Round { diameter_m } => positive("object.section.round.diameter_m", diameter_m)?,
+        }
+        let f = self.object.keypoint_fractions;
+        if !(f[0] >= 0.0 && f[3] <= 1.0 && f.windows(2).all(|w| w[0] < w[1])) {
+            let expected = "four increasing numbers within 0 and 1";
+            return Err(ModelError::value("object.keypoint_fractions", expected, format!("{f:?}")));
+        }
+        not_negative("object.hidden_length_m", self.object.hidden_length_m)?;
+        finite("object.grip_angle_rad", self.object.grip_angle_rad)
+    }
+
+    fn check_arm(&self) -> Result<(), ModelError> {
+        let (above_zero, at_least_zero) = self.arm.law.constants();
+        above_zero.into_iter().try_for_each(|(field, v)| positive(field, v))?;
+        at_least_zero.into_iter().try_for_each(|(field, v)| not_negative(field, v))?;
+        let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
+        finite("arm.start.x_m", x_m)?;
+        finite("arm.start.z_m", z_m)?;
+        finite("arm.start.pitch_rad", pitch_rad)
+    }
+}
+
+fn check_task(task: &Task) -> Result<(), ModelError> {
+    if task.steps == 0 {
+        return Err(ModelError::value("task.steps", "at least 1", task.steps));
+    }
+    positive("task.step_period_s", task.step_period_s)?;
+    not_negative("task.target_jitter_m", task.target_jitter_m)?;
+    task.target_m.into_iter().try_for_each(|v| finite("task.target_m", v))?;
+    finite("task.success_reward", task.success_reward)?;
+    let w = &task.workspace;
+    for (axis, [low, high]) in [("x_m", w.x_m), ("y_m", w.y_m), ("z_m", w.z_m)] {
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            let got = format!("[{low}, {high}]");
+            return Err(ModelError::value(format!("task.workspace.{axis}"), "the least and then a greater value", got));
+        }
+    }
+    Ok(())
+}
+
+fn refuse_unless(holds: bool, field: &str, expected: &str, v: f64) -> Result<(), ModelError> {
+    if holds { Ok(()) } else { Err(ModelError::value(field, expected, v)) }
+}
+
+fn finite(field: &str, v: f64) -> Result<(), ModelError> {
+    refuse_unless(v.is_finite(), field, "a finite number", v)
+}
+
+fn positive(field: &str, v: f64) -> Result<(), ModelError> {
+    refuse_unless(v.is_finite() && v > 0.0, field, "a positive number", v)
+}
+
+fn not_negative(field: &str, v: f64) -> Result<(), ModelError> {
+    refuse_unless(v.is_finite() && v >= 0.0, field, "a number of at least zero", v)
+}

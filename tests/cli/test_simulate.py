@@ -1,0 +1,184 @@
+"""`catenary simulate` shows an episode: as figures, a bag that inference reads, a video, a picture; its mistakes are named."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import time
+
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
+MODELS = ROOT / "launch_configs/models"
+BAR = MODELS / "dlo_0.yaml"
+CABLE = MODELS / "measured_cable.yaml"
+ACTIONS = "dx_m,dz_m\n" + "0.05,-0.05\n0.04,-0.06\n" * 2
+FFMPEG = """#!/bin/sh
+[ "$FFMPEG_FAILS" ] && { echo "Unknown encoder" >&2; exit 1; }
+for last; do :; done
+wc -c > "$last"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "actions.csv").write_text(ACTIONS)
+    return tmp_path
+
+
+def run(folder, *arguments, **environment):
+    command = [PROGRAM, "simulate", *map(str, arguments)]
+    environment = os.environ | environment
+    return subprocess.run(command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+
+
+def report(folder, *arguments, **environment):
+    done = run(folder, *arguments, "--json", **environment)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def refused(folder, *arguments, says, **environment):
+    before = sorted(folder.iterdir())
+    done = run(folder, *arguments, **environment)
+    assert done.returncode in (1, 2) and done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("catenary: "), done.stderr
+    for part in says:
+        assert part in lines[0], done.stderr
+    assert sorted(folder.iterdir()) == before, "something was left behind"
+
+
+EPISODE = ("--model", BAR, "--actions", "actions.csv")
+ONE = (*EPISODE, "--fidelity", "fast")
+
+
+def test_an_episode_becomes_figures_a_bag_and_a_video(folder):
+    said = report(folder, *ONE, "--out", "out/bag", "--video", "out/bar.gif", "--effect", "table_friction=0.4")
+    (episode,) = said["episodes"]
+    assert episode["parameters"] == {
+        "length_m": 0.2, "youngs_modulus_pa": 45000.0, "table_friction": 0.4, "kelvin_voigt_time_s": pytest.approx(0.0224, abs=1e-4)
+    }  # fmt: skip
+    assert episode["duration_s"] == 2.0 and len(episode["rewards"]) == 4 and episode["unconverged_steps"] == 0
+    heights = [z for _, z in episode["keypoints_m"]]
+    assert heights == sorted(heights, reverse=True), "it hangs from the grip"
+    gif = (folder / "out/bar.gif").read_bytes()
+    assert gif.startswith(b"GIF89a") and gif.endswith(b";") and 20_000 < len(gif) < 2_000_000
+    assert sorted(p.name for p in (folder / "out").iterdir()) == ["bag", "bar.gif"]
+    with Reader(folder / "out/bag") as bag:
+        counts = {c.topic: c.msgcount for c in bag.connections}
+    assert counts == {
+        "/dlo/keypoints": 121, "/panda/current_pose": 401, "/panda/current_twist": 401, "/panda/external_wrench": 401,
+        "/panda/joint_states": 401, "/panda/arm_state": 1, "/panda/target_pose": 4, "/policy/action": 4,
+        "/policy/observation": 5, "/episode/event": 2,
+    }  # fmt: skip
+    assert said["messages"] == sum(counts.values())
+
+
+def test_inference_reads_the_bag(folder):
+    report(folder, *ONE, "--out", "bag", "--noise", "--seed", 3)
+    command = [PROGRAM, "infer", "--bag", "bag", "--model", MODELS / "soft_bar.yaml", "--out", "out", "--json"]
+    sizes = ["--iterations", "1", "--simulations", "40"]
+    done = subprocess.run([*command, *sizes], cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == 9
+
+
+def test_pictures_go_into_the_bag_where_asked_for(folder):
+    (folder / "actions.csv").write_text("dx_m,dz_m\n0.01,0\n")
+    report(folder, *ONE, "--out", "bag", "--images")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(folder / "bag") as bag:
+        (source,) = [c for c in bag.connections if c.topic == "/camera/camera/color/image_raw"]
+        pictures = [store.deserialize_cdr(data, source.msgtype) for _, _, data in bag.messages([source])]
+    assert len(pictures) == 31 and {(p.width, p.height, p.encoding) for p in pictures} == {(640, 480, "rgb8")}
+    assert (pictures[0].data != pictures[-1].data).any()
+
+
+def test_the_same_seed_gives_the_same_bytes_and_noise_another_one(folder):
+    for name, seed in (("a", 7), ("b", 7), ("c", 8)):
+        report(folder, *ONE, "--noise", "--seed", seed, "--out", f"{name}/bag", "--video", f"{name}/bar.gif")
+    read = lambda name, file: (folder / name / file).read_bytes()  # noqa: E731
+    for file in ("bag/bag_0.mcap", "bar.gif"):
+        assert read("a", file) == read("b", file)
+        assert read("a", file) != read("c", file)
+
+
+def test_a_recorded_motion_is_followed_and_compared(folder):
+    report(folder, *ONE, "--out", "bag")
+    (episode,) = report(folder, "--model", BAR, "--track", "bag", "--fidelity", "fast")["episodes"]
+    assert episode["rmse_mm"] < 2.0 and episode["rewards"] == []
+    (other,) = report(folder, "--model", BAR, "--track", "bag", "--fidelity", "fast", "--theta", "length_m=0.3")["episodes"]
+    assert other["rmse_mm"] > 20.0
+
+
+def test_a_cable_whose_camera_is_a_plane_is_shown_too(folder):
+    columns = "t_s,grip_x_m,grip_z_m,grip_pitch_rad," + ",".join(f"p{i}_{a}_m" for i in range(1, 5) for a in "xz")
+    rows = [[0.1 * i, 0.01 * i, 0.75, 0.0, *(c for k in range(1, 5) for c in (0.01 * i, 0.75 - 0.1 * k))] for i in range(8)]
+    (folder / "track.csv").write_text("\n".join([columns, *(",".join(f"{v:.3f}" for v in row) for row in rows)]) + "\n")
+    said = report(folder, "--model", CABLE, "--track", "track.csv", "--fidelity", "fast", "--video", "c.gif")
+    assert said["episodes"][0]["rmse_mm"] < 100.0
+    assert (folder / "c.gif").stat().st_size > 5_000
+
+
+def test_several_models_go_into_one_picture(folder):
+    models = [part for i in range(4) for part in ("--model", MODELS / f"dlo_{i}.yaml")]
+    arguments = (*models, "--actions", "actions.csv", "--fidelity", "fast")
+    said = report(folder, *arguments, "--picture", "four.png", "--moments", 3)
+    assert [e["model"] for e in said["episodes"]] == [f"dlo_{i}" for i in range(4)]
+    assert (folder / "four.png").read_bytes().startswith(b"\x89PNG")
+    refused(folder, *arguments, "--out", "bag", says=("--out", "one --model", "got 4"))
+
+
+def test_mp4_goes_through_ffmpeg_or_is_refused_with_the_other_way(folder):
+    refused(folder, *ONE, "--video", "bar.mp4", says=("bar.mp4", "ffmpeg", ".gif"), PATH=str(folder / "nowhere"))
+    program = folder / "bin/ffmpeg"
+    program.parent.mkdir()
+    program.write_text(FFMPEG)
+    program.chmod(0o755)
+    path = f"{program.parent}:{os.environ['PATH']}"
+    refused(folder, *ONE, "--video", "bar.mp4", says=("bar.mp4", "Unknown encoder"), PATH=path, FFMPEG_FAILS="1")
+    report(folder, *ONE, "--video", "bar.mp4", "--video-rate", 10, PATH=path)
+    assert int((folder / "bar.mp4").read_text()) == 21 * 640 * 480 * 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--model", BAR), ("--actions",)),
+        (("--model", BAR, "--actions", "nowhere.csv"), ("actions nowhere.csv", "No such file")),
+        (("--model", BAR, "--actions", "bad.csv"), ("bad.csv: line 3, column dz_m", "0.06", '"0.6"')),
+        (("--model", CABLE, "--actions", "actions.csv"), ("measured_cable", "no task", "--track")),
+        (("--model", CABLE, "--track", "bad.csv"), ("bad.csv", "line 1, column")),
+        ((*ONE, "--theta", "length=0.2"), ("--theta length", "length_m, youngs_modulus_pa")),
+        ((*ONE, "--theta", "length_m"), ("length_m", "NAME=VALUE")),
+        ((*ONE, "--theta", "length_m=-1"), ("length_m", "0.01 to 10", "-1")),
+        ((*ONE, "--effect", "length_m=0.2"), ("--effect length_m", "--theta")),
+        ((*ONE, "--effect", "drag=0.2"), ("`drag`", "linear_drag_n_s_m2")),
+        ((*EPISODE, "--fidelity", "finest"), ("fast, standard or reference", "finest")),
+        ((*ONE, "--video", "bar.avi"), ("bar.avi", ".gif or .mp4")),
+        ((*ONE, "--video", "bar.gif", "--video-rate", 100), ("--video-rate", "0.1 to 50", "100")),
+        ((*ONE, "--out", "actions.csv"), ("--out actions.csv", "does not exist yet")),
+        ((*ONE, "--images"), ("--out",)),
+    ],
+)
+def test_mistakes_are_named(folder, arguments, says):
+    (folder / "bad.csv").write_text("dx_m,dz_m\n0,0\n0,0.6\n")
+    refused(folder, *arguments, says=says)
+
+
+def test_ctrl_c_leaves_no_file(folder):
+    (folder / "actions.csv").write_text("dx_m,dz_m\n" + "0.01,0\n-0.01,0\n" * 500)
+    command = [PROGRAM, "simulate", *map(str, EPISODE), "--fidelity", "reference", "--out", "bag", "--video", "bar.gif"]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 20
+    while len(list(folder.iterdir())) < 3 and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 1 and out == "" and "interrupted" in err
+    assert [p.name for p in folder.iterdir()] == ["actions.csv"]
