@@ -204,7 +204,7 @@ mod tests {
     const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 
     fn env() -> VectorEnv {
-        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let model = model_text::read(SOFT_BAR).unwrap();
         VectorEnv::open(&model, 1, vec![vec![0.25, 1e4]], Fidelity::Fast, 1, 1).unwrap()
     }
 
