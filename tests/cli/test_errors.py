@@ -175,7 +175,7 @@ def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
         ("{name: length_m, prior: {uniform: {low: 0.195, high: 0.305}}}", "{name: length_m}", ("`theta.length_m`", "prior")),
         ("name: table_friction", "name: length_m", ("`effects.1`", "once", "length_m")),
         ("side_m: 0.015", "side_m: -.inf", ("`object.section.square.side_m`", "positive", "-inf")),
-        ("time_constant_s: 0.16", "time_constant_s: .nan", ("`arm.time_constant_s`", "NaN")),
+        ("time_constant_s: 0.16", "time_constant_s: .nan", ("`arm.law.lag.time_constant_s`", "NaN")),
         ("step_period_s: 0.5", "step_period_s: 0", ("`task.step_period_s`", "0")),
         ("axial_law: neo_hookean", "axial_law: hooke", ("`object.axial_law`", "hooke", "linear, neo_hookean")),
         ("rate_hz: 60.0", "rate_hz: fast", ("`camera.rate_hz`", "a number", "`fast`")),
@@ -216,7 +216,7 @@ def test_every_node_reads_the_same_model_file(tmp_path, node):
     path = tmp_path / "model.yaml"
     path.write_text(MODEL.read_text().replace("steps: 16", "steps: 0"))
     says = (f"model_file {path}: line 43, `task.steps`: expected at least 1, got 0",)
-    refused(tmp_path, "node", node, "--ros-args", "-p", f"model_file:={path}", says=says, code=1, speaker=node)
+    refused(tmp_path, "node", node, "--ros-args", "-p", f"model_file:={path}", says=says, code=2, speaker=node)
 
 
 @pytest.mark.parametrize(

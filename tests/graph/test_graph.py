@@ -323,7 +323,7 @@ def test_an_interrupted_deploy_cancels_the_episode_and_stops_the_arm(graph):
     ended = lambda: (events[-1].event, events[-1].reason) == (EpisodeEvent.ENDED, "cancelled")
     graph.ros.wait_for(ended, 3, "the end of the cancelled episode")
     graph.ros.wait_for(lambda: states[-1].mode == ArmState.MODE_IDLE, 2, "an arm that is not enabled")
-    assert deploy.wait(10) == 1
+    assert deploy.wait(10) == 130
     assert "run_episode: interrupted and cancelled" in graph.text("deploy.err")
     steps = len(actions)
     assert not graph.ros.holds_within(lambda: len(actions) > steps, 1.5) and steps < STEPS
