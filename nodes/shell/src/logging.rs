@@ -165,11 +165,13 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
 }
 
 /// What a writer says of every datagram on a lossy link, where it is not that a reader asks for more than it offers; and
-/// what joining a domain says of a failure that it returns as well.
+/// what joining a domain says of a failure that it returns as well, or of an end that was asked for.
 fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
     match target {
         "rustdds::rtps::writer" => level == tracing::Level::WARN && !message.contains("QoS mismatch"),
         "rustdds::dds::participant" => message.contains("ParticipantId"),
+        // A node that ends as soon as it has begun hears of its own readers when they are gone.
+        "rustdds::discovery" => message.contains("Did not find a local reader"),
         // Clients name themselves in the message alone, which is enough.
         "ros2_client::service::wrappers" => message.contains("related_sample_identity missing"),
         "rustdds::network::udp_listener" => message.contains("leave_multicast_group"),
@@ -261,6 +263,13 @@ mod tests {
         assert_eq!(filter("camera", &given, None), format!("{quiet},debug"));
         assert_eq!(filter("bag", &given, None), format!("{quiet},warn,camera=debug"));
         assert_eq!(filter("camera", &given, Some("rustdds=debug")), format!("{quiet},rustdds=debug"));
+    }
+
+    #[test]
+    fn what_a_short_life_makes_discovery_say_is_noise_and_the_rest_is_not() {
+        let noise = |message| is_noise(tracing::Level::WARN, "rustdds::discovery", message);
+        assert!(noise("Did not find a local reader GUID {1}"));
+        assert!(!noise("Cannot get multicast discovery listener"));
     }
 
     #[test]
