@@ -323,6 +323,9 @@ pub struct ReportArgs {
     /// Folder that a demo wrote
     #[arg(long, default_value = "demo")]
     pub dir: PathBuf,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// `catenary bench`.

@@ -87,7 +87,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Deploy(arguments) => deploy::run(arguments),
         Command::Report(arguments) => {
             let page = demo::rebuild(&arguments.dir)?;
-            Ok(writeln!(std::io::stdout(), "{}", page.display())?)
+            output::result(&arguments.output, &serde_json::json!({ "page": page }), |_| page.display().to_string())
         }
         Command::Effects(arguments) => effects::run(arguments),
         Command::Doctor(arguments) => doctor::run(arguments),
