@@ -49,7 +49,7 @@ pub enum ShellError {
         /// `msg`, `srv` or `action`.
         expected: &'static str,
         /// The name given.
-        got: &'static str,
+        got: String,
     },
     /// The middleware or the operating system refuses.
     #[error("{what}: {reason}")]

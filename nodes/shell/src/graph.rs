@@ -1,11 +1,12 @@
 //! The middleware's node and context, which every endpoint keeps alive.
 
 use crate::error::ShellError;
-use crate::interface::message_type;
+use crate::interface::{dds_type, ros_type};
 use crate::logging;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
+use rustdds::discovery::PublicationBuiltinTopicData;
 use rustdds::{RTPSEntity, Topic as DdsTopic, TopicKind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -68,15 +69,10 @@ impl Graph {
     }
 
     /// The DDS topic behind an absolute name.
-    pub(crate) fn topic(&self, name: &str, type_name: &'static str, qos: Qos) -> Result<DdsTopic, ShellError> {
+    pub(crate) fn topic(&self, name: &str, type_name: &str, qos: Qos) -> Result<DdsTopic, ShellError> {
         self.context
             .domain_participant()
-            .create_topic(
-                format!("rt{name}"),
-                message_type(type_name)?.dds_msg_type(),
-                &qos.policies(),
-                TopicKind::NoKey,
-            )
+            .create_topic(format!("rt{name}"), dds_type(type_name)?, &qos.policies(), TopicKind::NoKey)
             .map_err(|error| ShellError::create(format!("topic {name}"), error))
     }
 
@@ -87,6 +83,19 @@ impl Graph {
         let theirs = participant.discovered_writers().into_iter();
         let theirs = theirs.filter(|w| w.writer_proxy.remote_writer_guid.prefix != own);
         theirs.filter(|w| w.publication_topic_data.topic_name == topic).count()
+    }
+
+    /// Topic, message type and profile of every publisher that other participants have.
+    pub(crate) fn other_publishers(&self) -> Vec<(String, String, Qos)> {
+        let participant = self.participant();
+        let own = participant.guid().prefix;
+        let theirs = participant.discovered_writers().into_iter();
+        let theirs = theirs.filter(|w| w.writer_proxy.remote_writer_guid.prefix != own);
+        let publisher = |data: PublicationBuiltinTopicData| {
+            let name = data.topic_name.strip_prefix("rt").filter(|name| name.starts_with('/'))?;
+            Some((name.to_owned(), ros_type(&data.type_name)?, Qos::offered(data.reliability, data.durability)))
+        };
+        theirs.filter_map(|w| publisher(w.publication_topic_data)).collect()
     }
 
     /// Waits until `matched` holds, looking again at every change of the graph.

@@ -31,16 +31,27 @@ impl<T> Act for T where
 }
 
 /// Splits `package/kind/Type`.
-fn split(name: &'static str, kind: &'static str) -> Result<(&'static str, &'static str), ShellError> {
+fn split<'a>(name: &'a str, kind: &'static str) -> Result<(&'a str, &'a str), ShellError> {
     let mut parts = name.split('/');
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
         (Some(package), Some(middle), Some(type_name), None) if middle == kind => Ok((package, type_name)),
-        _ => Err(ShellError::TypeName { expected: kind, got: name }),
+        _ => Err(ShellError::TypeName { expected: kind, got: name.to_owned() }),
     }
 }
 
-pub(crate) fn message_type(name: &'static str) -> Result<MessageTypeName, ShellError> {
+pub(crate) fn message_type(name: &str) -> Result<MessageTypeName, ShellError> {
     split(name, "msg").map(|(package, name)| MessageTypeName::new(package, name))
+}
+
+/// What the middleware calls a message type.
+pub(crate) fn dds_type(name: &str) -> Result<String, ShellError> {
+    message_type(name).map(|name| name.dds_msg_type())
+}
+
+/// The message type that the middleware calls `dds`; none: it is no message of ROS 2.
+pub(crate) fn ros_type(dds: &str) -> Option<String> {
+    let (package, name) = dds.strip_suffix('_')?.split_once("::msg::dds_::")?;
+    Some(format!("{package}/msg/{name}"))
 }
 
 pub(crate) fn service_type(name: &'static str) -> Result<ServiceTypeName, ShellError> {
@@ -63,5 +74,7 @@ mod tests {
         assert!(service_type("std_srvs/srv/SetBool").is_ok());
         assert!(action_type("catenary_msgs/action/Train").is_ok());
         assert!(message_type("PoseStamped").is_err());
+        assert_eq!(dds_type("a_b/msg/C").ok().and_then(|dds| ros_type(&dds)).as_deref(), Some("a_b/msg/C"));
+        assert_eq!(ros_type("std_srvs::srv::dds_::SetBool_Request_"), None);
     }
 }

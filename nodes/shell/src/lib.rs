@@ -11,6 +11,7 @@
 //! | time | [`Node::clock`], [`Node::now`], [`Node::run_until_shutdown`] |
 //! | topic out | [`Node::publisher`] |
 //! | topic in | [`Node::subscription`] (callback), [`Node::latest`] (newest message), [`Node::queue`] |
+//! | topic of any type | [`Node::published_topics`], [`Node::raw_subscription`], [`Node::raw_publisher`] |
 //! | service | [`Node::serve`], [`Node::client`] |
 //! | action | [`Node::serve_action`], [`Node::action_client`] |
 //! | health | [`Watchdog`], [`Deadline`], [`Node::report_diagnostics`] |
@@ -44,6 +45,7 @@ mod params;
 mod participant;
 mod publisher;
 mod qos;
+mod raw;
 mod run;
 mod service;
 mod shutdown;
@@ -71,6 +73,7 @@ pub use params::{Change, Description, Param, ParamError, ParamKind, ParamSpec, P
 pub use participant::{Discovery, domain_id};
 pub use publisher::Publisher;
 pub use qos::Qos;
+pub use raw::{PublishedTopic, RawMessage};
 pub use run::{Misconfigured, end_on_signals, main};
 pub use service::{Client, Service};
 pub use shutdown::Shutdown;

@@ -3,7 +3,7 @@
 use crate::clock::wall_now;
 use crate::error::PublishError;
 use crate::graph::Graph;
-use crate::interface::Msg;
+use crate::interface::Payload;
 use crate::shutdown::Shutdown;
 use crate::watchdog::Throttle;
 use futures::FutureExt;
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-struct Inner<M: Msg> {
+struct Inner<M: Payload> {
     // Before the graph, so that the writer goes first.
     writer: ros2_client::Publisher<M>,
     topic: String,
@@ -22,24 +22,24 @@ struct Inner<M: Msg> {
     graph: Arc<Graph>,
 }
 
-impl<M: Msg> Drop for Inner<M> {
+impl<M: Payload> Drop for Inner<M> {
     fn drop(&mut self) {
         self.graph.linger();
     }
 }
 
 /// Publishes messages of one type on one topic. Clones share the writer.
-pub struct Publisher<M: Msg> {
+pub struct Publisher<M: Payload> {
     inner: Arc<Inner<M>>,
 }
 
-impl<M: Msg> Clone for Publisher<M> {
+impl<M: Payload> Clone for Publisher<M> {
     fn clone(&self) -> Self {
         Self { inner: Arc::clone(&self.inner) }
     }
 }
 
-impl<M: Msg> Publisher<M> {
+impl<M: Payload> Publisher<M> {
     pub(crate) fn new(writer: ros2_client::Publisher<M>, topic: String, graph: Arc<Graph>, shutdown: Shutdown) -> Self {
         let (published, failed) = (AtomicU64::new(0), AtomicU64::new(0));
         let warnings = Mutex::new(Throttle::new(Duration::from_secs(5)));

@@ -70,6 +70,18 @@ impl Qos {
         }
     }
 
+    /// The profile that a publisher announces, with the depth of [`Qos::DEFAULT`]: depths are not announced.
+    pub(crate) fn offered(reliability: Option<Reliability>, durability: Option<Durability>) -> Self {
+        let depth = Self::DEFAULT.depth();
+        let is_latched = durability.is_some_and(|d| d >= Durability::TransientLocal);
+        match reliability {
+            Some(Reliability::BestEffort) => Self::BestEffort { depth },
+            // DDS 1.4, section 2.2.3: what is not announced has its default, which for writers is reliable.
+            _ if is_latched => Self::ReliableTransientLocal { depth },
+            _ => Self::Reliable { depth },
+        }
+    }
+
     /// The policies for rustdds. Publishing never waits for acknowledgements: where a reliable writer's
     /// window is full it fails at once.
     #[must_use]

@@ -7,11 +7,12 @@ use crate::logging;
 use crate::params::Params;
 use crate::shutdown::Shutdown;
 use crate::spinner::in_words;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use std::fmt::Write as _;
 use std::io::{Read, Write as _};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Exit code of a wrong command line, parameter or environment variable.
@@ -89,7 +90,8 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
     Ok(builder)
 }
 
-/// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once.
+/// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once. SIGXFSZ ends
+/// nothing: a file that may not grow any further is an error of the write.
 ///
 /// Where a supervisor has set `CATENARY_SUPERVISED`, the end of standard input triggers it too: the pipe closes when the
 /// supervisor dies, however that happens. A process that has not ended 5 s later is ended at once.
@@ -99,6 +101,7 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
 pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
     let failed = |error: std::io::Error| ShellError::create("signal handlers", error);
     let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
+    signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
     let shutdown = shutdown.clone();
     let on_signal = shutdown.clone();
     let body = move || {

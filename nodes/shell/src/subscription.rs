@@ -4,7 +4,7 @@
 use crate::clock::{Clock, wall_now};
 use crate::error::ShellError;
 use crate::graph::Graph;
-use crate::interface::Msg;
+use crate::interface::{Msg, Payload};
 use crate::late_join::LateJoin;
 use crate::node::Node;
 use crate::qos::Qos;
@@ -59,7 +59,7 @@ impl Subscription {
         &self.topic
     }
 
-    pub(crate) fn start<M: Msg>(
+    pub(crate) fn start<M: Payload>(
         node: &Node,
         topic: String,
         qos: Qos,
@@ -80,7 +80,7 @@ impl Subscription {
     }
 }
 
-struct Pump<M: Msg> {
+struct Pump<M: Payload> {
     // Before the graph, so that the reader goes first.
     reader: ros2_client::Subscription<M>,
     topic: String,
@@ -90,7 +90,7 @@ struct Pump<M: Msg> {
     _graph: Arc<Graph>,
 }
 
-impl<M: Msg> Pump<M> {
+impl<M: Payload> Pump<M> {
     fn run(&self, mut callback: impl FnMut(Received<M>)) {
         let mut stream = pin!(self.reader.async_stream());
         let mut unreadable = Throttle::new(Duration::from_secs(5));
