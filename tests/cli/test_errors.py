@@ -41,7 +41,7 @@ def refused(folder, *arguments, says, code=None, speaker="catenary", **environme
 
 
 NO_FILE = "No such file"
-NO_BAG = ("nowhere", "expected a bag folder or an .mcap file")
+NO_BAG = ("nowhere", "expected a bag folder or an .mcap or .db3 file")
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,12 @@ def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
         (("launch", LAUNCH, "sed:=1"), (LAUNCH, "sed", "seed")),
         (("launch", LAUNCH, "seed"), ("NAME:=VALUE", "seed")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", 99), ("swing", "99")),
-        (("record", "--out", "bag", "--topics", "/dlo/keypoint"), ("/dlo/keypoint", "/dlo/keypoints")),
+        (("record", "--out", "bag", "--regex", "(a"), ("regex", "(a", "unclosed group")),
+        (("record", "--out", "bag", "--max-bag-size", 1000), ("max_bag_size", "at least 1024", "1000")),
+        (("record", "--out", "bag", "--qos-profile-overrides-path", MODEL), ("QoS overrides", MODEL)),
+        (("replay", BAG, "--topics", "/dlo/keypoint"), ("/dlo/keypoint", "/dlo/keypoints")),
+        (("replay", BAG, "--clock", 0), ("clock", "0.1 to 10000 Hz", "0.0")),
+        (("replay", BAG, "--exclude-regex", "*"), ("exclude_regex", "repetition operator")),
         (("record", "--out", "bag", "--topics", ""), ("topics", "/dlo/keypoints")),
         (("record", "--out", MODEL / "bag"), (MODEL, "cannot make the folder", "not a directory")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--simulations", 99999999999999), ("simulations", "at most 6666")),

@@ -9,7 +9,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum BagError {
     /// There is no bag at the path.
-    #[error("{}: expected a bag folder or an .mcap file, found {found}", path.display())]
+    #[error("{}: expected a bag folder or an .mcap or .db3 file, found {found}", path.display())]
     NotABag {
         /// The path that was given.
         path: PathBuf,
@@ -60,6 +60,14 @@ pub enum BagError {
         /// Where the damaged record begins.
         offset: u64,
         /// What is wrong with it.
+        reason: String,
+    },
+    /// A database of sqlite3 is damaged, or cannot be opened.
+    #[error("{}: {reason}", path.display())]
+    Database {
+        /// The file.
+        path: PathBuf,
+        /// What sqlite says.
         reason: String,
     },
     /// A topic has another type, or another version of its type, than was asked for.
@@ -130,6 +138,14 @@ pub enum BagError {
         expected: String,
         /// What came.
         got: String,
+    },
+    /// A file of profiles by topic that makes no sense.
+    #[error("QoS overrides {}: {reason}", path.display())]
+    Overrides {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        reason: String,
     },
     /// Replaying was refused, or stopped, because a real arm may listen.
     #[error("not replayed: {0}")]

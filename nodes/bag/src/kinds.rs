@@ -1,10 +1,12 @@
-//! The message types that nodes record and replay: those of the contract's topics. Messages are decoded on the way, so
-//! that only valid ones get into a bag or onto a topic.
+//! The message types that nodes record and replay. Those of the contract's topics are decoded on the way, so that only
+//! valid messages get into a bag or onto a topic; all others go through as they are.
 
+use crate::definitions::{self, Definition};
 use crate::error::BagError;
 use crate::reader::{BagMessage, Topic};
+use crate::writer::TopicType;
 use catenary_msgs::{InterfaceInfo, diagnostic_msgs, geometry_msgs, msg, rcl_interfaces, sensor_msgs, tf2_msgs};
-use catenary_shell::{Msg, Node, Publisher, Qos, ShellError, Subscription, Time};
+use catenary_shell::{Msg, Node, Publisher, Qos, RawMessage, ShellError, Subscription, Time};
 use std::time::Duration;
 
 /// A message that came, in CDR.
@@ -52,16 +54,6 @@ impl Kind {
 
     const fn large<T: Msg>() -> Self {
         Self { is_large: true, ..Self::of::<T>() }
-    }
-
-    pub(crate) fn subscribe(
-        &self,
-        node: &Node,
-        topic: &str,
-        qos: Qos,
-        inbox: Inbox,
-    ) -> Result<Subscription, ShellError> {
-        (self.subscribe)(node, topic, qos, inbox)
     }
 
     pub(crate) fn outlet(&self, node: &Node, topic: &str, qos: Qos) -> Result<Box<dyn Outlet>, ShellError> {
@@ -125,6 +117,76 @@ impl<T: Msg> Outlet for Publisher<T> {
 
     fn topic(&self) -> &str {
         Publisher::topic(self)
+    }
+}
+
+/// A type that can be recorded: one that is decoded, or one that is known by its definition.
+pub(crate) enum Source {
+    Decoded(&'static Kind),
+    Raw(Definition),
+}
+
+impl Source {
+    /// The type called `type_name`; none: nobody here knows it.
+    pub(crate) fn find(type_name: &str) -> Option<Self> {
+        find(type_name).map(Self::Decoded).or_else(|| definitions::find(type_name).map(Self::Raw))
+    }
+
+    pub(crate) fn topic_type(&self) -> TopicType<'_> {
+        match self {
+            Self::Decoded(kind) => TopicType::from(&kind.info),
+            Self::Raw(definition) => definition.topic_type(),
+        }
+    }
+
+    /// Whether messages are so large that few of them are kept.
+    pub(crate) fn is_large(&self) -> bool {
+        matches!(self, Self::Decoded(kind) if kind.is_large)
+    }
+
+    pub(crate) fn subscribe(
+        &self,
+        node: &Node,
+        topic: &str,
+        qos: Qos,
+        mut inbox: Inbox,
+    ) -> Result<Subscription, ShellError> {
+        match self {
+            Self::Decoded(kind) => (kind.subscribe)(node, topic, qos, inbox),
+            Self::Raw(definition) => node.raw_subscription(topic, &definition.name, qos, move |got| {
+                inbox(Arrival { cdr: got.message.to_cdr(), received: got.received, sent: got.sent });
+            }),
+        }
+    }
+}
+
+/// The outlet of a topic whose messages go through as they are.
+pub(crate) fn raw_outlet(node: &Node, topic: &str, type_name: &str, qos: Qos) -> Result<Box<dyn Outlet>, ShellError> {
+    Ok(Box::new(RawOutlet(node.raw_publisher(topic, type_name, qos)?)))
+}
+
+struct RawOutlet(Publisher<RawMessage>);
+
+impl Outlet for RawOutlet {
+    fn publish(&self, message: &BagMessage) -> Result<(), BagError> {
+        let wrong =
+            |topic: String, reason: String| BagError::Message { topic, log_time_ns: message.log_time_ns, reason };
+        let raw = RawMessage::from_cdr(&message.data).ok_or_else(|| {
+            wrong(message.topic.name.clone(), "expected little-endian CDR, got another encapsulation".to_owned())
+        })?;
+        self.0.publish(raw).map_err(|e| wrong(e.topic, e.reason))
+    }
+
+    fn has_subscriber(&self) -> bool {
+        self.0.has_subscriber()
+    }
+
+    fn wait_for_subscriber(&self, timeout: Duration) -> bool {
+        self.0.wait_for_subscriber(timeout)
+    }
+
+    fn topic(&self) -> &str {
+        self.0.topic()
     }
 }
 

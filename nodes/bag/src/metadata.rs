@@ -160,19 +160,17 @@ pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -
         reason: std::io::Error::other(e),
     })?;
     let draft = folder.join(".metadata.yaml.part");
-    std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(BagError::io("write", &path))
+    std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(|reason| {
+        let _there_is_none = std::fs::remove_file(&draft);
+        BagError::io("write", &path)(reason)
+    })
 }
 
 /// What reading a bag needs of the file, of any version.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Layout {
-    /// `mcap` or `sqlite3`.
-    pub(crate) storage_identifier: String,
     /// Names of the files, in order.
     pub(crate) relative_file_paths: Vec<String>,
-    /// Empty, `NONE`, `MESSAGE` or `FILE`.
-    #[serde(default)]
-    pub(crate) compression_mode: String,
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,12 +1,15 @@
 //! The nodes `recorder` and `replayer`: parameters in, a bag or its messages out.
 #![allow(clippy::disallowed_methods, reason = "a recording without a name is called after the wall clock")]
 
+use crate::error::BagError;
+use crate::filter::{Pattern, TopicFilter};
+use crate::overrides::QosOverrides;
 use crate::record::{RecordSettings, record};
 use crate::replay::{ReplaySettings, replay};
-use crate::writer::Compression;
+use crate::writer::{Compression, Split};
 use anyhow::{Context, Result, ensure};
 use catenary_shell::{Misconfigured, NodeBuilder, ParamSpec, wall_now};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -23,55 +26,126 @@ pub fn replayer(args: Vec<String>) -> ExitCode {
 fn run_recorder(builder: NodeBuilder) -> Result<()> {
     let out = "Folder of the bag to make; empty: rosbag2_ and the time, in the present folder.";
     let out = builder.declare_string("output", "", ParamSpec::new(out).read_only())?.get();
-    let topics = "Topics of the contract, `*` at the end for all that begin so; empty: all but /clock.";
-    let topics = builder.declare("topics", Vec::<String>::new(), ParamSpec::new(topics).read_only())?.get();
-    let images = ParamSpec::new("Record the camera's images, too, where topics is empty.").read_only();
+    let images = ParamSpec::new("Record the camera's images, too, where no topics are chosen.").read_only();
     let images = builder.declare_bool("images", false, images)?.get();
-    let compression = ParamSpec::new("Compression of the chunks.").choices(&["none", "zstd"]).read_only();
+    let choices = Compression::ALL.map(Compression::name);
+    let compression = ParamSpec::new("Compression of the chunks.").choices(&choices).read_only();
     let compression = builder.declare_string("compression", Compression::default().name(), compression)?.get();
     let compression = Compression::from_name(&compression).context("parameter compression")?;
+    let size = ParamSpec::new("Size after which the bag goes on in a new file; 0: never.").unit("B").read_only();
+    let size = builder.declare_i64("max_bag_size", 0, size)?.get();
+    let duration = "Log time after which the bag goes on in a new file; 0: never.";
+    let duration = ParamSpec::new(duration).unit("s").range(0.0..=1e9).read_only();
+    let duration = builder.declare_f64("max_bag_duration_s", 0.0, duration)?.get();
+    let choice = Choice::declare(&builder, "containing a match of")?;
+    let all = "Record every topic of the graph that is not hidden, also those beyond the contract.";
+    let all = builder.declare_bool("all", false, ParamSpec::new(all).read_only())?.get();
     let out = if out.is_empty() { PathBuf::from(name_after(wall_now().nanos())) } else { PathBuf::from(out) };
-    let settings = RecordSettings { out, topics, images, compression };
+    let given = || -> Result<RecordSettings> {
+        let bytes = u64::try_from(size).context("parameter max_bag_size: expected a number of at least zero")?;
+        let (filter, overrides) = choice.read(Pattern::within)?;
+        let filter = TopicFilter { all, ..filter };
+        let split = Split {
+            bytes: (bytes > 0).then_some(bytes),
+            duration: (duration > 0.0).then(|| Duration::from_secs_f64(duration)),
+        };
+        let settings = RecordSettings { out, filter, images, compression, split, overrides };
+        settings.check()?;
+        Ok(settings)
+    };
     let node = builder.build()?;
-    settings.check().map_err(Misconfigured::new)?;
+    let settings = given().map_err(Misconfigured::new)?;
     let summary = record(&node, &settings)?;
     tracing::info!("{}: {} messages", summary.path.display(), summary.messages);
     Ok(())
 }
 
 fn run_replayer(builder: NodeBuilder) -> Result<()> {
-    let bag = builder.declare_string("bag", "", ParamSpec::new("Bag folder or .mcap file.").read_only())?.get();
+    let bag = builder.declare_string("bag", "", ParamSpec::new("Bag folder or file.").read_only())?.get();
     let d = ReplaySettings::new(PathBuf::from(&bag));
-    let topics = ParamSpec::new("Topics of the bag; empty: all.").read_only();
+    let choice = Choice::declare(&builder, "that match")?;
     let rate = "Speed; 2 is twice as fast as recorded, 0 as fast as possible.";
     let rate = builder.declare_f64("rate", d.rate, ParamSpec::new(rate).range(0.0..=1000.0).read_only())?.get();
     let offset = ParamSpec::new("Part of the bag to skip.").unit("s").range(0.0..=1e9).read_only();
     let repeat = ParamSpec::new("Begin anew at the end.").read_only();
     let clock = ParamSpec::new("Publish /clock in step with the bag.").read_only();
+    let clock = builder.declare_bool("clock", false, clock)?.get();
+    let clock_hz = ParamSpec::new("How often /clock is published.").unit("Hz").range(0.1..=10_000.0).read_only();
+    let clock_hz = builder.declare_f64("clock_hz", ReplaySettings::CLOCK_HZ, clock_hz)?.get();
+    let duration = ParamSpec::new("Part of the bag to play; 0: all.").unit("s").range(0.0..=1e9).read_only();
+    let duration_s = builder.declare_f64("playback_duration_s", 0.0, duration)?.get();
+    let delay = ParamSpec::new("How long to wait before the bag.").unit("s").range(0.0..=1e6).read_only();
     let allow = "Replay commands to the arm, too, where no arm or a simulated one follows them.";
     let others = "Replay what the arm and the camera measure even where others publish it, too.";
     let wait = ParamSpec::new("How long to wait until every topic has a subscriber.").unit("s").range(0.0..=600.0);
     let settings = ReplaySettings {
-        topics: builder.declare("topics", d.topics.clone(), topics)?.get(),
         rate: if rate == 0.0 { f64::INFINITY } else { rate },
         start_offset_s: builder.declare_f64("start_offset_s", d.start_offset_s, offset)?.get(),
         repeat: builder.declare_bool("loop", d.repeat, repeat)?.get(),
-        clock: builder.declare_bool("clock", d.clock, clock)?.get(),
+        delay_s: builder.declare_f64("delay_s", d.delay_s, delay)?.get(),
+        duration_s: (duration_s > 0.0).then_some(duration_s),
+        clock_hz: clock.then_some(clock_hz),
         allow_replay: builder.declare_bool("allow_replay", d.allow_replay, ParamSpec::new(allow).read_only())?.get(),
         allow_others: builder.declare_bool("allow_others", d.allow_others, ParamSpec::new(others).read_only())?.get(),
         wait: Duration::from_secs_f64(builder.declare_f64("wait_s", d.wait.as_secs_f64(), wait.read_only())?.get()),
         ..d
     };
     let node = builder.build()?;
-    let given = || -> Result<()> {
-        ensure!(!bag.is_empty(), "parameter bag: expected a bag folder or an .mcap file, got nothing");
+    let given = || -> Result<ReplaySettings> {
+        ensure!(!bag.is_empty(), "parameter bag: expected a bag folder or a bag file, got nothing");
+        let (filter, overrides) = choice.read(Pattern::whole)?;
+        let settings = ReplaySettings { filter, overrides, ..settings };
         settings.open()?;
-        Ok(())
+        Ok(settings)
     };
-    given().map_err(Misconfigured::new)?;
+    let settings = given().map_err(Misconfigured::new)?;
     let summary = replay(&node, &settings)?;
     tracing::info!("{} messages published, {} failed", summary.published, summary.failed);
     Ok(())
+}
+
+/// The parameters that choose topics and profiles.
+struct Choice {
+    filter: TopicFilter,
+    regex: String,
+    exclude_regex: String,
+    overrides: String,
+}
+
+impl Choice {
+    /// `matching` says how names are compared with a regular expression.
+    fn declare(builder: &NodeBuilder, matching: &str) -> Result<Self> {
+        let list = |name: &str, about: &str| -> Result<Vec<String>> {
+            Ok(builder.declare(name, Vec::<String>::new(), ParamSpec::new(about).read_only())?.get())
+        };
+        let text = |name: &str, about: &str| -> Result<String> {
+            Ok(builder.declare_string(name, "", ParamSpec::new(about).read_only())?.get())
+        };
+        let filter = TopicFilter {
+            topics: list("topics", "Names of topics, `*` at the end for all that begin so; empty: the usual ones.")?,
+            types: list("topic_types", "Types of topics.")?,
+            exclude_topics: list("exclude_topics", "Names of topics to leave out.")?,
+            exclude_types: list("exclude_topic_types", "Types of topics to leave out.")?,
+            ..TopicFilter::default()
+        };
+        Ok(Self {
+            filter,
+            regex: text("regex", &format!("Topics with names {matching} this regular expression."))?,
+            exclude_regex: text("exclude_regex", &format!("Leave out names {matching} this regular expression."))?,
+            overrides: text("qos_overrides", "YAML file with QoS profiles by topic, as ros2 bag reads it.")?,
+        })
+    }
+
+    fn read(self, pattern: fn(&'static str, &str) -> Result<Pattern, BagError>) -> Result<(TopicFilter, QosOverrides)> {
+        let compiled = |name, text: &str| if text.is_empty() { Ok(None) } else { pattern(name, text).map(Some) };
+        let overrides = match &self.overrides[..] {
+            "" => QosOverrides::default(),
+            path => QosOverrides::read(Path::new(path))?,
+        };
+        let regex = compiled("regex", &self.regex)?;
+        let exclude_regex = compiled("exclude_regex", &self.exclude_regex)?;
+        Ok((TopicFilter { regex, exclude_regex, ..self.filter }, overrides))
+    }
 }
 
 /// The name that `ros2 bag record` would give a bag that begins at `ns` since 1970, in UTC.

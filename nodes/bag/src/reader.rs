@@ -1,21 +1,21 @@
-//! Reads bags: a folder, or a bare .mcap file; finished or not.
+//! Reads bags: a folder, or a bare file; in MCAP or sqlite3, compressed or not, finished or not.
 #![allow(clippy::disallowed_methods, reason = "bags are files")]
 
 mod chunk;
 mod file;
+mod finish;
 mod messages;
+mod sqlite;
 
 use crate::error::BagError;
 use crate::metadata::{self, FileFacts, TopicFacts, joined};
+use crate::reserve;
 use catenary_msgs::Interface;
 use catenary_shell::Qos;
 use file::IndexedFile;
 pub use messages::{BagMessage, Messages};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// What to do about a bag in the sqlite3 format.
-const CONVERT: &str = "convert it with `ros2 bag convert -i BAG -o OPTIONS` where OPTIONS name the storage `mcap`";
 
 /// A topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,7 +76,7 @@ pub struct BagReader {
 }
 
 impl BagReader {
-    /// Opens a bag folder or an .mcap file, and finds out what is in it.
+    /// Opens a bag folder or a file of one, and finds out what is in it.
     ///
     /// # Errors
     /// [`BagError::NotABag`], [`BagError::Unsupported`], [`BagError::Io`]. Damage is none: it is noted.
@@ -136,6 +136,11 @@ impl BagReader {
         joined(self.files.iter().map(IndexedFile::span_ns))
     }
 
+    /// The files that it consists of.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|f| &*f.path)
+    }
+
     /// What is missing or damaged, in words; empty for a bag in order.
     #[must_use]
     pub fn notes(&self) -> &[String] {
@@ -163,24 +168,42 @@ impl BagReader {
     }
 }
 
-/// Writes a bag folder's `metadata.yaml` anew from its files, for a bag that was not finished or lost it.
+/// Finishes the files of a bag whose recorder was killed, so that every reader of MCAP can read them, and writes the
+/// folder's `metadata.yaml` anew. Given a file: finishes that. Nothing that can be read is lost; returns what was missing.
 ///
 /// # Errors
 /// As [`BagReader::open`], and [`BagError::Io`].
-pub fn reindex(folder: &Path) -> Result<(), BagError> {
-    let bag = BagReader::open(folder)?;
-    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
-    let topic = |t: &TopicCount| TopicFacts {
-        name: t.topic.name.clone(),
-        type_name: t.topic.type_name.clone(),
-        type_hash: t.topic.type_hash.clone().unwrap_or_default(),
-        qos: t.topic.qos.clone(),
-        messages: t.messages,
-    };
-    let files: Vec<FileFacts> = bag.files.iter().map(file).collect();
-    let topics: Vec<TopicFacts> = bag.topics.iter().map(topic).collect();
-    metadata::write(folder, &topics, &files)
+pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
+    if path.is_dir() {
+        reserve::free(path);
+    }
+    let before = BagReader::open(path)?;
+    if let Some(file) = before.files.iter().find(|f| f.source.extension().is_none_or(|e| e != "mcap")) {
+        return Err(BagError::Unsupported {
+            path: file.path.clone(),
+            found: "writing indexes of other files than .mcap is".to_owned(),
+            remedy: "`ros2 bag reindex` does it",
+        });
+    }
+    for file in before.files.iter().filter(|f| !f.is_finished) {
+        finish::finish(&file.path)?;
+    }
+    if path.is_dir() {
+        let bag = BagReader::open(path)?;
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
+        let topic = |t: &TopicCount| TopicFacts {
+            name: t.topic.name.clone(),
+            type_name: t.topic.type_name.clone(),
+            type_hash: t.topic.type_hash.clone().unwrap_or_default(),
+            qos: t.topic.qos.clone(),
+            messages: t.messages,
+        };
+        let files: Vec<FileFacts> = bag.files.iter().map(file).collect();
+        let topics: Vec<TopicFacts> = bag.topics.iter().map(topic).collect();
+        metadata::write(path, &topics, &files)?;
+    }
+    Ok(before.notes)
 }
 
 /// One entry for each name and type, by name.
@@ -198,29 +221,29 @@ fn merged(all: impl Iterator<Item = TopicCount>) -> Vec<TopicCount> {
     topics
 }
 
-/// The .mcap files of a bag folder, in order.
+/// Whether a file is one of a bag by its name.
+fn is_bag_file(name: &str) -> bool {
+    let name = name.strip_suffix(".zstd").unwrap_or(name);
+    name.ends_with(".mcap") || name.ends_with(".db3")
+}
+
+/// The files of a bag folder, in order.
 fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagError> {
     let present = listing(folder)?;
-    let mcap: Vec<PathBuf> = present.iter().filter(|n| n.ends_with(".mcap")).map(|n| folder.join(n)).collect();
-    let unsupported =
-        |found: &str, remedy| Err(BagError::Unsupported { path: folder.to_owned(), found: found.to_owned(), remedy });
+    let bag_files: Vec<PathBuf> = present.iter().filter(|n| is_bag_file(n)).map(|n| folder.join(n)).collect();
     let layout = match std::fs::read_to_string(folder.join(metadata::FILE_NAME)) {
         Ok(text) => metadata::parse(&text).map_err(|e| format!("metadata.yaml is not readable ({e})")),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err("metadata.yaml is missing".to_owned()),
         Err(e) => Err(format!("metadata.yaml is not readable ({e})")),
     };
     let listed = match layout {
-        Ok(layout) if layout.storage_identifier == "sqlite3" => return unsupported("sqlite3 bags are", CONVERT),
-        Ok(layout) if layout.compression_mode.eq_ignore_ascii_case("file") => {
-            return unsupported("files that are compressed as a whole are", "`zstd -d` unpacks each of them");
-        }
         Ok(layout) => {
             let name = |p: &String| Path::new(p).file_name().map(|n| folder.join(n));
             layout.relative_file_paths.iter().filter_map(name).collect()
         }
         Err(note) => {
             notes.push(format!("{}: {note}", folder.display()));
-            mcap.clone()
+            bag_files.clone()
         }
     };
     let (mut found, missing): (Vec<PathBuf>, Vec<PathBuf>) = listed.into_iter().partition(|p| p.exists());
@@ -228,19 +251,17 @@ fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagE
         notes.push(format!("{}: listed in metadata.yaml, and missing", path.display()));
     }
     if found.is_empty() {
-        found = mcap;
+        found = bag_files;
     }
     if found.is_empty() {
-        return if present.iter().any(|n| n.ends_with(".db3")) {
-            unsupported("sqlite3 bags are", CONVERT)
-        } else {
-            let found = match &present[..] {
-                [] => "an empty folder".to_owned(),
-                [a, b, c, d, _, ..] => format!("a folder without .mcap files that holds {a}, {b}, {c}, {d} and more"),
-                few => format!("a folder without .mcap files that holds {}", few.join(", ")),
-            };
-            Err(BagError::NotABag { path: folder.to_owned(), found })
+        let found = match &present[..] {
+            [] => "an empty folder".to_owned(),
+            [a, b, c, d, _, ..] => {
+                format!("a folder without .mcap or .db3 files that holds {a}, {b}, {c}, {d} and more")
+            }
+            few => format!("a folder without .mcap or .db3 files that holds {}", few.join(", ")),
         };
+        return Err(BagError::NotABag { path: folder.to_owned(), found });
     }
     Ok(found)
 }

@@ -5,7 +5,9 @@
     reason = "a test of threads, processes and sockets waits for them, and a failure is a panic"
 )]
 
-use catenary_bag::{BagError, BagReader, BagWriter, RecordSettings, ReplaySettings, WriterOptions, record, replay};
+use catenary_bag::{
+    BagError, BagReader, BagWriter, RecordSettings, ReplaySettings, TopicFilter, WriterOptions, record, replay,
+};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{ArmState, EpisodeEvent, Keypoints};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
@@ -61,7 +63,7 @@ fn what_is_published_is_in_the_bag() {
     events.publish(latched.clone()).unwrap();
     let recorder = node("recorder", 1);
     let settings =
-        RecordSettings { topics: vec!["panda/*".into(), "/episode/event".into()], ..RecordSettings::new(out.clone()) };
+        RecordSettings { filter: TopicFilter::of(&["panda/*", "/episode/event"]), ..RecordSettings::new(out.clone()) };
     let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
     let recording = std::thread::spawn(move || record(&inner, &settings));
     let poses = sender.publisher::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap();
@@ -101,7 +103,7 @@ fn simulated_time_is_the_bags_time() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("bag");
     let recorder = builder("recorder", 2, &["-p", "use_sim_time:=true"]).build().unwrap();
-    let settings = RecordSettings { topics: vec!["dlo/keypoints".into()], ..RecordSettings::new(out.clone()) };
+    let settings = RecordSettings { filter: TopicFilter::of(&["dlo/keypoints"]), ..RecordSettings::new(out.clone()) };
     let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
     let recording = std::thread::spawn(move || record(&inner, &settings));
     let simulator = node("simulator", 2);
@@ -172,7 +174,8 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     let poses = listener.queue::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos.with_depth(100), 1000).unwrap();
     let targets = listener.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 1000).unwrap();
     let clocks = listener.queue::<Clock>("/clock", Qos::CLOCK.with_depth(100), 10_000).unwrap();
-    let settings = ReplaySettings { rate: 2.0, start_offset_s: 0.6, clock: true, ..ReplaySettings::new(sample()) };
+    let settings =
+        ReplaySettings { rate: 2.0, start_offset_s: 0.6, clock_hz: Some(200.0), ..ReplaySettings::new(sample()) };
     let start = Instant::now();
     let summary = replay(&player, &settings).unwrap();
     let took = start.elapsed();
@@ -272,7 +275,7 @@ fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
     let simulated = arm(7, true);
     let targets = simulated.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
     let settings = ReplaySettings {
-        topics: vec!["/panda/target_pose".into()],
+        filter: TopicFilter::of(&["/panda/target_pose"]),
         rate: f64::INFINITY,
         allow_replay: true,
         ..ReplaySettings::new(sample())
@@ -302,7 +305,7 @@ fn what_a_live_arm_measures_is_not_replayed_over_it_and_what_is_computed_may_be(
     assert!(replay(&node("player", 0), &allowed).unwrap().published > 500);
     simulated.stop();
     drop(simulated);
-    let computed = ReplaySettings { topics: vec!["/dlo/keypoints".into()], ..fast };
+    let computed = ReplaySettings { filter: TopicFilter::of(&["/dlo/keypoints"]), ..fast };
     assert!(replay(&node("player", 0), &computed).unwrap().published > 50);
 }
 

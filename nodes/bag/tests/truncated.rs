@@ -2,7 +2,7 @@
 //! panic. What would break: a recorder killed in the middle of an episode.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
-use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions};
+use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions, reindex};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_shell::Qos;
 use proptest::prelude::*;
@@ -13,8 +13,9 @@ use std::sync::OnceLock;
 type Bag = (Vec<u8>, Vec<(usize, usize)>);
 
 fn bag(compression: Compression) -> &'static Bag {
-    static BAGS: [OnceLock<Bag>; 2] = [OnceLock::new(), OnceLock::new()];
-    BAGS[usize::from(compression == Compression::Zstd)].get_or_init(|| write(compression))
+    static BAGS: [OnceLock<Bag>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
+    let place = Compression::ALL.iter().position(|c| *c == compression).unwrap();
+    BAGS[place].get_or_init(|| write(compression))
 }
 
 fn write(compression: Compression) -> Bag {
@@ -52,7 +53,7 @@ fn read(path: &Path, bytes: &[u8]) -> Option<(Vec<f64>, usize, Vec<String>)> {
 fn every_complete_chunk_of_a_file_cut_off_anywhere_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.mcap");
-    for compression in [Compression::None, Compression::Zstd] {
+    for compression in Compression::ALL {
         let (bytes, ends) = bag(compression);
         let near_ends = ends.iter().flat_map(|(end, _)| end - 3..end + 4);
         for cut in (8..bytes.len()).step_by(7).chain(near_ends) {
@@ -71,10 +72,29 @@ fn every_complete_chunk_of_a_file_cut_off_anywhere_is_read() {
 }
 
 #[test]
+fn a_file_cut_off_anywhere_is_finished_and_loses_nothing_by_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.mcap");
+    for compression in Compression::ALL {
+        let (bytes, ends) = bag(compression);
+        for cut in (8..bytes.len() - 1).step_by(301).chain(ends.iter().map(|(end, _)| *end)) {
+            let before = read(&path, &bytes[..cut]).unwrap();
+            let notes = reindex(&path).unwrap();
+            assert_eq!(notes, before.2, "at {cut}");
+            let bag = BagReader::open(&path).unwrap();
+            assert_eq!((bag.notes(), bag.message_count()), (&[] as &[String], before.0.len() as u64), "at {cut}");
+            let after = read(&path, &std::fs::read(&path).unwrap()).unwrap();
+            assert_eq!((after.0, after.1), (before.0, 0), "at {cut}");
+            assert_eq!(reindex(&path).unwrap(), [] as [String; 0]);
+        }
+    }
+}
+
+#[test]
 fn one_damaged_chunk_costs_its_own_messages_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged.mcap");
-    for compression in [Compression::None, Compression::Zstd] {
+    for compression in Compression::ALL {
         let (whole, ends) = bag(compression);
         let mut bytes = whole.clone();
         // A byte in the middle of the third chunk's messages.
@@ -93,11 +113,11 @@ proptest! {
 
     #[test]
     fn damage_never_panics(
-        zstd in any::<bool>(),
+        compression in prop::sample::select(&Compression::ALL[..]),
         hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
         cut in any::<prop::sample::Index>(),
     ) {
-        let mut bytes = bag(if zstd { Compression::Zstd } else { Compression::None }).0.clone();
+        let mut bytes = bag(compression).0.clone();
         for (place, value) in hits {
             let place = place.index(bytes.len() - 8) + 8;
             bytes[place] = value;

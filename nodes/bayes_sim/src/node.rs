@@ -31,6 +31,8 @@ const REPLY_BYTES: usize = 48_000;
 const FRAME_BYTES: usize = 17 * 8;
 /// Frames of a track where the policy's steps decide.
 const DEFAULT_FRAMES: usize = 17;
+/// Messages of a topic that may wait for the log.
+const BURST: u16 = 256;
 /// How often the live log drops what nobody needs.
 const TIDY: Duration = Duration::from_secs(5);
 /// How often a goal that waits for an episode looks for it.
@@ -81,10 +83,11 @@ fn listen(node: &Node, log: &Arc<Mutex<EpisodeLog>>) -> Result<[Subscription; 5]
     ])
 }
 
-/// Feeds every message of a topic to the log.
+/// Feeds every message of a topic to the log: all of a burst, as a fast replay brings it, and not the newest alone.
 fn follow<M: Msg + Feed>(node: &Node, log: &Arc<Mutex<EpisodeLog>>, topic: &contract::Topic) -> Result<Subscription> {
     let log = Arc::clone(log);
-    Ok(node.subscription::<M>(topic.name, topic.qos, move |received| feed(&mut lock(&log), &*received.message))?)
+    let qos = if topic.qos.is_transient_local() { topic.qos } else { topic.qos.with_depth(BURST) };
+    Ok(node.subscription::<M>(topic.name, qos, move |received| feed(&mut lock(&log), &*received.message))?)
 }
 
 fn feed<M: Feed>(log: &mut EpisodeLog, message: &M) {

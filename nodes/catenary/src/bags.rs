@@ -1,17 +1,19 @@
-//! `catenary record` and `catenary replay`.
+//! `catenary record`, `catenary replay`, `catenary info` and `catenary reindex`.
 
-use crate::cli::{RecordArgs, ReplayArgs};
+mod arguments;
+
 use crate::interrupted::Interrupted;
 use crate::output;
 use anyhow::Result;
-use catenary_bag::{RecordSettings, ReplaySettings, record, replay};
+pub use arguments::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
+use catenary_bag::{BagReader, TopicCount, record, reindex, replay};
 use catenary_shell::{Node, NodeBuilder, RosArgs};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A node of this program that ends with Ctrl-C.
-fn node(name: &str) -> Result<Node> {
-    let builder = NodeBuilder::new(name, &RosArgs::default())?;
+fn node(name: &str, arguments: &RosArgs) -> Result<Node> {
+    let builder = NodeBuilder::new(name, arguments)?;
     catenary_shell::end_on_signals(builder.shutdown())?;
     Ok(builder.build()?)
 }
@@ -22,23 +24,21 @@ struct Recorded {
     bag: PathBuf,
     messages: u64,
     topics: Vec<(String, u64)>,
+    files: Vec<String>,
 }
 
 /// Records until Ctrl-C.
 pub fn run_record(arguments: &RecordArgs) -> Result<()> {
-    let settings = RecordSettings {
-        topics: arguments.topics.clone(),
-        images: arguments.images,
-        ..RecordSettings::new(arguments.out.clone())
-    };
     // Before the middleware starts, whose warnings would come before the one line that helps.
-    settings.check()?;
-    let summary = record(&node("recorder")?, &settings)?;
-    let recorded = Recorded { bag: summary.path, messages: summary.messages, topics: summary.topics };
+    let settings = arguments.settings()?;
+    let summary = record(&node("recorder", &RosArgs::default())?, &settings)?;
+    let recorded =
+        Recorded { bag: summary.path, messages: summary.messages, topics: summary.topics, files: summary.files };
     output::result(&arguments.output, &recorded, |r| {
         let rows = r.topics.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n:>8} {name}"));
         let rows: Vec<String> = rows.collect();
-        format!("{}: {} messages\n{}", r.bag.display(), r.messages, rows.join("\n"))
+        let files = if r.files.len() > 1 { format!(" in {} files", r.files.len()) } else { String::new() };
+        format!("{}: {} messages{files}\n{}", r.bag.display(), r.messages, rows.join("\n"))
     })
 }
 
@@ -51,18 +51,12 @@ struct Replayed {
     left_out: Vec<String>,
 }
 
-/// Replays a bag once.
+/// Replays a bag once, or until Ctrl-C.
 pub fn run_replay(arguments: &ReplayArgs) -> Result<()> {
-    let settings = ReplaySettings {
-        rate: arguments.rate,
-        start_offset_s: arguments.start_offset_s,
-        clock: arguments.clock,
-        allow_replay: arguments.allow_replay,
-        allow_others: arguments.allow_others,
-        ..ReplaySettings::new(arguments.bag.clone())
-    };
-    settings.open()?;
-    let node = node("replayer")?;
+    let settings = arguments.settings()?;
+    let remaps = arguments.remap.iter().flat_map(|rule| ["--remap".to_owned(), rule.clone()]);
+    let (ros, _) = RosArgs::parse(std::iter::once("--ros-args".to_owned()).chain(remaps))?;
+    let node = node("replayer", &ros)?;
     let summary = replay(&node, &settings)?;
     let replayed = Replayed {
         bag: arguments.bag.clone(),
@@ -78,4 +72,82 @@ pub fn run_replay(arguments: &ReplayArgs) -> Result<()> {
         true => Err(Interrupted(format!(" after {} messages", replayed.published)).into()),
         false => Ok(()),
     }
+}
+
+/// A topic of a bag.
+#[derive(Debug, Serialize)]
+struct TopicInfo {
+    name: String,
+    #[serde(rename = "type")]
+    type_name: String,
+    messages: u64,
+    type_hash: Option<String>,
+    offered_qos: Vec<String>,
+}
+
+/// What a bag holds.
+#[derive(Debug, Serialize)]
+struct BagInfo {
+    bag: PathBuf,
+    messages: u64,
+    start_ns: Option<i64>,
+    duration_s: f64,
+    files: Vec<PathBuf>,
+    topics: Vec<TopicInfo>,
+    /// What is missing or damaged.
+    notes: Vec<String>,
+}
+
+impl BagInfo {
+    fn new(bag: &BagReader) -> Self {
+        let topic = |t: &TopicCount| TopicInfo {
+            name: t.topic.name.clone(),
+            type_name: t.topic.type_name.clone(),
+            messages: t.messages,
+            type_hash: t.topic.type_hash.clone(),
+            offered_qos: t.topic.qos.iter().map(ToString::to_string).collect(),
+        };
+        Self {
+            bag: bag.path().to_owned(),
+            messages: bag.message_count(),
+            start_ns: bag.span_ns().map(|(first, _)| first),
+            duration_s: bag.span_ns().map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 * 1e-9),
+            files: bag.files().map(Path::to_owned).collect(),
+            topics: bag.topics().iter().map(topic).collect(),
+            notes: bag.notes().to_vec(),
+        }
+    }
+
+    fn text(&self) -> String {
+        let files = if self.files.len() == 1 { String::new() } else { format!(" in {} files", self.files.len()) };
+        let head = format!("{}: {} messages in {:.3} s{files}", self.bag.display(), self.messages, self.duration_s);
+        let row =
+            |t: &TopicInfo| format!("{:>8} {} [{}] {}", t.messages, t.name, t.type_name, t.offered_qos.join("; "));
+        let rows = self.topics.iter().map(row);
+        std::iter::once(head).chain(rows).chain(self.notes.iter().cloned()).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// Says what a bag holds, and what of it is missing or damaged.
+pub fn run_info(arguments: &InfoArgs) -> Result<()> {
+    output::result(&arguments.output, &BagInfo::new(&BagReader::open(&arguments.bag)?), BagInfo::text)
+}
+
+/// What was missing of a bag, and what it holds now.
+#[derive(Debug, Serialize)]
+struct Reindexed {
+    bag: PathBuf,
+    messages: u64,
+    notes: Vec<String>,
+}
+
+/// Finishes the files of a bag and writes its `metadata.yaml` anew.
+pub fn run_reindex(arguments: &ReindexArgs) -> Result<()> {
+    let notes = reindex(&arguments.bag)?;
+    let messages = BagReader::open(&arguments.bag)?.message_count();
+    let reindexed = Reindexed { bag: arguments.bag.clone(), messages, notes };
+    output::result(&arguments.output, &reindexed, |r| {
+        let notes: String = r.notes.iter().map(|note| format!("\n{note}")).collect();
+        format!("{}: {} messages{notes}", r.bag.display(), r.messages)
+    })
 }

@@ -1,5 +1,6 @@
 //! The command line.
 
+pub use crate::bags::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -31,10 +32,14 @@ pub enum Command {
     Train(TrainArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),
-    /// Record the topics of the contract to a bag
+    /// Record topics to a bag: those of the contract, or others of the graph
     Record(RecordArgs),
     /// Publish a bag's messages in time
     Replay(ReplayArgs),
+    /// Say what a bag holds, and what of it is missing or damaged
+    Info(InfoArgs),
+    /// Finish a bag whose recorder was killed, and write its metadata.yaml anew
+    Reindex(ReindexArgs),
     /// Make a bag from a track in a CSV file
     ImportTrack(ImportArgs),
     /// Show one episode of a model: figures, a bag, a video, a picture
@@ -187,48 +192,6 @@ pub struct DeployArgs {
     /// Seconds to wait for the graph
     #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     pub wait_s: f64,
-    /// Machine-readable output
-    #[command(flatten)]
-    pub output: Output,
-}
-
-/// `catenary record`.
-#[derive(Debug, Args)]
-pub struct RecordArgs {
-    /// Folder of the bag to make
-    #[arg(long)]
-    pub out: PathBuf,
-    /// Topics; none: those of the contract without the camera's images
-    #[arg(long)]
-    pub topics: Vec<String>,
-    /// Record the camera's images too
-    #[arg(long)]
-    pub images: bool,
-    /// Machine-readable output
-    #[command(flatten)]
-    pub output: Output,
-}
-
-/// `catenary replay`.
-#[derive(Debug, Args)]
-pub struct ReplayArgs {
-    /// Bag (folder or .mcap file)
-    pub bag: PathBuf,
-    /// Speed: 2 is twice as fast as recorded
-    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
-    pub rate: f64,
-    /// Seconds of the bag to skip
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
-    pub start_offset_s: f64,
-    /// Publish /clock in step with the bag
-    #[arg(long)]
-    pub clock: bool,
-    /// Replay commands too, even where an arm may follow them
-    #[arg(long)]
-    pub allow_replay: bool,
-    /// Replay what the arm and the camera measure even where others publish it too
-    #[arg(long)]
-    pub allow_others: bool,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

@@ -98,5 +98,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Record(arguments) => bags::run_record(arguments),
         Command::Replay(arguments) => bags::run_replay(arguments),
+        Command::Info(arguments) => bags::run_info(arguments),
+        Command::Reindex(arguments) => bags::run_reindex(arguments),
     }
 }

@@ -1,5 +1,6 @@
-//! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed, with the
-//! simulations run by the pool's node, though the next episode has begun by then. A stamp that is handled differently, a
+//! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed with its
+//! clock, in its own time and as fast as possible, with the simulations run by the pool's node, though the next episode has
+//! begun by then. A stamp that is handled differently, a
 //! frame that is lost or forgotten, or a request that changes on the wire would show here.
 #![allow(
     clippy::disallowed_methods,
@@ -48,7 +49,8 @@ struct Process(Child);
 
 impl Process {
     fn node(name: &str) -> Self {
-        Self(command(&["node", name]).stdin(Stdio::null()).spawn().unwrap())
+        // In the bag's time, as `replay.launch.xml` starts it.
+        Self(command(&["node", name, "--ros-args", "-p", "use_sim_time:=true"]).stdin(Stdio::null()).spawn().unwrap())
     }
 }
 
@@ -98,15 +100,15 @@ fn begin_another(node: &Node) {
     std::thread::sleep(FORGETTING);
 }
 
-/// The same by the inference's node, from the topics.
-fn by_topics(bag: &Path, model: &Path) -> [Vec<f64>; 3] {
+/// The same by the inference's node, from the topics of a bag that is replayed at `rate`.
+fn by_topics(bag: &Path, model: &Path, rate: &str) -> [Vec<f64>; 3] {
     let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
     let builder = NodeBuilder::new("asker", &RosArgs::default()).unwrap().domain(domain(), Discovery::Localhost);
     let node: Node = builder.build().unwrap();
     let client: ActionClient<Infer> = node.action_client("bayes_sim/infer").unwrap();
     assert!(client.wait_for_server(Duration::from_secs(20)));
     for _ in 0..REPLAYS {
-        finished(command(&["replay", bag.to_str().unwrap()]).output().unwrap());
+        finished(command(&["replay", bag.to_str().unwrap(), "--clock", "--rate", rate]).output().unwrap());
     }
     begin_another(&node);
     let goal = InferGoal {
@@ -131,5 +133,7 @@ fn file_and_replayed_topics_give_the_same_posterior() {
     let folder = tempfile::tempdir().unwrap();
     let file = by_command(&bag, &model, folder.path());
     assert!(file[0].len() >= 4 && file[1].len() == 2 * file[0].len(), "{file:?}");
-    assert_eq!(by_topics(&bag, &model), file);
+    for rate in ["1", "inf"] {
+        assert_eq!(by_topics(&bag, &model, rate), file, "replayed at {rate}");
+    }
 }

@@ -1,7 +1,8 @@
-//! One MCAP file: which topics it has, and where its messages lie.
+//! One file of a bag: which topics it has, and where its messages lie.
 
 use super::chunk::{LARGEST, RECORD_HEADER, visit_records};
-use super::{Topic, TopicCount};
+use super::messages::ZSTD_MAGIC;
+use super::{Topic, TopicCount, sqlite};
 use crate::error::BagError;
 use crate::metadata::joined;
 use crate::profile;
@@ -12,37 +13,75 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use tempfile::TempPath;
 
-/// A chunk, or a message that stands alone.
+/// What a piece is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    Chunk,
+    /// A message that stands alone.
+    Message,
+    /// Messages of a database.
+    Rows,
+}
+
+/// Messages that are read at once.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
     /// Earliest and latest log time in ns.
     pub(super) span: (u64, u64),
-    /// Where its record begins.
+    /// Where its record begins; of a database: the number of its first message.
     pub(super) offset: u64,
-    /// Bytes of the record's body.
+    /// Bytes of the record's body; of a database: messages.
     pub(super) len: u64,
-    pub(super) is_chunk: bool,
+    pub(super) place: Place,
 }
 
 /// A file that was looked through.
 #[derive(Debug)]
 pub(super) struct IndexedFile {
     pub(super) path: PathBuf,
+    /// What is read: the file, or what was unpacked from it.
+    pub(super) source: PathBuf,
+    /// Deletes what was unpacked.
+    pub(super) _unpacked: Option<TempPath>,
     pub(super) pieces: Vec<Piece>,
     pub(super) channels: BTreeMap<u16, Arc<Topic>>,
     pub(super) counts: BTreeMap<u16, u64>,
     /// What is missing or damaged.
     pub(super) notes: Vec<String>,
+    /// Whether it has a summary.
+    pub(super) is_finished: bool,
+    /// Of a database: where each message is, by time.
+    pub(super) rows: Vec<sqlite::Entry>,
 }
 
 impl IndexedFile {
-    /// Looks a file through: by its summary where it has one, else record by record.
+    /// Looks a file through.
     pub(super) fn open(path: &Path) -> Result<Self, BagError> {
-        let mut file = File::open(path).map_err(BagError::io("open", path))?;
+        match kind_of(path)? {
+            Kind::Mcap => Self::open_mcap(path, path),
+            Kind::Sqlite => sqlite::index(path, path),
+            Kind::Zstd => {
+                let unpacked = unpack(path).map_err(BagError::io("unpack", path))?;
+                let file = match kind_of(&unpacked)? {
+                    Kind::Mcap => Self::open_mcap(path, &unpacked)?,
+                    Kind::Sqlite => sqlite::index(path, &unpacked)?,
+                    Kind::Zstd => return Err(BagError::NotABag { path: path.to_owned(), found: TWICE.to_owned() }),
+                };
+                // What was unpacked can be finished as little as any other copy.
+                Ok(Self { _unpacked: Some(unpacked), is_finished: true, ..file })
+            }
+        }
+    }
+
+    /// Looks an MCAP file through: by its summary where it has one, else record by record.
+    fn open_mcap(path: &Path, source: &Path) -> Result<Self, BagError> {
+        let mut file = File::open(source).map_err(BagError::io("open", path))?;
         let len = file.metadata().map_err(BagError::io("open", path))?.len();
-        check_kind(path, &mut file, len)?;
-        let definitions = match summary(&mut file, len).map_err(BagError::io("read", path))? {
+        let summary = summary(&mut file, len).map_err(BagError::io("read", path))?;
+        let is_finished = summary.is_some();
+        let definitions = match summary {
             Some(summary) => summary,
             None => scan(&file, len).map_err(BagError::io("read", path))?,
         };
@@ -55,10 +94,14 @@ impl IndexedFile {
         }
         Ok(Self {
             path: path.to_owned(),
+            source: source.to_owned(),
+            _unpacked: None,
             pieces: definitions.pieces,
             channels: definitions.channels,
             counts: definitions.counts,
             notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
+            is_finished,
+            rows: Vec::new(),
         })
     }
 
@@ -79,26 +122,56 @@ impl IndexedFile {
     }
 }
 
-/// Refuses what is no MCAP file, and says what it is.
-fn check_kind(path: &Path, file: &mut File, len: u64) -> Result<(), BagError> {
+/// What a file is by its first bytes.
+enum Kind {
+    Mcap,
+    Sqlite,
+    /// A file that was compressed as a whole.
+    Zstd,
+}
+
+/// What is found in a file that was compressed twice.
+const TWICE: &str = "a compressed file within a compressed file";
+
+/// Says what kind of bag a file is, and what it is where it is none.
+fn kind_of(path: &Path) -> Result<Kind, BagError> {
+    let file = File::open(path).map_err(BagError::io("open", path))?;
+    let len = file.metadata().map_err(BagError::io("open", path))?.len();
     let mut start = Vec::new();
     file.take(16).read_to_end(&mut start).map_err(BagError::io("read", path))?;
     if start.starts_with(MAGIC) {
-        return Ok(());
+        return Ok(Kind::Mcap);
     }
-    let unsupported =
-        |found: &str, remedy| BagError::Unsupported { path: path.to_owned(), found: found.into(), remedy };
-    Err(if start.starts_with(b"SQLite format 3") {
-        unsupported("sqlite3 bags are", super::CONVERT)
-    } else if start.starts_with(&[0x28, 0xb5, 0x2f, 0xfd]) {
-        unsupported("files that are compressed as a whole are", "`zstd -d` unpacks it")
-    } else {
-        let found = match len {
-            0 => "an empty file".to_owned(),
-            _ => format!("a file of {len} bytes that does not begin as an MCAP file does"),
-        };
-        BagError::NotABag { path: path.to_owned(), found }
-    })
+    if start.starts_with(b"SQLite format 3") {
+        return Ok(Kind::Sqlite);
+    }
+    if start.starts_with(&ZSTD_MAGIC) {
+        return Ok(Kind::Zstd);
+    }
+    if start.starts_with(b"#ROSBAG V") {
+        return Err(BagError::Unsupported {
+            path: path.to_owned(),
+            found: "bags of ROS 1 are".to_owned(),
+            remedy: "`rosbags-convert` of the Python package rosbags makes a bag of ROS 2 from one",
+        });
+    }
+    let found = match len {
+        0 => "an empty file".to_owned(),
+        _ => format!("a file of {len} bytes that begins neither as an MCAP file nor as a database of sqlite3"),
+    };
+    Err(BagError::NotABag { path: path.to_owned(), found })
+}
+
+/// Unpacks a file into a temporary one. Of a file that was cut off comes what can be had.
+fn unpack(path: &Path) -> std::io::Result<TempPath> {
+    let mut packed = zstd::Decoder::new(File::open(path)?)?;
+    let mut unpacked = tempfile::NamedTempFile::new()?;
+    let copied = std::io::copy(&mut packed, &mut unpacked);
+    match copied {
+        Err(error) if unpacked.as_file().metadata()?.len() == 0 => Err(error),
+        Err(error) if error.kind() == std::io::ErrorKind::StorageFull => Err(error),
+        _ => Ok(unpacked.into_temp_path()),
+    }
 }
 
 /// What the records of a file define.
@@ -128,7 +201,7 @@ impl Definitions {
     }
 
     fn check_compression(&mut self, compression: &str) {
-        if !matches!(compression, "" | "zstd") {
+        if !matches!(compression, "" | "zstd" | "lz4") {
             self.foreign_compression = Some(compression.to_owned());
         }
     }
@@ -214,7 +287,7 @@ fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
     let end = index.chunk_start_offset.checked_add(index.chunk_length)?;
     let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
     let span = (index.message_start_time, index.message_end_time);
-    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, is_chunk: true })
+    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, place: Place::Chunk })
 }
 
 /// Reads a file from the front, for what can be had of one that was not finished.
@@ -245,7 +318,7 @@ fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
         offset += RECORD_HEADER + body_len;
     }
     let messages: u64 = definitions.counts.values().sum();
-    let chunks = definitions.pieces.iter().filter(|p| p.is_chunk).count();
+    let chunks = definitions.pieces.iter().filter(|p| p.place == Place::Chunk).count();
     let state = if finished { "it has no summary" } else { "it was not finished and has no summary" };
     definitions.notes.insert(0, format!("{state}: {messages} messages were found in {chunks} complete chunks"));
     Ok(definitions)
@@ -260,7 +333,7 @@ fn take_record(
     len: u64,
 ) -> Result<(), String> {
     let body = read_body(input, offset, len).map_err(|e| e.to_string())?;
-    let piece = |span, is_chunk| Piece { span, offset, len, is_chunk };
+    let piece = |span, place| Piece { span, offset, len, place };
     match opcode {
         op::CHUNK => {
             let mut found = Vec::new();
@@ -284,12 +357,12 @@ fn take_record(
             for (channel, _) in &found {
                 *definitions.counts.entry(*channel).or_default() += 1;
             }
-            definitions.pieces.extend(span.map(|s| piece(s, true)));
+            definitions.pieces.extend(span.map(|s| piece(s, Place::Chunk)));
         }
         op::MESSAGE => {
             let (channel, time) = message_key(&body)?;
             *definitions.counts.entry(channel).or_default() += 1;
-            definitions.pieces.push(piece((time, time), false));
+            definitions.pieces.push(piece((time, time), Place::Message));
         }
         _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),
     }
@@ -297,7 +370,7 @@ fn take_record(
 }
 
 /// Channel and log time of a message.
-fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
+pub(super) fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
     match mcap::parse_record(op::MESSAGE, body) {
         Ok(Record::Message { header, .. }) => Ok((header.channel_id, header.log_time)),
         _ => Err("a message's header is not readable".to_owned()),

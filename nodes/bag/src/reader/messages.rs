@@ -1,14 +1,16 @@
 //! Messages in order of their log times.
 
-use super::chunk::visit_records;
-use super::file::{IndexedFile, Piece, read_body};
-use super::{BagReader, Topic};
+use super::chunk::{LARGEST, visit_records};
+use super::file::{IndexedFile, Piece, Place, read_body};
+use super::{BagReader, Topic, sqlite};
 use crate::error::BagError;
 use catenary_msgs::Interface;
 use mcap::records::{Record, op};
+use rusqlite::Connection;
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::File;
+use std::io::Read;
 use std::sync::Arc;
 
 /// A message of a bag.
@@ -40,6 +42,37 @@ impl BagMessage {
     }
 }
 
+/// A file that is being read.
+enum Open {
+    Mcap(File),
+    Sqlite(Connection),
+}
+
+impl Open {
+    fn new(file: &IndexedFile, place: Place) -> Result<Self, BagError> {
+        match place {
+            Place::Rows => sqlite::connect(&file.source).map(Self::Sqlite),
+            Place::Chunk | Place::Message => {
+                File::open(&file.source).map(Self::Mcap).map_err(BagError::io("open", &file.path))
+            }
+        }
+    }
+}
+
+/// First bytes of what zstd packed. No message in CDR begins so.
+pub(super) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
+/// A message's bytes, unpacked where the recorder compressed message by message.
+fn unpacked(data: Vec<u8>) -> Result<Vec<u8>, String> {
+    if !data.starts_with(&ZSTD_MAGIC) {
+        return Ok(data);
+    }
+    let mut out = Vec::new();
+    let packed = zstd::Decoder::new(&data[..]).map_err(|e| e.to_string())?;
+    let read = packed.take(LARGEST).read_to_end(&mut out);
+    read.map(|_len| out).map_err(|e| format!("a message compressed by zstd: {e}"))
+}
+
 /// Messages of a bag in order of their log times; those of equal time in the order in which they were written.
 ///
 /// Reads a chunk when its time has come, so that memory holds only the chunks that overlap. A damaged chunk gives one
@@ -50,7 +83,7 @@ pub struct Messages<'a> {
     /// File and piece, by start.
     order: Vec<(usize, Piece)>,
     next: usize,
-    open: Vec<Option<File>>,
+    open: Vec<Option<Open>>,
     /// By log time, file, offset of the piece and place in it.
     ready: BTreeMap<(u64, usize, u64, usize), BagMessage>,
     errors: VecDeque<BagError>,
@@ -67,25 +100,43 @@ impl<'a> Messages<'a> {
 
     fn load(&mut self, index: usize, piece: Piece) -> Result<(), BagError> {
         let indexed = &self.bag.files[index];
-        let file = match &mut self.open[index] {
-            Some(file) => file,
-            slot => slot.insert(File::open(&indexed.path).map_err(BagError::io("open", &indexed.path))?),
+        let open = match &mut self.open[index] {
+            Some(open) => open,
+            slot => slot.insert(Open::new(indexed, piece.place)?),
         };
         let damaged = |reason: String| BagError::Damaged { path: indexed.path.clone(), offset: piece.offset, reason };
-        let body = read_body(file, piece.offset, piece.len).map_err(|e| damaged(e.to_string()))?;
         let (ready, wanted) = (&mut self.ready, self.wanted.as_ref());
+        let mut keep = |time: u64, place: usize, message: BagMessage| {
+            if wanted.is_some_and(|names| !names.contains(&message.topic.name)) {
+                return Ok(());
+            }
+            let message = BagMessage { data: unpacked(message.data)?, ..message };
+            ready.insert((time, index, piece.offset, place), message);
+            Ok::<(), String>(())
+        };
+        let file = match open {
+            Open::Mcap(file) => file,
+            Open::Sqlite(database) => {
+                let mut first = Ok(());
+                let read = sqlite::read(indexed, database, &piece, |time, place, message| {
+                    let kept = keep(time, place, message);
+                    first = std::mem::replace(&mut first, Ok(())).and(kept);
+                });
+                let reason = |reason: String| BagError::Database { path: indexed.path.clone(), reason };
+                return read.and(first).map_err(reason);
+            }
+        };
+        let body = read_body(file, piece.offset, piece.len).map_err(|e| damaged(e.to_string()))?;
         let mut place = 0;
         let mut take = |opcode: u8, body: &[u8]| {
             if opcode == op::MESSAGE {
                 let (time, message) = message(indexed, body)?;
-                if wanted.is_none_or(|names| names.contains(&message.topic.name)) {
-                    ready.insert((time, index, piece.offset, place), message);
-                }
+                keep(time, place, message)?;
                 place += 1;
             }
             Ok(())
         };
-        if piece.is_chunk {
+        if piece.place == Place::Chunk {
             visit_records(&body, take).map(|_header| ()).map_err(damaged)
         } else {
             take(op::MESSAGE, &body).map_err(damaged)

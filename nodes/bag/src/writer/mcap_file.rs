@@ -1,21 +1,20 @@
 //! One MCAP file of a bag: topics, chunks, and when a chunk ends.
 
 use super::tail::{Tail, Target};
-use super::{Compression, TopicId, WriterOptions};
+use super::{Compression, Split, WriterOptions};
 use crate::error::BagError;
 use crate::metadata::TopicFacts;
 use crate::profile::Profile;
-use catenary_msgs::InterfaceInfo;
-use catenary_shell::Qos;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 struct Topic {
-    facts: TopicFacts,
     channel: u16,
-    sequence: u32,
+    messages: u64,
 }
 
 /// Writes one file. After its first error it writes no more.
@@ -29,15 +28,23 @@ pub(super) struct McapFile<F: Target> {
     open: Option<(usize, i64)>,
     span_ns: Option<(i64, i64)>,
     messages: u64,
+    chunks: usize,
+    /// Messages that can be read back, those in `before` earlier files included.
     safe: u64,
+    before: u64,
+    /// Bytes of complete chunks.
+    written: Arc<AtomicU64>,
 }
 
 impl<F: Target> McapFile<F> {
-    pub(super) fn new(path: PathBuf, target: F, options: &WriterOptions) -> Result<Self, BagError> {
+    pub(super) fn new(path: PathBuf, target: F, options: &WriterOptions, before: u64) -> Result<Self, BagError> {
         let compression = match options.compression {
             Compression::None => None,
+            Compression::Lz4 => Some(mcap::Compression::Lz4),
             Compression::Zstd => Some(mcap::Compression::Zstd),
         };
+        let tail = Tail::new(target);
+        let written = tail.written();
         // Chunks end where this file says so, and are put together in memory. Threads for compressing 256 KiB cost more
         // than they bring.
         let made = WriteOptions::new()
@@ -47,19 +54,23 @@ impl<F: Target> McapFile<F> {
             .compression_threads(0)
             .chunk_size(None)
             .disable_seeking(true)
-            .create(Tail::new(target))
+            .create(tail)
             .and_then(|mut mcap| mcap.flush().map(|()| mcap));
-        let mcap = made.map_err(|e| write_error(&path, 0, &e))?;
+        let mcap = made.map_err(|e| write_error(&path, before, &e))?;
         Ok(Self {
             path,
             mcap,
             topics: Vec::new(),
-            chunk_bytes: options.chunk_bytes,
+            // A limit on the file has to be seen before it is passed by far.
+            chunk_bytes: options.split.bytes.map_or(options.chunk_bytes, |b| options.chunk_bytes.min((b / 4) as usize)),
             chunk_period_ns: i64::try_from(options.chunk_period.as_nanos()).unwrap_or(i64::MAX),
             open: None,
             span_ns: None,
             messages: 0,
-            safe: 0,
+            chunks: 0,
+            safe: before,
+            before,
+            written,
         })
     }
 
@@ -67,50 +78,53 @@ impl<F: Target> McapFile<F> {
         self.messages
     }
 
+    /// Complete chunks.
+    pub(super) fn chunks(&self) -> usize {
+        self.chunks
+    }
+
+    /// Messages that can be read back, those in earlier files included.
+    pub(super) fn safe(&self) -> u64 {
+        self.safe
+    }
+
     pub(super) fn span_ns(&self) -> Option<(i64, i64)> {
         self.span_ns
     }
 
-    pub(super) fn topics(&self) -> Vec<TopicFacts> {
-        self.topics.iter().map(|t| t.facts.clone()).collect()
+    /// Messages of each topic.
+    pub(super) fn counts(&self) -> impl Iterator<Item = u64> {
+        self.topics.iter().map(|t| t.messages)
     }
 
-    pub(super) fn add_topic(&mut self, name: &str, interface: &InterfaceInfo, qos: Qos) -> Result<TopicId, BagError> {
-        if let Some(known) = self.topics.iter().position(|t| t.facts.name == name) {
-            let found = &self.topics[known].facts.type_name;
-            return if found == interface.type_name {
-                Ok(TopicId(known))
-            } else {
-                Err(BagError::Type {
-                    topic: name.to_owned(),
-                    expected: interface.type_name.to_owned(),
-                    found: found.clone(),
-                })
-            };
-        }
-        let profiles = serde_saphyr::to_string(&[Profile::from(qos)]).unwrap_or_default();
+    /// Whether a message of this log time belongs into the next file.
+    pub(super) fn is_full(&self, split: &Split, log_ns: i64) -> bool {
+        let is_long = |(first, _)| {
+            let age = u64::try_from(log_ns.saturating_sub(first)).unwrap_or(0);
+            split.duration.is_some_and(|limit| u128::from(age) > limit.as_nanos())
+        };
+        let is_large = split.bytes.is_some_and(|limit| self.written.load(Ordering::Relaxed) >= limit);
+        self.messages > 0 && (is_large || self.span_ns.is_some_and(is_long))
+    }
+
+    /// Adds the next topic.
+    pub(super) fn add_topic(&mut self, facts: &TopicFacts, definition: &str) -> Result<(), BagError> {
+        let profiles: Vec<Profile> = facts.qos.iter().map(|q| Profile::from(*q)).collect();
         let metadata = BTreeMap::from([
-            ("offered_qos_profiles".to_owned(), profiles),
-            ("topic_type_hash".to_owned(), interface.type_hash.to_owned()),
+            ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&profiles).unwrap_or_default()),
+            ("topic_type_hash".to_owned(), facts.type_hash.clone()),
         ]);
         let channel = self
             .mcap
-            .add_schema(interface.type_name, "ros2msg", interface.definition.as_bytes())
-            .and_then(|schema| self.mcap.add_channel(schema, name, "cdr", &metadata))
+            .add_schema(&facts.type_name, "ros2msg", definition.as_bytes())
+            .and_then(|schema| self.mcap.add_channel(schema, &facts.name, "cdr", &metadata))
             .map_err(|e| self.error(&e))?;
-        let facts = TopicFacts {
-            name: name.to_owned(),
-            type_name: interface.type_name.to_owned(),
-            type_hash: interface.type_hash.to_owned(),
-            qos: vec![qos],
-            messages: 0,
-        };
-        self.topics.push(Topic { facts, channel, sequence: 0 });
-        Ok(TopicId(self.topics.len() - 1))
+        self.topics.push(Topic { channel, messages: 0 });
+        Ok(())
     }
 
-    pub(super) fn write(&mut self, id: TopicId, log_ns: i64, publish_ns: i64, cdr: &[u8]) -> Result<(), BagError> {
-        let Some(topic) = self.topics.get_mut(id.0) else {
+    pub(super) fn write(&mut self, topic: usize, log_ns: i64, publish_ns: i64, cdr: &[u8]) -> Result<(), BagError> {
+        let Some(topic) = self.topics.get_mut(topic) else {
             let reason = "a topic of another bag was given".to_owned();
             return Err(BagError::Write { path: self.path.clone(), reason, safe: self.safe });
         };
@@ -118,15 +132,15 @@ impl<F: Target> McapFile<F> {
         let time = |ns: i64| u64::try_from(ns).unwrap_or(0);
         let header = MessageHeader {
             channel_id: topic.channel,
-            sequence: topic.sequence,
+            // Sequences are of 32 bits, and begin anew.
+            sequence: topic.messages as u32,
             log_time: time(log_ns),
             publish_time: time(publish_ns),
         };
-        topic.sequence = topic.sequence.wrapping_add(1);
         if let Err(e) = self.mcap.write_to_known_channel(&header, cdr) {
             return Err(self.error(&e));
         }
-        topic.facts.messages += 1;
+        topic.messages += 1;
         self.messages += 1;
         let (first, last) = self.span_ns.unwrap_or((log_ns, log_ns));
         self.span_ns = Some((first.min(log_ns), last.max(log_ns)));
@@ -139,8 +153,9 @@ impl<F: Target> McapFile<F> {
     /// Ends the open chunk and writes it to the file.
     pub(super) fn flush(&mut self) -> Result<(), BagError> {
         self.mcap.flush().map_err(|e| self.error(&e))?;
+        self.chunks += usize::from(self.open.is_some());
         self.open = None;
-        self.safe = self.messages;
+        self.safe = self.before + self.messages;
         Ok(())
     }
 
@@ -181,9 +196,11 @@ fn write_error(path: &std::path::Path, safe: u64, error: &McapError) -> BagError
 mod tests {
     use super::*;
     use crate::reader::BagReader;
+    use catenary_msgs::Interface;
     use catenary_msgs::geometry_msgs::msg::PoseStamped;
+    use catenary_shell::Qos;
     use std::io::{self, Write};
-    use std::sync::{Arc, Mutex};
+    use std::sync::Mutex;
 
     /// A disk that is full after `capacity` bytes.
     #[derive(Clone)]
@@ -224,11 +241,17 @@ mod tests {
     fn fill(capacity: usize, count: i64) -> (Result<(), BagError>, Vec<u8>) {
         let disk = Disk { bytes: Arc::default(), capacity };
         let options = WriterOptions { compression: Compression::None, chunk_bytes: 1000, ..WriterOptions::default() };
-        let outcome = McapFile::new("full_0.mcap".into(), disk.clone(), &options).and_then(|mut file| {
-            let pose = InterfaceInfo::of::<PoseStamped>();
-            let topic = file.add_topic("/pose", &pose, Qos::DEFAULT)?;
+        let facts = TopicFacts {
+            name: "/pose".into(),
+            type_name: PoseStamped::TYPE_NAME.into(),
+            type_hash: PoseStamped::TYPE_HASH.into(),
+            qos: vec![Qos::DEFAULT],
+            messages: 0,
+        };
+        let outcome = McapFile::new("full_0.mcap".into(), disk.clone(), &options, 0).and_then(|mut file| {
+            file.add_topic(&facts, PoseStamped::DEFINITION)?;
             let cdr = catenary_msgs::to_cdr(&PoseStamped::default()).unwrap();
-            (1..=count).try_for_each(|i| file.write(topic, i, i, &cdr))?;
+            (1..=count).try_for_each(|i| file.write(0, i, i, &cdr))?;
             file.finish(String::new())?;
             file.close()
         });

@@ -2,6 +2,8 @@
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Something that is written from front to back and can be cut off.
 pub(super) trait Target: Write {
@@ -26,13 +28,22 @@ impl Target for File {
 pub(super) struct Tail<F: Target> {
     target: F,
     held_back: Vec<u8>,
-    written: u64,
+    written: Arc<AtomicU64>,
     broken: bool,
 }
 
 impl<F: Target> Tail<F> {
     pub(super) fn new(target: F) -> Self {
-        Self { target, held_back: Vec::new(), written: 0, broken: false }
+        Self { target, held_back: Vec::new(), written: Arc::default(), broken: false }
+    }
+
+    /// Bytes in the file so far, kept up to date.
+    pub(super) fn written(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.written)
+    }
+
+    fn position(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
     }
 
     pub(super) fn sync(&mut self) -> io::Result<()> {
@@ -56,10 +67,10 @@ impl<F: Target> Write for Tail<F> {
         if let Err(error) = self.target.write_all(&self.held_back).and_then(|()| self.target.flush()) {
             self.broken = true;
             // Where even this fails the file ends within a record, which readers recover from.
-            let _ends_within_a_record = self.target.cut(self.written);
+            let _ends_within_a_record = self.target.cut(self.position());
             return Err(error);
         }
-        self.written += self.held_back.len() as u64;
+        self.written.fetch_add(self.held_back.len() as u64, Ordering::Relaxed);
         self.held_back.clear();
         Ok(())
     }
@@ -69,7 +80,7 @@ impl<F: Target> Seek for Tail<F> {
     /// Tells the position; goes nowhere.
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
-            SeekFrom::Current(0) => Ok(self.written + self.held_back.len() as u64),
+            SeekFrom::Current(0) => Ok(self.position() + self.held_back.len() as u64),
             _ => Err(io::Error::new(io::ErrorKind::Unsupported, "this file only grows")),
         }
     }

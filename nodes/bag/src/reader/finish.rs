@@ -1,0 +1,231 @@
+//! Gives a file that was cut off the end that it lacks, so that every reader of MCAP can read it.
+#![allow(clippy::disallowed_methods, reason = "bags are files")]
+
+use super::chunk::{RECORD_HEADER, visit_records};
+use super::file::{message_key, read_body};
+use crate::error::BagError;
+use mcap::MAGIC;
+use mcap::records::{ChunkHeader, op};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+/// A chunk in the file.
+struct Chunk {
+    header: ChunkHeader,
+    start: u64,
+    len: u64,
+    /// Where the message index of each channel begins, and the bytes of all.
+    index: BTreeMap<u16, u64>,
+    index_len: u64,
+    /// Log time and place of the messages of each channel.
+    messages: BTreeMap<u16, Vec<(u64, u64)>>,
+}
+
+/// What was found in a file.
+#[derive(Default)]
+struct Found {
+    chunks: Vec<Chunk>,
+    /// Bodies of schemas and channels.
+    schemas: BTreeMap<u16, Vec<u8>>,
+    channels: BTreeMap<u16, Vec<u8>>,
+    counts: BTreeMap<u16, u64>,
+    /// Where the last complete chunk ends.
+    end: u64,
+    has_loose_messages: bool,
+}
+
+/// Writes message indexes, summary and footer behind the last complete chunk of a file that lacks them; what came behind
+/// it, an incomplete chunk, is cut off. A file without chunks, whose messages stand alone, stays as it is.
+///
+/// # Errors
+/// [`BagError::Io`]: the file ends with its last complete chunk then.
+pub(super) fn finish(path: &Path) -> Result<(), BagError> {
+    let mut file = File::options().read(true).write(true).open(path).map_err(BagError::io("open for writing", path))?;
+    let mut found = look_through(&file).map_err(BagError::io("read", path))?;
+    if found.has_loose_messages {
+        return Ok(());
+    }
+    let end = found.ending();
+    let written = file.set_len(found.end).and_then(|()| {
+        file.seek(SeekFrom::Start(found.end))?;
+        file.write_all(&end)?;
+        file.sync_all()
+    });
+    written.map_err(|reason| {
+        let _ends_within_a_record = file.set_len(found.end);
+        BagError::io("write the index of", path)(reason)
+    })
+}
+
+fn look_through(file: &File) -> io::Result<Found> {
+    let len = file.metadata()?.len();
+    let mut input = BufReader::new(file);
+    let mut found = Found { end: MAGIC.len() as u64, ..Found::default() };
+    let mut offset = found.end;
+    while len - offset >= RECORD_HEADER {
+        input.seek(SeekFrom::Start(offset))?;
+        let mut head = [0; RECORD_HEADER as usize];
+        input.read_exact(&mut head)?;
+        let body_len = u64::from_le_bytes(head[1..].try_into().unwrap_or_default());
+        let left = len - offset - RECORD_HEADER;
+        if head[0] == 0 || head[0] == op::DATA_END || body_len > left {
+            break;
+        }
+        let record_len = RECORD_HEADER + body_len;
+        match head[0] {
+            op::HEADER => found.end = offset + record_len,
+            op::SCHEMA | op::CHANNEL => found.define(head[0], &read_body(&mut input, offset, body_len)?),
+            op::CHUNK => found.take_chunk(&read_body(&mut input, offset, body_len)?, offset),
+            op::MESSAGE_INDEX => found.take_index(&read_body(&mut input, offset, body_len)?, offset),
+            op::MESSAGE => found.has_loose_messages = true,
+            _ => {}
+        }
+        offset += record_len;
+    }
+    Ok(found)
+}
+
+/// The number that schemas, channels and message indexes begin with.
+fn number(body: &[u8]) -> Option<u16> {
+    Some(u16::from_le_bytes(body.get(..2)?.try_into().ok()?))
+}
+
+impl Found {
+    fn define(&mut self, opcode: u8, body: &[u8]) {
+        let known = if opcode == op::SCHEMA { &mut self.schemas } else { &mut self.channels };
+        if let Some(id) = number(body) {
+            known.entry(id).or_insert_with(|| body.to_vec());
+        }
+    }
+
+    /// Takes a chunk; one that is damaged is left out.
+    fn take_chunk(&mut self, body: &[u8], start: u64) {
+        let mut messages = BTreeMap::<u16, Vec<(u64, u64)>>::new();
+        let mut place = 0;
+        let visited = visit_records(body, |opcode, record| {
+            match opcode {
+                op::SCHEMA | op::CHANNEL => self.define(opcode, record),
+                op::MESSAGE => {
+                    let (channel, time) = message_key(record)?;
+                    messages.entry(channel).or_default().push((time, place));
+                }
+                _ => {}
+            }
+            place += RECORD_HEADER + record.len() as u64;
+            Ok(())
+        });
+        if let Ok(header) = visited {
+            let len = RECORD_HEADER + body.len() as u64;
+            self.end = start + len;
+            for (channel, of_channel) in &messages {
+                *self.counts.entry(*channel).or_default() += of_channel.len() as u64;
+            }
+            self.chunks.push(Chunk { header, start, len, index: BTreeMap::new(), index_len: 0, messages });
+        }
+    }
+
+    /// Takes a message index, which belongs to the chunk before it.
+    fn take_index(&mut self, body: &[u8], start: u64) {
+        let before = self.chunks.last_mut().filter(|chunk| chunk.start + chunk.len + chunk.index_len == start);
+        if let (Some(chunk), Some(channel)) = (before, number(body)) {
+            chunk.index.insert(channel, start);
+            chunk.index_len += RECORD_HEADER + body.len() as u64;
+        }
+    }
+
+    /// The bytes that belong behind the last chunk.
+    fn ending(&mut self) -> Vec<u8> {
+        let mut out = Vec::new();
+        let start = self.end;
+        if let Some(chunk) = self.chunks.last_mut() {
+            chunk.index.clear();
+            for (channel, messages) in &mut chunk.messages {
+                messages.sort_unstable();
+                chunk.index.insert(*channel, start + out.len() as u64);
+                let entries = messages.iter().flat_map(|(time, place)| [time.to_le_bytes(), place.to_le_bytes()]);
+                record(
+                    &mut out,
+                    op::MESSAGE_INDEX,
+                    &[&channel.to_le_bytes(), &list(&entries.collect::<Vec<_>>().concat())],
+                );
+            }
+            chunk.index_len = out.len() as u64;
+        }
+        record(&mut out, op::DATA_END, &[&[0; 4]]);
+        let summary_start = start + out.len() as u64;
+        let mut groups = Vec::new();
+        let mut group = |out: &mut Vec<u8>, opcode: u8, bodies: Vec<Vec<u8>>| {
+            let begin = start + out.len() as u64;
+            bodies.iter().for_each(|body| record(out, opcode, &[body]));
+            let len = start + out.len() as u64 - begin;
+            if len > 0 {
+                groups.push([&[opcode][..], &begin.to_le_bytes(), &len.to_le_bytes()].concat());
+            }
+        };
+        group(&mut out, op::SCHEMA, self.schemas.values().cloned().collect());
+        group(&mut out, op::CHANNEL, self.channels.values().cloned().collect());
+        group(&mut out, op::STATISTICS, vec![self.statistics()]);
+        group(&mut out, op::CHUNK_INDEX, self.chunks.iter().map(Chunk::index).collect());
+        let offsets_start = start + out.len() as u64;
+        groups.iter().for_each(|body| record(&mut out, op::SUMMARY_OFFSET, &[body]));
+        record(&mut out, op::FOOTER, &[&summary_start.to_le_bytes(), &offsets_start.to_le_bytes(), &[0; 4]]);
+        out.extend_from_slice(MAGIC);
+        out
+    }
+
+    fn statistics(&self) -> Vec<u8> {
+        let messages: u64 = self.counts.values().sum();
+        let with_messages = || self.chunks.iter().filter(|c| !c.messages.is_empty()).map(|c| &c.header);
+        let first = with_messages().map(|h| h.message_start_time).min().unwrap_or(0);
+        let last = with_messages().map(|h| h.message_end_time).max().unwrap_or(0);
+        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes();
+        let schemas = u16::try_from(self.schemas.len()).unwrap_or(u16::MAX);
+        let counts = self.counts.iter().flat_map(|(id, n)| [&id.to_le_bytes()[..], &n.to_le_bytes()].concat());
+        [
+            &messages.to_le_bytes()[..],
+            &schemas.to_le_bytes(),
+            &count(self.channels.len()),
+            // Attachments and metadata, which the recorder writes at the end alone.
+            &count(0),
+            &count(0),
+            &count(self.chunks.len()),
+            &first.to_le_bytes(),
+            &last.to_le_bytes(),
+            &list(&counts.collect::<Vec<_>>()),
+        ]
+        .concat()
+    }
+}
+
+impl Chunk {
+    /// The body of its entry in the summary.
+    fn index(&self) -> Vec<u8> {
+        let offsets = self.index.iter().flat_map(|(id, at)| [&id.to_le_bytes()[..], &at.to_le_bytes()].concat());
+        [
+            &self.header.message_start_time.to_le_bytes()[..],
+            &self.header.message_end_time.to_le_bytes(),
+            &self.start.to_le_bytes(),
+            &self.len.to_le_bytes(),
+            &list(&offsets.collect::<Vec<_>>()),
+            &self.index_len.to_le_bytes(),
+            &list(self.header.compression.as_bytes()),
+            &self.header.compressed_size.to_le_bytes(),
+            &self.header.uncompressed_size.to_le_bytes(),
+        ]
+        .concat()
+    }
+}
+
+/// Bytes behind their number.
+fn list(bytes: &[u8]) -> Vec<u8> {
+    [&u32::try_from(bytes.len()).unwrap_or(u32::MAX).to_le_bytes(), bytes].concat()
+}
+
+fn record(out: &mut Vec<u8>, opcode: u8, parts: &[&[u8]]) {
+    let body = parts.concat();
+    out.push(opcode);
+    out.extend_from_slice(&(body.len() as u64).to_le_bytes());
+    out.extend_from_slice(&body);
+}

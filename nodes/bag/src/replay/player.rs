@@ -1,0 +1,193 @@
+//! Publishes the messages of a bag in time.
+
+use super::arm_watch::ArmWatch;
+use super::{ReplaySettings, ReplaySummary, is_command};
+use crate::error::BagError;
+use crate::kinds::{self, Outlet};
+use crate::reader::{BagMessage, BagReader, Topic};
+use catenary_msgs::Interface;
+use catenary_msgs::msg::ArmState;
+use catenary_msgs::rosgraph_msgs::msg::Clock;
+use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, stamp, wall_now};
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// Messages and bytes per second at an infinite rate. A burst would be lost in the sockets of subscribers that cannot ask
+/// for a repetition.
+const FASTEST: [f64; 2] = [5_000.0, 1e8];
+/// Complaints come at most this often.
+const COMPLAIN: Duration = Duration::from_secs(5);
+
+struct Entry {
+    type_name: String,
+    outlet: Box<dyn Outlet>,
+    is_command: bool,
+}
+
+/// Publishers and time of a replay.
+pub(super) struct Player<'a> {
+    node: &'a Node,
+    outlets: BTreeMap<String, Entry>,
+    clock: Option<Publisher<Clock>>,
+    watch: ArmWatch,
+    complaint: Throttle,
+}
+
+impl<'a> Player<'a> {
+    pub(super) fn new(
+        node: &'a Node,
+        topics: &[&Topic],
+        settings: &ReplaySettings,
+        watch: ArmWatch,
+    ) -> Result<Self, BagError> {
+        let mut outlets = BTreeMap::new();
+        for topic in topics {
+            let others = node.publisher_count(&topic.name)?;
+            if others > 0 && topic.name != "/rosout" && topic.name != "/diagnostics" {
+                tracing::warn!("{}: {others} others publish there, too", topic.name);
+            }
+            let qos = settings.overrides.apply(&topic.name, offered_before(topic));
+            let is_command = is_command(node, &topic.name)?;
+            let type_name = topic.type_name.clone();
+            let outlet = match kinds::find(&type_name) {
+                Some(kind) => kind.outlet(node, &topic.name, qos)?,
+                None => kinds::raw_outlet(node, &topic.name, &type_name, qos)?,
+            };
+            outlets.insert(topic.name.clone(), Entry { type_name, outlet, is_command });
+        }
+        let clock = contract::CLOCK;
+        let clock =
+            if settings.clock_hz.is_some() { Some(node.publisher::<Clock>(clock.name, clock.qos)?) } else { None };
+        Ok(Self { node, outlets, clock, watch, complaint: Throttle::new(COMPLAIN) })
+    }
+
+    pub(super) fn wait_for_subscribers(&self, patience: Duration) {
+        let until = Instant::now() + patience;
+        let unheard =
+            |entry: &&Entry| !entry.outlet.wait_for_subscriber(until.saturating_duration_since(Instant::now()));
+        let unheard: Vec<&str> = self.outlets.values().filter(unheard).map(|e| e.outlet.topic()).collect();
+        if !unheard.is_empty() {
+            tracing::info!("nobody listens to {}", unheard.join(", "));
+        }
+    }
+
+    /// Publishes the bag once; false: the node shall end.
+    pub(super) fn play(
+        &mut self,
+        bag: &BagReader,
+        names: &[&str],
+        settings: &ReplaySettings,
+        summary: &mut ReplaySummary,
+    ) -> Result<bool, BagError> {
+        let Some((first_ns, _)) = bag.span_ns() else { return Ok(false) };
+        if self.node.shutdown().wait_timeout(Duration::from_secs_f64(settings.delay_s)) {
+            return Ok(false);
+        }
+        let start_ns = first_ns.saturating_add((settings.start_offset_s * 1e9) as i64);
+        let end_ns = settings.duration_s.map_or(i64::MAX, |s| start_ns.saturating_add((s * 1e9) as i64));
+        let mut pace = Pace { start_ns, since: Instant::now(), rate: settings.rate, busy_s: 0.0 };
+        let clock_hz = settings.clock_hz.unwrap_or(ReplaySettings::CLOCK_HZ);
+        let tick_ns = (1e9 / clock_hz * if settings.rate.is_finite() { settings.rate } else { 1.0 }).max(1.0) as i64;
+        let mut next_tick_ns = start_ns;
+        for message in bag.messages_of(names) {
+            let message = match message {
+                Ok(message) => message,
+                Err(error) => {
+                    tracing::warn!("{error}");
+                    continue;
+                }
+            };
+            let at_ns = message.log_time_ns;
+            if at_ns < start_ns {
+                continue;
+            }
+            if at_ns > end_ns {
+                break;
+            }
+            while let Some(clock) = self.clock.as_ref().filter(|_| next_tick_ns <= at_ns) {
+                if !pace.wait(self.node, next_tick_ns) {
+                    return Ok(false);
+                }
+                clock.send(Clock { clock: stamp::to_msg(Time::from_nanos(next_tick_ns)) });
+                next_tick_ns = next_tick_ns.saturating_add(tick_ns);
+            }
+            if !pace.wait(self.node, at_ns) {
+                return Ok(false);
+            }
+            self.watch.check()?;
+            self.publish(&message, summary)?;
+            pace.account(message.data.len());
+        }
+        Ok(true)
+    }
+
+    fn publish(&mut self, message: &BagMessage, summary: &mut ReplaySummary) -> Result<(), BagError> {
+        let Some(Entry { type_name, outlet, is_command }) = self.outlets.get(&message.topic.name) else {
+            return Ok(());
+        };
+        if message.topic.type_name != *type_name {
+            return Ok(());
+        }
+        if *is_command && outlet.has_subscriber() && !self.watch.has_simulated_arm() {
+            return Err(BagError::Refused(format!(
+                "somebody listens on {}, and no /{} says that it is a simulated arm",
+                outlet.topic(),
+                contract::ARM_STATE.name
+            )));
+        }
+        if message.topic.type_name == ArmState::TYPE_NAME
+            && let Ok(state) = message.decode::<ArmState>()
+        {
+            self.watch.expect(&state);
+        }
+        match outlet.publish(message) {
+            Ok(()) => summary.published += 1,
+            Err(error) => {
+                summary.failed += 1;
+                if let Some(before) = self.complaint.pass(wall_now()) {
+                    tracing::warn!("{error} (and {before} before)");
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The profile to offer, as rosbag2 chooses it: that of the recorded publishers where they agree.
+fn offered_before(topic: &Topic) -> Qos {
+    let agreed = contract::topic(&topic.name).map_or(Qos::DEFAULT, |t| t.qos);
+    match &topic.qos[..] {
+        [] => agreed,
+        [first, others @ ..] if others.iter().all(|q| q == first) => *first,
+        _ => {
+            tracing::warn!("{}: its publishers offered several profiles; replayed as {agreed}", topic.name);
+            agreed
+        }
+    }
+}
+
+/// How the bag's time runs on the wall's.
+struct Pace {
+    start_ns: i64,
+    since: Instant,
+    rate: f64,
+    /// s that what was published takes at an infinite rate.
+    busy_s: f64,
+}
+
+impl Pace {
+    /// Waits for a time of the bag; false: the node shall end.
+    fn wait(&self, node: &Node, at_ns: i64) -> bool {
+        let seconds = (at_ns.saturating_sub(self.start_ns) as f64 * 1e-9 / self.rate).max(self.busy_s);
+        let due = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+        let left = due.saturating_sub(self.since.elapsed());
+        if left.is_zero() { !node.is_shutdown() } else { !node.shutdown().wait_timeout(left) }
+    }
+
+    /// A message of so many bytes was published.
+    fn account(&mut self, bytes: usize) {
+        if self.rate.is_infinite() {
+            self.busy_s += (1.0 / FASTEST[0]).max(bytes as f64 / FASTEST[1]);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+"""`catenary replay` beside rclpy: which topics, under which names and profiles, when, and with which clock."""
+
+import json
+import signal
+import time
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+OFFERED = {
+    "/dlo/keypoints": ("BEST_EFFORT", "VOLATILE"),
+    "/episode/event": ("RELIABLE", "TRANSIENT_LOCAL"),
+    "/panda/arm_state": ("RELIABLE", "TRANSIENT_LOCAL"),
+    "/panda/current_pose": ("BEST_EFFORT", "VOLATILE"),
+    "/panda/external_wrench": ("BEST_EFFORT", "VOLATILE"),
+    "/policy/action": ("RELIABLE", "VOLATILE"),
+    "/policy/observation": ("RELIABLE", "VOLATILE"),
+}
+BASIC = {"/clock", "/parameter_events", "/rosout"}
+START_NS = 99_900_500_000
+
+
+def stamp_ns(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def published(session, ros, name):
+    """Topics of the replayer called `name` with reliability and durability, when it has begun to publish."""
+    node = lambda: [n for n in ros.node.get_node_names() if n == "replayer"]
+    ros.wait_for(node, 20, "the replayer")
+
+    def topics():
+        found = dict(ros.node.get_publisher_names_and_types_by_node("replayer", "/"))
+        return {topic for topic in found if topic not in BASIC - {"/clock"}}
+
+    ros.wait_for(topics, 20, "its topics")
+    # They appear one after the other.
+    while (before := topics()) != (ros.holds_within(lambda: False, 0.5) or topics()):
+        assert before
+    found = {}
+    for topic in topics():
+        (info,) = [i for i in ros.node.get_publishers_info_by_topic(topic) if i.node_name == "replayer"]
+        found[topic] = (info.qos_profile.reliability.name, info.qos_profile.durability.name)
+    return found
+
+
+def only(*topics):
+    return {topic: OFFERED[topic] for topic in topics}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), OFFERED),
+        (("--topics", "/dlo/keypoints", "policy/*", "--exclude-topics", "/policy/action"), only("/dlo/keypoints", "/policy/observation")),
+        (("-e", "/policy/.*|arm_state"), only("/policy/action", "/policy/observation")),
+        (("-x", "/panda/.*", "--topics", "/dlo/keypoints", "--regex", ".*(pose|event)"), only("/dlo/keypoints", "/episode/event")),
+    ],
+    ids=["all", "names", "regex", "both"],
+)
+def test_topics_are_chosen_and_offered_as_they_were(session, arguments, expected):
+    ros = session.join()
+    session.start("replay", session.root / "bags/swing", "--loop", *arguments)
+    assert published(session, ros, "replay") == expected
+
+
+def test_topics_are_renamed_and_offered_as_the_file_says(session):
+    ros = session.join()
+    overrides = session.folder / "overrides.yaml"
+    overrides.write_text(
+        "/dlo/keypoints:\n  reliability: reliable\n  history: keep_all\n/episode/event:\n  durability: volatile\n"
+        "/panda/arm_state:\n  reliability: best_effort\n  durability: volatile\n"
+    )
+    remaps = ("--remap", "/dlo/keypoints:=/lab/points", "/panda/arm_state:=/lab/state")
+    topics = ("--topics", "/dlo/keypoints", "/episode/event", "/panda/arm_state", "/clock*")
+    replay = session.start(
+        "replay", session.root / "bags/swing", "-l", *topics, *remaps, "--qos-profile-overrides-path", overrides, "--clock", 50
+    )
+    assert published(session, ros, "replay") == {
+        "/lab/points": ("RELIABLE", "VOLATILE"),
+        "/lab/state": ("BEST_EFFORT", "VOLATILE"),
+        "/episode/event": ("RELIABLE", "VOLATILE"),
+        "/clock": ("BEST_EFFORT", "VOLATILE"),
+    }
+    replay.send_signal(signal.SIGINT)
+    assert replay.wait(10) == 130 and session.text("replay.out").count("messages published") == 1
+
+
+def test_a_part_is_played_again_and_again_with_its_clock(session):
+    """From 2 s on, for 1 s, at half the speed, 40 ticks a second."""
+    ros = session.join()
+    poses, ticks = [], []
+    best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    arrived = lambda messages: lambda message: messages.append((time.monotonic(), message))
+    ros.node.create_subscription(PoseStamped, "/panda/current_pose", arrived(poses), best_effort)
+    ros.node.create_subscription(Clock, "/clock", arrived(ticks), best_effort)
+    part = ("--start-offset", 2, "--playback-duration", 1, "--rate", 0.5, "--clock", 40, "--loop", "--topics", "/panda/current_pose")
+    session.start("replay", session.root / "bags/swing", *part)
+    rounds = lambda: sum(stamp_ns(b[1].clock) < stamp_ns(a[1].clock) for a, b in zip(ticks, ticks[1:]))
+    ros.wait_for(lambda: rounds() >= 2, 30, "two rounds")
+    stamps = [stamp_ns(message.header.stamp) for _, message in poses]
+    # The bag's times are half a millisecond behind the stamps.
+    first, last = START_NS + 2 * 10**9 - 500_000, START_NS + 3 * 10**9
+    assert min(stamps) >= first and max(stamps) <= last
+    assert min(stamps) < first + 10**8 and max(stamps) > last - 10**8
+    assert any(b < a for a, b in zip(stamps, stamps[1:])), "the poses did not come again"
+    turns = [0] + [i + 1 for i, (a, b) in enumerate(zip(ticks, ticks[1:])) if stamp_ns(b[1].clock) < stamp_ns(a[1].clock)]
+    whole = ticks[turns[1] : turns[2]]
+    times = [stamp_ns(message.clock) for _, message in whole]
+    assert times == sorted(times) and times[0] >= first and times[-1] <= last
+    # A second of the bag takes two; best effort and a busy machine lose some ticks.
+    assert 60 <= len(whole) <= 81, len(whole)
+    assert whole[-1][0] - whole[0][0] == pytest.approx(2 * (times[-1] - times[0]) / 1e9, abs=0.15)
+
+
+THING = "std_msgs/Header header\nfloat64[] values\n"
+
+
+def test_topics_of_any_type_are_replayed_as_they_are(session):
+    """Types that are not of this package: one that rclpy knows, and one that nobody knows but the bag."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(THING, "lab_msgs/msg/Thing"))
+    kinds = {"/lab/notes": "std_msgs/msg/String", "/lab/number": "std_msgs/msg/Int32", "/lab/thing": "lab_msgs/msg/Thing"}
+    with Writer(session.folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topics = {name: writer.add_connection(name, kind, typestore=store) for name, kind in kinds.items()}
+        for number in range(10):
+            note = store.types["std_msgs/msg/String"](data=f"nöte {number}")
+            writer.write(topics["/lab/notes"], 10**9 + number, store.serialize_cdr(note, "std_msgs/msg/String"))
+            writer.write(topics["/lab/number"], 10**9 + number, store.serialize_cdr(store.types["std_msgs/msg/Int32"](data=number), "std_msgs/msg/Int32"))
+        writer.write(topics["/lab/thing"], 10**9, b"\0\1\0\0" + bytes(40))
+    ros = session.join()
+    notes = []
+    ros.node.create_subscription(String, "/lab/notes", notes.append, QoSProfile(depth=100))
+    replay = session.start("replay", "bag", "--json", "--delay", 0.5)
+    ros.wait_for(lambda: len(notes) == 10, 20, "ten notes")
+    assert [note.data for note in notes] == [f"nöte {number}" for number in range(10)]
+    assert replay.wait(20) == 0
+    report = json.loads(session.text("replay.out"))
+    assert (report["published"], report["failed"], report["left_out"]) == (21, 0, [])
