@@ -229,14 +229,16 @@ impl Increment {
     fn add_nodes(&self, mesh: &Mesh, position: &[Node], system: &mut System) -> f64 {
         let rate_2 = self.rate * self.rate;
         let mut potential = 0.0;
-        for (k, inertia) in mesh.inertia.iter().enumerate() {
-            let stiffness = [inertia[0] * rate_2, inertia[1] * rate_2, inertia[2] * rate_2];
+        let nodes = mesh.inertia.iter().zip(position.iter().zip(&self.target));
+        let sums = system.gradient.iter_mut().zip(&mut system.matrix.diagonal);
+        for ((inertia, (position, target)), (gradient, diagonal)) in nodes.zip(sums) {
+            let stiffness = inertia.map(|m| m * rate_2);
             for i in 0..3 {
-                let gap = position[k][i] - self.target[k][i];
-                system.gradient[k][i] = stiffness[i] * gap;
+                let gap = position[i] - target[i];
+                gradient[i] = stiffness[i] * gap;
                 potential += 0.5 * stiffness[i] * gap * gap;
             }
-            system.matrix.diagonal[k] = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
+            *diagonal = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
         }
         if self.drag {
             potential += self.add_drag(mesh, position, system);
