@@ -247,6 +247,7 @@ impl Beam {
                 None => self.system.matrix.fix_node(k, step),
             }
         }
+        self.system.matrix.factorise();
         self.system.matrix.solve(step);
         let size_m = step_size_m(step);
         if size_m.is_finite() {
