@@ -2,6 +2,7 @@
 //! truths.
 
 mod fidelity;
+mod pool;
 
 use crate::cli::{BenchArgs, BenchWhat, Output};
 use crate::{infer, model_file, output, train};
@@ -14,64 +15,21 @@ use catenary_shell::Shutdown;
 use ppo_trainer::{Domains, Settings};
 use rand::RngExt;
 use serde::Serialize;
+use simulator_pool::BeamSimulator;
 use simulator_pool::verification::random_hand_path;
-use simulator_pool::{BeamSimulator, workers};
-use std::path::Path;
 use std::time::Instant;
-
-/// Episodes of one measurement of the pool.
-const EPISODES: usize = 100;
 
 /// Runs a measurement.
 pub fn run(arguments: &BenchArgs) -> Result<()> {
     match &arguments.what {
-        BenchWhat::Pool { model, output } => pool(model.as_deref(), output),
+        BenchWhat::Pool { model, output } => pool::run(model.as_deref(), output),
         BenchWhat::Training { steps, output } => training(*steps, output),
         BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
 }
 
-#[derive(Debug, Serialize)]
-struct PoolRow {
-    fidelity: &'static str,
-    workers: usize,
-    episodes_per_second: f64,
-    episodes_per_core_second: f64,
-    unconverged_steps: u64,
-}
-
 /// Episodes of 16 steps and 8 s over the table, thetas and effects from the model's own distributions.
-fn pool(model: Option<&Path>, out: &Output) -> Result<()> {
-    let model = model_file::read_or_soft_bar(model)?;
-    let mut rows = Vec::new();
-    for fidelity in [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference] {
-        for count in [1, workers::available()] {
-            let simulator = BeamSimulator::new(&model, count)?;
-            let request = batch(&model, fidelity, EPISODES)?;
-            let started = Instant::now();
-            simulator.simulate(&request)?;
-            let rate = EPISODES as f64 / started.elapsed().as_secs_f64();
-            rows.push(PoolRow {
-                fidelity: fidelity.name(),
-                workers: count,
-                episodes_per_second: rate,
-                episodes_per_core_second: rate / count as f64,
-                unconverged_steps: simulator.unconverged_steps(),
-            });
-        }
-    }
-    output::result(out, &rows, |rows| {
-        let line = |r: &PoolRow| {
-            format!(
-                "{:<10} {} workers: {:.1} episodes/s, {:.1} per core-second, {} unconverged steps",
-                r.fidelity, r.workers, r.episodes_per_second, r.episodes_per_core_second, r.unconverged_steps
-            )
-        };
-        rows.iter().map(line).collect::<Vec<_>>().join("\n")
-    })
-}
-
 fn batch(model: &Model, fidelity: Fidelity, count: usize) -> Result<SimulationRequest> {
     let mut rng = seed::rng(1, 0);
     let path = motion(model, 1)?;

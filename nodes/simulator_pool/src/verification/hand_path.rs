@@ -7,7 +7,7 @@ use rand::RngExt;
 
 /// Random stream of the motions.
 const STREAM: u64 = 31;
-const SAMPLES_PER_STEP: usize = 50;
+const SAMPLES_PER_STEP: usize = 500;
 /// Distance in m that targets keep from the workspace's edge.
 const MARGIN_M: f64 = 0.01;
 /// Largest move along an axis in m, and the mean fall of a step in m: over a table, half of the moves then end low.
