@@ -46,6 +46,15 @@ impl BackwardDifference {
 impl Beam {
     /// Moves on by one time step; the clamped node goes to `grip`.
     pub fn step(&mut self, grip: GripState) {
+        let grip = self.begin_step(grip);
+        if !self.minimise() {
+            self.counters.unconverged_steps += 1;
+        }
+        self.end_step(grip);
+    }
+
+    /// Decides the increment and the first guess of the positions. Returns the grip as the terms from outside change it.
+    pub(super) fn begin_step(&mut self, grip: GripState) -> GripState {
         let scheme = if self.state.fresh { Scheme::ImplicitEuler } else { self.discretisation.scheme };
         let difference = BackwardDifference::new(scheme, self.discretisation.time_step_s);
         let grip = self.changed_grip(grip);
@@ -54,9 +63,11 @@ impl Beam {
         if !self.terms.forces.is_empty() {
             self.add_forces();
         }
-        if !self.minimise() {
-            self.counters.unconverged_steps += 1;
-        }
+        grip
+    }
+
+    /// Makes the present positions those at the step's end.
+    pub(super) fn end_step(&mut self, grip: GripState) {
         self.finish();
         if self.parameters.grip_slip_m_s > 0.0 {
             self.slip(grip);
@@ -171,8 +182,8 @@ impl Beam {
         let gravity = [gx, gz, 0.0];
         // After `begin_step`, `acceleration` is the one two steps ago.
         let accelerations = state.acceleration_1.iter().zip(&state.acceleration);
-        let expected = state.position.iter_mut().zip(&increment.target);
-        for ((position, target), (one_ago, two_ago)) in expected.zip(accelerations) {
+        let guesses = state.position.iter_mut().zip(&increment.target);
+        for ((position, target), (one_ago, two_ago)) in guesses.zip(accelerations) {
             for i in 0..3 {
                 let acceleration = 2.0 * one_ago[i] - two_ago[i];
                 position[i] = target[i] + inverse_2 * (acceleration - gravity[i]);
@@ -215,9 +226,9 @@ impl Beam {
     }
 
     /// Potential, gradient and Hessian at the present positions.
-    fn evaluate(&mut self) -> f64 {
+    pub(super) fn evaluate(&mut self) -> f64 {
         let Beam { increment, mesh, state, contact, system, .. } = self;
-        increment.assemble(mesh, &state.position, &state.direction, contact, system)
+        increment.assemble::<true>(mesh, &state.position, &state.direction, contact, system)
     }
 
     /// Evaluates the last Newton step and halves it while it raises the potential above `before`.
@@ -240,14 +251,9 @@ impl Beam {
     /// Moves the positions by one Newton step, cut to the step limit. Returns the uncut step's size in m; if that is not
     /// finite, nothing has moved.
     fn newton_step(&mut self) -> f64 {
-        let step = &mut self.system.gradient;
-        if let Some(k) = self.mesh.clamped_node {
-            match self.increment.grip_spring {
-                Some(_) => self.system.matrix.fix_place(k, step),
-                None => self.system.matrix.fix_node(k, step),
-            }
-        }
+        self.fix_grip();
         self.system.matrix.factorise();
+        let step = &mut self.system.gradient;
         self.system.matrix.solve(step);
         let size_m = step_size_m(step);
         if size_m.is_finite() {
@@ -259,6 +265,16 @@ impl Beam {
             }
         }
         size_m
+    }
+
+    /// Takes out of the system what the grip prescribes.
+    pub(super) fn fix_grip(&mut self) {
+        let Some(k) = self.mesh.clamped_node else { return };
+        let gradient = &mut self.system.gradient;
+        match self.increment.grip_spring {
+            Some(_) => self.system.matrix.fix_place(k, gradient),
+            None => self.system.matrix.fix_node(k, gradient),
+        }
     }
 
     /// The length r for which a Newton step of size s leaves an error of at most s^2 / r: that over which the gradient
