@@ -58,11 +58,16 @@ pub struct Stage {
 impl Stage {
     /// A stage for `model`, which must have been checked, at a fidelity.
     pub fn new(model: &Model, registry: &Registry, fidelity: Fidelity) -> Result<Self, ParameterError> {
+        Self::divided(model, registry, Discretisation::of(fidelity))
+    }
+
+    /// As [`Self::new`], with time and the beam divided like this.
+    pub fn divided(model: &Model, registry: &Registry, discretisation: Discretisation) -> Result<Self, ParameterError> {
         let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
         let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
         let world = Values::resolve(registry, model, &middle, effects)?.world(model)?;
         Ok(Self {
-            beam: Beam::new(world.beam, Discretisation::of(fidelity), GripState::default())?,
+            beam: Beam::new(world.beam, discretisation, GripState::default())?,
             eye: Eye::new(&world.view, world.view.camera, None, None),
             target_scaled: [0.0; 2],
             start_noise: None,
@@ -72,9 +77,29 @@ impl Stage {
         })
     }
 
+    /// The model.
+    pub(crate) fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The effects that the model may name.
+    pub(crate) fn registry(&self) -> &Registry {
+        &self.registry
+    }
+
+    /// The camera and its memory.
+    pub(crate) fn eye(&self) -> &Eye {
+        &self.eye
+    }
+
     /// The beam.
     pub fn beam(&self) -> &Beam {
         &self.beam
+    }
+
+    /// The beam, to move it on.
+    pub(crate) fn beam_mut(&mut self) -> &mut Beam {
+        &mut self.beam
     }
 
     /// The world of the present episode.
@@ -92,8 +117,8 @@ impl Stage {
         ArmModel::new(&self.world.arm, position_m)
     }
 
-    /// Puts the object of these conditions on the stage; a shape must follow.
-    pub fn prepare(&mut self, c: &Conditions<'_>) -> Result<(), ParameterError> {
+    /// The values of the parameters and effects in these conditions.
+    pub(crate) fn values(&self, c: &Conditions<'_>) -> Result<Values<'_>, ParameterError> {
         let mut effects_rng = seed::rng(c.seed, stream::EFFECTS);
         let drawn: Vec<(&str, f64)> = self
             .model
@@ -102,8 +127,13 @@ impl Stage {
             .map(|e| (e.name.as_str(), e.distribution.from_unit(effects_rng.random::<f64>())))
             .collect();
         let given = c.effects.iter().map(|(name, value)| (name.as_str(), *value));
-        let values = Values::resolve(&self.registry, &self.model, c.theta, drawn.into_iter().chain(given))?;
-        self.world = values.world(&self.model)?;
+        Values::resolve(&self.registry, &self.model, c.theta, drawn.into_iter().chain(given))
+    }
+
+    /// Puts the object of these conditions on the stage; a shape must follow.
+    pub fn prepare(&mut self, c: &Conditions<'_>) -> Result<(), ParameterError> {
+        let world = self.values(c)?.world(&self.model)?;
+        self.world = world;
         self.beam.reset_to(self.world.beam, &self.world.terms, GripState::default())?;
         let noise = |number| c.noise.then(|| seed::rng(c.seed, number));
         let camera = if c.noise { self.jittered_camera(c.seed) } else { self.world.view.camera };
@@ -138,7 +168,7 @@ impl Stage {
         self.beam.advance_to(time_s, |t| GripState::from_pose(grip(t), angle));
     }
 
-    fn remember(&mut self, time_s: f64) {
+    pub(crate) fn remember(&mut self, time_s: f64) {
         if self.eye.has_memory() {
             let places_m = self.keypoints_m();
             self.eye.remember(time_s, places_m);
@@ -187,7 +217,7 @@ impl Stage {
         }
     }
 
-    fn frame(&mut self, time_s: f64, grip: GripPose, action: [f64; 2]) -> Frame {
+    pub(crate) fn frame(&mut self, time_s: f64, grip: GripPose, action: [f64; 2]) -> Frame {
         let dlo = self.keypoints(time_s);
         Frame { time_s, dlo, target: self.target_scaled, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action }
     }
@@ -205,7 +235,7 @@ impl Stage {
         Track { frames, end: End::Complete }
     }
 
-    fn start_on(&mut self, path: &GripTrajectory, start: &StartShape) {
+    pub(crate) fn start_on(&mut self, path: &GripTrajectory, start: &StartShape) {
         let grip = path.at(0.0);
         let StartShape::Measured { points_m, velocities_m_s } = start else { return self.hang(grip) };
         let later = path.at(GRIP_VELOCITY_BASE_S);

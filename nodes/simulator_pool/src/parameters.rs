@@ -133,7 +133,7 @@ pub struct Values<'r> {
 }
 
 /// Name and range of a parameter or an effect.
-fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
+pub(crate) fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
     let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.name, p.range));
     let effect = || registry.find(name).map(|e| (e.about().name, e.about().range));
     parameter.or_else(effect).ok_or_else(|| ParameterError::Unknown {
@@ -177,6 +177,12 @@ impl<'r> Values<'r> {
     fn get(&self, name: &'static str) -> Option<f64> {
         let default = || CATALOGUE.iter().find(|p| p.name == name).and_then(|p| p.default);
         self.given.get(name).copied().or_else(default)
+    }
+
+    /// The value of a parameter or of an effect, which is zero where it is absent; none where nothing gives one.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        let (name, _) = known(self.registry, name).ok()?;
+        self.get(name).or_else(|| self.registry.find(name).map(|_| 0.0))
     }
 
     fn need(&self, name: &'static str) -> Result<f64, ParameterError> {

@@ -1,10 +1,11 @@
 //! Batches of episodes.
 
+use crate::beam::Discretisation;
 use crate::effects::Registry;
 use crate::episode::{self, Conditions, Stage};
 use crate::parameters::ParameterError;
-use crate::workers;
-use catenary_core::simulator::SimulatorError;
+use crate::{sensitivity, workers};
+use catenary_core::simulator::{DifferentiableSimulator, SimulatorError, TrackSensitivities};
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -18,6 +19,7 @@ pub struct BeamSimulator {
     model: Model,
     registry: Registry,
     workers: usize,
+    tolerance_m: Option<f64>,
     /// Stages that no worker uses at present, by fidelity.
     idle: Mutex<Vec<(Fidelity, Stage)>>,
     unconverged: AtomicU64,
@@ -36,9 +38,15 @@ impl BeamSimulator {
             model: model.clone(),
             registry: registry.clone(),
             workers,
+            tolerance_m: None,
             idle: Mutex::new(Vec::new()),
             unconverged: AtomicU64::new(0),
         })
+    }
+
+    /// Solves each time step to this tolerance in m, instead of the fidelity's own.
+    pub fn with_tolerance(self, tolerance_m: f64) -> Self {
+        Self { tolerance_m: Some(tolerance_m), ..self }
     }
 
     /// The model.
@@ -57,22 +65,17 @@ impl BeamSimulator {
             Some(i) => Ok(idle.swap_remove(i).1),
             None => {
                 drop(idle);
-                Stage::new(&self.model, &self.registry, fidelity)
+                let discretisation = Discretisation::of(fidelity);
+                let tolerance_m = self.tolerance_m.unwrap_or(discretisation.tolerance_m);
+                Stage::divided(&self.model, &self.registry, Discretisation { tolerance_m, ..discretisation })
             }
         }
     }
 
     fn simulate_one(&self, request: &SimulationRequest, index: usize) -> Result<Track, SimulatorError> {
         let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
-        let effects: Vec<(String, f64)> =
-            request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect();
-        let conditions = Conditions {
-            theta: &request.thetas[index],
-            effects: &effects,
-            seed: seed::derive(request.seed, request.first_episode + index as u64),
-            noise: request.noise,
-            target_m: request.target_m,
-        };
+        let effects = effects_of(request, index);
+        let conditions = conditions_of(request, index, &effects);
         let mut stage = self.take_stage(request.fidelity).map_err(|e| input(&e))?;
         stage.prepare(&conditions).map_err(|e| input(&e))?;
         let track =
@@ -80,6 +83,27 @@ impl BeamSimulator {
         self.unconverged.fetch_add(stage.beam().counters().unconverged_steps, Ordering::Relaxed);
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push((request.fidelity, stage));
         Ok(track)
+    }
+
+    /// The track of one episode and its derivatives by the parameters `names`.
+    fn differentiate_one(
+        &self,
+        request: &SimulationRequest,
+        index: usize,
+        names: &[&str],
+    ) -> Result<TrackSensitivities, SimulatorError> {
+        let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
+        let stages = (0..=names.len()).map(|_| self.take_stage(request.fidelity));
+        let mut stages = stages.collect::<Result<Vec<_>, _>>().map_err(|e| input(&e))?;
+        let effects = effects_of(request, index);
+        let conditions = conditions_of(request, index, &effects);
+        let SimulationRequest { drive, start, frame_times_s, .. } = request;
+        let result = sensitivity::differentiate(&mut stages, &conditions, drive, start, frame_times_s, names);
+        let sensitivities = result.map_err(|e| input(&e))?;
+        self.unconverged.fetch_add(stages[0].beam().counters().unconverged_steps, Ordering::Relaxed);
+        let idle = stages.into_iter().map(|stage| (request.fidelity, stage));
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(idle);
+        Ok(sensitivities)
     }
 
     /// Rejects requests whose parts do not fit; the message names the field.
@@ -109,6 +133,59 @@ impl Simulator for BeamSimulator {
         self.check(request)?;
         let episodes: Vec<usize> = (0..request.thetas.len()).collect();
         workers::map(episodes, self.workers, |_, index| self.simulate_one(request, index)).into_iter().collect()
+    }
+}
+
+impl DifferentiableSimulator for BeamSimulator {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        self.check(request)?;
+        // Where there are more workers than episodes, an episode's parameters are shared out.
+        let episodes = request.thetas.len();
+        let parts = self.workers.div_ceil(episodes.max(1)).clamp(1, names.len().max(1));
+        let share = names.len().div_ceil(parts).max(1);
+        let mut work: Vec<(usize, &[&str])> = Vec::new();
+        for index in 0..episodes {
+            work.extend(names.chunks(share).map(|part| (index, part)));
+            if names.is_empty() {
+                work.push((index, names));
+            }
+        }
+        let per_episode = work.len() / episodes.max(1);
+        let mut done =
+            workers::map(work, self.workers, |_, (index, part)| self.differentiate_one(request, index, part))
+                .into_iter();
+        let mut all = Vec::new();
+        for _ in 0..episodes {
+            let mut whole = TrackSensitivities::default();
+            for part in done.by_ref().take(per_episode) {
+                let part = part?;
+                whole.track = part.track;
+                whole.derivatives.extend(part.derivatives);
+                whole.changes.extend(part.changes);
+            }
+            all.push(whole);
+        }
+        Ok(all)
+    }
+}
+
+/// Values of the request's further parameters in one episode.
+fn effects_of(request: &SimulationRequest, index: usize) -> Vec<(String, f64)> {
+    request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect()
+}
+
+/// What makes episode `index` of a request differ from the others.
+fn conditions_of<'a>(request: &'a SimulationRequest, index: usize, effects: &'a [(String, f64)]) -> Conditions<'a> {
+    Conditions {
+        theta: &request.thetas[index],
+        effects,
+        seed: seed::derive(request.seed, request.first_episode + index as u64),
+        noise: request.noise,
+        target_m: request.target_m,
     }
 }
 
