@@ -3,6 +3,7 @@
 
 mod fidelity;
 mod pool;
+mod sensitivities;
 
 use crate::cli::{BenchArgs, BenchWhat, Output};
 use crate::{infer, model_file, output, train};
@@ -14,16 +15,18 @@ use catenary_core::{Fidelity, GripTrajectory, Model, SimulationRequest, Simulato
 use catenary_shell::Shutdown;
 use ppo_trainer::{Domains, Settings};
 use rand::RngExt;
+use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use simulator_pool::BeamSimulator;
 use simulator_pool::verification::random_hand_path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Runs a measurement.
 pub fn run(arguments: &BenchArgs) -> Result<()> {
     match &arguments.what {
         BenchWhat::Pool { model, output } => pool::run(model.as_deref(), output),
         BenchWhat::Training { steps, output } => training(*steps, output),
+        BenchWhat::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
@@ -158,4 +161,10 @@ fn inference_words(model: &Model, rows: &[InferenceRow]) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// CPU time of this program so far, all threads together.
+fn cpu_time() -> Duration {
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(now.tv_sec.unsigned_abs(), u32::try_from(now.tv_nsec).unwrap_or_default())
 }

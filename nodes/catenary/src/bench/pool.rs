@@ -1,15 +1,14 @@
 //! `catenary bench pool`: episodes a second, by fidelity and number of workers.
 
-use super::batch;
+use super::{batch, cpu_time};
 use crate::cli::Output;
 use crate::{model_file, output};
 use anyhow::Result;
 use catenary_core::{Fidelity, Simulator};
-use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Times that each number of workers takes its turn; the best turn counts, as other work can only slow one down.
 const TURNS: usize = 3;
@@ -75,10 +74,4 @@ pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
         };
         std::iter::once(head).chain(rows.iter().map(line)).collect::<Vec<_>>().join("\n")
     })
-}
-
-/// CPU time of this program so far, all threads together.
-fn cpu_time() -> Duration {
-    let now = clock_gettime(ClockId::ProcessCPUTime);
-    Duration::new(now.tv_sec.unsigned_abs(), u32::try_from(now.tv_nsec).unwrap_or_default())
 }

@@ -1,7 +1,7 @@
 //! Random episodes at the edges of the prior and of every parameter: nothing may blow up, and Newton's method must converge.
 
 use super::VerificationError;
-use super::hand_path::hand_path_of;
+use super::hand_path::random_motion;
 use crate::effects::Registry;
 use crate::episode::{Conditions, Stage};
 use crate::workers;
@@ -173,7 +173,7 @@ impl Stress<'_> {
             noise: false,
             target_m: None,
         })?;
-        let path = hand_path_of(&model, &stage.world().arm, episode_seed)
+        let (path, _) = random_motion(&model, &stage.world().arm, episode_seed)
             .ok_or_else(|| VerificationError::NoTask(model.name.clone()))?;
         stage.hang(path.at(0.0));
         let mut blown_up = false;
