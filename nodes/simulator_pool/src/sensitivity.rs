@@ -131,7 +131,7 @@ impl Group<'_> {
                 for &time_s in frame_times_s {
                     self.advance(time_s, |_, t| path.at(t));
                     for (stage, frames) in self.stages().zip(&mut frames) {
-                        frames.push(stage.frame(time_s, path.at(time_s), [0.0; 2]));
+                        frames.push(stage.frame(time_s, path.at(time_s)));
                     }
                 }
                 frames
@@ -160,7 +160,8 @@ impl Group<'_> {
             self.advance(time_s, pose);
             let action = actions.get(step).copied();
             for (i, (stage, frames)) in self.stages().zip(&mut frames).enumerate() {
-                frames.push(stage.frame(time_s, pose(i, time_s), action.unwrap_or_default()));
+                let frame = stage.frame(time_s, pose(i, time_s));
+                frames.push(Frame { action: action.unwrap_or_default(), ..frame });
             }
             if let Some(delta) = action {
                 arms.iter_mut().for_each(|arm| arm.set_delta(time_s, delta));

@@ -2,11 +2,11 @@
 
 use crate::beam::Discretisation;
 use crate::effects::Registry;
-use crate::episode::{self, Conditions, Stage};
+use crate::episode::{self, Conditions, Stage, effects_of};
 use crate::parameters::ParameterError;
 use crate::{sensitivity, workers};
 use catenary_core::simulator::{DifferentiableSimulator, SimulatorError, TrackSensitivities};
-use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
+use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -75,9 +75,8 @@ impl BeamSimulator {
     fn simulate_one(&self, request: &SimulationRequest, index: usize) -> Result<Track, SimulatorError> {
         let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
         let effects = effects_of(request, index);
-        let conditions = conditions_of(request, index, &effects);
         let mut stage = self.take_stage(request.fidelity).map_err(|e| input(&e))?;
-        stage.prepare(&conditions).map_err(|e| input(&e))?;
+        stage.prepare(&Conditions::of(request, index, &effects)).map_err(|e| input(&e))?;
         let track =
             episode::run(&mut stage, &request.drive, &request.start, &request.frame_times_s).map_err(|e| input(&e))?;
         self.unconverged.fetch_add(stage.beam().counters().unconverged_steps, Ordering::Relaxed);
@@ -96,7 +95,7 @@ impl BeamSimulator {
         let stages = (0..=names.len()).map(|_| self.take_stage(request.fidelity));
         let mut stages = stages.collect::<Result<Vec<_>, _>>().map_err(|e| input(&e))?;
         let effects = effects_of(request, index);
-        let conditions = conditions_of(request, index, &effects);
+        let conditions = Conditions::of(request, index, &effects);
         let SimulationRequest { drive, start, frame_times_s, .. } = request;
         let result = sensitivity::differentiate(&mut stages, &conditions, drive, start, frame_times_s, names);
         let sensitivities = result.map_err(|e| input(&e))?;
@@ -105,32 +104,31 @@ impl BeamSimulator {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(idle);
         Ok(sensitivities)
     }
+}
 
-    /// Rejects requests whose parts do not fit; the message names the field.
-    fn check(&self, request: &SimulationRequest) -> Result<(), SimulatorError> {
-        let refuse = |what: String| Err(SimulatorError::Input(what));
-        let (n, d) = (request.thetas.len(), self.model.theta.dimension());
-        if let Some(bad) = request.thetas.iter().find(|t| t.len() != d) {
-            return refuse(format!("theta: expected {d} values an episode, got {}", bad.len()));
-        }
-        if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
-            return refuse(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
-        }
-        let times = &request.frame_times_s;
-        let follows = |i: usize| i == 0 || times[i] > times[i - 1];
-        if let Some(i) = (0..times.len()).find(|&i| !(0.0..=LATEST_FRAME_S).contains(&times[i]) || !follows(i)) {
-            return refuse(format!(
-                "frame_times: expected increasing times from 0 s to {LATEST_FRAME_S} s, got {} s at place {i}",
-                times[i]
-            ));
-        }
-        Ok(())
+/// Rejects requests whose parts do not fit one another and the model; the message names the field.
+pub(crate) fn check(model: &Model, request: &SimulationRequest) -> Result<(), String> {
+    let (n, d) = (request.thetas.len(), model.theta.dimension());
+    if let Some(bad) = request.thetas.iter().find(|t| t.len() != d) {
+        return Err(format!("theta: expected {d} values an episode, got {}", bad.len()));
     }
+    if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
+        return Err(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
+    }
+    let times = &request.frame_times_s;
+    let follows = |i: usize| i == 0 || times[i] > times[i - 1];
+    if let Some(i) = (0..times.len()).find(|&i| !(0.0..=LATEST_FRAME_S).contains(&times[i]) || !follows(i)) {
+        return Err(format!(
+            "frame_times: expected increasing times from 0 s to {LATEST_FRAME_S} s, got {} s at place {i}",
+            times[i]
+        ));
+    }
+    Ok(())
 }
 
 impl Simulator for BeamSimulator {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        self.check(request)?;
+        check(&self.model, request).map_err(SimulatorError::Input)?;
         let episodes: Vec<usize> = (0..request.thetas.len()).collect();
         workers::map(episodes, self.workers, |_, index| self.simulate_one(request, index)).into_iter().collect()
     }
@@ -142,7 +140,7 @@ impl DifferentiableSimulator for BeamSimulator {
         request: &SimulationRequest,
         names: &[&str],
     ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        self.check(request)?;
+        check(&self.model, request).map_err(SimulatorError::Input)?;
         // Where there are more workers than episodes, an episode's parameters are shared out.
         let episodes = request.thetas.len();
         let parts = self.workers.div_ceil(episodes.max(1)).clamp(1, names.len().max(1));
@@ -170,22 +168,6 @@ impl DifferentiableSimulator for BeamSimulator {
             all.push(whole);
         }
         Ok(all)
-    }
-}
-
-/// Values of the request's further parameters in one episode.
-fn effects_of(request: &SimulationRequest, index: usize) -> Vec<(String, f64)> {
-    request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect()
-}
-
-/// What makes episode `index` of a request differ from the others.
-fn conditions_of<'a>(request: &'a SimulationRequest, index: usize, effects: &'a [(String, f64)]) -> Conditions<'a> {
-    Conditions {
-        theta: &request.thetas[index],
-        effects,
-        seed: seed::derive(request.seed, request.first_episode + index as u64),
-        noise: request.noise,
-        target_m: request.target_m,
     }
 }
 

@@ -201,6 +201,7 @@ fn what_the_solid_does_not_have_is_refused_by_name() {
     };
     assert!(message(&model(), |r| r.noise = true).contains("noise"));
     assert!(message(&model(), |r| r.thetas[0].clear()).contains("theta"));
+    assert!(message(&model(), |r| r.frame_times_s = vec![0.1, 0.1]).contains("rapier_fem: frame_times"));
     assert!(message(&model(), |r| r.effects = vec![("tip_mass_kg".into(), vec![0.01])]).contains("tip mass"));
     assert!(
         message(&model(), |r| {
