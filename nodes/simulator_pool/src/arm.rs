@@ -1,8 +1,8 @@
 //! The arm: it follows its targets by a law, late and with faults where the world says so.
 
 use crate::world::ArmSettings;
-use catenary_core::DeltaAnchor;
 use catenary_core::model::{ArmLaw, Impedance};
+use catenary_core::{DeltaAnchor, GripPose};
 use std::collections::VecDeque;
 
 /// Period of the arm's own loop, s.
@@ -90,18 +90,16 @@ impl ArmModel {
             let coming = self.coming.front().map(|(time_s, target)| ((tick + 1) as f64 - time_s / TICK_S, *target));
             let (share, coming_m) = coming.filter(|(share, _)| *share > 1e-6).unwrap_or((0.0, self.followed_m));
             let mixed = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|i| a[i] + share * (b[i] - a[i]));
-            let next_m = match self.settings.law {
+            position_m = match self.settings.law {
                 ArmLaw::Lag { time_constant_s, max_speed_m_s } => {
                     let towards = |target| self.lag(position_m, target, time_constant_s, max_speed_m_s);
                     let settled_m = towards(self.followed_m);
-                    if share > 0.0 { mixed(settled_m, towards(coming_m)) } else { settled_m }
+                    let next_m = if share > 0.0 { mixed(settled_m, towards(coming_m)) } else { settled_m };
+                    self.velocity_m_s = [0, 1].map(|i| (next_m[i] - position_m[i]) / TICK_S);
+                    next_m
                 }
                 ArmLaw::Impedance(law) => self.impedance(position_m, mixed(self.followed_m, coming_m), &law),
             };
-            if matches!(self.settings.law, ArmLaw::Lag { .. }) {
-                self.velocity_m_s = [0, 1].map(|i| (next_m[i] - position_m[i]) / TICK_S);
-            }
-            position_m = next_m;
             self.path_m.push(position_m);
         }
     }
@@ -151,6 +149,12 @@ impl ArmModel {
         let share = tick - k as f64;
         let (from, to) = (self.path_m[k], self.path_m[k + 1]);
         [0, 1].map(|i| from[i] + share * (to[i] - from[i]))
+    }
+
+    /// Pose of a hand at this pitch where [`Self::position_m`] is at `time_s`.
+    pub fn grip(&self, time_s: f64, pitch_rad: f64) -> GripPose {
+        let [x_m, z_m] = self.position_m(time_s);
+        GripPose { x_m, z_m, pitch_rad }
     }
 
     /// Velocity (x, z) in m/s at the newest tick.

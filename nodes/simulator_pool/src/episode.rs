@@ -83,9 +83,7 @@ impl Stage {
 
     /// As [`Self::new`], with time and the beam divided like this.
     pub fn divided(model: &Model, registry: &Registry, discretisation: Discretisation) -> Result<Self, ParameterError> {
-        let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
-        let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-        let world = Values::resolve(registry, model, &middle, effects)?.world(model)?;
+        let world = Values::middle(registry, model)?.world(model)?;
         Ok(Self {
             beam: Beam::new(world.beam, discretisation, GripState::default())?,
             eye: Eye::new(&world.view, world.view.camera, None, None),
@@ -317,11 +315,7 @@ pub(crate) fn execute(
     for step in 0.. {
         let time_s = step as f64 * task.step_period_s;
         arm.run_to(time_s);
-        let pose = |t: f64| {
-            let [x_m, z_m] = arm.position_m(t);
-            GripPose { x_m, z_m, pitch_rad }
-        };
-        let frame = look(time_s, &pose);
+        let frame = look(time_s, &|t| arm.grip(t, pitch_rad));
         match choose(step, &arm, &frame) {
             ControlFlow::Continue(action) => {
                 frames.push(Frame { action, ..frame });

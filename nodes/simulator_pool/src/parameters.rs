@@ -164,6 +164,13 @@ impl<'r> Values<'r> {
         Ok(values)
     }
 
+    /// The medians of theta's priors and of the effects' distributions.
+    pub fn middle(registry: &'r Registry, model: &Model) -> Result<Self, ParameterError> {
+        let theta: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
+        let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
+        Self::resolve(registry, model, &theta, effects)
+    }
+
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
         let (name, [low, high]) = known(self.registry, name)?;
         if !(low..=high).contains(&value) {
@@ -255,9 +262,7 @@ pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterErr
             return Err(ParameterError::Support { name: name.clone(), low, high, from, to });
         }
     }
-    let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
-    let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-    Values::resolve(registry, model, &middle, effects)?.world(model).map(|_| ())
+    Values::middle(registry, model)?.world(model).map(|_| ())
 }
 
 #[cfg(test)]

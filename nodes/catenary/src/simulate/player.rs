@@ -127,9 +127,7 @@ impl<'a> Player<'a> {
 
     /// The object's pull on the hand.
     pub fn wrench(&self) -> HandWrench {
-        let held = self.stage.beam().grip_reaction();
-        // A counter-clockwise moment in the x-z plane turns about -y.
-        HandWrench { force_n: [-held.force_x_n, -held.force_z_n], moment_y_n_m: held.moment_n_m }
+        HandWrench::of(self.stage.beam())
     }
 
     /// Keypoints and target as the model's camera sees them now.
@@ -186,10 +184,7 @@ impl<'a> Player<'a> {
 fn pose(motion: &Motion, arm: &ArmModel, pitch_rad: f64, time_s: f64) -> GripPose {
     match motion {
         Motion::Measured(m) => m.grip.at(time_s),
-        Motion::Actions { .. } => {
-            let [x_m, z_m] = arm.position_m(time_s);
-            GripPose { x_m, z_m, pitch_rad }
-        }
+        Motion::Actions { .. } => arm.grip(time_s, pitch_rad),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::arm::ArmModel;
 use crate::world::ArmSettings;
-use catenary_core::{GripPose, GripTrajectory, Model, seed};
+use catenary_core::{GripTrajectory, Model, seed};
 use rand::RngExt;
 
 /// Random stream of the motions.
@@ -47,9 +47,8 @@ pub(super) fn random_motion(
         for i in 0..SAMPLES_PER_STEP {
             let time_s = from_s + task.step_period_s * i as f64 / SAMPLES_PER_STEP as f64;
             arm.run_to(time_s);
-            let [x_m, z_m] = arm.position_m(time_s);
             times_s.push(time_s);
-            poses.push(GripPose { x_m, z_m, pitch_rad: start.pitch_rad });
+            poses.push(arm.grip(time_s, start.pitch_rad));
         }
     }
     Some((GripTrajectory::new(times_s, poses).expect("times increase and poses are finite"), actions))
