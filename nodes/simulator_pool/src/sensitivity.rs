@@ -153,10 +153,7 @@ impl Group<'_> {
         for step in 0..=actions.len() {
             let time_s = step as f64 * task.step_period_s;
             arms.iter_mut().for_each(|arm| arm.run_to(time_s));
-            let pose = |arm: usize, t: f64| {
-                let [x_m, z_m] = arms[arm].position_m(t);
-                GripPose { x_m, z_m, pitch_rad: start.pitch_rad }
-            };
+            let pose = |arm: usize, t: f64| arms[arm].grip(t, start.pitch_rad);
             self.advance(time_s, pose);
             let action = actions.get(step).copied();
             for (i, (stage, frames)) in self.stages().zip(&mut frames).enumerate() {
