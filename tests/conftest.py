@@ -81,13 +81,13 @@ class Session:
         assert child.wait(10) == code
 
     def meet(self, *nodes, within=8):
-        """A node of rclpy that sees all of these nodes, which must have begun half a second ago: see `launch`."""
+        """A node of rclpy that sees all of these nodes of ours: see `launch`."""
         for _ in range(6):
+            time.sleep(1)
             self.ros = Ros(self.domain)
             if self.ros.holds_within(lambda: set(nodes) <= set(self.ros.node.get_node_names()), within):
                 return self.ros
             self.ros.close()
-            time.sleep(1)
         raise AssertionError(f"rclpy does not see all of {nodes}")
 
     def launch(self, *arguments, file="sim.launch.xml", nodes=NODES):
@@ -219,6 +219,12 @@ def session_in(folder):
 def session(tmp_path):
     """Processes of one test."""
     yield from session_in(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def session_of_module(tmp_path_factory):
+    """Processes for the tests of a module."""
+    yield from session_in(tmp_path_factory.mktemp("session"))
 
 
 @pytest.fixture(scope="module")

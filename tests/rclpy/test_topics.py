@@ -10,7 +10,7 @@ import time
 import pytest
 from catenary_msgs.msg import ArmState
 from cdr import counted_message, pieces
-from conftest import Ros, session_in
+from conftest import Ros
 from contract import BY_NAME, TOPICS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -42,18 +42,13 @@ def same(message, other):
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    yield from session_in(tmp_path_factory.mktemp("topics"))
-
-
-@pytest.fixture(scope="module")
-def bag(session):
+def bag(session_of_module):
     """A bag of what rclpy published on every topic."""
+    session = session_of_module
     folder = session.folder / "bag"
     names = "[" + ", ".join(row.name for row in TOPICS) + "]"
     recorder = session.node("recorder", "-p", f"output:={folder}", "-p", f"topics:={names}")
     session.wait_for(folder.exists, 20, "the recorder's bag")
-    time.sleep(1)
     session.meet()
     ros = session.ros
     publishers = {row.name: ros.node.create_publisher(row.kind, row.name, row.profile) for row in TOPICS}
@@ -119,8 +114,9 @@ def test_bag(in_bag, row):
 
 
 @pytest.fixture(scope="module")
-def replayed(session, bag):
+def replayed(session_of_module, bag):
     """What rclpy heard when the replayer played the bag, and whom it heard, by topic."""
+    session = session_of_module
     session.ros = ros = Ros(session.domain)
     heard = {row.name: [] for row in TOPICS}
     for row in TOPICS:
