@@ -1,7 +1,7 @@
 //! A simulated cell: arm, object and camera, advancing in time under commands.
 
 use crate::arm::ArmModel;
-use crate::beam::Beam;
+use crate::beam::{Beam, Counters};
 use crate::effects::Registry;
 use crate::episode::{Conditions, Stage, jittered_target};
 use crate::parameters::ParameterError;
@@ -189,9 +189,9 @@ impl Cell {
         HandWrench::of(self.stage.beam())
     }
 
-    /// Time steps whose Newton iteration did not converge.
-    pub fn unconverged_steps(&self) -> u64 {
-        self.stage.beam().counters().unconverged_steps
+    /// What the object's simulation did since the cell was made.
+    pub fn counters(&self) -> Counters {
+        self.stage.beam().counters()
     }
 
     /// What a picture of this moment needs.

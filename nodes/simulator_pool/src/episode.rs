@@ -165,7 +165,7 @@ impl Stage {
 
     /// Lets the object hang at rest from the grip.
     pub fn hang(&mut self, grip: GripPose) {
-        self.beam.hang_at_rest(GripState::from_pose(grip, self.world.grip_angle_rad));
+        let _counted = self.beam.hang_at_rest(GripState::from_pose(grip, self.world.grip_angle_rad));
         self.remember(0.0);
     }
 
@@ -271,7 +271,7 @@ impl Stage {
             position_m: points_m[k],
             velocity_m_s: velocities_m_s[k],
         });
-        self.beam.set_shape(GripState::from_pose(grip, self.world.grip_angle_rad), velocity, &points);
+        let _counted = self.beam.set_shape(GripState::from_pose(grip, self.world.grip_angle_rad), velocity, &points);
         self.remember(0.0);
     }
 

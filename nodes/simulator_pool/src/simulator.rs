@@ -22,7 +22,8 @@ pub struct BeamSimulator {
     tolerance_m: Option<f64>,
     /// Stages that no worker uses at present, by fidelity.
     idle: Mutex<Vec<(Fidelity, Stage)>>,
-    unconverged: AtomicU64,
+    unconverged_steps: AtomicU64,
+    unconverged_equilibria: AtomicU64,
 }
 
 impl BeamSimulator {
@@ -40,7 +41,8 @@ impl BeamSimulator {
             workers,
             tolerance_m: None,
             idle: Mutex::new(Vec::new()),
-            unconverged: AtomicU64::new(0),
+            unconverged_steps: AtomicU64::new(0),
+            unconverged_equilibria: AtomicU64::new(0),
         })
     }
 
@@ -56,7 +58,12 @@ impl BeamSimulator {
 
     /// Time steps, in all batches so far, whose Newton iteration did not converge.
     pub fn unconverged_steps(&self) -> u64 {
-        self.unconverged.load(Ordering::Relaxed)
+        self.unconverged_steps.load(Ordering::Relaxed)
+    }
+
+    /// Shapes at the start of episodes, in all batches so far, that had not come to rest.
+    pub fn unconverged_equilibria(&self) -> u64 {
+        self.unconverged_equilibria.load(Ordering::Relaxed)
     }
 
     fn take_stage(&self, fidelity: Fidelity) -> Result<Stage, ParameterError> {
@@ -79,9 +86,16 @@ impl BeamSimulator {
         stage.prepare(&Conditions::of(request, index, &effects)).map_err(|e| input(&e))?;
         let track =
             episode::run(&mut stage, &request.drive, &request.start, &request.frame_times_s).map_err(|e| input(&e))?;
-        self.unconverged.fetch_add(stage.beam().counters().unconverged_steps, Ordering::Relaxed);
+        self.count(&stage);
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push((request.fidelity, stage));
         Ok(track)
+    }
+
+    /// Adds up what did not converge in the episode on a stage.
+    fn count(&self, stage: &Stage) {
+        let counters = stage.beam().counters();
+        self.unconverged_steps.fetch_add(counters.unconverged_steps, Ordering::Relaxed);
+        self.unconverged_equilibria.fetch_add(counters.unconverged_equilibria, Ordering::Relaxed);
     }
 
     /// The track of one episode and its derivatives by the parameters `names`.
@@ -99,7 +113,7 @@ impl BeamSimulator {
         let SimulationRequest { drive, start, frame_times_s, .. } = request;
         let result = sensitivity::differentiate(&mut stages, &conditions, drive, start, frame_times_s, names);
         let sensitivities = result.map_err(|e| input(&e))?;
-        self.unconverged.fetch_add(stages[0].beam().counters().unconverged_steps, Ordering::Relaxed);
+        self.count(&stages[0]);
         let idle = stages.into_iter().map(|stage| (request.fidelity, stage));
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(idle);
         Ok(sensitivities)
@@ -226,6 +240,16 @@ mod tests {
             assert!(moved < 1e-4, "moved by {moved} of half an image");
             assert_eq!(track.end, End::Complete);
         }
+    }
+
+    #[test]
+    fn a_shape_at_rest_that_is_not_found_is_counted() {
+        let mut r = request(still(), 3);
+        (r.noise, r.frame_times_s) = (false, vec![0.0]);
+        r.thetas[1] = vec![10.0, 1.0];
+        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        simulator.simulate(&r).unwrap();
+        assert_eq!(simulator.unconverged_equilibria(), 1, "one of the three is 10 m long and as soft as foam");
     }
 
     #[test]

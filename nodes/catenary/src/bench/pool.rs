@@ -24,6 +24,8 @@ struct Row {
     /// Episodes per second of wall time, per worker, as a share of those of one worker.
     scaling: f64,
     unconverged_steps: u64,
+    /// Episodes that began with a shape which was not at rest.
+    unconverged_equilibria: u64,
 }
 
 /// Measures the pool with one worker and with as many as there are processors.
@@ -53,23 +55,31 @@ pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
                 episodes_per_core_second: episodes as f64 / cpu_s,
                 scaling: alone_s / wall_s / *count as f64,
                 unconverged_steps: simulator.unconverged_steps() / TURNS as u64,
+                unconverged_equilibria: simulator.unconverged_equilibria() / TURNS as u64,
             });
         }
     }
     output::result(out, &rows, |rows| {
         let head = format!(
-            "{:<10} {:>7} {:>11} {:>16} {:>8} {:>17}",
-            "fidelity", "workers", "episodes/s", "per core-second", "scaling", "unconverged steps"
+            "{:<10} {:>7} {:>11} {:>16} {:>8} {:>17} {:>20}",
+            "fidelity",
+            "workers",
+            "episodes/s",
+            "per core-second",
+            "scaling",
+            "unconverged steps",
+            "not at rest at start"
         );
         let line = |r: &Row| {
             format!(
-                "{:<10} {:>7} {:>11.1} {:>16.1} {:>8.2} {:>17}",
+                "{:<10} {:>7} {:>11.1} {:>16.1} {:>8.2} {:>17} {:>20}",
                 r.fidelity,
                 r.workers,
                 r.episodes_per_second,
                 r.episodes_per_core_second,
                 r.scaling,
-                r.unconverged_steps
+                r.unconverged_steps,
+                r.unconverged_equilibria
             )
         };
         std::iter::once(head).chain(rows.iter().map(line)).collect::<Vec<_>>().join("\n")

@@ -7,6 +7,7 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::{Camera, Fidelity, GripPose, Keypoints, Model, Observation, Task};
 use simulator_pool::Registry;
 use simulator_pool::arm::ArmModel;
+use simulator_pool::beam::Counters;
 use simulator_pool::cell::HandWrench;
 use simulator_pool::episode::{Conditions, Stage};
 use simulator_pool::render::Renderer;
@@ -163,10 +164,9 @@ impl<'a> Player<'a> {
         task.workspace.contains(grip.x_m, 0.0, grip.z_m) && task.workspace.contains(x, 0.0, z)
     }
 
-    /// Time steps and those whose Newton iteration did not converge.
-    pub fn steps(&self) -> [u64; 2] {
-        let counters = self.stage.beam().counters();
-        [counters.steps, counters.unconverged_steps]
+    /// What the simulation has done.
+    pub fn counters(&self) -> Counters {
+        self.stage.beam().counters()
     }
 
     /// The camera of the pictures.

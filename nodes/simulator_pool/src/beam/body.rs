@@ -41,6 +41,8 @@ pub struct Counters {
     pub newton_iterations: u64,
     /// Steps that were taken although Newton's method had not converged.
     pub unconverged_steps: u64,
+    /// Shapes at rest, or through measured points, that were taken although they had not stood still.
+    pub unconverged_equilibria: u64,
     /// Times that a Newton step was halved because the potential had grown.
     pub line_search_halvings: u64,
 }

@@ -99,6 +99,9 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let reported = Arc::clone(&front);
     node.report_diagnostics(move |report| {
         report.value("simulated_time_s", format!("{:.3}", reported.arm().plant().time_s()));
+        let counters = reported.arm().plant().counters();
+        report.value("unconverged_steps", counters.unconverged_steps);
+        report.value("unconverged_equilibria", counters.unconverged_equilibria);
     })?;
     let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
