@@ -6,9 +6,9 @@ import time
 
 from catenary_msgs.action import Train
 from catenary_msgs.msg import EefDelta, Keypoints
+from policy import policy_file
 from rclpy.action import ActionClient
 from rosbags.highlevel import AnyReader
-from test_graph import policy_file
 
 
 def counts(bag):

@@ -6,13 +6,14 @@ import math
 import os
 import pathlib
 import signal
-import struct
 
 import pytest
 from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, MoveToStart, RunEpisode
 from catenary_msgs.msg import ArmState, EefDelta, EpisodeEvent, Keypoints, Mixture
 from catenary_msgs.srv import Simulate
+from contract import TOPICS
+from policy import BIAS, STEPS, policy_file
 from rcl_interfaces.msg import ParameterType
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
@@ -22,49 +23,9 @@ from ruamel.yaml import YAML
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import SetBool
 
-BEST_EFFORT, RELIABLE, LATCHED = ("best_effort", "volatile"), ("reliable", "volatile"), ("reliable", "transient_local")
-CONTRACT = {
-    "/camera/camera/color/camera_info": ("sensor_msgs/msg/CameraInfo", *BEST_EFFORT, 5),
-    "/dlo/mask": ("sensor_msgs/msg/Image", *BEST_EFFORT, 1),
-    "/dlo/keypoints": ("catenary_msgs/msg/Keypoints", *BEST_EFFORT, 1),
-    "/panda/joint_states": ("sensor_msgs/msg/JointState", *BEST_EFFORT, 1),
-    "/panda/current_pose": ("geometry_msgs/msg/PoseStamped", *BEST_EFFORT, 1),
-    "/panda/current_twist": ("geometry_msgs/msg/TwistStamped", *BEST_EFFORT, 1),
-    "/panda/external_wrench": ("geometry_msgs/msg/WrenchStamped", *BEST_EFFORT, 1),
-    "/panda/arm_state": ("catenary_msgs/msg/ArmState", *LATCHED, 1),
-    "/panda/target_pose": ("geometry_msgs/msg/PoseStamped", *RELIABLE, 1),
-    "/panda/accepted_target": ("catenary_msgs/msg/AcceptedTarget", *RELIABLE, 10),
-    "/policy/action": ("catenary_msgs/msg/EefDelta", *RELIABLE, 10),
-    "/policy/observation": ("catenary_msgs/msg/Observation", *RELIABLE, 10),
-    "/episode/event": ("catenary_msgs/msg/EpisodeEvent", *LATCHED, 16),
-    "/bayes_sim/posterior": ("catenary_msgs/msg/Mixture", *LATCHED, 1),
-    "/tf": ("tf2_msgs/msg/TFMessage", *RELIABLE, 100),
-    "/tf_static": ("tf2_msgs/msg/TFMessage", *LATCHED, 1),
-    "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", *RELIABLE, 10),
-    "/rosout": ("rcl_interfaces/msg/Log", *LATCHED, 1000),
-}
-STEPS = 16
+# What the recorder takes by itself.
+CONTRACT = {t.name: t for t in TOPICS if t.name not in ("/clock", "/camera/camera/color/image_raw")}
 MAX_DELTA_M = 0.06
-BIAS = (0.1, -0.05)
-
-
-def policy_file():
-    """A safetensors file of the policy that always wants the same small step: 12 inputs without weight, two biases."""
-    tensors = {
-        "actor.0.weight": ([2, 12], [0.0] * 24),
-        "actor.0.bias": ([2], BIAS),
-        "observation_mean": ([12], [0.0] * 12),
-        "observation_scale": ([12], [1.0] * 12),
-        "action_scale": ([2], [0.1, 0.1]),
-    }
-    names = {"format": "catenary policy 1", "name": "constant", "delta_anchor": "last_target"}
-    header, data = {"__metadata__": names | {"step_period_s": "0.5", "steps": str(STEPS)}}, b""
-    for name, (shape, values) in tensors.items():
-        packed = struct.pack(f"<{len(values)}f", *values)
-        header[name] = {"dtype": "F32", "shape": shape, "data_offsets": [len(data), len(data) + len(packed)]}
-        data += packed
-    text = json.dumps(header).encode()
-    return struct.pack("<Q", len(text)) + text + data
 
 
 def stamp_s(message):
@@ -225,7 +186,7 @@ def test_the_recording_holds_the_contract_and_the_episode(episode):
         for connection, _, data in reader.messages():
             topics.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
-    assert kinds == {topic: row[0] for topic, row in CONTRACT.items()}
+    assert kinds == {name: row.type_name for name, row in CONTRACT.items()}
 
     started, ended = topics["/episode/event"]
     assert (started.event, started.policy, started.seed, started.step_period) == (EpisodeEvent.STARTED, "constant", 3, 0.5)
@@ -267,13 +228,11 @@ def test_the_recording_states_qos_and_hashes(graph, episode):
     document = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     rows = {row["topic_metadata"]["name"]: row["topic_metadata"] for row in document["topics_with_message_count"]}
     assert set(rows) == set(CONTRACT)
-    for name, (kind, reliability, durability, depth) in CONTRACT.items():
+    for name, row in CONTRACT.items():
         (profile,) = rows[name]["offered_qos_profiles"]
-        assert (profile["reliability"], profile["durability"], profile["depth"]) == (reliability, durability, depth), name
-        assert rows[name]["type"] == kind
-        stated = rows[name]["type_description_hash"]
-        # tf2_msgs comes without descriptions.
-        assert stated == hashes.get(kind) or kind.startswith("tf2_msgs/") and stated.startswith("RIHS01_"), name
+        assert (profile["reliability"], profile["durability"], profile["depth"]) == (row.reliability, row.durability, row.depth), name
+        assert rows[name]["type"] == row.type_name
+        assert rows[name]["type_description_hash"] == hashes[row.type_name], name
     recorded = json.loads(graph.text("record.out"))
     assert recorded["messages"] == document["message_count"] == sum(count for _, count in recorded["topics"])
 

@@ -311,6 +311,18 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+    /// Derivatives of tracks by parameters and effects: their error, and their cost in tracks
+    Sensitivities {
+        /// Model file; none: the soft bar
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Random episodes
+        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
+        episodes: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
     /// The simulator against theory at each fidelity; fails where a promised bound is missed
     Fidelity(FidelityArgs),
     /// Environment steps per second of training

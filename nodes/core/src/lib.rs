@@ -37,6 +37,6 @@ pub use observation::Observation;
 pub use parameter::{Parameter, ParameterSpace, Prior};
 pub use policy::Policy;
 pub use posterior::Posterior;
-pub use simulator::{Drive, Fidelity, SimulationRequest, Simulator, SimulatorError};
+pub use simulator::{DifferentiableSimulator, Drive, Fidelity, SimulationRequest, Simulator, SimulatorError};
 pub use task::{DeltaAnchor, Task};
 pub use track::{Frame, Track};

@@ -119,3 +119,36 @@ pub trait Simulator {
     /// Simulates the batch. Returns one track a theta, in order; the same request gives the same bits.
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError>;
 }
+
+/// How a frame changes with a parameter, per unit of it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct FrameDerivative {
+    /// Of the object's keypoints (x, y), which are scaled to -1 .. 1 over the image.
+    pub dlo: [[f64; 2]; 4],
+    /// Of the end effector's x and z in m and its pitch in rad.
+    pub eef: [f64; 3],
+}
+
+/// A track, and how it changes with parameters.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct TrackSensitivities {
+    /// The track itself, as [`Simulator::simulate`] gives it, to the bit.
+    pub track: Track,
+    /// One entry a parameter, in the order asked for: the derivative of each frame by it.
+    pub derivatives: Vec<Vec<FrameDerivative>>,
+    /// The change of each parameter over which its derivative was taken, in its unit: tiny, but where a parameter's
+    /// presence alone changes the mesh, and the derivative is the mean slope up to a likely magnitude.
+    pub changes: Vec<f64>,
+}
+
+/// A simulator that says how tracks change with its parameters.
+pub trait DifferentiableSimulator: Simulator {
+    /// Simulates the batch, and differentiates each track by the parameters and effects called `names`, at the values
+    /// that they have in it; an effect that is absent, at zero. Noise, where it is asked for, is that of the track. A
+    /// policy's actions would have to be differentiated, too: the drive must be a path or actions.
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError>;
+}

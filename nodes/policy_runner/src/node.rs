@@ -78,6 +78,11 @@ fn run(builder: NodeBuilder) -> Result<()> {
         node: node.clone(),
     };
     shell.task().map_err(Misconfigured::new)?;
+    let (keypoints, pose) = (shell.keypoints.clone(), shell.pose.clone());
+    node.report_diagnostics(move |report| {
+        report.value("keypoints_received", keypoints.get().map_or(0, |newest| newest.count));
+        report.value("poses_received", pose.get().map_or(0, |newest| newest.count));
+    })?;
     let _server = node.serve_action::<RunEpisode>(
         "policy_runner/run_episode",
         Concurrency::One,

@@ -41,7 +41,7 @@ fn episodes(c: &mut Criterion) {
                 for (index, path) in (0..BATCH).zip(&paths) {
                     let at = |time_s: f64| GripState::from_pose(path.at(time_s), 0.0);
                     beam.reset(parameters(index), at(0.0)).expect("the bars are in range");
-                    beam.hang_at_rest(at(0.0));
+                    let _shape = beam.hang_at_rest(at(0.0));
                     beam.advance_to(episode::DURATION_S, at);
                     black_box(beam.tip());
                 }

@@ -6,7 +6,7 @@ use catenary_core::camera::Plane;
 use catenary_core::model::AxialLaw;
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::task::DeltaAnchor;
-use catenary_core::{Camera, Fidelity, GripPose, GripTrajectory, Model, SimulationRequest, Simulator, Track};
+use catenary_core::{Camera, Fidelity, GripTrajectory, Model, SimulationRequest, Simulator, Track};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
 use simulator_pool::arm::ArmModel;
@@ -70,9 +70,8 @@ fn motion(model: &Model) -> GripTrajectory {
             arm.set_delta(time_s, *delta);
         }
         arm.run_to(time_s);
-        let [x_m, z_m] = arm.position_m(time_s);
         times_s.push(time_s);
-        poses.push(GripPose { x_m, z_m, pitch_rad: start.pitch_rad });
+        poses.push(arm.grip(time_s, start.pitch_rad));
     }
     GripTrajectory::new(times_s, poses).unwrap()
 }

@@ -1,8 +1,8 @@
 //! The arm: it follows its targets by a law, late and with faults where the world says so.
 
 use crate::world::ArmSettings;
-use catenary_core::DeltaAnchor;
 use catenary_core::model::{ArmLaw, Impedance};
+use catenary_core::{DeltaAnchor, GripPose};
 use std::collections::VecDeque;
 
 /// Period of the arm's own loop, s.
@@ -86,22 +86,28 @@ impl ArmModel {
             while self.coming.front().is_some_and(|(t, _)| *t <= now_s + 1e-6 * TICK_S) {
                 self.followed_m = self.coming.pop_front().map_or(self.followed_m, |(_, target)| target);
             }
-            let next_m = match self.settings.law {
-                ArmLaw::Lag { time_constant_s, max_speed_m_s } => self.lag(position_m, time_constant_s, max_speed_m_s),
-                ArmLaw::Impedance(law) => self.impedance(position_m, &law),
+            // A target that comes within the tick is followed for the rest of it.
+            let coming = self.coming.front().map(|(time_s, target)| ((tick + 1) as f64 - time_s / TICK_S, *target));
+            let (share, coming_m) = coming.filter(|(share, _)| *share > 1e-6).unwrap_or((0.0, self.followed_m));
+            let mixed = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|i| a[i] + share * (b[i] - a[i]));
+            position_m = match self.settings.law {
+                ArmLaw::Lag { time_constant_s, max_speed_m_s } => {
+                    let towards = |target| self.lag(position_m, target, time_constant_s, max_speed_m_s);
+                    let settled_m = towards(self.followed_m);
+                    let next_m = if share > 0.0 { mixed(settled_m, towards(coming_m)) } else { settled_m };
+                    self.velocity_m_s = [0, 1].map(|i| (next_m[i] - position_m[i]) / TICK_S);
+                    next_m
+                }
+                ArmLaw::Impedance(law) => self.impedance(position_m, mixed(self.followed_m, coming_m), &law),
             };
-            if matches!(self.settings.law, ArmLaw::Lag { .. }) {
-                self.velocity_m_s = [0, 1].map(|i| (next_m[i] - position_m[i]) / TICK_S);
-            }
-            position_m = next_m;
             self.path_m.push(position_m);
         }
     }
 
     /// One tick along the straight line to the target: the distance d to where the arm sticks follows
     /// d' = -min(d / time constant, greatest speed), whose solution is closed.
-    fn lag(&self, position_m: [f64; 2], time_constant_s: f64, max_speed_m_s: f64) -> [f64; 2] {
-        let way = [self.followed_m[0] - position_m[0], self.followed_m[1] - position_m[1]];
+    fn lag(&self, position_m: [f64; 2], target_m: [f64; 2], time_constant_s: f64, max_speed_m_s: f64) -> [f64; 2] {
+        let way = [target_m[0] - position_m[0], target_m[1] - position_m[1]];
         let distance_m = way[0].hypot(way[1]);
         let left_m = distance_m - self.settings.standing_error_m;
         if left_m <= 0.0 {
@@ -114,14 +120,14 @@ impl ArmModel {
     }
 
     /// One tick of m x'' = K clip(r - x) - D x' - friction, where the reference r lags behind the target.
-    fn impedance(&mut self, position_m: [f64; 2], law: &Impedance) -> [f64; 2] {
+    fn impedance(&mut self, position_m: [f64; 2], target_m: [f64; 2], law: &Impedance) -> [f64; 2] {
         let tau_s = law.reference_time_constant_s + self.settings.extra_lag_s;
         let nearer = if tau_s > 0.0 { -(-TICK_S / tau_s).exp_m1() } else { 1.0 };
         let per_mass = TICK_S / law.mass_kg;
         let damped = 1.0 / (1.0 + per_mass * law.damping_n_s_m);
         let mut velocity = [0.0; 2];
         for i in 0..2 {
-            self.reference_m[i] += nearer * (self.followed_m[i] - self.reference_m[i]);
+            self.reference_m[i] += nearer * (target_m[i] - self.reference_m[i]);
             let error_m = (self.reference_m[i] - position_m[i]).clamp(-law.clip_m, law.clip_m);
             velocity[i] = damped * (self.velocity_m_s[i] + per_mass * law.stiffness_n_m * error_m);
         }
@@ -143,6 +149,12 @@ impl ArmModel {
         let share = tick - k as f64;
         let (from, to) = (self.path_m[k], self.path_m[k + 1]);
         [0, 1].map(|i| from[i] + share * (to[i] - from[i]))
+    }
+
+    /// Pose of a hand at this pitch where [`Self::position_m`] is at `time_s`.
+    pub fn grip(&self, time_s: f64, pitch_rad: f64) -> GripPose {
+        let [x_m, z_m] = self.position_m(time_s);
+        GripPose { x_m, z_m, pitch_rad }
     }
 
     /// Velocity (x, z) in m/s at the newest tick.
@@ -268,6 +280,14 @@ mod tests {
         assert!((after_six_centimetres(&sticking, &[5.0])[0] - 0.056).abs() < 1e-9);
         let soft = ArmSettings { standing_error_m: 0.004, ..impedance(|law| law.clip_m = 1.0) };
         assert!((after_six_centimetres(&soft, &[5.0])[0] - 0.056).abs() < 5e-4);
+    }
+
+    #[test]
+    fn a_delay_acts_to_the_microsecond() {
+        let x = |delay_s: f64| after_six_centimetres(&ArmSettings { delay_s, ..lag(0.1) }, &[0.2])[0];
+        let slope = |from: f64, to: f64| (x(to) - x(from)) / (to - from);
+        let (whole, part) = (slope(0.05, 0.051), slope(0.0503, 0.0503 + 1e-6));
+        assert!((part / whole - 1.0).abs() < 0.02, "{part} m/s within a tick, {whole} m/s over it");
     }
 
     proptest! {

@@ -1,6 +1,7 @@
 //! A simulated cell: arm, object and camera, advancing in time under commands.
 
 use crate::arm::ArmModel;
+use crate::beam::{Beam, Counters};
 use crate::effects::Registry;
 use crate::episode::{Conditions, Stage, jittered_target};
 use crate::parameters::ParameterError;
@@ -38,6 +39,15 @@ pub struct HandWrench {
     pub force_n: [f64; 2],
     /// Moment about y in N m, frame panda_link0.
     pub moment_y_n_m: f64,
+}
+
+impl HandWrench {
+    /// The reaction to what holds the object.
+    pub fn of(beam: &Beam) -> Self {
+        let held = beam.grip_reaction();
+        // A counter-clockwise moment in the x-z plane turns about -y.
+        Self { force_n: [-held.force_x_n, -held.force_z_n], moment_y_n_m: held.moment_n_m }
+    }
 }
 
 /// Everything that a picture needs, taken at one moment.
@@ -129,7 +139,7 @@ impl Cell {
         }
         self.arm.run_to(time_s);
         let (arm, pitch_rad) = (&self.arm, self.pitch_rad);
-        self.stage.advance(time_s, |t| grip(arm, pitch_rad, t));
+        self.stage.advance(time_s, |t| arm.grip(t, pitch_rad));
         self.time_s = time_s;
         let memory_s = self.stage.world().view.memory_s();
         if memory_s > 0.0 {
@@ -166,7 +176,7 @@ impl Cell {
 
     /// The measured pose of the grip.
     pub fn grip(&self) -> GripPose {
-        grip(&self.arm, self.pitch_rad, self.time_s)
+        self.arm.grip(self.time_s, self.pitch_rad)
     }
 
     /// The grip's velocity along x and z in m/s.
@@ -174,16 +184,14 @@ impl Cell {
         self.arm.velocity_m_s()
     }
 
-    /// The object's pull on the hand: the reaction to what holds it.
+    /// The object's pull on the hand.
     pub fn wrench(&self) -> HandWrench {
-        let held = self.stage.beam().grip_reaction();
-        // A counter-clockwise moment in the x-z plane turns about -y.
-        HandWrench { force_n: [-held.force_x_n, -held.force_z_n], moment_y_n_m: held.moment_n_m }
+        HandWrench::of(self.stage.beam())
     }
 
-    /// Time steps whose Newton iteration did not converge.
-    pub fn unconverged_steps(&self) -> u64 {
-        self.stage.beam().counters().unconverged_steps
+    /// What the object's simulation did since the cell was made.
+    pub fn counters(&self) -> Counters {
+        self.stage.beam().counters()
     }
 
     /// What a picture of this moment needs.
@@ -200,11 +208,6 @@ impl Cell {
 /// What must not touch: the gripper and the table, or the gripper and the target.
 pub fn collisions(touches: &[Touch]) -> impl Iterator<Item = &Touch> {
     touches.iter().filter(|t| t.first == Part::Gripper || t.second == Part::Gripper)
-}
-
-fn grip(arm: &ArmModel, pitch_rad: f64, time_s: f64) -> GripPose {
-    let [x_m, z_m] = arm.position_m(time_s);
-    GripPose { x_m, z_m, pitch_rad }
 }
 
 #[cfg(test)]

@@ -7,13 +7,15 @@ use crate::parameters::{ParameterError, Values};
 use crate::view::Eye;
 use crate::world::World;
 use catenary_core::camera::Camera;
+use catenary_core::model::Object;
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::task::{LEFT_WORKSPACE_REWARD, Task};
 use catenary_core::track::End;
-use catenary_core::{Fidelity, Frame, GripPose, GripTrajectory, Model, Observation, Track, seed};
+use catenary_core::{Fidelity, Frame, GripPose, GripTrajectory, Model, Observation, SimulationRequest, Track, seed};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use std::ops::ControlFlow;
 
 /// Time over which the velocity of a measured grip is taken at the start, s.
 const GRIP_VELOCITY_BASE_S: f64 = 0.05;
@@ -43,6 +45,24 @@ pub struct Conditions<'a> {
     pub target_m: Option<[f64; 2]>,
 }
 
+impl<'a> Conditions<'a> {
+    /// Those of episode `index` of a request; `effects` are its [`effects_of`].
+    pub(crate) fn of(request: &'a SimulationRequest, index: usize, effects: &'a [(String, f64)]) -> Self {
+        Self {
+            theta: &request.thetas[index],
+            effects,
+            seed: seed::derive(request.seed, request.first_episode + index as u64),
+            noise: request.noise,
+            target_m: request.target_m,
+        }
+    }
+}
+
+/// The values that a request gives its episode `index` for further parameters.
+pub(crate) fn effects_of(request: &SimulationRequest, index: usize) -> Vec<(String, f64)> {
+    request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect()
+}
+
 /// A stage on which episodes of one model run, one after the other, in the same memory.
 pub struct Stage {
     model: Model,
@@ -58,11 +78,14 @@ pub struct Stage {
 impl Stage {
     /// A stage for `model`, which must have been checked, at a fidelity.
     pub fn new(model: &Model, registry: &Registry, fidelity: Fidelity) -> Result<Self, ParameterError> {
-        let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
-        let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-        let world = Values::resolve(registry, model, &middle, effects)?.world(model)?;
+        Self::divided(model, registry, Discretisation::of(fidelity))
+    }
+
+    /// As [`Self::new`], with time and the beam divided like this.
+    pub fn divided(model: &Model, registry: &Registry, discretisation: Discretisation) -> Result<Self, ParameterError> {
+        let world = Values::middle(registry, model)?.world(model)?;
         Ok(Self {
-            beam: Beam::new(world.beam, Discretisation::of(fidelity), GripState::default())?,
+            beam: Beam::new(world.beam, discretisation, GripState::default())?,
             eye: Eye::new(&world.view, world.view.camera, None, None),
             target_scaled: [0.0; 2],
             start_noise: None,
@@ -72,9 +95,29 @@ impl Stage {
         })
     }
 
+    /// The model.
+    pub(crate) fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The effects that the model may name.
+    pub(crate) fn registry(&self) -> &Registry {
+        &self.registry
+    }
+
+    /// The camera and its memory.
+    pub(crate) fn eye(&self) -> &Eye {
+        &self.eye
+    }
+
     /// The beam.
     pub fn beam(&self) -> &Beam {
         &self.beam
+    }
+
+    /// The beam, to move it on.
+    pub(crate) fn beam_mut(&mut self) -> &mut Beam {
+        &mut self.beam
     }
 
     /// The world of the present episode.
@@ -92,8 +135,8 @@ impl Stage {
         ArmModel::new(&self.world.arm, position_m)
     }
 
-    /// Puts the object of these conditions on the stage; a shape must follow.
-    pub fn prepare(&mut self, c: &Conditions<'_>) -> Result<(), ParameterError> {
+    /// The values of the parameters and effects in these conditions.
+    pub(crate) fn values(&self, c: &Conditions<'_>) -> Result<Values<'_>, ParameterError> {
         let mut effects_rng = seed::rng(c.seed, stream::EFFECTS);
         let drawn: Vec<(&str, f64)> = self
             .model
@@ -102,8 +145,13 @@ impl Stage {
             .map(|e| (e.name.as_str(), e.distribution.from_unit(effects_rng.random::<f64>())))
             .collect();
         let given = c.effects.iter().map(|(name, value)| (name.as_str(), *value));
-        let values = Values::resolve(&self.registry, &self.model, c.theta, drawn.into_iter().chain(given))?;
-        self.world = values.world(&self.model)?;
+        Values::resolve(&self.registry, &self.model, c.theta, drawn.into_iter().chain(given))
+    }
+
+    /// Puts the object of these conditions on the stage; a shape must follow.
+    pub fn prepare(&mut self, c: &Conditions<'_>) -> Result<(), ParameterError> {
+        let world = self.values(c)?.world(&self.model)?;
+        self.world = world;
         self.beam.reset_to(self.world.beam, &self.world.terms, GripState::default())?;
         let noise = |number| c.noise.then(|| seed::rng(c.seed, number));
         let camera = if c.noise { self.jittered_camera(c.seed) } else { self.world.view.camera };
@@ -117,7 +165,7 @@ impl Stage {
 
     /// Lets the object hang at rest from the grip.
     pub fn hang(&mut self, grip: GripPose) {
-        self.beam.hang_at_rest(GripState::from_pose(grip, self.world.grip_angle_rad));
+        let _counted = self.beam.hang_at_rest(GripState::from_pose(grip, self.world.grip_angle_rad));
         self.remember(0.0);
     }
 
@@ -138,7 +186,7 @@ impl Stage {
         self.beam.advance_to(time_s, |t| GripState::from_pose(grip(t), angle));
     }
 
-    fn remember(&mut self, time_s: f64) {
+    pub(crate) fn remember(&mut self, time_s: f64) {
         if self.eye.has_memory() {
             let places_m = self.keypoints_m();
             self.eye.remember(time_s, places_m);
@@ -160,10 +208,8 @@ impl Stage {
         self.eye.look(time_s, places_m)
     }
 
-    /// The keypoints' places as fractions of the whole deformed length, that behind the fingers included.
     fn keypoint_fractions(&self) -> [f64; 4] {
-        let hidden = (self.model.object.hidden_length_m / self.beam.deformed_length_m()).min(1.0);
-        self.model.object.keypoint_fractions.map(|f| hidden + f * (1.0 - hidden))
+        keypoint_fractions(&self.model.object, self.beam.deformed_length_m())
     }
 
     /// The target as the camera sees it, scaled to -1 .. 1.
@@ -187,9 +233,9 @@ impl Stage {
         }
     }
 
-    fn frame(&mut self, time_s: f64, grip: GripPose, action: [f64; 2]) -> Frame {
+    pub(crate) fn frame(&mut self, time_s: f64, grip: GripPose) -> Frame {
         let dlo = self.keypoints(time_s);
-        Frame { time_s, dlo, target: self.target_scaled, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action }
+        frame(time_s, dlo, self.target_scaled, grip)
     }
 
     /// Runs an episode along a measured path, looking at `frame_times_s`.
@@ -199,13 +245,13 @@ impl Stage {
             .iter()
             .map(|&t| {
                 self.advance(t, |t| path.at(t));
-                self.frame(t, path.at(t), [0.0; 2])
+                self.frame(t, path.at(t))
             })
             .collect();
         Track { frames, end: End::Complete }
     }
 
-    fn start_on(&mut self, path: &GripTrajectory, start: &StartShape) {
+    pub(crate) fn start_on(&mut self, path: &GripTrajectory, start: &StartShape) {
         let grip = path.at(0.0);
         let StartShape::Measured { points_m, velocities_m_s } = start else { return self.hang(grip) };
         let later = path.at(GRIP_VELOCITY_BASE_S);
@@ -225,7 +271,7 @@ impl Stage {
             position_m: points_m[k],
             velocity_m_s: velocities_m_s[k],
         });
-        self.beam.set_shape(GripState::from_pose(grip, self.world.grip_angle_rad), velocity, &points);
+        let _counted = self.beam.set_shape(GripState::from_pose(grip, self.world.grip_angle_rad), velocity, &points);
         self.remember(0.0);
     }
 
@@ -239,31 +285,65 @@ impl Stage {
         mut choose: impl FnMut(usize, &Observation) -> Option<[f64; 2]>,
     ) -> Track {
         let start = self.model.arm.start;
-        let mut arm = self.arm([start.x_m, start.z_m]);
+        let arm = self.arm([start.x_m, start.z_m]);
         self.hang(start);
-        let mut frames: Vec<Frame> = Vec::new();
-        for step in 0.. {
-            let time_s = step as f64 * task.step_period_s;
-            arm.run_to(time_s);
-            let pose = |t: f64| {
-                let [x_m, z_m] = arm.position_m(t);
-                GripPose { x_m, z_m, pitch_rad: start.pitch_rad }
-            };
-            self.advance(time_s, pose);
-            let mut frame = self.frame(time_s, pose(time_s), [0.0; 2]);
+        let look = |time_s, path: Path<'_>| {
+            self.advance(time_s, path);
+            self.frame(time_s, path(time_s))
+        };
+        execute(task, start.pitch_rad, arm, look, |step, arm, frame| {
             let observation = Observation::new([frame.eef[0], frame.eef[1]], &frame.dlo, frame.target);
-            let end = if step > 0 && ends { judge(task, &arm, &observation).1 } else { None };
-            let action = if end.is_none() { choose(step, &observation) } else { None };
-            frame.action = action.unwrap_or_default();
-            frames.push(frame);
-            match (action, end) {
-                (_, Some(end)) => return Track { frames, end },
-                (None, None) => return Track { frames, end: End::Complete },
-                (Some(delta), None) => arm.set_delta(time_s, delta),
+            let end = if step > 0 && ends { judge(task, arm, &observation).1 } else { None };
+            end.map_or_else(|| or_complete(choose(step, &observation)), ControlFlow::Break)
+        })
+    }
+}
+
+/// Where the grip is as a function of time in s.
+pub(crate) type Path<'a> = &'a dyn Fn(f64) -> GripPose;
+
+/// Lets `arm`, whose hand keeps its pitch, execute actions, one each step of the task. `look` moves the object on to a time
+/// along the path of the grip and takes the frame there; `choose` gives the action after it, or the episode's end.
+pub(crate) fn execute(
+    task: &Task,
+    pitch_rad: f64,
+    mut arm: ArmModel,
+    mut look: impl FnMut(f64, Path<'_>) -> Frame,
+    mut choose: impl FnMut(usize, &ArmModel, &Frame) -> ControlFlow<End, [f64; 2]>,
+) -> Track {
+    let mut frames: Vec<Frame> = Vec::new();
+    for step in 0.. {
+        let time_s = step as f64 * task.step_period_s;
+        arm.run_to(time_s);
+        let frame = look(time_s, &|t| arm.grip(t, pitch_rad));
+        match choose(step, &arm, &frame) {
+            ControlFlow::Continue(action) => {
+                frames.push(Frame { action, ..frame });
+                arm.set_delta(time_s, action);
+            }
+            ControlFlow::Break(end) => {
+                frames.push(frame);
+                return Track { frames, end };
             }
         }
-        unreachable!("the loop over steps has no end of its own")
     }
+    unreachable!("the loop over steps has no end of its own")
+}
+
+/// The action, or without one the end of an episode in which everything was done.
+pub(crate) fn or_complete(action: Option<[f64; 2]>) -> ControlFlow<End, [f64; 2]> {
+    action.map_or(ControlFlow::Break(End::Complete), ControlFlow::Continue)
+}
+
+/// What is seen at a moment, with no action yet.
+pub(crate) fn frame(time_s: f64, dlo: [[f64; 2]; 4], target: [f64; 2], grip: GripPose) -> Frame {
+    Frame { time_s, dlo, target, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action: [0.0; 2] }
+}
+
+/// The keypoints' places as fractions of the whole deformed length in m, that behind the fingers included.
+pub(crate) fn keypoint_fractions(object: &Object, deformed_length_m: f64) -> [f64; 4] {
+    let hidden = (object.hidden_length_m / deformed_length_m).min(1.0);
+    object.keypoint_fractions.map(|f| hidden + f * (1.0 - hidden))
 }
 
 /// Reward of an observation after a step, and the end that it means, if any.

@@ -21,6 +21,7 @@ pub mod parameters;
 pub mod rapier_fem;
 pub mod render;
 pub mod scene;
+pub mod sensitivity;
 pub mod simulator;
 pub mod vector_env;
 pub mod verification;

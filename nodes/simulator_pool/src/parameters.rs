@@ -133,7 +133,7 @@ pub struct Values<'r> {
 }
 
 /// Name and range of a parameter or an effect.
-fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
+pub(crate) fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
     let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.name, p.range));
     let effect = || registry.find(name).map(|e| (e.about().name, e.about().range));
     parameter.or_else(effect).ok_or_else(|| ParameterError::Unknown {
@@ -164,6 +164,13 @@ impl<'r> Values<'r> {
         Ok(values)
     }
 
+    /// The medians of theta's priors and of the effects' distributions.
+    pub fn middle(registry: &'r Registry, model: &Model) -> Result<Self, ParameterError> {
+        let theta: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
+        let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
+        Self::resolve(registry, model, &theta, effects)
+    }
+
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
         let (name, [low, high]) = known(self.registry, name)?;
         if !(low..=high).contains(&value) {
@@ -177,6 +184,12 @@ impl<'r> Values<'r> {
     fn get(&self, name: &'static str) -> Option<f64> {
         let default = || CATALOGUE.iter().find(|p| p.name == name).and_then(|p| p.default);
         self.given.get(name).copied().or_else(default)
+    }
+
+    /// The value of a parameter or of an effect, which is zero where it is absent; none where nothing gives one.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        let (name, _) = known(self.registry, name).ok()?;
+        self.get(name).or_else(|| self.registry.find(name).map(|_| 0.0))
     }
 
     fn need(&self, name: &'static str) -> Result<f64, ParameterError> {
@@ -249,9 +262,7 @@ pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterErr
             return Err(ParameterError::Support { name: name.clone(), low, high, from, to });
         }
     }
-    let middle: Vec<f64> = model.theta.parameters().iter().map(|p| p.prior.from_unit(0.5)).collect();
-    let effects = model.effects.iter().map(|e| (e.name.as_str(), e.distribution.from_unit(0.5)));
-    Values::resolve(registry, model, &middle, effects)?.world(model).map(|_| ())
+    Values::middle(registry, model)?.world(model).map(|_| ())
 }
 
 #[cfg(test)]

@@ -17,6 +17,12 @@ const LAMP: [f64; 3] = [0.3, -0.5, 0.81];
 const AMBIENT: f64 = 0.55;
 /// Share of light left in the shadow.
 const SHADOW: f64 = 0.7;
+/// A shadow is drawn where it lies nearer than what is there by this share: it lies above the table by a share of 1e-4 or
+/// more, and where another shadow lies already, by rounding.
+const NEARER: f32 = 1e-5;
+/// Where a lens bends edges, faces are drawn in pieces of this many pixels, and in this many at most along an edge.
+const PIECE_PX: f64 = 16.0;
+const MOST_PIECES: f64 = 64.0;
 const BACKGROUND: [u8; 3] = [225, 225, 220];
 /// Length of the table of noise draws: prime, so that rows do not repeat.
 const NOISE_TABLE: usize = 65_521;
@@ -155,8 +161,9 @@ impl Renderer {
                 _ => continue,
             };
             self.polygon(view, &outline, |this, pixel, depth| {
-                let on_table = this.labels.data[pixel] == label::BACKGROUND && depth >= this.inverse_depth[pixel];
-                if on_table && this.inverse_depth[pixel] > 0.0 {
+                let below = this.inverse_depth[pixel];
+                let on_table = this.labels.data[pixel] == label::BACKGROUND && below > 0.0;
+                if on_table && depth > below * (1.0 + NEARER) {
                     this.inverse_depth[pixel] = depth;
                     for c in &mut this.image.data[3 * pixel..3 * pixel + 3] {
                         *c = (f64::from(*c) * SHADOW) as u8;
@@ -166,18 +173,42 @@ impl Renderer {
         }
     }
 
-    /// Calls `paint` with index and inverse depth of every pixel whose centre lies in a convex polygon.
+    /// Calls `paint` with index and inverse depth of every pixel whose centre lies in a parallelogram. A lens bends its
+    /// edges.
     fn polygon(&mut self, view: &View<'_>, corners_m: &[[f64; 3]; 4], mut paint: impl FnMut(&mut Self, usize, f32)) {
-        let mut seen: [Seen; 4] = [[0.0; 3]; 4];
-        for (slot, corner) in seen.iter_mut().zip(corners_m) {
-            let Some(s) = view.see(*corner) else { return };
-            *slot = s;
+        let [a, b, c, d] = corners_m.map(|corner| view.see(corner));
+        let (Some(a), Some(b), Some(c), Some(d)) = (a, b, c, d) else { return };
+        if view.camera.distortion_k1 == 0.0 {
+            return self.straight(&[a, b, c, d], &mut paint);
         }
+        let pieces = |edges: [(Seen, Seen); 2]| {
+            let longest = edges.map(|(p, q)| (q[0] - p[0]).hypot(q[1] - p[1])).into_iter().fold(0.0, f64::max);
+            (longest / PIECE_PX).ceil().clamp(1.0, MOST_PIECES)
+        };
+        let (along, across) = (pieces([(a, b), (d, c)]), pieces([(b, c), (a, d)]));
+        let [corner, b, _, d] = corners_m;
+        let at = |i: f64, j: f64| {
+            let place = |k: usize| corner[k] + i / along * (b[k] - corner[k]) + j / across * (d[k] - corner[k]);
+            view.see([0, 1, 2].map(place))
+        };
+        for i in 0..along as usize {
+            for j in 0..across as usize {
+                let (i, j) = (i as f64, j as f64);
+                let piece = [at(i, j), at(i + 1.0, j), at(i + 1.0, j + 1.0), at(i, j + 1.0)];
+                if let [Some(a), Some(b), Some(c), Some(d)] = piece {
+                    self.straight(&[a, b, c, d], &mut paint);
+                }
+            }
+        }
+    }
+
+    /// The same for a convex quadrilateral on the screen.
+    fn straight(&mut self, seen: &[Seen; 4], paint: &mut impl FnMut(&mut Self, usize, f32)) {
         let (width, height) = (self.image.width as usize, f64::from(self.image.height));
         let top = seen.iter().map(|s| s[1]).fold(f64::MAX, f64::min).max(0.0);
         let bottom = seen.iter().map(|s| s[1]).fold(f64::MIN, f64::max).min(height);
         for row in (top - 0.5).ceil().max(0.0) as usize..(bottom + 0.5).floor().max(0.0) as usize {
-            let Some((left, right)) = span(&seen, row as f64 + 0.5) else { continue };
+            let Some((left, right)) = span(seen, row as f64 + 0.5) else { continue };
             let slope = if right[0] > left[0] { (right[2] - left[2]) / (right[0] - left[0]) } else { 0.0 };
             let first = (left[0] - 0.5).ceil().max(0.0) as usize;
             let end = ((right[0] + 0.5).floor().max(0.0) as usize).min(width);
@@ -303,6 +334,38 @@ mod tests {
                 label::TARGET => assert!(red > blue + 60, "{pixel:?}"),
                 _ => assert!((red - blue).abs() < 40, "{pixel:?}"),
             }
+        }
+    }
+
+    #[test]
+    fn shadows_that_overlap_are_one_shadow() {
+        let r = drawn([0.55, 0.15], 0.0);
+        // Each of the bar's pieces hangs above the same piece of the table.
+        let [u, v] = camera().image_from_world([0.4, 0.006, 0.0]).unwrap();
+        let pixel = 3 * (v as usize * 640 + u as usize);
+        let lit = &r.image.data[pixel..pixel + 3];
+        let table = albedo(Part::Table)[0];
+        assert!(f64::from(lit[0]) > 0.9 * table * SHADOW * AMBIENT && f64::from(lit[0]) < table * SHADOW, "{lit:?}");
+    }
+
+    #[test]
+    fn a_lens_bends_straight_edges() {
+        let camera = Pinhole { distortion_k1: -0.2, ..camera() };
+        let mut r = Renderer::new(640, 480, 0.0, 1);
+        r.draw(&Scene::new(None, None, soft_bar().object.section, 20), &camera, 0);
+        let view = View { camera: &camera, rotation: camera.optical_from_world() };
+        // A plank across the picture, high up.
+        let (x, y, z) = ([0.0, 0.8], [-0.001, 0.001], [0.55, 0.58]);
+        let corners: [[f64; 3]; 8] = std::array::from_fn(|i| [x[i & 1], y[(i >> 1) & 1], z[i >> 2]]);
+        r.cuboid(&view, Part::Object, &corners);
+        for share in [0.35, 0.5, 0.65] {
+            let at = |z: f64| {
+                let [u, v] = camera.image_from_world([0.8 * share, -0.001, z]).unwrap();
+                r.labels.at(u as u32, v as u32)
+            };
+            // A straight line between the plank's ends lies three pixels, 6 mm, lower.
+            assert_eq!((at(0.577), at(0.583)), (label::DLO, label::BACKGROUND), "upper edge at {share}");
+            assert_eq!((at(0.553), at(0.547)), (label::DLO, label::BACKGROUND), "lower edge at {share}");
         }
     }
 

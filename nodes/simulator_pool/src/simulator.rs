@@ -1,11 +1,12 @@
 //! Batches of episodes.
 
+use crate::beam::Discretisation;
 use crate::effects::Registry;
-use crate::episode::{self, Conditions, Stage};
+use crate::episode::{self, Conditions, Stage, effects_of};
 use crate::parameters::ParameterError;
-use crate::workers;
-use catenary_core::simulator::SimulatorError;
-use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
+use crate::{sensitivity, workers};
+use catenary_core::simulator::{DifferentiableSimulator, SimulatorError, TrackSensitivities};
+use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -18,9 +19,11 @@ pub struct BeamSimulator {
     model: Model,
     registry: Registry,
     workers: usize,
+    tolerance_m: Option<f64>,
     /// Stages that no worker uses at present, by fidelity.
     idle: Mutex<Vec<(Fidelity, Stage)>>,
-    unconverged: AtomicU64,
+    unconverged_steps: AtomicU64,
+    unconverged_equilibria: AtomicU64,
 }
 
 impl BeamSimulator {
@@ -36,9 +39,16 @@ impl BeamSimulator {
             model: model.clone(),
             registry: registry.clone(),
             workers,
+            tolerance_m: None,
             idle: Mutex::new(Vec::new()),
-            unconverged: AtomicU64::new(0),
+            unconverged_steps: AtomicU64::new(0),
+            unconverged_equilibria: AtomicU64::new(0),
         })
+    }
+
+    /// Solves each time step to this tolerance in m, instead of the fidelity's own.
+    pub fn with_tolerance(self, tolerance_m: f64) -> Self {
+        Self { tolerance_m: Some(tolerance_m), ..self }
     }
 
     /// The model.
@@ -48,7 +58,12 @@ impl BeamSimulator {
 
     /// Time steps, in all batches so far, whose Newton iteration did not converge.
     pub fn unconverged_steps(&self) -> u64 {
-        self.unconverged.load(Ordering::Relaxed)
+        self.unconverged_steps.load(Ordering::Relaxed)
+    }
+
+    /// Shapes at the start of episodes, in all batches so far, that had not come to rest.
+    pub fn unconverged_equilibria(&self) -> u64 {
+        self.unconverged_equilibria.load(Ordering::Relaxed)
     }
 
     fn take_stage(&self, fidelity: Fidelity) -> Result<Stage, ParameterError> {
@@ -57,58 +72,116 @@ impl BeamSimulator {
             Some(i) => Ok(idle.swap_remove(i).1),
             None => {
                 drop(idle);
-                Stage::new(&self.model, &self.registry, fidelity)
+                let discretisation = Discretisation::of(fidelity);
+                let tolerance_m = self.tolerance_m.unwrap_or(discretisation.tolerance_m);
+                Stage::divided(&self.model, &self.registry, Discretisation { tolerance_m, ..discretisation })
             }
         }
     }
 
     fn simulate_one(&self, request: &SimulationRequest, index: usize) -> Result<Track, SimulatorError> {
         let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
-        let effects: Vec<(String, f64)> =
-            request.effects.iter().map(|(name, values)| (name.clone(), values[index])).collect();
-        let conditions = Conditions {
-            theta: &request.thetas[index],
-            effects: &effects,
-            seed: seed::derive(request.seed, request.first_episode + index as u64),
-            noise: request.noise,
-            target_m: request.target_m,
-        };
+        let effects = effects_of(request, index);
         let mut stage = self.take_stage(request.fidelity).map_err(|e| input(&e))?;
-        stage.prepare(&conditions).map_err(|e| input(&e))?;
+        stage.prepare(&Conditions::of(request, index, &effects)).map_err(|e| input(&e))?;
         let track =
             episode::run(&mut stage, &request.drive, &request.start, &request.frame_times_s).map_err(|e| input(&e))?;
-        self.unconverged.fetch_add(stage.beam().counters().unconverged_steps, Ordering::Relaxed);
+        self.count(&stage);
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push((request.fidelity, stage));
         Ok(track)
     }
 
-    /// Rejects requests whose parts do not fit; the message names the field.
-    fn check(&self, request: &SimulationRequest) -> Result<(), SimulatorError> {
-        let refuse = |what: String| Err(SimulatorError::Input(what));
-        let (n, d) = (request.thetas.len(), self.model.theta.dimension());
-        if let Some(bad) = request.thetas.iter().find(|t| t.len() != d) {
-            return refuse(format!("theta: expected {d} values an episode, got {}", bad.len()));
-        }
-        if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
-            return refuse(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
-        }
-        let times = &request.frame_times_s;
-        let follows = |i: usize| i == 0 || times[i] > times[i - 1];
-        if let Some(i) = (0..times.len()).find(|&i| !(0.0..=LATEST_FRAME_S).contains(&times[i]) || !follows(i)) {
-            return refuse(format!(
-                "frame_times: expected increasing times from 0 s to {LATEST_FRAME_S} s, got {} s at place {i}",
-                times[i]
-            ));
-        }
-        Ok(())
+    /// Adds up what did not converge in the episode on a stage.
+    fn count(&self, stage: &Stage) {
+        let counters = stage.beam().counters();
+        self.unconverged_steps.fetch_add(counters.unconverged_steps, Ordering::Relaxed);
+        self.unconverged_equilibria.fetch_add(counters.unconverged_equilibria, Ordering::Relaxed);
     }
+
+    /// The track of one episode and its derivatives by the parameters `names`.
+    fn differentiate_one(
+        &self,
+        request: &SimulationRequest,
+        index: usize,
+        names: &[&str],
+    ) -> Result<TrackSensitivities, SimulatorError> {
+        let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
+        let stages = (0..=names.len()).map(|_| self.take_stage(request.fidelity));
+        let mut stages = stages.collect::<Result<Vec<_>, _>>().map_err(|e| input(&e))?;
+        let effects = effects_of(request, index);
+        let conditions = Conditions::of(request, index, &effects);
+        let SimulationRequest { drive, start, frame_times_s, .. } = request;
+        let result = sensitivity::differentiate(&mut stages, &conditions, drive, start, frame_times_s, names);
+        let sensitivities = result.map_err(|e| input(&e))?;
+        self.count(&stages[0]);
+        let idle = stages.into_iter().map(|stage| (request.fidelity, stage));
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(idle);
+        Ok(sensitivities)
+    }
+}
+
+/// Rejects requests whose parts do not fit one another and the model; the message names the field.
+pub(crate) fn check(model: &Model, request: &SimulationRequest) -> Result<(), String> {
+    let (n, d) = (request.thetas.len(), model.theta.dimension());
+    if let Some(bad) = request.thetas.iter().find(|t| t.len() != d) {
+        return Err(format!("theta: expected {d} values an episode, got {}", bad.len()));
+    }
+    if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
+        return Err(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
+    }
+    let times = &request.frame_times_s;
+    let follows = |i: usize| i == 0 || times[i] > times[i - 1];
+    if let Some(i) = (0..times.len()).find(|&i| !(0.0..=LATEST_FRAME_S).contains(&times[i]) || !follows(i)) {
+        return Err(format!(
+            "frame_times: expected increasing times from 0 s to {LATEST_FRAME_S} s, got {} s at place {i}",
+            times[i]
+        ));
+    }
+    Ok(())
 }
 
 impl Simulator for BeamSimulator {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        self.check(request)?;
+        check(&self.model, request).map_err(SimulatorError::Input)?;
         let episodes: Vec<usize> = (0..request.thetas.len()).collect();
         workers::map(episodes, self.workers, |_, index| self.simulate_one(request, index)).into_iter().collect()
+    }
+}
+
+impl DifferentiableSimulator for BeamSimulator {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        check(&self.model, request).map_err(SimulatorError::Input)?;
+        // Where there are more workers than episodes, an episode's parameters are shared out.
+        let episodes = request.thetas.len();
+        let parts = self.workers.div_ceil(episodes.max(1)).clamp(1, names.len().max(1));
+        let share = names.len().div_ceil(parts).max(1);
+        let mut work: Vec<(usize, &[&str])> = Vec::new();
+        for index in 0..episodes {
+            work.extend(names.chunks(share).map(|part| (index, part)));
+            if names.is_empty() {
+                work.push((index, names));
+            }
+        }
+        let per_episode = work.len() / episodes.max(1);
+        let mut done =
+            workers::map(work, self.workers, |_, (index, part)| self.differentiate_one(request, index, part))
+                .into_iter();
+        let mut all = Vec::new();
+        for _ in 0..episodes {
+            let mut whole = TrackSensitivities::default();
+            for part in done.by_ref().take(per_episode) {
+                let part = part?;
+                whole.track = part.track;
+                whole.derivatives.extend(part.derivatives);
+                whole.changes.extend(part.changes);
+            }
+            all.push(whole);
+        }
+        Ok(all)
     }
 }
 
@@ -167,6 +240,16 @@ mod tests {
             assert!(moved < 1e-4, "moved by {moved} of half an image");
             assert_eq!(track.end, End::Complete);
         }
+    }
+
+    #[test]
+    fn a_shape_at_rest_that_is_not_found_is_counted() {
+        let mut r = request(still(), 3);
+        (r.noise, r.frame_times_s) = (false, vec![0.0]);
+        r.thetas[1] = vec![10.0, 1.0];
+        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        simulator.simulate(&r).unwrap();
+        assert_eq!(simulator.unconverged_equilibria(), 1, "one of the three is 10 m long and as soft as foam");
     }
 
     #[test]

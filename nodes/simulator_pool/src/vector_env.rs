@@ -7,7 +7,7 @@ use crate::parameters::ParameterError;
 use crate::workers;
 use catenary_core::env::EnvError;
 use catenary_core::track::End;
-use catenary_core::{Env, Fidelity, GripPose, Model, Observation, Task, Transition, seed};
+use catenary_core::{Env, Fidelity, Model, Observation, Task, Transition, seed};
 use rand::RngExt;
 use thiserror::Error;
 
@@ -142,10 +142,7 @@ impl Member {
         self.arm.set_delta(now_s, action);
         self.arm.run_to(next_s);
         let (arm, pitch_rad) = (&self.arm, shared.model.arm.start.pitch_rad);
-        self.stage.advance(next_s, |t| {
-            let [x_m, z_m] = arm.position_m(t);
-            GripPose { x_m, z_m, pitch_rad }
-        });
+        self.stage.advance(next_s, |t| arm.grip(t, pitch_rad));
         self.step += 1;
         let eef_m = arm.position_m(next_s);
         let observation = self.observe(next_s, eef_m);

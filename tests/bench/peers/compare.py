@@ -4,7 +4,6 @@ import json
 import math
 import sys
 
-import mujoco
 import mujoco_bars
 
 COLUMNS = (
@@ -23,13 +22,11 @@ HEADS = ("simulator", "ep/core-s", "slower", "hang 1e3", "hang 5e4", "sag 1e7", 
 def main():
     ours = json.load(sys.stdin)
     episode, rows = ours["episode"], ours["rows"]
-    warnings = {}
-    mujoco.set_mju_user_warning(lambda text: warnings.__setitem__(text[:60], warnings.get(text[:60], 0) + 1))
     for setting in mujoco_bars.SETTINGS:
         print(f"measuring {setting.name}", file=sys.stderr)
-        warnings.clear()
+        mujoco_bars.warnings.clear()
         rows.append(mujoco_bars.measure(setting, episode))
-        for text, count in warnings.items():
+        for text, count in mujoco_bars.warnings.items():
             print(f"  warned {count} times: {text} ...", file=sys.stderr)
     standard = next(r for r in rows if r["simulator"] == "catenary, standard")["episodes_per_core_second"]
     for row in rows:

@@ -11,6 +11,11 @@ import time
 import mujoco
 import numpy as np
 
+# MuJoCo's warnings since they were cleared, by their beginning, and how often. With no handler, MuJoCo would write them to a
+# log in the folder where it runs.
+warnings = {}
+mujoco.set_mju_user_warning(lambda text: warnings.__setitem__(text[:60], warnings.get(text[:60], 0) + 1))
+
 GRAVITY_M_S2 = 9.81
 # Height in m at which a bar hangs or sags at rest, far from the table.
 REST_HEIGHT_M = 1.0

@@ -120,21 +120,23 @@ fn order_words(o: &ConvergenceOrder) -> String {
 
 fn stress_words(s: &StressReport) -> Vec<String> {
     let mut lines = vec![format!(
-        "{} random {} episodes: {} blew up, {} of {} steps unconverged ({:.1e}, bound 1e-3){}",
+        "{} random {} episodes: {} blew up, {} did not come to rest, {} of {} steps unconverged ({:.1e}, bound 1e-3){}",
         s.episodes,
         s.fidelity,
         s.blown_up,
+        s.unconverged_equilibria,
         s.unconverged_steps,
         s.steps,
         s.unconverged_share,
         if s.passes { "" } else { " MISSED" }
     )];
-    let bad = s.worst.iter().filter(|e| e.blown_up || e.unconverged_steps > 0);
+    let bad = s.worst.iter().filter(|e| e.blown_up || !e.started_at_rest || e.unconverged_steps > 0);
     lines.extend(bad.map(|e| {
         format!(
-            "  episode {}: {}{} unconverged, {:?}, theta {:?}, {:?}",
+            "  episode {}: {}{}{} unconverged, {:?}, theta {:?}, {:?}",
             e.index,
             if e.blown_up { "blew up, " } else { "" },
+            if e.started_at_rest { "" } else { "did not come to rest, " },
             e.unconverged_steps,
             e.axial_law,
             e.theta,

@@ -2,6 +2,8 @@
 //! truths.
 
 mod fidelity;
+mod pool;
+mod sensitivities;
 
 use crate::cli::{BenchArgs, BenchWhat, Output};
 use crate::{infer, model_file, output, train};
@@ -13,65 +15,24 @@ use catenary_core::{Fidelity, GripTrajectory, Model, SimulationRequest, Simulato
 use catenary_shell::Shutdown;
 use ppo_trainer::{Domains, Settings};
 use rand::RngExt;
+use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
+use simulator_pool::BeamSimulator;
 use simulator_pool::verification::random_hand_path;
-use simulator_pool::{BeamSimulator, workers};
-use std::path::Path;
-use std::time::Instant;
-
-/// Episodes of one measurement of the pool.
-const EPISODES: usize = 100;
+use std::time::{Duration, Instant};
 
 /// Runs a measurement.
 pub fn run(arguments: &BenchArgs) -> Result<()> {
     match &arguments.what {
-        BenchWhat::Pool { model, output } => pool(model.as_deref(), output),
+        BenchWhat::Pool { model, output } => pool::run(model.as_deref(), output),
         BenchWhat::Training { steps, output } => training(*steps, output),
+        BenchWhat::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
 }
 
-#[derive(Debug, Serialize)]
-struct PoolRow {
-    fidelity: &'static str,
-    workers: usize,
-    episodes_per_second: f64,
-    episodes_per_core_second: f64,
-    unconverged_steps: u64,
-}
-
 /// Episodes of 16 steps and 8 s over the table, thetas and effects from the model's own distributions.
-fn pool(model: Option<&Path>, out: &Output) -> Result<()> {
-    let model = model_file::read_or_soft_bar(model)?;
-    let mut rows = Vec::new();
-    for fidelity in [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference] {
-        for count in [1, workers::available()] {
-            let simulator = BeamSimulator::new(&model, count)?;
-            let request = batch(&model, fidelity, EPISODES)?;
-            let started = Instant::now();
-            simulator.simulate(&request)?;
-            let rate = EPISODES as f64 / started.elapsed().as_secs_f64();
-            rows.push(PoolRow {
-                fidelity: fidelity.name(),
-                workers: count,
-                episodes_per_second: rate,
-                episodes_per_core_second: rate / count as f64,
-                unconverged_steps: simulator.unconverged_steps(),
-            });
-        }
-    }
-    output::result(out, &rows, |rows| {
-        let line = |r: &PoolRow| {
-            format!(
-                "{:<10} {} workers: {:.1} episodes/s, {:.1} per core-second, {} unconverged steps",
-                r.fidelity, r.workers, r.episodes_per_second, r.episodes_per_core_second, r.unconverged_steps
-            )
-        };
-        rows.iter().map(line).collect::<Vec<_>>().join("\n")
-    })
-}
-
 fn batch(model: &Model, fidelity: Fidelity, count: usize) -> Result<SimulationRequest> {
     let mut rng = seed::rng(1, 0);
     let path = motion(model, 1)?;
@@ -200,4 +161,10 @@ fn inference_words(model: &Model, rows: &[InferenceRow]) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// CPU time of this program so far, all threads together.
+fn cpu_time() -> Duration {
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(now.tv_sec.unsigned_abs(), u32::try_from(now.tv_nsec).unwrap_or_default())
 }

@@ -7,6 +7,7 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::{Camera, Fidelity, GripPose, Keypoints, Model, Observation, Task};
 use simulator_pool::Registry;
 use simulator_pool::arm::ArmModel;
+use simulator_pool::beam::Counters;
 use simulator_pool::cell::HandWrench;
 use simulator_pool::episode::{Conditions, Stage};
 use simulator_pool::render::Renderer;
@@ -127,9 +128,7 @@ impl<'a> Player<'a> {
 
     /// The object's pull on the hand.
     pub fn wrench(&self) -> HandWrench {
-        let held = self.stage.beam().grip_reaction();
-        // A counter-clockwise moment in the x-z plane turns about -y.
-        HandWrench { force_n: [-held.force_x_n, -held.force_z_n], moment_y_n_m: held.moment_n_m }
+        HandWrench::of(self.stage.beam())
     }
 
     /// Keypoints and target as the model's camera sees them now.
@@ -165,10 +164,9 @@ impl<'a> Player<'a> {
         task.workspace.contains(grip.x_m, 0.0, grip.z_m) && task.workspace.contains(x, 0.0, z)
     }
 
-    /// Time steps and those whose Newton iteration did not converge.
-    pub fn steps(&self) -> [u64; 2] {
-        let counters = self.stage.beam().counters();
-        [counters.steps, counters.unconverged_steps]
+    /// What the simulation has done.
+    pub fn counters(&self) -> Counters {
+        self.stage.beam().counters()
     }
 
     /// The camera of the pictures.
@@ -186,10 +184,7 @@ impl<'a> Player<'a> {
 fn pose(motion: &Motion, arm: &ArmModel, pitch_rad: f64, time_s: f64) -> GripPose {
     match motion {
         Motion::Measured(m) => m.grip.at(time_s),
-        Motion::Actions { .. } => {
-            let [x_m, z_m] = arm.position_m(time_s);
-            GripPose { x_m, z_m, pitch_rad }
-        }
+        Motion::Actions { .. } => arm.grip(time_s, pitch_rad),
     }
 }
 

@@ -133,7 +133,7 @@ impl<'a> Show<'a> {
 
     /// The end of the episode.
     pub fn finish(mut self) -> (Episode, Sinks) {
-        self.episode.finish(self.motion.duration_s(), self.player.steps());
+        self.episode.finish(self.motion.duration_s(), self.player.counters());
         (self.episode, self.sinks)
     }
 }

@@ -4,6 +4,7 @@ use super::player::Setting;
 use crate::figures::figures;
 use catenary_core::{Fidelity, Model};
 use serde::Serialize;
+use simulator_pool::beam::Counters;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -47,6 +48,8 @@ pub struct Episode {
     pub time_steps: u64,
     /// Those whose Newton iteration did not converge.
     pub unconverged_steps: u64,
+    /// Whether the shape at the start was found, at rest or through the measured points.
+    pub start_converged: bool,
     /// Squared distances from the measured keypoints in m^2.
     #[serde(skip)]
     squares: Vec<f64>,
@@ -68,6 +71,7 @@ impl Episode {
             rmse_mm: None,
             time_steps: 0,
             unconverged_steps: 0,
+            start_converged: true,
             squares: Vec::new(),
         }
     }
@@ -95,10 +99,11 @@ impl Episode {
         }
     }
 
-    /// The end, with time steps and those that did not converge.
-    pub fn finish(&mut self, duration_s: f64, [steps, unconverged]: [u64; 2]) {
+    /// The end, with what the simulation has done.
+    pub fn finish(&mut self, duration_s: f64, counters: Counters) {
         self.duration_s = duration_s;
-        (self.time_steps, self.unconverged_steps) = (steps, unconverged);
+        (self.time_steps, self.unconverged_steps) = (counters.steps, counters.unconverged_steps);
+        self.start_converged = counters.unconverged_equilibria == 0;
         let mean = self.squares.iter().sum::<f64>() / self.squares.len() as f64;
         self.rmse_mm = (!self.squares.is_empty()).then(|| 1e3 * mean.sqrt());
     }
@@ -116,6 +121,9 @@ impl Episode {
             lines.push(format!("reward {last:.3} at the end, {best:.3} at best"));
         }
         lines.extend(self.left_workspace_s.map(|t| format!("warning: the hand left the workspace at {t:.2} s")));
+        if !self.start_converged {
+            lines.push("warning: the object's shape at the start was not found".into());
+        }
         lines.extend(self.rmse_mm.map(|v| format!("{v:.1} mm (rms) from the measured keypoints")));
         lines.push(format!(
             "{} time steps at {} fidelity, {} of them not converged",
@@ -152,7 +160,7 @@ mod tests {
         episode.compare(points, measured);
         measured[2] = None;
         episode.compare(points, measured);
-        episode.finish(1.0, [10, 1]);
+        episode.finish(1.0, Counters::default());
         assert!((episode.rmse_mm.unwrap() - 5.0).abs() < 1e-9, "{:?}", episode.rmse_mm);
     }
 }

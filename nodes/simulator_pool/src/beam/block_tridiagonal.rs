@@ -65,24 +65,39 @@ impl BlockTridiagonal {
         }
     }
 
-    /// Solves in place: `rhs` becomes the solution, and the matrix is used up.
+    /// Prepares [`Self::solve`]; the matrix is used up.
     ///
     /// Elimination runs from both ends to the middle at once: two short chains of dependent divisions instead of a
     /// long one. Pivots that are negative or tiny are raised, so that the matrix solved with is positive definite and
     /// the solution of a gradient is a descent direction even where the matrix itself is not.
-    pub fn solve(&mut self, rhs: &mut [[f64; 3]]) {
-        let nodes = rhs.len();
-        assert!(self.diagonal.len() == nodes && self.coupling.len() + 1 == nodes && self.factors.len() == nodes);
+    pub fn factorise(&mut self) {
+        let nodes = self.diagonal.len();
+        assert!(self.coupling.len() + 1 == nodes && self.factors.len() == nodes);
         let middle = nodes / 2;
         for k in 0..middle {
-            self.eliminate(k, k + 1, rhs);
+            self.eliminate(k, k + 1);
             let mirrored = nodes - 1 - k;
             if mirrored > middle {
                 self.coupling[mirrored - 1] = transposed(&self.coupling[mirrored - 1]);
-                self.eliminate(mirrored, mirrored - 1, rhs);
+                self.eliminate(mirrored, mirrored - 1);
             }
         }
-        let factor = factorise(&self.diagonal[middle]);
+        self.factors[middle] = factorise(&self.diagonal[middle]);
+    }
+
+    /// Solves with the matrix of the last [`Self::factorise`], in place: `rhs` becomes the solution.
+    pub fn solve(&self, rhs: &mut [[f64; 3]]) {
+        let nodes = rhs.len();
+        assert!(self.coupling.len() + 1 == nodes && self.factors.len() == nodes);
+        let middle = nodes / 2;
+        for k in 0..middle {
+            self.carry(k, k + 1, rhs);
+            let mirrored = nodes - 1 - k;
+            if mirrored > middle {
+                self.carry(mirrored, mirrored - 1, rhs);
+            }
+        }
+        let factor = &self.factors[middle];
         let z = factor.forward(rhs[middle]);
         let i = factor.inverse;
         rhs[middle] = factor.backward([z[0] * i[0], z[1] * i[1], z[2] * i[2]]);
@@ -98,7 +113,7 @@ impl BlockTridiagonal {
     /// Eliminates node `k` from the row of its neighbour `next`: the coupling C between them (a row of `next` by a
     /// column of `k`) becomes G = C L^-T D^-1, and the neighbour's diagonal block loses G D G^T.
     #[inline(always)]
-    fn eliminate(&mut self, k: usize, next: usize, rhs: &mut [[f64; 3]]) {
+    fn eliminate(&mut self, k: usize, next: usize) {
         let factor = factorise(&self.diagonal[k]);
         let coupling = &mut self.coupling[k.min(next)];
         let mut w = [[0.0; 3]; 3];
@@ -114,12 +129,17 @@ impl BlockTridiagonal {
         for (entry, product) in self.diagonal[next].iter_mut().zip(products) {
             *entry -= product;
         }
-        let z = factor.forward(rhs[k]);
+        self.factors[k] = factor;
+    }
+
+    /// Takes the eliminated node `k` out of the right-hand side of its neighbour `next`.
+    #[inline(always)]
+    fn carry(&self, k: usize, next: usize, rhs: &mut [[f64; 3]]) {
+        let (z, g) = (self.factors[k].forward(rhs[k]), &self.coupling[k.min(next)]);
         for i in 0..3 {
             rhs[next][i] -= g[i][0] * z[0] + g[i][1] * z[1] + g[i][2] * z[2];
         }
         rhs[k] = z;
-        self.factors[k] = factor;
     }
 
     /// The unknowns of the eliminated node `k`, once those of its neighbour `next` are known.
@@ -201,6 +221,7 @@ mod tests {
         let rhs: Vec<[f64; 3]> = (0..nodes).map(|_| [draw(), draw(), draw()]).collect();
         let kept = matrix.clone();
         let mut x = rhs.clone();
+        matrix.factorise();
         matrix.solve(&mut x);
         for k in 0..nodes {
             let [xx, xz, zz, xt, zt, tt] = kept.diagonal[k];
@@ -225,6 +246,7 @@ mod tests {
         matrix.coupling[0] = [[0.3, 0.1, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.7]];
         let gradient = [[1.0, -2.0, 0.5], [0.3, 0.4, -0.2]];
         let mut x = gradient;
+        matrix.factorise();
         matrix.solve(&mut x);
         let slope: f64 = x.iter().flatten().zip(gradient.iter().flatten()).map(|(a, b)| a * b).sum();
         assert!(slope > 0.0, "{slope}");
@@ -237,6 +259,7 @@ mod tests {
         matrix.coupling.fill([[0.5; 3]; 3]);
         let mut rhs = vec![[1.0; 3]; 3];
         matrix.fix_node(1, &mut rhs);
+        matrix.factorise();
         matrix.solve(&mut rhs);
         assert_eq!(rhs, vec![[0.5; 3], [0.0; 3], [0.5; 3]]);
     }
@@ -248,6 +271,7 @@ mod tests {
         matrix.coupling.fill([[0.5, 0.25, 0.125]; 3]);
         let mut rhs = vec![[1.0; 3]; 3];
         matrix.fix_place(1, &mut rhs);
+        matrix.factorise();
         matrix.solve(&mut rhs);
         assert_eq!([rhs[1][0], rhs[1][1]], [0.0; 2]);
         // The angle's row: 0.5 x + 0.25 z + 0.125 t of node 0, 2 t of its own, 0.125 (x + z + t) of node 2.

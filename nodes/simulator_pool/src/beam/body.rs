@@ -41,6 +41,8 @@ pub struct Counters {
     pub newton_iterations: u64,
     /// Steps that were taken although Newton's method had not converged.
     pub unconverged_steps: u64,
+    /// Shapes at rest, or through measured points, that were taken although they had not stood still.
+    pub unconverged_equilibria: u64,
     /// Times that a Newton step was halved because the potential had grown.
     pub line_search_halvings: u64,
 }
@@ -71,6 +73,8 @@ pub struct Beam {
     pub(super) system: System,
     /// Positions before the last Newton step.
     pub(super) base: Vec<Node>,
+    /// First guess of the positions at a step's end, where neighbours go in step.
+    pub(super) guess: Vec<Node>,
     /// Positions at the time last asked for; between two steps these are interpolated.
     pub(super) shown: Vec<Node>,
     pub(super) steps_since_start: u64,
@@ -95,6 +99,7 @@ impl Beam {
             increment: Increment::new(elements, MAX_SPRINGS),
             system: System::new(elements + 1),
             base: vec![[0.0; 3]; elements + 1],
+            guess: vec![[0.0; 3]; elements + 1],
             shown: vec![[0.0; 3]; elements + 1],
             steps_since_start: 0,
             counters: Counters::default(),
@@ -198,12 +203,21 @@ impl Beam {
     /// last step; energies and forces are those of the newest step. The motion does not depend on which times are
     /// asked for, if they do not run backwards.
     pub fn advance_to(&mut self, time_s: f64, mut grip: impl FnMut(f64) -> GripState) {
-        let step_s = self.discretisation.time_step_s;
-        while self.time_s() < time_s - 1e-9 * step_s {
-            let next_s = (self.steps_since_start + 1) as f64 * step_s;
+        while let Some(next_s) = self.next_step_before(time_s) {
             self.step(grip(next_s));
         }
-        self.show(((time_s - self.time_s()) / step_s + 1.0).clamp(0.0, 1.0));
+        self.show_at(time_s);
+    }
+
+    /// The end in s of the next time step, if the newest step ends before `time_s`.
+    pub(super) fn next_step_before(&self, time_s: f64) -> Option<f64> {
+        let step_s = self.discretisation.time_step_s;
+        (self.time_s() < time_s - 1e-9 * step_s).then(|| (self.steps_since_start + 1) as f64 * step_s)
+    }
+
+    /// Makes the shape that at `time_s`, within the last step.
+    pub(super) fn show_at(&mut self, time_s: f64) {
+        self.show(((time_s - self.time_s()) / self.discretisation.time_step_s + 1.0).clamp(0.0, 1.0));
     }
 
     /// Interpolates the shape within the last step, `share` of the way: a cubic through both ends' positions and velocities.

@@ -14,6 +14,7 @@ mod error;
 mod forces;
 mod material;
 mod mesh;
+mod neighbour;
 mod parameters;
 mod potential;
 mod section;

@@ -91,16 +91,20 @@ impl System {
         }
     }
 
-    /// Adds an element's gradient and Hessian at its two nodes.
+    /// Adds an element's gradient at its two nodes.
     #[inline(always)]
-    fn add_element(&mut self, k: usize, r: &Response) {
+    fn add_gradient(&mut self, k: usize, r: &Response) {
         let [fx, fz] = r.force;
         let half = 0.5 * r.shear_moment;
         let (head, tail) = self.gradient.split_at_mut(k + 1);
         let (from, to) = (&mut head[k], &mut tail[0]);
         *from = [from[0] - fx, from[1] - fz, from[2] + half - r.bending_moment];
         *to = [to[0] + fx, to[1] + fz, to[2] + half + r.bending_moment];
+    }
 
+    /// Adds an element's Hessian at its two nodes.
+    #[inline(always)]
+    fn add_hessian(&mut self, k: usize, r: &Response) {
         let [xx, xz, zz] = r.chord;
         let [xt, zt] = [0.5 * r.chord_angle[0], 0.5 * r.chord_angle[1]];
         let tt = 0.25 * r.angle;
@@ -185,7 +189,8 @@ impl Increment {
     }
 
     /// Fills gradient and Hessian at `position`; returns the potential in J. `reference`: chords at the step's start.
-    pub fn assemble(
+    /// Without `HESSIAN` the elements' part of that is left out.
+    pub fn assemble<const HESSIAN: bool>(
         &self,
         mesh: &Mesh,
         position: &[Node],
@@ -207,7 +212,10 @@ impl Increment {
                 self.strand_friction.add(element, at.strain[2], self.neutral_curvature[k], &mut response);
             }
             potential += response.energy;
-            system.add_element(k, &response);
+            system.add_gradient(k, &response);
+            if HESSIAN {
+                system.add_hessian(k, &response);
+            }
         }
         if let Some(grip) = &self.grip_spring {
             let turn = position[grip.node][2] - grip.angle;
@@ -229,14 +237,16 @@ impl Increment {
     fn add_nodes(&self, mesh: &Mesh, position: &[Node], system: &mut System) -> f64 {
         let rate_2 = self.rate * self.rate;
         let mut potential = 0.0;
-        for (k, inertia) in mesh.inertia.iter().enumerate() {
-            let stiffness = [inertia[0] * rate_2, inertia[1] * rate_2, inertia[2] * rate_2];
+        let nodes = mesh.inertia.iter().zip(position.iter().zip(&self.target));
+        let sums = system.gradient.iter_mut().zip(&mut system.matrix.diagonal);
+        for ((inertia, (position, target)), (gradient, diagonal)) in nodes.zip(sums) {
+            let stiffness = inertia.map(|m| m * rate_2);
             for i in 0..3 {
-                let gap = position[k][i] - self.target[k][i];
-                system.gradient[k][i] = stiffness[i] * gap;
+                let gap = position[i] - target[i];
+                gradient[i] = stiffness[i] * gap;
                 potential += 0.5 * stiffness[i] * gap * gap;
             }
-            system.matrix.diagonal[k] = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
+            *diagonal = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
         }
         if self.drag {
             potential += self.add_drag(mesh, position, system);

@@ -4,7 +4,8 @@ use super::body::{Beam, GripState};
 use super::potential::Spring;
 use super::state::Node;
 
-/// How far a shape at rest was found.
+/// How far a shape at rest was found. Those that were not are counted in [`super::Counters`] too.
+#[must_use]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Equilibrium {
     /// Whether the shape stood still within the tolerance.
@@ -49,6 +50,11 @@ impl Beam {
     /// The shape is the one into which the straight beam along the grip's tangent sinks when it moves as slowly as
     /// if through honey. A free beam without a table has no such shape, and does not converge.
     pub fn hang_at_rest(&mut self, grip: GripState) -> Equilibrium {
+        let equilibrium = self.sink_to_rest(grip);
+        self.count(equilibrium)
+    }
+
+    fn sink_to_rest(&mut self, grip: GripState) -> Equilibrium {
         self.lay_straight(grip);
         self.tilt_towards_gravity();
         self.enable_rest();
@@ -56,6 +62,11 @@ impl Beam {
         let equilibrium = self.settle();
         self.state.velocity.fill([0.0; 3]);
         self.start_here();
+        equilibrium
+    }
+
+    fn count(&mut self, equilibrium: Equilibrium) -> Equilibrium {
+        self.counters.unconverged_equilibria += u64::from(!equilibrium.converged);
         equilibrium
     }
 
@@ -67,7 +78,8 @@ impl Beam {
     /// beyond the points is where the beam itself would be. The velocity is the difference of two such shapes.
     /// At most 64 points are used.
     pub fn set_shape(&mut self, grip: GripState, grip_velocity: [f64; 3], points: &[MeasuredPoint]) -> Equilibrium {
-        self.hang_at_rest(grip);
+        // Where the fit starts from; whether it has come to rest there decides nothing.
+        let _start = self.sink_to_rest(grip);
         let shape_at = |time_s: f64| GripState {
             x_m: grip.x_m + time_s * grip_velocity[0],
             z_m: grip.z_m + time_s * grip_velocity[1],
@@ -89,7 +101,7 @@ impl Beam {
             equilibrium.newton_iterations += before.newton_iterations + after.newton_iterations + now.newton_iterations;
         }
         self.start_here();
-        equilibrium
+        self.count(equilibrium)
     }
 
     fn enable_rest(&mut self) {

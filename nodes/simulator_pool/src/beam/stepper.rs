@@ -46,6 +46,15 @@ impl BackwardDifference {
 impl Beam {
     /// Moves on by one time step; the clamped node goes to `grip`.
     pub fn step(&mut self, grip: GripState) {
+        let grip = self.begin_step(grip);
+        if !self.minimise() {
+            self.counters.unconverged_steps += 1;
+        }
+        self.end_step(grip);
+    }
+
+    /// Decides the increment and the first guess of the positions. Returns the grip as the terms from outside change it.
+    pub(super) fn begin_step(&mut self, grip: GripState) -> GripState {
         let scheme = if self.state.fresh { Scheme::ImplicitEuler } else { self.discretisation.scheme };
         let difference = BackwardDifference::new(scheme, self.discretisation.time_step_s);
         let grip = self.changed_grip(grip);
@@ -54,9 +63,11 @@ impl Beam {
         if !self.terms.forces.is_empty() {
             self.add_forces();
         }
-        if !self.minimise() {
-            self.counters.unconverged_steps += 1;
-        }
+        grip
+    }
+
+    /// Makes the present positions those at the step's end.
+    pub(super) fn end_step(&mut self, grip: GripState) {
         self.finish();
         if self.parameters.grip_slip_m_s > 0.0 {
             self.slip(grip);
@@ -120,12 +131,16 @@ impl Beam {
         let [gx, gz] = self.parameters.gravity_m_s2;
         let (inverse, inverse_2) = (1.0 / difference.c0, 1.0 / (difference.c0 * difference.c0));
         let fall = [gx * inverse_2, gz * inverse_2, 0.0];
-        for k in 0..state.position.len() {
-            let velocity_history = difference.history(&state.position_1[k], &state.position_2[k]);
-            let acceleration_history = difference.history(&state.velocity_1[k], &state.velocity[k]);
-            increment.history[k] = velocity_history;
+        let velocities = state.position_1.iter().zip(&state.position_2).zip(&mut increment.history);
+        for ((one_ago, two_ago), history) in velocities {
+            *history = difference.history(one_ago, two_ago);
+        }
+        let accelerations = state.velocity_1.iter().zip(&state.velocity);
+        let decided = increment.history.iter().zip(&mut increment.target);
+        for ((one_ago, two_ago), (velocity, target)) in accelerations.zip(decided) {
+            let acceleration = difference.history(one_ago, two_ago);
             for i in 0..3 {
-                increment.target[k][i] = fall[i] - velocity_history[i] * inverse - acceleration_history[i] * inverse_2;
+                target[i] = fall[i] - velocity[i] * inverse - acceleration[i] * inverse_2;
             }
         }
         let (damping, creep) = (self.parameters.kelvin_voigt_time_s, self.parameters.creep_fraction);
@@ -165,11 +180,13 @@ impl Beam {
         let inverse_2 = 1.0 / (increment.rate * increment.rate);
         let [gx, gz] = self.parameters.gravity_m_s2;
         let gravity = [gx, gz, 0.0];
-        for k in 0..state.position.len() {
+        // After `begin_step`, `acceleration` is the one two steps ago.
+        let accelerations = state.acceleration_1.iter().zip(&state.acceleration);
+        let guesses = state.position.iter_mut().zip(&increment.target);
+        for ((position, target), (one_ago, two_ago)) in guesses.zip(accelerations) {
             for i in 0..3 {
-                // After `begin_step`, `acceleration` is the one two steps ago.
-                let expected = 2.0 * state.acceleration_1[k][i] - state.acceleration[k][i];
-                state.position[k][i] = increment.target[k][i] + inverse_2 * (expected - gravity[i]);
+                let acceleration = 2.0 * one_ago[i] - two_ago[i];
+                position[i] = target[i] + inverse_2 * (acceleration - gravity[i]);
             }
         }
         self.hold(grip);
@@ -209,9 +226,9 @@ impl Beam {
     }
 
     /// Potential, gradient and Hessian at the present positions.
-    fn evaluate(&mut self) -> f64 {
+    pub(super) fn evaluate(&mut self) -> f64 {
         let Beam { increment, mesh, state, contact, system, .. } = self;
-        increment.assemble(mesh, &state.position, &state.direction, contact, system)
+        increment.assemble::<true>(mesh, &state.position, &state.direction, contact, system)
     }
 
     /// Evaluates the last Newton step and halves it while it raises the potential above `before`.
@@ -223,7 +240,7 @@ impl Beam {
                 break;
             }
             self.counters.line_search_halvings += 1;
-            for (position, base) in self.state.position.iter_mut().flatten().zip(self.base.iter().flatten()) {
+            for (position, base) in self.state.position.as_flattened_mut().iter_mut().zip(self.base.as_flattened()) {
                 *position = 0.5 * (*position + base);
             }
             potential = self.evaluate();
@@ -234,24 +251,30 @@ impl Beam {
     /// Moves the positions by one Newton step, cut to the step limit. Returns the uncut step's size in m; if that is not
     /// finite, nothing has moved.
     fn newton_step(&mut self) -> f64 {
+        self.fix_grip();
+        self.system.matrix.factorise();
         let step = &mut self.system.gradient;
-        if let Some(k) = self.mesh.clamped_node {
-            match self.increment.grip_spring {
-                Some(_) => self.system.matrix.fix_place(k, step),
-                None => self.system.matrix.fix_node(k, step),
-            }
-        }
         self.system.matrix.solve(step);
         let size_m = step_size_m(step);
         if size_m.is_finite() {
             let limit_m = STEP_LIMIT * self.mesh.mean_length;
             let share = if size_m > limit_m { limit_m / size_m } else { 1.0 };
             self.base.copy_from_slice(&self.state.position);
-            for (position, step) in self.state.position.iter_mut().flatten().zip(step.iter().flatten()) {
+            for (position, step) in self.state.position.as_flattened_mut().iter_mut().zip(step.as_flattened()) {
                 *position -= share * step;
             }
         }
         size_m
+    }
+
+    /// Takes out of the system what the grip prescribes.
+    pub(super) fn fix_grip(&mut self) {
+        let Some(k) = self.mesh.clamped_node else { return };
+        let gradient = &mut self.system.gradient;
+        match self.increment.grip_spring {
+            Some(_) => self.system.matrix.fix_place(k, gradient),
+            None => self.system.matrix.fix_node(k, gradient),
+        }
     }
 
     /// The length r for which a Newton step of size s leaves an error of at most s^2 / r: that over which the gradient
@@ -269,17 +292,18 @@ impl Beam {
         let rate = increment.rate;
         let [gx, gz] = self.parameters.gravity_m_s2;
         let gravity = [gx, gz, 0.0];
-        for k in 0..state.position.len() {
+        let decided = increment.history.iter().zip(&increment.target);
+        let rates = state.velocity.iter_mut().zip(&mut state.acceleration);
+        for ((position, (history, target)), (velocity, acceleration)) in state.position.iter().zip(decided).zip(rates) {
             for i in 0..3 {
-                let position = state.position[k][i];
-                state.velocity[k][i] = rate * position + increment.history[k][i];
-                state.acceleration[k][i] = rate * rate * (position - increment.target[k][i]) + gravity[i];
+                velocity[i] = rate * position[i] + history[i];
+                acceleration[i] = rate * rate * (position[i] - target[i]) + gravity[i];
             }
         }
-        for (k, element) in mesh.elements.iter().enumerate() {
-            let at = element::kinematics(element, &state.position[k], &state.position[k + 1], &state.direction[k]);
-            state.direction[k] = at.direction;
-            state.strain[k] = at.strain;
+        let kept = state.direction.iter_mut().zip(&mut state.strain);
+        for ((element, ends), (direction, strain)) in mesh.elements.iter().zip(state.position.windows(2)).zip(kept) {
+            let at = element::kinematics(element, &ends[0], &ends[1], direction);
+            (*direction, *strain) = (at.direction, at.strain);
         }
         if increment.strand_friction.acts() {
             for (neutral, strain) in increment.neutral_curvature.iter_mut().zip(&state.strain) {

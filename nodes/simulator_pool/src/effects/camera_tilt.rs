@@ -37,11 +37,9 @@ mod tests {
 
     #[test]
     fn the_picture_turns_about_its_middle() {
-        let (base, rolled) = (trial::world(&CameraTilt, 0.0).view.camera, trial::world(&CameraTilt, 0.1).view.camera);
-        let [u, v] = base.scaled_from_world([0.5, 0.0, 0.2]).unwrap();
+        let [[u, v], [a, b]] = [0.0, 0.1].map(|tilt| trial::seen(&CameraTilt, tilt, [0.5, 0.2]));
         let (sin, cos) = 0.1f64.sin_cos();
         // Image coordinates: v points down, and the picture turns counter-clockwise.
-        let [a, b] = rolled.scaled_from_world([0.5, 0.0, 0.2]).unwrap();
         assert!(
             (a - (cos * u + sin * v)).abs() < 1e-12 && (b - (cos * v - sin * u)).abs() < 1e-12,
             "{a} {b} from {u} {v}"

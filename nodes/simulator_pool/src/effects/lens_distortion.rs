@@ -38,10 +38,7 @@ mod tests {
     /// The shipped bar's camera: 615 px of focal length, and a mask of 256 px from an image of 480.
     #[test]
     fn a_point_moves_along_its_radius_by_the_first_coefficient() {
-        let (base, bent) =
-            (trial::world(&LensDistortion, 0.0).view.camera, trial::world(&LensDistortion, -0.2).view.camera);
-        let (a, b) =
-            (base.scaled_from_world([0.6, 0.0, 0.1]).unwrap(), bent.scaled_from_world([0.6, 0.0, 0.1]).unwrap());
+        let [a, b] = [0.0, -0.2].map(|k| trial::seen(&LensDistortion, k, [0.6, 0.1]));
         let focal_lengths = a[0].hypot(a[1]) * 240.0 / 615.0;
         let factor = 1.0 - 0.2 * focal_lengths * focal_lengths;
         trial::close(b[0], factor * a[0], 1e-9);

@@ -27,9 +27,8 @@ impl Effect for LinearDrag {
 
 #[cfg(test)]
 mod tests {
-    use super::super::trial::{self, DOWN, THETA};
+    use super::super::trial::{self, THETA};
     use super::LinearDrag;
-    use crate::beam::GripState;
 
     #[test]
     fn zero_is_the_base_to_the_bit() {
@@ -40,9 +39,6 @@ mod tests {
     fn a_bar_in_steady_motion_is_held_against_the_drag() {
         let (magnitude, speed) = (0.3, 0.2);
         let parameters = trial::beam(&LinearDrag, magnitude, 1e6, |b| b.kelvin_voigt_time_s = 0.1);
-        let mut beam = trial::at_rest(parameters, DOWN);
-        beam.set_velocity([speed, 0.0]);
-        beam.advance_to(4.0, |t| GripState { x_m: speed * t, z_m: 0.0, tangent_rad: DOWN });
-        trial::close(beam.grip_reaction().force_x_n, magnitude * speed * THETA[0], 1e-3);
+        trial::close(trial::steady_drag_n(parameters, speed, 4.0), magnitude * speed * THETA[0], 1e-3);
     }
 }

@@ -27,9 +27,8 @@ impl Effect for QuadraticDrag {
 
 #[cfg(test)]
 mod tests {
-    use super::super::trial::{self, DOWN, THETA};
+    use super::super::trial::{self, THETA};
     use super::QuadraticDrag;
-    use crate::beam::GripState;
 
     #[test]
     fn zero_is_the_base_to_the_bit() {
@@ -40,9 +39,6 @@ mod tests {
     fn a_stiff_bar_in_steady_motion_is_held_against_the_drag() {
         let (magnitude, speed) = (0.1, 0.5);
         let parameters = trial::beam(&QuadraticDrag, magnitude, 2e6, |b| b.kelvin_voigt_time_s = 0.2);
-        let mut beam = trial::at_rest(parameters, DOWN);
-        beam.set_velocity([speed, 0.0]);
-        beam.advance_to(5.0, |t| GripState { x_m: speed * t, z_m: 0.0, tangent_rad: DOWN });
-        trial::close(beam.grip_reaction().force_x_n, magnitude * speed * speed * THETA[0], 1e-2);
+        trial::close(trial::steady_drag_n(parameters, speed, 5.0), magnitude * speed * speed * THETA[0], 1e-2);
     }
 }

@@ -5,6 +5,7 @@ use crate::beam::{Beam, BeamParameters, Discretisation, GripState};
 use crate::parameters::Values;
 use crate::parameters::tests::soft_bar;
 use crate::simulator::BeamSimulator;
+use crate::view::Eye;
 use crate::world::World;
 use catenary_core::model::Section;
 use catenary_core::simulator::{Drive, StartShape};
@@ -89,6 +90,30 @@ pub fn at_rest(parameters: BeamParameters, tangent_rad: f64) -> Beam {
     let mut beam = Beam::new(parameters, Discretisation::of(Fidelity::Standard), grip).unwrap();
     assert!(beam.hang_at_rest(grip).converged);
     beam
+}
+
+/// Force in N along x that holds a bar in motion at `speed_m_s` along x after `duration_s`, which must be steady by then.
+pub fn steady_drag_n(parameters: BeamParameters, speed_m_s: f64, duration_s: f64) -> f64 {
+    let mut beam = at_rest(parameters, DOWN);
+    beam.set_velocity([speed_m_s, 0.0]);
+    beam.advance_to(duration_s, |t| GripState { x_m: speed_m_s * t, z_m: 0.0, tangent_rad: DOWN });
+    beam.grip_reaction().force_x_n
+}
+
+/// Where the camera sees (x, z) in m, scaled to -1 .. 1.
+pub fn seen(effect: &dyn Effect, magnitude: f64, [x, z]: [f64; 2]) -> [f64; 2] {
+    world(effect, magnitude).view.camera.scaled_from_world([x, 0.0, z]).unwrap()
+}
+
+/// Fails unless a point that moves steadily along x at that height is seen where it was `age_s` ago.
+#[track_caller]
+pub fn is_seen_late(effect: &dyn Effect, magnitude: f64, z_m: f64, age_s: f64) {
+    let (view, now_s) = (world(effect, magnitude).view, 0.1);
+    let mut eye = Eye::new(&view, view.camera, None, None);
+    let place = |t: f64| [0.5 + 0.5 * t, z_m];
+    (0..50).map(|i| 2e-3 * f64::from(i)).for_each(|t| eye.remember(t, [place(t); 4]));
+    let [then, _] = seen(effect, magnitude, place(now_s - age_s));
+    close(eye.look(now_s, [place(now_s); 4])[0][0], then, 1e-4);
 }
 
 /// A grip that moves along x at `speed_m_s` from (0.4, 0.42) m on.

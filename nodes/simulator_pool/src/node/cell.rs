@@ -22,6 +22,7 @@ use panda_bridge::gate::BASE_FRAME;
 use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S};
 use panda_bridge::{Arm, Mode, kinematics};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Time between two measurements of the arm.
@@ -95,6 +96,13 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     cell_camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    let reported = Arc::clone(&front);
+    node.report_diagnostics(move |report| {
+        report.value("simulated_time_s", format!("{:.3}", reported.arm().plant().time_s()));
+        let counters = reported.arm().plant().counters();
+        report.value("unconverged_steps", counters.unconverged_steps);
+        report.value("unconverged_equilibria", counters.unconverged_equilibria);
+    })?;
     let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
 }

@@ -81,21 +81,39 @@ struct Kept {
 
 /// The simulators of the newest requests.
 #[derive(Default)]
-struct Simulators(Vec<Kept>);
+struct Simulators {
+    kept: Vec<Kept>,
+    /// What did not converge in those that are not kept any more: steps and equilibria.
+    unconverged_before: [u64; 2],
+}
 
 impl Simulators {
     /// The simulator of a model file's text with so many workers, kept from an earlier request where there was one.
     fn get(&mut self, yaml: &str, workers: usize) -> Result<Arc<BeamSimulator>> {
-        if let Some(kept) = self.0.iter().find(|kept| kept.yaml == yaml && kept.workers == workers) {
+        if let Some(kept) = self.kept.iter().find(|kept| kept.yaml == yaml && kept.workers == workers) {
             return Ok(Arc::clone(&kept.simulator));
         }
         let simulator = Arc::new(BeamSimulator::new(&model_text::read(yaml)?, workers)?);
-        if self.0.len() == KEPT_SIMULATORS {
-            self.0.remove(0);
+        if self.kept.len() == KEPT_SIMULATORS {
+            let gone = unconverged(&self.kept.remove(0).simulator);
+            self.unconverged_before = sum(self.unconverged_before, gone);
         }
-        self.0.push(Kept { yaml: yaml.to_owned(), workers, simulator: Arc::clone(&simulator) });
+        self.kept.push(Kept { yaml: yaml.to_owned(), workers, simulator: Arc::clone(&simulator) });
         Ok(simulator)
     }
+
+    /// Steps and equilibria that did not converge, in all requests.
+    fn unconverged(&self) -> [u64; 2] {
+        self.kept.iter().map(|kept| unconverged(&kept.simulator)).fold(self.unconverged_before, sum)
+    }
+}
+
+fn unconverged(simulator: &BeamSimulator) -> [u64; 2] {
+    [simulator.unconverged_steps(), simulator.unconverged_equilibria()]
+}
+
+fn sum(a: [u64; 2], b: [u64; 2]) -> [u64; 2] {
+    [a[0] + b[0], a[1] + b[1]]
 }
 
 /// What the services share.
@@ -122,6 +140,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.report_diagnostics(move |report| {
         pool.close_idle();
         report.value("open_environments", lock(&pool.opened).envs.len());
+        let [steps, equilibria] = lock(&pool.simulators).unconverged();
+        report.value("unconverged_steps", steps).value("unconverged_equilibria", equilibria);
     })?;
     node.wait_for_shutdown()
 }
@@ -141,14 +161,18 @@ impl Pool {
     fn simulate(&self, request: &SimulateRequest) -> SimulateResponse {
         let answer = || -> Result<SimulateResponse> {
             let simulator = lock(&self.simulators).get(&request.model_yaml, self.worker_count())?;
-            let before = simulator.unconverged_steps();
+            let before = unconverged(&simulator);
             let batch = convert::simulation_request(request, simulator.model().theta.dimension())?;
             let tracks = simulator.simulate(&batch)?;
+            let now = unconverged(&simulator);
+            if now[1] > before[1] {
+                tracing::warn!("{} shapes at the start of an episode had not come to rest", now[1] - before[1]);
+            }
             Ok(SimulateResponse {
                 success: true,
                 message: String::new(),
                 tracks: tracks.iter().map(wire::track_to_msg).collect(),
-                unconverged_steps: simulator.unconverged_steps() - before,
+                unconverged_steps: now[0] - before[0],
             })
         };
         answer().unwrap_or_else(|e| SimulateResponse { message: format!("{e:#}"), ..SimulateResponse::default() })

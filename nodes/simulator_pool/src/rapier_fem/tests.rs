@@ -59,7 +59,7 @@ fn swing_ratio(youngs_modulus_pa: f64) -> f64 {
     let mut solid = fem(&p, FemDivision::of(Fidelity::Standard), DOWN);
     let mut beam = Beam::new(p, Discretisation::of(Fidelity::Standard), DOWN).unwrap();
     solid.hang_at_rest();
-    beam.hang_at_rest(DOWN);
+    assert!(beam.hang_at_rest(DOWN).converged);
     solid.set_velocity([0.05, 0.0]);
     beam.set_velocity([0.05, 0.0]);
     let solid_s = half_period_s(|t| {
@@ -94,7 +94,7 @@ fn swing_period_agrees_where_gravity_restores() {
 fn bending_locks_as_linear_tetrahedra_do() {
     let p = bar(1e7);
     let mut beam = Beam::new(p, Discretisation::of(Fidelity::Standard), LEVEL).unwrap();
-    beam.hang_at_rest(LEVEL);
+    assert!(beam.hang_at_rest(LEVEL).converged);
     let sag_m = HEIGHT_M - beam.tip()[1];
     for (division, expected) in
         [(FemDivision::of(Fidelity::Standard), 0.338), (FemDivision::of(Fidelity::Reference), 0.646)]
@@ -201,6 +201,7 @@ fn what_the_solid_does_not_have_is_refused_by_name() {
     };
     assert!(message(&model(), |r| r.noise = true).contains("noise"));
     assert!(message(&model(), |r| r.thetas[0].clear()).contains("theta"));
+    assert!(message(&model(), |r| r.frame_times_s = vec![0.1, 0.1]).contains("rapier_fem: frame_times"));
     assert!(message(&model(), |r| r.effects = vec![("tip_mass_kg".into(), vec![0.01])]).contains("tip mass"));
     assert!(
         message(&model(), |r| {

@@ -5,6 +5,7 @@
 //! equations that knows neither nodes nor elements.
 
 mod at_rest;
+mod derivatives;
 mod elastica;
 mod hand_path;
 mod in_motion;
@@ -17,7 +18,8 @@ mod stress;
 mod tests;
 mod vibration;
 
-pub use hand_path::random_hand_path;
+pub use derivatives::{DerivativeReport, DerivativeRow, DerivativeTrial};
+pub use hand_path::{random_actions, random_hand_path};
 pub use orders::{ConvergenceOrder, Divided, orders};
 pub use stress::{Extreme, Stress, StressReport, StressedEpisode, default_extremes};
 
@@ -25,6 +27,7 @@ use crate::beam::{BeamError, Discretisation};
 use crate::parameters::ParameterError;
 use crate::workers;
 use catenary_core::Fidelity;
+use catenary_core::simulator::SimulatorError;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -46,9 +49,18 @@ pub enum VerificationError {
     /// Theory or simulation gave no frequency.
     #[error("verification: expected a vibration, found none in the frequencies searched")]
     NoFrequency,
+    /// A track was refused.
+    #[error("verification: {0}")]
+    Track(String),
     /// Episodes need a task.
     #[error("verification: model `{0}` has no task")]
     NoTask(String),
+}
+
+impl From<SimulatorError> for VerificationError {
+    fn from(error: SimulatorError) -> Self {
+        VerificationError::Track(error.to_string())
+    }
 }
 
 /// One number of the simulator and what it should be.

@@ -1,7 +1,7 @@
 //! Random episodes at the edges of the prior and of every parameter: nothing may blow up, and Newton's method must converge.
 
 use super::VerificationError;
-use super::hand_path::hand_path_of;
+use super::hand_path::random_motion;
 use crate::effects::Registry;
 use crate::episode::{Conditions, Stage};
 use crate::workers;
@@ -97,6 +97,8 @@ pub struct StressedEpisode {
     pub steps: u64,
     /// Steps whose Newton iteration did not converge.
     pub unconverged_steps: u64,
+    /// Whether the shape at rest at the start was found.
+    pub started_at_rest: bool,
     /// Whether a node became infinite, not a number, or further away than 10 m.
     pub blown_up: bool,
 }
@@ -114,11 +116,13 @@ pub struct StressReport {
     pub unconverged_steps: u64,
     /// Their share.
     pub unconverged_share: f64,
+    /// Episodes whose shape at rest at the start was not found.
+    pub unconverged_equilibria: usize,
     /// Episodes that blew up.
     pub blown_up: usize,
-    /// The worst five: blown up, then by unconverged steps.
+    /// The worst five: blown up, then not at rest at the start, then by unconverged steps.
     pub worst: Vec<StressedEpisode>,
-    /// Whether nothing blew up and fewer than one step in a thousand did not converge.
+    /// Whether nothing blew up, every object came to rest and fewer than one step in a thousand did not converge.
     pub passes: bool,
 }
 
@@ -139,8 +143,9 @@ impl Stress<'_> {
         let steps = outcomes.iter().map(|e| e.steps).sum();
         let unconverged_steps = outcomes.iter().map(|e| e.unconverged_steps).sum();
         let blown_up = outcomes.iter().filter(|e| e.blown_up).count();
+        let unconverged_equilibria = outcomes.iter().filter(|e| !e.started_at_rest).count();
         let unconverged_share = unconverged_steps as f64 / steps as f64;
-        outcomes.sort_by_key(|e| std::cmp::Reverse((e.blown_up, e.unconverged_steps)));
+        outcomes.sort_by_key(|e| std::cmp::Reverse((e.blown_up, !e.started_at_rest, e.unconverged_steps)));
         outcomes.truncate(WORST);
         Ok(StressReport {
             fidelity: self.fidelity.name(),
@@ -148,9 +153,10 @@ impl Stress<'_> {
             steps,
             unconverged_steps,
             unconverged_share,
+            unconverged_equilibria,
             blown_up,
             worst: outcomes,
-            passes: blown_up == 0 && unconverged_share < UNCONVERGED_SHARE,
+            passes: blown_up == 0 && unconverged_equilibria == 0 && unconverged_share < UNCONVERGED_SHARE,
         })
     }
 
@@ -173,7 +179,7 @@ impl Stress<'_> {
             noise: false,
             target_m: None,
         })?;
-        let path = hand_path_of(&model, &stage.world().arm, episode_seed)
+        let (path, _) = random_motion(&model, &stage.world().arm, episode_seed)
             .ok_or_else(|| VerificationError::NoTask(model.name.clone()))?;
         stage.hang(path.at(0.0));
         let mut blown_up = false;
@@ -192,6 +198,7 @@ impl Stress<'_> {
             axial_law: model.object.axial_law,
             steps: counters.steps,
             unconverged_steps: counters.unconverged_steps,
+            started_at_rest: counters.unconverged_equilibria == 0,
             blown_up,
         })
     }

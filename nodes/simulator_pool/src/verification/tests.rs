@@ -68,3 +68,17 @@ fn every_parameter_beside_length_and_stiffness_is_pushed_to_its_ends() {
         assert!(pushed.iter().any(|name| name == parameter.name), "{} is not pushed", parameter.name);
     }
 }
+
+#[test]
+fn sensitivities_are_the_derivatives_of_tracks_over_the_table() {
+    let model = soft_bar();
+    let cpu_time = || std::time::Duration::ZERO;
+    let report = DerivativeTrial { model: &model, fidelity: Fidelity::Fast, episodes: 1, cpu_time }.run(|| ()).unwrap();
+    // All but the random effects, and the one that changes the mesh.
+    let left_out = ["dropped_frames", "keypoint_noise_px", "overhang_m"];
+    let expected = Registry::shipped().effects().filter(|e| !left_out.contains(&e.about().name)).count() + 2;
+    assert_eq!(report.rows.len(), expected, "{report:#?}");
+    for row in &report.rows {
+        assert!(row.error < 0.02, "{row:?}");
+    }
+}

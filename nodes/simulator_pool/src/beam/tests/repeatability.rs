@@ -17,7 +17,7 @@ fn bits(beam: &Beam) -> Vec<u64> {
 
 fn run(beam: &mut Beam, path: &GripTrajectory) -> Vec<u64> {
     let at = |time_s: f64| GripState::from_pose(path.at(time_s), 0.0);
-    beam.hang_at_rest(at(0.0));
+    assert!(beam.hang_at_rest(at(0.0)).converged);
     beam.advance_to(DURATION_S, at);
     bits(beam)
 }

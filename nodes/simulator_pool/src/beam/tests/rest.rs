@@ -48,6 +48,20 @@ fn soft_bar_clamped_upright_falls_over() {
     assert!(beam.tip()[1] < 0.0, "{:?}", beam.tip());
 }
 
+/// A free beam falls for ever.
+#[test]
+fn shapes_that_are_not_at_rest_are_counted_until_the_reset() {
+    let p = BeamParameters { clamped: false, ..bar(0.2, 1e4) };
+    let mut beam = Beam::new(p, standard(), grip(0.0)).unwrap();
+    assert!(!beam.hang_at_rest(grip(0.0)).converged);
+    assert_eq!(beam.counters().unconverged_equilibria, 1);
+    assert!(!beam.set_shape(grip(0.0), [0.0; 3], &[]).converged);
+    assert_eq!(beam.counters().unconverged_equilibria, 2);
+    beam.reset(bar(0.2, 1e4), grip(0.0)).unwrap();
+    assert!(beam.hang_at_rest(grip(0.0)).converged);
+    assert_eq!(beam.counters(), crate::beam::Counters::default());
+}
+
 #[test]
 fn bar_that_reaches_the_table_rests_on_it_over_the_prior_range() {
     for youngs_modulus_pa in [1e3, 1e4, 5e4] {

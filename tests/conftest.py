@@ -13,13 +13,17 @@ import uuid
 
 import pytest
 import rclpy
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MARK = "CATENARY_TEST_MARK"
 NODES = {"simulated_cell", "camera", "keypoint_tracker", "policy_runner", "simulator_pool", "bayes_sim", "ppo_trainer"}
+
+# As the README tells users of Fast DDS.
+os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "launch_configs/fastdds_localhost.xml"))
 
 numbers = itertools.count(os.getpid())
 running = []
@@ -66,6 +70,25 @@ class Session:
         """Runs the program to its end."""
         command = [PROGRAM, *map(str, arguments)]
         return subprocess.run(command, env=self.environment, cwd=self.folder, capture_output=True, text=True, timeout=120)
+
+    def node(self, name, *arguments, log=None):
+        """Starts one node with ROS 2 arguments."""
+        return self.start("node", name, "--ros-args", *arguments, name=log or name)
+
+    def stop(self, child, code=0):
+        """Ends a process in order."""
+        child.send_signal(signal.SIGINT)
+        assert child.wait(10) == code
+
+    def meet(self, *nodes, within=8):
+        """A node of rclpy that sees all of these nodes of ours: see `launch`."""
+        for _ in range(6):
+            time.sleep(1)
+            self.ros = Ros(self.domain)
+            if self.ros.holds_within(lambda: set(nodes) <= set(self.ros.node.get_node_names()), within):
+                return self.ros
+            self.ros.close()
+        raise AssertionError(f"rclpy does not see all of {nodes}")
 
     def launch(self, *arguments, file="sim.launch.xml", nodes=NODES):
         """Starts the nodes of a launch file, and a node of rclpy that sees all of its nodes.
@@ -132,11 +155,11 @@ class Session:
 class Ros:
     """A node of rclpy that spins while something is waited for."""
 
-    def __init__(self, domain):
+    def __init__(self, domain, name="stranger"):
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
-        self.node = rclpy.create_node("stranger", context=self.context)
+        self.node = rclpy.create_node(name, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
 
@@ -163,12 +186,21 @@ class Ros:
         self.node.create_subscription(kind, topic, messages.append, profile)
         return messages
 
+    def listen_log(self):
+        """A list that log lines come into, those from before among them."""
+        lines = []
+        profile = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(Log, "/rosout", lines.append, profile)
+        return lines
+
     def call(self, kind, name, request, seconds=30):
         client = self.node.create_client(kind, name)
         self.wait_for(client.service_is_ready, seconds, f"service {name}")
         return self.result(client.call_async(request), seconds, f"an answer of {name}")
 
     def close(self):
+        if not self.context.ok():
+            return
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
@@ -187,6 +219,12 @@ def session_in(folder):
 def session(tmp_path):
     """Processes of one test."""
     yield from session_in(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def session_of_module(tmp_path_factory):
+    """Processes for the tests of a module."""
+    yield from session_in(tmp_path_factory.mktemp("session"))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,141 @@
+"""The posterior over the object's parameters."""
+
+import json
+import pathlib
+
+import numpy
+
+from .message_log import InspectError
+from .table import table
+from .topics import POSTERIOR
+
+NAMES, NEEDED = [POSTERIOR[0]], [POSTERIOR[0]]
+DRAWS = 20_000
+LEVELS = (0.05, 0.5, 0.95)
+
+
+class Posterior:
+    """A mixture of K Gaussians over D parameters in the unit coordinates of their priors, truncated to [0, 1]^D.
+
+    `parameters`: name, whether the prior is log-uniform, its bounds. `weights` (K), `means` (K, D), `covariances` (K, D, D).
+    """
+
+    def __init__(self, origin, parameters, weights, means, covariances):
+        self.origin, self.parameters = origin, parameters
+        self.weights = numpy.asarray(weights, float)
+        size, dimension = len(self.weights), len(parameters)
+        self.means = self.shaped("means", means, (size, dimension))
+        self.covariances = self.shaped("covariances", covariances, (size, dimension, dimension))
+        if not (size and dimension and abs(self.weights.sum() - 1) < 1e-6 and (self.weights >= 0).all()):
+            raise InspectError(f"{origin}: weights: expected numbers of at least 0 with the sum 1, found {self.weights.tolist()}")
+        self.unit, self.mass_inside = self.draw(numpy.random.default_rng(1))
+        self.values = numpy.column_stack([self.value(i, self.unit[:, i]) for i in range(dimension)])
+
+    def shaped(self, name, values, shape):
+        values = numpy.asarray(values, float)
+        if values.size != numpy.prod(shape):
+            raise InspectError(f"{self.origin}: {name}: expected {' x '.join(map(str, shape))} numbers, found {values.size}")
+        return values.reshape(shape)
+
+    def draw(self, rng):
+        """Draws of the truncated mixture, and the share of the untruncated one that lies inside."""
+        kept, tried = [], 0
+        while sum(map(len, kept)) < DRAWS and tried < 50 * DRAWS:
+            of = rng.choice(len(self.weights), DRAWS, p=self.weights / self.weights.sum())
+            roots = numpy.linalg.cholesky(self.covariances)[of]
+            drawn = self.means[of] + numpy.einsum("nij,nj->ni", roots, rng.standard_normal((DRAWS, len(self.parameters))))
+            kept.append(drawn[((drawn >= 0) & (drawn <= 1)).all(axis=1)])
+            tried += DRAWS
+        inside = numpy.concatenate(kept)
+        if len(inside) < 100:
+            raise InspectError(f"{self.origin}: expected a mixture over the priors' support, found {len(inside)} of {tried} draws inside")
+        return inside[:DRAWS], len(inside) / tried
+
+    def value(self, index, unit):
+        """Parameters from unit coordinates."""
+        _, is_log, low, high = self.parameters[index]
+        return low * (high / low) ** unit if is_log else low + (high - low) * unit
+
+    def marginals(self):
+        rows = []
+        for i, (name, is_log, low, high) in enumerate(self.parameters):
+            quantiles = numpy.quantile(self.values[:, i], LEVELS).tolist()
+            low_share, high_share = (self.unit[:, i] < 0.02).mean(), (self.unit[:, i] > 0.98).mean()
+            edge = " ".join(word for word, share in (("low", low_share), ("high", high_share)) if share > 0.1)
+            rows.append(
+                {
+                    "name": name, "prior": "log-uniform" if is_log else "uniform", "low": low, "high": high,
+                    "q05": quantiles[0], "median": quantiles[1], "q95": quantiles[2], "mean": self.values[:, i].mean().item(),
+                    "narrowing": 1 / (12 ** 0.5 * self.unit[:, i].std().item()), "presses_on": edge,
+                }
+            )  # fmt: skip
+        return rows
+
+    def data(self):
+        return {"components": len(self.weights), "mass_outside": 1 - self.mass_inside, "marginals": self.marginals()}
+
+    def text(self):
+        heads = ("parameter", "prior", "low", "high", "5 %", "median", "95 %", "mean", "narrower", "presses on")
+        rows = [
+            (m["name"], m["prior"], m["low"], m["high"], m["q05"], m["median"], m["q95"], m["mean"], m["narrowing"], m["presses_on"] or "-")
+            for m in self.marginals()
+        ]
+        about = f"{self.origin}: {len(self.weights)} components, {100 * (1 - self.mass_inside):.2g} % of the mixture outside the prior"
+        return about + "\n" + table(heads, rows)
+
+    def draw_picture(self, figure):
+        """Marginals on the diagonal with their 5 %, 50 % and 95 %, pairs below it."""
+        count = len(self.parameters)
+        axes = figure.subplots(count, count, squeeze=False)
+        for i, (name, is_log, low, high) in enumerate(self.parameters):
+            edges = self.value(i, numpy.linspace(0, 1, 61))
+            for j in range(count):
+                axis = axes[i][j]
+                if j > i:
+                    axis.axis("off")
+                    continue
+                other, other_log, other_low, other_high = self.parameters[j]
+                axis.set_xscale("log" if other_log else "linear")
+                axis.set_xlim(other_low, other_high)
+                if i == j:
+                    axis.hist(self.values[:, i], bins=edges, color="#4477aa", density=False)
+                    for quantile, style in zip(numpy.quantile(self.values[:, i], LEVELS), (":", "-", ":")):
+                        axis.axvline(quantile, color="black", linestyle=style, linewidth=1)
+                    axis.set_yticks([])
+                else:
+                    across = self.value(j, numpy.linspace(0, 1, 61))
+                    axis.hist2d(self.values[:, j], self.values[:, i], bins=[across, edges], cmap="Blues")
+                    axis.set_yscale("log" if is_log else "linear")
+                    axis.set_ylim(low, high)
+                    if j == 0:
+                        axis.set_ylabel(name)
+                if i == count - 1:
+                    axis.set_xlabel(other)
+        figure.suptitle("Posterior over the prior's range; lines: 5 %, 50 %, 95 %")
+
+
+def of_message(origin, message):
+    parameters = [(p.name, p.prior == 1, float(p.low), float(p.high)) for p in message.parameters]
+    return Posterior(origin, parameters, message.weights, message.means, message.covariances)
+
+
+def report(log, _options):
+    """Of the newest message."""
+    _, message = log.need(*POSTERIOR, "the posterior")[-1]
+    return of_message(f"{log.origin}, {POSTERIOR[0]}", message)
+
+
+def of_file(path):
+    """Of the posterior.json that `catenary infer` writes."""
+    try:
+        document = json.loads(pathlib.Path(path).read_text())
+        parameters = []
+        for parameter in document["parameters"]:
+            ((kind, bounds),) = parameter["prior"].items()
+            parameters.append((parameter["name"], kind == "log_uniform", bounds["low"], bounds["high"]))
+        mixture = document["mixture"]
+        return Posterior(str(path), parameters, mixture["weights"], mixture["means"], mixture["covariances"])
+    except OSError as error:
+        raise InspectError(f"--file {path}: expected a posterior.json of `catenary infer`: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InspectError(f"--file {path}: expected a posterior.json of `catenary infer`, found another: {error!r}") from error

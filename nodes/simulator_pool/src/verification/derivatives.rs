@@ -1,0 +1,223 @@
+//! Sensitivities against differences: their error, and what they cost in tracks.
+
+use super::{VerificationError, random_actions};
+use crate::effects::Registry;
+use crate::simulator::BeamSimulator;
+use catenary_core::model::Effect as DrawnEffect;
+use catenary_core::simulator::{DifferentiableSimulator, Drive, FrameDerivative, StartShape};
+use catenary_core::{Fidelity, Frame, Model, SimulationRequest, Simulator, Track, seed};
+use serde::Serialize;
+use std::time::Duration;
+
+/// Tolerance in m of the time steps behind the true derivatives, and the step of their central differences as a share of
+/// the greatest magnitude: rounding and curvature are both far below the errors to be measured.
+const TRUE_TOLERANCE_M: f64 = 1e-12;
+const TRUE_SHARE: f64 = 1e-6;
+/// Length of a difference of tracks that is rounding alone.
+const ROUNDING: f64 = 1e-12;
+/// Steps of the differences that compete, as shares of the greatest magnitude.
+const SHARES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
+
+/// What is differentiated, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct DerivativeTrial<'a> {
+    /// A model with a task.
+    pub model: &'a Model,
+    /// Fidelity of all tracks.
+    pub fidelity: Fidelity,
+    /// Random episodes of 16 moves and 8 s.
+    pub episodes: u64,
+    /// CPU time of the program so far.
+    pub cpu_time: fn() -> Duration,
+}
+
+/// Errors of the derivatives by one parameter, relative to the whole track's true derivative; medians over the episodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DerivativeRow {
+    /// Name of the parameter or effect.
+    pub name: String,
+    /// Of the sensitivities.
+    pub error: f64,
+    /// Of central differences of tracks as they are, at the best of four steps for this parameter.
+    pub difference_error: f64,
+    /// That step.
+    pub difference_step: f64,
+}
+
+/// The outcome.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DerivativeReport {
+    /// Fidelity of the tracks.
+    pub fidelity: &'static str,
+    /// Episodes that were differentiated.
+    pub episodes: u64,
+    /// CPU time in s of a track.
+    pub track_s: f64,
+    /// CPU time in s of a track with all its derivatives.
+    pub sensitivities_s: f64,
+    /// The same in tracks; central differences take two a parameter.
+    pub tracks: f64,
+    /// One row a parameter.
+    pub rows: Vec<DerivativeRow>,
+}
+
+impl DerivativeTrial<'_> {
+    /// Compares, on one thread: by all parameters of theta, and by all effects that change the track without changing the
+    /// mesh.
+    pub fn run(&self, mut progress: impl FnMut()) -> Result<DerivativeReport, VerificationError> {
+        let simulator = BeamSimulator::new(self.model, 1)?;
+        let exact = BeamSimulator::new(self.model, 1)?.with_tolerance(TRUE_TOLERANCE_M);
+        let parameters = parameters(self.model);
+        let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+        let (mut track_s, mut sensitivities_s) = (0.0, 0.0);
+        // Errors by parameter: of the sensitivities, then of the differences, for each episode.
+        let mut errors = vec![vec![Vec::new(); 1 + SHARES.len()]; names.len()];
+        for episode in 0..self.episodes {
+            let request = self.request(episode)?;
+            let started = (self.cpu_time)();
+            simulator.simulate(&request)?;
+            let simulated = (self.cpu_time)();
+            let found = simulator.sensitivities(&request, &names)?.remove(0);
+            sensitivities_s += ((self.cpu_time)() - simulated).as_secs_f64();
+            track_s += (simulated - started).as_secs_f64();
+            for (i, parameter) in parameters.iter().enumerate() {
+                let truth = parameter.difference(&exact, &request, TRUE_SHARE)?;
+                let norm = length(&truth);
+                // What does not depend on the parameter differs by rounding.
+                let rounding = norm * TRUE_SHARE * parameter.greatest < ROUNDING;
+                if rounding || found.changes[i].abs() > TRUE_SHARE * parameter.greatest {
+                    continue;
+                }
+                errors[i][0].push(distance(&truth, &found.derivatives[i]) / norm);
+                for (errors, share) in errors[i][1..].iter_mut().zip(SHARES) {
+                    errors.push(distance(&truth, &parameter.difference(&simulator, &request, share)?) / norm);
+                }
+            }
+            progress();
+        }
+        let rows = parameters.iter().zip(errors).filter_map(|(parameter, errors)| {
+            let medians: Vec<f64> = errors.into_iter().map(median).collect::<Option<_>>()?;
+            let (best, share) = medians[1..].iter().zip(SHARES).min_by(|a, b| a.0.total_cmp(b.0))?;
+            Some(DerivativeRow {
+                name: parameter.name.to_owned(),
+                error: medians[0],
+                difference_error: *best,
+                difference_step: share * parameter.greatest,
+            })
+        });
+        Ok(DerivativeReport {
+            fidelity: self.fidelity.name(),
+            episodes: self.episodes,
+            track_s: track_s / self.episodes as f64,
+            sensitivities_s: sensitivities_s / self.episodes as f64,
+            tracks: sensitivities_s / track_s,
+            rows: rows.collect(),
+        })
+    }
+
+    /// A random episode, theta in the middle half of its prior, drawn effects at the middle of theirs, without noise.
+    fn request(&self, episode: u64) -> Result<SimulationRequest, VerificationError> {
+        let model = self.model;
+        let no_task = || VerificationError::NoTask(model.name.clone());
+        let mut rng = seed::rng(episode, 41);
+        let unit: Vec<f64> = model.theta.to_unit(&model.theta.sample_prior(&mut rng));
+        let theta = model.theta.from_unit(&unit.iter().map(|u| 0.25 + 0.5 * u).collect::<Vec<_>>());
+        let middle = |e: &DrawnEffect| (e.name.clone(), vec![e.distribution.from_unit(0.5)]);
+        Ok(SimulationRequest {
+            thetas: vec![theta],
+            effects: model.effects.iter().map(middle).collect(),
+            drive: Drive::Actions(random_actions(model, 100 + episode).ok_or_else(no_task)?),
+            start: StartShape::HangingAtRest,
+            frame_times_s: Vec::new(),
+            target_m: None,
+            fidelity: self.fidelity,
+            seed: 1,
+            first_episode: episode,
+            noise: false,
+        })
+    }
+}
+
+/// A parameter of the trial.
+#[derive(Debug, Clone, Copy)]
+struct Parameter<'a> {
+    name: &'a str,
+    /// Least value that makes sense.
+    low: f64,
+    /// Greatest magnitude that its prior holds.
+    greatest: f64,
+}
+
+fn parameters(model: &Model) -> Vec<Parameter<'_>> {
+    let greatest = |(low, high): (f64, f64)| low.abs().max(high.abs());
+    let theta = model.theta.parameters().iter();
+    let mut all: Vec<Parameter<'_>> =
+        theta.map(|p| Parameter { name: &p.name, low: 0.0, greatest: greatest(p.prior.bounds()) }).collect();
+    for about in Registry::shipped().effects().map(|e| e.about()) {
+        if all.iter().all(|p| p.name != about.name) {
+            all.push(Parameter { name: about.name, low: about.range[0], greatest: greatest(about.prior.bounds()) });
+        }
+    }
+    all
+}
+
+impl Parameter<'_> {
+    /// The derivative by second-order differences over `share` of the greatest magnitude: central, or to one side where
+    /// there is no other.
+    fn difference(
+        &self,
+        simulator: &BeamSimulator,
+        request: &SimulationRequest,
+        share: f64,
+    ) -> Result<Vec<FrameDerivative>, VerificationError> {
+        let step = share * self.greatest;
+        let index = simulator.model().theta.index_of(self.name);
+        let given = request.effects.iter().find(|(name, _)| name == self.name).map(|(_, values)| values[0]);
+        let value = index.map_or(given.unwrap_or_default(), |i| request.thetas[0][i]);
+        let track = |value: f64| {
+            let mut request = request.clone();
+            match index {
+                Some(i) => request.thetas[0][i] = value,
+                None => {
+                    request.effects.retain(|(name, _)| name != self.name);
+                    request.effects.push((self.name.to_owned(), vec![value]));
+                }
+            }
+            Ok::<Track, VerificationError>(simulator.simulate(&request)?.remove(0))
+        };
+        let (first, last) =
+            if value - step >= self.low { (value - step, value + step) } else { (value, value + 2.0 * step) };
+        let (before, after) = (track(first)?, track(last)?);
+        if first < value {
+            let ends = before.frames.iter().zip(&after.frames);
+            return Ok(ends.map(|(a, b)| combined([(a, -0.5 / step), (b, 0.5 / step), (a, 0.0)])).collect());
+        }
+        let between = track(value + step)?;
+        let frames = before.frames.iter().zip(&between.frames).zip(&after.frames);
+        Ok(frames.map(|((a, b), c)| combined([(a, -1.5 / step), (b, 2.0 / step), (c, -0.5 / step)])).collect())
+    }
+}
+
+/// The sum of three frames with weights.
+fn combined(frames: [(&Frame, f64); 3]) -> FrameDerivative {
+    let sum = |of: &dyn Fn(&Frame) -> f64| frames.iter().map(|(frame, weight)| weight * of(frame)).sum::<f64>();
+    FrameDerivative {
+        dlo: std::array::from_fn(|k| [0, 1].map(|i| sum(&|f| f.dlo[k][i]))),
+        eef: [0, 1, 2].map(|i| sum(&|f| f.eef[i])),
+    }
+}
+
+/// Root of the sum of squares over all keypoints of a track.
+fn length(track: &[FrameDerivative]) -> f64 {
+    track.iter().flat_map(|f| f.dlo.as_flattened()).map(|v| v * v).sum::<f64>().sqrt()
+}
+
+fn distance(a: &[FrameDerivative], b: &[FrameDerivative]) -> f64 {
+    let pairs = a.iter().zip(b).flat_map(|(a, b)| a.dlo.as_flattened().iter().zip(b.dlo.as_flattened()));
+    pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}

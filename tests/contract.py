@@ -1,0 +1,122 @@
+"""The contract as a stranger's program sees it: a row for each topic, service and action.
+
+`publishers`, `subscribers` and `server` are nodes of the simulated cell's graph; where there are none, `remark` says why.
+"""
+
+import importlib
+from dataclasses import dataclass
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+BEST_EFFORT, RELIABLE, LATCHED = ("best_effort", "volatile"), ("reliable", "volatile"), ("reliable", "transient_local")
+NODES = ("simulated_cell", "camera", "keypoint_tracker", "policy_runner", "simulator_pool", "bayes_sim", "ppo_trainer")
+CELL, CAMERA, TRACKER, RUNNER, POOL, BAYES, TRAINER = NODES
+BASE, OPTICAL = "panda_link0", "camera_color_optical_frame"
+
+
+def interface(type_name):
+    """The class of `package/kind/Name`."""
+    package, kind, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), name)
+
+
+@dataclass(frozen=True)
+class Topic:
+    name: str
+    type_name: str
+    reliability: str
+    durability: str
+    depth: int
+    frame: str | None = None
+    hz: float | None = None
+    publishers: tuple = ()
+    subscribers: tuple = ()
+    remark: str = ""
+
+    @property
+    def kind(self):
+        return interface(self.type_name)
+
+    @property
+    def profile(self):
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=self.depth,
+            reliability=ReliabilityPolicy[self.reliability.upper()],
+            durability=DurabilityPolicy[self.durability.upper()],
+        )
+
+    def profile_of_depth(self, depth):
+        profile = self.profile
+        profile.depth = depth
+        return profile
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A service or an action. `caller`: a process of ours that calls it, so that an rclpy server can stand in."""
+
+    name: str
+    type_name: str
+    server: str | None = None
+    caller: str | None = None
+    remark: str = ""
+
+    @property
+    def kind(self):
+        return interface(self.type_name)
+
+
+def topic(name, type_name, qos, depth, **more):
+    return Topic(name, type_name, *qos, depth, **more)
+
+
+TOPICS = (
+    topic(
+        "/camera/camera/color/image_raw", "sensor_msgs/msg/Image", BEST_EFFORT, 5, frame=OPTICAL, hz=60, publishers=(CELL,), subscribers=(CAMERA,)
+    ),
+    topic("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", BEST_EFFORT, 5, frame=OPTICAL, hz=60, publishers=(CELL,)),
+    topic("/dlo/mask", "sensor_msgs/msg/Image", BEST_EFFORT, 1, frame=OPTICAL, hz=60, publishers=(CAMERA,), subscribers=(TRACKER,)),
+    topic(
+        "/dlo/keypoints", "catenary_msgs/msg/Keypoints", BEST_EFFORT, 1, frame=OPTICAL, hz=60, publishers=(TRACKER,), subscribers=(RUNNER, BAYES)
+    ),
+    topic("/panda/joint_states", "sensor_msgs/msg/JointState", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
+    topic(
+        "/panda/current_pose", "geometry_msgs/msg/PoseStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,), subscribers=(RUNNER, BAYES)
+    ),
+    topic("/panda/current_twist", "geometry_msgs/msg/TwistStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
+    topic("/panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
+    topic("/panda/arm_state", "catenary_msgs/msg/ArmState", LATCHED, 1, frame=BASE, hz=50, publishers=(CELL,), subscribers=(RUNNER,)),
+    topic("/panda/target_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, 1, frame=BASE, publishers=(RUNNER,), subscribers=(CELL,)),
+    topic("/panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", RELIABLE, 10, frame=BASE, publishers=(CELL,), subscribers=(RUNNER,)),
+    topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, frame=BASE, publishers=(RUNNER,), subscribers=(BAYES,)),
+    topic("/policy/observation", "catenary_msgs/msg/Observation", RELIABLE, 10, publishers=(RUNNER,), subscribers=(BAYES,)),
+    topic("/episode/event", "catenary_msgs/msg/EpisodeEvent", LATCHED, 16, publishers=(RUNNER,), subscribers=(CELL, BAYES)),
+    topic("/bayes_sim/posterior", "catenary_msgs/msg/Mixture", LATCHED, 1, publishers=(BAYES,)),
+    topic("/tf", "tf2_msgs/msg/TFMessage", RELIABLE, 100, hz=200, publishers=(CELL,)),
+    topic("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED, 1, publishers=(CELL,)),
+    topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE, 10, publishers=NODES),
+    topic("/rosout", "rcl_interfaces/msg/Log", LATCHED, 1000, publishers=NODES),
+    topic("/clock", "rosgraph_msgs/msg/Clock", BEST_EFFORT, 1, remark="the cell where publish_clock is set, and the replayer with --clock"),
+)
+
+SERVICES = (
+    Endpoint("/panda/enable", "std_srvs/srv/SetBool", CELL, RUNNER),
+    Endpoint("/panda/hold", "std_srvs/srv/Trigger", CELL, remark="no node of ours calls it"),
+    Endpoint("/panda/error_recovery", "std_srvs/srv/Trigger", CELL, remark="no node of ours calls it"),
+    Endpoint("/panda/set_compliance", "catenary_msgs/srv/SetCompliance", CELL, remark="no node of ours calls it"),
+    Endpoint("/simulator_pool/simulate", "catenary_msgs/srv/Simulate", POOL, BAYES),
+    Endpoint("/simulator_pool/open_envs", "catenary_msgs/srv/OpenEnvs", POOL, TRAINER),
+    Endpoint("/simulator_pool/step_envs", "catenary_msgs/srv/StepEnvs", POOL, TRAINER),
+    Endpoint("/simulator_pool/close_envs", "catenary_msgs/srv/CloseEnvs", POOL, TRAINER),
+)
+
+ACTIONS = (
+    Endpoint("/panda/move_to_start", "catenary_msgs/action/MoveToStart", CELL, "catenary deploy"),
+    Endpoint("/policy_runner/run_episode", "catenary_msgs/action/RunEpisode", RUNNER, "catenary deploy"),
+    Endpoint("/bayes_sim/infer", "catenary_msgs/action/Infer", BAYES, remark="no node of ours calls it"),
+    Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, remark="no node of ours calls it"),
+    Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", remark="no node serves it yet"),
+)
+
+BY_NAME = {row.name: row for row in (*TOPICS, *SERVICES, *ACTIONS)}

@@ -1,0 +1,26 @@
+"""A policy that needs no training."""
+
+import json
+import struct
+
+STEPS = 16
+BIAS = (0.1, -0.05)
+
+
+def policy_file():
+    """A safetensors file of the policy that always wants the same small step: 12 inputs without weight, two biases."""
+    tensors = {
+        "actor.0.weight": ([2, 12], [0.0] * 24),
+        "actor.0.bias": ([2], BIAS),
+        "observation_mean": ([12], [0.0] * 12),
+        "observation_scale": ([12], [1.0] * 12),
+        "action_scale": ([2], [0.1, 0.1]),
+    }
+    names = {"format": "catenary policy 1", "name": "constant", "delta_anchor": "last_target"}
+    header, data = {"__metadata__": names | {"step_period_s": "0.5", "steps": str(STEPS)}}, b""
+    for name, (shape, values) in tensors.items():
+        packed = struct.pack(f"<{len(values)}f", *values)
+        header[name] = {"dtype": "F32", "shape": shape, "data_offsets": [len(data), len(data) + len(packed)]}
+        data += packed
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + data

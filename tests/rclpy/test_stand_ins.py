@@ -1,0 +1,109 @@
+"""Our nodes as clients of servers written in rclpy: a lab may put its own arm, runner or simulator in the place of ours."""
+
+import array
+import json
+import signal
+
+import pytest
+from catenary_msgs.action import Infer, RunEpisode, Train
+from contract import ACTIONS, SERVICES
+from diagnostic_msgs.msg import DiagnosticArray
+from policy import BIAS, policy_file
+from stand_ins import Arm, Pool, Runner
+from test_cell import Goal, model_yaml
+
+MODEL = "launch_configs/models/soft_bar.yaml"
+
+
+def test_every_caller_of_the_table_is_tried_here():
+    callers = {row.caller for row in (*SERVICES, *ACTIONS) if row.caller}
+    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy"}
+
+
+@pytest.fixture(scope="module")
+def learners(session_of_module):
+    """Inference and training beside a pool of rclpy."""
+    session = session_of_module
+    for node in ("bayes_sim", "ppo_trainer"):
+        session.node(node)
+    session.meet("bayes_sim", "ppo_trainer")
+    with Pool(session.domain) as pool:
+        session.ros.wait_for(lambda: pool.sees("bayes_sim", "ppo_trainer"), 20, "the pool, to see the nodes")
+        yield session, pool
+
+
+@pytest.mark.parametrize("name", ["/simulator_pool/simulate"])
+def test_node_to_rclpy_inference_asks_a_pool_of_rclpy(learners, name):
+    session, pool = learners
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(session.root / "bags/swing"), model_yaml=model_yaml(session))
+    goal.iterations, goal.simulations, goal.seed = 1, 30, 4
+    result = Goal(session.ros, "/bayes_sim/infer", goal).result()
+    assert result.success and result.simulations == 30
+    # Those that the posterior predicts come on top.
+    assert sum(len(request.theta) for request in pool.simulated) > 2 * 30
+    first = pool.simulated[0]
+    assert first.model_yaml == goal.model_yaml and len(first.frame_times) > 1
+    assert first.grip.time and len(first.grip.x) == len(first.grip.time)
+
+
+@pytest.mark.parametrize("name", ["/simulator_pool/open_envs", "/simulator_pool/step_envs", "/simulator_pool/close_envs"])
+def test_node_to_rclpy_training_asks_a_pool_of_rclpy(learners, name):
+    session, pool = learners
+    pool.opened.clear()
+    pool.closed.clear()
+    before = pool.stepped
+    goal = Train.Goal(model_yaml=model_yaml(session), total_steps=64, environments=2, seed=2)
+    trained = Goal(session.ros, "/ppo_trainer/train", goal).result()
+    assert trained.success and b"catenary policy 1" in bytes(trained.policy)
+    (opened,) = pool.opened
+    assert opened.count == 2 and opened.model_yaml == goal.model_yaml and opened.domains and len(opened.domains) % 2 == 0
+    assert pool.stepped - before >= 32 and pool.closed == [7]
+
+
+@pytest.mark.parametrize("name", ["/panda/enable"])
+def test_node_to_rclpy_enables_an_arm_of_rclpy(session, name):
+    session.node("policy_runner", "-p", f"model_file:={session.root / MODEL}")
+    ros = session.meet("policy_runner")
+    with Arm(session.domain) as arm:
+        reports = []
+        ros.node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
+        heard = lambda: any(v.key == "poses_received" and int(v.value) > 0 for r in reports for v in r.status[0].values)  # noqa: E731
+        ros.wait_for(heard, 20, "the runner, to hear the arm")
+        goal = RunEpisode.Goal(policy=array.array("B", policy_file()), max_steps=3, run_all_steps=True)
+        result = Goal(ros, "/policy_runner/run_episode", goal).result()
+    assert result.success and len(result.rewards) == 3
+    assert arm.requests == [True, False]
+    moved = [target.pose.position.x for target in arm.targets]
+    assert moved == pytest.approx([0.40 + 0.06 * BIAS[0] * (step + 1) for step in range(3)])
+
+
+def deploy(session, *arguments):
+    (session.folder / "policy").write_bytes(policy_file())
+    return session.start("deploy", "--policy", "policy", *arguments)
+
+
+@pytest.mark.parametrize("name", ["/panda/move_to_start", "/policy_runner/run_episode"])
+def test_node_to_rclpy_deploys_on_a_runner_of_rclpy(session, name):
+    with Runner(session.domain) as runner:
+        child = deploy(session, "--json", "--run-all-steps", "--wait-s", 20)
+        assert child.wait(30) == 0, session.text("deploy.err")
+    said = json.loads(session.text("deploy.out"))
+    assert said == {"episode": 41, "end": "step_limit", "rewards": [0.25] * 3, "episode_return": 0.75}
+    (goal,) = runner.goals
+    assert bytes(goal.policy) == policy_file() and goal.run_all_steps and runner.moves == 1
+
+
+def test_a_goal_that_rclpy_rejects_is_said(session):
+    with Runner(session.domain, refuses=True):
+        child = deploy(session, "--from-here", "--wait-s", 20)
+        assert child.wait(30) == 1
+    assert "rejected" in session.text("deploy.err")
+
+
+def test_an_interrupt_cancels_the_goal_at_a_server_of_rclpy(session):
+    with Runner(session.domain, endless=True) as runner:
+        child = deploy(session, "--from-here", "--wait-s", 20)
+        session.wait_for(lambda: runner.goals, 20, "the goal")
+        child.send_signal(signal.SIGINT)
+        assert child.wait(15) == 130
+    assert "interrupted and cancelled" in session.text("deploy.err")

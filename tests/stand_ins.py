@@ -1,0 +1,179 @@
+"""Nodes of a lab, written in rclpy, in place of ours: an arm, a runner of episodes, a pool of simulations."""
+
+import math
+import threading
+
+import rclpy
+from catenary_msgs.action import MoveToStart, RunEpisode
+from catenary_msgs.msg import AcceptedTarget, ArmState, Keypoints, Track
+from catenary_msgs.srv import CloseEnvs, OpenEnvs, StepEnvs
+from contract import BASE, BY_NAME, OPTICAL
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+
+
+IMAGE_PX = 256
+
+
+class StandIn:
+    """A node of rclpy in a context of its own, spun by threads of its own."""
+
+    def __init__(self, domain, name):
+        self.context = rclpy.Context()
+        self.context.init(domain_id=domain)
+        self.node = rclpy.create_node(name, context=self.context)
+        self.group = ReentrantCallbackGroup()
+        self.executor = MultiThreadedExecutor(3, context=self.context)
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.executor.spin)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.executor.shutdown()
+        self.thread.join()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def sees(self, *nodes):
+        return set(nodes) <= set(self.node.get_node_names())
+
+    def publisher(self, name):
+        row = BY_NAME[name]
+        return self.node.create_publisher(row.kind, name, row.profile)
+
+    def listen(self, name, heard):
+        row = BY_NAME[name]
+        self.node.create_subscription(row.kind, name, heard, row.profile, callback_group=self.group)
+
+    def serve(self, name, answer):
+        self.node.create_service(BY_NAME[name].kind, name, answer, callback_group=self.group)
+
+    def act(self, name, execute, accepts=lambda goal: True):
+        ActionServer(
+            self.node, BY_NAME[name].kind, name, execute, callback_group=self.group,
+            goal_callback=lambda goal: GoalResponse.ACCEPT if accepts(goal) else GoalResponse.REJECT,
+            cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    def stamped(self, message, frame):
+        message.header.stamp, message.header.frame_id = self.node.get_clock().now().to_msg(), frame
+        return message
+
+
+class Arm(StandIn):
+    """An arm that is at once where it is told to be, and the keypoints of a bar that hangs from it."""
+
+    def __init__(self, domain):
+        super().__init__(domain, "lab_arm")
+        self.pose = PoseStamped().pose
+        self.pose.position.x, self.pose.position.z = 0.40, 0.42
+        self.pose.orientation.x, self.pose.orientation.w = 1.0, 0.0
+        self.enabled, self.requests, self.targets = False, [], []
+        self.state, self.told = self.publisher("/panda/arm_state"), self.publisher("/panda/current_pose")
+        self.keypoints, self.answers = self.publisher("/dlo/keypoints"), self.publisher("/panda/accepted_target")
+        self.serve("/panda/enable", self.enable)
+        self.listen("/panda/target_pose", self.follow)
+        self.node.create_timer(0.02, self.measure, callback_group=self.group)
+
+    def enable(self, request, response):
+        self.enabled = request.data
+        self.requests.append(request.data)
+        response.success = True
+        return response
+
+    def follow(self, target):
+        self.targets.append(target)
+        self.pose = target.pose
+        self.answers.publish(AcceptedTarget(header=target.header, accepted=True, pose=target.pose))
+
+    def measure(self):
+        mode = ArmState.MODE_TRACKING if self.enabled else ArmState.MODE_IDLE
+        self.state.publish(self.stamped(ArmState(mode=mode, success_rate=1.0, is_sim=True), BASE))
+        self.told.publish(self.stamped(PoseStamped(pose=self.pose), BASE))
+        u = IMAGE_PX * self.pose.position.x
+        seen = Keypoints(image_width=IMAGE_PX, image_height=IMAGE_PX, dlo_u=[u] * 4, dlo_v=[100.0, 120.0, 140.0, 160.0])
+        seen.dlo_scores, seen.target_seen, seen.target_u, seen.target_v, seen.target_score = [1.0] * 4, True, 200.0, 200.0, 1.0
+        self.keypoints.publish(self.stamped(seen, OPTICAL))
+
+
+class Runner(StandIn):
+    """Moves to the start and runs episodes by saying so."""
+
+    def __init__(self, domain, steps=3, refuses=False, endless=False):
+        super().__init__(domain, "lab_runner")
+        self.goals, self.moves, self.steps, self.endless = [], 0, steps, endless
+        self.act("/panda/move_to_start", self.move)
+        self.act("/policy_runner/run_episode", self.run, accepts=lambda goal: not refuses)
+
+    def move(self, handle):
+        self.moves += 1
+        handle.publish_feedback(MoveToStart.Feedback(distance=0.1))
+        handle.succeed()
+        return MoveToStart.Result(success=True)
+
+    def run(self, handle):
+        self.goals.append(handle.request)
+        pause, step = threading.Event(), 0
+        while step < self.steps or self.endless:
+            if handle.is_cancel_requested:
+                handle.canceled()
+                return RunEpisode.Result(message="cancelled", end="cancelled")
+            handle.publish_feedback(RunEpisode.Feedback(step=step, reward=0.25))
+            step += 1
+            pause.wait(0.05)
+        handle.succeed()
+        return RunEpisode.Result(success=True, episode=41, end="step_limit", rewards=[0.25] * step, episode_return=0.25 * step)
+
+
+class Pool(StandIn):
+    """Simulations and environments by formula: bars hang straight down, the longer and the softer the lower."""
+
+    def __init__(self, domain):
+        super().__init__(domain, "lab_pool")
+        self.simulated, self.opened, self.stepped, self.closed = [], [], 0, []
+        self.serve("/simulator_pool/simulate", self.simulate)
+        self.serve("/simulator_pool/open_envs", self.open)
+        self.serve("/simulator_pool/step_envs", self.step)
+        self.serve("/simulator_pool/close_envs", self.close)
+
+    def simulate(self, request, response):
+        self.simulated.append(request)
+        frames = len(request.frame_times)
+        for length_m, modulus_pa in zip(request.theta[0::2], request.theta[1::2]):
+            softness = 0.02 * (12.0 - math.log(modulus_pa))
+            hang = [c for k in range(1, 5) for c in (0.0, (length_m + softness) * k - 0.5)]
+            response.tracks.append(
+                Track(
+                    time=request.frame_times, dlo=hang * frames, target=[0.1, 0.2] * frames, eef=[0.4, 0.42, 0.0] * frames,
+                    action=[0.0, 0.0] * frames, end="complete",
+                )
+            )  # fmt: skip
+        response.success = True
+        return response
+
+    def open(self, request: OpenEnvs.Request, response):
+        self.opened.append(request)
+        response.success, response.handle, response.observations = True, 7, [0.4, 0.42] + [0.0] * 10
+        response.observations *= request.count
+        return response
+
+    def step(self, request: StepEnvs.Request, response):
+        self.stepped += 1
+        count = len(request.actions) // 2
+        response.success, response.rewards = True, [float(dx) for dx in request.actions[0::2]]
+        response.observations = ([0.4, 0.42] + [0.0] * 10) * count
+        response.final_observations = response.observations
+        response.truncated, response.terminated = [self.stepped % 16 == 0] * count, [False] * count
+        return response
+
+    def close(self, request: CloseEnvs.Request, response):
+        self.closed.append(request.handle)
+        response.success = True
+        return response
+
+
