@@ -57,11 +57,13 @@ class Session:
 
     def start(self, *arguments, name=None):
         """Starts the program; its output goes to NAME.out and NAME.err in the folder."""
-        name = name or arguments[0]
+        return self.start_script(PROGRAM, *arguments, name=name or arguments[0])
+
+    def start_script(self, *command, name):
+        """Starts any program in the same way."""
         with open(self.folder / f"{name}.out", "wb") as out, open(self.folder / f"{name}.err", "wb") as err:
-            command = [PROGRAM, *map(str, arguments)]
             child = subprocess.Popen(
-                command, env=self.environment, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
+                list(map(str, command)), env=self.environment, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
             )
         self.children.append(child)
         return child
