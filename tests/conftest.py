@@ -63,8 +63,9 @@ class Session:
         """Starts any program in the same way."""
         with open(self.folder / f"{name}.out", "wb") as out, open(self.folder / f"{name}.err", "wb") as err:
             child = subprocess.Popen(
-                list(map(str, command)), env=self.environment, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
-            )
+                list(map(str, command)), env=self.environment, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
+                start_new_session=True,
+            )  # fmt: skip
         self.children.append(child)
         return child
 

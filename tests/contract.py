@@ -67,37 +67,31 @@ class Endpoint:
         return interface(self.type_name)
 
 
-def topic(name, type_name, qos, depth, **more):
-    return Topic(name, type_name, *qos, depth, **more)
+def topic(name, type_name, qos, depth, frame=None, hz=None, publishers=(), subscribers=(), remark=""):
+    return Topic(name, type_name, *qos, depth, frame, hz, publishers, subscribers, remark)
 
 
 TOPICS = (
-    topic(
-        "/camera/camera/color/image_raw", "sensor_msgs/msg/Image", BEST_EFFORT, 5, frame=OPTICAL, hz=60, publishers=(CELL,), subscribers=(CAMERA,)
-    ),
-    topic("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", BEST_EFFORT, 5, frame=OPTICAL, hz=60, publishers=(CELL,)),
-    topic("/dlo/mask", "sensor_msgs/msg/Image", BEST_EFFORT, 1, frame=OPTICAL, hz=60, publishers=(CAMERA,), subscribers=(TRACKER,)),
-    topic(
-        "/dlo/keypoints", "catenary_msgs/msg/Keypoints", BEST_EFFORT, 1, frame=OPTICAL, hz=60, publishers=(TRACKER,), subscribers=(RUNNER, BAYES)
-    ),
-    topic("/panda/joint_states", "sensor_msgs/msg/JointState", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
-    topic(
-        "/panda/current_pose", "geometry_msgs/msg/PoseStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,), subscribers=(RUNNER, BAYES)
-    ),
-    topic("/panda/current_twist", "geometry_msgs/msg/TwistStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
-    topic("/panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BEST_EFFORT, 1, frame=BASE, hz=200, publishers=(CELL,)),
-    topic("/panda/arm_state", "catenary_msgs/msg/ArmState", LATCHED, 1, frame=BASE, hz=50, publishers=(CELL,), subscribers=(RUNNER,)),
-    topic("/panda/target_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, 1, frame=BASE, publishers=(RUNNER,), subscribers=(CELL,)),
-    topic("/panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", RELIABLE, 10, frame=BASE, publishers=(CELL,), subscribers=(RUNNER,)),
-    topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, frame=BASE, publishers=(RUNNER,), subscribers=(BAYES,)),
-    topic("/policy/observation", "catenary_msgs/msg/Observation", RELIABLE, 10, publishers=(RUNNER,), subscribers=(BAYES,)),
-    topic("/episode/event", "catenary_msgs/msg/EpisodeEvent", LATCHED, 16, publishers=(RUNNER,), subscribers=(CELL, BAYES)),
-    topic("/bayes_sim/posterior", "catenary_msgs/msg/Mixture", LATCHED, 1, publishers=(BAYES,)),
-    topic("/tf", "tf2_msgs/msg/TFMessage", RELIABLE, 100, hz=200, publishers=(CELL,)),
-    topic("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED, 1, publishers=(CELL,)),
-    topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE, 10, publishers=NODES),
-    topic("/rosout", "rcl_interfaces/msg/Log", LATCHED, 1000, publishers=NODES),
-    topic("/clock", "rosgraph_msgs/msg/Clock", BEST_EFFORT, 1, remark="the cell where publish_clock is set, and the replayer with --clock"),
+    topic("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", BEST_EFFORT, 5, OPTICAL, 60, (CELL,), (CAMERA,)),
+    topic("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", BEST_EFFORT, 5, OPTICAL, 60, (CELL,)),
+    topic("/dlo/mask", "sensor_msgs/msg/Image", BEST_EFFORT, 1, OPTICAL, 60, (CAMERA,), (TRACKER,)),
+    topic("/dlo/keypoints", "catenary_msgs/msg/Keypoints", BEST_EFFORT, 1, OPTICAL, 60, (TRACKER,), (RUNNER, BAYES)),
+    topic("/panda/joint_states", "sensor_msgs/msg/JointState", BEST_EFFORT, 1, BASE, 200, (CELL,)),
+    topic("/panda/current_pose", "geometry_msgs/msg/PoseStamped", BEST_EFFORT, 1, BASE, 200, (CELL,), (RUNNER, BAYES)),
+    topic("/panda/current_twist", "geometry_msgs/msg/TwistStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
+    topic("/panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
+    topic("/panda/arm_state", "catenary_msgs/msg/ArmState", LATCHED, 1, BASE, 50, (CELL,), (RUNNER,)),
+    topic("/panda/target_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, 1, BASE, None, (RUNNER,), (CELL,)),
+    topic("/panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", RELIABLE, 10, BASE, None, (CELL,), (RUNNER,)),
+    topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, BASE, None, (RUNNER,), (BAYES,)),
+    topic("/policy/observation", "catenary_msgs/msg/Observation", RELIABLE, 10, None, None, (RUNNER,), (BAYES,)),
+    topic("/episode/event", "catenary_msgs/msg/EpisodeEvent", LATCHED, 16, None, None, (RUNNER,), (CELL, BAYES)),
+    topic("/bayes_sim/posterior", "catenary_msgs/msg/Mixture", LATCHED, 1, None, None, (BAYES,)),
+    topic("/tf", "tf2_msgs/msg/TFMessage", RELIABLE, 100, None, 200, (CELL,)),
+    topic("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED, 1, None, None, (CELL,)),
+    topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE, 10, None, None, NODES),
+    topic("/rosout", "rcl_interfaces/msg/Log", LATCHED, 1000, None, None, NODES),
+    topic("/clock", "rosgraph_msgs/msg/Clock", BEST_EFFORT, 1, remark="the cell where publish_clock is set, the replayer with --clock"),
 )
 
 SERVICES = (

@@ -92,7 +92,8 @@ class Cell:
         target.pose.position.x, target.pose.position.z = x, z
         target.pose.orientation.x, target.pose.orientation.w = norm, 0.0
         self.targets.publish(target)
-        mine = lambda: next((a for a, _ in self.heard["/panda/accepted_target"] if a.header.stamp == target.header.stamp), None)  # noqa: E731
+        answers = self.heard["/panda/accepted_target"]
+        mine = lambda: next((a for a, _ in answers if a.header.stamp == target.header.stamp), None)  # noqa: E731
         return self.ros.wait_for(mine, 10, "an answer to the target")
 
     def act(self, kind, name, goal):
@@ -238,7 +239,7 @@ def test_an_episode_is_told_from_start_to_end(runner):
     assert result.success and len(result.rewards) == STEPS, result.message
     cell.wait_mode(ArmState.MODE_IDLE)
     told = lambda name: [message for message, _ in cell.heard[name]]  # noqa: E731
-    cell.ros.wait_for(lambda: len(told("/episode/event")) == 2, 5, "both events")
+    cell.ros.wait_for(lambda: len(told("/episode/event")) == 2 and len(told("/policy/observation")) > STEPS, 5, "all that is told")
     started, ended = told("/episode/event")
     assert (started.event, started.episode, started.policy, started.seed) == (EpisodeEvent.STARTED, result.episode, "constant", 9)
     assert (ended.event, ended.reason, ended.steps) == (EpisodeEvent.ENDED, result.end, STEPS)

@@ -24,8 +24,6 @@ from std_srvs.srv import SetBool, Trigger
 
 MODEL = "launch_configs/models/soft_bar.yaml"
 STEPS = 3
-# They publish when somebody asks for something.
-ON_DEMAND = {"/panda/target_pose", "/panda/accepted_target", "/policy/action", "/policy/observation", "/episode/event", "/bayes_sim/posterior"}
 
 
 def stamp_s(stamp):

@@ -23,7 +23,8 @@ class Episode:
         self.targets, self.answers, self.poses, self.keypoints = (self.within(of(topic)) for topic in (TARGET, ACCEPTED, POSE, KEYPOINTS))
 
     def within(self, messages):
-        return [m for m in messages if self.from_ns <= stamp_ns(m.header.stamp) and (self.to_ns is None or stamp_ns(m.header.stamp) <= self.to_ns)]
+        last_ns = float("inf") if self.to_ns is None else self.to_ns
+        return [m for m in messages if self.from_ns <= stamp_ns(m.header.stamp) <= last_ns]
 
     def seconds(self, message):
         """Since the start."""
@@ -33,8 +34,9 @@ class Episode:
         rejected = [a for a in self.answers if not a.accepted]
         clipped = [a for a in self.answers if a.clipped_x or a.clipped_y or a.clipped_z]
         return {
-            "episode": self.number, "policy": self.start.policy, "seed": int(self.start.seed), "step_period_s": float(self.start.step_period),
-            "duration_s": None if self.to_ns is None else 1e-9 * (self.to_ns - self.from_ns), "actions": len(self.actions),
+            "episode": self.number, "policy": self.start.policy, "seed": int(self.start.seed),
+            "step_period_s": float(self.start.step_period), "actions": len(self.actions),
+            "duration_s": None if self.to_ns is None else 1e-9 * (self.to_ns - self.from_ns),
             "end": self.end.reason if self.end else "none was seen", "return": float(self.end.episode_return) if self.end else None,
             "rejected": len(rejected), "clipped": len(clipped), "poses": len(self.poses), "keypoints": len(self.keypoints),
             "rejections": sorted({a.reason for a in rejected}),
@@ -105,7 +107,8 @@ class Report:
             acted.legend(fontsize="small")
         self.draw_image(image)
         d = e.data()
-        figure.suptitle(f"Episode {e.number}, policy {d['policy']}: {d['end']}" + ("" if d["return"] is None else f", return {d['return']:.3f}"))
+        earned = "" if d["return"] is None else f", return {d['return']:.3f}"
+        figure.suptitle(f"Episode {e.number}, policy {d['policy']}: {d['end']}{earned}")
 
     def draw_arm(self, plane, over_time):
         e = self.shown

@@ -78,7 +78,8 @@ def row_of(name, channel):
     span_s = 1e-9 * (times[-1] - times[0]) if len(times) > 1 else 0
     profiles = sorted({f"{p.reliability}, {p.durability}" for p in channel.publishers})
     return {
-        "name": name, "type": channel.type_name, "count": len(channel.messages), "rate_hz": (len(times) - 1) / span_s if span_s > 0 else None,
+        "name": name, "type": channel.type_name, "count": len(channel.messages),
+        "rate_hz": (len(times) - 1) / span_s if span_s > 0 else None,
         "kb_per_s": 1e-3 * sum(size for _, size in flowing) / span_s if span_s > 0 else None,
         "profile": " | ".join(profiles).replace("_", " ") or "-", "publishers": sorted({p.node for p in channel.publishers if p.node}),
         "subscriptions": sorted({s.node for s in channel.subscriptions if s.node}), "deaf": sorted({s.node for s, _, _ in deaf(channel)}),

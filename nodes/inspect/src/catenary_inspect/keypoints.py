@@ -73,7 +73,8 @@ class Report:
         )
         between = lambda pair: "-" if pair is None else f"{pair[0]:.1f} to {pair[1]:.1f}"  # noqa: E731
         rows = [
-            (p["name"], 100 * p["seen"], p["score"], between(p["u"]), between(p["v"]), p["noise_u_px"], p["noise_v_px"]) for p in d["points"]
+            (p["name"], 100 * p["seen"], p["score"], between(p["u"]), between(p["v"]), p["noise_u_px"], p["noise_v_px"])
+            for p in d["points"]
         ]
         return about + "\n" + table(("point", "seen %", "score", "u px", "v px", "noise u px", "noise v px"), rows)
 

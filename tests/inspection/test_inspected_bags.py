@@ -88,10 +88,10 @@ def test_latencies_of_a_simulated_bag_are_none_and_its_periods_even(bag, figures
 def test_what_came_late_is_seen(bag, figures, tmp_path):
     """The same bag, logged 30 ms later, and every tenth keypoint 200 ms later."""
     with Reader(bag) as reader, Writer(tmp_path / "late", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        of = {
-            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest, offered_qos_profiles=c.ext.offered_qos_profiles)
-            for c in reader.connections
-        }
+        of = {}
+        for c in reader.connections:
+            known = {"msgdef": c.msgdef.data, "rihs01": c.digest, "offered_qos_profiles": c.ext.offered_qos_profiles}
+            of[c.id] = writer.add_connection(c.topic, c.msgtype, **known)
         for number, (connection, time_ns, data) in enumerate(reader.messages()):
             late = connection.topic == "/dlo/keypoints" and number % 10 == 0
             writer.write(of[connection.id], time_ns + (200 if late else 30) * 10**6, data)

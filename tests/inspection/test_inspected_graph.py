@@ -11,7 +11,7 @@ from contract import NODES, TOPICS
 from policy import BIAS, policy_file
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from test_bags import is_picture
+from test_inspected_bags import is_picture
 
 STEPS = 3
 STREAMS = {row.name: row for row in TOPICS if row.hz}
@@ -43,7 +43,7 @@ def test_an_episode_that_runs_is_followed_to_its_end(graph, tmp_path):
     command = ["catenary-inspect", "episode", "--json", "--out", picture, "--seconds", "60"]
     listener = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     graph.ros.wait_for(lambda: "catenary_inspect" in graph.ros.node.get_node_names(), 20, "the listener")
-    graph.ros.holds_within(lambda: False, 3)
+    graph.ros.holds_within(lambda: False, 2)
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", run_all_steps=True, max_steps=STEPS)
     result = graph.ros.result(start(graph, RunEpisode, "/policy_runner/run_episode", goal), 30, "the episode").result
     out, err = listener.communicate(timeout=30)
