@@ -15,6 +15,11 @@ const ANGLE_WEIGHT_M: f64 = 0.01;
 const STEP_LIMIT: f64 = 0.7;
 /// Halvings of one Newton step before it is taken as it is.
 const MAX_HALVINGS: u32 = 8;
+/// Growth of the potential with which a Newton step is still taken: in J, and as a share of the potential.
+const SLACK: [f64; 2] = [1e-13, 1e-10];
+/// The same with friction between strands, near rounding. One that turns between sticking and slipping changes the
+/// potential by 1e-11 J, and with more slack Newton's method turns it back and forth for ever.
+const STRANDS_SLACK: [f64; 2] = [1e-16, 1e-13];
 
 /// Backward differences: the rate of y is `c0` y(now) + `c1` y(one step ago) + `c2` y(two steps ago).
 #[derive(Debug, Clone, Copy)]
@@ -233,7 +238,8 @@ impl Beam {
 
     /// Evaluates the last Newton step and halves it while it raises the potential above `before`.
     fn search_line(&mut self, before: f64) -> f64 {
-        let slack = 1e-13 + 1e-10 * before.abs();
+        let [slack_j, slack_share] = if self.increment.strand_friction.acts() { STRANDS_SLACK } else { SLACK };
+        let slack = slack_j + slack_share * before.abs();
         let mut potential = self.evaluate();
         for _ in 0..MAX_HALVINGS {
             if potential <= before + slack {

@@ -40,6 +40,22 @@ fn strands_that_stick_are_a_stiffer_beam() {
     }
 }
 
+/// Strands far stiffer than the beam that turn between sticking and slipping all the time.
+#[test]
+fn newton_does_not_cycle_between_sticking_and_slipping() {
+    let ei = bar(0.25, 1e3).bending_stiffness_n_m2;
+    let strands = BeamParameters { sticking_stiffness_n_m2: 250.0 * ei, slip_moment_n_m: 1e-6, ..bar(0.25, 1e3) };
+    let p = BeamParameters { kelvin_voigt_time_s: 0.02, table: Some(Table::new(0.0, 0.5)), ..strands };
+    for (discretisation, most) in [(standard(), 2), (Discretisation { tolerance_m: 1e-12, ..standard() }, 10)] {
+        let path = episode::grip_path(1);
+        let at = |time_s: f64| GripState::from_pose(path.at(time_s), 0.0);
+        let mut beam = hanging(p, discretisation, at(0.0));
+        beam.advance_to(episode::DURATION_S, at);
+        let counters = beam.counters();
+        assert!(counters.unconverged_steps <= most, "tolerance {} m: {counters:?}", discretisation.tolerance_m);
+    }
+}
+
 #[test]
 fn strands_that_slip_stop_a_large_motion() {
     let ei = bar(0.25, 2e5).bending_stiffness_n_m2;
