@@ -20,6 +20,8 @@ pub struct GripReaction {
 pub struct Energy {
     /// Stored in stretch, shear and bending.
     pub elastic_j: f64,
+    /// Stored in strands that stick; the rest of their moment's work is lost in slip.
+    pub strands_j: f64,
     /// Of motion and rotation.
     pub kinetic_j: f64,
     /// In the field of gravity, from the frame's origin.
@@ -31,7 +33,7 @@ pub struct Energy {
 impl Energy {
     /// The sum.
     pub fn total_j(&self) -> f64 {
-        self.elastic_j + self.kinetic_j + self.potential_j + self.contact_j
+        self.elastic_j + self.strands_j + self.kinetic_j + self.potential_j + self.contact_j
     }
 }
 
@@ -84,7 +86,7 @@ impl Beam {
         [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]
     }
 
-    /// Elastic, kinetic, potential and contact energy.
+    /// Elastic energy, that of sticking strands, kinetic, potential and contact energy.
     pub fn energy(&self) -> Energy {
         let (state, mesh) = (&self.state, &self.mesh);
         let [gx, gz] = self.parameters.gravity_m_s2;
@@ -95,6 +97,14 @@ impl Beam {
             let axial = material::axial(AxialMix::of(&self.parameters), ea, stretch, 1.0 / stretch).energy;
             let rest = 0.5 * (ga * strain[1] * strain[1] + ei * strain[2] * strain[2]);
             energy.elastic_j += element.length * (axial + rest);
+        }
+        let friction = &self.increment.strand_friction;
+        if friction.acts() {
+            for ((element, strain), neutral) in
+                mesh.elements.iter().zip(&state.strain).zip(&self.increment.neutral_curvature)
+            {
+                energy.strands_j += element.length * friction.stored(strain[2], *neutral);
+            }
         }
         for (inertia, (q, v)) in mesh.inertia.iter().zip(state.position.iter().zip(&state.velocity)) {
             energy.kinetic_j += 0.5 * (inertia[0] * (v[0] * v[0] + v[1] * v[1]) + inertia[2] * v[2] * v[2]);

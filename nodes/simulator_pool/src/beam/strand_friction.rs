@@ -30,6 +30,12 @@ impl StrandFriction {
         (self.stiffness * (curvature - neutral)).clamp(-self.moment, self.moment)
     }
 
+    /// Energy in J per metre that the sticking strands hold; what slip has taken is gone.
+    pub fn stored(&self, curvature: f64, neutral: f64) -> f64 {
+        let moment = self.moment_at(curvature, neutral);
+        0.5 * moment * moment / self.stiffness
+    }
+
     /// Adds the friction of an element whose curvature is `curvature` to its response. Within a step the energy is that of
     /// a spring that gives way: its derivative is the moment.
     #[inline(always)]

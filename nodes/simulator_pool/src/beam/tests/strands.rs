@@ -56,6 +56,42 @@ fn newton_does_not_cycle_between_sticking_and_slipping() {
     }
 }
 
+/// A bar that sags and is let go when its weight goes, with friction between its strands: the extremes of its energy in the
+/// following seconds as shares of the energy that there is at the start, and the share that goes into slip.
+fn let_go(slip_moment_n_m: f64) -> ([f64; 2], f64) {
+    let ei = bar(0.25, 2e5).bending_stiffness_n_m2;
+    let d = Discretisation { time_step_s: 5e-4, ..standard() };
+    let mut beam = hanging(with_friction(2.0 * ei, slip_moment_n_m), d, grip(0.0));
+    beam.parameters.gravity_m_s2 = [0.0; 2];
+    let start_j = beam.energy().total_j();
+    let (mut least, mut most, mut slipped_j) = (start_j, start_j, 0.0);
+    for _ in 0..2000 {
+        let before = beam.increment.neutral_curvature.clone();
+        beam.step(grip(0.0));
+        let (friction, now) = (beam.increment.strand_friction, &beam.increment.neutral_curvature);
+        for (k, element) in beam.mesh.elements.iter().enumerate() {
+            let moment = friction.moment_at(beam.state.strain[k][2], now[k]);
+            slipped_j += element.length * moment * (now[k] - before[k]);
+        }
+        let energy_j = beam.energy().total_j();
+        (least, most) = (energy_j.min(least), energy_j.max(most));
+    }
+    ([least / start_j, most / start_j], slipped_j / start_j)
+}
+
+#[test]
+fn strands_that_stick_keep_the_energy() {
+    let ([least, most], slipped) = let_go(1.0);
+    assert!(least > 0.98 && most < 1.001 && slipped.abs() < 1e-9, "{least} to {most}, slip {slipped}");
+}
+
+#[test]
+fn strands_that_slip_take_the_energy_that_their_cycles_enclose() {
+    let ([least, most], slipped) = let_go(2e-3);
+    assert!(slipped > 0.2 && most < 1.001, "{most}, slip {slipped}");
+    assert!((1.0 - least - slipped).abs() < 0.02, "{} lost, slip {slipped}", 1.0 - least);
+}
+
 #[test]
 fn strands_that_slip_stop_a_large_motion() {
     let ei = bar(0.25, 2e5).bending_stiffness_n_m2;
