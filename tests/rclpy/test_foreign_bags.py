@@ -8,7 +8,7 @@ import sqlite3
 import subprocess
 
 import pytest
-from graph_program import PROGRAM
+from conftest import PROGRAM
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

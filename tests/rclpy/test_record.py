@@ -8,9 +8,11 @@ import subprocess
 import time
 
 import pytest
+from conftest import PROGRAM
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from recorders import join, read_bag, record, stop, wait_for_readers
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
@@ -34,9 +36,9 @@ def numbers(bag, topic):
         return [int(reader.deserialize(data, c.msgtype).pose.position.x) for c, _, data in reader.messages(chosen)]
 
 
-def test_filters_take_what_those_of_ros2_bag_take(session, read_bag):
+def test_filters_take_what_those_of_ros2_bag_take(session):
     """One publisher of each topic, and recorders with different filters beside it."""
-    ros = session.join()
+    ros = join(session)
     publishers = {
         "/lab/notes": (String, String(data="ünï")),
         "/lab/number": (Int32, Int32(data=7)),
@@ -52,14 +54,14 @@ def test_filters_take_what_those_of_ros2_bag_take(session, read_bag):
         "types": ["--topic-types", "std_msgs/msg/Int32", "--compression", "none"],
         "usual": ["--exclude-regex", "^/dlo|^/rosout"],
     }
-    running = {name: session.record(name, *arguments) for name, arguments in recorders.items()}
+    running = {name: record(session, name, *arguments) for name, arguments in recorders.items()}
     readers = {"/lab/notes": 2, "/lab/number": 3, "/lab/other": 1, "/lab/_hidden": 2, "/panda/target_pose": 3}
     for topic, count in readers.items():
-        session.wait_for_readers(writers[topic], count)
+        wait_for_readers(session, writers[topic], count)
     for topic, (_, message) in publishers.items():
         writers[topic].publish(message)
     time.sleep(0.5)
-    session.stop(*running.values())
+    stop(*running.values())
 
     expected = {
         "all": {"/lab/notes", "/lab/number", "/panda/target_pose"},
@@ -89,7 +91,7 @@ def test_filters_take_what_those_of_ros2_bag_take(session, read_bag):
 
 def test_what_cannot_be_recorded_is_said(session):
     """A type that no installed package has, a name that is nearly right, and a publisher that offers too little."""
-    ros = session.join()
+    ros = join(session)
     number = ros.node.create_publisher(Int32, "/lab/number", RELIABLE)
     targets = ros.node.create_publisher(PoseStamped, "/panda/target_pose", BEST_EFFORT)
     latched = ros.node.create_publisher(PoseStamped, "/lab/latched", LATCHED)
@@ -98,16 +100,16 @@ def test_what_cannot_be_recorded_is_said(session):
     overrides.write_text("/panda/target_pose:\n  reliability: best_effort\n  history: keep_last\n  depth: 50\n")
     session.environment.pop("AMENT_PREFIX_PATH", None)
     topics = ("--topics", "/panda/target_pose", "/lab/number", "/dlo/keypoint", "/lab/latched")
-    deaf = session.record("deaf", *topics)
-    hearing = session.record("hearing", *topics, "--qos-profile-overrides-path", overrides)
-    session.wait_for_readers(targets, 1)
-    session.wait_for_readers(latched, 2)
+    deaf = record(session, "deaf", *topics)
+    hearing = record(session, "hearing", *topics, "--qos-profile-overrides-path", overrides)
+    wait_for_readers(session, targets, 1)
+    wait_for_readers(session, latched, 2)
     session.wait_for(lambda: "nobody publishes it yet" in session.text("deaf.err"), 10, "the warning")
     for x in range(20):
         targets.publish(pose(x))
         time.sleep(0.01)
     time.sleep(0.3)
-    session.stop(deaf, hearing)
+    stop(deaf, hearing)
     words = session.text("deaf.err")
     assert "/lab/number: not recorded: std_msgs/msg/Int32 is not built in" in words and "AMENT_PREFIX_PATH" in words
     assert "/dlo/keypoint: nobody publishes it yet; did you mean /dlo/keypoints?" in words
@@ -124,17 +126,17 @@ def test_what_cannot_be_recorded_is_said(session):
         assert (profile.reliability.name, profile.durability.name) == ("RELIABLE", "TRANSIENT_LOCAL")
 
 
-def test_bags_are_split_by_time_and_by_size(session, read_bag):
-    ros = session.join()
+def test_bags_are_split_by_time_and_by_size(session):
+    ros = join(session)
     writer = ros.node.create_publisher(PoseStamped, "/panda/target_pose", RELIABLE)
-    by_time = session.record("by_time", "--topics", "/panda/target_pose", "--max-bag-duration", 1)
-    by_size = session.record("by_size", "--topics", "/panda/target_pose", "-b", 8192, "--compression", "none")
-    session.wait_for_readers(writer, 2)
+    by_time = record(session, "by_time", "--topics", "/panda/target_pose", "--max-bag-duration", 1)
+    by_size = record(session, "by_size", "--topics", "/panda/target_pose", "-b", 8192, "--compression", "none")
+    wait_for_readers(session, writer, 2)
     for number in range(250):
         writer.publish(pose(number))
         time.sleep(0.01)
     time.sleep(0.3)
-    session.stop(by_time, by_size)
+    stop(by_time, by_size)
     for name, files in (("by_time", range(3, 5)), ("by_size", range(3, 9))):
         bag = session.folder / name
         paths = [bag / f"{name}_{i}.mcap" for i in range(len(list(bag.glob("*.mcap"))))]
@@ -157,11 +159,11 @@ def test_bags_are_split_by_time_and_by_size(session, read_bag):
     assert whole["messages"] == 250 and len(whole["files"]) > 2 and 50 < half["messages"] < 150 and whole["notes"] == []
 
 
-def test_a_killed_recorder_loses_the_last_second_at_most_and_its_bag_is_finished(session, read_bag):
-    ros = session.join()
+def test_a_killed_recorder_loses_the_last_second_at_most_and_its_bag_is_finished(session):
+    ros = join(session)
     writer = ros.node.create_publisher(PoseStamped, "/panda/target_pose", RELIABLE)
-    recorder = session.record("bag", "--topics", "/panda/target_pose")
-    session.wait_for_readers(writer, 1)
+    recorder = record(session, "bag", "--topics", "/panda/target_pose")
+    wait_for_readers(session, writer, 1)
     sent = []
     for number in range(330):
         writer.publish(pose(number))
@@ -184,9 +186,20 @@ def test_a_killed_recorder_loses_the_last_second_at_most_and_its_bag_is_finished
     assert killed - sent[len(read) - 1] < 1.4, f"{killed - sent[len(read) - 1]:.2f} s lost"
 
 
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 1 MiB; none where mounting is not permitted."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", folder], capture_output=True).returncode == 0
+    yield folder if mounted else None
+    if mounted:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
 def fill(session, recorder, writer):
     """Publishes 20 kB that do not compress, a hundred times a second, until the recorder ends."""
-    session.wait_for_readers(writer, 1)
+    wait_for_readers(session, writer, 1)
     for number in range(1000):
         if recorder.poll() is not None:
             break
@@ -200,10 +213,10 @@ def kept(bag):
         return [int(reader.deserialize(data, c.msgtype).data[:4]) for c, _, data in reader.messages()]
 
 
-def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session, small_disk, read_bag):
+def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session, small_disk):
     if small_disk is None:
         pytest.skip("mounting a small file system is not permitted here")
-    ros = session.join()
+    ros = join(session)
     writer = ros.node.create_publisher(String, "/lab/notes", RELIABLE)
     bag = small_disk / "bag"
     recorder = session.start("record", "--out", bag, "--topics", "/lab/notes", "--compression", "none", "--json")
@@ -221,13 +234,13 @@ def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session,
 
 def test_a_limit_on_the_size_of_files_ends_the_recording_with_whole_chunks(session):
     """As a full disk, where no small one can be mounted: the shell's `ulimit -f`, whose signal a program may survive."""
-    ros = session.join()
+    ros = join(session)
     writer = ros.node.create_publisher(String, "/lab/notes", RELIABLE)
     command = ["record", "--out", "bag", "--topics", "/lab/notes", "--compression", "none"]
     limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000))
     with open(session.folder / "record.err", "wb") as err:
         recorder = subprocess.Popen(
-            [session.program, *command], env=session.environment, cwd=session.folder, stdout=err, stderr=err, preexec_fn=limit
+            [PROGRAM, *command], env=session.environment, cwd=session.folder, stdout=err, stderr=err, preexec_fn=limit
         )
     session.children.append(recorder)
     session.wait_for(lambda: recorder.poll() is not None or (session.folder / "bag").exists(), 20, "the bag")

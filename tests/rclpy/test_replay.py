@@ -7,6 +7,7 @@ import time
 import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from recorders import join
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -64,13 +65,13 @@ def only(*topics):
     ids=["all", "names", "regex", "both"],
 )
 def test_topics_are_chosen_and_offered_as_they_were(session, arguments, expected):
-    ros = session.join()
+    ros = join(session)
     session.start("replay", session.root / "bags/swing", "--loop", *arguments)
     assert published(session, ros, "replay") == expected
 
 
 def test_topics_are_renamed_and_offered_as_the_file_says(session):
-    ros = session.join()
+    ros = join(session)
     overrides = session.folder / "overrides.yaml"
     overrides.write_text(
         "/dlo/keypoints:\n  reliability: reliable\n  history: keep_all\n/episode/event:\n  durability: volatile\n"
@@ -93,7 +94,7 @@ def test_topics_are_renamed_and_offered_as_the_file_says(session):
 
 def test_a_part_is_played_again_and_again_with_its_clock(session):
     """From 2 s on, for 1 s, at half the speed, 40 ticks a second."""
-    ros = session.join()
+    ros = join(session)
     poses, ticks = [], []
     best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
     arrived = lambda messages: lambda message: messages.append((time.monotonic(), message))
@@ -133,7 +134,7 @@ def test_topics_of_any_type_are_replayed_as_they_are(session):
             writer.write(topics["/lab/notes"], 10**9 + number, store.serialize_cdr(note, "std_msgs/msg/String"))
             writer.write(topics["/lab/number"], 10**9 + number, store.serialize_cdr(store.types["std_msgs/msg/Int32"](data=number), "std_msgs/msg/Int32"))
         writer.write(topics["/lab/thing"], 10**9, b"\0\1\0\0" + bytes(40))
-    ros = session.join()
+    ros = join(session)
     notes = []
     ros.node.create_subscription(String, "/lab/notes", notes.append, QoSProfile(depth=100))
     replay = session.start("replay", "bag", "--json", "--delay", 0.5)
