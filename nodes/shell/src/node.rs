@@ -172,7 +172,7 @@ impl Node {
     /// # Errors
     /// [`ShellError`]: the name, a type that the contract contradicts, the middleware.
     pub fn publisher<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Publisher<M>, ShellError> {
-        let (name, dds) = self.topic::<M>(topic, qos)?;
+        let (name, dds) = self.topic::<M>(topic, qos.of_writer())?;
         let publisher = self
             .graph()
             .ros()
