@@ -20,9 +20,11 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
 MODEL = "launch_configs/models/soft_bar.yaml"
+IMAGE = "/camera/camera/color/image_raw"
 STEPS = 3
 
 
@@ -72,8 +74,13 @@ def heard(graph):
     def keep(name):
         return lambda message: messages[name].append((message, time.time()))
 
-    profiles = ((row, row.profile_of_depth(max(row.depth, 100))) for row in TOPICS)
-    subscriptions = [graph.ros.node.create_subscription(row.kind, row.name, keep(row.name), profile) for row, profile in profiles]
+    # To make Python objects of all images would take the time that the others need.
+    latest_image = lambda data: messages[IMAGE].__setitem__(slice(None), [(data, time.time())])  # noqa: E731
+    subscriptions = []
+    for row in TOPICS:
+        raw, profile = row.name == IMAGE, row.profile_of_depth(max(row.depth, 100))
+        heard_by = latest_image if raw else keep(row.name)
+        subscriptions.append(graph.ros.node.create_subscription(row.kind, row.name, heard_by, profile, raw=raw))
     parameters = AsyncParameterClient(graph.ros.node, RUNNER)
     graph.ros.wait_for(parameters.services_are_ready, 20, "the parameter services")
     # Which is logged.
@@ -86,9 +93,9 @@ def heard(graph):
     infer = Infer.Goal(source=Infer.Goal.SOURCE_LIVE, model_yaml=model_yaml(graph), iterations=1, simulations=20)
     inferred = Goal(graph.ros, "/bayes_sim/infer", infer).result()
     graph.ros.holds_within(lambda: False, 0.3)
-    # Python is slow with images.
     for subscription in subscriptions:
         graph.ros.node.destroy_subscription(subscription)
+    messages[IMAGE] = [(deserialize_message(data, BY_NAME[IMAGE].kind), came_s) for data, came_s in messages[IMAGE]]
     return messages, result, inferred
 
 
@@ -132,7 +139,7 @@ def test_types_are_those_of_the_contract(graph):
     assert types["/clock"] == ["builtin_interfaces/msg/Time"]
 
 
-@pytest.mark.parametrize("row", [row for row in TOPICS if row.hz and not row.name.endswith("image_raw")], ids=lambda row: row.name)
+@pytest.mark.parametrize("row", [row for row in TOPICS if row.hz and row.name != IMAGE], ids=lambda row: row.name)
 def test_streams_keep_their_pace(heard, row):
     stamps = [stamp_s((m.transforms[0] if hasattr(m, "transforms") else m).header.stamp) for m, _ in heard[0][row.name]]
     assert stamps == sorted(stamps)
