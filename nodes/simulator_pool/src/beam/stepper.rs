@@ -286,9 +286,10 @@ impl Beam {
     /// The length r for which a Newton step of size s leaves an error of at most s^2 / r: that over which the gradient
     /// bends. Friction turns within a slip distance, the beam within a fraction of an element.
     fn convergence_radius_m(&self) -> f64 {
+        let of_beam = 0.1 * self.mesh.mean_length;
         match &self.increment.table {
-            Some(table) if self.contact.touching => table.slip_speed_m_s / self.increment.rate,
-            _ => 0.1 * self.mesh.mean_length,
+            Some(table) if self.contact.touching => of_beam.min(table.slip_speed_m_s / self.increment.rate),
+            _ => of_beam,
         }
     }
 

@@ -11,7 +11,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-/// Promised share of steps that Newton's method leaves unconverged.
+/// Promised share of steps that Newton's method leaves unconverged, and of episodes whose start it does not find.
 const UNCONVERGED_SHARE: f64 = 1e-3;
 /// Distance in m from the frame's origin beyond which an episode has blown up.
 const FAR_M: f64 = 10.0;
@@ -122,7 +122,7 @@ pub struct StressReport {
     pub blown_up: usize,
     /// The worst five: blown up, then not at rest at the start, then by unconverged steps.
     pub worst: Vec<StressedEpisode>,
-    /// Whether nothing blew up, every object came to rest and fewer than one step in a thousand did not converge.
+    /// Whether nothing blew up, and fewer than one in a thousand of the steps, and of the shapes at the start, did not converge.
     pub passes: bool,
 }
 
@@ -144,6 +144,7 @@ impl Stress<'_> {
         let unconverged_steps = outcomes.iter().map(|e| e.unconverged_steps).sum();
         let blown_up = outcomes.iter().filter(|e| e.blown_up).count();
         let unconverged_equilibria = outcomes.iter().filter(|e| !e.started_at_rest).count();
+        let lost_share = unconverged_equilibria as f64 / self.episodes as f64;
         let unconverged_share = unconverged_steps as f64 / steps as f64;
         outcomes.sort_by_key(|e| std::cmp::Reverse((e.blown_up, !e.started_at_rest, e.unconverged_steps)));
         outcomes.truncate(WORST);
@@ -156,7 +157,7 @@ impl Stress<'_> {
             unconverged_equilibria,
             blown_up,
             worst: outcomes,
-            passes: blown_up == 0 && unconverged_equilibria == 0 && unconverged_share < UNCONVERGED_SHARE,
+            passes: blown_up == 0 && lost_share < UNCONVERGED_SHARE && unconverged_share < UNCONVERGED_SHARE,
         })
     }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::beam::MeasuredPoint;
+use catenary_core::model::AxialLaw;
 
 fn elements(count: usize) -> Discretisation {
     Discretisation { elements: count, ..standard() }
@@ -74,6 +75,17 @@ fn bar_that_reaches_the_table_rests_on_it_over_the_prior_range() {
                 assert!(lowest > -1.5e-3, "{youngs_modulus_pa} Pa, {length_m} m at {height_m} m: {lowest} m");
             }
         }
+    }
+}
+
+/// Friction's slip distance grows with the step, and the steps to rest are long: it must not say when Newton may stop.
+#[test]
+fn soft_tip_that_lies_on_the_table_comes_to_rest() {
+    let fast = Discretisation::of(Fidelity::Fast);
+    for axial_law in [AxialLaw::Linear, AxialLaw::NeoHookean] {
+        let table = Some(Table::new(0.0, 0.5));
+        let p = BeamParameters { axial_law, stiffness_gradient: -0.8, table, ..bar(0.305, 1528.8) };
+        hanging(p, fast, GripState { x_m: 0.4, z_m: 0.42, tangent_rad: 0.0 });
     }
 }
 
