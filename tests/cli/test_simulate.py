@@ -9,7 +9,7 @@ import time
 
 import pytest
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
@@ -73,10 +73,30 @@ def test_an_episode_becomes_figures_a_bag_and_a_video(folder):
         counts = {c.topic: c.msgcount for c in bag.connections}
     assert counts == {
         "/dlo/keypoints": 121, "/panda/current_pose": 401, "/panda/current_twist": 401, "/panda/external_wrench": 401,
-        "/panda/joint_states": 401, "/panda/arm_state": 1, "/panda/target_pose": 4, "/policy/action": 4,
-        "/policy/observation": 5, "/episode/event": 2,
+        "/panda/joint_states": 401, "/panda/arm_state": 1, "/tf": 401, "/tf_static": 1, "/panda/target_pose": 4,
+        "/panda/accepted_target": 4, "/policy/action": 4, "/policy/observation": 5, "/episode/event": 2,
     }  # fmt: skip
     assert said["messages"] == sum(counts.values())
+
+
+def test_the_bag_says_where_hand_and_camera_are_and_what_became_of_each_target(folder):
+    report(folder, *ONE, "--out", "bag")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    definition = (ROOT / "msgs/msg/AcceptedTarget.msg").read_text()
+    store.register(get_types_from_msg(definition, "catenary_msgs/msg/AcceptedTarget"))
+    read = {t: [] for t in ("/tf_static", "/tf", "/panda/current_pose", "/panda/target_pose", "/panda/accepted_target")}
+    with Reader(folder / "bag") as bag:
+        for source, _, data in bag.messages([c for c in bag.connections if c.topic in read]):
+            read[source.topic].append(store.deserialize_cdr(data, source.msgtype))
+    (camera,) = read["/tf_static"][0].transforms
+    assert (camera.header.frame_id, camera.child_frame_id) == ("panda_link0", "camera_color_optical_frame")
+    for pose, tf in zip(read["/panda/current_pose"], read["/tf"], strict=True):
+        (hand,) = tf.transforms
+        assert (hand.header, hand.child_frame_id) == (pose.header, "panda_hand_tcp")
+        assert (hand.transform.translation.x, hand.transform.translation.z) == (pose.pose.position.x, pose.pose.position.z)
+    for i, (target, answer) in enumerate(zip(read["/panda/target_pose"], read["/panda/accepted_target"], strict=True)):
+        assert answer.accepted and answer.reason == "" and answer.accepted_count == i + 1
+        assert (answer.header, answer.pose) == (target.header, target.pose)
 
 
 def test_inference_reads_the_bag(folder):

@@ -225,7 +225,8 @@ pub struct SimulateArgs {
     /// Measured motion to follow in place of actions: a CSV track as import-track reads it, or a bag
     #[arg(long)]
     pub track: Option<PathBuf>,
-    /// Folder of the bag to make
+    /// Folder of the bag to make: the topics of arm, keypoints, tf and episode; no node runs, so there is no mask, no
+    /// diagnostics and no rosout
     #[arg(long)]
     pub out: Option<PathBuf>,
     /// Put the camera's images into the bag too

@@ -189,7 +189,7 @@ fn pose(motion: &Motion, arm: &ArmModel, pitch_rad: f64, time_s: f64) -> GripPos
 }
 
 /// The model's camera, or, where coordinates are those of the plane itself, one that sees as much of it from the side.
-fn side_view(camera: &Camera) -> Pinhole {
+pub fn side_view(camera: &Camera) -> Pinhole {
     match camera {
         Camera::Pinhole(p) => *p,
         Camera::Plane(p) => {

@@ -1,15 +1,19 @@
 //! An episode as a bag with the contract's topics, as the recorder would have written it.
 
-use super::player::Player;
+use super::player::{Player, side_view};
 use anyhow::Result;
 use catenary_bag::{BagSummary, BagWriter, TopicId, WriterOptions};
+use catenary_core::camera::Pinhole;
 use catenary_core::task::DeltaAnchor;
 use catenary_core::{GripPose, Keypoints, Model, RgbImage};
 use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
-use catenary_msgs::msg::{ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation as ObservationMsg};
+use catenary_msgs::msg::{
+    AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation as ObservationMsg,
+};
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image, JointState};
 use catenary_msgs::std_msgs::msg::Header;
+use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::convert::{anchor_to_msg, grip_pose_to_msg, keypoints_to_msg};
 use catenary_shell::{Time, contract, stamp};
 use panda_bridge::{ArmPose, kinematics};
@@ -36,6 +40,8 @@ pub struct Facts {
     pub step_period_s: f64,
     /// What a delta is added to.
     pub anchor: DeltaAnchor,
+    /// The camera as its owner believes to have it: what camera_info and tf tell.
+    pub camera: Pinhole,
 }
 
 impl Facts {
@@ -47,6 +53,7 @@ impl Facts {
             seed,
             step_period_s: period_s.unwrap_or(model.observation.frame_period_s),
             anchor: model.delta_anchor(),
+            camera: side_view(&model.camera.view),
         }
     }
 }
@@ -58,7 +65,10 @@ struct Topics {
     wrench: TopicId,
     joints: TopicId,
     arm: TopicId,
+    tf: TopicId,
+    tf_static: TopicId,
     target: TopicId,
+    accepted: TopicId,
     action: TopicId,
     observation: TopicId,
     event: TopicId,
@@ -97,7 +107,10 @@ impl Recording {
             wrench: add::<WrenchStamped>(&mut bag, contract::EXTERNAL_WRENCH)?,
             joints: add::<JointState>(&mut bag, contract::JOINT_STATES)?,
             arm: add::<ArmState>(&mut bag, contract::ARM_STATE)?,
+            tf: add::<TFMessage>(&mut bag, contract::TF)?,
+            tf_static: add::<TFMessage>(&mut bag, contract::TF_STATIC)?,
             target: add::<PoseStamped>(&mut bag, contract::TARGET_POSE)?,
+            accepted: add::<AcceptedTarget>(&mut bag, contract::ACCEPTED_TARGET)?,
             action: add::<EefDelta>(&mut bag, contract::ACTION)?,
             observation: add::<ObservationMsg>(&mut bag, contract::OBSERVATION)?,
             event: add::<EpisodeEvent>(&mut bag, contract::EPISODE_EVENT)?,
@@ -109,6 +122,8 @@ impl Recording {
         let state = ArmState { mode: ArmState::MODE_TRACKING, success_rate: 1.0, is_sim: true, ..ArmState::default() };
         let state = ArmState { header: recording.header(""), ..state };
         recording.put(recording.topics.arm, &state)?;
+        let camera = convert::camera_transform(&recording.facts.camera, recording.header(BASE_FRAME), CAMERA_FRAME);
+        recording.put(recording.topics.tf_static, &TFMessage { transforms: vec![camera] })?;
         recording.event(EpisodeEvent::STARTED, "")?;
         Ok(recording)
     }
@@ -154,6 +169,7 @@ impl Recording {
         let pose = PoseStamped { header: header.clone(), pose: grip_pose_to_msg(&grip) };
         let twist = TwistStamped { header: header.clone(), twist: convert::twist(player.velocity_m_s()) };
         let wrench = WrenchStamped { header: header.clone(), wrench: convert::wrench(&player.wrench()) };
+        let hand = TFMessage { transforms: vec![convert::hand_transform(&grip, header.clone())] };
         let joints = JointState {
             header,
             name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
@@ -163,7 +179,8 @@ impl Recording {
         self.put(self.topics.pose, &pose)?;
         self.put(self.topics.twist, &twist)?;
         self.put(self.topics.wrench, &wrench)?;
-        self.put(self.topics.joints, &joints)
+        self.put(self.topics.joints, &joints)?;
+        self.put(self.topics.tf, &hand)
     }
 
     /// What the tracker sees.
@@ -174,9 +191,9 @@ impl Recording {
     }
 
     /// What the camera sees.
-    pub fn picture(&mut self, picture: &RgbImage, player: &Player<'_>) -> Result<()> {
+    pub fn picture(&mut self, picture: &RgbImage) -> Result<()> {
         let Some((image, info)) = self.topics.picture else { return Ok(()) };
-        self.put(info, &convert::camera_info(player.camera(), self.header(CAMERA_FRAME)))?;
+        self.put(info, &convert::camera_info(&self.facts.camera, self.header(CAMERA_FRAME)))?;
         self.put(image, &convert::image(picture, self.header(CAMERA_FRAME)))
     }
 
@@ -194,14 +211,23 @@ impl Recording {
         self.put(self.topics.observation, &message)
     }
 
-    /// Action `step` and the target that it means.
+    /// Action `step`, the target that it means, and that the arm has taken it: this arm refuses and clips nothing.
     pub fn action(&mut self, step: usize, [dx, dz]: [f64; 2], [x_m, z_m]: [f64; 2], grip: GripPose) -> Result<()> {
         self.actions += 1;
         let (header, anchor) = (self.header(BASE_FRAME), anchor_to_msg(self.facts.anchor));
         self.put(self.topics.action, &EefDelta { header, episode: EPISODE, step: step as u32, dx, dz, anchor })?;
         let target = GripPose { x_m, z_m, ..grip };
-        let message = PoseStamped { header: self.header(BASE_FRAME), pose: grip_pose_to_msg(&target) };
-        self.put(self.topics.target, &message)
+        let (header, pose) = (self.header(BASE_FRAME), grip_pose_to_msg(&target));
+        let accepted_count = u64::from(self.actions);
+        let answer = AcceptedTarget {
+            header: header.clone(),
+            accepted: true,
+            pose: pose.clone(),
+            accepted_count,
+            ..AcceptedTarget::default()
+        };
+        self.put(self.topics.target, &PoseStamped { header, pose })?;
+        self.put(self.topics.accepted, &answer)
     }
 
     /// Ends the episode and the bag.

@@ -106,7 +106,7 @@ impl<'a> Show<'a> {
         if let Some(renderer) = &mut self.sinks.pictures {
             let camera = *self.player.camera();
             self.player.draw(renderer, &camera, frame);
-            recording.picture(&renderer.image, &self.player)?;
+            recording.picture(&renderer.image)?;
         }
         recording.keypoints(&self.seen)
     }
