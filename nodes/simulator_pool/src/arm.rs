@@ -24,6 +24,8 @@ pub struct ArmModel {
     /// The impedance law's reference.
     reference_m: [f64; 2],
     velocity_m_s: [f64; 2],
+    /// Velocity and reference before the newest tick.
+    before: [[f64; 2]; 2],
     /// Positions at the ticks from `first_tick` on; the last is where the loop is.
     path_m: Vec<[f64; 2]>,
     first_tick: u64,
@@ -39,6 +41,7 @@ impl ArmModel {
             followed_m: position_m,
             reference_m: position_m,
             velocity_m_s: [0.0; 2],
+            before: [[0.0; 2], position_m],
             path_m: vec![position_m],
             first_tick: 0,
         }
@@ -54,7 +57,13 @@ impl ArmModel {
         self.run_to(time_s);
         self.target_m = target_m;
         let followed = self.settings.terms.iter().fold(target_m, |target, term| term.target(time_s, target));
-        self.coming.push_back((time_s + self.settings.delay_s, followed));
+        let due_s = time_s + self.settings.delay_s;
+        self.coming.push_back((due_s, followed));
+        // The loop has run to the end of the tick; a target that comes within it counts for the rest of it.
+        if self.newest_tick() as f64 - due_s / TICK_S > 1e-6 && self.path_m.len() > 1 {
+            self.path_m.pop();
+            [self.velocity_m_s, self.reference_m] = self.before;
+        }
     }
 
     /// From `time_s` on the arm is told to go to the delta (dx, dz) in m from its anchor.
@@ -69,10 +78,14 @@ impl ArmModel {
         self.set_target(time_s, [from[0] + delta_m[0], from[1] + delta_m[1]]);
     }
 
+    fn newest_tick(&self) -> u64 {
+        self.first_tick + self.path_m.len() as u64 - 1
+    }
+
     /// Lets the loop run on until its position at `time_s` is known; positions before the last call's time are forgotten.
     pub fn run_to(&mut self, time_s: f64) {
         let wanted = (time_s / TICK_S - 1e-6).ceil().max(0.0) as u64;
-        let newest = self.first_tick + self.path_m.len() as u64 - 1;
+        let newest = self.newest_tick();
         if wanted <= newest {
             return;
         }
@@ -83,13 +96,14 @@ impl ArmModel {
         let mut position_m = self.path_m[self.path_m.len() - 1];
         for tick in newest..wanted {
             let now_s = tick as f64 * TICK_S;
-            while self.coming.front().is_some_and(|(t, _)| *t <= now_s + 1e-6 * TICK_S) {
+            while self.coming.front().is_some_and(|(t, _)| *t <= now_s) {
                 self.followed_m = self.coming.pop_front().map_or(self.followed_m, |(_, target)| target);
             }
             // A target that comes within the tick is followed for the rest of it.
             let coming = self.coming.front().map(|(time_s, target)| ((tick + 1) as f64 - time_s / TICK_S, *target));
-            let (share, coming_m) = coming.filter(|(share, _)| *share > 1e-6).unwrap_or((0.0, self.followed_m));
+            let (share, coming_m) = coming.filter(|(share, _)| *share > 0.0).unwrap_or((0.0, self.followed_m));
             let mixed = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|i| a[i] + share * (b[i] - a[i]));
+            self.before = [self.velocity_m_s, self.reference_m];
             position_m = match self.settings.law {
                 ArmLaw::Lag { time_constant_s, max_speed_m_s } => {
                     let towards = |target| self.lag(position_m, target, time_constant_s, max_speed_m_s);
@@ -283,11 +297,28 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_acts_to_the_microsecond() {
-        let x = |delay_s: f64| after_six_centimetres(&ArmSettings { delay_s, ..lag(0.1) }, &[0.2])[0];
-        let slope = |from: f64, to: f64| (x(to) - x(from)) / (to - from);
-        let (whole, part) = (slope(0.05, 0.051), slope(0.0503, 0.0503 + 1e-6));
-        assert!((part / whole - 1.0).abs() < 0.02, "{part} m/s within a tick, {whole} m/s over it");
+    fn a_delay_acts_within_a_tick_wherever_the_command_comes() {
+        let laws = [ArmLaw::Lag { time_constant_s: 0.1, max_speed_m_s: 0.5 }, ArmLaw::Impedance(Impedance::default())];
+        for (law, commanded_s) in laws.into_iter().flat_map(|law| [(law, 0.1), (law, 0.0995), (law, 0.1003)]) {
+            let x = |delay_s: f64| {
+                let mut arm = ArmModel::new(
+                    &ArmSettings { delay_s, ..ArmSettings::new(law, DeltaAnchor::LastTarget) },
+                    [0.4, 0.4],
+                );
+                arm.run_to(commanded_s);
+                arm.set_target(commanded_s, [0.46, 0.4]);
+                arm.run_to(0.25);
+                arm.position_m(0.25)[0]
+            };
+            let slope = |from: f64, to: f64| (x(to) - x(from)) / (to - from);
+            for delay_s in [0.0, 0.02, 0.0203] {
+                let (whole, part) = (slope(delay_s, delay_s + 2e-3), slope(delay_s, delay_s + 1e-9));
+                assert!(
+                    (part / whole - 1.0).abs() < 0.05,
+                    "{law:?}, {commanded_s} s, {delay_s} s: {part}, {whole} m/s"
+                );
+            }
+        }
     }
 
     proptest! {
