@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import time
@@ -20,7 +21,7 @@ ACTIONS = "dx_m,dz_m\n" + "0.05,-0.05\n0.04,-0.06\n" * 2
 FFMPEG = """#!/bin/sh
 [ "$FFMPEG_FAILS" ] && { echo "Unknown encoder" >&2; exit 1; }
 for last; do :; done
-wc -c > "$last"
+wc -c > "${last#file:}"
 """
 
 
@@ -164,6 +165,21 @@ def test_mp4_goes_through_ffmpeg_or_is_refused_with_the_other_way(folder):
     refused(folder, *ONE, "--video", "bar.mp4", says=("bar.mp4", "Unknown encoder"), PATH=path, FFMPEG_FAILS="1")
     report(folder, *ONE, "--video", "bar.mp4", "--video-rate", 10, PATH=path)
     assert int((folder / "bar.mp4").read_text()) == 21 * 640 * 480 * 3
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg on the PATH")
+@pytest.mark.parametrize("size", [(640, 480), (641, 479)])
+def test_the_real_ffmpeg_makes_a_video_of_every_frame(folder, size):
+    (width, height), name = size, "a: bar.mp4"
+    text = BAR.read_text().replace("image_width_px: 640", f"image_width_px: {width}")
+    (folder / "bar.yaml").write_text(text.replace("image_height_px: 480", f"image_height_px: {height}"))
+    report(folder, "--model", "bar.yaml", *ONE[2:], "--video", name, "--video-rate", 10)
+    decode = ["ffmpeg", "-loglevel", "error", "-i", f"file:{name}", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    frames = subprocess.run(decode, cwd=folder, capture_output=True, check=True, timeout=60).stdout
+    even = (width + width % 2, height + height % 2)
+    assert len(frames) == 21 * 3 * even[0] * even[1]
+    assert abs(frames[0] - 225) < 8, "the background is no longer light grey"
+    assert frames[: len(frames) // 21] != frames[-len(frames) // 21 :]
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,14 @@
 //! Raw frames for ffmpeg, which knows how to write MP4.
 
 use anyhow::{Context, Result, bail};
+use std::ffi::OsString;
 use std::io::{ErrorKind, Read, Write};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+
+/// The pixel format that players know has one colour for four pixels: odd sizes get a black line more.
+const EVEN: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
 
 /// A running ffmpeg. Dropped before [`Ffmpeg::finish`], it is ended.
 pub struct Ffmpeg {
@@ -14,12 +19,17 @@ pub struct Ffmpeg {
 impl Ffmpeg {
     /// Starts it.
     pub fn start(file: &Path, named: &Path, [width, height]: [u32; 2], rate_hz: f64) -> Result<Self> {
+        // Without a protocol, ffmpeg takes what stands before a colon in a name for one.
+        let mut out = OsString::from("file:");
+        out.push(file);
         let mut command = Command::new("ffmpeg");
         command
             .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-s", &format!("{width}x{height}"), "-r", &rate_hz.to_string(), "-i", "-", "-an"])
-            .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart"])
-            .arg(file)
+            .args(["-vf", EVEN, "-pix_fmt", "yuv420p", "-movflags", "+faststart"])
+            .arg(out)
+            // Ctrl-C ends this program, which then ends ffmpeg.
+            .process_group(0)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
@@ -39,7 +49,7 @@ impl Ffmpeg {
         match sent {
             Ok(()) => Ok(()),
             Err(e) => {
-                let said = self.last_words().unwrap_or_else(|| e.to_string());
+                let said = self.first_words().unwrap_or_else(|| e.to_string());
                 bail!("--video {}: ffmpeg: {said}", self.named.display())
             }
         }
@@ -48,7 +58,7 @@ impl Ffmpeg {
     /// Ends the input and waits for the file.
     pub fn finish(mut self) -> Result<()> {
         drop(self.child.stdin.take());
-        let said = self.last_words();
+        let said = self.first_words();
         let status = self.child.wait().context("ffmpeg")?;
         if !status.success() {
             bail!("--video {}: ffmpeg: {}", self.named.display(), said.unwrap_or_else(|| status.to_string()));
@@ -56,12 +66,12 @@ impl Ffmpeg {
         Ok(())
     }
 
-    /// The last line that it has written, at its end.
-    fn last_words(&mut self) -> Option<String> {
+    /// The first line that it has written, at its end: the cause of the others.
+    fn first_words(&mut self) -> Option<String> {
         drop(self.child.stdin.take());
         let mut said = String::new();
         self.child.stderr.take()?.read_to_string(&mut said).ok()?;
-        said.lines().rfind(|l| !l.trim().is_empty()).map(str::to_owned)
+        said.lines().find(|l| !l.trim().is_empty()).map(str::to_owned)
     }
 }
 
