@@ -125,6 +125,8 @@ pub trait Simulator {
 pub struct FrameDerivative {
     /// Of the object's keypoints (x, y), which are scaled to -1 .. 1 over the image.
     pub dlo: [[f64; 2]; 4],
+    /// Of the target's centre (x, y), scaled likewise.
+    pub target: [f64; 2],
     /// Of the end effector's x and z in m and its pitch in rad.
     pub eef: [f64; 3],
 }
@@ -144,8 +146,10 @@ pub struct TrackSensitivities {
 /// A simulator that says how tracks change with its parameters.
 pub trait DifferentiableSimulator: Simulator {
     /// Simulates the batch, and differentiates each track by the parameters and effects called `names`, at the values
-    /// that they have in it; an effect that is absent, at zero. Noise, where it is asked for, is that of the track. A
-    /// policy's actions would have to be differentiated, too: the drive must be a path or actions.
+    /// that they have in it; an effect that is absent, at zero. Noise, where it is asked for, is that of the track, and an
+    /// effect that acts at random has the derivative zero. Where a parameter has a kink or an end, the derivative is that
+    /// to one side. The drive must be a path or actions: a policy's actions would have to be differentiated, too. An
+    /// episode that does not begin at rest where it should is refused.
     fn sensitivities(
         &self,
         request: &SimulationRequest,

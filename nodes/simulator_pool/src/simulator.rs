@@ -3,9 +3,9 @@
 use crate::beam::Discretisation;
 use crate::effects::Registry;
 use crate::episode::{self, Conditions, Stage, effects_of};
-use crate::parameters::ParameterError;
+use crate::parameters::{ParameterError, known};
 use crate::{sensitivity, workers};
-use catenary_core::simulator::{DifferentiableSimulator, SimulatorError, TrackSensitivities};
+use catenary_core::simulator::{DifferentiableSimulator, Drive, SimulatorError, TrackSensitivities};
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -103,7 +103,7 @@ impl BeamSimulator {
         &self,
         request: &SimulationRequest,
         index: usize,
-        names: &[&str],
+        (is_first_part, names): (bool, &[&str]),
     ) -> Result<TrackSensitivities, SimulatorError> {
         let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
         let stages = (0..=names.len()).map(|_| self.take_stage(request.fidelity));
@@ -113,7 +113,9 @@ impl BeamSimulator {
         let SimulationRequest { drive, start, frame_times_s, .. } = request;
         let result = sensitivity::differentiate(&mut stages, &conditions, drive, start, frame_times_s, names);
         let sensitivities = result.map_err(|e| input(&e))?;
-        self.count(&stages[0]);
+        if is_first_part {
+            self.count(&stages[0]);
+        }
         let idle = stages.into_iter().map(|stage| (request.fidelity, stage));
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).extend(idle);
         Ok(sensitivities)
@@ -128,6 +130,11 @@ pub(crate) fn check(model: &Model, request: &SimulationRequest) -> Result<(), St
     }
     if let Some((name, values)) = request.effects.iter().find(|(_, v)| v.len() != n) {
         return Err(format!("effect `{name}`: expected {n} values, one an episode, got {}", values.len()));
+    }
+    if let Drive::Actions(actions) = &request.drive
+        && let Some(i) = actions.iter().position(|a| !a.iter().all(|v| v.is_finite()))
+    {
+        return Err(format!("actions: expected finite numbers, got {:?} at step {i}", actions[i]));
     }
     let times = &request.frame_times_s;
     let follows = |i: usize| i == 0 || times[i] > times[i - 1];
@@ -155,15 +162,18 @@ impl DifferentiableSimulator for BeamSimulator {
         names: &[&str],
     ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
         check(&self.model, request).map_err(SimulatorError::Input)?;
+        for name in names {
+            known(&self.registry, name).map_err(|e| SimulatorError::Input(e.to_string()))?;
+        }
         // Where there are more workers than episodes, an episode's parameters are shared out.
         let episodes = request.thetas.len();
         let parts = self.workers.div_ceil(episodes.max(1)).clamp(1, names.len().max(1));
         let share = names.len().div_ceil(parts).max(1);
-        let mut work: Vec<(usize, &[&str])> = Vec::new();
+        let mut work: Vec<(usize, (bool, &[&str]))> = Vec::new();
         for index in 0..episodes {
-            work.extend(names.chunks(share).map(|part| (index, part)));
+            work.extend(names.chunks(share).enumerate().map(|(i, part)| (index, (i == 0, part))));
             if names.is_empty() {
-                work.push((index, names));
+                work.push((index, (true, names)));
             }
         }
         let per_episode = work.len() / episodes.max(1);
@@ -189,7 +199,7 @@ impl DifferentiableSimulator for BeamSimulator {
 mod tests {
     use super::*;
     use crate::parameters::tests::{cable, soft_bar};
-    use catenary_core::simulator::{Drive, StartShape};
+    use catenary_core::simulator::StartShape;
     use catenary_core::track::End;
     use catenary_core::{GripPose, GripTrajectory};
 
@@ -282,6 +292,7 @@ mod tests {
         assert!(message(|r| r.frame_times_s = vec![f64::NAN]).contains("frame_times"));
         assert!(message(|r| r.effects = vec![("tip_mass_kg".into(), vec![])]).contains("tip_mass_kg"));
         assert!(message(|r| r.thetas[1][1] = -1.0).contains("youngs_modulus_pa"));
+        assert!(message(|r| r.drive = Drive::Actions(vec![[0.0; 2], [f64::NAN, 0.0]])).contains("at step 1"));
         let no_task = BeamSimulator::new(&cable(), 1).unwrap();
         let mut r = request(Drive::Actions(vec![[0.0; 2]]), 1);
         r.thetas = vec![vec![0.1, 0.02, 0.0, 0.5, 0.05]];

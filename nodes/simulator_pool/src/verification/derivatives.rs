@@ -203,6 +203,7 @@ fn combined(frames: [(&Frame, f64); 3]) -> FrameDerivative {
     let sum = |of: &dyn Fn(&Frame) -> f64| frames.iter().map(|(frame, weight)| weight * of(frame)).sum::<f64>();
     FrameDerivative {
         dlo: std::array::from_fn(|k| [0, 1].map(|i| sum(&|f| f.dlo[k][i]))),
+        target: [0, 1].map(|i| sum(&|f| f.target[i])),
         eef: [0, 1, 2].map(|i| sum(&|f| f.eef[i])),
     }
 }
