@@ -1,6 +1,6 @@
 //! How an episode's track changes with parameters and effects.
 //!
-//! Beside the episode's stage stands one for each parameter, on which the parameter is changed by a hundred-millionth. Their
+//! Beside the episode's stage stands one for each parameter, on which the parameter is changed by a millionth or less. Their
 //! beams go in step with the episode's ([`Beam::advance_with`]); arm, camera and everything else run as they are. A track
 //! and its derivatives by k parameters cost about as much as 1.5 + 0.8 k tracks, where central differences take 2 k.
 //!
@@ -16,9 +16,11 @@ use catenary_core::simulator::{Drive, FrameDerivative, StartShape, TrackSensitiv
 use catenary_core::track::End;
 use catenary_core::{Frame, GripPose, Track};
 
-/// Change of a parameter, as a share of its value or of the greatest magnitude that its prior holds, whichever is larger:
-/// a larger share meets the bends of contact, a smaller one rounding.
-const SHARE: f64 = 1e-8;
+/// Change of a parameter, as a share of its value or of the greatest magnitude that its prior holds, whichever is larger. A
+/// larger one meets the bends of the forces, a smaller one rounding. Friction bends within micrometres, on a table; a beam
+/// without one, within a fraction of an element.
+const SHARE_ON_TABLE: f64 = 1e-8;
+const SHARE_IN_AIR: f64 = 1e-6;
 
 /// How one parameter is changed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,7 +80,8 @@ fn small_change<'a>(stage: &Stage, conditions: &Conditions<'_>, name: &'a str) -
     let value =
         values.value(name).ok_or_else(|| format!("parameter `{name}`: expected a value in the model, got none"))?;
     let [low, high] = greatest_span(stage, name).unwrap_or([value; 2]);
-    let size = SHARE * value.abs().max(low.abs()).max(high.abs());
+    let share = if stage.world().beam.table.is_some() { SHARE_ON_TABLE } else { SHARE_IN_AIR };
+    let size = share * value.abs().max(low.abs()).max(high.abs());
     if size == 0.0 {
         return Err(format!("parameter `{name}`: expected a prior, or a value that is not 0, to differentiate by it"));
     }

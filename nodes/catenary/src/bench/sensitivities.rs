@@ -3,13 +3,13 @@
 use super::cpu_time;
 use crate::cli::Output;
 use crate::{model_file, output};
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use catenary_core::Fidelity;
 use indicatif::{ProgressBar, ProgressStyle};
 use simulator_pool::verification::{DerivativeReport, DerivativeTrial};
 use std::path::Path;
 
-/// Differentiates random episodes at the fidelity of inference.
+/// Differentiates random episodes at the fidelity of inference. An error where the derivatives miss their bound.
 pub fn run(model: Option<&Path>, episodes: u64, out: &Output) -> Result<()> {
     let model = model_file::read_or_soft_bar(model)?;
     let bar = ProgressBar::new(episodes);
@@ -17,7 +17,9 @@ pub fn run(model: Option<&Path>, episodes: u64, out: &Output) -> Result<()> {
     let trial = DerivativeTrial { model: &model, fidelity: Fidelity::Standard, episodes, cpu_time };
     let report = trial.run(|| bar.inc(1))?;
     bar.finish_and_clear();
-    output::result(out, &report, words)
+    output::result(out, &report, words)?;
+    ensure!(report.passes, "bench sensitivities: the derivatives err by more than 2 %, and more than differences do");
+    Ok(())
 }
 
 fn words(report: &DerivativeReport) -> String {
@@ -34,14 +36,19 @@ fn words(report: &DerivativeReport) -> String {
             report.tracks
         ),
         format!(
-            "derivatives by {} parameters; central differences take {} tracks",
-            report.rows.len(),
-            2 * report.rows.len()
+            "derivatives by {} parameters and effects; central differences take {} tracks",
+            report.difference_tracks / 2,
+            report.difference_tracks
         ),
-        format!("{:<28} {:>12} {:>20} {:>12}", "median relative error of", "derivative", "central difference", "over"),
+        format!(
+            "{:<28} {:>10} {:>10} {:>25} {:>10}",
+            "relative error of", "median", "worst", "median central difference", "over"
+        ),
     ];
     let row = |r: &simulator_pool::verification::DerivativeRow| {
-        format!("{:<28} {:>12.1e} {:>20.1e} {:>12.1e}", r.name, r.error, r.difference_error, r.difference_step)
+        let missed = if r.passes { "" } else { "  MISSED" };
+        let (error, step) = (r.difference_error, r.difference_step);
+        format!("{:<28} {:>10.1e} {:>10.1e} {error:>25.1e} {step:>10.1e}{missed}", r.name, r.error, r.worst)
     };
     lines.extend(report.rows.iter().map(row));
     lines.join("\n")
