@@ -175,7 +175,7 @@ impl BagReader {
 /// As [`BagReader::open`], and [`BagError::Io`].
 pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
     if path.is_dir() {
-        reserve::free(path);
+        reserve::take_over(path).map_err(BagError::io("finish", path))?;
     }
     let before = BagReader::open(path)?;
     if let Some(file) = before.files.iter().find(|f| f.source.extension().is_none_or(|e| e != "mcap")) {

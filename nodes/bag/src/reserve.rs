@@ -1,9 +1,9 @@
 //! Room on the disk that is kept free until it is needed.
 #![allow(clippy::disallowed_methods, reason = "room on a disk is a file")]
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, TryLockError};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Name of the file.
 const FILE_NAME: &str = ".reserve";
@@ -11,23 +11,24 @@ const FILE_NAME: &str = ".reserve";
 const STEP: usize = 64 * 1024;
 
 /// A file in a bag's folder that takes the room which the end of the bag will need, so that a full disk does not keep the
-/// bag from being finished. Whoever finishes the bag removes it first.
+/// bag from being finished. Whoever finishes the bag removes it first. It is locked while the bag is written.
 pub(crate) struct Reserve {
-    path: PathBuf,
+    file: File,
     bytes: usize,
 }
 
 impl Reserve {
     pub(crate) fn new(folder: &Path) -> io::Result<Self> {
-        let path = folder.join(FILE_NAME);
-        File::create(&path)?;
-        Ok(Self { path, bytes: 0 })
+        let file = File::create(folder.join(FILE_NAME))?;
+        // File systems without locks are none the worse for it.
+        let _unlocked = file.try_lock();
+        Ok(Self { file, bytes: 0 })
     }
 
     /// Makes room for `needed` bytes.
     pub(crate) fn grow(&mut self, needed: usize) -> io::Result<()> {
         while self.bytes < needed {
-            OpenOptions::new().append(true).open(&self.path)?.write_all(&[0x5a; STEP])?;
+            self.file.write_all(&[0x5a; STEP])?;
             self.bytes += STEP;
         }
         Ok(())
@@ -37,4 +38,18 @@ impl Reserve {
 /// Frees the room in a bag's folder.
 pub(crate) fn free(folder: &Path) {
     let _there_is_none = std::fs::remove_file(folder.join(FILE_NAME));
+}
+
+/// Frees the room that a killed recorder has left.
+///
+/// # Errors
+/// The recorder is still at work.
+pub(crate) fn take_over(folder: &Path) -> io::Result<()> {
+    if let Ok(file) = File::open(folder.join(FILE_NAME))
+        && let Err(TryLockError::WouldBlock) = file.try_lock()
+    {
+        return Err(io::Error::new(io::ErrorKind::ResourceBusy, "a recorder writes to it"));
+    }
+    free(folder);
+    Ok(())
 }

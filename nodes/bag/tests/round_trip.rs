@@ -99,10 +99,14 @@ fn metadata_is_written_at_once_and_can_be_made_anew() {
     assert_eq!(sorted(&anew), sorted(&written));
 
     let open = folder.path().join("open");
-    let _writer = BagWriter::create(&open, &WriterOptions::default()).unwrap();
+    let writer = BagWriter::create(&open, &WriterOptions::default()).unwrap();
     assert!(std::fs::read_to_string(open.join("metadata.yaml")).unwrap().contains("open_0.mcap"));
     let empty = BagReader::open(&open).unwrap();
     assert_eq!((empty.message_count(), empty.span_ns(), empty.messages().count()), (0, None, 0));
+    let error = reindex(&open).unwrap_err().to_string();
+    assert!(error.contains("cannot finish: a recorder writes to it"), "{error}");
+    drop(writer);
+    reindex(&open).unwrap();
 }
 
 #[test]
