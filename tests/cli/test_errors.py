@@ -146,7 +146,7 @@ def cut(folder, share):
 
 @pytest.mark.parametrize(
     ("share", "says"),
-    [(0.0, ("an empty file",)), (0.0001, ("begins neither as an MCAP file",)), (0.3, ("no complete episode", "0 episode ends"))],
+    [(0.0, ("an empty file",)), (0.0001, ("begins neither as an MCAP file nor as a database of sqlite3",)), (0.3, ("no complete episode", "0 episode ends"))],
 )
 def test_a_truncated_bag_is_named_with_what_is_left_of_it(tmp_path, share, says):
     path = cut(tmp_path, share)

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub use crate::bags::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
+pub use crate::install::InstallArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -50,6 +51,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// List the effects that a model may have, with units and priors
     Effects(EffectsArgs),
+    /// Install nodes and launch files for `ros2 run` and `ros2 launch`
+    Install(InstallArgs),
     /// Check this machine and its ROS 2 settings
     Doctor(DoctorArgs),
 }

@@ -14,6 +14,7 @@ mod effects;
 mod figures;
 mod import;
 mod infer;
+mod install;
 mod interrupted;
 mod launch;
 mod model_file;
@@ -28,11 +29,17 @@ use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use interrupted::Interrupted;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // A node reads its own command line, in ROS 2's form.
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let mut arguments = std::env::args();
+    let called = arguments.next().and_then(|path| Some(Path::new(&path).file_name()?.to_str()?.to_owned()));
+    let arguments: Vec<String> = arguments.collect();
+    if let Some(name) = called.filter(|name| nodes::is_node(name)) {
+        return nodes::run(&name, arguments);
+    }
     if let [command, name, rest @ ..] = &arguments[..]
         && command == "node"
         && !name.starts_with('-')
@@ -98,6 +105,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Record(arguments) => bags::run_record(arguments),
         Command::Replay(arguments) => bags::run_replay(arguments),
+        Command::Install(arguments) => install::run(arguments),
         Command::Info(arguments) => bags::run_info(arguments),
         Command::Reindex(arguments) => bags::run_reindex(arguments),
     }

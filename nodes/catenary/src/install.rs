@@ -1,0 +1,126 @@
+//! `catenary install`: an ament prefix with this program in it, so that `ros2 run catenary NODE` and
+//! `ros2 launch catenary FILE` find nodes and launch files.
+
+use crate::cli::Output;
+use crate::{nodes, output};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use serde::Serialize;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The package's name in ROS 2.
+const PACKAGE: &str = "catenary";
+/// Launch files, parameters and models, by their paths among themselves.
+const LAUNCH_CONFIGS: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/launch_configs.rs"));
+/// Where launch files look for the nodes unless they are told.
+const DEFAULT_BIN: &str = "/opt/catenary/bin";
+/// The package's description.
+const PACKAGE_XML: &str = include_str!("../../package.xml");
+
+/// `catenary install`.
+#[derive(Debug, Args)]
+pub struct InstallArgs {
+    /// Folder to install into
+    #[arg(long)]
+    prefix: PathBuf,
+    /// Machine-readable output
+    #[command(flatten)]
+    output: Output,
+}
+
+/// What was installed.
+#[derive(Debug, Serialize)]
+struct Installed {
+    prefix: PathBuf,
+    nodes: Vec<String>,
+    launch_files: Vec<String>,
+}
+
+/// Lays out the prefix. What an earlier installation left is replaced.
+pub fn run(arguments: &InstallArgs) -> Result<()> {
+    let prefix = std::path::absolute(&arguments.prefix).context("--prefix")?;
+    let is_awkward = |c: char| c.is_whitespace() || "()'\"$<>&".contains(c);
+    if prefix.to_str().is_none_or(|path| path.contains(is_awkward)) {
+        let expected = "a path that launch files can name, without blanks and brackets";
+        bail!("--prefix: expected {expected}, got {}", prefix.display());
+    }
+    let installed = lay_out(&prefix)?;
+    output::result(&arguments.output, &installed, |i| {
+        let prefix = i.prefix.display();
+        format!("{prefix}: {} nodes\nsource {prefix}/setup.sh", i.nodes.len())
+    })
+}
+
+fn lay_out(prefix: &Path) -> Result<Installed> {
+    let (lib, share) = (prefix.join("lib").join(PACKAGE), prefix.join("share").join(PACKAGE));
+    let own = std::env::current_exe().context("the path of this program")?;
+    let program = prefix.join("bin").join(PACKAGE);
+    if fs::canonicalize(&program).ok() != fs::canonicalize(&own).ok() {
+        put(&program, |draft| fs::copy(&own, draft).map(|_len| ()))?;
+    }
+    let names: Vec<String> = nodes::NODES.iter().map(|(name, _, _)| (*name).to_owned()).collect();
+    for name in names.iter().map(String::as_str).chain([PACKAGE]) {
+        // The program looks at the name that it is called by.
+        put(&lib.join(name), |draft| std::os::unix::fs::symlink("../../bin/catenary", draft))?;
+    }
+    let launch = share.join("launch");
+    for (name, bytes) in LAUNCH_CONFIGS {
+        let is_text = [".xml", ".yaml"].iter().any(|ending| name.ends_with(ending));
+        let text = std::str::from_utf8(bytes).ok().filter(|_| is_text);
+        let adapted = text.map(|t| t.replace(DEFAULT_BIN, &lib.display().to_string()).into_bytes());
+        put(&launch.join(name), |draft| fs::write(draft, adapted.as_deref().unwrap_or(bytes)))?;
+    }
+    put(&share.join("package.xml"), |draft| fs::write(draft, PACKAGE_XML))?;
+    let index = prefix.join("share/ament_index/resource_index/packages");
+    put(&index.join(PACKAGE), |draft| fs::write(draft, ""))?;
+    for shell in ["sh", "bash", "zsh"] {
+        let path = prefix.join(format!("setup.{shell}"));
+        // In a prefix that others installed into, too, theirs does it.
+        let is_ours = fs::read_to_string(&path).map_or(true, |text| text.starts_with(SETUP_TITLE));
+        if is_ours {
+            put(&path, |draft| fs::write(draft, setup(prefix)))?;
+        }
+    }
+    let launch_files = LAUNCH_CONFIGS.iter().map(|(name, _)| (*name).to_owned()).filter(|n| n.ends_with(".launch.xml"));
+    Ok(Installed { prefix: prefix.to_owned(), nodes: names, launch_files: launch_files.collect() })
+}
+
+const SETUP_TITLE: &str = "# Makes ROS 2 find the package catenary.";
+
+/// The text of a script for any shell.
+fn setup(prefix: &Path) -> String {
+    let prefix = prefix.display();
+    let add =
+        |variable: &str, part: &str| format!("export {variable}='{prefix}{part}'\"${{{variable}:+:${variable}}}\"\n");
+    format!("{SETUP_TITLE}\n{}{}", add("AMENT_PREFIX_PATH", ""), add("PATH", "/bin"))
+}
+
+/// Makes a file or a link in one step, in place of what was there.
+fn put(path: &Path, make: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<()> {
+    let parent = path.parent().unwrap_or(Path::new("."));
+    let draft = path.with_extension("part");
+    let remove = |path: &Path| match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    };
+    fs::create_dir_all(parent)
+        .and_then(|()| remove(&draft))
+        .and_then(|()| make(&draft))
+        .and_then(|()| fs::rename(&draft, path))
+        .with_context(|| format!("cannot install {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn launch_files_name_the_folder_that_is_replaced() {
+        let launch: Vec<_> = LAUNCH_CONFIGS.iter().filter(|(name, _)| name.ends_with(".launch.xml")).collect();
+        assert!(launch.len() >= 3);
+        for (name, bytes) in launch {
+            assert!(String::from_utf8_lossy(bytes).contains(DEFAULT_BIN), "{name}");
+        }
+    }
+}

@@ -1,0 +1,143 @@
+"""The packages as ROS 2 finds them: what `catenary install` lays out, and what colcon builds from the same files."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import pytest
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from catkin_pkg.package import parse_package
+from conftest import NODES, PROGRAM, ROOT
+
+ALL_NODES = NODES | {"panda_bridge", "recorder", "replayer"}
+
+
+def executables(package):
+    """What `ros2 run` takes for the executables of a package: whatever may be executed below its folder in lib."""
+    folder = pathlib.Path(get_package_prefix(package)) / "lib" / package
+    paths = [pathlib.Path(root, name) for root, _, names in os.walk(folder) for name in names]
+    return {path.name: path for path in paths if path.is_file() and os.access(path, os.X_OK)}
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("prefix")
+    for _ in range(2):
+        done = subprocess.run([PROGRAM, "install", "--prefix", prefix, "--json"], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert set(report["nodes"]) == ALL_NODES and "sim.launch.xml" in report["launch_files"]
+    return prefix
+
+
+def test_ros2_finds_the_package_and_its_executables(prefix, monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}:{os.environ['AMENT_PREFIX_PATH']}")
+    assert get_package_prefix("catenary") == str(prefix)
+    found = executables("catenary")
+    assert set(found) == ALL_NODES | {"catenary"}
+    for name, path in found.items():
+        arguments = ["--version"] if name == "catenary" else ["--ros-args", "--nonsense"]
+        done = subprocess.run([path, *arguments], capture_output=True, text=True, timeout=20)
+        if name == "catenary":
+            assert done.returncode == 0 and done.stdout.startswith("catenary "), done.stderr
+        else:
+            assert done.returncode == 2 and done.stderr.startswith(f"{name}: ") and "--nonsense" in done.stderr, done.stderr
+    package = parse_package(str(prefix / "share/catenary/package.xml"))
+    assert (package.name, package.get_build_type()) == ("catenary", "ament_cmake")
+    assert (prefix / "share/catenary/package.xml").read_text() == (ROOT / "nodes/package.xml").read_text()
+
+
+def test_a_prefix_that_launch_files_cannot_name_is_refused(tmp_path):
+    done = subprocess.run([PROGRAM, "install", "--prefix", tmp_path / "a prefix"], capture_output=True, text=True)
+    assert done.returncode == 1 and "--prefix: expected a path that launch files can name" in done.stderr and "a prefix" in done.stderr
+
+
+def test_installed_launch_files_start_what_is_installed(prefix, monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}:{os.environ['AMENT_PREFIX_PATH']}")
+    monkeypatch.delenv("CATENARY_BIN", raising=False)
+    share = pathlib.Path(get_package_share_directory("catenary"))
+    files = sorted((share / "launch").glob("*.launch.xml"))
+    assert {path.name for path in files} == {path.name for path in (ROOT / "launch_configs").glob("*.launch.xml")}
+    kinds = ("*.xml", "*/*.yaml", "*/*.csv")
+    listing = lambda folder: sorted(str(path.relative_to(folder)) for kind in kinds for path in folder.glob(kind))
+    assert listing(share / "launch") == listing(ROOT / "launch_configs")
+    for path in files:
+        done = subprocess.run([prefix / "bin/catenary", "launch", path, "--show", "--json"], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        processes = json.loads(done.stdout)["processes"]
+        assert processes
+        for name, command in processes:
+            assert command.startswith(f"{prefix}/lib/catenary/{name} "), command
+            assert "/opt/catenary" not in command
+
+
+def test_the_setup_script_puts_the_package_before_others(prefix):
+    script = f". '{prefix}/setup.sh' && catenary --version && echo \"$AMENT_PREFIX_PATH\""
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, env=os.environ | {"AMENT_PREFIX_PATH": "/opt/ros/jazzy"})
+    assert done.returncode == 0, done.stderr
+    version, path = done.stdout.splitlines()
+    assert version.startswith("catenary ") and path == f"{prefix}:/opt/ros/jazzy"
+
+
+def test_an_installed_node_joins_the_graph(prefix, session):
+    """As `ros2 run catenary keypoint_tracker --ros-args -r __ns:=/lab` starts it."""
+    with open(session.folder / "node.err", "wb") as err:
+        command = [prefix / "lib/catenary/keypoint_tracker", "--ros-args", "-r", "__ns:=/lab"]
+        child = subprocess.Popen(command, env=session.environment, cwd=session.folder, stderr=err)
+    session.children.append(child)
+    ros = session.meet("keypoint_tracker")
+    assert ("keypoint_tracker", "/lab") in ros.node.get_node_names_and_namespaces()
+
+
+def colcon(folder, *packages):
+    """Builds packages with colcon in `folder`, against the wheels of the environment."""
+    venv = pathlib.Path(sys.prefix)
+    site = next(venv.glob("lib/python3.*/site-packages"))
+    environment = os.environ | {
+        "AMENT_PREFIX_PATH": str(venv),
+        "PYTHONPATH": str(site),
+        "LD_LIBRARY_PATH": str(venv / "lib"),
+        "CMAKE_GENERATOR": "Ninja",
+        "COLCON_HOME": str(folder / "home"),
+    }
+    settings = [f"-DCMAKE_PREFIX_PATH={venv}/build/stub;{venv}", f"-DPython3_EXECUTABLE={venv}/bin/python", "-DBUILD_TESTING=OFF"]
+    command = [sys.executable, "-m", "colcon", "build", "--base-paths", *packages, "--cmake-args", "-DCMAKE_BUILD_TYPE=MinSizeRel", *settings]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=500)
+
+
+def test_colcon_builds_the_interfaces_as_an_ament_package(tmp_path):
+    """The package's own files with one of its messages: the environment of the tests builds all of them with plain CMake."""
+    source = tmp_path / "msgs"
+    (source / "msg").mkdir(parents=True)
+    for name in ("package.xml", "CMakeLists.txt", "msg/Keypoints.msg"):
+        shutil.copy(ROOT / "msgs" / name, source / name)
+    package = parse_package(str(source / "package.xml"))
+    assert (package.name, package.get_build_type()) == ("catenary_msgs", "ament_cmake")
+    done = colcon(tmp_path, source)
+    assert done.returncode == 0, done.stderr[-2000:]
+    install = tmp_path / "install/catenary_msgs"
+    assert (install / "share/ament_index/resource_index/packages/catenary_msgs").exists()
+    interfaces = (install / "share/ament_index/resource_index/rosidl_interfaces/catenary_msgs").read_text().split()
+    assert "msg/Keypoints.msg" in interfaces
+    (hashes,) = [row for row in json.loads((install / "share/catenary_msgs/msg/Keypoints.json").read_text())["type_hashes"] if row["type_name"] == "catenary_msgs/msg/Keypoints"]
+    built = pathlib.Path(os.environ["AMENT_PREFIX_PATH"].split(":")[0]) / "share/catenary_msgs/msg/Keypoints.json"
+    assert hashes in json.loads(built.read_text())["type_hashes"]
+    script = f". '{tmp_path}/install/local_setup.sh' && echo \"$AMENT_PREFIX_PATH\""
+    sourced = subprocess.run(["sh", "-c", script], capture_output=True, text=True)
+    assert sourced.stdout.split(":")[0].strip() == str(install)
+
+
+def test_colcon_installs_the_nodes(tmp_path):
+    """By cargo, which has built them already."""
+    done = colcon(tmp_path, ROOT / "nodes")
+    assert done.returncode == 0, done.stderr[-2000:]
+    install = tmp_path / "install/catenary"
+    script = f". '{tmp_path}/install/local_setup.sh' && echo \"$AMENT_PREFIX_PATH\" && ls '{install}/lib/catenary'"
+    sourced = subprocess.run(["sh", "-c", script], capture_output=True, text=True)
+    assert sourced.returncode == 0, sourced.stderr
+    path, *names = sourced.stdout.split()
+    assert path.split(":")[0] == str(install) and set(names) == ALL_NODES | {"catenary"}
+    assert (install / "share/catenary/launch/sim.launch.xml").exists()
