@@ -170,8 +170,8 @@ fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
     match target {
         "rustdds::rtps::writer" => level == tracing::Level::WARN && !message.contains("QoS mismatch"),
         "rustdds::dds::participant" => message.contains("ParticipantId"),
-        // A node that ends as soon as it has begun hears of its own readers when they are gone.
-        "rustdds::discovery" => message.contains("Did not find a local reader"),
+        // A node that ends as soon as it has begun hears of its own readers and writers when they are gone.
+        "rustdds::discovery" | "rustdds::discovery::discovery" => message.contains("Did not find a local"),
         // The middleware's own subscription of /clock has another type than everybody else's: see `spinner`.
         "rustdds::discovery::discovery_db" => {
             message.contains("Inconsistent topic update") && message.contains("rosgraph_msgs::msg::dds_::Clock_")
@@ -273,6 +273,8 @@ mod tests {
     fn what_a_short_life_makes_discovery_say_is_noise_and_the_rest_is_not() {
         let noise = |message| is_noise(tracing::Level::WARN, "rustdds::discovery", message);
         assert!(noise("Did not find a local reader GUID {1}"));
+        let twin = "Did not find a local writer GUID {1}";
+        assert!(noise(twin) && is_noise(tracing::Level::WARN, "rustdds::discovery::discovery", twin));
         assert!(!noise("Cannot get multicast discovery listener"));
     }
 
