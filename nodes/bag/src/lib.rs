@@ -3,7 +3,8 @@
 //! Does: write bags as `ros2 bag record` does, chunk by chunk, so that a killed process loses the last second at most
 //! ([`BagWriter`]); read them, finished or not ([`BagReader`]); put episodes together from them ([`read_episodes`]); make
 //! them from measured tracks ([`import_track`]). Bags of other recorders may be in sqlite3, and compressed in
-//! any of rosbag2's ways. With the feature `node` also: record the graph and replay into it.
+//! any of rosbag2's ways. With the feature `node` also: record the graph, replay into it,
+//! and follow its episodes ([`LiveEpisodes`]).
 //! Does not: know any algorithm, or change what a message says. Writes no sqlite3 bags.
 
 #[cfg(feature = "node")]
@@ -17,6 +18,8 @@ mod filter;
 mod import;
 #[cfg(feature = "node")]
 mod kinds;
+#[cfg(feature = "node")]
+mod live;
 mod metadata;
 #[cfg(feature = "node")]
 pub mod node;
@@ -36,6 +39,8 @@ pub use episodes::{EpisodeTopics, read_episodes};
 pub use error::BagError;
 pub use filter::{Pattern, TopicFilter};
 pub use import::import_track;
+#[cfg(feature = "node")]
+pub use live::LiveEpisodes;
 #[cfg(feature = "node")]
 pub use overrides::QosOverrides;
 pub use reader::{BagMessage, BagReader, Messages, Topic, TopicCount, reindex};

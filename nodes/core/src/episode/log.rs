@@ -158,6 +158,12 @@ impl EpisodeLog {
         Ok(self.gather(span, &spans))
     }
 
+    /// Every complete episode, in order of their starts.
+    pub fn episodes(&self) -> Vec<Episode> {
+        let spans = self.spans();
+        spans.iter().map(|span| self.gather(*span, &spans)).collect()
+    }
+
     /// The records of an episode.
     fn gather(&self, span: Span, all: &[Span]) -> Episode {
         let Span { start_ns, number, end_ns, until_ns } = span;
