@@ -11,8 +11,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const ALGORITHMS: [&str; 7] =
-    ["camera", "keypoint_tracker", "simulator_pool", "bayes_sim", "ppo_trainer", "policy_runner", "panda_bridge"];
+const ALGORITHMS: [&str; 8] = [
+    "camera",
+    "keypoint_tracker",
+    "simulator_pool",
+    "bayes_sim",
+    "ppo_trainer",
+    "policy_runner",
+    "panda_bridge",
+    "effect_finder",
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

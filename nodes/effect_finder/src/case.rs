@@ -1,0 +1,292 @@
+//! A measured episode, what reproduces it, and how far a simulated track lies from it.
+
+use crate::error::FinderError;
+use crate::settings::Settings;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::model::DriveKind;
+use catenary_core::simulator::{FrameDerivative, TrackSensitivities};
+use catenary_core::{Camera, Drive, Frame, Model, SimulationRequest, Track};
+use nalgebra::{DMatrix, DVector};
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+/// Half the side of a mask, in pixels: keypoints are scaled to -1 .. 1 over 256.
+const HALF_MASK_PX: f64 = 128.0;
+/// Lever by which an angle of the end effector is compared with its place, m.
+const LEVER_M: f64 = 0.1;
+
+/// What a row of residuals is a difference of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Coordinate `axis` (0: x to the right, 1: y down) of keypoint `point` in the image, from the grip on.
+    Keypoint {
+        /// Place along the object, 0 to 3.
+        point: usize,
+        /// 0: x, 1: y.
+        axis: usize,
+    },
+    /// Coordinate of the end effector: 0: x, 1: z, 2: pitch.
+    Pose {
+        /// 0: x, 1: z, 2: pitch.
+        axis: usize,
+    },
+}
+
+/// What a row of residuals is a difference of, and where.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Channel {
+    /// Place of the episode.
+    pub episode: usize,
+    /// Place of the frame.
+    pub frame: usize,
+    /// s since the start.
+    pub time_s: f64,
+    /// What was measured.
+    pub quantity: Quantity,
+}
+
+/// A measured episode with what reproduces it.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// The request that reproduces it, without thetas, effects, seed and noise.
+    pub template: SimulationRequest,
+    /// What was measured.
+    pub measured: Track,
+    /// Standard deviation of a scaled keypoint coordinate.
+    keypoint_sd: f64,
+    /// Standard deviation of a coordinate of the end effector in m, where the arm's path is a prediction.
+    pose_sd_m: Option<f64>,
+}
+
+impl Case {
+    /// The episode at place `episode`, as the model drives it; a model that is driven by a policy gets the actions that the
+    /// policy took.
+    ///
+    /// # Errors
+    /// [`FinderError::Drive`] where actions are needed and there are none.
+    pub fn new(
+        model: &Model,
+        measured: &MeasuredTrack,
+        episode: usize,
+        settings: &Settings,
+    ) -> Result<Self, FinderError> {
+        let kind = model.observation.drive;
+        let is_path = kind == DriveKind::Grip;
+        let drive = match kind {
+            DriveKind::Grip => Drive::Grip(measured.grip.clone()),
+            _ if measured.actions.is_empty() => return Err(FinderError::Drive { episode, drive: kind.name() }),
+            _ => Drive::Actions(measured.actions.clone()),
+        };
+        let times = || measured.track.frames.iter().map(|f| f.time_s).collect();
+        let template = SimulationRequest {
+            thetas: Vec::new(),
+            effects: Vec::new(),
+            drive,
+            start: measured.start.clone(),
+            frame_times_s: if is_path { times() } else { Vec::new() },
+            target_m: measured.target_m,
+            fidelity: settings.fidelity,
+            seed: settings.seed,
+            first_episode: 0,
+            noise: false,
+        };
+        Ok(Self {
+            template,
+            measured: measured.track.clone(),
+            keypoint_sd: model.camera.keypoint_noise_px / HALF_MASK_PX,
+            pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
+        })
+    }
+
+    /// What each row of residuals is a difference of.
+    pub fn channels(&self, episode: usize) -> Vec<Channel> {
+        let frames = self.measured.frames.iter().enumerate();
+        frames
+            .flat_map(|(i, f)| {
+                self.quantities().map(move |quantity| Channel { episode, frame: i, time_s: f.time_s, quantity })
+            })
+            .collect()
+    }
+
+    fn quantities(&self) -> impl Iterator<Item = Quantity> + use<> {
+        let keypoints = (0..4).flat_map(|point| [0, 1].map(|axis| Quantity::Keypoint { point, axis }));
+        let poses = if self.pose_sd_m.is_some() { 3 } else { 0 };
+        keypoints.chain((0..poses).map(|axis| Quantity::Pose { axis }))
+    }
+
+    /// Measured less simulated, in standard deviations of the noise, a row a channel; and the simulated track's
+    /// derivatives by the parameters asked for in the same unit, a column each. The order of a frame's keypoints, which may
+    /// flip, is the one that fits better. An episode that ended before a measured frame stands still from its end on.
+    pub fn compare(&self, measured: &Track, simulated: &TrackSensitivities) -> (DVector<f64>, DMatrix<f64>) {
+        let rows = self.quantities().count();
+        let count = measured.frames.len();
+        let mut residuals = DVector::zeros(rows * count);
+        let mut jacobian = DMatrix::zeros(rows * count, simulated.derivatives.len());
+        for (i, seen) in measured.frames.iter().enumerate() {
+            let Some(last) = simulated.track.frames.len().checked_sub(1) else { break };
+            let at = i.min(last);
+            let predicted = &simulated.track.frames[at];
+            let order = best_order(seen, predicted);
+            for (r, quantity) in self.quantities().enumerate() {
+                let (sd, of, at_frame) = match quantity {
+                    Quantity::Keypoint { point, axis } => {
+                        let pick = move |f: &[[f64; 2]; 4]| f[point][axis];
+                        (
+                            self.keypoint_sd,
+                            seen.dlo[order[point]][axis] - pick(&predicted.dlo),
+                            Pick::Keypoint(point, axis),
+                        )
+                    }
+                    Quantity::Pose { axis } => {
+                        let sd_m = self.pose_sd_m.unwrap_or(f64::INFINITY);
+                        let sd = if axis == 2 { sd_m / LEVER_M } else { sd_m };
+                        (sd, seen.eef[axis] - predicted.eef[axis], Pick::Pose(axis))
+                    }
+                };
+                residuals[rows * i + r] = of / sd;
+                if i <= last {
+                    for (c, derivative) in simulated.derivatives.iter().enumerate() {
+                        jacobian[(rows * i + r, c)] = at_frame.of(&derivative[at]) / sd;
+                    }
+                }
+            }
+        }
+        (residuals, jacobian)
+    }
+
+    /// A simulated track as it would have been measured: with noise, and cut or held to the measured frames.
+    pub fn measure<R: Rng>(&self, simulated: &Track, rng: &mut R) -> Track {
+        let mut normal = || -> f64 { StandardNormal.sample(rng) };
+        let mut frames = Vec::with_capacity(self.measured.frames.len());
+        for (i, seen) in self.measured.frames.iter().enumerate() {
+            let Some(last) = simulated.frames.len().checked_sub(1) else { break };
+            let mut frame = Frame { time_s: seen.time_s, ..simulated.frames[i.min(last)] };
+            frame.dlo.iter_mut().flatten().for_each(|v| *v += self.keypoint_sd * normal());
+            if let Some(sd_m) = self.pose_sd_m {
+                for (axis, v) in frame.eef.iter_mut().enumerate() {
+                    *v += normal() * if axis == 2 { sd_m / LEVER_M } else { sd_m };
+                }
+            }
+            frames.push(frame);
+        }
+        Track { frames, end: simulated.end }
+    }
+
+    /// Root mean square distance in mm between the measured keypoints and a simulated track's, in the plane of motion.
+    pub fn rmse_mm(&self, simulated: &Track, camera: &Camera) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (i, seen) in self.measured.frames.iter().enumerate() {
+            let Some(last) = simulated.frames.len().checked_sub(1) else { break };
+            let predicted = &simulated.frames[i.min(last)];
+            let order = best_order(seen, predicted);
+            for k in 0..4 {
+                let places = (camera.plane_from_scaled(seen.dlo[order[k]]), camera.plane_from_scaled(predicted.dlo[k]));
+                let (Some(a), Some(b)) = places else { continue };
+                sum += (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+                count += 1.0;
+            }
+        }
+        1e3 * (sum / count).sqrt()
+    }
+}
+
+/// Which number of a frame's derivative a row holds.
+enum Pick {
+    Keypoint(usize, usize),
+    Pose(usize),
+}
+
+impl Pick {
+    fn of(&self, derivative: &FrameDerivative) -> f64 {
+        match *self {
+            Pick::Keypoint(point, axis) => derivative.dlo[point][axis],
+            Pick::Pose(axis) => derivative.eef[axis],
+        }
+    }
+}
+
+/// The place of each predicted keypoint among the measured ones: in their order, or from the other end.
+fn best_order(seen: &Frame, predicted: &Frame) -> [usize; 4] {
+    let distance = |order: [usize; 4]| -> f64 {
+        (0..4).map(|k| (0..2).map(|i| (seen.dlo[order[k]][i] - predicted.dlo[k][i]).powi(2)).sum::<f64>()).sum()
+    };
+    let (ahead, back) = ([0, 1, 2, 3], [3, 2, 1, 0]);
+    if distance(back) < distance(ahead) { back } else { ahead }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::simulator::StartShape;
+    use catenary_core::track::End;
+    use catenary_core::{GripTrajectory, seed};
+
+    fn frame(time_s: f64) -> Frame {
+        let dlo = std::array::from_fn(|k| [0.1 * k as f64, 0.05 * time_s]);
+        Frame { time_s, dlo, target: [0.0; 2], eef: [0.4, 0.3, 0.0], action: [0.0; 2] }
+    }
+
+    fn case(drive: DriveKind) -> Case {
+        let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        model.observation.drive = drive;
+        let measured = MeasuredTrack {
+            track: Track { frames: (0..5).map(|i| frame(f64::from(i))).collect(), end: End::Complete },
+            grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).unwrap(),
+            actions: vec![[0.0; 2]; 4],
+            start: StartShape::HangingAtRest,
+            target_m: None,
+            warnings: Vec::new(),
+        };
+        Case::new(&model, &measured, 0, &Settings::default()).unwrap()
+    }
+
+    fn simulated(track: Track, derivatives: usize) -> TrackSensitivities {
+        let one = FrameDerivative { dlo: [[2.0; 2]; 4], target: [0.0; 2], eef: [3.0; 3] };
+        let derivatives = vec![vec![one; track.frames.len()]; derivatives];
+        TrackSensitivities { changes: vec![1e-6; derivatives.len()], derivatives, track }
+    }
+
+    #[test]
+    fn residuals_are_in_standard_deviations_and_do_not_mind_a_flip() {
+        let case = case(DriveKind::Grip);
+        let mut track = case.measured.clone();
+        track.frames[2].dlo[1][0] -= 0.7 / 128.0;
+        let mut flipped = case.measured.clone();
+        flipped.frames[2].dlo.reverse();
+        for measured in [&case.measured, &flipped] {
+            let (residuals, jacobian) = case.compare(measured, &simulated(track.clone(), 2));
+            assert_eq!((residuals.len(), jacobian.shape()), (5 * 8, (5 * 8, 2)));
+            assert!((residuals[2 * 8 + 2] - 1.0).abs() < 1e-9 && (residuals.norm_squared() - 1.0).abs() < 1e-9);
+            assert!((jacobian[(17, 1)] - 2.0 / (0.7 / 128.0)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_arm_is_compared_where_its_path_is_a_prediction() {
+        let case = case(DriveKind::Actions);
+        let mut track = case.measured.clone();
+        track.frames[1].eef[2] += 5e-3;
+        track.frames.truncate(3);
+        let (residuals, jacobian) = case.compare(&case.measured, &simulated(track, 1));
+        assert_eq!(residuals.len(), 5 * 11);
+        assert!((residuals[11 + 10] + 1.0).abs() < 1e-9, "5 mrad at a lever of 0.1 m are 0.5 mm");
+        assert!(residuals[4 * 11 + 1].abs() > 1.0, "it stands still from frame 2 on");
+        assert_eq!((jacobian[(2 * 11, 0)] > 0.0, jacobian[(3 * 11, 0)]), (true, 0.0));
+    }
+
+    #[test]
+    fn measured_noise_has_the_size_by_which_residuals_are_divided() {
+        let case = case(DriveKind::Actions);
+        let mut rng = seed::rng(3, 0);
+        let square = |rng: &mut _| {
+            let noisy = case.measure(&case.measured, rng);
+            let (residuals, _) = case.compare(&noisy, &simulated(case.measured.clone(), 0));
+            residuals.norm_squared() / residuals.len() as f64
+        };
+        let mean = (0..200).map(|_| square(&mut rng)).sum::<f64>() / 200.0;
+        // 11000 squares of standard normals: their mean is known to 0.0135.
+        assert!((mean - 1.0).abs() < 0.05, "{mean}");
+    }
+}

@@ -1,0 +1,140 @@
+//! Is what is left after the fit more than noise?
+//!
+//! The statistic is the whitened residual energy of the best fit. Its null distribution comes from data sets that are
+//! simulated from the fitted model's posterior and fitted again, each: the measured data were used for a fit, too.
+
+use crate::error::FinderError;
+use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::laplace::Laplace;
+use crate::settings::Settings;
+use catenary_core::{Track, seed};
+use serde::{Deserialize, Serialize};
+
+/// Random stream of the null sets' parameters and noise, beyond those of fits.
+const STREAM: u64 = 1000;
+
+/// The outcome of the test, with what it rests on.
+#[derive(Debug, Clone)]
+pub struct Detection {
+    /// p = (1 + number of null sets whose T is at least the measured one) / (1 + B).
+    pub p_value: f64,
+    /// T of the measured data.
+    pub statistic: f64,
+    /// Fits of the null sets (B).
+    pub null: Vec<Fit>,
+}
+
+/// A detection as files hold it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Test {
+    /// p-value of the hypothesis that the model explains the data.
+    pub p_value: f64,
+    /// Sum of the squared residuals of the best fit, in variances of the noise.
+    pub statistic: f64,
+    /// The same of each data set that was simulated from the fitted model and fitted again, in increasing order.
+    pub null: Vec<f64>,
+    /// Number of measured coordinates.
+    pub coordinates: usize,
+}
+
+impl Detection {
+    /// The detection as files hold it.
+    pub fn summary(&self) -> Test {
+        let mut null: Vec<f64> = self.null.iter().map(|f| f.cost).collect();
+        null.sort_by(f64::total_cmp);
+        let coordinates = self.null.first().map_or(0, |f| f.residuals.len());
+        Test { p_value: self.p_value, statistic: self.statistic, null, coordinates }
+    }
+}
+
+/// p-value of `value` among values of the null hypothesis.
+pub fn p_value(value: f64, null: impl Iterator<Item = f64>) -> f64 {
+    let (mut count, mut as_large) = (0.0, 0.0);
+    for other in null {
+        count += 1.0;
+        as_large += f64::from(u8::from(other >= value));
+    }
+    (1.0 + as_large) / (1.0 + count)
+}
+
+/// Tests whether the model of `problem`, at `fit`, explains the data.
+///
+/// # Errors
+/// [`FinderError`] of the simulator, or of a cancelled search.
+pub fn detect(
+    problem: &Problem<'_>,
+    fit: &Fit,
+    settings: &Settings,
+    stream: u64,
+    on_round: OnRound<'_>,
+) -> Result<Detection, FinderError> {
+    let posterior =
+        Laplace::of(fit).ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+    let seeds = seed::derive(settings.seed, STREAM + stream);
+    let points: Vec<Vec<f64>> =
+        (0..settings.null_sets).map(|b| posterior.draw(&mut seed::rng(seeds, 2 * b as u64))).collect();
+    let sets = simulate(problem, &points, seeds)?;
+    let starts = points.into_iter().zip(sets).map(|(point, tracks)| Start { point, tracks }).collect();
+    let null: Vec<Fit> = problem.fit(starts, on_round)?.into_iter().flatten().collect();
+    let p_value = p_value(fit.cost, null.iter().map(|f| f.cost));
+    Ok(Detection { p_value, statistic: fit.cost, null })
+}
+
+/// Data sets measured at the points: for each point a track an episode.
+fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64) -> Result<Vec<Vec<Track>>, FinderError> {
+    let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+    let mut sets = vec![Vec::new(); points.len()];
+    let mut noise: Vec<_> = (0..points.len()).map(|b| seed::rng(seeds, 2 * b as u64 + 1)).collect();
+    for (episode, case) in problem.cases.iter().enumerate() {
+        let tracks = problem.simulator.simulate(&problem.request(&at, episode))?;
+        for ((set, rng), track) in sets.iter_mut().zip(&mut noise).zip(&tracks) {
+            set.push(case.measure(track, rng));
+        }
+    }
+    Ok(sets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Toy};
+    use crate::unknowns::Unknowns;
+    use std::ops::ControlFlow;
+
+    /// p-values of worlds of the toy in which an effect has the value `effect`.
+    fn p_values(effect: f64, worlds: u64) -> Vec<f64> {
+        let toy = Toy { gain: 0.3 };
+        let world = |i: u64| {
+            let case = toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", effect)]);
+            let cases = [case.measured_anew(&mut seed::rng(21, i))];
+            let problem =
+                Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases: &cases, rounds: 40 };
+            let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+            let mut go_on = || ControlFlow::Continue(());
+            let fit = problem.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();
+            let settings = Settings { null_sets: 39, seed: i, ..Settings::default() };
+            detect(&problem, &fit, &settings, 0, &mut go_on).unwrap().p_value
+        };
+        (0..worlds).map(world).collect()
+    }
+
+    /// Kolmogorov and Smirnov's distance of 100 uniform values is over 0.163 in one of 100 cases.
+    #[test]
+    fn without_a_gap_p_is_uniform() {
+        let mut p = p_values(0.0, 100);
+        p.sort_by(f64::total_cmp);
+        let distance = p.iter().enumerate().map(|(i, p)| (p - (i as f64 + 0.5) / 100.0).abs()).fold(0.0, f64::max);
+        assert!(distance < 0.163, "{distance}");
+    }
+
+    #[test]
+    fn a_large_effect_is_detected() {
+        assert!(p_values(0.05, 5).iter().all(|p| *p == 1.0 / 40.0));
+    }
+
+    #[test]
+    fn a_p_value_counts_those_at_least_as_large() {
+        assert_eq!(p_value(3.0, [1.0, 2.0, 3.0, 4.0].into_iter()), 3.0 / 5.0);
+        assert_eq!(p_value(9.0, [1.0, 2.0, 3.0, 4.0].into_iter()), 1.0 / 5.0);
+    }
+}

@@ -1,0 +1,42 @@
+//! Why there is no verdict.
+
+use catenary_core::{ModelError, SimulatorError};
+use thiserror::Error;
+
+/// Why there is no verdict.
+#[derive(Debug, Error)]
+pub enum FinderError {
+    /// A setting that makes no sense.
+    #[error("settings: `{field}`: expected {expected}, got {got}")]
+    Setting {
+        /// The field.
+        field: &'static str,
+        /// What was expected.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+    /// Nothing to look at.
+    #[error("expected at least one measured episode, got none")]
+    NoEpisode,
+    /// An episode that the model cannot be driven by.
+    #[error("episode {episode}: the model drives the simulator by {drive}: expected the episode's actions, got none")]
+    Drive {
+        /// Place of the episode, from 0.
+        episode: usize,
+        /// The model's drive.
+        drive: &'static str,
+    },
+    /// The simulator failed at every start of a fit.
+    #[error("no start of the fit could be simulated: {0}")]
+    NoFit(String),
+    /// The simulator failed.
+    #[error(transparent)]
+    Simulator(#[from] SimulatorError),
+    /// The repaired model is none.
+    #[error("the repaired model: {0}")]
+    Repair(#[from] ModelError),
+    /// The caller asked to stop.
+    #[error("the search was cancelled while it was to {0}")]
+    Cancelled(&'static str),
+}

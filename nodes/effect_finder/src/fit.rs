@@ -1,0 +1,333 @@
+//! Fits of a model to measured tracks: Levenberg and Marquardt's least squares within the priors' support.
+//!
+//! Many data sets of the same episodes are fitted in step, so that each round is one batch for the simulator.
+
+use crate::case::{Case, Channel};
+use crate::error::FinderError;
+use crate::unknowns::Unknowns;
+use catenary_core::simulator::{SimulatorError, TrackSensitivities};
+use catenary_core::{DifferentiableSimulator, SimulationRequest, Track};
+use nalgebra::{DMatrix, DVector};
+use std::ops::ControlFlow;
+
+/// A fit ends where a step lowers the sum of squares by less than this: its own scatter is some ten.
+const DECREASE: f64 = 0.02;
+/// First damping, relative to the curvature.
+const DAMPING: f64 = 1e-3;
+/// Damping at which a fit that finds no lower point ends.
+const GREATEST_DAMPING: f64 = 1e6;
+/// Share of the coordinates' range that is added to the curvature of directions that change nothing.
+const RIDGE: f64 = 1e-6;
+
+/// Asked after each round of a fit, whether to go on.
+pub type OnRound<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
+
+/// What a model is fitted to, and what may be changed.
+pub struct Problem<'a> {
+    /// The simulator of the model.
+    pub simulator: &'a dyn DifferentiableSimulator,
+    /// What may be changed.
+    pub unknowns: Unknowns,
+    /// The episodes.
+    pub cases: &'a [Case],
+    /// Rounds after which a fit ends.
+    pub rounds: usize,
+}
+
+/// One data set, and where its fit starts.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// The point, in unit coordinates, a number a column of the unknowns.
+    pub point: Vec<f64>,
+    /// What was measured, a track an episode.
+    pub tracks: Vec<Track>,
+}
+
+/// A point with what the simulator says of it.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The point, in unit coordinates.
+    pub point: Vec<f64>,
+    /// Sum of the squares of the whitened residuals, T.
+    pub cost: f64,
+    /// Measured less simulated, in standard deviations of the noise, a row a channel.
+    pub residuals: DVector<f64>,
+    /// How the simulated values change with the coordinates, rows as the residuals, in the same unit.
+    pub jacobian: DMatrix<f64>,
+    /// The simulated tracks, one an episode.
+    pub tracks: Vec<Track>,
+}
+
+impl Fit {
+    /// Half the gradient of the cost by the coordinates.
+    pub fn gradient(&self) -> DVector<f64> {
+        -(self.jacobian.transpose() * &self.residuals)
+    }
+
+    /// Half the curvature of the cost by the coordinates, after Gauss and Newton.
+    pub fn curvature(&self) -> DMatrix<f64> {
+        self.jacobian.transpose() * &self.jacobian
+    }
+
+    /// Whether column `column` lies at an edge of its range, and the fit would be better beyond it.
+    pub fn presses(&self, column: usize) -> bool {
+        let (u, g) = (self.point[column], self.gradient()[column]);
+        (u <= 0.0 && g > 0.0) || (u >= 1.0 && g < 0.0)
+    }
+}
+
+/// A fit under way.
+struct Climb {
+    start: Start,
+    fit: Option<Fit>,
+    trial: Vec<f64>,
+    damping: f64,
+    done: bool,
+}
+
+impl Problem<'_> {
+    /// What each row of residuals is a difference of.
+    pub fn channels(&self) -> Vec<Channel> {
+        self.cases.iter().enumerate().flat_map(|(i, case)| case.channels(i)).collect()
+    }
+
+    /// The measured tracks.
+    pub fn measured(&self) -> Vec<Track> {
+        self.cases.iter().map(|c| c.measured.clone()).collect()
+    }
+
+    /// The request for episode `episode` at the points.
+    pub fn request(&self, points: &[&[f64]], episode: usize) -> SimulationRequest {
+        let values: Vec<Vec<f64>> = points.iter().map(|p| self.unknowns.values(p, episode)).collect();
+        let theta = self.unknowns.theta();
+        let further = self.unknowns.list().iter().enumerate().skip(theta);
+        SimulationRequest {
+            thetas: values.iter().map(|v| v[..theta].to_vec()).collect(),
+            effects: further.map(|(i, u)| (u.name.clone(), values.iter().map(|v| v[i]).collect())).collect(),
+            ..self.cases[episode].template.clone()
+        }
+    }
+
+    /// Fits each data set from its start. None stands for one whose start could not be simulated.
+    ///
+    /// # Errors
+    /// [`FinderError::NoFit`] where none could be, [`FinderError::Cancelled`] where `on_round` asked to stop.
+    pub fn fit(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Fit>>, FinderError> {
+        let begin =
+            |start: Start| Climb { trial: start.point.clone(), start, fit: None, damping: DAMPING, done: false };
+        let mut climbs: Vec<Climb> = starts.into_iter().map(begin).collect();
+        let mut refusal = String::from("no start was given");
+        for _ in 0..self.rounds {
+            let at: Vec<usize> = (0..climbs.len()).filter(|&i| !climbs[i].done).collect();
+            if at.is_empty() {
+                break;
+            }
+            let trials = at.iter().map(|&i| (climbs[i].trial.as_slice(), climbs[i].start.tracks.as_slice())).collect();
+            for (&i, evaluation) in at.iter().zip(self.evaluate(trials)) {
+                let evaluation = evaluation.map_err(|e| refusal = e.to_string()).ok();
+                climbs[i].advance(evaluation);
+            }
+            if on_round().is_break() {
+                return Err(FinderError::Cancelled("fit"));
+            }
+        }
+        let fits: Vec<Option<Fit>> = climbs.into_iter().map(|c| c.fit).collect();
+        if fits.iter().all(Option::is_none) { Err(FinderError::NoFit(refusal)) } else { Ok(fits) }
+    }
+
+    /// What the simulator says of the points, beside their data sets.
+    fn evaluate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, SimulatorError>> {
+        let points: Vec<&[f64]> = trials.iter().map(|t| t.0).collect();
+        let episodes: Result<Vec<_>, _> = (0..self.cases.len()).map(|e| self.sensitivities(&points, e)).collect();
+        match episodes {
+            Ok(episodes) => {
+                let of = |member: usize| episodes.iter().map(|e| &e[member]).collect::<Vec<_>>();
+                trials.iter().enumerate().map(|(i, (point, tracks))| Ok(self.assemble(point, tracks, &of(i)))).collect()
+            }
+            // One point that cannot be simulated fails the batch: each is asked for by itself.
+            Err(error) if trials.len() == 1 => vec![Err(error)],
+            Err(_) => trials.into_iter().flat_map(|trial| self.evaluate(vec![trial])).collect(),
+        }
+    }
+
+    fn sensitivities(&self, points: &[&[f64]], episode: usize) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let answer = self.simulator.sensitivities(&self.request(points, episode), &self.unknowns.names())?;
+        let is_whole = |s: &TrackSensitivities| s.derivatives.len() == self.unknowns.list().len();
+        if answer.len() != points.len() || !answer.iter().all(is_whole) {
+            return Err(SimulatorError::Backend(format!(
+                "expected {} tracks with {} derivatives each, got {} tracks",
+                points.len(),
+                self.unknowns.list().len(),
+                answer.len()
+            )));
+        }
+        Ok(answer)
+    }
+
+    fn assemble(&self, point: &[f64], tracks: &[Track], episodes: &[&TrackSensitivities]) -> Fit {
+        let parts: Vec<_> = self
+            .cases
+            .iter()
+            .zip(tracks)
+            .zip(episodes)
+            .map(|((case, measured), s)| case.compare(measured, s))
+            .collect();
+        let rows: usize = parts.iter().map(|p| p.0.len()).sum();
+        let mut residuals = DVector::zeros(rows);
+        let mut jacobian = DMatrix::zeros(rows, self.unknowns.columns());
+        let mut from = 0;
+        for (episode, (r, j)) in parts.iter().enumerate() {
+            residuals.rows_mut(from, r.len()).copy_from(r);
+            let values = self.unknowns.values(point, episode);
+            for (i, value) in values.iter().enumerate() {
+                let column = self.unknowns.column(i, episode);
+                let scaled = j.column(i) * self.unknowns.slope(i, *value);
+                jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
+            }
+            from += r.len();
+        }
+        let cost = residuals.norm_squared();
+        let tracks = episodes.iter().map(|s| s.track.clone()).collect();
+        Fit { point: point.to_vec(), cost, residuals, jacobian, tracks }
+    }
+}
+
+impl Climb {
+    /// Takes the trial or leaves it, and chooses the next.
+    fn advance(&mut self, evaluation: Option<Fit>) {
+        let evaluation = evaluation.filter(|e| e.cost.is_finite() && e.jacobian.iter().all(|v| v.is_finite()));
+        let Some(old) = &self.fit else {
+            // A start that cannot be simulated is given up.
+            self.done = evaluation.is_none();
+            self.fit = evaluation;
+            return self.choose();
+        };
+        match evaluation {
+            Some(new) if new.cost < old.cost => {
+                self.done = old.cost - new.cost < DECREASE;
+                self.damping = (self.damping * 0.1).max(1e-9);
+                self.fit = Some(new);
+            }
+            _ => {
+                self.damping *= 10.0;
+                self.done = self.damping > GREATEST_DAMPING;
+            }
+        }
+        self.choose();
+    }
+
+    /// The next trial: a damped step in the coordinates that are free to move.
+    fn choose(&mut self) {
+        let Some(fit) = self.fit.as_ref().filter(|_| !self.done) else { return };
+        let step = step(fit, self.damping);
+        self.trial = fit.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
+        let predicted = predicted_decrease(fit, &self.trial);
+        if predicted < 0.1 * DECREASE {
+            self.done = true;
+        }
+    }
+}
+
+/// How much lower the cost would be at `trial` if the simulator were linear.
+fn predicted_decrease(fit: &Fit, trial: &[f64]) -> f64 {
+    let moved = DVector::from_iterator(trial.len(), trial.iter().zip(&fit.point).map(|(a, b)| a - b));
+    fit.cost - (&fit.residuals - &fit.jacobian * moved).norm_squared()
+}
+
+/// A damped step that does not leave the unit cube from its faces: coordinates at an edge that would go beyond it are held.
+fn step(fit: &Fit, damping: f64) -> DVector<f64> {
+    let (gradient, curvature) = (fit.gradient(), fit.curvature());
+    let n = gradient.len();
+    let mut free: Vec<usize> = (0..n).filter(|&i| !fit.presses(i)).collect();
+    let mut step = DVector::zeros(n);
+    loop {
+        let k = free.len();
+        let mut matrix = DMatrix::from_fn(k, k, |i, j| curvature[(free[i], free[j])]);
+        for i in 0..k {
+            matrix[(i, i)] += damping * curvature[(free[i], free[i])] + RIDGE;
+        }
+        let right = DVector::from_fn(k, |i, _| -gradient[free[i]]);
+        let Some(solved) = matrix.cholesky().map(|c| c.solve(&right)) else { return step };
+        // A coordinate at an edge that the whole step drives outward is held, too, and the others are solved for again.
+        let leaves = |(i, d): (usize, &f64)| {
+            let u = fit.point[free[i]];
+            (u <= 0.0 && *d < 0.0) || (u >= 1.0 && *d > 0.0)
+        };
+        let held: Vec<usize> = solved.iter().enumerate().filter(|&x| leaves(x)).map(|(i, _)| free[i]).collect();
+        if held.is_empty() {
+            step.fill(0.0);
+            free.iter().zip(solved.iter()).for_each(|(&i, d)| step[i] = *d);
+            return step;
+        }
+        free.retain(|i| !held.contains(i));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Toy};
+    use catenary_core::seed;
+
+    fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
+        let toy = Toy { gain: 0.3 };
+        let problem = Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases, rounds: 40 };
+        let start = |p: &[f64; 2]| Start { point: p.to_vec(), tracks: problem.measured() };
+        problem.fit(points.iter().map(start).collect(), &mut || ControlFlow::Continue(()))
+    }
+
+    #[test]
+    fn exact_data_are_fitted_exactly_from_any_start() {
+        let cases = [toy::case(&Toy { gain: 0.3 }, [0.25, 2e4], &[])];
+        for fit in fit(&cases, &[[0.5, 0.5], [0.1, 0.95], [1.0, 0.0]]).unwrap() {
+            let fit = fit.unwrap();
+            let values = Unknowns::of(&toy::model(), 1).values(&fit.point, 0);
+            assert!(
+                fit.cost < 0.1 && (values[0] - 0.25).abs() < 1e-3 && (values[1] / 2e4 - 1.0).abs() < 0.02,
+                "{values:?}"
+            );
+        }
+    }
+
+    /// The least squares of a linear model leave N - d squared deviations on average.
+    #[test]
+    fn what_is_left_has_the_degrees_of_freedom_of_the_data_less_the_unknowns() {
+        let case = toy::case(&Toy { gain: 0.3 }, [0.25, 2e4], &[]);
+        let costs: Vec<f64> = (0..200)
+            .map(|i| {
+                let noisy = case.measured_anew(&mut seed::rng(11, i));
+                fit(&[noisy], &[[0.5, 0.5]]).unwrap().remove(0).unwrap().cost
+            })
+            .collect();
+        let mean = costs.iter().sum::<f64>() / 200.0;
+        let expected = (8 * toy::FRAMES - 2) as f64;
+        // The standard deviation of the mean is sqrt(2 N / 200) = 1.3.
+        assert!((mean - expected).abs() < 4.0, "{mean} for {expected}");
+    }
+
+    #[test]
+    fn a_value_beyond_the_edge_presses_on_it() {
+        let cases = [toy::case(&Toy { gain: 0.3 }, [0.35, 2e4], &[])];
+        let fit = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
+        assert!(fit.point[0] == 1.0 && fit.presses(0) && !fit.presses(1), "{:?}", fit.point);
+    }
+
+    #[test]
+    fn a_start_that_cannot_be_simulated_costs_no_other_its_fit() {
+        let cases = [toy::case(&Toy { gain: 0.3 }, [0.25, 2e4], &[])];
+        let fits = fit(&cases, &[[0.5, 0.5], [0.0, 0.5]]).unwrap();
+        assert!(fits[0].as_ref().is_some_and(|f| f.cost < 0.1) && fits[1].is_none());
+        let refusal = fit(&cases, &[[0.0, 0.5]]).unwrap_err().to_string();
+        assert!(refusal.contains("length_m: expected at least 0.2"), "{refusal}");
+    }
+
+    #[test]
+    fn a_fit_stops_when_it_is_told_to() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let problem = Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases: &cases, rounds: 40 };
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let stopped = problem.fit(vec![start], &mut || ControlFlow::Break(()));
+        assert!(matches!(stopped, Err(FinderError::Cancelled(_))));
+    }
+}

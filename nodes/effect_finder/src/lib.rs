@@ -1,0 +1,32 @@
+//! Where simulation and measurement disagree, and which effect explains it.
+//!
+//! Does: fit a model to measured episodes, test whether what is left is more than noise, say where it lies, and compare what
+//! each candidate effect would explain.
+//! Does not: simulate (it asks `catenary_core::DifferentiableSimulator`), know the effects (it is given candidates), know ROS
+//! (the `node` feature does), read files or clocks.
+
+pub mod candidate;
+pub mod case;
+#[cfg(feature = "node")]
+pub mod convert;
+pub mod detect;
+pub mod error;
+pub mod find;
+pub mod fit;
+pub mod laplace;
+pub mod localise;
+pub mod name;
+#[cfg(feature = "node")]
+pub mod node;
+pub mod repair;
+pub mod settings;
+#[cfg(test)]
+mod toy;
+pub mod unknowns;
+pub mod verdict;
+
+pub use candidate::Candidate;
+pub use error::FinderError;
+pub use find::{OnProgress, Progress, Stage, find};
+pub use settings::Settings;
+pub use verdict::{Finding, Verdict};

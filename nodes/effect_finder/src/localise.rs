@@ -1,0 +1,163 @@
+//! Where the disagreement lies: the test's statistic by channel and by time.
+//!
+//! Each part's sum of squares is held against the same part's in the null sets. As many parts are looked at, a part's
+//! p-value counts the null sets in which any part stands out as much (Westfall and Young's max-T).
+
+use crate::case::{Channel, Quantity};
+use crate::detect::Detection;
+use crate::fit::Fit;
+use serde::{Deserialize, Serialize};
+
+/// Windows into which an episode's frames are divided.
+const WINDOWS: usize = 8;
+
+/// A part of the data.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// One measured quantity, over all episodes and times.
+    Quantity(Quantity),
+    /// The frames of an episode between two times.
+    Window {
+        /// Place of the episode.
+        episode: usize,
+        /// Time of the first frame in s.
+        from_s: f64,
+        /// Time of the last frame in s.
+        to_s: f64,
+    },
+}
+
+/// How much a part stands out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// The part.
+    pub part: Part,
+    /// Mean square of its residuals, in variances of the noise.
+    pub mean_square: f64,
+    /// By how many standard deviations of the null sets it exceeds their mean.
+    pub excess: f64,
+    /// p-value, corrected for the number of parts.
+    pub p_value: f64,
+}
+
+/// How much each part stands out: quantities first, then windows in order of time.
+pub fn localise(fit: &Fit, channels: &[Channel], detection: &Detection) -> Vec<Place> {
+    let parts = parts(channels);
+    let rows: Vec<Vec<usize>> = parts.iter().map(|part| rows_of(part, channels)).collect();
+    let sums = |fit: &Fit| -> Vec<f64> {
+        rows.iter().map(|rows| rows.iter().map(|&r| fit.residuals[r].powi(2)).sum()).collect()
+    };
+    let null: Vec<Vec<f64>> = detection.null.iter().map(sums).collect();
+    let count = null.len() as f64;
+    let moments: Vec<(f64, f64)> = (0..parts.len())
+        .map(|i| {
+            let mean = null.iter().map(|s| s[i]).sum::<f64>() / count;
+            let variance = null.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+            (mean, variance.sqrt().max(f64::MIN_POSITIVE))
+        })
+        .collect();
+    let excess = |sums: &[f64]| -> Vec<f64> { sums.iter().zip(&moments).map(|(s, (m, sd))| (s - m) / sd).collect() };
+    let greatest: Vec<f64> = null.iter().map(|s| excess(s).into_iter().fold(f64::NEG_INFINITY, f64::max)).collect();
+    let measured = sums(fit);
+    let place = |(i, e): (usize, f64)| Place {
+        part: parts[i],
+        mean_square: measured[i] / rows[i].len().max(1) as f64,
+        excess: e,
+        p_value: crate::detect::p_value(e, greatest.iter().copied()),
+    };
+    excess(&measured).into_iter().enumerate().map(place).collect()
+}
+
+/// The first window that stands out at `level`.
+pub fn onset(places: &[Place], level: f64) -> Option<&Place> {
+    places.iter().find(|p| matches!(p.part, Part::Window { .. }) && p.p_value <= level)
+}
+
+/// The quantity that stands out most at `level`.
+pub fn worst_quantity(places: &[Place], level: f64) -> Option<&Place> {
+    let quantities = places.iter().filter(|p| matches!(p.part, Part::Quantity(_)) && p.p_value <= level);
+    quantities.max_by(|a, b| a.excess.total_cmp(&b.excess))
+}
+
+fn parts(channels: &[Channel]) -> Vec<Part> {
+    let mut quantities: Vec<Quantity> = channels.iter().map(|c| c.quantity).collect();
+    quantities.sort_unstable();
+    quantities.dedup();
+    let mut parts: Vec<Part> = quantities.into_iter().map(Part::Quantity).collect();
+    let episodes = channels.iter().map(|c| c.episode).max().map_or(0, |e| e + 1);
+    for episode in 0..episodes {
+        let mut times: Vec<f64> = channels.iter().filter(|c| c.episode == episode).map(|c| c.time_s).collect();
+        times.dedup();
+        let frames = times.len();
+        let windows = WINDOWS.min(frames);
+        for w in 0..windows {
+            let (from, to) = (w * frames / windows, (w + 1) * frames / windows);
+            parts.push(Part::Window { episode, from_s: times[from], to_s: times[to - 1] });
+        }
+    }
+    parts
+}
+
+fn rows_of(part: &Part, channels: &[Channel]) -> Vec<usize> {
+    let is_in = |c: &Channel| match *part {
+        Part::Quantity(q) => c.quantity == q,
+        Part::Window { episode, from_s, to_s } => c.episode == episode && (from_s..=to_s).contains(&c.time_s),
+    };
+    (0..channels.len()).filter(|&i| is_in(&channels[i])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::seed;
+    use nalgebra::{DMatrix, DVector};
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn channels() -> Vec<Channel> {
+        let frame = |i: usize| {
+            let points = (0..4).flat_map(|point| [0, 1].map(|axis| Quantity::Keypoint { point, axis }));
+            points.map(move |quantity| Channel { episode: 0, frame: i, time_s: 0.25 * i as f64, quantity })
+        };
+        (0..32).flat_map(frame).collect()
+    }
+
+    fn noise(number: u64, shift: impl Fn(&Channel) -> f64) -> Fit {
+        let mut rng = seed::rng(8, number);
+        let values = channels()
+            .iter()
+            .map(|c| shift(c) + Distribution::<f64>::sample(&StandardNormal, &mut rng))
+            .collect::<Vec<_>>();
+        let residuals = DVector::from_vec(values);
+        let jacobian = DMatrix::zeros(residuals.len(), 0);
+        Fit { point: Vec::new(), cost: residuals.norm_squared(), residuals, jacobian, tracks: Vec::new() }
+    }
+
+    fn detection(fit: &Fit) -> Detection {
+        let null: Vec<Fit> = (1..200).map(|i| noise(i, |_| 0.0)).collect();
+        Detection { p_value: crate::detect::p_value(fit.cost, null.iter().map(|f| f.cost)), statistic: fit.cost, null }
+    }
+
+    #[test]
+    fn a_shift_of_one_keypoint_after_contact_is_placed() {
+        let tip_x = Quantity::Keypoint { point: 3, axis: 0 };
+        let fit = noise(0, |c| if c.quantity == tip_x && c.time_s >= 4.0 { 4.0 } else { 0.0 });
+        let places = localise(&fit, &channels(), &detection(&fit));
+        assert_eq!(places.len(), 8 + 8);
+        let first = onset(&places, 0.05).unwrap();
+        assert_eq!(first.part, Part::Window { episode: 0, from_s: 4.0, to_s: 4.75 });
+        assert_eq!(worst_quantity(&places, 0.05).unwrap().part, Part::Quantity(tip_x));
+    }
+
+    /// Of 100 sets of pure noise 5 should stand out anywhere; 12 or more would with a chance of 1 in 200.
+    #[test]
+    fn noise_stands_out_no_more_often_than_the_level_says() {
+        let null = detection(&noise(0, |_| 0.0));
+        let out = (1000..1100).filter(|&i| {
+            let fit = noise(i, |_| 0.0);
+            localise(&fit, &channels(), &null).iter().any(|p| p.p_value <= 0.05)
+        });
+        let count = out.count();
+        assert!(count < 12, "{count} of 100");
+    }
+}

@@ -1,0 +1,141 @@
+//! The node: an action that searches in bags, or in the last episode on the topics.
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
+
+use crate::error::FinderError;
+use crate::settings::Settings;
+use crate::{convert, find};
+use anyhow::{Context, Result, bail, ensure};
+use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
+use catenary_core::Model;
+use catenary_core::episode::MeasuredTrack;
+use catenary_msgs::action::{FindEffects, FindEffectsResult};
+use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract};
+use simulator_pool::{BeamSimulator, Registry, model_text, workers};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How often a goal that waits for an episode looks for it.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("effect_finder", args, run)
+}
+
+/// Parameters of the node.
+struct Parameters {
+    workers: Param<i64>,
+    null_sets: Param<i64>,
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let workers =
+        ParamSpec::new("Threads that simulate; 0: as many as the machine has processors. Results do not depend on it.");
+    let null_sets = ParamSpec::new(
+        "Data sets without a gap that each test is held against (B). The least p-value is 1 / (1 + B); the time of a search grows with it.",
+    );
+    let parameters = Parameters {
+        workers: builder.declare_i64("workers", 0, workers.integer_range(0..=1024))?,
+        null_sets: builder.declare_i64("null_sets", 199, null_sets.integer_range(19..=99_999))?,
+    };
+    let node = builder.build()?;
+    let live = std::sync::Arc::new(LiveEpisodes::listen(&node)?);
+    let heard = std::sync::Arc::clone(&live);
+    let _server = node.serve_action::<FindEffects>(
+        contract::FIND_EFFECTS.name,
+        Concurrency::One,
+        |_| Decision::Accept,
+        move |handle| serve(&handle, &live, &parameters),
+    )?;
+    node.report_diagnostics(move |report| {
+        report.value("log", heard.summary());
+    })?;
+    node.wait_for_shutdown()
+}
+
+fn serve(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Parameters) -> Outcome<FindEffectsResult> {
+    match search(handle, live, parameters) {
+        Ok(result) => Outcome::Succeeded(result),
+        Err(error) => {
+            let cancelled = handle.is_cancelled();
+            let result = FindEffectsResult { message: format!("{error:#}"), ..FindEffectsResult::default() };
+            if cancelled {
+                return Outcome::Canceled(result);
+            }
+            tracing::error!("search: {error:#}");
+            Outcome::Aborted(result)
+        }
+    }
+}
+
+fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Parameters) -> Result<FindEffectsResult> {
+    let goal = handle.goal();
+    let model = model_text::read(&goal.model_yaml).context("model_yaml")?;
+    let measured = measured(handle, live, &model)?;
+    let settings =
+        Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
+    let workers = match usize::try_from(parameters.workers.get())? {
+        0 => workers::available(),
+        n => n,
+    };
+    let simulator = BeamSimulator::new(&model, workers)?;
+    let candidates = convert::candidates(Registry::shipped(), &model);
+    let found = find(&model, &measured, &candidates, &simulator, &settings, &mut |progress| {
+        handle.feedback(convert::feedback(progress));
+        if let Some(conclusion) = &progress.conclusion {
+            tracing::info!("{}: {conclusion}", progress.stage.name());
+        }
+        if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    match found {
+        Err(FinderError::Cancelled(_)) => bail!("cancelled"),
+        Err(other) => Err(other.into()),
+        Ok((finding, repaired)) => {
+            let text = match repaired {
+                Some(model) => model.rewrite(&goal.model_yaml)?,
+                None => goal.model_yaml.clone(),
+            };
+            Ok(convert::result(&finding, text))
+        }
+    }
+}
+
+/// The episodes that the goal names: all of its bags, or the last one on the topics, which is waited for.
+fn measured(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, model: &Model) -> Result<Vec<MeasuredTrack>> {
+    let bags = &handle.goal().bags;
+    if bags.is_empty() {
+        loop {
+            if let Ok(episode) = live.last() {
+                return Ok(vec![episode.measured(model)?]);
+            }
+            if handle.wait_cancelled(LOOK) {
+                bail!("cancelled while waiting for an episode");
+            }
+        }
+    }
+    let mut all = Vec::new();
+    for bag in bags {
+        all.extend(episodes_of(Path::new(bag), model)?);
+    }
+    Ok(all)
+}
+
+/// Every complete episode of a bag, as the model's simulator would give it.
+///
+/// # Errors
+/// A bag that cannot be read, or without an episode that the model can be held against.
+pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<MeasuredTrack>> {
+    let reader = BagReader::open(bag)?;
+    let log = read_episodes(&reader, &EpisodeTopics::default())?;
+    // Says what is missing where there is none.
+    log.episode(None).with_context(|| bag.display().to_string())?;
+    let measured: Result<Vec<MeasuredTrack>, _> = log.episodes().iter().map(|e| e.measured(model)).collect();
+    let measured = measured.with_context(|| bag.display().to_string())?;
+    ensure!(!measured.is_empty(), "{}: no complete episode", bag.display());
+    for warning in measured.iter().flat_map(|m| &m.warnings) {
+        tracing::warn!("{}: {warning}", bag.display());
+    }
+    Ok(measured)
+}

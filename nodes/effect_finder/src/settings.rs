@@ -1,0 +1,103 @@
+//! How carefully to look.
+
+use crate::error::FinderError;
+use catenary_core::Fidelity;
+use serde::{Deserialize, Serialize};
+
+/// How carefully to look.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Draws from the prior among which a fit looks for its starts. More find the best fit of a model with several valleys.
+    pub draws: usize,
+    /// Best draws from which a fit starts.
+    pub starts: usize,
+    /// Data sets simulated from the fitted model, each fitted again (B). The least p-value is 1 / (1 + B).
+    pub null_sets: usize,
+    /// Level of the test, and of the localisation's.
+    pub level: f64,
+    /// Standard deviation of a measured coordinate of the end effector in m, and per 0.1 m of lever of its pitch; read where
+    /// actions drive the model, and the arm's path is a prediction.
+    pub pose_noise_m: f64,
+    /// Log Bayes factor under which two effects are not told apart (3: twenty to one).
+    pub least_log_bayes_factor: f64,
+    /// Cosine between what two effects change, beyond what parameters can, over which they are not told apart.
+    pub greatest_cosine: f64,
+    /// Rounds of a fit.
+    pub rounds: usize,
+    /// Fidelity of the simulations.
+    pub fidelity: Fidelity,
+    /// Seed of everything drawn.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            draws: 48,
+            starts: 3,
+            null_sets: 199,
+            level: 0.05,
+            pose_noise_m: 5e-4,
+            least_log_bayes_factor: 3.0,
+            greatest_cosine: 0.95,
+            rounds: 40,
+            fidelity: Fidelity::Standard,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings {
+    /// Rejects settings that make no sense, by field.
+    ///
+    /// # Errors
+    /// [`FinderError::Setting`].
+    pub fn check(&self) -> Result<(), FinderError> {
+        let bad = |field, expected: &str, got: &dyn std::fmt::Display| {
+            Err(FinderError::Setting { field, expected: expected.to_owned(), got: got.to_string() })
+        };
+        if self.starts == 0 || self.draws < self.starts {
+            return bad(
+                "draws",
+                "at least as many as starts, and a start",
+                &format!("{} and {}", self.draws, self.starts),
+            );
+        }
+        if !(self.level > 0.0 && self.level < 1.0) {
+            return bad("level", "a number between 0 and 1", &self.level);
+        }
+        if self.null_sets == 0 || 1.0 / (1.0 + self.null_sets as f64) > self.level {
+            return bad("null_sets", "enough for a p-value below the level, 1 / (1 + B)", &self.null_sets);
+        }
+        if !(self.pose_noise_m > 0.0 && self.pose_noise_m.is_finite()) {
+            return bad("pose_noise_m", "a number above 0", &self.pose_noise_m);
+        }
+        if !(self.greatest_cosine > 0.0 && self.greatest_cosine <= 1.0) {
+            return bad("greatest_cosine", "a number above 0, at most 1", &self.greatest_cosine);
+        }
+        if !(self.least_log_bayes_factor >= 0.0 && self.least_log_bayes_factor.is_finite()) {
+            return bad("least_log_bayes_factor", "a number of at least 0", &self.least_log_bayes_factor);
+        }
+        if self.rounds == 0 {
+            return bad("rounds", "at least 1", &self.rounds);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_make_no_sense_are_named() {
+        assert!(Settings::default().check().is_ok());
+        let refusal = |s: Settings| s.check().unwrap_err().to_string();
+        let base = Settings::default;
+        assert!(refusal(Settings { null_sets: 10, ..base() }).contains("`null_sets`"));
+        assert!(refusal(Settings { level: 0.0, ..base() }).contains("`level`"));
+        assert!(refusal(Settings { draws: 2, ..base() }).contains("got 2 and 3"));
+        assert!(refusal(Settings { pose_noise_m: f64::NAN, ..base() }).contains("`pose_noise_m`"));
+    }
+}

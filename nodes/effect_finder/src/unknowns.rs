@@ -1,0 +1,218 @@
+//! What a fit may change, and the unit coordinates in which it does.
+
+use crate::candidate::Candidate;
+use catenary_core::{Camera, Model, Prior};
+
+/// Whether an unknown has one value, or one an episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// One value for all episodes.
+    Shared,
+    /// Drawn anew for each episode.
+    PerEpisode,
+}
+
+/// One unknown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// Name of a parameter or an effect.
+    pub name: String,
+    /// Its values: coordinate u from 0 to 1 is the prior's cumulative distribution function.
+    pub prior: Prior,
+    /// Whether it is the same in all episodes.
+    pub scope: Scope,
+}
+
+/// The unknowns of E episodes: the model's theta first, then what is drawn anew for each episode, then candidates.
+///
+/// A point has one coordinate a column: those of theta and of candidates once, the others E times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknowns {
+    list: Vec<Unknown>,
+    theta: usize,
+    episodes: usize,
+}
+
+impl Unknowns {
+    /// The unknowns of `episodes` episodes of the model: theta, the effects that it draws, and where the camera stands.
+    pub fn of(model: &Model, episodes: usize) -> Self {
+        let unknown = |name: &str, prior, scope| Unknown { name: name.to_owned(), prior, scope };
+        let mut list: Vec<Unknown> =
+            model.theta.parameters().iter().map(|p| unknown(&p.name, p.prior, Scope::Shared)).collect();
+        list.extend(model.effects.iter().map(|e| unknown(&e.name, e.distribution, Scope::PerEpisode)));
+        for (name, half) in camera_jitter(model) {
+            if half > 0.0 && list.iter().all(|u| u.name != name) {
+                list.push(unknown(name, Prior::Uniform { low: -half, high: half }, Scope::PerEpisode));
+            }
+        }
+        Self { list, theta: model.theta.dimension(), episodes }
+    }
+
+    /// These and a candidate, whose place any unknown of its name leaves to it.
+    #[must_use]
+    pub fn with(&self, candidate: &Candidate) -> Self {
+        let mut list: Vec<Unknown> = self.list.iter().filter(|u| u.name != candidate.name).cloned().collect();
+        list.push(Unknown { name: candidate.name.clone(), prior: candidate.search(), scope: Scope::Shared });
+        Self { list, ..*self }
+    }
+
+    /// These, with theta's priors opened to both sides: by their own width, or by a quarter of their values where that is
+    /// more. What is positive stays so.
+    #[must_use]
+    pub fn opened(&self) -> Self {
+        let mut list = self.list.clone();
+        for unknown in &mut list[..self.theta] {
+            unknown.prior = match unknown.prior {
+                Prior::LogUniform { low, high } => {
+                    let factor = (high / low).sqrt().max(2.0);
+                    Prior::LogUniform { low: low / factor, high: high * factor }
+                }
+                Prior::Uniform { low, high } => {
+                    let margin = (high - low).max(0.25 * low.abs().max(high.abs()));
+                    let least = if low > 0.0 { 0.2 * low } else { f64::NEG_INFINITY };
+                    Prior::Uniform { low: (low - margin).max(least), high: high + margin }
+                }
+            };
+        }
+        Self { list, ..*self }
+    }
+
+    /// The unknowns in order.
+    pub fn list(&self) -> &[Unknown] {
+        &self.list
+    }
+
+    /// Their names in order.
+    pub fn names(&self) -> Vec<&str> {
+        self.list.iter().map(|u| u.name.as_str()).collect()
+    }
+
+    /// Number of theta's parameters, which come first.
+    pub fn theta(&self) -> usize {
+        self.theta
+    }
+
+    /// Number of coordinates of a point.
+    pub fn columns(&self) -> usize {
+        self.list.iter().map(|u| self.width(u)).sum()
+    }
+
+    fn width(&self, unknown: &Unknown) -> usize {
+        if unknown.scope == Scope::Shared { 1 } else { self.episodes }
+    }
+
+    /// The column of unknown `index` in an episode.
+    pub fn column(&self, index: usize, episode: usize) -> usize {
+        let before: usize = self.list[..index].iter().map(|u| self.width(u)).sum();
+        before + if self.list[index].scope == Scope::Shared { 0 } else { episode }
+    }
+
+    /// The values of all unknowns in an episode at the point `u`.
+    pub fn values(&self, u: &[f64], episode: usize) -> Vec<f64> {
+        let value = |(i, unknown): (usize, &Unknown)| unknown.prior.from_unit(u[self.column(i, episode)]);
+        self.list.iter().enumerate().map(value).collect()
+    }
+
+    /// How the value of unknown `index`, which is `value`, changes with its coordinate.
+    pub fn slope(&self, index: usize, value: f64) -> f64 {
+        match self.list[index].prior {
+            Prior::Uniform { low, high } => high - low,
+            Prior::LogUniform { low, high } => value * (high / low).ln(),
+        }
+    }
+
+    /// The point where `old`'s unknowns are at the point `u`, and others at the middle of their priors.
+    pub fn point_from(&self, old: &Unknowns, u: &[f64]) -> Vec<f64> {
+        let mut point = vec![0.5; self.columns()];
+        for (i, unknown) in self.list.iter().enumerate() {
+            let Some(j) = old.list.iter().position(|o| o.name == unknown.name) else { continue };
+            for episode in 0..self.episodes {
+                let value = old.list[j].prior.from_unit(u[old.column(j, episode)]);
+                point[self.column(i, episode)] = unknown.prior.to_unit(value).clamp(0.0, 1.0);
+            }
+        }
+        point
+    }
+}
+
+/// What the jitter of a camera's position changes in the plane of motion, with half widths. A camera that goes on looking at
+/// the same point mostly comes nearer; one that has no perspective is shifted.
+fn camera_jitter(model: &Model) -> Vec<(&'static str, f64)> {
+    let half_m = model.camera.position_jitter_m;
+    match model.camera.view {
+        Camera::Pinhole(p) => {
+            let away = |i: usize| (p.position_m[i] - p.look_at_m[i]).powi(2);
+            vec![("camera_scale_change", half_m / (away(0) + away(1) + away(2)).sqrt())]
+        }
+        Camera::Plane(_) => vec![("camera_offset_x_m", half_m), ("camera_offset_z_m", half_m)],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> Model {
+        Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+    }
+
+    fn candidate(name: &str) -> Candidate {
+        let prior = Prior::Uniform { low: -0.1, high: 0.1 };
+        Candidate { name: name.into(), title: name.into(), prior, range: [-0.9, 10.0], base: 0.0 }
+    }
+
+    #[test]
+    fn theta_is_shared_and_what_is_drawn_anew_has_a_column_an_episode() {
+        let unknowns = Unknowns::of(&model(), 3);
+        let names = ["length_m", "youngs_modulus_pa", "kelvin_voigt_time_s", "table_friction", "camera_scale_change"];
+        assert_eq!(unknowns.names(), names);
+        assert_eq!(unknowns.columns(), 2 + 3 * 3);
+        assert_eq!((unknowns.column(1, 2), unknowns.column(2, 2), unknowns.column(4, 0)), (1, 4, 8));
+        let mut u = vec![0.5; 11];
+        u[3] = 0.0;
+        assert!((unknowns.values(&u, 1)[2] - 0.01).abs() < 1e-12, "the least damping in episode 1");
+        assert!(unknowns.values(&u, 0)[2] > 0.02);
+    }
+
+    #[test]
+    fn a_candidate_takes_the_place_of_a_nuisance_of_its_name() {
+        let base = Unknowns::of(&model(), 2);
+        let scale = base.with(&candidate("camera_scale_change"));
+        assert_eq!((scale.list().len(), scale.columns()), (5, 2 + 2 * 2 + 1));
+        let tilt = base.with(&candidate("gravity_tilt_rad"));
+        assert_eq!((tilt.list().len(), tilt.columns()), (6, base.columns() + 1));
+    }
+
+    #[test]
+    fn a_point_keeps_its_values_in_other_unknowns() {
+        let base = Unknowns::of(&model(), 2);
+        let u: Vec<f64> = (0..base.columns()).map(|i| 0.1 + 0.08 * i as f64).collect();
+        let tilt = base.with(&candidate("gravity_tilt_rad"));
+        let point = tilt.point_from(&base, &u);
+        for episode in 0..2 {
+            let (a, b) = (base.values(&u, episode), tilt.values(&point, episode));
+            for (x, y) in a.iter().zip(&b) {
+                assert!((x - y).abs() < 1e-12 * x.abs().max(1.0), "{a:?} {b:?}");
+            }
+            assert!(b[5].abs() < 1e-12, "a candidate begins at the middle of its search");
+        }
+        let opened = base.opened();
+        assert!((opened.values(&opened.point_from(&base, &u), 0)[0] - base.values(&u, 0)[0]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_values() {
+        let unknowns = Unknowns::of(&model(), 1);
+        let u = vec![0.3; unknowns.columns()];
+        for i in 0..unknowns.list().len() {
+            let at = |h: f64| {
+                let mut v = u.clone();
+                v[unknowns.column(i, 0)] += h;
+                unknowns.values(&v, 0)[i]
+            };
+            let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+            let said = unknowns.slope(i, at(0.0));
+            assert!((slope - said).abs() < 1e-6 * said.abs(), "{i}: {slope} {said}");
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Searches on simulated worlds whose effect is known: each outcome is reached where it should be.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::model::DriveKind;
+use catenary_core::simulator::StartShape;
+use catenary_core::{
+    Drive, Fidelity, GripPose, GripTrajectory, Model, ParameterSpace, Prior, SimulationRequest, Simulator, seed,
+};
+use effect_finder::case::Quantity;
+use effect_finder::localise::{Part, Place};
+use effect_finder::{Candidate, Finding, Settings, Verdict, convert::candidates, find};
+use rand_distr::{Distribution, StandardNormal};
+use simulator_pool::{BeamSimulator, Registry};
+use std::ops::ControlFlow;
+
+const LENGTH_M: f64 = 0.25;
+const YOUNGS_MODULUS_PA: f64 = 9e3;
+
+fn model() -> Model {
+    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    model.camera.position_jitter_m = 0.0;
+    model.observation.frames = 17;
+    model
+}
+
+/// A motion that swings the bar, lays its end onto the table and drags it.
+fn path() -> GripTrajectory {
+    let corners = [
+        (0.0, 0.40, 0.42),
+        (0.5, 0.46, 0.36),
+        (1.0, 0.38, 0.30),
+        (1.6, 0.38, 0.18),
+        (2.6, 0.48, 0.18),
+        (3.2, 0.42, 0.30),
+        (4.0, 0.42, 0.30),
+    ];
+    let at = |t: f64| {
+        let next = corners.iter().position(|c| c.0 >= t).unwrap_or(corners.len() - 1).max(1);
+        let (a, b) = (corners[next - 1], corners[next]);
+        let s = ((t - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
+        let s = s * s * (3.0 - 2.0 * s);
+        GripPose { x_m: a.1 + s * (b.1 - a.1), z_m: a.2 + s * (b.2 - a.2), pitch_rad: 0.0 }
+    };
+    let times: Vec<f64> = (0..=400).map(|i| 0.01 * f64::from(i)).collect();
+    let poses = times.iter().map(|t| at(*t)).collect();
+    GripTrajectory::new(times, poses).unwrap()
+}
+
+/// An episode of the world in which the bar has these effects beside what the model says.
+fn episode(effects: &[(&str, f64)], number: u64) -> MeasuredTrack {
+    let request = SimulationRequest {
+        thetas: vec![vec![LENGTH_M, YOUNGS_MODULUS_PA]],
+        effects: effects.iter().map(|(name, value)| ((*name).to_owned(), vec![*value])).collect(),
+        drive: Drive::Grip(path()),
+        start: StartShape::HangingAtRest,
+        frame_times_s: (0..17).map(|i| 0.25 * f64::from(i)).collect(),
+        target_m: None,
+        fidelity: Fidelity::Fast,
+        seed: seed::derive(77, number),
+        first_episode: 0,
+        noise: true,
+    };
+    let track = BeamSimulator::new(&model(), 1).unwrap().simulate(&request).unwrap().remove(0);
+    MeasuredTrack {
+        track,
+        grip: path(),
+        actions: Vec::new(),
+        start: StartShape::HangingAtRest,
+        target_m: None,
+        warnings: Vec::new(),
+    }
+}
+
+/// An episode in which the arm executed `actions`, with an effect beside what the model says, and noise on the arm's pose.
+fn acted(model: &Model, actions: &[[f64; 2]], (effect, value): (&str, f64), number: u64) -> MeasuredTrack {
+    let request = SimulationRequest {
+        effects: vec![(effect.to_owned(), vec![value])],
+        thetas: vec![vec![LENGTH_M, YOUNGS_MODULUS_PA]],
+        drive: Drive::Actions(actions.to_vec()),
+        start: StartShape::HangingAtRest,
+        frame_times_s: Vec::new(),
+        target_m: None,
+        fidelity: Fidelity::Fast,
+        seed: seed::derive(77, number),
+        first_episode: 0,
+        noise: true,
+    };
+    let mut track = BeamSimulator::new(model, 1).unwrap().simulate(&request).unwrap().remove(0);
+    let mut rng = seed::rng(78, number);
+    for frame in &mut track.frames {
+        for (axis, v) in frame.eef.iter_mut().enumerate() {
+            let sd = if axis == 2 { 5e-3 } else { 5e-4 };
+            *v += sd * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+        }
+    }
+    MeasuredTrack {
+        track,
+        grip: path(),
+        actions: actions.to_vec(),
+        start: StartShape::HangingAtRest,
+        target_m: None,
+        warnings: Vec::new(),
+    }
+}
+
+/// The candidates of these names.
+fn some(model: &Model, names: &[&str]) -> Vec<Candidate> {
+    let all = candidates(Registry::shipped(), model);
+    let found: Vec<Candidate> = all.into_iter().filter(|c| names.contains(&c.name.as_str())).collect();
+    assert_eq!(found.len(), names.len(), "{names:?}");
+    found
+}
+
+fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
+    let simulator = BeamSimulator::new(model, 2).unwrap();
+    let settings = Settings { null_sets: 19, draws: 24, seed: 4, fidelity: Fidelity::Fast, ..Settings::default() };
+    find(model, measured, candidates, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn a_world_without_a_hidden_effect_has_no_gap() {
+    let (finding, repaired) = search(&model(), &[episode(&[], 1)], &[]);
+    assert_eq!((finding.verdict, repaired), (Verdict::NoGap, None));
+    assert!(finding.explanations.is_empty() && finding.effects.is_empty());
+    let length = &finding.present.estimates[0];
+    // The interval is one of 3.3 standard deviations.
+    assert!((length.value - LENGTH_M).abs() < length.q95 - length.q05, "{length:?}");
+    assert!(length.q95 - length.q05 < 0.01, "{length:?}");
+}
+
+#[test]
+fn a_tip_mass_is_named_and_recovered_among_effects_that_are_like_it() {
+    let candidates = some(&model(), &["tip_mass_kg", "density_change", "stiffness_gradient", "linear_drag_n_s_m2"]);
+    let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.004)], 2)], &candidates);
+    assert_eq!((finding.verdict, finding.effects.as_slice()), (Verdict::Named, ["tip_mass_kg".to_owned()].as_slice()));
+    let best = &finding.explanations[0];
+    assert!((best.value - 0.004).abs() < 3.0 * best.sd && best.sd < 0.001, "{best:?}");
+    assert!(best.probability > 0.99, "{best:?}");
+    assert!(finding.repaired.unwrap().rmse_mm < finding.present.rmse_mm);
+    let repaired = repaired.unwrap();
+    assert_eq!(repaired.theta.dimension(), 3);
+    assert!(repaired.theta.index_of("tip_mass_kg").is_some());
+}
+
+#[test]
+fn an_effect_that_no_candidate_is_like_is_none_of_these() {
+    let candidates = some(&model(), &["grip_angle_offset_rad", "linear_drag_n_s_m2"]);
+    let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.008)], 3)], &candidates);
+    assert_eq!((finding.verdict, repaired), (Verdict::NoneOfThese, None));
+    let p = finding.repaired.unwrap().test.p_value;
+    assert!(p <= 0.05, "the best of them leaves a gap: {p}");
+}
+
+#[test]
+fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
+    let mut narrow = model();
+    let mut parameters = narrow.theta.parameters().to_vec();
+    parameters[0].prior = Prior::Uniform { low: 0.275, high: 0.305 };
+    narrow.theta = ParameterSpace::new(parameters).unwrap();
+    let candidates = some(&narrow, &["tip_mass_kg", "camera_scale_change"]);
+    let (finding, repaired) = search(&narrow, &[episode(&[], 5)], &candidates);
+    assert_eq!((finding.verdict, repaired), (Verdict::PriorTooNarrow, None));
+    assert_eq!(finding.pressing, ["length_m"]);
+}
+
+/// A camera that is late, and one that averages over its exposure, show the bar where it was.
+#[test]
+fn effects_that_change_the_same_are_a_group() {
+    let candidates = some(&model(), &["frame_delay_s", "exposure_s", "tip_mass_kg"]);
+    let (finding, repaired) = search(&model(), &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
+    assert_eq!(finding.verdict, Verdict::CannotTellApart, "{:?}", finding.explanations);
+    let mut effects = finding.effects.clone();
+    effects.sort_unstable();
+    assert_eq!(effects, ["exposure_s", "frame_delay_s"]);
+    assert!(repaired.unwrap().theta.index_of(&finding.effects[0]).is_some());
+}
+
+/// The arm's own path tells a late arm from a late camera.
+#[test]
+fn proprioception_tells_a_late_arm_from_a_late_camera() {
+    let mut model = model();
+    model.observation.drive = DriveKind::Actions;
+    let actions =
+        vec![[0.05, -0.06], [0.0, -0.06], [-0.06, -0.06], [0.06, 0.0], [0.06, 0.03], [-0.06, 0.06], [-0.04, 0.05]];
+    let candidates = some(&model, &["frame_delay_s", "arm_delay_s", "exposure_s"]);
+    for (effect, number) in [("frame_delay_s", 7), ("arm_delay_s", 8)] {
+        let measured = acted(&model, &actions, (effect, 0.05), number);
+        let (finding, _) = search(&model, &[measured], &candidates);
+        assert_eq!(finding.explanations[0].name, effect, "{:?}", finding.explanations);
+        let pose = |p: &Place| matches!(p.part, Part::Quantity(Quantity::Pose { .. }));
+        let stands_out = finding.places.iter().any(|p| pose(p) && p.p_value <= 0.05);
+        assert_eq!(stands_out, effect == "arm_delay_s", "{:?}", finding.places);
+    }
+}
