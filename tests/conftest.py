@@ -11,6 +11,7 @@ import subprocess
 import time
 import uuid
 
+import contract
 import pytest
 import rclpy
 from rcl_interfaces.msg import Log
@@ -20,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MARK = "CATENARY_TEST_MARK"
-NODES = {"simulated_cell", "camera", "keypoint_tracker", "policy_runner", "simulator_pool", "bayes_sim", "ppo_trainer"}
+NODES = set(contract.NODES)
 
 # As the README tells users of Fast DDS.
 os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "launch_configs/fastdds_localhost.xml"))

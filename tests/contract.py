@@ -9,8 +9,17 @@ from dataclasses import dataclass
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 BEST_EFFORT, RELIABLE, LATCHED = ("best_effort", "volatile"), ("reliable", "volatile"), ("reliable", "transient_local")
-NODES = ("simulated_cell", "camera", "keypoint_tracker", "policy_runner", "simulator_pool", "bayes_sim", "ppo_trainer")
-CELL, CAMERA, TRACKER, RUNNER, POOL, BAYES, TRAINER = NODES
+NODES = (
+    "simulated_cell",
+    "camera",
+    "keypoint_tracker",
+    "policy_runner",
+    "simulator_pool",
+    "bayes_sim",
+    "ppo_trainer",
+    "effect_finder",
+)
+CELL, CAMERA, TRACKER, RUNNER, POOL, BAYES, TRAINER, FINDER = NODES
 BASE, OPTICAL = "panda_link0", "camera_color_optical_frame"
 
 
@@ -75,17 +84,17 @@ TOPICS = (
     topic("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", BEST_EFFORT, 5, OPTICAL, 60, (CELL,), (CAMERA,)),
     topic("/camera/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", BEST_EFFORT, 5, OPTICAL, 60, (CELL,)),
     topic("/dlo/mask", "sensor_msgs/msg/Image", BEST_EFFORT, 1, OPTICAL, 60, (CAMERA,), (TRACKER,)),
-    topic("/dlo/keypoints", "catenary_msgs/msg/Keypoints", BEST_EFFORT, 1, OPTICAL, 60, (TRACKER,), (RUNNER, BAYES)),
+    topic("/dlo/keypoints", "catenary_msgs/msg/Keypoints", BEST_EFFORT, 1, OPTICAL, 60, (TRACKER,), (RUNNER, BAYES, FINDER)),
     topic("/panda/joint_states", "sensor_msgs/msg/JointState", BEST_EFFORT, 1, BASE, 200, (CELL,)),
-    topic("/panda/current_pose", "geometry_msgs/msg/PoseStamped", BEST_EFFORT, 1, BASE, 200, (CELL,), (RUNNER, BAYES)),
+    topic("/panda/current_pose", "geometry_msgs/msg/PoseStamped", BEST_EFFORT, 1, BASE, 200, (CELL,), (RUNNER, BAYES, FINDER)),
     topic("/panda/current_twist", "geometry_msgs/msg/TwistStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
     topic("/panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
     topic("/panda/arm_state", "catenary_msgs/msg/ArmState", LATCHED, 1, BASE, 50, (CELL,), (RUNNER,)),
     topic("/panda/target_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, 1, BASE, None, (RUNNER,), (CELL,)),
     topic("/panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", RELIABLE, 10, BASE, None, (CELL,), (RUNNER,)),
-    topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, BASE, None, (RUNNER,), (BAYES,)),
-    topic("/policy/observation", "catenary_msgs/msg/Observation", RELIABLE, 10, None, None, (RUNNER,), (BAYES,)),
-    topic("/episode/event", "catenary_msgs/msg/EpisodeEvent", LATCHED, 16, None, None, (RUNNER,), (CELL, BAYES)),
+    topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, BASE, None, (RUNNER,), (BAYES, FINDER)),
+    topic("/policy/observation", "catenary_msgs/msg/Observation", RELIABLE, 10, None, None, (RUNNER,), (BAYES, FINDER)),
+    topic("/episode/event", "catenary_msgs/msg/EpisodeEvent", LATCHED, 16, None, None, (RUNNER,), (CELL, BAYES, FINDER)),
     topic("/bayes_sim/posterior", "catenary_msgs/msg/Mixture", LATCHED, 1, None, None, (BAYES,)),
     topic("/tf", "tf2_msgs/msg/TFMessage", RELIABLE, 100, None, 200, (CELL,)),
     topic("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED, 1, None, None, (CELL,)),
@@ -110,7 +119,7 @@ ACTIONS = (
     Endpoint("/policy_runner/run_episode", "catenary_msgs/action/RunEpisode", RUNNER, "catenary deploy"),
     Endpoint("/bayes_sim/infer", "catenary_msgs/action/Infer", BAYES, remark="no node of ours calls it"),
     Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, remark="no node of ours calls it"),
-    Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", remark="no node serves it yet"),
+    Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, remark="no node of ours calls it"),
 )
 
 BY_NAME = {row.name: row for row in (*TOPICS, *SERVICES, *ACTIONS)}

@@ -80,7 +80,7 @@ def test_a_launch_says_what_it_runs_without_and_does_not_start_it_again(session)
 
 
 def test_a_recording_is_not_replayed_over_a_running_cell(session):
-    session.launch("learning:=false", nodes=session.nodes - {"simulator_pool", "bayes_sim", "ppo_trainer"})
+    session.launch("learning:=false", nodes=session.nodes - {"simulator_pool", "bayes_sim", "ppo_trainer", "effect_finder"})
     done = session.run("replay", session.root / "bags/swing")
     assert done.returncode == 1 and done.stdout == ""
     assert "others publish" in done.stderr and "/panda/current_pose" in done.stderr and "allow_others" in done.stderr

@@ -7,7 +7,7 @@ import time
 import pytest
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
-from catenary_msgs.action import Infer, MoveToStart, RunEpisode, Train
+from catenary_msgs.action import FindEffects, Infer, MoveToStart, RunEpisode, Train
 from catenary_msgs.msg import ArmState, EpisodeEvent
 from catenary_msgs.srv import CloseEnvs, OpenEnvs, SetCompliance, Simulate, StepEnvs
 from conftest import Ros
@@ -416,11 +416,24 @@ def train_of_rclpy(graph):
     assert len(result.policy) > 10_000 and b"catenary policy 1" in bytes(result.policy)
 
 
+def find_of_rclpy(graph):
+    bad = Goal(graph.ros, "/effect_finder/find", FindEffects.Goal(bags=["/nowhere"], model_yaml=model_yaml(graph)))
+    assert "/nowhere" in bad.result(GoalStatus.STATUS_ABORTED).message
+    goal = FindEffects.Goal(bags=[str(graph.root / "bags/swing")], model_yaml=model_yaml(graph), seed=5)
+    running = Goal(graph.ros, "/effect_finder/find", goal)
+    graph.ros.wait_for(lambda: any(f.conclusion for f in running.feedback), running.seconds, "a conclusion")
+    first = next(f for f in running.feedback if f.conclusion)
+    assert first.stage == "calibrate" and "RMSE" in first.conclusion and 0 <= first.progress <= 1
+    running.cancel()
+    assert running.result(GoalStatus.STATUS_CANCELED).message == "cancelled"
+
+
 GOALS = {
     "/panda/move_to_start": move_of_rclpy,
     "/policy_runner/run_episode": episode_of_rclpy,
     "/bayes_sim/infer": infer_of_rclpy,
     "/ppo_trainer/train": train_of_rclpy,
+    "/effect_finder/find": find_of_rclpy,
 }
 
 

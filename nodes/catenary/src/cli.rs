@@ -29,6 +29,8 @@ pub enum Command {
     Node(NodeArgs),
     /// Posterior over the model's parameters from a recording
     Infer(InferArgs),
+    /// Where model and recordings disagree, and which effect explains it
+    FindEffects(FindEffectsArgs),
     /// Train a policy in simulation over a distribution of the model's parameters
     Train(TrainArgs),
     /// Run one episode of a policy on the running graph
@@ -146,6 +148,29 @@ pub struct InferArgs {
     /// Simulations in each round; none: the preset's
     #[arg(long)]
     pub simulations: Option<usize>,
+    /// Seed
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary find-effects`.
+#[derive(Debug, Args)]
+pub struct FindEffectsArgs {
+    /// Bag (folder or .mcap file) whose complete episodes are looked at; several may be given
+    #[arg(long, required = true)]
+    pub bag: Vec<PathBuf>,
+    /// Model file
+    #[arg(long)]
+    pub model: PathBuf,
+    /// Folder for verdict.json, model.yaml and report/index.html
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Data sets without a gap that each test is held against
+    #[arg(long, default_value_t = 199)]
+    pub null_sets: usize,
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -12,6 +12,7 @@ mod deploy;
 mod doctor;
 mod effects;
 mod figures;
+mod find_effects;
 mod import;
 mod infer;
 mod install;
@@ -99,6 +100,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Effects(arguments) => effects::run(arguments),
         Command::Doctor(arguments) => doctor::run(arguments),
         Command::Infer(arguments) => infer::run(arguments),
+        Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::ImportTrack(arguments) => import::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),

@@ -16,6 +16,7 @@ pub const NODES: &[(&str, &str, Main)] = &[
     ("policy_runner", "one episode of a policy", policy_runner::node::main),
     ("simulator_pool", "batches of simulated episodes, and environments", simulator_pool::node::pool::main),
     ("bayes_sim", "posterior over the model's parameters", bayes_sim::node::main),
+    ("effect_finder", "where model and recordings disagree, and why", effect_finder::node::main),
     ("ppo_trainer", "training of policies", ppo_trainer::node::main),
     ("recorder", "the contract's topics to a bag", catenary_bag::node::recorder),
     ("replayer", "a bag's messages in time", catenary_bag::node::replayer),
