@@ -2,6 +2,7 @@
 
 pub use crate::bags::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
 pub use crate::install::InstallArgs;
+pub use crate::launch::status::StatusArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -25,6 +26,8 @@ pub enum Command {
     Demo(DemoArgs),
     /// Start the processes of a ROS 2 launch file and watch them
     Launch(LaunchArgs),
+    /// Say what the processes of a launch do
+    Status(StatusArgs),
     /// Run one node, with ROS 2 arguments after --ros-args
     Node(NodeArgs),
     /// Posterior over the model's parameters from a recording
@@ -92,10 +95,10 @@ pub struct LaunchArgs {
     /// Show the file's arguments and processes and start nothing
     #[arg(long)]
     pub show: bool,
-    /// Folder for the nodes' output
-    #[arg(long, default_value = "out/log")]
-    pub log: PathBuf,
-    /// Machine-readable output
+    /// Folder for the processes' output; none: a new one where ROS 2 keeps logs, in ROS_LOG_DIR or ~/.ros/log
+    #[arg(long)]
+    pub log: Option<PathBuf>,
+    /// Machine-readable output, of --show or of how the launch ended
     #[command(flatten)]
     pub output: Output,
 }

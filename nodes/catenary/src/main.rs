@@ -90,6 +90,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Launch(arguments) => launch::command::run(arguments),
+        Command::Status(arguments) => launch::status::run(arguments),
         Command::Node(_) => nodes::list(),
         Command::Deploy(arguments) => deploy::run(arguments),
         Command::Report(arguments) => {
