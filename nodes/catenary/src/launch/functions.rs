@@ -6,8 +6,7 @@ use std::path::Path;
 
 /// The substitutions that there are.
 const KNOWN: &str = "var NAME [DEFAULT], env NAME [DEFAULT], dirname, filename, find-pkg-share PACKAGE, find-pkg-prefix PACKAGE, \
-                     exec-in-pkg PROGRAM PACKAGE, find-exec PROGRAM, not A, and A B, or A B, any A..., all A..., equals A B, \
-                     not-equals A B, if A B [C]";
+                     exec-in-pkg PROGRAM PACKAGE, find-exec PROGRAM, not A, and A B, or A B, equals A B, not-equals A B, if A B [C]";
 
 /// The value of `$(name arguments...)`, or why it has none.
 pub fn call(name: &str, arguments: &[String], scope: &Scope<'_>) -> Result<String, String> {
@@ -32,11 +31,6 @@ pub fn call(name: &str, arguments: &[String], scope: &Scope<'_>) -> Result<Strin
         ("not", [a]) => Ok((!boolean(a)?).to_string()),
         ("and", [a, b]) => Ok((boolean(a)? & boolean(b)?).to_string()),
         ("or", [a, b]) => Ok((boolean(a)? | boolean(b)?).to_string()),
-        ("any" | "all", [_, ..]) => {
-            let values = arguments.iter().map(|a| boolean(a)).collect::<Result<Vec<_>, _>>()?;
-            let holds = if name == "any" { values.contains(&true) } else { !values.contains(&false) };
-            Ok(holds.to_string())
-        }
         ("equals", [a, b]) => Ok(equals(a, b).to_string()),
         ("not-equals", [a, b]) => Ok((!equals(a, b)).to_string()),
         ("if", [condition, yes, no @ ..]) if no.len() < 2 => {
@@ -54,7 +48,6 @@ fn wrong_form(name: &str) -> String {
         "and" | "or" | "equals" | "not-equals" | "exec-in-pkg" => "2 arguments",
         "var" | "env" => "1 or 2 arguments",
         "if" => "2 or 3 arguments",
-        "any" | "all" => "an argument or more",
         _ => return format!("expected one of {KNOWN}"),
     };
     format!("{name} takes {takes}")

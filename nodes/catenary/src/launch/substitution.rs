@@ -269,7 +269,6 @@ mod tests {
             ("$(not true)", "false"),
             ("$(and yes 1)", "true"),
             ("$(or false off)", "false"),
-            ("$(any 0 0 1)$(all true true)", "truetrue"),
             ("$(equals True 1)$(equals 1.0 1)$(equals a A)$(not-equals a b)", "truetruefalsetrue"),
             ("$(if $(equals $(var which) bin) yes no)$(if false yes)", "yes"),
         ] {
