@@ -131,11 +131,11 @@ pub struct InferArgs {
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
-    /// Folder for posterior.json and the pictures
+    /// Folder for posterior.json and the pictures; with --node for posterior.json alone
     #[arg(long)]
     pub out: PathBuf,
     /// Number of the episode in the bag; none: the last complete one
-    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "node")]
     pub episode: Option<u32>,
     /// Policy that the episode ran, where the model's drive is a policy
     #[arg(long)]
@@ -152,6 +152,12 @@ pub struct InferArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -178,6 +184,12 @@ pub struct TrainArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

@@ -12,6 +12,7 @@ mod deploy;
 mod doctor;
 mod effects;
 mod figures;
+mod goal;
 mod import;
 mod infer;
 mod install;
@@ -21,6 +22,7 @@ mod model_file;
 mod nodes;
 mod output;
 mod report;
+mod served;
 mod simulate;
 mod train;
 

@@ -103,8 +103,7 @@ impl Reader<'_> {
             None => (self.base)(name),
         };
         let included = (self.current != place.file).then_some(self.current.as_path());
-        let scope =
-            Scope { variables: &self.context.variables, environment: &environment, file: place.file, included };
+        let scope = Scope { variables: &self.context.variables, environment: &environment, file: place.file, included };
         work(&Element { node, scope: &scope })
     }
 

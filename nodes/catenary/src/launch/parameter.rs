@@ -65,7 +65,8 @@ fn yaml(text: &str, kind: Option<&str>) -> Result<String> {
         return Ok(quoted(text));
     }
     let bad = |expected: &str| anyhow!("value: expected {expected}, got `{text}`");
-    let parsed = if text.is_empty() { Yaml::String(String::new()) } else { Yaml::parse(text).map_err(|_| bad("YAML"))? };
+    let parsed =
+        if text.is_empty() { Yaml::String(String::new()) } else { Yaml::parse(text).map_err(|_| bad("YAML"))? };
     match (kind, &parsed) {
         (None | Some("yaml"), Yaml::List(items)) => list(items, |_| true),
         (None | Some("yaml"), other) => scalar(other),

@@ -13,8 +13,18 @@ use std::time::Duration;
 
 /// Attributes of both elements.
 const OF_PROCESSES: [&str; 12] = [
-    "name", "output", "respawn", "respawn_delay", "respawn_max_retries", "cwd", "launch-prefix", "on_exit",
-    "sigterm_timeout", "sigkill_timeout", "if", "unless",
+    "name",
+    "output",
+    "respawn",
+    "respawn_delay",
+    "respawn_max_retries",
+    "cwd",
+    "launch-prefix",
+    "on_exit",
+    "sigterm_timeout",
+    "sigkill_timeout",
+    "if",
+    "unless",
 ];
 /// The package that this program's own nodes belong to.
 const OWN_PACKAGE: &str = "catenary";
@@ -131,7 +141,8 @@ impl Reader<'_> {
         for child in children(e.node, "env") {
             allow(child, &["name", "value"], &[], &[]).context("<env>")?;
             let of = |attribute| {
-                let text = child.attribute(attribute).ok_or_else(|| anyhow!("the attribute `{attribute}` is missing"))?;
+                let text =
+                    child.attribute(attribute).ok_or_else(|| anyhow!("the attribute `{attribute}` is missing"))?;
                 super::substitution::substitute(text, e.scope).map_err(|e| anyhow!("{attribute}: {e}"))
             };
             let (name, value) = of("name").and_then(|n| Ok((n, of("value")?))).context("<env>")?;
@@ -157,11 +168,12 @@ impl Reader<'_> {
 
     /// Times for ending: the element's own, else those of the variables that ROS 2's launch looks at.
     fn grace(&self, e: &Element<'_, '_, '_>) -> Result<Grace> {
-        let time = |attribute: &str, default: Duration| match (e.seconds(attribute)?, self.context.variables.get(attribute)) {
-            (Some(own), _) => Ok(own),
-            (None, Some(variable)) => seconds(attribute, variable),
-            (None, None) => Ok(default),
-        };
+        let time =
+            |attribute: &str, default: Duration| match (e.seconds(attribute)?, self.context.variables.get(attribute)) {
+                (Some(own), _) => Ok(own),
+                (None, Some(variable)) => seconds(attribute, variable),
+                (None, None) => Ok(default),
+            };
         let default = Grace::default();
         let interrupted = time("sigterm_timeout", default.interrupted)?;
         Ok(Grace { interrupted, terminated: time("sigkill_timeout", default.terminated)? })

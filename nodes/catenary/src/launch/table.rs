@@ -194,7 +194,8 @@ mod tests {
         assert_eq!(Table::read(folder.path()).unwrap(), table);
         assert!(table.is_running());
         let words = table.words(SystemTime::now());
-        let cells: Vec<&str> = words.lines().last().unwrap().split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
+        let cells: Vec<&str> =
+            words.lines().last().unwrap().split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
         assert_eq!(cells, ["camera", "77", "running", "1 min 15 s", "1 of 10", "signal 9", "camera.log"], "{words}");
         let killed = Table { began_ticks: 1, ..table };
         assert!(!killed.is_running() && killed.words(SystemTime::now()).contains("was killed"));

@@ -1,9 +1,9 @@
 //! Launch files that are read, and processes that are watched.
 
 use super::description::{Argument, Grace, LaunchDescription, Process, Restart};
+use super::read;
 use super::supervisor::{NodeEvent, Supervisor};
 use super::table::{Exit, State};
-use super::read;
 use anyhow::Result;
 use rustix::process::{Pid, Signal, kill_process};
 use std::time::{Duration, Instant};
@@ -36,12 +36,8 @@ fn arguments_conditions_includes_and_environment_are_applied() {
         <include file="$(dirname)/inner.xml"><arg name="who" value="you$(var n)"/></include>
     </launch>"#;
     let d = launch(text, &[("n", "7")]).unwrap();
-    let n = Argument {
-        name: "n".into(),
-        default: Some("2".into()),
-        description: "a number".into(),
-        choices: Vec::new(),
-    };
+    let n =
+        Argument { name: "n".into(), default: Some("2".into()), description: "a number".into(), choices: Vec::new() };
     assert_eq!(d.arguments[0], n);
     assert_eq!(d.processes.len(), 2);
     assert_eq!(d.processes[0].command, ["run", "--a b", "77"]);
@@ -67,8 +63,7 @@ fn an_include_shares_its_variables_and_a_group_keeps_its_own() {
     </launch>"#;
     let d = launch(text, &[]).unwrap();
     let commands: Vec<String> = d.processes.iter().map(|p| p.command.join(" ")).collect();
-    let expected =
-        ["echo a", "run 5 a", "run 6 in", "run 5 none", "run out:more /x;/home/lab", "run gone"];
+    let expected = ["echo a", "run 5 a", "run 6 in", "run 5 none", "run out:more /x;/home/lab", "run gone"];
     assert_eq!(commands, expected);
     assert_eq!(d.processes[4].environment["F"].as_deref(), Some("out:more!"));
     assert_eq!(d.processes[5].environment["HOME"], None, "it is taken away");
@@ -139,7 +134,10 @@ fn mistakes_name_file_line_and_attribute() {
         (r#"<node exec="x"><param from="/no/such.yaml"/></node>"#, "/no/such.yaml"),
         (r#"<include file="/no/such.xml"/>"#, "launch file /no/such.xml"),
         (r#"<include file="$(dirname)/inner.xml"/>"#, "who:=VALUE"),
-        (r#"<include file="$(dirname)/inner.xml"><let name="who" value="1"/></include>"#, "expected arg inside it, got <let>"),
+        (
+            r#"<include file="$(dirname)/inner.xml"><let name="who" value="1"/></include>"#,
+            "expected arg inside it, got <let>",
+        ),
         (r#"<group scoped="perhaps"/>"#, "scoped"),
     ] {
         let e = refusal(&format!("<launch>{inside}</launch>"), &[]);
