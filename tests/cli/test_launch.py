@@ -153,7 +153,7 @@ def test_a_launch_ends_with_the_process_that_it_is_for(launch):
 def test_processes_that_end_well_end_the_launch_well(launch):
     graph = launch(script("a", "echo shown"), script("b", "echo hidden >&2", 'output="own_log"'), script("c", "echo loud", 'output="screen"'))
     assert graph.process.wait(20) == 0
-    said = [line for line in graph.err().splitlines() if line.startswith("[")]
+    said = [line for line in graph.err().splitlines() if line.startswith(("[a]", "[b]", "[c]"))]
     assert said == ["[c] loud"], "standard output is in the log alone unless the file asks for the screen"
     assert [(graph.folder / f"log/{name}.log").read_text() for name in "abc"] == ["shown\n", "hidden\n", "loud\n"]
 
