@@ -117,8 +117,8 @@ SERVICES = (
 ACTIONS = (
     Endpoint("/panda/move_to_start", "catenary_msgs/action/MoveToStart", CELL, "catenary deploy"),
     Endpoint("/policy_runner/run_episode", "catenary_msgs/action/RunEpisode", RUNNER, "catenary deploy"),
-    Endpoint("/bayes_sim/infer", "catenary_msgs/action/Infer", BAYES, remark="no node of ours calls it"),
-    Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, remark="no node of ours calls it"),
+    Endpoint("/bayes_sim/infer", "catenary_msgs/action/Infer", BAYES, "catenary infer"),
+    Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, "catenary train"),
     Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, remark="no node of ours calls it"),
 )
 

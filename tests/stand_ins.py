@@ -1,14 +1,15 @@
-"""Nodes of a lab, written in rclpy, in place of ours: an arm, a runner of episodes, a pool of simulations."""
+"""Nodes of a lab, written in rclpy, in place of ours: an arm, a runner of episodes, a pool of simulations, a learner."""
 
 import math
 import threading
 
 import rclpy
-from catenary_msgs.action import MoveToStart, RunEpisode
-from catenary_msgs.msg import AcceptedTarget, ArmState, Keypoints, Track
+from catenary_msgs.action import Infer, MoveToStart, RunEpisode, Train
+from catenary_msgs.msg import AcceptedTarget, ArmState, Keypoints, Mixture, Parameter, Track
 from catenary_msgs.srv import CloseEnvs, OpenEnvs, StepEnvs
 from contract import BASE, BY_NAME, OPTICAL
 from geometry_msgs.msg import PoseStamped
+from policy import policy_file
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -177,3 +178,41 @@ class Pool(StandIn):
         return response
 
 
+class Learner(StandIn):
+    """An inference and a training that know the answer."""
+
+    def __init__(self, domain, endless=False):
+        super().__init__(domain, "lab_learner")
+        self.goals, self.cancelled, self.endless = [], 0, endless
+        self.act("/bayes_sim/infer", self.infer)
+        self.act("/ppo_trainer/train", self.train)
+
+    def work(self, handle, feedback):
+        """Tells feedback; whether the goal was cancelled."""
+        self.goals.append(handle.request)
+        pause, step = threading.Event(), 0
+        while step < 4 or self.endless:
+            if handle.is_cancel_requested:
+                handle.canceled()
+                self.cancelled += 1
+                return True
+            handle.publish_feedback(feedback(step))
+            step += 1
+            pause.wait(0.05)
+        handle.succeed()
+        return False
+
+    def infer(self, handle):
+        if self.work(handle, lambda step: Infer.Feedback(iteration=step, iterations=4, simulations=10 * step)):
+            return Infer.Result(message="cancelled")
+        parameters = [
+            Parameter(name="length_m", prior=Parameter.PRIOR_UNIFORM, low=0.195, high=0.305),
+            Parameter(name="youngs_modulus_pa", prior=Parameter.PRIOR_LOG_UNIFORM, low=1e3, high=5e4),
+        ]
+        middle = Mixture(parameters=parameters, weights=[1.0], means=[0.5, 0.5], covariances=[1e-4, 0.0, 0.0, 1e-4])
+        return Infer.Result(success=True, posterior=middle, simulations=40, losses=[1.5], effective_sample_size=33.0, warnings=["a warning"])
+
+    def train(self, handle):
+        if self.work(handle, lambda step: Train.Feedback(steps=8 * step, total_steps=32, mean_return=0.5, success_rate=0.25)):
+            return Train.Result(message="cancelled")
+        return Train.Result(success=True, policy=policy_file(), curve_steps=[16, 32], curve_returns=[0.25, 0.5], steps_per_second=320.0)

@@ -69,9 +69,9 @@ def test_installed_launch_files_start_what_is_installed(prefix, monkeypatch):
         assert done.returncode == 0, done.stderr
         processes = json.loads(done.stdout)["processes"]
         assert processes
-        for name, command in processes:
-            assert command.startswith(f"{prefix}/lib/catenary/{name} "), command
-            assert "/opt/catenary" not in command
+        for process in processes:
+            assert process["command"][0] == f"{prefix}/lib/catenary/{process['name']}"
+            assert "/opt/catenary" not in " ".join(process["command"])
 
 
 def test_the_setup_script_puts_the_package_before_others(prefix):

@@ -9,7 +9,7 @@ from catenary_msgs.action import Infer, RunEpisode, Train
 from contract import ACTIONS, SERVICES
 from diagnostic_msgs.msg import DiagnosticArray
 from policy import BIAS, policy_file
-from stand_ins import Arm, Pool, Runner
+from stand_ins import Arm, Learner, Pool, Runner
 from test_cell import Goal, model_yaml
 
 MODEL = "launch_configs/models/soft_bar.yaml"
@@ -17,7 +17,7 @@ MODEL = "launch_configs/models/soft_bar.yaml"
 
 def test_every_caller_of_the_table_is_tried_here():
     callers = {row.caller for row in (*SERVICES, *ACTIONS) if row.caller}
-    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy"}
+    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy", "catenary infer", "catenary train"}
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +107,48 @@ def test_an_interrupt_cancels_the_goal_at_a_server_of_rclpy(session):
         child.send_signal(signal.SIGINT)
         assert child.wait(15) == 130
     assert "interrupted and cancelled" in session.text("deploy.err")
+
+
+@pytest.mark.parametrize("name", ["/bayes_sim/infer"])
+def test_node_to_rclpy_has_an_inference_of_rclpy_infer(session, name):
+    arguments = ("--bag", session.root / "bags/swing", "--model", session.root / MODEL, "--out", "out", "--iterations", 2, "--seed", 9)
+    with Learner(session.domain) as learner:
+        child = session.start("infer", "--node", *arguments, "--wait-s", 20, "--json")
+        assert child.wait(30) == 0, session.text("infer.err")
+        arguments = ("--model", session.root / MODEL, "--posterior", "out/posterior.json", "--out", "pi1.safetensors")
+        child = session.start("train", "--node", *arguments, "--wait-s", 20)
+        assert child.wait(30) == 0, session.text("train.err")
+    said = json.loads(session.text("infer.out"))
+    assert (said["simulations"], said["losses"], said["warnings"]) == (40, [1.5], ["a warning"])
+    length = said["marginals"][0]
+    assert length["name"] == "length_m" and length["median"] == pytest.approx(0.25, abs=1e-3)
+    assert json.loads((session.folder / "out/posterior.json").read_text()) == said["posterior"]
+    goal, over_posterior = learner.goals
+    assert goal.source == Infer.Goal.SOURCE_BAG and goal.bag == str(session.root / "bags/swing") and goal.model_yaml == model_yaml(session)
+    assert (goal.iterations, goal.simulations, goal.seed, goal.preset) == (2, 0, 9, "default")
+    assert over_posterior.domains == Train.Goal.DOMAINS_MIXTURE and list(over_posterior.mixture.means) == pytest.approx([0.5, 0.5])
+
+
+@pytest.mark.parametrize("name", ["/ppo_trainer/train"])
+def test_node_to_rclpy_has_a_training_of_rclpy_train(session, name):
+    arguments = ("--model", session.root / MODEL, "--out", "pi0.safetensors", "--steps", 32, "--seed", 3)
+    with Learner(session.domain) as learner:
+        child = session.start("train", "--node", *arguments, "--wait-s", 20, "--json")
+        assert child.wait(30) == 0, session.text("train.err")
+    said = json.loads(session.text("train.out"))
+    assert said["policy"] == "pi0.safetensors" and said["curve"] == [[16, 0.25], [32, 0.5]] and said["steps"] == 32
+    assert (session.folder / "pi0.safetensors").read_bytes() == policy_file()
+    (goal,) = learner.goals
+    assert (goal.total_steps, goal.seed, goal.domains) == (32, 3, Train.Goal.DOMAINS_PRIOR) and goal.model_yaml == model_yaml(session)
+
+
+@pytest.mark.parametrize("command", ["infer", "train"])
+def test_an_interrupt_cancels_what_a_learner_of_rclpy_does(session, command):
+    bag = ("--bag", session.root / "bags/swing") if command == "infer" else ()
+    with Learner(session.domain, endless=True) as learner:
+        child = session.start(command, "--node", *bag, "--model", session.root / MODEL, "--out", "out", "--wait-s", 20)
+        session.wait_for(lambda: learner.goals, 20, "the goal")
+        child.send_signal(signal.SIGINT)
+        assert child.wait(15) == 130
+        assert learner.cancelled == 1
+    assert "interrupted and cancelled" in session.text(f"{command}.err") and not (session.folder / "out/posterior.json").exists()

@@ -2,6 +2,7 @@
 
 pub use crate::bags::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
 pub use crate::install::InstallArgs;
+pub use crate::launch::status::StatusArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -25,6 +26,8 @@ pub enum Command {
     Demo(DemoArgs),
     /// Start the processes of a ROS 2 launch file and watch them
     Launch(LaunchArgs),
+    /// Say what the processes of a launch do
+    Status(StatusArgs),
     /// Run one node, with ROS 2 arguments after --ros-args
     Node(NodeArgs),
     /// Posterior over the model's parameters from a recording
@@ -94,10 +97,10 @@ pub struct LaunchArgs {
     /// Show the file's arguments and processes and start nothing
     #[arg(long)]
     pub show: bool,
-    /// Folder for the nodes' output
-    #[arg(long, default_value = "out/log")]
-    pub log: PathBuf,
-    /// Machine-readable output
+    /// Folder for the processes' output; none: a new one where ROS 2 keeps logs, in ROS_LOG_DIR or ~/.ros/log
+    #[arg(long)]
+    pub log: Option<PathBuf>,
+    /// Machine-readable output, of --show or of how the launch ended
     #[command(flatten)]
     pub output: Output,
 }
@@ -130,11 +133,11 @@ pub struct InferArgs {
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
-    /// Folder for posterior.json and the pictures
+    /// Folder for posterior.json and the pictures; with --node for posterior.json alone
     #[arg(long)]
     pub out: PathBuf,
     /// Number of the episode in the bag; none: the last complete one
-    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "node")]
     pub episode: Option<u32>,
     /// Policy that the episode ran, where the model's drive is a policy
     #[arg(long)]
@@ -151,6 +154,12 @@ pub struct InferArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -200,6 +209,12 @@ pub struct TrainArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

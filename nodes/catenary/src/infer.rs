@@ -3,12 +3,13 @@
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{figures::figures, model_file, output};
+use crate::{figures::figures, model_file, output, served};
 use anyhow::{Context, Result};
 use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::{BagReader, EpisodeTopics, read_episodes};
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -36,6 +37,9 @@ struct Report {
 /// Infers and writes posterior.json, inference.json and report.html; Ctrl-C ends it.
 pub fn run(arguments: &InferArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
+    if let Some(namespace) = &arguments.node {
+        return served::infer(arguments, &model, namespace);
+    }
     let measured = measured(&arguments.bag, arguments.episode, &model)?;
     let policy = match &arguments.policy {
         None => None,
@@ -135,7 +139,7 @@ fn page(report: &Report) -> Result<String> {
             page.svg(&plots::heatmap(&result.posterior, [i, j], extent, &domains, None)?);
         }
     }
-    let row = |m: &catenary_core::posterior::Marginal| {
+    let row = |m: &Marginal| {
         vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95)]
     };
     let rows: Vec<Vec<String>> = result.marginals.iter().map(row).collect();
@@ -158,13 +162,14 @@ fn predictive_words(p: &bayes_sim::Predictive) -> String {
     )
 }
 
+/// A line for each parameter.
+pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
+    let line = |m: &Marginal| format!("{}: {} ({} to {})", m.name, figures(m.median), figures(m.q05), figures(m.q95));
+    marginals.iter().map(line).collect()
+}
+
 fn words(report: &Report) -> String {
-    let mut lines: Vec<String> = report
-        .result
-        .marginals
-        .iter()
-        .map(|m| format!("{}: {} ({} to {})", m.name, figures(m.median), figures(m.q05), figures(m.q95)))
-        .collect();
+    let mut lines = marginal_words(&report.result.marginals);
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
     lines.push(format!("{} simulations in {:.1} s", report.result.simulations(), report.wall_s));

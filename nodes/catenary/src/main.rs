@@ -13,6 +13,7 @@ mod doctor;
 mod effects;
 mod figures;
 mod find_effects;
+mod goal;
 mod import;
 mod infer;
 mod install;
@@ -22,6 +23,7 @@ mod model_file;
 mod nodes;
 mod output;
 mod report;
+mod served;
 mod simulate;
 mod train;
 
@@ -91,6 +93,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Launch(arguments) => launch::command::run(arguments),
+        Command::Status(arguments) => launch::status::run(arguments),
         Command::Node(_) => nodes::list(),
         Command::Deploy(arguments) => deploy::run(arguments),
         Command::Report(arguments) => {

@@ -2,7 +2,7 @@
 
 use crate::cli::TrainArgs;
 use crate::interrupted::Interrupted;
-use crate::{model_file, output};
+use crate::{model_file, output, served};
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Fidelity, Model, Posterior, seed};
 use catenary_shell::Shutdown;
@@ -11,20 +11,48 @@ use ppo_trainer::{CurvePoint, Domains, Settings, Trained};
 use serde::Serialize;
 use simulator_pool::{VectorEnv, workers};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// What a training gave.
 #[derive(Debug, Serialize)]
-struct Report {
-    policy: PathBuf,
-    steps: u64,
+pub struct Report {
+    /// The policy's file.
+    pub policy: PathBuf,
+    /// Environment steps.
+    pub steps: u64,
     /// Whether Ctrl-C ended it before its time.
-    interrupted: bool,
-    mean_return: f64,
-    success_rate: f64,
-    steps_per_second: f64,
-    curve: Vec<(u64, f64)>,
+    pub interrupted: bool,
+    /// Of the last episodes.
+    pub mean_return: f64,
+    /// Of the last episodes.
+    pub success_rate: f64,
+    /// Environment steps per second.
+    pub steps_per_second: f64,
+    /// Mean return by environment steps.
+    pub curve: Vec<(u64, f64)>,
+}
+
+impl Report {
+    /// The report in a line.
+    pub fn words(&self) -> String {
+        format!(
+            "{}: {} steps, mean return {:.3}, success {:.0} %, {:.0} steps/s",
+            self.policy.display(),
+            self.steps,
+            self.mean_return,
+            100.0 * self.success_rate,
+            self.steps_per_second
+        )
+    }
+}
+
+/// The posterior of a file, which must be one over the model's parameters.
+pub fn read_posterior(path: &Path, model: &Model) -> Result<Posterior> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("posterior {}", path.display()))?;
+    let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    ensure!(posterior.parameters == model.theta, "{}: its parameters are not those of the model", path.display());
+    Ok(posterior)
 }
 
 /// Trains and writes the policy; Ctrl-C ends the training and keeps what was learned.
@@ -32,18 +60,12 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
     let mut settings = Settings::preset(&arguments.preset)?;
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
+    if let Some(namespace) = &arguments.node {
+        return served::train(arguments, &model, namespace);
+    }
     let domains = match &arguments.posterior {
         None => Domains::Prior(model.theta.clone()),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("posterior {}", path.display()))?;
-            let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-            ensure!(
-                posterior.parameters == model.theta,
-                "{}: its parameters are not those of the model",
-                path.display()
-            );
-            Domains::Mixture(posterior)
-        }
+        Some(path) => Domains::Mixture(read_posterior(path, &model)?),
     };
     output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
@@ -60,16 +82,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
         steps_per_second: trained.steps as f64 / seconds,
         curve: trained.curve.iter().map(|p: &CurvePoint| (p.steps, p.mean_return)).collect(),
     };
-    output::result(&arguments.output, &report, |r| {
-        format!(
-            "{}: {} steps, mean return {:.3}, success {:.0} %, {:.0} steps/s",
-            r.policy.display(),
-            r.steps,
-            r.mean_return,
-            100.0 * r.success_rate,
-            r.steps_per_second
-        )
-    })?;
+    output::result(&arguments.output, &report, Report::words)?;
     if report.interrupted {
         let so_far = format!(
             " after {} of {} steps; {} holds the policy so far",

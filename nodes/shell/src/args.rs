@@ -87,7 +87,7 @@ pub struct Remap {
 /// A parameter value from the command line or from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamOverride {
-    /// The nodes it is for, as a pattern: see [`names::matches_pattern`]. Without a slash: a base name.
+    /// The nodes it is for, as a pattern: see [`names::matches_pattern`].
     pub node: String,
     /// The parameter's name, nested maps joined by dots.
     pub name: String,
@@ -119,7 +119,7 @@ pub enum Level {
 pub struct RosArgs {
     /// In the order of the command line; the first that matches counts.
     pub remaps: Vec<Remap>,
-    /// In the order of the command line and of each file; the last that matches counts.
+    /// In the order of the command line and of each file; [`RosArgs::params_for`] says what counts.
     pub params: Vec<ParamOverride>,
     /// `--log-level LEVEL`.
     pub log_level: Option<Level>,
@@ -276,13 +276,18 @@ impl RosArgs {
         Ok(expanded)
     }
 
-    /// The parameter values that are meant for a node, in order.
-    pub fn params_for<'a>(&'a self, namespace: &str, node: &str) -> impl Iterator<Item = &'a ParamOverride> + use<'a> {
+    /// The parameter values that are meant for a node; of several for one parameter, the last counts.
+    ///
+    /// As in ROS 2, values are gathered by the node's name or pattern that they stand under, in the order in which these
+    /// first appear; `-p` without a node stands under `/**`. So `-p` counts for more than a file's entry for the node,
+    /// unless `/**` appeared before that entry.
+    #[must_use]
+    pub fn params_for(&self, namespace: &str, node: &str) -> Vec<&ParamOverride> {
         let path = names::node_path(namespace, node);
-        let node = node.to_owned();
-        self.params.iter().filter(move |param| {
-            if param.node.contains('/') { names::matches_pattern(&param.node, &path) } else { param.node == node }
-        })
+        let first = |param: &ParamOverride| self.params.iter().position(|other| other.node == param.node);
+        let mut params: Vec<_> = self.params.iter().filter(|p| names::matches_pattern(&p.node, &path)).collect();
+        params.sort_by_key(|param| first(param));
+        params
     }
 }
 
@@ -332,7 +337,8 @@ fn param(option: &str, assignment: &str) -> Result<ParamOverride, ArgError> {
         |expected: String| ArgError::BadValue { option: option.to_owned(), value: assignment.to_owned(), expected };
     let (left, value) = assignment.split_once(":=").ok_or_else(|| bad("NAME:=VALUE or NODE:NAME:=VALUE".to_owned()))?;
     let (node, name) = match left.split_once(':') {
-        Some((node, name)) => (node.to_owned(), name),
+        Some((node, name)) if names::check_node_name(node).is_ok() => (format!("/{node}"), name),
+        Some(_) => return Err(bad("the name of a node, without a namespace, before the first :".to_owned())),
         None => ("/**".to_owned(), left),
     };
     if name.is_empty() {
@@ -379,6 +385,11 @@ impl FileReader<'_> {
             let field = format!("{field}.{key}");
             if key == "ros__parameters" {
                 let pattern = if node.starts_with('/') { node.to_owned() } else { format!("/{node}") };
+                if !names::is_pattern(&pattern) {
+                    let expected =
+                        "the name of a node with its namespace; * stands for one name, ** for any number of them";
+                    return Err(self.error(&field, expected, &Yaml::String(pattern)));
+                }
                 match value {
                     Yaml::Null => {}
                     Yaml::Map(params) => self.params_of(&pattern, "", &field, params)?,

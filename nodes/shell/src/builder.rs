@@ -34,7 +34,7 @@ impl NodeBuilder {
     pub fn new(name: &str, args: &RosArgs) -> Result<Self, ShellError> {
         names::check_node_name(name).map_err(|reason| ShellError::Name { what: "node".to_owned(), reason })?;
         let (name, namespace) = args.node_identity(name, "/")?;
-        let overrides = args.params_for(&namespace, &name).cloned();
+        let overrides = args.params_for(&namespace, &name).into_iter().cloned();
         let params = Params::new(names::node_path(&namespace, &name), overrides);
         let spec = ParamSpec::new("Follow /clock instead of the wall clock.");
         let use_sim_time = params.declare("use_sim_time", false, spec)?;

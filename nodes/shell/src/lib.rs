@@ -39,7 +39,7 @@ mod interface;
 mod late_join;
 mod logging;
 mod model_file;
-mod names;
+pub mod names;
 mod node;
 mod params;
 mod participant;

@@ -75,6 +75,12 @@ pub fn expand(name: &str, namespace: &str, node: &str) -> Result<String, NameErr
     if valid { Ok(absolute) } else { Err(invalid("a name such as image, /panda/enable or ~/state", name)) }
 }
 
+/// Whether this is a fully qualified node name with `*` or `**` in place of whole tokens, as parameter files have it.
+#[must_use]
+pub fn is_pattern(pattern: &str) -> bool {
+    pattern.strip_prefix('/').is_some_and(|body| body.split('/').all(|t| t == "*" || t == "**" || is_token(t)))
+}
+
 /// Whether a fully qualified node name matches a pattern of a parameter file: `*` stands for one
 /// token, `**` for any number of them; a pattern without a leading slash is taken from the root.
 #[must_use]

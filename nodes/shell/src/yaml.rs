@@ -24,12 +24,13 @@ pub enum Yaml {
 }
 
 impl Yaml {
-    /// Reads one document. Booleans are those of YAML 1.1 (`yes`, `off`, `y`), as in ROS 2; numbers must be finite.
+    /// Reads one document. Booleans are those of YAML 1.1 (`yes`, `off`, `y`), and a leading zero makes a number octal,
+    /// as in ROS 2; numbers must be finite.
     ///
     /// # Errors
     /// The parser's message, with line and column.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let options = serde_saphyr::options! { with_snippet: false };
+        let options = serde_saphyr::options! { with_snippet: false, legacy_octal_numbers: true };
         serde_saphyr::from_str_with_options(text, options).map_err(|error| error.to_string())
     }
 
@@ -123,6 +124,15 @@ mod tests {
         for (text, expected) in [
             ("3", Yaml::Integer(3)),
             ("-3", Yaml::Integer(-3)),
+            ("0x10", Yaml::Integer(16)),
+            ("010", Yaml::Integer(8)),
+            ("1.", Yaml::Float(1.0)),
+            ("-.5e-3", Yaml::Float(-0.0005)),
+            ("Y", Yaml::Bool(true)),
+            ("N", Yaml::Bool(false)),
+            ("TRUE", Yaml::Bool(true)),
+            ("2024-01-01", Yaml::String("2024-01-01".into())),
+            ("!!str 1", Yaml::String("1".into())),
             ("3.0", Yaml::Float(3.0)),
             ("1e-3", Yaml::Float(1e-3)),
             ("true", Yaml::Bool(true)),

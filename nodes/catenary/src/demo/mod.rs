@@ -111,8 +111,8 @@ pub fn rebuild(folder: &Path) -> Result<PathBuf> {
 }
 
 /// What keeps the demo's nodes to this machine.
-fn loopback_only() -> (String, String) {
-    ("ROS_AUTOMATIC_DISCOVERY_RANGE".to_owned(), "LOCALHOST".to_owned())
+fn loopback_only() -> (String, Option<String>) {
+    ("ROS_AUTOMATIC_DISCOVERY_RANGE".to_owned(), Some("LOCALHOST".to_owned()))
 }
 
 /// The cell's parameters: inside the prior's support, away from its edges.
@@ -134,7 +134,7 @@ impl Demo {
         ]
         .map(|(k, v)| (k.to_owned(), v));
         let mut description = launch::read(launch_file, &given, &|name| std::env::var(name).ok())?;
-        description.processes.iter_mut().for_each(|p| p.environment.push(loopback_only()));
+        description.processes.iter_mut().for_each(|p| p.environment.extend([loopback_only()]));
         Supervisor::start(description.processes, &self.folder.join("log"), false)
     }
 
@@ -276,13 +276,9 @@ impl Demo {
         let path = self.folder.join(bag);
         let own = std::env::current_exe().context("path of this program")?;
         let words = [own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
-        let process = Process {
-            name: format!("recorder_{}", bag.replace('/', "_")),
-            command: words.iter().map(|w| w.to_string_lossy().into_owned()).collect(),
-            environment: vec![loopback_only()],
-            respawn: false,
-            respawn_delay: Duration::ZERO,
-        };
+        let name = format!("recorder_{}", bag.replace('/', "_"));
+        let mut process = Process::new(name, words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
+        process.environment.extend([loopback_only()]);
         let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
         for _ in 0..100 {
             stages.pause(Duration::from_millis(100))?;

@@ -1,23 +1,20 @@
 //! `catenary launch`: what `ros2 launch` does with the same file.
 
-use super::{LaunchDescription, Supervisor, read};
+use super::description::{LaunchDescription, Process};
+use super::table::{Table, unix_s};
+use super::{Supervisor, read, status};
 use crate::cli::LaunchArgs;
 use crate::output;
 use anyhow::{Context, Result, bail};
 use catenary_shell::Shutdown;
 use serde::Serialize;
-use std::path::Path;
-use std::time::Duration;
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 /// How often the processes are looked after.
-const WATCH: Duration = Duration::from_millis(100);
-
-/// What `--show` prints.
-#[derive(Serialize)]
-struct Shown {
-    arguments: Vec<(String, Option<String>, String)>,
-    processes: Vec<(String, String)>,
-}
+const WATCH: Duration = Duration::from_millis(50);
 
 /// Starts the processes of a launch file and watches them until Ctrl-C, or until the last has ended.
 pub fn run(arguments: &LaunchArgs) -> Result<()> {
@@ -34,24 +31,86 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
     catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let mut supervisor = Supervisor::start(description.processes, &arguments.log, true)?;
+    let log = status::log_folder(arguments.log.as_deref())?;
+    let _closed = writeln!(std::io::stderr(), "catenary launch: logs in {}", log.display());
+    let mut board = Board::new(&arguments.file, &log);
+    let supervisor = Supervisor::start(description.processes, &log, true)?;
+    status::link_latest(&log);
+    let failed = watch(supervisor, &shutdown, &mut board)?;
+    if arguments.output.json {
+        output::result(&arguments.output, &board.table, |_| String::new())?;
+    }
+    match failed.is_empty() {
+        true => Ok(()),
+        false => bail!("ended with an error: {}", failed.join(", ")),
+    }
+}
+
+/// Watches the processes to the end of the launch; the names of those that failed.
+fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> Result<Vec<String>> {
     let mut failed = Vec::new();
-    while !shutdown.is_triggered() && !supervisor.is_done() {
+    let mut last = None;
+    board.show(&supervisor)?;
+    while !shutdown.is_triggered() && last.is_none() && !supervisor.is_done() {
         for event in supervisor.poll()? {
             tracing::warn!("{}", event.describe());
+            if event.ends_launch {
+                last = Some(event.name.clone());
+            }
             if !event.success && !event.restarting {
                 failed.push(event.name);
-                if !supervisor.is_done() {
+                if !supervisor.is_done() && last.is_none() {
                     tracing::warn!("the graph runs without {}", failed.join(", "));
                 }
             }
         }
+        board.show(&supervisor)?;
         std::thread::sleep(WATCH);
     }
+    if let Some(last) = last {
+        tracing::warn!("{last} has ended, and the launch ends with it");
+    }
     supervisor.shut_down();
-    match failed.is_empty() {
-        true => Ok(()),
-        false => bail!("ended with an error: {}", failed.join(", ")),
+    board.close(&supervisor)?;
+    Ok(failed)
+}
+
+/// The table that others are shown.
+struct Board {
+    table: Table,
+    on_terminal: bool,
+}
+
+impl Board {
+    fn new(file: &Path, log: &Path) -> Self {
+        Self { table: Table::new(file, log), on_terminal: std::io::stderr().is_terminal() }
+    }
+
+    /// Writes the table where it has changed, and prints it on a terminal.
+    fn show(&mut self, supervisor: &Supervisor) -> Result<()> {
+        let rows = supervisor.rows();
+        if rows == self.table.processes {
+            return Ok(());
+        }
+        self.table.processes = rows;
+        self.table.write()?;
+        if self.on_terminal {
+            self.print();
+        }
+        Ok(())
+    }
+
+    /// Writes and prints the table of a launch that is over.
+    fn close(&mut self, supervisor: &Supervisor) -> Result<()> {
+        self.table.processes = supervisor.rows();
+        self.table.ended_s = Some(unix_s(SystemTime::now()));
+        self.table.write()?;
+        self.print();
+        Ok(())
+    }
+
+    fn print(&self) {
+        let _closed = writeln!(std::io::stderr(), "{}", self.table.words(SystemTime::now()));
     }
 }
 
@@ -73,20 +132,73 @@ fn argument(text: &str) -> Result<(String, String)> {
     Ok((name.to_owned(), value.to_owned()))
 }
 
+/// What `--show` prints.
+#[derive(Serialize)]
+struct Shown<'a> {
+    arguments: Vec<ShownArgument<'a>>,
+    processes: Vec<ShownProcess<'a>>,
+}
+
+#[derive(Serialize)]
+struct ShownArgument<'a> {
+    name: &'a str,
+    default: Option<&'a str>,
+    description: &'a str,
+    choices: &'a [String],
+}
+
+/// A process; the words of parameter files that are yet to be written stand for their contents.
+#[derive(Serialize)]
+struct ShownProcess<'a> {
+    name: &'a str,
+    command: Vec<&'a str>,
+    environment: &'a BTreeMap<String, Option<String>>,
+    directory: Option<&'a PathBuf>,
+    respawn: bool,
+    respawn_delay_s: f64,
+    respawn_max_retries: Option<u32>,
+    sigterm_timeout_s: f64,
+    sigkill_timeout_s: f64,
+}
+
+impl<'a> ShownProcess<'a> {
+    fn new(process: &'a Process) -> Self {
+        let mut command: Vec<&str> = process.command.iter().map(String::as_str).collect();
+        process.parameters.iter().for_each(|p| command[p.word] = &p.yaml);
+        Self {
+            name: &process.name,
+            command,
+            environment: &process.environment,
+            directory: process.directory.as_ref(),
+            respawn: process.restart.respawn,
+            respawn_delay_s: process.restart.delay.as_secs_f64(),
+            respawn_max_retries: process.restart.limit,
+            sigterm_timeout_s: process.grace.interrupted.as_secs_f64(),
+            sigkill_timeout_s: process.grace.terminated.as_secs_f64(),
+        }
+    }
+}
+
 fn show(arguments: &LaunchArgs, description: &LaunchDescription) -> Result<()> {
     let shown = Shown {
         arguments: description
             .arguments
             .iter()
-            .map(|a| (a.name.clone(), a.default.clone(), a.description.clone()))
+            .map(|a| ShownArgument {
+                name: &a.name,
+                default: a.default.as_deref(),
+                description: &a.description,
+                choices: &a.choices,
+            })
             .collect(),
-        processes: description.processes.iter().map(|p| (p.name.clone(), p.command.join(" "))).collect(),
+        processes: description.processes.iter().map(ShownProcess::new).collect(),
     };
     output::result(&arguments.output, &shown, |s| {
-        let argument = |(name, default, description): &(String, Option<String>, String)| {
-            format!("  {name} ({}): {description}", default.as_deref().unwrap_or("must be given"))
+        let argument = |a: &ShownArgument<'_>| {
+            let choices = if a.choices.is_empty() { String::new() } else { format!("; {}", a.choices.join(" or ")) };
+            format!("  {} ({}): {}{choices}", a.name, a.default.unwrap_or("must be given"), a.description)
         };
-        let process = |(name, command): &(String, String)| format!("  {name}: {command}");
+        let process = |p: &ShownProcess<'_>| format!("  {}: {}", p.name, p.command.join(" "));
         let arguments: Vec<String> = s.arguments.iter().map(argument).collect();
         let processes: Vec<String> = s.processes.iter().map(process).collect();
         format!("arguments\n{}\nprocesses\n{}", arguments.join("\n"), processes.join("\n"))

@@ -1,12 +1,25 @@
-//! Launch files: ROS 2's XML form, as far as the shipped files use it, and the processes they describe.
+//! Launch files: a part of ROS 2's XML form, with ROS 2's meaning, and the processes they describe.
 //!
 //! `file` reads a launch file into a list of processes, without starting any; `supervisor` starts them, watches them,
 //! restarts those that ask for it, and ends them in order.
 
 pub mod command;
-pub mod file;
+mod description;
+mod element;
+mod file;
+mod functions;
+mod namespace;
+mod package;
+mod parameter;
+mod process;
+pub mod status;
 mod substitution;
-pub mod supervisor;
+mod supervisor;
+mod table;
+#[cfg(test)]
+mod tests;
+mod watched;
 
-pub use file::{LaunchDescription, Process, read};
+pub use description::Process;
+pub use file::read;
 pub use supervisor::Supervisor;

@@ -1,5 +1,6 @@
-//! Substitutions in launch files: `$(var NAME)`, `$(env NAME [DEFAULT])` and `$(dirname)`.
+//! Substitutions in launch files, `$(NAME ARGUMENT...)`, with the meaning that ROS 2's own front end gives them.
 
+use super::functions;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -7,30 +8,33 @@ use std::path::Path;
 pub struct Scope<'a> {
     /// Arguments and `let` variables by name.
     pub variables: &'a BTreeMap<String, String>,
-    /// Environment variables by name.
+    /// Environment variables by name, as far as the launch file has got.
     pub environment: &'a dyn Fn(&str) -> Option<String>,
-    /// Folder of the launch file.
-    pub directory: &'a Path,
+    /// The launch file, made absolute.
+    pub file: &'a Path,
+    /// Set behind an `<include>` of a file in another place: there, ROS 2's front end takes that file's place for this one's.
+    pub included: Option<&'a Path>,
 }
 
 /// `text` with every substitution replaced, inner ones first; an error names the substitution that has no value.
 pub fn substitute(text: &str, scope: &Scope<'_>) -> Result<String, String> {
-    let words = pieces(text, scope)?.into_iter().map(|p| match p {
-        Piece::Text(text) => text,
-        Piece::Value(value) => value,
-    });
-    Ok(words.collect())
+    evaluate(&parse(text)?, scope)
+}
+
+/// `text` where ROS 2 takes no substitution: with `\` before a character taken away.
+pub fn literal(text: &str) -> String {
+    unescape(text)
 }
 
 /// The words of a command line. As with ROS 2's own launch the text between substitutions is split as a shell splits it, and
 /// a substitution's value stays whole, spaces, quotes and all; so a substitution cannot stand within quotes, nor need it.
-pub fn command_line(text: &str, scope: &Scope<'_>) -> Result<Vec<String>, String> {
+pub fn words(text: &str, scope: &Scope<'_>) -> Result<Vec<String>, String> {
     let mut words: Vec<String> = Vec::new();
     // Whether what comes next belongs to the last word.
     let mut open = false;
-    for piece in pieces(text, scope)? {
+    for piece in parse(text)? {
         let (parts, begins, ends) = match &piece {
-            Piece::Value(value) => (vec![value.clone()], false, false),
+            Piece::Call(..) => (vec![evaluate(&[piece], scope)?], false, false),
             Piece::Text(text) => {
                 let split = shlex::split(text)
                     .ok_or_else(|| format!("`{text}`: a quote without its other; $(...) needs none around it"))?;
@@ -47,63 +51,155 @@ pub fn command_line(text: &str, scope: &Scope<'_>) -> Result<Vec<String>, String
         }
         open &= !ends;
     }
+    Ok(words)
+}
+
+/// The words of a command line, which must have one.
+pub fn command_line(text: &str, scope: &Scope<'_>) -> Result<Vec<String>, String> {
+    let words = words(text, scope)?;
     if words.is_empty() { Err(format!("`{text}` is no command")) } else { Ok(words) }
 }
 
 /// A part of a text.
 enum Piece {
-    /// As it is written.
+    /// As it is written, escapes resolved.
     Text(String),
-    /// What a substitution stands for.
-    Value(String),
+    /// A substitution: how it is written, its name, its arguments.
+    Call(String, String, Vec<Vec<Piece>>),
+}
+
+fn evaluate(pieces: &[Piece], scope: &Scope<'_>) -> Result<String, String> {
+    let values = pieces.iter().map(|piece| match piece {
+        Piece::Text(text) => Ok(text.clone()),
+        Piece::Call(written, name, arguments) => {
+            let arguments = arguments.iter().map(|a| evaluate(a, scope)).collect::<Result<Vec<_>, _>>()?;
+            functions::call(name, &arguments, scope).map_err(|reason| format!("`{written}`: {reason}"))
+        }
+    });
+    values.collect()
 }
 
 /// The parts of `text`, in order; none is an empty text.
-fn pieces(text: &str, scope: &Scope<'_>) -> Result<Vec<Piece>, String> {
-    let mut pieces = Vec::new();
-    let mut rest = text;
-    while let Some(start) = rest.find("$(") {
-        let inner = &rest[start + 2..];
-        let end = closing(inner).ok_or_else(|| format!("`{text}`: `$(` without its `)`"))?;
-        let expression = substitute(&inner[..end], scope)?;
-        pieces.extend((start > 0).then(|| Piece::Text(rest[..start].to_owned())));
-        pieces.push(Piece::Value(value(&expression, scope)?));
-        rest = &inner[end + 1..];
-    }
-    pieces.extend((!rest.is_empty()).then(|| Piece::Text(rest.to_owned())));
-    Ok(pieces)
+fn parse(text: &str) -> Result<Vec<Piece>, String> {
+    let mut reader = Reader { text, at: 0 };
+    reader.pieces(None)
 }
 
-/// Position of the parenthesis that closes the one before `text`.
-fn closing(text: &str) -> Option<usize> {
-    let mut depth = 1;
-    for (i, c) in text.char_indices() {
-        match c {
-            '(' => depth += 1,
-            ')' => depth -= 1,
-            _ => {}
-        }
-        if depth == 0 {
-            return Some(i);
-        }
-    }
-    None
+struct Reader<'a> {
+    text: &'a str,
+    at: usize,
 }
 
-fn value(expression: &str, scope: &Scope<'_>) -> Result<String, String> {
-    let mut words = expression.split_whitespace();
-    match (words.next(), words.next(), words.next()) {
-        (Some("var"), Some(name), None) => scope
-            .variables
-            .get(name)
-            .cloned()
-            .ok_or_else(|| format!("`$({expression})`: no argument or variable `{name}`")),
-        (Some("env"), Some(name), default) => (scope.environment)(name)
-            .or_else(|| default.map(str::to_owned))
-            .ok_or_else(|| format!("`$({expression})`: the environment variable is not set and there is no default")),
-        (Some("dirname"), None, None) => Ok(scope.directory.display().to_string()),
-        _ => Err(format!("`$({expression})`: expected var NAME, env NAME [DEFAULT] or dirname")),
+impl Reader<'_> {
+    fn rest(&self) -> &str {
+        &self.text[self.at..]
     }
+
+    /// Text and substitutions to the end, or to the quote that was opened.
+    fn pieces(&mut self, quote: Option<char>) -> Result<Vec<Piece>, String> {
+        let (mut pieces, mut plain) = (Vec::new(), String::new());
+        loop {
+            let mut characters = self.rest().chars();
+            match characters.next() {
+                None if quote.is_some() => return Err(format!("`{}`: a quote without its other", self.text)),
+                None => break,
+                Some(c) if Some(c) == quote => {
+                    self.at += c.len_utf8();
+                    break;
+                }
+                Some('$') if characters.next() == Some('(') => {
+                    flush(&mut plain, &mut pieces);
+                    pieces.push(self.call()?);
+                }
+                Some(c) => self.plain(c, &mut plain),
+            }
+        }
+        flush(&mut plain, &mut pieces);
+        Ok(pieces)
+    }
+
+    /// One character of text, with what it escapes.
+    fn plain(&mut self, c: char, plain: &mut String) {
+        self.at += c.len_utf8();
+        plain.push(c);
+        if let Some(next) = self.rest().chars().next().filter(|_| c == '\\') {
+            self.at += next.len_utf8();
+            plain.push(next);
+        }
+    }
+
+    /// A substitution, from its dollar sign to its closing parenthesis.
+    fn call(&mut self) -> Result<Piece, String> {
+        let start = self.at;
+        self.at += "$(".len();
+        let end = self.rest().find(|c: char| !(c.is_ascii_alphanumeric() || "_-".contains(c)));
+        let name = self.rest()[..end.unwrap_or(self.rest().len())].to_owned();
+        if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+            return Err(format!("`{}`: expected the name of a substitution after `$(`", &self.text[start..]));
+        }
+        self.at += name.len();
+        let mut arguments = Vec::new();
+        loop {
+            match self.rest().chars().next() {
+                Some(')') => break,
+                Some(' ') => {
+                    self.at += 1;
+                    arguments.push(self.argument(start)?);
+                }
+                Some(_) => {
+                    return Err(format!("`{}`: expected a blank or `)` after a word", &self.text[start..]));
+                }
+                None => return Err(format!("`{}`: `$(` without its `)`", self.text)),
+            }
+        }
+        self.at += 1;
+        Ok(Piece::Call(self.text[start..self.at].to_owned(), name, arguments))
+    }
+
+    /// An argument of the substitution that began at `start`: a word, or a text in quotes.
+    fn argument(&mut self, start: usize) -> Result<Vec<Piece>, String> {
+        if let Some(quote) = self.rest().chars().next().filter(|c| "'\"".contains(*c)) {
+            self.at += 1;
+            let pieces = self.pieces(Some(quote))?;
+            // An empty text is an argument, too.
+            return Ok(if pieces.is_empty() { vec![Piece::Text(String::new())] } else { pieces });
+        }
+        let (mut pieces, mut plain) = (Vec::new(), String::new());
+        while let Some(c) = self.rest().chars().next() {
+            match c {
+                '$' if self.rest().starts_with("$(") => {
+                    flush(&mut plain, &mut pieces);
+                    pieces.push(self.call()?);
+                }
+                ' ' | ')' => break,
+                '(' | '\'' | '"' => {
+                    return Err(format!("`{}`: `{c}` within a word; quote the word", &self.text[start..]));
+                }
+                c => self.plain(c, &mut plain),
+            }
+        }
+        flush(&mut plain, &mut pieces);
+        if pieces.is_empty() {
+            return Err(format!("`{}`: expected one blank between words, and `)`", &self.text[start..]));
+        }
+        Ok(pieces)
+    }
+}
+
+fn flush(plain: &mut String, pieces: &mut Vec<Piece>) {
+    if !plain.is_empty() {
+        pieces.push(Piece::Text(unescape(plain)));
+        plain.clear();
+    }
+}
+
+fn unescape(text: &str) -> String {
+    let mut characters = text.chars();
+    let mut unescaped = String::new();
+    while let Some(c) = characters.next() {
+        unescaped.push(if c == '\\' { characters.next().unwrap_or(c) } else { c });
+    }
+    unescaped
 }
 
 #[cfg(test)]
@@ -114,7 +210,8 @@ mod tests {
         let variables = [("bin", "/opt/bin"), ("which", "bin"), ("list", "[9.0, 1e3]"), ("it", "it's"), ("none", "")];
         let variables: BTreeMap<String, String> = variables.map(|(k, v)| (k.to_owned(), v.to_owned())).into();
         let environment = |name: &str| (name == "HOME").then(|| "/home/lab".to_owned());
-        work(&Scope { variables: &variables, environment: &environment, directory: Path::new("/etc/launch") })
+        let file = Path::new("/etc/launch/x.launch.xml");
+        work(&Scope { variables: &variables, environment: &environment, file, included: None })
     }
 
     fn check(text: &str) -> Result<String, String> {
@@ -124,7 +221,7 @@ mod tests {
     #[test]
     fn the_text_of_a_command_is_split_and_values_are_not() {
         let words = |text: &str| with_scope(|scope| command_line(text, scope));
-        let cases: [(&str, &[&str]); 8] = [
+        let cases: [(&str, &[&str]); 9] = [
             (
                 "$(var bin)/cell -p theta:=$(var list) -p a:=1",
                 &["/opt/bin/cell", "-p", "theta:=[9.0, 1e3]", "-p", "a:=1"],
@@ -136,6 +233,7 @@ mod tests {
             ("run $(var none) y", &["run", "", "y"]),
             ("  run '--a b'  \"c d\" ", &["run", "--a b", "c d"]),
             ("run 'a '$(var bin)", &["run", "a /opt/bin"]),
+            (r"run \$(var bin) $x", &["run", "$(var", "bin)", "$x"]),
         ];
         for (text, expected) in cases {
             assert_eq!(words(text).unwrap(), expected, "{text}");
@@ -145,19 +243,57 @@ mod tests {
     }
 
     #[test]
-    fn variables_environment_and_dirname_are_replaced() {
+    fn variables_environment_and_places_are_replaced() {
         assert_eq!(
             check("$(var bin)/camera -p $(env HOME)/x $(env NONE y) $(dirname)/p.yaml").unwrap(),
             "/opt/bin/camera -p /home/lab/x y /etc/launch/p.yaml"
         );
-        assert_eq!(check("$(var $(var which))").unwrap(), "/opt/bin");
+        assert_eq!(check("$(var $(var which)) $(filename)").unwrap(), "/opt/bin /etc/launch/x.launch.xml");
+        assert_eq!(check("$(var no 'a b')$(env NONE '')$(env NONE \"x $(var which)\")").unwrap(), "a bx bin");
     }
 
     #[test]
-    fn what_has_no_value_is_named() {
-        assert!(check("$(var nothing)").unwrap_err().contains("nothing"));
-        assert!(check("$(env NONE)").unwrap_err().contains("NONE"));
-        assert!(check("$(find-pkg-share x)").unwrap_err().contains("find-pkg-share"));
-        assert!(check("$(var bin").unwrap_err().contains("without"));
+    fn behind_an_include_a_place_that_ros_2_would_confuse_is_refused() {
+        with_scope(|scope| {
+            let other = |path| Scope { included: Some(Path::new(path)), ..*scope };
+            assert_eq!(substitute("$(dirname)", &other("/etc/launch/y.xml")).unwrap(), "/etc/launch");
+            assert!(substitute("$(filename)", &other("/etc/launch/y.xml")).unwrap_err().contains("<let>"));
+            let error = substitute("$(dirname)", &other("/etc/y.xml")).unwrap_err();
+            assert!(error.contains("/etc") && error.contains("before the <include>"), "{error}");
+        });
+    }
+
+    #[test]
+    fn conditions_are_those_of_ros_2() {
+        for (text, expected) in [
+            ("$(not true)", "false"),
+            ("$(and yes 1)", "true"),
+            ("$(or false off)", "false"),
+            ("$(equals True 1)$(equals 1.0 1)$(equals a A)$(not-equals a b)", "truetruefalsetrue"),
+            ("$(if $(equals $(var which) bin) yes no)$(if false yes)", "yes"),
+        ] {
+            assert_eq!(check(text).unwrap(), expected, "{text}");
+        }
+        assert!(check("$(not maybe)").unwrap_err().contains("maybe"));
+        assert!(check("$(and true)").unwrap_err().contains("2 arguments"));
+    }
+
+    #[test]
+    fn what_has_no_value_or_no_meaning_is_named() {
+        for (text, named) in [
+            ("$(var nothing)", "nothing"),
+            ("$(env NONE)", "NONE"),
+            ("$(find-pkg-share no_such_package)", "AMENT_PREFIX_PATH"),
+            ("$(find-exec no_such_program)", "no_such_program"),
+            ("$(eval 1 + 1)", "expected one of var"),
+            ("$(var bin", "without its `)`"),
+            ("$(var  bin)", "one blank"),
+            ("$(var bin )", "one blank"),
+            ("$( var bin)", "name of a substitution"),
+            ("$(dirname x)", "no argument"),
+        ] {
+            let error = check(text).unwrap_err();
+            assert!(error.contains(named), "{text}: {error}");
+        }
     }
 }

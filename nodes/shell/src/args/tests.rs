@@ -67,7 +67,7 @@ fn topics_are_remapped_by_their_expanded_names() {
 fn parameter_files_reach_the_nodes_they_name() {
     let (args, _) = parse(&["--ros-args", "--params-file", "p.yaml"]).unwrap();
     let names = |namespace: &str, node: &str| -> Vec<String> {
-        args.params_for(namespace, node).map(|param| param.name.clone()).collect()
+        args.params_for(namespace, node).iter().map(|param| param.name.clone()).collect()
     };
     assert_eq!(names("/", "policy_runner"), ["use_sim_time", "step_period_s", "gate.low", "gate.high"]);
     assert_eq!(names("/lab", "policy_runner"), ["use_sim_time"]);
@@ -81,9 +81,13 @@ fn parameter_files_reach_the_nodes_they_name() {
 #[test]
 fn parameters_can_be_for_one_node() {
     let (args, _) = parse(&["--ros-args", "-p", "camera:gain:=2", "-p", "rate:=fast"]).unwrap();
-    let names = |node: &str| -> Vec<String> { args.params_for("/lab", node).map(|param| param.name.clone()).collect() };
-    assert_eq!(names("camera"), ["gain", "rate"]);
-    assert_eq!(names("bag"), ["rate"]);
+    let names = |namespace: &str, node: &str| -> Vec<String> {
+        args.params_for(namespace, node).iter().map(|param| param.name.clone()).collect()
+    };
+    assert_eq!(names("/", "camera"), ["gain", "rate"]);
+    assert_eq!(names("/lab", "camera"), ["rate"], "the name of a node has no wildcard in it");
+    assert_eq!(names("/", "bag"), ["rate"]);
+    assert!(error(&["--ros-args", "-p", "lab/camera:gain:=2"]).contains("without a namespace"));
 }
 
 #[test]
@@ -152,4 +156,64 @@ fn an_invalid_new_node_name_is_refused() {
     let (args, _) = parse(&["--ros-args", "-r", "__node:=1camera"]).unwrap();
     let message = args.node_identity("camera", "/").unwrap_err().to_string();
     assert!(message.contains("1camera"), "{message}");
+}
+
+/// The values that rclpy gives the parameter `x` of `/camera` for the same arguments.
+#[test]
+fn of_several_values_the_one_counts_that_counts_in_ros_2() {
+    let read = |path: &Path| match path.to_str() {
+        Some("any1") => Ok("/**: {ros__parameters: {x: 1}}".to_owned()),
+        Some("own2") => Ok("camera: {ros__parameters: {x: 2}}".to_owned()),
+        Some("any3") => Ok("/**: {ros__parameters: {x: 3}}".to_owned()),
+        Some("own4any5") => Ok("camera: {ros__parameters: {x: 4}}\n/**: {ros__parameters: {x: 5}}".to_owned()),
+        _ => Err(std::io::Error::other("no such file")),
+    };
+    for (arguments, expected) in [
+        ("any1 own2", 2),
+        ("own2 any1", 1),
+        ("any1 any3", 3),
+        ("own4any5", 5),
+        ("own2 x:=9", 9),
+        ("x:=9 own2", 2),
+        ("any1 own2 x:=9", 2),
+        ("any1 x:=9", 9),
+        ("x:=9 any1", 1),
+        ("any1 own2 camera:x:=8", 8),
+    ] {
+        let mut all = vec!["--ros-args"];
+        for word in arguments.split(' ') {
+            all.extend([if word.contains(":=") { "-p" } else { "--params-file" }, word]);
+        }
+        let (args, _) = RosArgs::parse_with(all, &read).unwrap();
+        let last = args.params_for("/", "camera").last().map(|param| param.value.clone());
+        assert_eq!(last, Some(Yaml::Integer(expected)), "{arguments}");
+    }
+}
+
+/// Patterns that rclpy accepts, and whether they reach `/lab/camera` and `/camera`.
+#[test]
+fn names_in_parameter_files_are_those_of_ros_2() {
+    for (key, in_lab, in_root) in [
+        ("/lab/camera", true, false),
+        ("lab/camera", true, false),
+        ("/*/camera", true, false),
+        ("/**/camera", true, true),
+        ("/lab/*", true, false),
+        ("/lab/**", true, false),
+        ("/*", false, true),
+        ("/**", true, true),
+        ("/*/*", true, false),
+        ("lab: {camera", true, false),
+        ("camera", false, true),
+    ] {
+        let close = if key.contains('{') { "}" } else { "" };
+        let text = format!("{key}: {{ros__parameters: {{x: 1}}}}{close}");
+        let args = RosArgs { params: params_of_file(Path::new("f.yaml"), &text).unwrap(), ..RosArgs::default() };
+        let reaches = |namespace| !args.params_for(namespace, "camera").is_empty();
+        assert_eq!((reaches("/lab"), reaches("/")), (in_lab, in_root), "{key}");
+    }
+    for key in ["/cam*", "/lab//camera", "/2camera", "/lab/"] {
+        let error = params_of_file(Path::new("f.yaml"), &format!("{key}: {{ros__parameters: {{x: 1}}}}")).unwrap_err();
+        assert!(error.to_string().contains("* stands for one name"), "{key}: {error}");
+    }
 }

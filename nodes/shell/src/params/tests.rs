@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 fn params(args: &[&str]) -> Params {
     let all = std::iter::once("--ros-args").chain(args.iter().copied());
     let (args, _) = RosArgs::parse(all).unwrap();
-    Params::new("runner", args.params_for("/", "runner").cloned())
+    Params::new("runner", args.params_for("/", "runner").into_iter().cloned())
 }
 
 fn step_spec() -> ParamSpec {
@@ -146,6 +146,6 @@ fn a_set_of_several_is_all_or_nothing_and_reported_once() {
 fn a_wildcard_entry_of_a_file_may_go_unused() {
     let file = "/**: {ros__parameters: {a: 1}}";
     let (args, _) = RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml"], &|_| Ok(file.to_owned())).unwrap();
-    let params = Params::new("runner", args.params_for("/", "runner").cloned());
+    let params = Params::new("runner", args.params_for("/", "runner").into_iter().cloned());
     assert_eq!(params.refuse_unknown().unwrap(), ["f.yaml: /**.ros__parameters.a"]);
 }

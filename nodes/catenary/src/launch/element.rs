@@ -1,0 +1,79 @@
+//! Attributes of a launch file's elements.
+
+use super::functions::boolean;
+use super::substitution::{Scope, substitute};
+use anyhow::{Result, anyhow, bail};
+use roxmltree::Node;
+use std::time::Duration;
+
+/// An element, and what its substitutions refer to.
+pub struct Element<'a, 'd, 'i> {
+    /// The element.
+    pub node: Node<'d, 'i>,
+    /// What its substitutions refer to.
+    pub scope: &'a Scope<'a>,
+}
+
+impl Element<'_, '_, '_> {
+    /// An attribute with its substitutions replaced.
+    pub fn optional(&self, attribute: &str) -> Result<Option<String>> {
+        let Some(text) = self.node.attribute(attribute) else { return Ok(None) };
+        substitute(text, self.scope).map(Some).map_err(|e| anyhow!("{attribute}: {e}"))
+    }
+
+    /// An attribute that must be there.
+    pub fn required(&self, attribute: &str) -> Result<String> {
+        self.optional(attribute)?.ok_or_else(|| anyhow!("the attribute `{attribute}` is missing"))
+    }
+
+    /// Whether `if` and `unless` let the element count.
+    pub fn condition(&self) -> Result<bool> {
+        let holds = |attribute: &str| {
+            let text = self.optional(attribute)?.map(|text| text.trim().to_ascii_lowercase());
+            match text.as_deref() {
+                None => Ok(None),
+                Some("true" | "1") => Ok(Some(true)),
+                Some("false" | "0") => Ok(Some(false)),
+                Some(other) => bail!("{attribute}: expected true or false, got `{other}`"),
+            }
+        };
+        match (holds("if")?, holds("unless")?) {
+            (Some(_), Some(_)) => bail!("expected `if` or `unless`, got both"),
+            (Some(holds), None) => Ok(holds),
+            (None, prevented) => Ok(prevented != Some(true)),
+        }
+    }
+
+    /// Seconds, which ROS 2's front end takes as they are written.
+    pub fn seconds(&self, attribute: &str) -> Result<Option<Duration>> {
+        let Some(text) = self.node.attribute(attribute) else { return Ok(None) };
+        seconds(attribute, text).map(Some)
+    }
+}
+
+/// A time in seconds.
+pub fn seconds(attribute: &str, text: &str) -> Result<Duration> {
+    let value = text.trim().parse().ok().filter(|s| (0.0..=86_400.0).contains(s));
+    let value = value.ok_or_else(|| anyhow!("{attribute}: expected seconds from 0 to 86400, got `{text}`"))?;
+    Ok(Duration::from_secs_f64(value))
+}
+
+/// A truth value.
+pub fn flag(attribute: &str, text: &str) -> Result<bool> {
+    boolean(text).map_err(|e| anyhow!("{attribute}: {e}"))
+}
+
+/// Refuses attributes and children that nothing reads; `*` stands for any child.
+pub fn allow(node: Node<'_, '_>, attributes: &[&str], more: &[&str], children: &[&str]) -> Result<()> {
+    let known = || attributes.iter().chain(more);
+    if let Some(a) = node.attributes().find(|a| !known().any(|name| *name == a.name())) {
+        let known: Vec<&str> = known().copied().collect();
+        bail!("unknown attribute `{}`; it takes {}", a.name(), known.join(", "));
+    }
+    let is_allowed = |name: &str| children.contains(&"*") || children.contains(&name);
+    match node.children().find(|c| c.is_element() && !is_allowed(c.tag_name().name())) {
+        Some(child) if children.is_empty() => bail!("expected nothing inside it, got <{}>", child.tag_name().name()),
+        Some(child) => bail!("expected {} inside it, got <{}>", children.join(" or "), child.tag_name().name()),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,203 @@
+//! The table of a launch: what runs, since when, how often it was started again. The launch writes it to its log folder at
+//! each change, and `catenary status` reads it from there.
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+/// Name of the table in the log folder.
+const FILE: &str = "status.json";
+
+/// A launch and its processes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    /// The launch file.
+    pub file: PathBuf,
+    /// Process number of the launch.
+    pub pid: u32,
+    /// When that process began, in the kernel's ticks, as numbers come again.
+    pub began_ticks: u64,
+    /// When it began, in s of Unix time.
+    pub since_s: f64,
+    /// When it ended, in s of Unix time; none: it did not, or was killed.
+    pub ended_s: Option<f64>,
+    /// Where the output of the processes is.
+    pub log: PathBuf,
+    /// Its processes, in the order of the launch file.
+    pub processes: Vec<Row>,
+}
+
+/// A process of a launch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Its name.
+    pub name: String,
+    /// Its number, where it runs.
+    pub pid: Option<u32>,
+    /// What it does.
+    pub state: State,
+    /// Since when, in s of Unix time.
+    pub since_s: f64,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// How often it is started again at most; none: never, or without limit.
+    pub restart_limit: Option<u32>,
+    /// How it ended the last time.
+    pub last_exit: Option<Exit>,
+    /// Where its output is.
+    pub log: PathBuf,
+}
+
+/// What a process of a launch does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// It runs.
+    Running,
+    /// It is started in a while.
+    Waiting,
+    /// It ended by itself, and well.
+    Ended,
+    /// It ended badly and is not started again.
+    Failed,
+    /// The launch ended it.
+    Stopped,
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Exit {
+    /// By itself, with this exit code.
+    Code(i32),
+    /// By this signal.
+    Signal(i32),
+}
+
+impl Table {
+    /// The table of a launch that this process begins.
+    pub fn new(file: &Path, log: &Path) -> Self {
+        let pid = std::process::id();
+        Self {
+            file: file.to_owned(),
+            pid,
+            began_ticks: began_ticks(pid).unwrap_or_default(),
+            since_s: unix_s(SystemTime::now()),
+            ended_s: None,
+            log: std::path::absolute(log).unwrap_or_else(|_| log.to_owned()),
+            processes: Vec::new(),
+        }
+    }
+
+    /// Writes the table in one step, so that a reader finds the old or the new one.
+    pub fn write(&self) -> Result<()> {
+        let (path, draft) = (self.log.join(FILE), self.log.join(format!("{FILE}.part")));
+        std::fs::write(&draft, serde_json::to_vec_pretty(self)?)
+            .and_then(|()| std::fs::rename(&draft, &path))
+            .with_context(|| path.display().to_string())
+    }
+
+    /// Reads the table of the launch with this log folder.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        serde_json::from_str(&text).with_context(|| format!("{}: no table of a launch", path.display()))
+    }
+
+    /// Whether the launch itself still runs.
+    pub fn is_running(&self) -> bool {
+        self.ended_s.is_none() && began_ticks(self.pid) == Some(self.began_ticks)
+    }
+
+    /// The table in words.
+    pub fn words(&self, now: SystemTime) -> String {
+        let until_now = |since_s: f64| duration((unix_s(now) - since_s).max(0.0));
+        let launch = match self.ended_s {
+            Some(ended) => format!("ended after {}", duration(ended - self.since_s)),
+            None if self.is_running() => format!("process {}, for {}", self.pid, until_now(self.since_s)),
+            None => "was killed, and its processes with it".to_owned(),
+        };
+        let title = ["name", "pid", "state", "for", "restarts", "last exit", "log"].map(str::to_owned);
+        let rows = self.processes.iter().map(|row| {
+            let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            let limit = row.restart_limit.map_or_else(String::new, |limit| format!(" of {limit}"));
+            [
+                row.name.clone(),
+                row.pid.map_or_else(|| "-".to_owned(), |pid| pid.to_string()),
+                format!("{:?}", row.state).to_lowercase(),
+                until_now(row.since_s),
+                format!("{}{limit}", row.restarts),
+                row.last_exit.map_or_else(|| "-".to_owned(), Exit::words),
+                name(&row.log),
+            ]
+        });
+        let rows: Vec<[String; 7]> = std::iter::once(title).chain(rows).collect();
+        let widths: [usize; 7] = std::array::from_fn(|i| rows.iter().map(|row| row[i].len()).max().unwrap_or(0));
+        let line = |row: &[String; 7]| {
+            let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+            cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+        };
+        let lines: Vec<String> = rows.iter().map(line).collect();
+        format!("{}: {launch}; logs in {}\n{}", self.file.display(), self.log.display(), lines.join("\n"))
+    }
+}
+
+impl Exit {
+    fn words(self) -> String {
+        match self {
+            Self::Code(code) => format!("code {code}"),
+            Self::Signal(signal) => format!("signal {signal}"),
+        }
+    }
+}
+
+/// A time in s of Unix time.
+pub fn unix_s(time: SystemTime) -> f64 {
+    time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64()
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 60.0 => format!("{s:.0} s"),
+        s if s < 3600.0 => format!("{:.0} min {:.0} s", (s / 60.0).floor(), s % 60.0),
+        s => format!("{:.0} h {:.0} min", (s / 3600.0).floor(), (s % 3600.0 / 60.0).floor()),
+    }
+}
+
+/// When a process began, in the kernel's ticks since the machine did; none: there is no such process.
+fn began_ticks(pid: u32) -> Option<u64> {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    text.rsplit_once(") ")?.1.split(' ').nth(19)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_read_back_and_tells_who_runs() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut table = Table::new(Path::new("sim.launch.xml"), folder.path());
+        let row = Row {
+            name: "camera".into(),
+            pid: Some(77),
+            state: State::Running,
+            since_s: table.since_s - 75.0,
+            restarts: 1,
+            restart_limit: Some(10),
+            last_exit: Some(Exit::Signal(9)),
+            log: folder.path().join("camera.log"),
+        };
+        table.processes = vec![row];
+        table.write().unwrap();
+        assert_eq!(Table::read(folder.path()).unwrap(), table);
+        assert!(table.is_running());
+        let words = table.words(SystemTime::now());
+        let cells: Vec<&str> =
+            words.lines().last().unwrap().split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
+        assert_eq!(cells, ["camera", "77", "running", "1 min 15 s", "1 of 10", "signal 9", "camera.log"], "{words}");
+        let killed = Table { began_ticks: 1, ..table };
+        assert!(!killed.is_running() && killed.words(SystemTime::now()).contains("was killed"));
+    }
+}

@@ -1,0 +1,188 @@
+//! One process of a launch: its start, its output, its end.
+
+use super::description::Process;
+use super::table::{Exit, Row, State};
+use anyhow::{Context, Result};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Time that the output of a process that has ended takes to be in its log at most.
+const LAST_WORDS: Duration = Duration::from_millis(500);
+
+/// A process of a launch.
+pub struct Watched {
+    /// What it is.
+    pub process: Process,
+    /// Where its output goes.
+    pub log: PathBuf,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// When it is to be started again.
+    pub restart_at: Option<Instant>,
+    state: State,
+    since: SystemTime,
+    exit: Option<Exit>,
+    child: Option<Child>,
+    /// Threads that copy its output to the log.
+    copies: Vec<JoinHandle<()>>,
+}
+
+impl Watched {
+    /// A process that has not been started; its log is made empty, as what an earlier launch wrote is no cause of anything now.
+    pub fn new(mut process: Process, folder: &Path) -> Result<Self> {
+        let log = folder.join(format!("{}.log", process.name));
+        File::create(&log).with_context(|| format!("log {}", log.display()))?;
+        for (number, file) in process.parameters.iter().enumerate() {
+            let path = folder.join(format!("{}.{number}.yaml", process.name));
+            std::fs::write(&path, &file.yaml).with_context(|| format!("parameters {}", path.display()))?;
+            let path = std::path::absolute(&path).unwrap_or(path);
+            process.command[file.word] = path.display().to_string();
+        }
+        Ok(Self {
+            process,
+            log,
+            restarts: 0,
+            restart_at: None,
+            state: State::Waiting,
+            since: SystemTime::now(),
+            exit: None,
+            child: None,
+            copies: Vec::new(),
+        })
+    }
+
+    /// Starts the process.
+    ///
+    /// It is the leader of its own group, so that Ctrl-C on the terminal reaches the supervisor alone, and holds one end of a
+    /// pipe as its standard input: where the supervisor dies, the pipe closes and the nodes end by themselves.
+    pub fn spawn(&mut self, echo: bool) -> Result<()> {
+        let (program, arguments) = resolve(&self.process.command);
+        let mut command = Command::new(&program);
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
+        for (name, value) in &self.process.environment {
+            match value {
+                Some(value) => command.env(name, value),
+                None => command.env_remove(name),
+            };
+        }
+        command.env("CATENARY_SUPERVISED", "1");
+        if let Some(directory) = &self.process.directory {
+            command.current_dir(directory);
+        }
+        let started = command.spawn();
+        let mut child =
+            started.with_context(|| format!("cannot start {}: {}", self.process.name, program.display()))?;
+        let shown = self.process.shown;
+        let streams = [(child.stdout.take().map(boxed), shown.stdout), (child.stderr.take().map(boxed), shown.stderr)];
+        self.child = Some(child);
+        self.set(State::Running);
+        for (stream, shown) in streams.into_iter().filter_map(|(stream, shown)| Some((stream?, shown))) {
+            let log = File::options().create(true).append(true).open(&self.log);
+            let log = log.with_context(|| format!("log {}", self.log.display()))?;
+            let prefix = (echo && shown).then(|| self.process.name.clone());
+            self.copies.push(std::thread::spawn(move || copy_lines(stream, log, prefix)));
+        }
+        Ok(())
+    }
+
+    /// Notes a state.
+    pub fn set(&mut self, state: State) {
+        self.state = state;
+        self.since = SystemTime::now();
+    }
+
+    /// How the process ended, once, where it has; what it started and left in its group ends with it.
+    pub fn take_exit(&mut self) -> Result<Option<ExitStatus>> {
+        let Some(pid) = self.pid() else { return Ok(None) };
+        // As long as its end is not taken note of, the number of its group is nobody else's.
+        let ended = waitid(WaitId::Pid(pid), WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)?;
+        let child = if ended.is_some() { self.child.take() } else { None };
+        let Some(mut child) = child else { return Ok(None) };
+        let _none_left = kill_process_group(pid, Signal::KILL);
+        let status = child.wait()?;
+        self.wait_for_last_words();
+        self.exit = exit(status);
+        Ok(Some(status))
+    }
+
+    /// Waits until what the process wrote is in the log; not for ever, as a child of its own may hold the pipe open.
+    fn wait_for_last_words(&mut self) {
+        let deadline = Instant::now() + LAST_WORDS;
+        while self.copies.iter().any(|c| !c.is_finished()) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.copies.clear();
+    }
+
+    /// Whether it was started and its end has not been taken note of.
+    pub fn is_started(&self) -> bool {
+        self.child.is_some()
+    }
+
+    /// Its number.
+    pub fn pid(&self) -> Option<Pid> {
+        self.child.as_ref().and_then(|c| Pid::from_raw(c.id().cast_signed()))
+    }
+
+    /// Sends a signal to it and to what it started.
+    pub fn signal(&self, signal: Signal) {
+        if let Some(Err(e)) = self.pid().map(|pid| kill_process_group(pid, signal)) {
+            tracing::debug!("signal to {}: {e}", self.process.name);
+        }
+    }
+
+    /// Its line in the table.
+    pub fn row(&self) -> Row {
+        Row {
+            name: self.process.name.clone(),
+            pid: self.child.as_ref().map(Child::id),
+            state: self.state,
+            since_s: super::table::unix_s(self.since),
+            restarts: self.restarts,
+            restart_limit: self.process.restart.limit.filter(|_| self.process.restart.respawn),
+            last_exit: self.exit,
+            log: self.log.clone(),
+        }
+    }
+}
+
+fn boxed<R: Read + Send + 'static>(stream: R) -> Box<dyn Read + Send> {
+    Box::new(stream)
+}
+
+/// Copies lines to the log, and to stderr behind a prefix.
+fn copy_lines(stream: Box<dyn Read + Send>, mut log: File, prefix: Option<String>) {
+    for line in BufReader::new(stream).split(b'\n').map_while(|line| line.ok()) {
+        let line = String::from_utf8_lossy(&line);
+        // A log that cannot be written must not stop the node from being read: it would block on a full pipe.
+        let _ = writeln!(log, "{line}");
+        if let Some(prefix) = &prefix {
+            let _ = writeln!(std::io::stderr(), "[{prefix}] {line}");
+        }
+    }
+}
+
+/// The program to run: as it is written where it exists; else, for a name of one of our nodes, this program's own
+/// `node NAME`, so that one executable serves the whole graph.
+fn resolve(command: &[String]) -> (PathBuf, Vec<String>) {
+    let program = PathBuf::from(&command[0]);
+    let name = program.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let own = std::env::current_exe();
+    match own {
+        Ok(own) if !program.exists() && crate::nodes::is_node(&name) => {
+            let arguments = ["node".to_owned(), name].into_iter().chain(command[1..].iter().cloned());
+            (own, arguments.collect())
+        }
+        _ => (program, command[1..].to_vec()),
+    }
+}
+
+fn exit(status: ExitStatus) -> Option<Exit> {
+    status.code().map(Exit::Code).or(status.signal().map(Exit::Signal))
+}

@@ -1,0 +1,167 @@
+//! `catenary infer --node` and `catenary train --node`: the same work, done by the nodes of a running graph.
+
+use crate::cli::{InferArgs, Preset, TrainArgs};
+use crate::goal::{self, follow};
+use crate::infer::marginal_words;
+use crate::output;
+use crate::train::{Report, read_posterior};
+use anyhow::{Context, Result, ensure};
+use catenary_core::posterior::Marginal;
+use catenary_core::{Model, Policy, Posterior};
+use catenary_msgs::action::{Infer, InferGoal, Train, TrainGoal};
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, convert};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// What `infer --node --json` prints.
+#[derive(Debug, Serialize)]
+struct Inferred {
+    bag: PathBuf,
+    model: String,
+    wall_s: f64,
+    marginals: Vec<Marginal>,
+    posterior: Posterior,
+    mass_outside: f64,
+    effective_sample_size: f64,
+    warnings: Vec<String>,
+    losses: Vec<f64>,
+    simulations: u32,
+}
+
+/// Has the inference node infer from a bag, which must lie where it sees it; Ctrl-C cancels that.
+pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()> {
+    let policy = match &arguments.policy {
+        Some(path) => policy(std::fs::read(path).with_context(|| format!("policy {}", path.display()))?, path)?,
+        None => Vec::new(),
+    };
+    let bag = std::fs::canonicalize(&arguments.bag).with_context(|| format!("bag {}", arguments.bag.display()))?;
+    let size = |n: Option<usize>, option: &str| {
+        u32::try_from(n.unwrap_or(0)).with_context(|| format!("--{option}: expected a number that fits 32 bits"))
+    };
+    let goal = InferGoal {
+        source: InferGoal::SOURCE_BAG,
+        bag: bag.display().to_string(),
+        model_yaml: text(&arguments.model)?,
+        preset: if arguments.preset == Preset::Paper { "paper" } else { "default" }.to_owned(),
+        iterations: size(arguments.iterations, "iterations")?,
+        simulations: size(arguments.simulations, "simulations")?,
+        drive: convert::drive_to_msg(model.observation.drive),
+        policy,
+        seed: arguments.seed,
+    };
+    let path = arguments.out.join("posterior.json");
+    output::prepare(&path)?;
+    let wait = goal::wait(arguments.wait_s)?;
+    let interrupted = Shutdown::new();
+    catenary_shell::end_on_signals(&interrupted)?;
+    let node = node("infer", namespace)?;
+    let client: ActionClient<Infer> = node.action_client("bayes_sim/infer")?;
+    let started = Instant::now();
+    let bar = bar("inference", "{pos}/{len}")?;
+    let shown = bar.clone();
+    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
+        shown.set_length(u64::from(feedback.iterations));
+        shown.set_position(u64::from(feedback.iteration));
+        shown.set_message(format!(
+            "{} simulations, loss {:.2} nat, {:.0} effective",
+            feedback.simulations, feedback.loss, feedback.effective_sample_size
+        ));
+    })?;
+    bar.finish_and_clear();
+    ensure!(result.success, "{}: {}", client.name(), result.message);
+    let posterior = convert::posterior_from_msg(&result.posterior)?;
+    std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
+    let inferred = Inferred {
+        bag: arguments.bag.clone(),
+        model: model.name.clone(),
+        wall_s: started.elapsed().as_secs_f64(),
+        marginals: posterior.marginals()?,
+        posterior,
+        mass_outside: result.mass_outside,
+        effective_sample_size: result.effective_sample_size,
+        warnings: result.warnings,
+        losses: result.losses,
+        simulations: result.simulations,
+    };
+    output::result(&arguments.output, &inferred, |i| {
+        let mut lines = marginal_words(&i.marginals);
+        lines.extend(i.warnings.iter().map(|w| format!("warning: {w}")));
+        lines.push(format!("{} simulations in {:.1} s", i.simulations, i.wall_s));
+        lines.join("\n")
+    })
+}
+
+/// Has the training node train a policy; Ctrl-C cancels that.
+pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()> {
+    let mixture = arguments.posterior.as_ref().map(|path| read_posterior(path, model)).transpose()?;
+    let goal = TrainGoal {
+        model_yaml: text(&arguments.model)?,
+        domains: if mixture.is_some() { TrainGoal::DOMAINS_MIXTURE } else { TrainGoal::DOMAINS_PRIOR },
+        mixture: mixture.as_ref().map(convert::posterior_to_msg).unwrap_or_default(),
+        preset: arguments.preset.clone(),
+        total_steps: arguments.steps.unwrap_or(0),
+        fidelity: SimulateRequest::FIDELITY_FAST,
+        seed: arguments.seed,
+        ..TrainGoal::default()
+    };
+    output::prepare(&arguments.out)?;
+    let wait = goal::wait(arguments.wait_s)?;
+    let interrupted = Shutdown::new();
+    catenary_shell::end_on_signals(&interrupted)?;
+    let node = node("train", namespace)?;
+    let client: ActionClient<Train> = node.action_client("ppo_trainer/train")?;
+    let bar = bar("training", "{percent:>3}%")?;
+    let (shown, success_rate) = (bar.clone(), Arc::new(Mutex::new(0.0)));
+    let told = Arc::clone(&success_rate);
+    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
+        shown.set_length(feedback.total_steps);
+        shown.set_position(feedback.steps);
+        shown.set_message(format!(
+            "return {:.2}, success {:.0} %",
+            feedback.mean_return,
+            100.0 * feedback.success_rate
+        ));
+        *told.lock().unwrap_or_else(PoisonError::into_inner) = feedback.success_rate;
+    })?;
+    bar.finish_and_clear();
+    ensure!(result.success, "{}: {}", client.name(), result.message);
+    let bytes = policy(result.policy, Path::new(client.name()))?;
+    std::fs::write(&arguments.out, bytes).with_context(|| arguments.out.display().to_string())?;
+    let report = Report {
+        policy: arguments.out.clone(),
+        steps: result.curve_steps.last().copied().unwrap_or(0),
+        interrupted: false,
+        mean_return: result.curve_returns.last().copied().unwrap_or(f64::NAN),
+        success_rate: *success_rate.lock().unwrap_or_else(PoisonError::into_inner),
+        steps_per_second: result.steps_per_second,
+        curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
+    };
+    output::result(&arguments.output, &report, Report::words)
+}
+
+/// A node that calls those of a namespace.
+fn node(name: &str, namespace: &str) -> Result<Node> {
+    let (arguments, _) = RosArgs::parse(["--ros-args".to_owned(), "-r".to_owned(), format!("__ns:={namespace}")])?;
+    Ok(NodeBuilder::new(name, &arguments)?.build()?)
+}
+
+fn bar(what: &str, count: &str) -> Result<ProgressBar> {
+    let bar = ProgressBar::new(1);
+    let style = ProgressStyle::with_template(&format!("{what} [{{bar:30}}] {count} {{msg}}"))?;
+    bar.set_style(style.progress_chars("=> "));
+    Ok(bar)
+}
+
+fn text(file: &Path) -> Result<String> {
+    std::fs::read_to_string(file).with_context(|| file.display().to_string())
+}
+
+/// The bytes of a policy, once they are known to be one.
+fn policy(bytes: Vec<u8>, whence: &Path) -> Result<Vec<u8>> {
+    Policy::from_bytes(&bytes).with_context(|| whence.display().to_string())?;
+    Ok(bytes)
+}

@@ -1,0 +1,73 @@
+"""Parameter files and -p give a node of ours the values that they give a node of rclpy."""
+
+import subprocess
+
+import pytest
+import rclpy
+from conftest import PROGRAM
+
+FILES = {
+    "any1": "/**: {ros__parameters: {workers: 1}}",
+    "any3": "/**:\n  ros__parameters:\n    workers: 3\n",
+    "own2": "simulator_pool: {ros__parameters: {workers: 2}}",
+    "own4any5": "simulator_pool: {ros__parameters: {workers: 4}}\n/**: {ros__parameters: {workers: 5}}\n",
+    "deep6": "/**/simulator_pool: {ros__parameters: {workers: 6}}",
+    "lab7": "lab:\n  simulator_pool:\n    ros__parameters: {workers: 7}\n",
+    "below8": "/lab/*: {ros__parameters: {workers: 8}}",
+    "one9": "/*: {ros__parameters: {workers: 9}}",
+    "other10": "/other/simulator_pool: {ros__parameters: {workers: 10}}",
+}
+CASES = [
+    *FILES,
+    "any1 own2", "own2 any1", "any1 any3", "any3 own2 any1", "any1 deep6 own2", "lab7 any1", "below8 lab7", "one9 own2",
+    "own2 workers:=20", "workers:=20 own2", "any1 own2 workers:=20", "any1 workers:=20", "workers:=20 any1",
+    "simulator_pool:workers:=21", "any1 own2 simulator_pool:workers:=21", "workers:=20 workers:=22",
+    "workers:=0x10", "workers:=010", "workers:=+5",
+]  # fmt: skip
+ABSENT = 0
+
+
+def of_rclpy(arguments, namespace):
+    context = rclpy.Context()
+    context.init(args=["x", "--ros-args", *arguments], domain_id=99)
+    try:
+        node = rclpy.create_node(
+            "simulator_pool", namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False
+        )  # fmt: skip
+        value = node.declare_parameter("workers", ABSENT).value
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
+    return value
+
+
+def of_ours(arguments, namespace):
+    """The node's own list of parameters shows the values that it would begin with."""
+    command = [PROGRAM, "node", "simulator_pool", "--help", "--ros-args", *arguments, "-r", f"__ns:={namespace}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (value,) = [line.split(" = ")[1] for line in done.stdout.splitlines() if line.strip().startswith("workers = ")]
+    return int(value)
+
+
+@pytest.mark.parametrize("namespace", ["/", "/lab"])
+@pytest.mark.parametrize("case", CASES)
+def test_the_same_value_counts(tmp_path, case, namespace):
+    arguments = []
+    for word in case.split():
+        if ":=" in word:
+            arguments += ["-p", word]
+        else:
+            (tmp_path / word).write_text(FILES[word])
+            arguments += ["--params-file", str(tmp_path / word)]
+    assert of_ours(arguments, namespace) == of_rclpy(arguments, namespace)
+
+
+@pytest.mark.parametrize("key", ["/cam*", "/lab//pool", "/2pool", "/lab/", "*"])
+def test_a_name_that_no_node_can_have_is_refused(tmp_path, key):
+    path = tmp_path / "f.yaml"
+    path.write_text(f"{key}:\n  ros__parameters: {{workers: 1}}\n")
+    done = subprocess.run([PROGRAM, "node", "simulator_pool", "--ros-args", "--params-file", path], capture_output=True, text=True, timeout=20)
+    assert done.returncode == 2 and str(path) in done.stderr, done.stderr
+    with pytest.raises(Exception, match="parse params file"):
+        of_rclpy(["--params-file", str(path)], "/")
