@@ -119,7 +119,7 @@ ACTIONS = (
     Endpoint("/policy_runner/run_episode", "catenary_msgs/action/RunEpisode", RUNNER, "catenary deploy"),
     Endpoint("/bayes_sim/infer", "catenary_msgs/action/Infer", BAYES, "catenary infer"),
     Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, "catenary train"),
-    Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, remark="no node of ours calls it"),
+    Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, "catenary find-effects"),
 )
 
 BY_NAME = {row.name: row for row in (*TOPICS, *SERVICES, *ACTIONS)}

@@ -4,7 +4,7 @@ import math
 import threading
 
 import rclpy
-from catenary_msgs.action import Infer, MoveToStart, RunEpisode, Train
+from catenary_msgs.action import FindEffects, Infer, MoveToStart, RunEpisode, Train
 from catenary_msgs.msg import AcceptedTarget, ArmState, Keypoints, Mixture, Parameter, Track
 from catenary_msgs.srv import CloseEnvs, OpenEnvs, StepEnvs
 from contract import BASE, BY_NAME, OPTICAL
@@ -179,13 +179,14 @@ class Pool(StandIn):
 
 
 class Learner(StandIn):
-    """An inference and a training that know the answer."""
+    """An inference, a training and a search that know the answer."""
 
     def __init__(self, domain, endless=False):
         super().__init__(domain, "lab_learner")
         self.goals, self.cancelled, self.endless = [], 0, endless
         self.act("/bayes_sim/infer", self.infer)
         self.act("/ppo_trainer/train", self.train)
+        self.act("/effect_finder/find", self.find)
 
     def work(self, handle, feedback):
         """Tells feedback; whether the goal was cancelled."""
@@ -216,3 +217,10 @@ class Learner(StandIn):
         if self.work(handle, lambda step: Train.Feedback(steps=8 * step, total_steps=32, mean_return=0.5, success_rate=0.25)):
             return Train.Result(message="cancelled")
         return Train.Result(success=True, policy=policy_file(), curve_steps=[16, 32], curve_returns=[0.25, 0.5], steps_per_second=320.0)
+
+    def find(self, handle):
+        if self.work(handle, lambda step: FindEffects.Feedback(stage="name", progress=0.25 * step)):
+            return FindEffects.Result(message="cancelled")
+        words = "the present model fits\ntip mass explains it"
+        effects = {"effects": ["tip_mass_kg", "density_change"], "probabilities": [0.75, 0.25]}
+        return FindEffects.Result(success=True, message=words, verdict="named", model_yaml="version: 1\n", **effects)

@@ -17,7 +17,7 @@ MODEL = "launch_configs/models/soft_bar.yaml"
 
 def test_every_caller_of_the_table_is_tried_here():
     callers = {row.caller for row in (*SERVICES, *ACTIONS) if row.caller}
-    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy", "catenary infer", "catenary train"}
+    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy", "catenary infer", "catenary train", "catenary find-effects"}
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +152,17 @@ def test_an_interrupt_cancels_what_a_learner_of_rclpy_does(session, command):
         assert child.wait(15) == 130
         assert learner.cancelled == 1
     assert "interrupted and cancelled" in session.text(f"{command}.err") and not (session.folder / "out/posterior.json").exists()
+
+
+@pytest.mark.parametrize("name", ["/effect_finder/find"])
+def test_node_to_rclpy_has_a_search_of_rclpy_find(session, name):
+    arguments = ("--bag", session.root / "bags/swing", "--model", session.root / MODEL, "--out", "found", "--seed", 8)
+    with Learner(session.domain) as learner:
+        child = session.start("find-effects", "--node", *arguments, "--wait-s", 20, "--json")
+        assert child.wait(30) == 0, session.text("find-effects.err")
+    said = json.loads(session.text("find-effects.out"))
+    assert (said["verdict"], said["effects"]) == ("named", [["tip_mass_kg", 0.75], ["density_change", 0.25]])
+    assert said["conclusions"][-1] == "tip mass explains it"
+    assert (session.folder / "found/model.yaml").read_text() == "version: 1\n"
+    (goal,) = learner.goals
+    assert list(goal.bags) == [str(session.root / "bags/swing")] and goal.model_yaml == model_yaml(session) and goal.seed == 8

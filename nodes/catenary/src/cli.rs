@@ -174,15 +174,21 @@ pub struct FindEffectsArgs {
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
-    /// Folder for verdict.json, model.yaml and report/index.html
+    /// Folder for verdict.json, model.yaml and report/index.html; with --node for model.yaml alone
     #[arg(long)]
     pub out: PathBuf,
-    /// Data sets without a gap that each test is held against
-    #[arg(long, default_value_t = 199)]
+    /// Data sets without a gap that each test is held against; with --node, the node's parameter says how many
+    #[arg(long, default_value_t = 199, conflicts_with = "node")]
     pub null_sets: usize,
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

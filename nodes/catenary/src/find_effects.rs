@@ -3,7 +3,7 @@
 use crate::cli::FindEffectsArgs;
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{figures::figures, model_file, output};
+use crate::{figures::figures, model_file, output, served};
 use anyhow::{Context, Result};
 use catenary_core::Model;
 use catenary_shell::Shutdown;
@@ -37,6 +37,9 @@ struct Report {
 /// Searches and writes verdict.json, model.yaml and report/index.html; Ctrl-C ends it.
 pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
+    if let Some(namespace) = &arguments.node {
+        return served::find_effects(arguments, namespace);
+    }
     let mut measured = Vec::new();
     for bag in &arguments.bag {
         measured.extend(episodes_of(bag, &model)?);

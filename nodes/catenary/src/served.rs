@@ -1,6 +1,6 @@
-//! `catenary infer --node` and `catenary train --node`: the same work, done by the nodes of a running graph.
+//! `catenary infer --node`, `train --node` and `find-effects --node`: the same work, done by the nodes of a running graph.
 
-use crate::cli::{InferArgs, Preset, TrainArgs};
+use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
 use crate::goal::{self, follow};
 use crate::infer::marginal_words;
 use crate::output;
@@ -8,7 +8,7 @@ use crate::train::{Report, read_posterior};
 use anyhow::{Context, Result, ensure};
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior};
-use catenary_msgs::action::{Infer, InferGoal, Train, TrainGoal};
+use catenary_msgs::action::{FindEffects, FindEffectsGoal, Infer, InferGoal, Train, TrainGoal};
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, convert};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -141,6 +141,60 @@ pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()
         curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
     };
     output::result(&arguments.output, &report, Report::words)
+}
+
+/// What `find-effects --node --json` prints.
+#[derive(Debug, Serialize)]
+struct Found {
+    bags: Vec<PathBuf>,
+    wall_s: f64,
+    verdict: String,
+    conclusions: Vec<String>,
+    /// Candidates and their probabilities, the most probable first.
+    effects: Vec<(String, f64)>,
+}
+
+/// Has the effect finder search in bags, which must lie where it sees them; Ctrl-C cancels that.
+pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> {
+    let bag = |bag: &PathBuf| -> Result<String> {
+        Ok(std::fs::canonicalize(bag).with_context(|| format!("bag {}", bag.display()))?.display().to_string())
+    };
+    let goal = FindEffectsGoal {
+        bags: arguments.bag.iter().map(bag).collect::<Result<_>>()?,
+        model_yaml: text(&arguments.model)?,
+        seed: arguments.seed,
+    };
+    let path = arguments.out.join("model.yaml");
+    output::prepare(&path)?;
+    let wait = goal::wait(arguments.wait_s)?;
+    let interrupted = Shutdown::new();
+    catenary_shell::end_on_signals(&interrupted)?;
+    let node = node("find_effects", namespace)?;
+    let client: ActionClient<FindEffects> = node.action_client("effect_finder/find")?;
+    let started = Instant::now();
+    let bar = bar("search", "{percent:>3}%")?;
+    bar.set_length(1000);
+    let shown = bar.clone();
+    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
+        shown.set_position((1000.0 * feedback.progress) as u64);
+        shown.set_message(feedback.stage);
+    })?;
+    bar.finish_and_clear();
+    ensure!(result.success, "{}: {}", client.name(), result.message);
+    std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
+    let found = Found {
+        bags: arguments.bag.clone(),
+        wall_s: started.elapsed().as_secs_f64(),
+        verdict: result.verdict,
+        conclusions: result.message.lines().map(str::to_owned).collect(),
+        effects: result.effects.into_iter().zip(result.probabilities).collect(),
+    };
+    output::result(&arguments.output, &found, |f| {
+        let mut lines = f.conclusions.clone();
+        lines.push(f.verdict.clone());
+        lines.push(format!("{:.1} s", f.wall_s));
+        lines.join("\n")
+    })
 }
 
 /// A node that calls those of a namespace.
