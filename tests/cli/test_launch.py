@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import pty
 import signal
 import subprocess
 import time
@@ -169,6 +170,24 @@ def test_logs_lie_where_ros_2_keeps_them_and_the_last_launch_is_found(launch):
     done = graph.status()
     assert done.returncode == 1 and "was killed" in done.stdout and "does not run" in done.stderr
     os.kill(row["pid"], signal.SIGKILL)
+
+
+def test_on_a_terminal_the_table_is_printed_at_each_change(tmp_path):
+    (tmp_path / "x.launch.xml").write_text("<launch>" + script("brief", "sleep 0.3; exit 3") + script("long", "exec sleep 60") + "</launch>")
+    ours, theirs = pty.openpty()
+    try:
+        child = subprocess.Popen([PROGRAM, "launch", "x.launch.xml", "--log", "log"], cwd=tmp_path, stdin=theirs, stdout=theirs, stderr=theirs)
+        os.close(theirs)
+        seen = b""
+        deadline = time.monotonic() + 20
+        while seen.count(b"brief.log\r\n") < 2 and time.monotonic() < deadline:
+            seen += os.read(ours, 4096)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(20) == 1
+    finally:
+        os.close(ours)
+    rows = [line.split() for line in seen.decode().splitlines() if line.startswith("brief ")]
+    assert [row[2] for row in rows] == ["running", "failed"] and "code 3" in seen.decode(), seen.decode()
 
 
 def test_where_there_was_no_launch_the_status_says_so(tmp_path):

@@ -31,6 +31,7 @@ pub fn read(
         context,
         current: file.clone(),
         given: names.clone(),
+        asked: names.clone(),
         description: LaunchDescription::default(),
     };
     reader.file(path, &file, 0)?;
@@ -60,6 +61,8 @@ pub struct Reader<'a> {
     current: PathBuf,
     /// Arguments given on the command line or by an `<include>`.
     given: BTreeSet<String>,
+    /// Those given on the command line alone.
+    asked: BTreeSet<String>,
     pub(super) description: LaunchDescription,
 }
 
@@ -158,7 +161,7 @@ impl Reader<'_> {
             choices.push(choice.attribute("value").map(literal).context("<choice>: the attribute `value` is missing")?);
         }
         let is_given = self.given.contains(&name);
-        let is_free = is_given || !self.context.variables.contains_key(&name);
+        let is_free = self.asked.contains(&name) || !self.context.variables.contains_key(&name);
         if !is_given && default.is_none() {
             bail!("the argument `{name}` must be given: {name}:=VALUE");
         }
@@ -188,6 +191,7 @@ impl Reader<'_> {
             allow(child, &["name", "value"], &[], &[]).context("<arg>")?;
             let argument = self.with(child, place, |e| Ok((e.required("name")?, e.required("value")?)));
             let (name, value) = argument.context("<arg>")?;
+            self.asked.remove(&name);
             self.given.insert(name.clone());
             self.context.variables.insert(name, value);
         }

@@ -39,6 +39,8 @@ fn arguments_conditions_includes_and_environment_are_applied() {
     let n =
         Argument { name: "n".into(), default: Some("2".into()), description: "a number".into(), choices: Vec::new() };
     assert_eq!(d.arguments[0], n);
+    let names: Vec<&str> = d.arguments.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["n", "with"], "those that the <include> gives are not the user's");
     assert_eq!(d.processes.len(), 2);
     assert_eq!(d.processes[0].command, ["run", "--a b", "77"]);
     assert_eq!(d.processes[0].environment["K"].as_deref(), Some("7"));
@@ -144,6 +146,12 @@ fn mistakes_name_file_line_and_attribute() {
         assert!(e.contains(named), "{inside}: {e}");
     }
     assert!(refusal("<launch/>", &[("b", "1")]).contains("`b`"));
+    let inner = r#"<launch><include file="$(dirname)/inner.xml"><arg name="who" value="a"/></include></launch>"#;
+    assert!(
+        refusal(inner, &[("who", "b")]).contains("no argument `who`; it takes n"),
+        "the <include> would override it"
+    );
+    assert_eq!(launch(inner, &[("n", "3")]).unwrap().arguments[0].name, "n");
     assert!(refusal("<robot/>", &[]).contains("expected <launch>, got <robot>"));
 }
 
