@@ -6,8 +6,9 @@ use crate::logging;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
-use rustdds::discovery::PublicationBuiltinTopicData;
-use rustdds::{RTPSEntity, Topic as DdsTopic, TopicKind};
+use rustdds::discovery::{DiscoveredWriterData, PublicationBuiltinTopicData};
+use rustdds::policy::Liveliness;
+use rustdds::{Duration as DdsDuration, QosPolicies, RTPSEntity, Topic as DdsTopic, TopicKind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -70,10 +71,22 @@ impl Graph {
 
     /// The DDS topic behind an absolute name.
     pub(crate) fn topic(&self, name: &str, type_name: &str, qos: Qos) -> Result<DdsTopic, ShellError> {
+        self.topic_with(name, type_name, &qos.policies())
+    }
+
+    /// The same with the policies of its endpoints.
+    pub(crate) fn topic_with(&self, name: &str, type_name: &str, of: &QosPolicies) -> Result<DdsTopic, ShellError> {
         self.context
             .domain_participant()
-            .create_topic(format!("rt{name}"), dds_type(type_name)?, &qos.policies(), TopicKind::NoKey)
+            .create_topic(format!("rt{name}"), dds_type(type_name)?, of, TopicKind::NoKey)
             .map_err(|error| ShellError::create(format!("topic {name}"), error))
+    }
+
+    /// How many publishers of a topic are known that live, as far as they promised signs of life.
+    pub(crate) fn publisher_count(&self, name: &str) -> usize {
+        let topic = format!("rt{name}");
+        let found = self.participant().discovered_writers().into_iter();
+        found.filter(|w| w.publication_topic_data.topic_name == topic && lives(w, Instant::now())).count()
     }
 
     /// How many publishers of a topic other participants have. A participant may or may not discover its own.
@@ -122,5 +135,15 @@ impl Graph {
                 return matched(&self.ros());
             }
         }
+    }
+}
+
+/// Whether a writer has not been silent for longer than it promised. Signs of life of its participant count.
+fn lives(writer: &DiscoveredWriterData, now: Instant) -> bool {
+    match writer.publication_topic_data.liveliness {
+        Some(Liveliness::Automatic { lease_duration }) if lease_duration < DdsDuration::INFINITE => {
+            now.saturating_duration_since(writer.last_updated) <= Duration::from(lease_duration)
+        }
+        _ => true,
     }
 }
