@@ -8,7 +8,8 @@ use crate::shutdown::Shutdown;
 use crate::wait::block_until;
 use rustdds::discovery::{DiscoveredWriterData, PublicationBuiltinTopicData};
 use rustdds::policy::Liveliness;
-use rustdds::{Duration as DdsDuration, QosPolicies, RTPSEntity, Topic as DdsTopic, TopicKind};
+use rustdds::{Duration as DdsDuration, GUID, QosPolicies, RTPSEntity, Topic as DdsTopic, TopicKind};
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -20,6 +21,35 @@ pub(crate) struct Graph {
     since: Instant,
     /// Nanoseconds from `since` to the last write of any endpoint.
     written: AtomicU64,
+}
+
+/// How long what a client knows of its server is taken for true.
+const KNOWN: Duration = Duration::from_secs(1);
+
+/// A server as its client knows it.
+///
+/// Every look by which ros2-client tells whether a server is matched leaves a channel of some kB behind, until the graph
+/// changes. A client that asks a thousand times a minute must not look each time.
+pub(crate) struct Server {
+    replies: String,
+    met: Mutex<Option<Met>>,
+}
+
+/// Who answers, and when that was looked up.
+struct Met {
+    looked: Instant,
+    answering: BTreeSet<GUID>,
+}
+
+impl Server {
+    /// That of the service with this absolute name.
+    pub(crate) fn new(service: &str) -> Self {
+        Self { replies: format!("rr{service}Reply"), met: Mutex::new(None) }
+    }
+
+    fn met(&self) -> MutexGuard<'_, Option<Met>> {
+        self.met.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Graphs of this process.
@@ -84,9 +114,7 @@ impl Graph {
 
     /// How many publishers of a topic are known that live, as far as they promised signs of life.
     pub(crate) fn publisher_count(&self, name: &str) -> usize {
-        let topic = format!("rt{name}");
-        let found = self.participant().discovered_writers().into_iter();
-        found.filter(|w| w.publication_topic_data.topic_name == topic && lives(w, Instant::now())).count()
+        self.writers_of(&format!("rt{name}")).iter().filter(|writer| lives(writer, Instant::now())).count()
     }
 
     /// How many publishers of a topic other participants have. A participant may or may not discover its own.
@@ -109,6 +137,52 @@ impl Graph {
             Some((name.to_owned(), ros_type(&data.type_name)?, Qos::offered(data.reliability, data.durability)))
         };
         theirs.filter_map(|w| publisher(w.publication_topic_data)).collect()
+    }
+
+    /// As [`Graph::wait_matched`] for a server, which is looked for anew only where it was not there before, or has left.
+    /// Returns who answers, as far as known; none: nobody.
+    pub(crate) fn wait_server(
+        &self,
+        server: &Server,
+        shutdown: &Shutdown,
+        timeout: Duration,
+        matched: &dyn Fn(&ros2_client::Node) -> bool,
+    ) -> Option<BTreeSet<GUID>> {
+        if let Some(met) = &mut *server.met() {
+            if met.looked.elapsed() > KNOWN {
+                *met = self.meet(server);
+            }
+            if !met.answering.is_empty() {
+                return Some(met.answering.clone());
+            }
+        }
+        let there = |ros: &ros2_client::Node| matched(ros) && !self.is_dead(server);
+        let met = self.wait_matched(shutdown, timeout, &there).then(|| self.meet(server));
+        let answering = met.as_ref().map(|met| met.answering.clone());
+        *server.met() = met;
+        answering
+    }
+
+    fn meet(&self, server: &Server) -> Met {
+        Met { looked: Instant::now(), answering: self.answering(server) }
+    }
+
+    /// The writers of answers that live, of other participants.
+    pub(crate) fn answering(&self, server: &Server) -> BTreeSet<GUID> {
+        let now = Instant::now();
+        let living = self.writers_of(&server.replies).into_iter().filter(|writer| lives(writer, now));
+        living.map(|writer| writer.writer_proxy.remote_writer_guid).collect()
+    }
+
+    /// Whether all are dead that were there.
+    fn is_dead(&self, server: &Server) -> bool {
+        let (known, now) = (self.writers_of(&server.replies), Instant::now());
+        !known.is_empty() && !known.iter().any(|writer| lives(writer, now))
+    }
+
+    fn writers_of(&self, dds_topic: &str) -> Vec<DiscoveredWriterData> {
+        let found = self.participant().discovered_writers().into_iter();
+        found.filter(|writer| writer.publication_topic_data.topic_name == dds_topic).collect()
     }
 
     /// Waits until `matched` holds, looking again at every change of the graph.
