@@ -18,8 +18,8 @@ RATE_HZ = 60
 LEAST_HZ = 0.99 * RATE_HZ
 # Sixty megabytes in a lab's day of ten hours, in each process.
 FLAT_KB_PER_MIN = 100
-# Latched states fill the queues of their readers in the first 82 s: 4096 at 50 Hz.
-WARM_UP_S = 120
+# Latched states fill the queues of their readers in 82 s, 4096 at 50 Hz, and allocators settle in some minutes.
+WARM_UP_S = 300
 # The recorder with images writes so much in a minute.
 IMAGES_GB_PER_MIN = 3.4
 FILE_BYTES = 1 << 30
@@ -111,7 +111,7 @@ def run(session, minutes, images, say):
 
 def memory_of(figures):
     """Memory and processor time of each process after the warm-up."""
-    found, warm_up_s = {}, min(WARM_UP_S, figures["seconds"] / 4)
+    found, warm_up_s = {}, min(WARM_UP_S, figures["seconds"] / 2)
     for name, samples in figures["processes"].items():
         times, rss, cpu = zip(*samples)
         found[name] = memory(times, rss, warm_up_s) | {"cpu": (cpu[-1] - cpu[0]) / (times[-1] - times[0])}
