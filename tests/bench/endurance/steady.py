@@ -41,7 +41,8 @@ class Recording:
     def look(self, finished=False):
         """Has the files read that will not grow any more."""
         read = len(self.reading)
-        files = len(list(self.bag.glob("*.mcap")))
+        # Those that were read may be gone.
+        files = 1 + max(int(path.stem.rpartition("_")[2]) for path in self.bag.glob("*.mcap"))
         for number in range(read, files if finished else files - 1):
             path = self.bag / f"bag_{number}.mcap"
             self.bytes += path.stat().st_size
