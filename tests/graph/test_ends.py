@@ -4,7 +4,8 @@ import os
 import signal
 import time
 
-from catenary_msgs.action import Train
+from action_msgs.msg import GoalStatus
+from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import EefDelta, Keypoints
 from policy import policy_file
 from rclpy.action import ActionClient
@@ -61,6 +62,22 @@ def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
     assert session.text("deploy.out") == ""
     assert "run_episode: its server went away while the goal ran" in session.text("deploy.err").splitlines()[-1]
     assert session.pid_of("policy_runner"), "the launch did not start it again"
+
+
+def test_an_inference_ends_soon_after_its_pool_dies(session):
+    session.launch()
+    client = ActionClient(session.ros.node, Infer, "/bayes_sim/infer")
+    session.ros.wait_for(client.server_is_ready, 20, "the inference server")
+    model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
+    bag = str(session.root / "bags/swing")
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=bag, model_yaml=model, iterations=2, simulations=20_000)
+    handle = session.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
+    result = handle.get_result_async()
+    assert not session.ros.holds_within(result.done, 3), "it was over before the pool died"
+    os.kill(session.pid_of("simulator_pool"), signal.SIGKILL)
+    answer = session.ros.result(result, 25, "the end of the inference")
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert "/simulator_pool/simulate: its server went away without an answer" in answer.result.message
 
 
 def test_a_launch_says_what_it_runs_without_and_does_not_start_it_again(session):

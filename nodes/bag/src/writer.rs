@@ -63,7 +63,8 @@ pub struct WriterOptions {
     /// Compression of the chunks.
     pub compression: Compression,
     /// Bytes of messages after which a chunk ends, default 256 KiB. Larger compresses better and loses more where the
-    /// process is killed.
+    /// process is killed or the disk is full. Where a sixteenth of the file is more, that counts, up to 4 MiB: what a file
+    /// says of each of its chunks at its end is kept in memory until then.
     pub chunk_bytes: usize,
     /// Log time after which a chunk ends that is not full, default 1 s.
     pub chunk_period: Duration,

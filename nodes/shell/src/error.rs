@@ -105,6 +105,12 @@ pub enum CallError {
         /// How long was waited.
         waited: Duration,
     },
+    /// It was asked and died: it may have done what was asked.
+    #[error("{name}: its server went away without an answer")]
+    Left {
+        /// The service.
+        name: String,
+    },
     /// The action server refused the goal.
     #[error("{name}: the goal was rejected")]
     Rejected {

@@ -6,8 +6,10 @@ use crate::logging;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
-use rustdds::discovery::PublicationBuiltinTopicData;
-use rustdds::{RTPSEntity, Topic as DdsTopic, TopicKind};
+use rustdds::discovery::{DiscoveredWriterData, PublicationBuiltinTopicData};
+use rustdds::policy::Liveliness;
+use rustdds::{Duration as DdsDuration, GUID, QosPolicies, RTPSEntity, Topic as DdsTopic, TopicKind};
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -19,6 +21,35 @@ pub(crate) struct Graph {
     since: Instant,
     /// Nanoseconds from `since` to the last write of any endpoint.
     written: AtomicU64,
+}
+
+/// How long what a client knows of its server is taken for true.
+const KNOWN: Duration = Duration::from_secs(1);
+
+/// A server as its client knows it.
+///
+/// Every look by which ros2-client tells whether a server is matched leaves a channel of some kB behind, until the graph
+/// changes. A client that asks a thousand times a minute must not look each time.
+pub(crate) struct Server {
+    replies: String,
+    met: Mutex<Option<Met>>,
+}
+
+/// Who answers, and when that was looked up.
+struct Met {
+    looked: Instant,
+    answering: BTreeSet<GUID>,
+}
+
+impl Server {
+    /// That of the service with this absolute name.
+    pub(crate) fn new(service: &str) -> Self {
+        Self { replies: format!("rr{service}Reply"), met: Mutex::new(None) }
+    }
+
+    fn met(&self) -> MutexGuard<'_, Option<Met>> {
+        self.met.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Graphs of this process.
@@ -70,10 +101,20 @@ impl Graph {
 
     /// The DDS topic behind an absolute name.
     pub(crate) fn topic(&self, name: &str, type_name: &str, qos: Qos) -> Result<DdsTopic, ShellError> {
+        self.topic_with(name, type_name, &qos.policies())
+    }
+
+    /// The same with the policies of its endpoints.
+    pub(crate) fn topic_with(&self, name: &str, type_name: &str, of: &QosPolicies) -> Result<DdsTopic, ShellError> {
         self.context
             .domain_participant()
-            .create_topic(format!("rt{name}"), dds_type(type_name)?, &qos.policies(), TopicKind::NoKey)
+            .create_topic(format!("rt{name}"), dds_type(type_name)?, of, TopicKind::NoKey)
             .map_err(|error| ShellError::create(format!("topic {name}"), error))
+    }
+
+    /// How many publishers of a topic are known that live, as far as they promised signs of life.
+    pub(crate) fn publisher_count(&self, name: &str) -> usize {
+        self.writers_of(&format!("rt{name}")).iter().filter(|writer| lives(writer, Instant::now())).count()
     }
 
     /// How many publishers of a topic other participants have. A participant may or may not discover its own.
@@ -96,6 +137,52 @@ impl Graph {
             Some((name.to_owned(), ros_type(&data.type_name)?, Qos::offered(data.reliability, data.durability)))
         };
         theirs.filter_map(|w| publisher(w.publication_topic_data)).collect()
+    }
+
+    /// As [`Graph::wait_matched`] for a server, which is looked for anew only where it was not there before, or has left.
+    /// Returns who answers, as far as known; none: nobody.
+    pub(crate) fn wait_server(
+        &self,
+        server: &Server,
+        shutdown: &Shutdown,
+        timeout: Duration,
+        matched: &dyn Fn(&ros2_client::Node) -> bool,
+    ) -> Option<BTreeSet<GUID>> {
+        if let Some(met) = &mut *server.met() {
+            if met.looked.elapsed() > KNOWN {
+                *met = self.meet(server);
+            }
+            if !met.answering.is_empty() {
+                return Some(met.answering.clone());
+            }
+        }
+        let there = |ros: &ros2_client::Node| matched(ros) && !self.is_dead(server);
+        let met = self.wait_matched(shutdown, timeout, &there).then(|| self.meet(server));
+        let answering = met.as_ref().map(|met| met.answering.clone());
+        *server.met() = met;
+        answering
+    }
+
+    fn meet(&self, server: &Server) -> Met {
+        Met { looked: Instant::now(), answering: self.answering(server) }
+    }
+
+    /// The writers of answers that live, of other participants.
+    pub(crate) fn answering(&self, server: &Server) -> BTreeSet<GUID> {
+        let now = Instant::now();
+        let living = self.writers_of(&server.replies).into_iter().filter(|writer| lives(writer, now));
+        living.map(|writer| writer.writer_proxy.remote_writer_guid).collect()
+    }
+
+    /// Whether all are dead that were there.
+    fn is_dead(&self, server: &Server) -> bool {
+        let (known, now) = (self.writers_of(&server.replies), Instant::now());
+        !known.is_empty() && !known.iter().any(|writer| lives(writer, now))
+    }
+
+    fn writers_of(&self, dds_topic: &str) -> Vec<DiscoveredWriterData> {
+        let found = self.participant().discovered_writers().into_iter();
+        found.filter(|writer| writer.publication_topic_data.topic_name == dds_topic).collect()
     }
 
     /// Waits until `matched` holds, looking again at every change of the graph.
@@ -122,5 +209,15 @@ impl Graph {
                 return matched(&self.ros());
             }
         }
+    }
+}
+
+/// Whether a writer has not been silent for longer than it promised. Signs of life of its participant count.
+fn lives(writer: &DiscoveredWriterData, now: Instant) -> bool {
+    match writer.publication_topic_data.liveliness {
+        Some(Liveliness::Automatic { lease_duration }) if lease_duration < DdsDuration::INFINITE => {
+            now.saturating_duration_since(writer.last_updated) <= Duration::from(lease_duration)
+        }
+        _ => true,
     }
 }

@@ -7,7 +7,7 @@ use crate::interface::Payload;
 use crate::shutdown::Shutdown;
 use crate::watchdog::Throttle;
 use futures::FutureExt;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -17,9 +17,24 @@ struct Inner<M: Payload> {
     topic: String,
     published: AtomicU64,
     failed: AtomicU64,
+    /// Whether a subscription was ever matched.
+    met: AtomicBool,
     warnings: Mutex<Throttle>,
     shutdown: Shutdown,
     graph: Arc<Graph>,
+}
+
+impl<M: Payload> Inner<M> {
+    /// Whether any subscription is matched. ros2-client counts those of a writer that had one before; looking for the first
+    /// one leaves some memory behind until the graph changes.
+    fn is_matched(&self, ros: &ros2_client::Node) -> bool {
+        if self.met.load(Ordering::Relaxed) {
+            return self.writer.get_subscription_count(ros) > 0;
+        }
+        let matched = self.writer.wait_for_subscription(ros).now_or_never().is_some();
+        self.met.store(matched, Ordering::Relaxed);
+        matched
+    }
 }
 
 impl<M: Payload> Drop for Inner<M> {
@@ -42,8 +57,9 @@ impl<M: Payload> Clone for Publisher<M> {
 impl<M: Payload> Publisher<M> {
     pub(crate) fn new(writer: ros2_client::Publisher<M>, topic: String, graph: Arc<Graph>, shutdown: Shutdown) -> Self {
         let (published, failed) = (AtomicU64::new(0), AtomicU64::new(0));
+        let met = AtomicBool::new(false);
         let warnings = Mutex::new(Throttle::new(Duration::from_secs(5)));
-        Self { inner: Arc::new(Inner { writer, topic, published, failed, warnings, shutdown, graph }) }
+        Self { inner: Arc::new(Inner { writer, topic, published, failed, met, warnings, shutdown, graph }) }
     }
 
     /// Publishes a message. Never waits for subscribers.
@@ -101,15 +117,12 @@ impl<M: Payload> Publisher<M> {
     /// Whether any subscription is matched at present.
     #[must_use]
     pub fn has_subscriber(&self) -> bool {
-        let ros = self.inner.graph.ros();
-        self.inner.writer.wait_for_subscription(&ros).now_or_never().is_some()
+        self.inner.is_matched(&self.inner.graph.ros())
     }
 
     /// Waits until a subscription is matched; false: none in time, or shutdown.
     #[must_use]
     pub fn wait_for_subscriber(&self, timeout: Duration) -> bool {
-        self.inner.graph.wait_matched(&self.inner.shutdown, timeout, &|ros| {
-            self.inner.writer.wait_for_subscription(ros).now_or_never().is_some()
-        })
+        self.inner.graph.wait_matched(&self.inner.shutdown, timeout, &|ros| self.inner.is_matched(ros))
     }
 }

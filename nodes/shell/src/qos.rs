@@ -1,6 +1,6 @@
 //! Quality of service, by name. Every publisher and subscription of the project states one of these.
 
-use rustdds::policy::{Durability, History, Lifespan, Reliability, ResourceLimits};
+use rustdds::policy::{Durability, History, Lifespan, Liveliness, Reliability, ResourceLimits};
 use rustdds::{Duration as DdsDuration, QosPolicies, QosPolicyBuilder};
 use std::fmt;
 
@@ -30,6 +30,10 @@ const TRANSIENT_LOCAL_MAX_SAMPLES: i32 = 4096;
 
 /// Messages that a best-effort writer keeps at least until they have left.
 const UNSENT: u16 = 10;
+
+/// Silence after which whoever commands an arm is taken for dead. RustDDS gives a sign of life every 3 s for it. The lease of
+/// its participants is 50 s, in which one that was killed would count beside the one that follows it.
+const COMMANDER_LEASE_S: i32 = 6;
 
 impl Qos {
     /// The command profile of ROS 2's defaults: reliable, volatile, depth 10.
@@ -93,6 +97,13 @@ impl Qos {
             Self::BestEffort { depth } if depth < UNSENT => Self::BestEffort { depth: UNSENT },
             other => other,
         }
+    }
+
+    /// The policies of a writer that commands an arm: it promises signs of life.
+    pub(crate) fn policies_of_commander(self) -> QosPolicies {
+        let lease_duration = DdsDuration::from_secs(COMMANDER_LEASE_S);
+        let promise = QosPolicyBuilder::new().liveliness(Liveliness::Automatic { lease_duration }).build();
+        self.policies().modify_by(&promise)
     }
 
     /// The policies for rustdds. Publishing never waits for acknowledgements: where a reliable writer's
@@ -165,6 +176,14 @@ mod tests {
         assert!(best_effort.compliance_failure_wrt(&reliable).is_some());
         assert_eq!(latched.compliance_failure_wrt(&reliable), None);
         assert!(reliable.compliance_failure_wrt(&latched).is_some());
+    }
+
+    #[test]
+    fn whoever_commands_promises_signs_of_life_and_matches_who_expects_none() {
+        let offered = Qos::Reliable { depth: 1 }.policies_of_commander();
+        assert!(offered.liveliness().is_some());
+        assert_eq!(offered.history(), Some(History::KeepLast { depth: 1 }));
+        assert_eq!(offered.compliance_failure_wrt(&Qos::Reliable { depth: 1 }.policies()), None);
     }
 
     #[test]

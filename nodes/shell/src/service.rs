@@ -2,7 +2,7 @@
 
 use crate::error::{CallError, ShellError};
 use crate::first_contact::FirstContact;
-use crate::graph::Graph;
+use crate::graph::{Graph, Server};
 use crate::interface::{Srv, service_type};
 use crate::node::Node;
 use crate::shutdown::Shutdown;
@@ -10,6 +10,8 @@ use crate::wait::block_until;
 use futures::{FutureExt, StreamExt};
 use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
 use ros2_client::{Message, Name, QosProfile, ServiceMapping, ServiceTypeName};
+use rustdds::GUID;
+use std::collections::BTreeSet;
 use std::pin::pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -24,6 +26,16 @@ pub(crate) const SERVICE_QOS: QosProfile = QosProfile {
     liveliness: Liveliness::Automatic,
     liveliness_lease: None,
 };
+
+/// Silence after which a server is taken for dead. The lease of its participant is 50 s, in which one that was killed would
+/// be asked as if it were there. RustDDS gives a sign of life every 6 s for it.
+const SERVER_LEASE: Duration = Duration::from_secs(10);
+
+/// How often a client that waits looks whether those whom it asked live.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// The profile of a server's replies: it promises signs of life.
+const REPLY_QOS: QosProfile = QosProfile { liveliness_lease: Some(SERVER_LEASE), ..SERVICE_QOS };
 
 /// The middleware's form of an absolute name.
 pub(crate) fn ros_name(path: &str) -> Result<Name, ShellError> {
@@ -46,7 +58,7 @@ where
     pub(crate) fn new(graph: &Arc<Graph>, path: String, type_name: &ServiceTypeName) -> Result<Self, ShellError> {
         let server = graph
             .ros()
-            .create_server(ServiceMapping::Enhanced, &ros_name(&path)?, type_name, SERVICE_QOS, SERVICE_QOS)
+            .create_server(ServiceMapping::Enhanced, &ros_name(&path)?, type_name, SERVICE_QOS, REPLY_QOS)
             .map_err(|error| ShellError::create(format!("service {path}"), error))?;
         Ok(Self { server, path, graph: Arc::clone(graph) })
     }
@@ -116,6 +128,7 @@ struct ClientInner<S: Srv> {
     // Before the graph, so that reader and writer go first.
     client: Mutex<RosClient<S>>,
     name: String,
+    server: Server,
     shutdown: Shutdown,
     graph: Arc<Graph>,
 }
@@ -162,6 +175,7 @@ impl Node {
             .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
         let inner = ClientInner {
             client: Mutex::new(client),
+            server: Server::new(&name),
             name,
             shutdown: self.shutdown().clone(),
             graph: Arc::clone(self.graph()),
@@ -181,41 +195,53 @@ impl<S: Srv> Client<S> {
     #[must_use]
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
-        self.wait_matched(&client, timeout)
+        self.wait_matched(&client, timeout).is_some()
     }
 
-    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration) -> bool {
-        self.inner
-            .graph
-            .wait_matched(&self.inner.shutdown, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
+    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration) -> Option<BTreeSet<GUID>> {
+        let ClientInner { graph, server, shutdown, .. } = &*self.inner;
+        graph.wait_server(server, shutdown, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
     }
 
     /// Asks and waits for the answer, at most `timeout` from the start of the call, including the wait for the
     /// service to appear.
     ///
     /// # Errors
-    /// [`CallError`]: nobody offers the service, no answer in time, shutdown, the middleware.
+    /// [`CallError`]: nobody offers the service, no answer in time, the server died, shutdown, the middleware.
     pub fn call(&self, request: S::Request, timeout: Duration) -> Result<S::Response, CallError> {
         let deadline = Instant::now() + timeout;
         let name = || self.inner.name.clone();
         let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
-        if !self.wait_matched(&client, deadline.saturating_duration_since(Instant::now())) {
+        let Some(asked) = self.wait_matched(&client, deadline.saturating_duration_since(Instant::now())) else {
             return Err(if self.inner.shutdown.is_triggered() {
                 CallError::Shutdown { name: name() }
             } else {
                 CallError::NoServer { name: name(), waited: timeout }
             });
-        }
+        };
+        let ClientInner { graph, server, .. } = &*self.inner;
         let answer = async { Some(client.async_call_service(request).await) };
         let end = async {
             self.inner.shutdown.triggered().await;
             None
         };
-        match block_until(smol::future::or(answer, end), Some(deadline)) {
-            Some(Some(Ok(response))) => Ok(response),
-            Some(Some(Err(error))) => Err(CallError::Middleware { name: name(), reason: error.to_string() }),
-            Some(None) => Err(CallError::Shutdown { name: name() }),
-            None => Err(CallError::Timeout { name: name(), waited: timeout }),
+        let mut either = pin!(smol::future::or(answer, end));
+        loop {
+            let now = Instant::now();
+            match block_until(either.as_mut(), Some(deadline.min(now + LOOK))) {
+                Some(Some(Ok(response))) => return Ok(response),
+                Some(Some(Err(error))) => {
+                    return Err(CallError::Middleware { name: name(), reason: error.to_string() });
+                }
+                Some(None) => return Err(CallError::Shutdown { name: name() }),
+                None if Instant::now() >= deadline => {
+                    return Err(CallError::Timeout { name: name(), waited: timeout });
+                }
+                None if !asked.is_empty() && asked.is_disjoint(&graph.answering(server)) => {
+                    return Err(CallError::Left { name: name() });
+                }
+                None => {}
+            }
         }
     }
 }

@@ -12,6 +12,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Share of a file that a chunk may have, and the bytes that it has at most for that.
+const CHUNK_SHARE: u64 = 16;
+const LARGEST_CHUNK: u64 = 4 << 20;
+
 struct Topic {
     channel: u16,
     messages: u64,
@@ -22,12 +26,14 @@ pub(super) struct McapFile<F: Target> {
     path: PathBuf,
     mcap: mcap::Writer<Tail<F>>,
     topics: Vec<Topic>,
-    chunk_bytes: usize,
+    chunk_bytes: u64,
+    largest_chunk_bytes: u64,
     chunk_period_ns: i64,
     /// Message bytes and first log time of the open chunk.
-    open: Option<(usize, i64)>,
+    open: Option<(u64, i64)>,
     span_ns: Option<(i64, i64)>,
     messages: u64,
+    bytes: u64,
     chunks: usize,
     /// Messages that can be read back, those in `before` earlier files included.
     safe: u64,
@@ -57,16 +63,19 @@ impl<F: Target> McapFile<F> {
             .create(tail)
             .and_then(|mut mcap| mcap.flush().map(|()| mcap));
         let mcap = made.map_err(|e| write_error(&path, before, &e))?;
+        // A limit on the file has to be seen before it is passed by far.
+        let quarter = options.split.bytes.map_or(u64::MAX, |b| b / 4);
         Ok(Self {
             path,
             mcap,
             topics: Vec::new(),
-            // A limit on the file has to be seen before it is passed by far.
-            chunk_bytes: options.split.bytes.map_or(options.chunk_bytes, |b| options.chunk_bytes.min((b / 4) as usize)),
+            chunk_bytes: (options.chunk_bytes as u64).min(quarter),
+            largest_chunk_bytes: LARGEST_CHUNK.min(quarter),
             chunk_period_ns: i64::try_from(options.chunk_period.as_nanos()).unwrap_or(i64::MAX),
             open: None,
             span_ns: None,
             messages: 0,
+            bytes: 0,
             chunks: 0,
             safe: before,
             before,
@@ -145,8 +154,11 @@ impl<F: Target> McapFile<F> {
         let (first, last) = self.span_ns.unwrap_or((log_ns, log_ns));
         self.span_ns = Some((first.min(log_ns), last.max(log_ns)));
         let (bytes, since_ns) = self.open.unwrap_or((0, log_ns));
-        self.open = Some((bytes + cdr.len(), since_ns));
-        let full = bytes + cdr.len() >= self.chunk_bytes || log_ns.saturating_sub(since_ns) >= self.chunk_period_ns;
+        let bytes = bytes + cdr.len() as u64;
+        self.bytes += cdr.len() as u64;
+        self.open = Some((bytes, since_ns));
+        let enough = self.chunk_bytes.max(self.largest_chunk_bytes.min(self.bytes / CHUNK_SHARE));
+        let full = bytes >= enough || log_ns.saturating_sub(since_ns) >= self.chunk_period_ns;
         if full { self.flush() } else { Ok(()) }
     }
 
@@ -237,19 +249,22 @@ mod tests {
         }
     }
 
-    /// Writes poses until the disk is full or `count` are written; the outcome and what the disk holds.
-    fn fill(capacity: usize, count: i64) -> (Result<(), BagError>, Vec<u8>) {
-        let disk = Disk { bytes: Arc::default(), capacity };
-        let options = WriterOptions { compression: Compression::None, chunk_bytes: 1000, ..WriterOptions::default() };
-        let facts = TopicFacts {
+    fn facts() -> TopicFacts {
+        TopicFacts {
             name: "/pose".into(),
             type_name: PoseStamped::TYPE_NAME.into(),
             type_hash: PoseStamped::TYPE_HASH.into(),
             qos: vec![Qos::DEFAULT],
             messages: 0,
-        };
+        }
+    }
+
+    /// Writes poses until the disk is full or `count` are written; the outcome and what the disk holds.
+    fn fill(capacity: usize, count: i64) -> (Result<(), BagError>, Vec<u8>) {
+        let disk = Disk { bytes: Arc::default(), capacity };
+        let options = WriterOptions { compression: Compression::None, chunk_bytes: 1000, ..WriterOptions::default() };
         let outcome = McapFile::new("full_0.mcap".into(), disk.clone(), &options, 0).and_then(|mut file| {
-            file.add_topic(&facts, PoseStamped::DEFINITION)?;
+            file.add_topic(&facts(), PoseStamped::DEFINITION)?;
             let cdr = catenary_msgs::to_cdr(&PoseStamped::default()).unwrap();
             (1..=count).try_for_each(|i| file.write(0, i, i, &cdr))?;
             file.finish(String::new())?;
@@ -257,6 +272,23 @@ mod tests {
         });
         let bytes = disk.bytes.lock().unwrap().clone();
         (outcome, bytes)
+    }
+
+    #[test]
+    fn chunks_grow_with_the_file_so_that_a_long_one_has_few() {
+        let disk = Disk { bytes: Arc::default(), capacity: usize::MAX };
+        let options = WriterOptions { compression: Compression::Lz4, ..WriterOptions::default() };
+        let mut file = McapFile::new("long_0.mcap".into(), disk, &options, 0).unwrap();
+        file.add_topic(&facts(), PoseStamped::DEFINITION).unwrap();
+        // Masks of 256 x 256 at 60 Hz.
+        let mut at_60_hz = |from: i64, to: i64| {
+            let before = file.chunks();
+            (60 * from..60 * to).for_each(|i| file.write(0, i * 16_666_667, 0, &[0; 65_536]).unwrap());
+            file.chunks() - before
+        };
+        let (first_s, _, later_s) = (at_60_hz(0, 1), at_60_hz(1, 30), at_60_hz(30, 60));
+        assert!(first_s > 10, "{first_s} chunks in the first second");
+        assert!(later_s <= 40, "{later_s} chunks in 30 s");
     }
 
     #[test]

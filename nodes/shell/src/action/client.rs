@@ -2,7 +2,7 @@
 
 use super::{STATUS_QOS, Status};
 use crate::error::{CallError, ShellError};
-use crate::graph::Graph;
+use crate::graph::{Graph, Server};
 use crate::interface::{Act, action_type};
 use crate::node::Node;
 use crate::service::{SERVICE_QOS, ros_name};
@@ -29,6 +29,7 @@ struct Inner<A: Act> {
     // Before the graph, so that readers and writers go first.
     client: RosClient<A>,
     name: String,
+    server: Server,
     busy: AtomicBool,
     shutdown: Shutdown,
     threads: Arc<Threads>,
@@ -67,6 +68,7 @@ impl Node {
             .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
         let inner = Inner {
             client,
+            server: Server::new(&format!("{name}/_action/send_goal")),
             name,
             busy: AtomicBool::new(false),
             shutdown: self.shutdown().clone(),
@@ -100,12 +102,13 @@ impl<A: Act> Inner<A> {
 
     fn wait_for_server(&self, timeout: Duration) -> bool {
         let client = &self.client;
-        self.graph.wait_matched(&self.shutdown, timeout, &|ros| {
+        let server = self.graph.wait_server(&self.server, &self.shutdown, timeout, &|ros| {
             client.goal_client().wait_for_service(ros).now_or_never().is_some()
                 && client.cancel_client().wait_for_service(ros).now_or_never().is_some()
                 && client.result_client().wait_for_service(ros).now_or_never().is_some()
                 && client.feedback_subscription().wait_for_publisher(ros).now_or_never().is_some()
-        })
+        });
+        server.is_some()
     }
 }
 
