@@ -35,7 +35,7 @@ class Laboratory:
     def pool(self, host, *arguments):
         return self.start(host, "simulator_pool", "-r", f"__ns:=/host{host}", *arguments, log=f"pool{host}")
 
-    def bayes(self, pools="*", patience_s=20.0):
+    def bayes(self, pools="/*", patience_s=20.0):
         """Starts the inference node anew."""
         if self.node:
             self.session.stop(self.node)
