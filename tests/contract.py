@@ -63,13 +63,15 @@ class Topic:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A service or an action. `caller`: a process of ours that calls it, so that an rclpy server can stand in."""
+    """A service or an action. `caller`: a process of ours that calls it, so that an rclpy server can stand in. `large`: between
+    our own nodes, large answers go by a topic of its own."""
 
     name: str
     type_name: str
     server: str | None = None
     caller: str | None = None
     remark: str = ""
+    large: bool = False
 
     @property
     def kind(self):
@@ -108,9 +110,9 @@ SERVICES = (
     Endpoint("/panda/hold", "std_srvs/srv/Trigger", CELL, remark="no node of ours calls it"),
     Endpoint("/panda/error_recovery", "std_srvs/srv/Trigger", CELL, remark="no node of ours calls it"),
     Endpoint("/panda/set_compliance", "catenary_msgs/srv/SetCompliance", CELL, remark="no node of ours calls it"),
-    Endpoint("/simulator_pool/simulate", "catenary_msgs/srv/Simulate", POOL, BAYES),
-    Endpoint("/simulator_pool/open_envs", "catenary_msgs/srv/OpenEnvs", POOL, TRAINER),
-    Endpoint("/simulator_pool/step_envs", "catenary_msgs/srv/StepEnvs", POOL, TRAINER),
+    Endpoint("/simulator_pool/simulate", "catenary_msgs/srv/Simulate", POOL, BAYES, large=True),
+    Endpoint("/simulator_pool/open_envs", "catenary_msgs/srv/OpenEnvs", POOL, TRAINER, large=True),
+    Endpoint("/simulator_pool/step_envs", "catenary_msgs/srv/StepEnvs", POOL, TRAINER, large=True),
     Endpoint("/simulator_pool/close_envs", "catenary_msgs/srv/CloseEnvs", POOL, TRAINER),
 )
 
@@ -121,5 +123,8 @@ ACTIONS = (
     Endpoint("/ppo_trainer/train", "catenary_msgs/action/Train", TRAINER, "catenary train"),
     Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, "catenary find-effects"),
 )
+
+# Topics of catenary_msgs/msg/Reply for large answers between our own nodes, hidden as those of actions.
+REPLIES = tuple(f"{row.name}/_reply" for row in SERVICES if row.large)
 
 BY_NAME = {row.name: row for row in (*TOPICS, *SERVICES, *ACTIONS)}

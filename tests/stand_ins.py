@@ -1,7 +1,9 @@
 """Nodes of a lab, written in rclpy, in place of ours: an arm, a runner of episodes, a pool of simulations, a learner."""
 
 import math
+import pathlib
 import threading
+import tomllib
 
 import rclpy
 from catenary_msgs.action import FindEffects, Infer, MoveToStart, RunEpisode, Train
@@ -14,8 +16,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 
-
 IMAGE_PX = 256
+# bayes_sim takes no tracks from a pool of another version than its own.
+VERSION = tomllib.loads((pathlib.Path(__file__).parents[1] / "Cargo.toml").read_text())["workspace"]["package"]["version"]
 
 
 class StandIn:
@@ -154,7 +157,7 @@ class Pool(StandIn):
                     action=[0.0, 0.0] * frames, end="complete",
                 )
             )  # fmt: skip
-        response.success = True
+        response.success, response.version = True, VERSION
         return response
 
     def open(self, request: OpenEnvs.Request, response):

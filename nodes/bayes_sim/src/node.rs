@@ -2,19 +2,18 @@
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
 
 use crate::error::InferenceError;
+use crate::pools::Pools;
 use crate::sequential::Progress;
 use crate::{Settings, convert, infer};
 use anyhow::{Context, Result, bail};
 use catenary_bag::{BagReader, EpisodeTopics, Feed, read_episodes};
-use catenary_core::simulator::SimulatorError;
-use catenary_core::{EpisodeLog, Model, Policy, SimulationRequest, Simulator, Track};
+use catenary_core::{EpisodeLog, Model, Policy};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Mixture, Observation};
-use catenary_msgs::srv::Simulate;
 use catenary_shell::convert as wire;
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, Publisher, Subscription, contract,
+    Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, ParamSpec, Publisher, Subscription, contract,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -22,15 +21,6 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Time that the pool has for one batch.
-const BATCH: Duration = Duration::from_secs(600);
-/// Largest reply that is asked for: RustDDS 0.15.1 garbles service replies that it has to send in fragments (it writes a
-/// stray byte before the reply's inline QoS), so a batch comes in parts that fit into one datagram.
-const REPLY_BYTES: usize = 48_000;
-/// Bytes of one frame of a track on the wire.
-const FRAME_BYTES: usize = 17 * 8;
-/// Frames of a track where the policy's steps decide.
-const DEFAULT_FRAMES: usize = 17;
 /// Messages of a topic that may wait for the log.
 const BURST: u16 = 256;
 /// How often the live log drops what nobody needs.
@@ -44,6 +34,12 @@ pub fn main(args: Vec<String>) -> ExitCode {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
+    let spec = ParamSpec::new(
+        "Simulator pools that may be asked: patterns of their services' names with *, or namespaces, separated by commas.",
+    );
+    let patterns = builder.declare_string("pools", "*", spec)?;
+    let spec = ParamSpec::new("How long an inference waits for a pool while none is at work.").unit("s");
+    let stall_s = builder.declare_f64("pool_patience_s", 60.0, spec.range(1.0..=86400.0))?;
     let node = builder.build()?;
     let log = Arc::new(Mutex::new(EpisodeLog::default()));
     let _listening = listen(&node, &log)?;
@@ -53,17 +49,20 @@ fn run(builder: NodeBuilder) -> Result<()> {
             lock(&tidied).forget_old();
         }
     })?;
-    let pool = node.client::<Simulate>(contract::SIMULATE.name)?;
+    let pools = Arc::new(Pools::new(node.clone(), patterns, stall_s));
     let posteriors = node.publisher::<Mixture>(contract::POSTERIOR.name, contract::POSTERIOR.qos)?;
-    let shared = Arc::clone(&log);
+    let (shared, asked) = (Arc::clone(&log), Arc::clone(&pools));
     let _server = node.serve_action::<Infer>(
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &shared, &pool, &posteriors),
+        move |handle| serve(&handle, &shared, &asked, &posteriors),
     )?;
     node.report_diagnostics(move |report| {
         report.value("log", lock(&log).summary());
+        let totals = pools.totals();
+        report.value("pools", totals.pools).value("simulated_episodes", totals.episodes);
+        report.value("redone_episodes", totals.redone).value("unconverged_steps", totals.unconverged_steps);
     })?;
     node.wait_for_shutdown()
 }
@@ -96,47 +95,13 @@ fn feed<M: Feed>(log: &mut EpisodeLog, message: &M) {
     }
 }
 
-/// The pool, asked over the graph.
-struct PoolClient<'a> {
-    client: &'a Client<Simulate>,
-    model_yaml: &'a str,
-}
-
-impl Simulator for PoolClient<'_> {
-    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        let backend = |e: &dyn std::fmt::Display| SimulatorError::Backend(e.to_string());
-        let frames = request.frame_times_s.len().max(DEFAULT_FRAMES);
-        let part = (REPLY_BYTES / (frames * FRAME_BYTES)).max(1);
-        let mut tracks = Vec::with_capacity(request.thetas.len());
-        for thetas in request.thetas.chunks(part) {
-            let from = tracks.len();
-            let effects = request.effects.iter().map(|(name, v)| (name.clone(), v[from..from + thetas.len()].to_vec()));
-            let request = SimulationRequest {
-                thetas: thetas.to_vec(),
-                effects: effects.collect(),
-                first_episode: request.first_episode + from as u64,
-                ..request.clone()
-            };
-            let message = convert::simulate_request(&request, self.model_yaml);
-            let answer = self.client.call(message, BATCH).map_err(|e| backend(&e))?;
-            if !answer.success {
-                return Err(SimulatorError::Backend(answer.message));
-            }
-            for track in &answer.tracks {
-                tracks.push(wire::track_from_msg(track).map_err(|e| backend(&e))?);
-            }
-        }
-        Ok(tracks)
-    }
-}
-
 fn serve(
     handle: &GoalHandle<Infer>,
     log: &Mutex<EpisodeLog>,
-    pool: &Client<Simulate>,
+    pools: &Pools,
     posteriors: &Publisher<Mixture>,
 ) -> Outcome<InferResult> {
-    match infer_goal(handle, log, pool) {
+    match infer_goal(handle, log, pools) {
         Ok(result) => {
             posteriors.send(result.posterior.clone());
             Outcome::Succeeded(result)
@@ -153,7 +118,7 @@ fn serve(
     }
 }
 
-fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client<Simulate>) -> Result<InferResult> {
+fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pools: &Pools) -> Result<InferResult> {
     let goal = handle.goal();
     let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
@@ -177,13 +142,15 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pool: &Client
     };
     let mut measured = episode.measured(&model)?;
     measured.warnings.extend(overridden);
-    let simulator = PoolClient { client: pool, model_yaml: &goal.model_yaml };
+    let is_cancelled = || handle.is_cancelled();
+    let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
     let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior } = progress {
             handle.feedback(convert::feedback(iteration, *of, posterior));
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
+    tracing::info!("{}", simulator.summary());
     match result {
         Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
         other => Ok(convert::result(&other?)),

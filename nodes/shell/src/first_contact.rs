@@ -22,33 +22,57 @@ const PROCESS: usize = 12;
 pub(crate) struct FirstContact {
     graph: Arc<Graph>,
     reply_topic: String,
-    met: VecDeque<Gid>,
+    patience: Duration,
+    /// Those met, and whether they could be answered.
+    met: VecDeque<(Gid, bool)>,
 }
 
 impl FirstContact {
-    /// For the service with this absolute name.
-    pub(crate) fn new(graph: &Arc<Graph>, service: &str) -> Self {
-        Self { graph: Arc::clone(graph), reply_topic: format!("rr{service}Reply"), met: VecDeque::new() }
+    /// For the clients of the service with this absolute name.
+    pub(crate) fn of_service(graph: &Arc<Graph>, service: &str) -> Self {
+        Self::new(graph, format!("rr{service}Reply"), PATIENCE)
     }
 
-    /// Returns when the client that sent the request can get an answer, or after a short patience; at once from the
-    /// client's second request on.
-    pub(crate) fn wait(&mut self, request: &RmwRequestId) {
+    /// For the clients that get their answers from this topic of the middleware, which are waited for so long.
+    pub(crate) fn new(graph: &Arc<Graph>, reply_topic: String, patience: Duration) -> Self {
+        Self { graph: Arc::clone(graph), reply_topic, patience, met: VecDeque::new() }
+    }
+
+    /// Returns when the client that sent the request can get an answer, or after the patience; at once from the client's
+    /// second request on. False: it cannot.
+    pub(crate) fn wait(&mut self, request: &RmwRequestId) -> bool {
         let client = request.writer_gid;
-        if self.met.contains(&client) {
-            return;
+        match self.met.iter().position(|(met, _)| *met == client) {
+            Some(known) => {
+                if !self.met[known].1 {
+                    self.met[known].1 = self.find(client, Duration::ZERO);
+                }
+                self.met[known].1
+            }
+            None => {
+                if self.met.len() == REMEMBERED {
+                    self.met.pop_front();
+                }
+                self.met.push_back((client, false));
+                let newest = self.met.len() - 1;
+                self.met[newest].1 = self.find(client, self.patience);
+                self.met[newest].1
+            }
         }
-        if self.met.len() == REMEMBERED {
-            self.met.pop_front();
-        }
-        self.met.push_back(client);
+    }
+
+    /// Waits for the reader of a client that has been met.
+    fn find(&self, client: Gid, patience: Duration) -> bool {
         let participant = self.graph.participant();
         if process(&participant_gid(&participant)) == process(&client) {
-            return;
+            return true;
         }
-        // Requests do not name their reply reader, so readers are counted: one for each client of that process.
-        let clients = self.met.iter().filter(|met| process(met) == process(&client)).count();
-        let deadline = Instant::now() + PATIENCE;
+        // Requests do not name their reply reader, so readers are counted: one for each client of that process that is still there.
+        let writers = participant.discovered_writers();
+        let lives = |met: &Gid| writers.iter().any(|writer| Gid::from(writer.writer_proxy.remote_writer_guid) == *met);
+        let met = self.met.iter().map(|(met, _)| met).filter(|met| process(met) == process(&client));
+        let clients = met.filter(|met| **met == client || lives(met)).count();
+        let deadline = Instant::now() + patience;
         loop {
             let readers = participant.discovered_readers();
             let replies = readers.iter().filter(|reader| {
@@ -59,7 +83,7 @@ impl FirstContact {
             // One more look's time, in which the writer hears what discovery knows.
             std::thread::sleep(LOOK);
             if known || Instant::now() >= deadline {
-                return;
+                return known;
             }
         }
     }

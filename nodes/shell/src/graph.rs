@@ -185,6 +185,16 @@ impl Graph {
         found.filter(|writer| writer.publication_topic_data.topic_name == dds_topic).collect()
     }
 
+    /// The names of all services of a type, each as often as it is served. RustDDS tells them from the readers of their requests.
+    pub(crate) fn services(&self, request_type: &str) -> Vec<String> {
+        let readers = self.participant().discovered_readers().into_iter().map(|reader| reader.subscription_topic_data);
+        let requests = readers.filter(|data| data.type_name() == request_type);
+        let name = |data: rustdds::discovery::SubscriptionBuiltinTopicData| {
+            Some(data.topic_name().strip_prefix("rq")?.strip_suffix("Request")?.to_owned())
+        };
+        requests.filter_map(name).collect()
+    }
+
     /// Waits until `matched` holds, looking again at every change of the graph.
     pub(crate) fn wait_matched(
         &self,

@@ -58,6 +58,11 @@ pub(crate) fn service_type(name: &'static str) -> Result<ServiceTypeName, ShellE
     split(name, "srv").map(|(package, name)| ServiceTypeName::new(package, name))
 }
 
+/// What the middleware calls the requests of a service type.
+pub(crate) fn request_type(name: &str) -> Result<String, ShellError> {
+    split(name, "srv").map(|(package, name)| format!("{package}::srv::dds_::{name}_Request_"))
+}
+
 pub(crate) fn action_type(name: &'static str) -> Result<ActionTypeName, ShellError> {
     split(name, "action").map(|(package, name)| ActionTypeName::new(package, name))
 }
@@ -72,6 +77,7 @@ mod tests {
         assert_eq!(pose.dds_msg_type(), "geometry_msgs::msg::dds_::PoseStamped_");
         assert!(message_type("std_srvs/srv/SetBool").is_err());
         assert!(service_type("std_srvs/srv/SetBool").is_ok());
+        assert_eq!(request_type("std_srvs/srv/SetBool").unwrap(), "std_srvs::srv::dds_::SetBool_Request_");
         assert!(action_type("catenary_msgs/action/Train").is_ok());
         assert!(message_type("PoseStamped").is_err());
         assert_eq!(dds_type("a_b/msg/C").ok().and_then(|dds| ros_type(&dds)).as_deref(), Some("a_b/msg/C"));

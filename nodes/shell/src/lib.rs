@@ -36,6 +36,7 @@ mod error;
 mod first_contact;
 mod graph;
 mod interface;
+mod large_reply;
 mod late_join;
 mod logging;
 mod model_file;

@@ -5,7 +5,7 @@ use crate::clock::{Clock, Tick};
 use crate::contract;
 use crate::error::ShellError;
 use crate::graph::Graph;
-use crate::interface::Msg;
+use crate::interface::{Msg, Srv, request_type};
 use crate::params::Params;
 use crate::publisher::Publisher;
 use crate::qos::Qos;
@@ -14,6 +14,7 @@ use crate::subscription::{Latest, Queue, Received, Subscription};
 use crate::threads::Threads;
 use crate::time::Time;
 use rustdds::{QosPolicies, Topic as DdsTopic};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -239,6 +240,19 @@ impl Node {
     pub fn other_publisher_count(&self, topic: &str) -> Result<usize, ShellError> {
         let name = self.resolve(topic)?;
         Ok(self.graph().other_publisher_count(&name))
+    }
+
+    /// The absolute names of all services of a type in the graph, and how many nodes serve each: one, where all is well. A
+    /// node that went away without a word is in it up to the end of its lease of 50 s.
+    ///
+    /// # Errors
+    /// [`ShellError::TypeName`].
+    pub fn services_of_type<S: Srv>(&self) -> Result<BTreeMap<String, usize>, ShellError> {
+        let mut found = BTreeMap::new();
+        for name in self.graph().services(&request_type(S::TYPE_NAME)?) {
+            *found.entry(name).or_default() += 1;
+        }
+        Ok(found)
     }
 
     pub(crate) fn threads(&self) -> &Arc<Threads> {

@@ -4,6 +4,7 @@ use crate::error::{CallError, ShellError};
 use crate::first_contact::FirstContact;
 use crate::graph::{Graph, Server};
 use crate::interface::{Srv, service_type};
+use crate::large_reply::{self, ReplyReader, ReplyWriter};
 use crate::node::Node;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
@@ -46,6 +47,7 @@ pub(crate) fn ros_name(path: &str) -> Result<Name, ShellError> {
 pub(crate) struct Endpoint<Req: Message, Resp: Message> {
     // Before the graph, so that reader and writer go first.
     server: ros2_client::Server<Req, Resp>,
+    large: Option<ReplyWriter>,
     path: String,
     graph: Arc<Graph>,
 }
@@ -60,19 +62,31 @@ where
             .ros()
             .create_server(ServiceMapping::Enhanced, &ros_name(&path)?, type_name, SERVICE_QOS, REPLY_QOS)
             .map_err(|error| ShellError::create(format!("service {path}"), error))?;
-        Ok(Self { server, path, graph: Arc::clone(graph) })
+        Ok(Self { server, large: None, path, graph: Arc::clone(graph) })
+    }
+
+    /// With a way for large answers.
+    fn with_large_replies(mut self) -> Result<Self, ShellError> {
+        self.large = Some(ReplyWriter::new(&self.graph, &self.path)?);
+        Ok(self)
     }
 
     /// Answers requests, one after the other, for ever.
     pub(crate) async fn answer(&self, mut handler: impl FnMut(Req) -> Resp) {
-        let mut contact = FirstContact::new(&self.graph, &self.path);
+        let mut contact = FirstContact::of_service(&self.graph, &self.path);
+        let mut large = self.large.as_ref().map(|large| (large, large.contact(&self.graph)));
         let mut requests = pin!(self.server.receive_request_stream());
         while let Some(request) = requests.next().await {
             let sent = match request {
                 Ok((id, request)) => {
                     let response = handler(request);
-                    contact.wait(&id);
-                    self.server.send_response(id, response)
+                    let is_sent = large.as_mut().is_some_and(|(large, clients)| large.send(&id, &response, clients));
+                    if is_sent {
+                        Ok(())
+                    } else {
+                        contact.wait(&id);
+                        self.server.send_response(id, response)
+                    }
                 }
                 Err(error) => {
                     tracing::warn!("{}: unreadable request: {error}", self.path);
@@ -124,9 +138,27 @@ type RosClient<S> = ros2_client::Client<
     <S as catenary_msgs::ServiceInterface>::Response,
 >;
 
+/// The service's own end, and that of large answers.
+struct Ends<S: Srv> {
+    service: RosClient<S>,
+    large: Option<ReplyReader>,
+}
+
+impl<S: Srv> Ends<S> {
+    async fn ask(&self, request: S::Request) -> Result<S::Response, String> {
+        let id = self.service.async_send_request(request).await.map_err(|error| format!("Write error: {error}"))?;
+        let small =
+            async { self.service.async_receive_response(id).await.map_err(|error| format!("Read error: {error}")) };
+        match &self.large {
+            Some(large) => smol::future::or(small, large.receive(id)).await,
+            None => small.await,
+        }
+    }
+}
+
 struct ClientInner<S: Srv> {
     // Before the graph, so that reader and writer go first.
-    client: Mutex<RosClient<S>>,
+    client: Mutex<Ends<S>>,
     name: String,
     server: Server,
     shutdown: Shutdown,
@@ -145,8 +177,11 @@ impl Node {
         handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
     ) -> Result<Service, ShellError> {
         let name = self.resolve(name)?;
-        let endpoint =
+        let mut endpoint =
             Endpoint::<S::Request, S::Response>::new(self.graph(), name.clone(), &service_type(S::TYPE_NAME)?)?;
+        if large_reply::is_for(S::TYPE_NAME) {
+            endpoint = endpoint.with_large_replies()?;
+        }
         let stop = self.shutdown().child();
         let stopped = stop.clone();
         self.spawn(&format!("srv {name}"), move || {
@@ -162,7 +197,12 @@ impl Node {
     /// [`ShellError`]: the name, the middleware.
     pub fn client<S: Srv>(&self, name: &str) -> Result<Client<S>, ShellError> {
         let name = self.resolve(name)?;
-        let client = self
+        // Before the requests, so that servers know it by the first of them.
+        let large = match large_reply::is_for(S::TYPE_NAME) {
+            true => Some(ReplyReader::new(self.graph(), &name)?),
+            false => None,
+        };
+        let service = self
             .graph()
             .ros()
             .create_client::<S::Request, S::Response>(
@@ -174,7 +214,7 @@ impl Node {
             )
             .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
         let inner = ClientInner {
-            client: Mutex::new(client),
+            client: Mutex::new(Ends { service, large }),
             server: Server::new(&name),
             name,
             shutdown: self.shutdown().clone(),
@@ -195,12 +235,12 @@ impl<S: Srv> Client<S> {
     #[must_use]
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
-        self.wait_matched(&client, timeout).is_some()
+        self.wait_matched(&client.service, timeout, &self.inner.shutdown).is_some()
     }
 
-    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration) -> Option<BTreeSet<GUID>> {
-        let ClientInner { graph, server, shutdown, .. } = &*self.inner;
-        graph.wait_server(server, shutdown, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
+    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration, stop: &Shutdown) -> Option<BTreeSet<GUID>> {
+        let ClientInner { graph, server, .. } = &*self.inner;
+        graph.wait_server(server, stop, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
     }
 
     /// Asks and waits for the answer, at most `timeout` from the start of the call, including the wait for the
@@ -209,20 +249,35 @@ impl<S: Srv> Client<S> {
     /// # Errors
     /// [`CallError`]: nobody offers the service, no answer in time, the server died, shutdown, the middleware.
     pub fn call(&self, request: S::Request, timeout: Duration) -> Result<S::Response, CallError> {
+        self.call_until(request, timeout, &self.inner.shutdown)
+    }
+
+    /// As [`Client::call`], and gives up when `stop` is triggered, which is [`CallError::Shutdown`]. A server may answer all
+    /// the same, and nobody hears it.
+    ///
+    /// # Errors
+    /// As [`Client::call`].
+    pub fn call_until(
+        &self,
+        request: S::Request,
+        timeout: Duration,
+        stop: &Shutdown,
+    ) -> Result<S::Response, CallError> {
         let deadline = Instant::now() + timeout;
         let name = || self.inner.name.clone();
         let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(asked) = self.wait_matched(&client, deadline.saturating_duration_since(Instant::now())) else {
-            return Err(if self.inner.shutdown.is_triggered() {
+        let Some(asked) = self.wait_matched(&client.service, deadline.saturating_duration_since(Instant::now()), stop)
+        else {
+            return Err(if stop.is_triggered() {
                 CallError::Shutdown { name: name() }
             } else {
                 CallError::NoServer { name: name(), waited: timeout }
             });
         };
         let ClientInner { graph, server, .. } = &*self.inner;
-        let answer = async { Some(client.async_call_service(request).await) };
+        let answer = async { Some(client.ask(request).await) };
         let end = async {
-            self.inner.shutdown.triggered().await;
+            stop.triggered().await;
             None
         };
         let mut either = pin!(smol::future::or(answer, end));
@@ -230,9 +285,7 @@ impl<S: Srv> Client<S> {
             let now = Instant::now();
             match block_until(either.as_mut(), Some(deadline.min(now + LOOK))) {
                 Some(Some(Ok(response))) => return Ok(response),
-                Some(Some(Err(error))) => {
-                    return Err(CallError::Middleware { name: name(), reason: error.to_string() });
-                }
+                Some(Some(Err(reason))) => return Err(CallError::Middleware { name: name(), reason }),
                 Some(None) => return Err(CallError::Shutdown { name: name() }),
                 None if Instant::now() >= deadline => {
                     return Err(CallError::Timeout { name: name(), waited: timeout });

@@ -7,6 +7,8 @@
 
 use catenary_msgs::action::{MoveToStart, MoveToStartFeedback, MoveToStartGoal, MoveToStartResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::Track;
+use catenary_msgs::srv::{Simulate, SimulateRequest, SimulateResponse};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::{
     CallError, Concurrency, Decision, Discovery, Node, NodeBuilder, Outcome, ParamSpec, Qos, RosArgs, Status, Value,
@@ -326,4 +328,52 @@ fn a_value_for_an_undeclared_parameter_keeps_the_node_from_starting() {
     let error = builder("runner", 111, &["-p", "speed:=1"]).build().err().unwrap();
     assert!(error.is_usage());
     assert!(error.to_string().contains("speed"), "{error}");
+}
+
+#[test]
+fn answers_of_any_size_reach_every_client_also_the_second_of_a_process_whose_first_is_gone() {
+    let (pool, asker) = (node("pool", 115), node("asker", 115));
+    // RustDDS garbles a reply of this size.
+    let answer = |request: SimulateRequest| SimulateResponse {
+        success: true,
+        tracks: vec![Track { dlo: request.theta, ..Track::default() }; 40],
+        ..SimulateResponse::default()
+    };
+    let _service = pool.serve::<Simulate>("simulate", answer).unwrap();
+    for round in 0..3 {
+        let client = asker.client::<Simulate>("simulate").unwrap();
+        for count in [1, 1000, 1, 500] {
+            let theta: Vec<f64> = (0..count).map(|i| f64::from(i) + 0.5).collect();
+            let got =
+                client.call(SimulateRequest { theta: theta.clone(), ..SimulateRequest::default() }, SOON).unwrap();
+            assert_eq!(got.tracks.len(), 40, "round {round}");
+            assert!(got.tracks.iter().all(|track| track.dlo == theta), "round {round}, {count} numbers");
+        }
+        let served = asker.services_of_type::<Simulate>().unwrap();
+        assert_eq!(served.into_iter().collect::<Vec<_>>(), [("/simulate".to_owned(), 1)]);
+    }
+}
+
+#[test]
+fn a_call_ends_when_it_is_told_to_and_the_next_one_is_answered() {
+    let (server, asker) = (node("server", 116), node("asker", 116));
+    let (begun, begins) = channel();
+    let _service = server
+        .serve::<SetBool>("slow", move |request: SetBoolRequest| {
+            begun.send(()).unwrap();
+            std::thread::sleep(Duration::from_millis(if request.data { 500 } else { 0 }));
+            SetBoolResponse { success: request.data, message: String::new() }
+        })
+        .unwrap();
+    let client = asker.client::<SetBool>("slow").unwrap();
+    let stop = asker.shutdown().child();
+    let (told, asked) = (stop.clone(), client.clone());
+    let call = std::thread::spawn(move || asked.call_until(SetBoolRequest { data: true }, SOON, &stop));
+    begins.recv_timeout(SOON).unwrap();
+    told.trigger();
+    assert!(matches!(call.join().unwrap(), Err(CallError::Shutdown { .. })));
+    assert!(
+        !client.call(SetBoolRequest { data: false }, SOON).unwrap().success,
+        "the late answer went to the next call"
+    );
 }

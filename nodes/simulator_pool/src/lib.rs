@@ -13,6 +13,7 @@ pub mod cell;
 pub mod convert;
 pub mod effects;
 pub mod episode;
+pub mod fingerprint;
 pub mod model_text;
 #[cfg(feature = "node")]
 pub mod node;
@@ -31,6 +32,7 @@ pub mod world;
 
 pub use backend::Backend;
 pub use effects::Registry;
+pub use fingerprint::fingerprint;
 pub use simulator::BeamSimulator;
 pub use vector_env::VectorEnv;
 pub use world::World;

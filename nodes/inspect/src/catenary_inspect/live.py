@@ -92,7 +92,7 @@ def listen_with(mine, spin, log, names, needed, seconds, done):
 def add_endpoints(mine, log, subscribed, names):
     """Notes who publishes and subscribes, and subscribes to what is new."""
     for name, types in mine.get_topic_names_and_types():
-        if "/_action/" in name or name == "/parameter_events":
+        if "/_" in name or name == "/parameter_events":
             continue
         publishers = endpoints(mine.get_publishers_info_by_topic(name))
         channel = log.channels.setdefault(name, Channel(", ".join(sorted(types))))

@@ -139,7 +139,7 @@ struct Contacts {
 
 impl Contacts {
     fn new(graph: &Arc<Graph>, action: &str) -> Self {
-        let contact = |service: &str| FirstContact::new(graph, &format!("{action}/_action/{service}"));
+        let contact = |service: &str| FirstContact::of_service(graph, &format!("{action}/_action/{service}"));
         Self { send_goal: contact("send_goal"), cancel_goal: contact("cancel_goal"), get_result: contact("get_result") }
     }
 }

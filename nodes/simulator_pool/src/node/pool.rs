@@ -3,7 +3,7 @@
 
 use crate::simulator::BeamSimulator;
 use crate::vector_env::VectorEnv;
-use crate::{convert, model_text, workers};
+use crate::{convert, fingerprint, model_text, workers};
 use anyhow::Result;
 use catenary_core::{Env, Simulator};
 use catenary_msgs::srv::{
@@ -77,7 +77,11 @@ struct Kept {
     yaml: String,
     workers: usize,
     simulator: Arc<BeamSimulator>,
+    fingerprint: u64,
 }
+
+/// What the answer says that it was simulated by. Nodes of one build have the same.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The simulators of the newest requests.
 #[derive(Default)]
@@ -88,18 +92,20 @@ struct Simulators {
 }
 
 impl Simulators {
-    /// The simulator of a model file's text with so many workers, kept from an earlier request where there was one.
-    fn get(&mut self, yaml: &str, workers: usize) -> Result<Arc<BeamSimulator>> {
+    /// The simulator of a model file's text with so many workers, and its fingerprint, kept from an earlier request where
+    /// there was one.
+    fn get(&mut self, yaml: &str, workers: usize) -> Result<(Arc<BeamSimulator>, u64)> {
         if let Some(kept) = self.kept.iter().find(|kept| kept.yaml == yaml && kept.workers == workers) {
-            return Ok(Arc::clone(&kept.simulator));
+            return Ok((Arc::clone(&kept.simulator), kept.fingerprint));
         }
-        let simulator = Arc::new(BeamSimulator::new(&model_text::read(yaml)?, workers)?);
+        let model = model_text::read(yaml)?;
+        let (simulator, fingerprint) = (Arc::new(BeamSimulator::new(&model, workers)?), fingerprint(&model));
         if self.kept.len() == KEPT_SIMULATORS {
             let gone = unconverged(&self.kept.remove(0).simulator);
             self.unconverged_before = sum(self.unconverged_before, gone);
         }
-        self.kept.push(Kept { yaml: yaml.to_owned(), workers, simulator: Arc::clone(&simulator) });
-        Ok(simulator)
+        self.kept.push(Kept { yaml: yaml.to_owned(), workers, simulator: Arc::clone(&simulator), fingerprint });
+        Ok((simulator, fingerprint))
     }
 
     /// Steps and equilibria that did not converge, in all requests.
@@ -160,7 +166,7 @@ impl Pool {
 
     fn simulate(&self, request: &SimulateRequest) -> SimulateResponse {
         let answer = || -> Result<SimulateResponse> {
-            let simulator = lock(&self.simulators).get(&request.model_yaml, self.worker_count())?;
+            let (simulator, fingerprint) = lock(&self.simulators).get(&request.model_yaml, self.worker_count())?;
             let before = unconverged(&simulator);
             let batch = convert::simulation_request(request, simulator.model().theta.dimension())?;
             let tracks = simulator.simulate(&batch)?;
@@ -173,9 +179,15 @@ impl Pool {
                 message: String::new(),
                 tracks: tracks.iter().map(wire::track_to_msg).collect(),
                 unconverged_steps: now[0] - before[0],
+                version: VERSION.to_owned(),
+                fingerprint,
             })
         };
-        answer().unwrap_or_else(|e| SimulateResponse { message: format!("{e:#}"), ..SimulateResponse::default() })
+        answer().unwrap_or_else(|e| SimulateResponse {
+            message: format!("{e:#}"),
+            version: VERSION.to_owned(),
+            ..SimulateResponse::default()
+        })
     }
 
     fn open(&self, request: &OpenEnvsRequest) -> OpenEnvsResponse {
@@ -250,8 +262,9 @@ mod tests {
     #[test]
     fn a_change_of_workers_reaches_the_next_batch() {
         let mut simulators = Simulators::default();
-        let one = simulators.get(SOFT_BAR, 1).unwrap();
-        assert!(Arc::ptr_eq(&one, &simulators.get(SOFT_BAR, 1).unwrap()), "the same request builds nothing anew");
-        assert!(!Arc::ptr_eq(&one, &simulators.get(SOFT_BAR, 2).unwrap()));
+        let (one, fingerprint) = simulators.get(SOFT_BAR, 1).unwrap();
+        assert!(Arc::ptr_eq(&one, &simulators.get(SOFT_BAR, 1).unwrap().0), "the same request builds nothing anew");
+        let (two, same) = simulators.get(SOFT_BAR, 2).unwrap();
+        assert!(!Arc::ptr_eq(&one, &two) && same == fingerprint, "bits do not depend on the workers");
     }
 }

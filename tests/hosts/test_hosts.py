@@ -1,0 +1,112 @@
+"""Batches of simulations over several hosts: network namespaces on a bridge with the MTU of Ethernet.
+
+Whatever joins, falls silent or comes back, the posterior is that of one host, to the bit.
+"""
+
+import sys
+import time
+
+import network
+import pytest
+from laboratory import Laboratory, outcome
+
+REASON = network.why_not()
+pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))
+
+LONG = {"iterations": 2, "simulations": 300}
+
+
+@pytest.fixture(scope="module")
+def laboratory(session_of_module):
+    """Three hosts with pools, beside that of the inference."""
+    laboratory = Laboratory(session_of_module, 3)
+    try:
+        for host in (1, 2, 3):
+            laboratory.pool(host)
+        yield laboratory
+    finally:
+        laboratory.close()
+
+
+@pytest.fixture(scope="module")
+def one_host(laboratory):
+    """What a single pool on another host gives: a short inference and a long one."""
+    laboratory.bayes("/host1")
+    before = laboratory.hosts.received(0)
+    short = laboratory.infer()
+    assert short["success"] and short["simulations"] == 200, short["message"]
+    assert laboratory.hosts.received(0) - before > 250 * 17 * 17 * 8, "the tracks did not come over the network"
+    assert laboratory.shares() == {1: (250, 0)}
+    return outcome(short), outcome(laboratory.infer(**LONG))
+
+
+@pytest.mark.parametrize("pools", ["/host1,/host2", "/host*"])
+def test_more_hosts_give_the_bits_of_one_and_share_the_work(laboratory, one_host, pools):
+    laboratory.bayes(pools)
+    assert outcome(laboratory.infer()) == one_host[0]
+    shares = laboratory.shares()
+    assert set(shares) == ({1, 2, 3} if "*" in pools else {1, 2})
+    assert sum(episodes for episodes, _ in shares.values()) == 250
+    assert all(episodes > 250 / 3 / len(shares) for episodes, _ in shares.values()), shares
+
+
+def test_a_host_that_is_cut_off_is_noticed_its_work_done_elsewhere_and_it_may_come_back(laboratory, one_host):
+    laboratory.bayes("/host1,/host2")
+    child = laboratory.ask(**LONG)
+    cut_s = laboratory.cut_at_work(2)
+    try:
+        noticed_s = laboratory.notice(2)
+    finally:
+        laboratory.hosts.mend(2)
+    mended_s = time.time()
+    answer = laboratory.answer(child)
+    assert outcome(answer) == one_host[1]
+    shares = laboratory.shares()
+    assert sum(episodes for episodes, _ in shares.values()) == 650, "an episode was lost or counted twice"
+    assert shares[2][1] > 0, "no episode was done again"
+    assert noticed_s - cut_s < 15
+    assert laboratory.asked(2, after_s=mended_s) > 0, "the host came back and got no work"
+
+
+def test_a_host_that_comes_in_the_middle_gets_work_at_once(laboratory, one_host):
+    laboratory.hosts.cut(3)
+    laboratory.bayes("/host1,/host3")
+    child = laboratory.ask(**LONG)
+    laboratory.session.wait_for(lambda: laboratory.asked(1) >= 4, 30, "work on host 1")
+    laboratory.hosts.mend(3)
+    mended_s = time.time()
+    assert outcome(laboratory.answer(child)) == one_host[1]
+    assert laboratory.asked(3, after_s=mended_s) > 0 and laboratory.shares()[3][0] > 0
+    assert laboratory.asked(2) == 0, "a pool that no pattern names was asked"
+
+
+def test_a_pool_of_another_program_is_left_out_and_said(laboratory, one_host):
+    session = laboratory.session
+    script = session.root / "tests/hosts/other_pool.py"
+    command = (sys.executable, script, session.environment["ROS_DOMAIN_ID"], "/host2/other_pool/simulate", "0.0.0")
+    other = session.start_script(*laboratory.hosts.on(2, *command), name="other_pool")
+    try:
+        laboratory.bayes("/host1,/host2/other_pool")
+        session.wait_for(lambda: outcome(laboratory.infer()) == one_host[0] and 2 in laboratory.shares(), 30, "two pools")
+        assert laboratory.shares()[2][0] == 0
+        (said,) = {text for level, _, text in laboratory.lines() if level == "ERROR"}
+        assert said.startswith("/host2/other_pool/simulate is left out: expected a pool of version ") and '"0.0.0"' in said
+    finally:
+        other.kill()
+
+
+def test_where_no_pool_is_found_the_inference_says_so(laboratory):
+    laboratory.bayes("/nowhere", patience_s=2.0)
+    answer = laboratory.infer()
+    assert not answer["success"]
+    assert "no pool has answered for 2 s, 0 in the graph" in answer["message"]
+
+
+def test_without_multicast_hosts_meet_in_a_tunnel(tmp_path, session, one_host):
+    laboratory = Laboratory(session, 1, multicast=False, tunnel=True)
+    try:
+        laboratory.pool(1)
+        laboratory.bayes()
+        assert outcome(laboratory.infer()) == one_host[0]
+    finally:
+        laboratory.close()
