@@ -6,25 +6,18 @@ use crate::pools::Pools;
 use crate::sequential::Progress;
 use crate::{Settings, convert, infer};
 use anyhow::{Context, Result, bail};
-use catenary_bag::{BagReader, EpisodeTopics, Feed, read_episodes};
-use catenary_core::{EpisodeLog, Model, Policy};
+use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
+use catenary_core::{Model, Policy};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
-use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Mixture, Observation};
+use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
-use catenary_shell::{
-    Concurrency, Decision, GoalHandle, Msg, Node, NodeBuilder, Outcome, ParamSpec, Publisher, Subscription, contract,
-};
+use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
-/// Messages of a topic that may wait for the log.
-const BURST: u16 = 256;
-/// How often the live log drops what nobody needs.
-const TIDY: Duration = Duration::from_secs(5);
 /// How often a goal that waits for an episode looks for it.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -41,25 +34,18 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let spec = ParamSpec::new("How long an inference waits for a pool while none is at work.").unit("s");
     let stall_s = builder.declare_f64("pool_patience_s", 60.0, spec.range(1.0..=86400.0))?;
     let node = builder.build()?;
-    let log = Arc::new(Mutex::new(EpisodeLog::default()));
-    let _listening = listen(&node, &log)?;
-    let (tidied, shutdown) = (Arc::clone(&log), node.shutdown().clone());
-    node.spawn("tidy_log", move || {
-        while !shutdown.wait_timeout(TIDY) {
-            lock(&tidied).forget_old();
-        }
-    })?;
+    let live = Arc::new(LiveEpisodes::listen(&node)?);
     let pools = Arc::new(Pools::new(node.clone(), patterns, stall_s));
     let posteriors = node.publisher::<Mixture>(contract::POSTERIOR.name, contract::POSTERIOR.qos)?;
-    let (shared, asked) = (Arc::clone(&log), Arc::clone(&pools));
+    let (heard, asked) = (Arc::clone(&live), Arc::clone(&pools));
     let _server = node.serve_action::<Infer>(
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &shared, &asked, &posteriors),
+        move |handle| serve(&handle, &heard, &asked, &posteriors),
     )?;
     node.report_diagnostics(move |report| {
-        report.value("log", lock(&log).summary());
+        report.value("log", live.summary());
         let totals = pools.totals();
         report.value("pools", totals.pools).value("simulated_episodes", totals.episodes);
         report.value("redone_episodes", totals.redone).value("unconverged_steps", totals.unconverged_steps);
@@ -67,41 +53,13 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
-    log.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Records what the topics say of episodes.
-fn listen(node: &Node, log: &Arc<Mutex<EpisodeLog>>) -> Result<[Subscription; 5]> {
-    Ok([
-        follow::<Keypoints>(node, log, &contract::KEYPOINTS)?,
-        follow::<PoseStamped>(node, log, &contract::CURRENT_POSE)?,
-        follow::<EefDelta>(node, log, &contract::ACTION)?,
-        follow::<Observation>(node, log, &contract::OBSERVATION)?,
-        follow::<EpisodeEvent>(node, log, &contract::EPISODE_EVENT)?,
-    ])
-}
-
-/// Feeds every message of a topic to the log: all of a burst, as a fast replay brings it, and not the newest alone.
-fn follow<M: Msg + Feed>(node: &Node, log: &Arc<Mutex<EpisodeLog>>, topic: &contract::Topic) -> Result<Subscription> {
-    let log = Arc::clone(log);
-    let qos = if topic.qos.is_transient_local() { topic.qos } else { topic.qos.with_depth(BURST) };
-    Ok(node.subscription::<M>(topic.name, qos, move |received| feed(&mut lock(&log), &*received.message))?)
-}
-
-fn feed<M: Feed>(log: &mut EpisodeLog, message: &M) {
-    if let Err(error) = message.feed(log) {
-        tracing::warn!("{} left out of the log: {error}", M::TYPE_NAME);
-    }
-}
-
 fn serve(
     handle: &GoalHandle<Infer>,
-    log: &Mutex<EpisodeLog>,
+    live: &LiveEpisodes,
     pools: &Pools,
     posteriors: &Publisher<Mixture>,
 ) -> Outcome<InferResult> {
-    match infer_goal(handle, log, pools) {
+    match infer_goal(handle, live, pools) {
         Ok(result) => {
             posteriors.send(result.posterior.clone());
             Outcome::Succeeded(result)
@@ -118,7 +76,7 @@ fn serve(
     }
 }
 
-fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pools: &Pools) -> Result<InferResult> {
+fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) -> Result<InferResult> {
     let goal = handle.goal();
     let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
@@ -129,9 +87,7 @@ fn infer_goal(handle: &GoalHandle<Infer>, log: &Mutex<EpisodeLog>, pools: &Pools
             read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
         }
         InferGoal::SOURCE_LIVE => loop {
-            // Events are told to late joiners: one without poses and keypoints ended before this node listened.
-            let last = lock(log).episode(None).ok();
-            if let Some(episode) = last.filter(|e| !(e.poses.is_empty() && e.keypoints.is_empty())) {
+            if let Ok(episode) = live.last() {
                 break episode;
             }
             if handle.wait_cancelled(LOOK) {
