@@ -139,7 +139,8 @@ impl Graph {
         theirs.filter_map(|w| publisher(w.publication_topic_data)).collect()
     }
 
-    /// As [`Graph::wait_matched`] for a server, which is looked for anew only where it was not there before, or has left.
+    /// As [`Graph::wait_matched`] for a server, which is looked for anew only where it was not there before, has left, or was
+    /// started anew: of a new one, discovery may have told a part only.
     /// Returns who answers, as far as known; none: nobody.
     pub(crate) fn wait_server(
         &self,
@@ -149,10 +150,13 @@ impl Graph {
         matched: &dyn Fn(&ros2_client::Node) -> bool,
     ) -> Option<BTreeSet<GUID>> {
         if let Some(met) = &mut *server.met() {
+            let mut is_same = true;
             if met.looked.elapsed() > KNOWN {
-                *met = self.meet(server);
+                let now = self.meet(server);
+                is_same = now.answering.is_subset(&met.answering);
+                *met = now;
             }
-            if !met.answering.is_empty() {
+            if is_same && !met.answering.is_empty() {
                 return Some(met.answering.clone());
             }
         }
@@ -185,14 +189,16 @@ impl Graph {
         found.filter(|writer| writer.publication_topic_data.topic_name == dds_topic).collect()
     }
 
-    /// The names of all services of a type, each as often as it is served. RustDDS tells them from the readers of their requests.
+    /// The names of all services of a type, each as often as it is served. RustDDS tells them from the readers of their
+    /// requests; whether a server lives, its writer of answers tells.
     pub(crate) fn services(&self, request_type: &str) -> Vec<String> {
         let readers = self.participant().discovered_readers().into_iter().map(|reader| reader.subscription_topic_data);
         let requests = readers.filter(|data| data.type_name() == request_type);
         let name = |data: rustdds::discovery::SubscriptionBuiltinTopicData| {
             Some(data.topic_name().strip_prefix("rq")?.strip_suffix("Request")?.to_owned())
         };
-        requests.filter_map(name).collect()
+        let names: BTreeSet<String> = requests.filter_map(name).collect();
+        names.into_iter().flat_map(|name| vec![name.clone(); self.answering(&Server::new(&name)).len()]).collect()
     }
 
     /// Waits until `matched` holds, looking again at every change of the graph.

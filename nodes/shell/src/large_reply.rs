@@ -3,7 +3,7 @@
 //! RustDDS 0.15.1 puts a stray byte before the inline QoS of every fragment that it sends, and a service's reply names its
 //! request in the inline QoS: a reply that does not fit into one datagram comes out garbled. A message on a topic has no
 //! inline QoS. So a large answer goes out as a `catenary_msgs/msg/Reply`, which names its request itself, where the client
-//! listens there. Other clients, and small answers, go by the service as ever.
+//! listens there. Other clients, and small answers, go by the service as ever. Actions tell their results by a service, too.
 
 use crate::error::ShellError;
 use crate::first_contact::FirstContact;

@@ -243,7 +243,7 @@ impl Node {
     }
 
     /// The absolute names of all services of a type in the graph, and how many nodes serve each: one, where all is well. A
-    /// node that went away without a word is in it up to the end of its lease of 50 s.
+    /// node that went away without a word is in it up to the end of its lease of 10 s.
     ///
     /// # Errors
     /// [`ShellError::TypeName`].

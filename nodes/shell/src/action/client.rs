@@ -1,9 +1,11 @@
 //! Action clients.
 
+use super::server::result_service;
 use super::{STATUS_QOS, Status};
 use crate::error::{CallError, ShellError};
 use crate::graph::{Graph, Server};
 use crate::interface::{Act, action_type};
+use crate::large_reply::ReplyReader;
 use crate::node::Node;
 use crate::service::{SERVICE_QOS, ros_name};
 use crate::shutdown::Shutdown;
@@ -28,6 +30,7 @@ type RosClient<A> = ros2_client::ActionClient<
 struct Inner<A: Act> {
     // Before the graph, so that readers and writers go first.
     client: RosClient<A>,
+    large: ReplyReader,
     name: String,
     server: Server,
     busy: AtomicBool,
@@ -66,8 +69,10 @@ impl Node {
             .ros()
             .create_action_client(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
             .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
+        let large = ReplyReader::new(self.graph(), &result_service(&name))?;
         let inner = Inner {
             client,
+            large,
             server: Server::new(&format!("{name}/_action/send_goal")),
             name,
             busy: AtomicBool::new(false),
@@ -219,8 +224,11 @@ impl<A: Act> RunningGoal<A> {
     pub fn wait(&self, timeout: Duration) -> Result<(Status, A::Result), CallError> {
         let inner = &self.release.0;
         let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
-        let answer = inner.client.result_client().async_receive_response(self.request);
-        let response = inner.answer(answer, timeout)?;
+        let small = async {
+            let answer = inner.client.result_client().async_receive_response(self.request).await;
+            answer.map_err(|error| error.to_string())
+        };
+        let response = inner.answer(smol::future::or(small, inner.large.receive(self.request)), timeout)?;
         let status = match response.status {
             GoalStatusEnum::Succeeded => Status::Succeeded,
             GoalStatusEnum::Canceled => Status::Canceled,

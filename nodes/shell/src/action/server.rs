@@ -8,6 +8,7 @@ use crate::error::ShellError;
 use crate::first_contact::FirstContact;
 use crate::graph::Graph;
 use crate::interface::{Act, action_type};
+use crate::large_reply::ReplyWriter;
 use crate::node::Node;
 use crate::service::{SERVICE_QOS, ros_name};
 use crate::shutdown::{Shutdown, Wake};
@@ -91,6 +92,7 @@ impl Node {
             .ros()
             .create_action_server(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
             .map_err(|error| fail(&error))?;
+        let large = ReplyWriter::new(self.graph(), &result_service(&name))?;
         let poll = Poll::new().map_err(|error| fail(&error))?;
         register(&poll, server.goal_server(), Token(0)).map_err(|error| fail(&error))?;
         register(&poll, server.cancel_server(), Token(1)).map_err(|error| fail(&error))?;
@@ -104,7 +106,8 @@ impl Node {
         let driver = Driver::<A> {
             server,
             name: name.clone(),
-            contacts: Contacts::new(self.graph(), &name),
+            contacts: Contacts::new(self.graph(), &name, &large),
+            large,
             goals: Goals::new(),
             ended: None,
             ids: BTreeMap::new(),
@@ -130,23 +133,35 @@ fn register(poll: &Poll, source: &mut dyn Source, token: Token) -> std::io::Resu
     source.register(poll.registry(), token, Interest::READABLE)
 }
 
-/// The clients of the three services of an action.
+/// The service by which an action tells its results.
+pub(super) fn result_service(action: &str) -> String {
+    format!("{action}/_action/get_result")
+}
+
+/// The clients of the three services of an action, and of its topic for large results.
 struct Contacts {
     send_goal: FirstContact,
     cancel_goal: FirstContact,
     get_result: FirstContact,
+    large_result: FirstContact,
 }
 
 impl Contacts {
-    fn new(graph: &Arc<Graph>, action: &str) -> Self {
-        let contact = |service: &str| FirstContact::of_service(graph, &format!("{action}/_action/{service}"));
-        Self { send_goal: contact("send_goal"), cancel_goal: contact("cancel_goal"), get_result: contact("get_result") }
+    fn new(graph: &Arc<Graph>, action: &str, large: &ReplyWriter) -> Self {
+        let contact = |service: &str| FirstContact::of_service(graph, service);
+        Self {
+            send_goal: contact(&format!("{action}/_action/send_goal")),
+            cancel_goal: contact(&format!("{action}/_action/cancel_goal")),
+            get_result: contact(&result_service(action)),
+            large_result: large.contact(graph),
+        }
     }
 }
 
 struct Driver<A: Act> {
     // Before the graph, so that readers and writers go first.
     server: RosServer<A>,
+    large: ReplyWriter,
     name: String,
     contacts: Contacts,
     goals: Goals<A::Result, RmwRequestId>,
@@ -338,8 +353,13 @@ impl<A: Act> Driver<A> {
         self.ids.retain(|id, _| goals.contains(id));
     }
 
-    fn send_result(&self, request: RmwRequestId, status: GoalStatusEnum, result: A::Result) {
-        self.report(self.server.send_result(request, GetResultResponse { status, result }));
+    fn send_result(&mut self, request: RmwRequestId, status: GoalStatusEnum, result: A::Result) {
+        let response = GetResultResponse { status, result };
+        if self.large.send(&request, &response, &mut self.contacts.large_result) {
+            self.graph.touch();
+        } else {
+            self.report(self.server.send_result(request, response));
+        }
     }
 
     fn info(&self, id: &Id) -> Option<GoalInfo> {
