@@ -9,6 +9,8 @@ from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import EefDelta, Keypoints
 from policy import policy_file
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rosbags.highlevel import AnyReader
 
 
@@ -64,20 +66,41 @@ def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
     assert session.pid_of("policy_runner"), "the launch did not start it again"
 
 
-def test_an_inference_ends_soon_after_its_pool_dies(session):
+def infers(session, client, simulations):
+    """The goal of an inference that takes some seconds, and its result to come."""
+    model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(session.root / "bags/swing"), model_yaml=model, iterations=2)
+    goal.simulations, goal.seed = simulations, 6
+    handle = session.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
+    return handle.get_result_async()
+
+
+def test_an_inference_goes_on_with_the_pool_that_is_started_anew(session):
     session.launch()
     client = ActionClient(session.ros.node, Infer, "/bayes_sim/infer")
     session.ros.wait_for(client.server_is_ready, 20, "the inference server")
-    model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
-    bag = str(session.root / "bags/swing")
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=bag, model_yaml=model, iterations=2, simulations=20_000)
-    handle = session.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
-    result = handle.get_result_async()
-    assert not session.ros.holds_within(result.done, 3), "it was over before the pool died"
+    whole = session.ros.result(infers(session, client, 600), 120, "the whole inference").result
+    cut = infers(session, client, 600)
+    assert not session.ros.holds_within(cut.done, 1.5), "it was over before the pool died"
     os.kill(session.pid_of("simulator_pool"), signal.SIGKILL)
-    answer = session.ros.result(result, 25, "the end of the inference")
+    answer = session.ros.result(cut, 120, "the inference whose pool died")
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED and answer.result.simulations == 1200
+    assert answer.result.posterior == whole.posterior
+
+
+def test_an_inference_without_a_pool_ends_when_its_patience_does(session):
+    session.launch("respawn:=false")
+    client = ActionClient(session.ros.node, Infer, "/bayes_sim/infer")
+    session.ros.wait_for(client.server_is_ready, 20, "the inference server")
+    parameters = AsyncParameterClient(session.ros.node, "bayes_sim")
+    session.ros.wait_for(parameters.services_are_ready, 20, "the parameter services")
+    session.ros.result(parameters.set_parameters([Parameter("pool_patience_s", value=3.0)]), 20, "an answer")
+    result = infers(session, client, 20_000)
+    assert not session.ros.holds_within(result.done, 2), "it was over before the pool died"
+    os.kill(session.pid_of("simulator_pool"), signal.SIGKILL)
+    answer = session.ros.result(result, 40, "the end of the inference")
     assert answer.status == GoalStatus.STATUS_ABORTED
-    assert "/simulator_pool/simulate: its server went away without an answer" in answer.result.message
+    assert "no pool has been at work for 3 s" in answer.result.message
 
 
 def test_a_launch_says_what_it_runs_without_and_does_not_start_it_again(session):

@@ -65,7 +65,12 @@ def test_a_host_that_is_cut_off_is_noticed_its_work_done_elsewhere_and_it_may_co
     assert sum(episodes for episodes, _ in shares.values()) == 650, "an episode was lost or counted twice"
     assert shares[2][1] > 0, "no episode was done again"
     assert noticed_s - cut_s < 15
-    assert laboratory.asked(2, after_s=mended_s) > 0, "the host came back and got no work"
+    # A fast machine may be done with this batch before the pause of a pool that was silent is over.
+    for _ in range(5):
+        if laboratory.asked(2, after_s=mended_s) > 0:
+            return
+        assert outcome(laboratory.infer()) == one_host[0]
+    raise AssertionError("the host came back and got no work")
 
 
 def test_a_host_that_comes_in_the_middle_gets_work_at_once(laboratory, one_host):
@@ -99,7 +104,7 @@ def test_where_no_pool_is_found_the_inference_says_so(laboratory):
     laboratory.bayes("/nowhere", patience_s=2.0)
     answer = laboratory.infer()
     assert not answer["success"]
-    assert "no pool has answered for 2 s, 0 in the graph" in answer["message"]
+    assert "no pool has been at work for 2 s, 0 in the graph" in answer["message"]
 
 
 def test_without_multicast_hosts_meet_in_a_tunnel(tmp_path, session, one_host):

@@ -332,17 +332,20 @@ impl Dispatch {
         late.chain(back).map(|at_s| (at_s - now_s).max(0.0)).fold(self.limits.stall_s, f64::min)
     }
 
-    /// Why the batch cannot go on; none while it can.
-    pub fn stalled(&self, now_s: f64) -> Option<String> {
-        let is_at_work = self.calls.values().any(|call| !call.is_lost);
-        if self.is_done() || is_at_work || now_s - self.last_sign_s < self.limits.stall_s {
+    /// Why the batch cannot go on; none while it can, or a pool has been at work within the patience.
+    pub fn stalled(&mut self, now_s: f64) -> Option<String> {
+        if self.calls.values().any(|call| !call.is_lost) {
+            self.last_sign_s = now_s;
+        }
+        if self.is_done() || now_s - self.last_sign_s < self.limits.stall_s {
             return None;
         }
         let refused = self.pools.iter().filter(|(_, pool)| pool.is_there);
         let refused: Vec<String> =
             refused.filter_map(|(name, pool)| Some(format!("{name}: {}", pool.refused.as_ref()?))).collect();
         let there = self.pools.values().filter(|pool| pool.is_there).count();
-        let mut message = format!("no pool has answered for {:.0} s, {there} in the graph", now_s - self.last_sign_s);
+        let mut message =
+            format!("no pool has been at work for {:.0} s, {there} in the graph", now_s - self.last_sign_s);
         for reason in refused.iter().chain(&self.failure) {
             message += "; ";
             message += reason;

@@ -109,6 +109,8 @@ fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) ->
     tracing::info!("{}", simulator.summary());
     match result {
         Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
+        // Pools that are asked end at a cancel, too.
+        Err(InferenceError::Simulator(_)) if handle.is_cancelled() => bail!("cancelled"),
         other => Ok(convert::result(&other?)),
     }
 }

@@ -9,7 +9,7 @@ use catenary_core::{SimulationRequest, Simulator, SimulatorError, Track};
 use catenary_msgs::srv::{Simulate, SimulateResponse};
 use catenary_shell::convert as wire;
 use catenary_shell::{CallError, Client, Node, Param, Shutdown};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -26,6 +26,8 @@ const DEFAULT_FRAMES: usize = 17;
 const LOOK: Duration = Duration::from_millis(100);
 /// Longest wait for one answer. That for a part is shorter, and [`Dispatch`]'s.
 const CALL: Duration = Duration::from_secs(3600);
+/// How long a pool that died may count beside the one that was started in its place, s: somewhat more than its lease.
+const SUCCESSION_S: f64 = 15.0;
 /// Whose answers are taken: pools of another version may mean something else.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -72,7 +74,7 @@ impl Pools {
     /// A simulator of one model, for as long as `is_cancelled` does not hold.
     pub fn simulator<'a>(&'a self, model_yaml: &'a str, is_cancelled: &'a dyn Fn() -> bool) -> PoolsSimulator<'a> {
         let dispatch = Dispatch::new(Limits::of_parts(1));
-        let state = State { dispatch, meaning: None, doubles: BTreeSet::new() };
+        let state = State { dispatch, meaning: None, doubles: BTreeMap::new() };
         PoolsSimulator { pools: self, model_yaml, is_cancelled, start: Instant::now(), state: Mutex::new(state) }
     }
 
@@ -80,7 +82,8 @@ impl Pools {
     fn present(&self) -> Result<BTreeMap<String, usize>, SimulatorError> {
         let mut found = self.node.services_of_type::<Simulate>().map_err(|e| backend(&e))?;
         let patterns = self.patterns.get();
-        found.retain(|name, _| patterns.split(',').any(|pattern| fits(pattern.trim(), name)));
+        let trimmed = |pattern: &'_ str| pattern.trim().trim_end_matches('/').to_owned();
+        found.retain(|name, _| patterns.split(',').any(|pattern| fits(&trimmed(pattern), name)));
         lock(&self.totals).pools = found.len();
         Ok(found)
     }
@@ -89,9 +92,10 @@ impl Pools {
 /// Whether a name fits a pattern, in which `*` stands for anything. A pattern without it may also name the namespace or node.
 fn fits(pattern: &str, name: &str) -> bool {
     match pattern.split_once('*') {
+        None if pattern.is_empty() => false,
         None => name == pattern || (name.starts_with(pattern) && name[pattern.len()..].starts_with('/')),
         Some((head, rest)) => match name.strip_prefix(head) {
-            Some(tail) if rest.is_empty() => tail.is_ascii(),
+            Some(_) if rest.is_empty() => true,
             Some(tail) => (0..=tail.len()).any(|at| tail.get(at..).is_some_and(|tail| fits_to_the_end(rest, tail))),
             None => false,
         },
@@ -102,6 +106,11 @@ fn fits_to_the_end(pattern: &str, name: &str) -> bool {
     if pattern.contains('*') { fits(pattern, name) } else { name == pattern }
 }
 
+/// Episodes that pools were asked for and others did.
+fn lost(dispatch: &Dispatch) -> usize {
+    dispatch.tallies().map(|(_, tally)| tally.lost).sum()
+}
+
 fn backend(error: &dyn std::fmt::Display) -> SimulatorError {
     SimulatorError::Backend(error.to_string())
 }
@@ -110,8 +119,14 @@ struct State {
     dispatch: Dispatch,
     /// What the first pool made of the model, and its name.
     meaning: Option<(u64, String)>,
-    /// Services that were found to be served by several nodes.
-    doubles: BTreeSet<String>,
+    /// Services that are served by several nodes.
+    doubles: BTreeMap<String, Double>,
+}
+
+/// A service that several nodes serve.
+struct Double {
+    since_s: f64,
+    is_told: bool,
 }
 
 /// All pools as one simulator of one model.
@@ -143,6 +158,7 @@ impl Simulator for PoolsSimulator<'_> {
         let limits =
             Limits { stall_s: self.pools.stall_s.get(), ..Limits::of_parts(REPLY_BYTES / (frames * FRAME_BYTES)) };
         let (mut state, begun_s) = (lock(&self.state), self.now_s());
+        let lost_before = lost(&state.dispatch);
         state.dispatch.begin(request.thetas.len(), limits, begun_s);
         let (sender, receiver) = channel();
         let tracks = std::thread::scope(|scope| {
@@ -156,7 +172,10 @@ impl Simulator for PoolsSimulator<'_> {
             outcome.map(|()| batch.tracks)
         })?;
         let tracks: Vec<Track> = tracks.into_iter().flatten().collect();
-        lock(&self.pools.totals).episodes += tracks.len();
+        let mut totals = lock(&self.pools.totals);
+        totals.episodes += tracks.len();
+        totals.redone += lost(&state.dispatch) - lost_before;
+        drop(totals);
         tracing::debug!("{} episodes in {:.3} s", tracks.len(), self.now_s() - begun_s);
         Ok(tracks)
     }
@@ -215,8 +234,12 @@ impl<'scope, 'a> Batch<'scope, 'a> {
     fn look(&mut self, state: &mut State) -> Result<(), SimulatorError> {
         let pools = self.simulator.pools;
         let present = pools.present()?;
+        let now_s = self.simulator.now_s();
+        state.doubles.retain(|name, _| present.get(name).is_some_and(|nodes| *nodes > 1));
         for (name, _) in present.iter().filter(|(_, nodes)| **nodes > 1) {
-            if state.doubles.insert(name.clone()) {
+            let double = state.doubles.entry(name.clone()).or_insert(Double { since_s: now_s, is_told: false });
+            if !double.is_told && now_s - double.since_s > SUCCESSION_S {
+                double.is_told = true;
                 tracing::warn!(
                     "{name}: several pools have this name and do the same work: give each a namespace of its own"
                 );
@@ -250,11 +273,9 @@ impl<'scope, 'a> Batch<'scope, 'a> {
                 Event::Joined { pool } => tracing::info!("{pool} is there"),
                 Event::Left { pool, episodes: None } => tracing::info!("{pool} has left"),
                 Event::Left { pool, episodes: Some(episodes) } => {
-                    self.redone(episodes);
                     tracing::warn!("{pool} has left: its {} episodes are done by others", episodes.len());
                 }
                 Event::Silent { pool, episodes, waited_s } => {
-                    self.redone(episodes);
                     tracing::warn!(
                         "{pool}: no answer after {waited_s:.1} s: its {} episodes are done by others",
                         episodes.len()
@@ -262,10 +283,6 @@ impl<'scope, 'a> Batch<'scope, 'a> {
                 }
             }
         }
-    }
-
-    fn redone(&self, episodes: &Range<usize>) {
-        lock(&self.simulator.pools.totals).redone += episodes.len();
     }
 
     /// Asks a pool for a part, on a thread of its own; what it was asked before need not be answered any more.

@@ -129,7 +129,7 @@ fn a_refused_pool_gets_nothing_more_and_the_end_says_why() {
     dispatch.refused(part.call, "it is version 0.0.9");
     assert_eq!((dispatch.next(50.0), dispatch.stalled(59.0)), (None, None));
     let said = dispatch.stalled(60.0).unwrap();
-    assert_eq!(said, "no pool has answered for 60 s, 1 in the graph; /a: it is version 0.0.9");
+    assert_eq!(said, "no pool has been at work for 60 s, 1 in the graph; /a: it is version 0.0.9");
     // Once it has been away, it may be another one.
     dispatch.set_pools(&names(&[]));
     dispatch.set_pools(&names(&["/a"]));
@@ -140,12 +140,13 @@ fn a_refused_pool_gets_nothing_more_and_the_end_says_why() {
 fn the_wait_for_a_pool_ends_and_one_that_is_at_work_is_waited_for() {
     let mut dispatch = begun(4, &[]);
     assert_eq!(dispatch.stalled(59.9), None);
-    assert_eq!(dispatch.stalled(60.0).unwrap(), "no pool has answered for 60 s, 0 in the graph");
+    assert_eq!(dispatch.stalled(60.0).unwrap(), "no pool has been at work for 60 s, 0 in the graph");
     dispatch.set_pools(&names(&["/a"]));
     let part = dispatch.next(61.0).unwrap();
     assert_eq!(dispatch.stalled(70.0), None, "it is at work");
     dispatch.failed(part.call, "/a: garbled", 71.0);
-    assert!(dispatch.stalled(71.0).unwrap().ends_with("1 in the graph; /a: garbled"));
+    assert_eq!(dispatch.stalled(129.0), None, "it was at work at 70 s");
+    assert!(dispatch.stalled(130.0).unwrap().ends_with("1 in the graph; /a: garbled"));
 }
 
 /// What happens next in a random run.
