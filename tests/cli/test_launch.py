@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import pty
+import shutil
 import signal
 import subprocess
 import time
@@ -193,3 +194,37 @@ def test_on_a_terminal_the_table_is_printed_at_each_change(tmp_path):
 def test_where_there_was_no_launch_the_status_says_so(tmp_path):
     done = subprocess.run([PROGRAM, "status", "--log", tmp_path], capture_output=True, text=True)
     assert done.returncode == 1 and done.stdout == "" and f"no launch has its logs in {tmp_path}" in done.stderr
+
+
+def test_where_neither_table_nor_log_can_be_written_processes_go_on_and_are_started_again(launch):
+    graph = launch(script("a", "exec sleep 60", 'respawn="true" respawn_delay="0.1"'), script("b", "exec sleep 60"))
+    rows = graph.wait_for(running("a", "b"), "both to run")
+    shutil.rmtree(graph.folder / "log")
+    os.kill(rows["a"]["pid"], signal.SIGKILL)
+    deadline = time.monotonic() + 10
+    while "no log in" not in graph.err():
+        assert time.monotonic() < deadline, graph.err()
+        time.sleep(0.05)
+    assert "cannot be told what runs" in graph.err() and lives(rows["b"]["pid"]) and graph.process.poll() is None
+    code, table = graph.end()
+    assert code == 0 and {row["name"]: row["restarts"] for row in table["processes"]} == {"a": 1, "b": 0}
+    assert not lives(rows["b"]["pid"])
+
+
+def test_a_folder_that_is_not_there_is_named(launch):
+    graph = launch("""<executable name="a" cmd="sleep 1" cwd="/not/there"/>""")
+    assert graph.process.wait(10) == 1
+    assert "cannot start a: cwd: expected a folder, got /not/there" in graph.err()
+
+
+def test_the_status_of_a_killed_launch_says_who_lives(launch):
+    graph = launch(script("a", "exec sleep 60"))
+    pid = graph.wait_for(running("a"), "a to run")["a"]["pid"]
+    graph.process.kill()
+    graph.process.wait(10)
+    try:
+        assert "was killed, and a may run on" in graph.status().stdout
+    finally:
+        os.kill(pid, signal.SIGKILL)
+    graph.wait_for(lambda _: not lives(pid), "the end of a")
+    assert "was killed, and its processes with it" in graph.status().stdout

@@ -50,7 +50,7 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
 fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> Result<Vec<String>> {
     let mut failed = Vec::new();
     let mut last = None;
-    board.show(&supervisor)?;
+    board.show(&supervisor);
     while !shutdown.is_triggered() && last.is_none() && !supervisor.is_done() {
         for event in supervisor.poll()? {
             tracing::warn!("{}", event.describe());
@@ -64,14 +64,14 @@ fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> 
                 }
             }
         }
-        board.show(&supervisor)?;
+        board.show(&supervisor);
         std::thread::sleep(WATCH);
     }
     if let Some(last) = last {
         tracing::warn!("{last} has ended, and the launch ends with it");
     }
     supervisor.shut_down();
-    board.close(&supervisor)?;
+    board.close(&supervisor);
     Ok(failed)
 }
 
@@ -79,34 +79,43 @@ fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> 
 struct Board {
     table: Table,
     on_terminal: bool,
+    /// Whether the last writing failed.
+    is_lost: bool,
 }
 
 impl Board {
     fn new(file: &Path, log: &Path) -> Self {
-        Self { table: Table::new(file, log), on_terminal: std::io::stderr().is_terminal() }
+        Self { table: Table::new(file, log), on_terminal: std::io::stderr().is_terminal(), is_lost: false }
     }
 
     /// Writes the table where it has changed, and prints it on a terminal.
-    fn show(&mut self, supervisor: &Supervisor) -> Result<()> {
+    fn show(&mut self, supervisor: &Supervisor) {
         let rows = supervisor.rows();
         if rows == self.table.processes {
-            return Ok(());
+            return;
         }
         self.table.processes = rows;
-        self.table.write()?;
+        self.write();
         if self.on_terminal {
             self.print();
         }
-        Ok(())
+    }
+
+    /// Writes the table. A full disk is no reason to end what runs: it is said once.
+    fn write(&mut self) {
+        let written = self.table.write();
+        if let (false, Err(error)) = (self.is_lost, &written) {
+            tracing::warn!("`catenary status` cannot be told what runs: {error:#}");
+        }
+        self.is_lost = written.is_err();
     }
 
     /// Writes and prints the table of a launch that is over.
-    fn close(&mut self, supervisor: &Supervisor) -> Result<()> {
+    fn close(&mut self, supervisor: &Supervisor) {
         self.table.processes = supervisor.rows();
         self.table.ended_s = Some(unix_s(SystemTime::now()));
-        self.table.write()?;
+        self.write();
         self.print();
-        Ok(())
     }
 
     fn print(&self) {

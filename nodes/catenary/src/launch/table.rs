@@ -105,6 +105,12 @@ impl Table {
         serde_json::from_str(&text).with_context(|| format!("{}: no table of a launch", path.display()))
     }
 
+    /// Processes of a launch that was killed, as far as somebody has their numbers and began after it.
+    fn survivors(&self) -> Vec<&str> {
+        let lives = |row: &&Row| row.pid.and_then(began_ticks).is_some_and(|ticks| ticks >= self.began_ticks);
+        self.processes.iter().filter(lives).map(|row| row.name.as_str()).collect()
+    }
+
     /// Whether the launch itself still runs.
     pub fn is_running(&self) -> bool {
         self.ended_s.is_none() && began_ticks(self.pid) == Some(self.began_ticks)
@@ -116,7 +122,10 @@ impl Table {
         let launch = match self.ended_s {
             Some(ended) => format!("ended after {}", duration(ended - self.since_s)),
             None if self.is_running() => format!("process {}, for {}", self.pid, until_now(self.since_s)),
-            None => "was killed, and its processes with it".to_owned(),
+            None => match self.survivors().as_slice() {
+                [] => "was killed, and its processes with it".to_owned(),
+                names => format!("was killed, and {} may run on", names.join(", ")),
+            },
         };
         let title = ["name", "pid", "state", "for", "restarts", "last exit", "log"].map(str::to_owned);
         let rows = self.processes.iter().map(|row| {
@@ -165,10 +174,12 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// When a process began, in the kernel's ticks since the machine did; none: there is no such process.
+/// When a process began, in the kernel's ticks since the machine did; none: there is no such process, or it has ended and
+/// nobody took note.
 fn began_ticks(pid: u32) -> Option<u64> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    text.rsplit_once(") ")?.1.split(' ').nth(19)?.parse().ok()
+    let mut fields = text.rsplit_once(") ")?.1.split(' ');
+    if fields.next()? == "Z" { None } else { fields.nth(18)?.parse().ok() }
 }
 
 #[cfg(test)]

@@ -76,19 +76,34 @@ impl Watched {
             command.current_dir(directory);
         }
         let started = command.spawn();
-        let mut child =
-            started.with_context(|| format!("cannot start {}: {}", self.process.name, program.display()))?;
+        let nowhere = self.process.directory.as_ref().filter(|directory| !directory.is_dir());
+        let mut child = started.with_context(|| match nowhere {
+            Some(directory) => {
+                format!("cannot start {}: cwd: expected a folder, got {}", self.process.name, directory.display())
+            }
+            None => format!("cannot start {}: {}", self.process.name, program.display()),
+        })?;
         let shown = self.process.shown;
         let streams = [(child.stdout.take().map(boxed), shown.stdout), (child.stderr.take().map(boxed), shown.stderr)];
         self.child = Some(child);
         self.set(State::Running);
         for (stream, shown) in streams.into_iter().filter_map(|(stream, shown)| Some((stream?, shown))) {
-            let log = File::options().create(true).append(true).open(&self.log);
-            let log = log.with_context(|| format!("log {}", self.log.display()))?;
+            let log = self.open_log();
             let prefix = (echo && shown).then(|| self.process.name.clone());
             self.copies.push(std::thread::spawn(move || copy_lines(stream, log, prefix)));
         }
         Ok(())
+    }
+
+    /// The end of the log; where it cannot be opened, nothing: the process runs all the same.
+    fn open_log(&self) -> Box<dyn Write + Send> {
+        match File::options().create(true).append(true).open(&self.log) {
+            Ok(file) => Box::new(file),
+            Err(error) => {
+                tracing::warn!("{}: no log in {}: {error}", self.process.name, self.log.display());
+                Box::new(std::io::sink())
+            }
+        }
     }
 
     /// Notes a state.
@@ -157,7 +172,7 @@ fn boxed<R: Read + Send + 'static>(stream: R) -> Box<dyn Read + Send> {
 }
 
 /// Copies lines to the log, and to stderr behind a prefix.
-fn copy_lines(stream: Box<dyn Read + Send>, mut log: File, prefix: Option<String>) {
+fn copy_lines(stream: Box<dyn Read + Send>, mut log: Box<dyn Write + Send>, prefix: Option<String>) {
     for line in BufReader::new(stream).split(b'\n').map_while(|line| line.ok()) {
         let line = String::from_utf8_lossy(&line);
         // A log that cannot be written must not stop the node from being read: it would block on a full pipe.
