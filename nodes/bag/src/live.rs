@@ -43,8 +43,8 @@ impl LiveEpisodes {
         Ok(Self { log, _subscriptions: subscriptions })
     }
 
-    /// The last complete episode of which anything was seen. Events are told to late joiners: one without poses and keypoints
-    /// ended before this listened.
+    /// The last complete episode, where anything of it was seen. Events are told to late joiners: one without poses and
+    /// keypoints ended before this listened.
     ///
     /// # Errors
     /// [`EpisodeError::NoEpisode`] where there is none.

@@ -28,27 +28,39 @@ impl Candidate {
         model.theta.index_of(name).is_none() && model.effects.iter().all(|e| e.name != name)
     }
 
-    /// The values among which a fit looks for the effect's magnitude: from the base on, beyond the prior on both sides.
-    pub fn search(&self) -> Prior {
-        let (low, high) = self.prior.bounds();
-        let from = if low < 0.0 { self.base + ROOM * low } else { self.base };
-        Prior::Uniform { low: from.max(self.range[0]), high: (self.base + ROOM * high).min(self.range[1]) }
+    /// The signs that a change of the magnitude may have, where the prior has one sign only: an effect that the model has
+    /// fixed may be too large in it as well as too small.
+    pub fn signs(&self) -> &'static [f64] {
+        if self.prior.bounds().0 >= 0.0 && self.base > self.range[0] { &[1.0, -1.0] } else { &[1.0] }
     }
 
-    /// Density of the prior at the value `value`, per unit of it.
+    /// The values among which a fit looks for the effect's magnitude: on all sides of the base that it may be changed to,
+    /// beyond the prior.
+    pub fn search(&self) -> Prior {
+        let (low, high) = self.prior.bounds();
+        let down = if self.signs().len() > 1 { -high } else { low.min(0.0) };
+        let (from, to) = (self.base + ROOM * down, self.base + ROOM * high);
+        Prior::Uniform { low: from.max(self.range[0]), high: to.min(self.range[1]) }
+    }
+
+    /// Density of the prior at the value `value`, per unit of it; each sign of a change is as likely.
     pub fn density(&self, value: f64) -> f64 {
-        let magnitude = value - self.base;
+        let change = value - self.base;
+        let signs = self.signs().len() as f64;
+        let magnitude = if signs > 1.0 { change.abs() } else { change };
         let (low, high) = self.prior.bounds();
         match self.prior {
             _ if !(low..=high).contains(&magnitude) => 0.0,
-            Prior::Uniform { .. } => 1.0 / (high - low),
-            Prior::LogUniform { .. } => 1.0 / (magnitude * (high / low).ln()),
+            Prior::Uniform { .. } => 1.0 / (signs * (high - low)),
+            Prior::LogUniform { .. } => 1.0 / (signs * magnitude * (high / low).ln()),
         }
     }
 
     /// Values at which a fit starts: quantiles of the prior.
     pub fn starts(&self) -> Vec<f64> {
-        [0.15, 0.85].map(|u| self.base + self.prior.from_unit(u)).to_vec()
+        let [least, greatest] = self.range;
+        let at = |sign: &f64| [0.15, 0.85].map(|u| (self.base + sign * self.prior.from_unit(u)).clamp(least, greatest));
+        self.signs().iter().flat_map(at).collect()
     }
 }
 
@@ -73,13 +85,17 @@ mod tests {
 
     #[test]
     fn the_density_of_a_prior_integrates_to_one() {
-        let wide = Candidate { prior: Prior::Uniform { low: -0.1, high: 0.3 }, base: 1.0, ..drag() };
-        for candidate in [drag(), wide] {
+        let wide =
+            Candidate { prior: Prior::Uniform { low: -0.1, high: 0.3 }, base: 1.0, range: [-9.0, 9.0], ..drag() };
+        let fixed = Candidate { base: 0.5, ..drag() };
+        assert_eq!((fixed.signs().len(), fixed.starts().len()), (2, 4));
+        for candidate in [drag(), wide, fixed] {
             let (low, high) = candidate.prior.bounds();
-            let n = 200_000;
+            let low = if candidate.signs().len() > 1 { -high } else { low };
+            let n = 400_000;
             let h = (high - low) / f64::from(n);
             let sum: f64 = (0..n).map(|i| candidate.density(candidate.base + low + h * (f64::from(i) + 0.5)) * h).sum();
-            assert!((sum - 1.0).abs() < 1e-4, "{sum}");
+            assert!((sum - 1.0).abs() < 5e-4, "{sum}");
         }
     }
 }

@@ -65,13 +65,18 @@ impl Case {
     /// policy took.
     ///
     /// # Errors
-    /// [`FinderError::Drive`] where actions are needed and there are none.
+    /// [`FinderError::Drive`] where actions are needed and there are none, [`FinderError::Noise`] where the model's camera
+    /// has no noise to measure a disagreement by.
     pub fn new(
         model: &Model,
         measured: &MeasuredTrack,
         episode: usize,
         settings: &Settings,
     ) -> Result<Self, FinderError> {
+        let noise_px = model.camera.keypoint_noise_px;
+        if !(noise_px > 0.0 && noise_px.is_finite()) {
+            return Err(FinderError::Noise { got: noise_px });
+        }
         let kind = model.observation.drive;
         let is_path = kind == DriveKind::Grip;
         let drive = match kind {
@@ -95,7 +100,7 @@ impl Case {
         Ok(Self {
             template,
             measured: measured.track.clone(),
-            keypoint_sd: model.camera.keypoint_noise_px / HALF_MASK_PX,
+            keypoint_sd: noise_px / HALF_MASK_PX,
             pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
         })
     }

@@ -7,11 +7,25 @@ use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Start};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
-use catenary_core::{Track, seed};
+use catenary_core::{SimulatorError, Track, seed};
+use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 /// Random stream of the null sets' parameters and noise, beyond those of fits.
 const STREAM: u64 = 1000;
+/// Null sets that are fitted in step: their derivatives are in memory at once.
+const SLICE: usize = 50;
+/// Draws for each null set, as some can neither be simulated nor fitted.
+const DRAWS: u64 = 3;
+
+/// What the fit of a null set left.
+#[derive(Debug, Clone)]
+pub struct Residue {
+    /// Sum of the squared residuals, T.
+    pub cost: f64,
+    /// Residuals in standard deviations of the noise, a row a channel.
+    pub residuals: DVector<f64>,
+}
 
 /// The outcome of the test, with what it rests on.
 #[derive(Debug, Clone)]
@@ -20,8 +34,8 @@ pub struct Detection {
     pub p_value: f64,
     /// T of the measured data.
     pub statistic: f64,
-    /// Fits of the null sets (B).
-    pub null: Vec<Fit>,
+    /// What is left of the null sets (B).
+    pub null: Vec<Residue>,
 }
 
 /// A detection as files hold it.
@@ -71,25 +85,67 @@ pub fn detect(
     let posterior =
         Laplace::of(fit).ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
     let seeds = seed::derive(settings.seed, STREAM + stream);
-    let points: Vec<Vec<f64>> =
-        (0..settings.null_sets).map(|b| posterior.draw(&mut seed::rng(seeds, 2 * b as u64))).collect();
-    let sets = simulate(problem, &points, seeds)?;
-    let starts = points.into_iter().zip(sets).map(|(point, tracks)| Start { point, tracks }).collect();
-    let null: Vec<Fit> = problem.fit(starts, on_round)?.into_iter().flatten().collect();
+    let mut null: Vec<Residue> = Vec::new();
+    let mut refusal = String::new();
+    for draw in 0..DRAWS {
+        let mut missing = settings.null_sets - null.len();
+        let mut number = draw * settings.null_sets as u64;
+        while missing > 0 {
+            let count = missing.min(SLICE);
+            let drawn = |b: u64| posterior.draw(&mut seed::rng(seeds, 2 * (number + b)));
+            let points: Vec<Vec<f64>> = (0..count as u64).map(drawn).collect();
+            let starts = simulate(problem, &points, seeds, number, &mut refusal);
+            if !starts.is_empty() {
+                let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
+                match problem.fit(starts, on_round) {
+                    Ok(fits) => null.extend(fits.into_iter().flatten().map(residue)),
+                    Err(FinderError::NoFit(reason)) => refusal = reason,
+                    Err(other) => return Err(other),
+                }
+            }
+            number += count as u64;
+            missing -= count;
+        }
+    }
+    if null.len() < settings.null_sets {
+        return Err(FinderError::NullSets { expected: settings.null_sets, got: null.len(), refusal });
+    }
     let p_value = p_value(fit.cost, null.iter().map(|f| f.cost));
     Ok(Detection { p_value, statistic: fit.cost, null })
 }
 
-/// Data sets measured at the points: for each point a track an episode.
-fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64) -> Result<Vec<Vec<Track>>, FinderError> {
-    let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
-    let mut sets = vec![Vec::new(); points.len()];
-    let mut noise: Vec<_> = (0..points.len()).map(|b| seed::rng(seeds, 2 * b as u64 + 1)).collect();
-    for (episode, case) in problem.cases.iter().enumerate() {
-        let tracks = problem.simulator.simulate(&problem.request(&at, episode))?;
-        for ((set, rng), track) in sets.iter_mut().zip(&mut noise).zip(&tracks) {
-            set.push(case.measure(track, rng));
+/// Data sets measured at the points, each the start of its own fit; those that cannot be simulated are left out.
+fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64, first: u64, refusal: &mut String) -> Vec<Start> {
+    let set = |b: usize, tracks: Vec<Track>| {
+        let mut noise = seed::rng(seeds, 2 * (first + b as u64) + 1);
+        let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
+        Start { point: points[b].clone(), tracks: measured }
+    };
+    let whole: Vec<usize> = (0..points.len()).collect();
+    let together = tracks(problem, points, &whole);
+    let sets = match together {
+        Ok(sets) => sets.into_iter().enumerate().collect(),
+        // One point that cannot be simulated fails the batch: each is asked for by itself.
+        Err(_) => {
+            let alone = |b: usize| tracks(problem, points, &[b]).map_err(|e| *refusal = e.to_string()).ok();
+            let one = |(b, sets): (usize, Option<Vec<Vec<Track>>>)| Some((b, sets?.pop()?));
+            whole.iter().copied().map(alone).enumerate().filter_map(one).collect::<Vec<_>>()
         }
+    };
+    sets.into_iter().map(|(b, tracks)| set(b, tracks)).collect()
+}
+
+/// For each of the points called `chosen` a track an episode.
+fn tracks(problem: &Problem<'_>, points: &[Vec<f64>], chosen: &[usize]) -> Result<Vec<Vec<Track>>, SimulatorError> {
+    let at: Vec<&[f64]> = chosen.iter().map(|&b| points[b].as_slice()).collect();
+    let mut sets = vec![Vec::new(); chosen.len()];
+    for episode in 0..problem.cases.len() {
+        let tracks = problem.simulator.simulate(&problem.request(&at, episode))?;
+        if tracks.len() != at.len() {
+            let (expected, got) = (at.len(), tracks.len());
+            return Err(SimulatorError::Backend(format!("expected {expected} tracks, got {got}")));
+        }
+        sets.iter_mut().zip(tracks).for_each(|(set, track)| set.push(track));
     }
     Ok(sets)
 }

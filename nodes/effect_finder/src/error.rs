@@ -27,9 +27,25 @@ pub enum FinderError {
         /// The model's drive.
         drive: &'static str,
     },
+    /// A camera without noise, by which nothing can be said to be more than noise.
+    #[error("model: camera.keypoint_noise_px: expected more than 0, by which a disagreement is measured, got {got}")]
+    Noise {
+        /// The value.
+        got: f64,
+    },
     /// The simulator failed at every start of a fit.
     #[error("no start of the fit could be simulated: {0}")]
     NoFit(String),
+    /// Too few data sets without a gap could be simulated and fitted.
+    #[error("expected {expected} data sets without a gap to test against, got {got}: {refusal}")]
+    NullSets {
+        /// How many were wanted.
+        expected: usize,
+        /// How many there are.
+        got: usize,
+        /// Why the last one was not to be had.
+        refusal: String,
+    },
     /// The simulator failed.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),

@@ -194,9 +194,9 @@ impl Search<'_> {
                 Err(error) => finding.left_out.push((candidate.name.clone(), error.to_string())),
             }
         }
-        let ranked = name::rank(self.problem, fitted)?;
+        let (ranked, probability_of_none) = name::rank(self.problem, fitted)?;
         finding.explanations = ranked.iter().map(|f| f.explanation.clone()).collect();
-        finding.probability_of_none = 1.0 - finding.explanations.iter().map(|e| e.probability).sum::<f64>();
+        finding.probability_of_none = probability_of_none;
         let Some(best) = ranked.first() else {
             finding.verdict = Verdict::NoneOfThese;
             self.conclude(Stage::Name, "no candidate can act in this model".into())?;
@@ -215,7 +215,6 @@ impl Search<'_> {
             detected(&fitness, !closes)
         );
         self.conclude(Stage::Repair, sentence)?;
-        finding.effects = group.iter().map(|f| f.candidate.name.clone()).collect();
         finding.verdict = match (closes && !group.is_empty(), group.len()) {
             (false, _) => Verdict::NoneOfThese,
             (true, 1) => Verdict::Named,
@@ -225,6 +224,7 @@ impl Search<'_> {
         if finding.verdict == Verdict::NoneOfThese {
             return Ok(None);
         }
+        finding.effects = group.iter().map(|f| f.candidate.name.clone()).collect();
         Ok(Some(repaired(self.model, &best.candidate, &best.explanation)?))
     }
 
@@ -403,7 +403,7 @@ fn named(group: &[&Fitted], best: &Fitted) -> String {
     };
     match group {
         [] => format!("no candidate explains it better than none; the least bad is {}", words(&best)),
-        [one] => format!("{} explains it", words(one)),
+        [one] => format!("{} explains it best", words(one)),
         several => format!("cannot tell apart: {}", several.iter().map(words).collect::<Vec<_>>().join(", ")),
     }
 }

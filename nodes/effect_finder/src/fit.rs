@@ -59,6 +59,10 @@ pub struct Fit {
 }
 
 impl Fit {
+    fn is_finite(&self) -> bool {
+        self.cost.is_finite() && self.jacobian.iter().all(|v| v.is_finite())
+    }
+
     /// Half the gradient of the cost by the coordinates.
     pub fn gradient(&self) -> DVector<f64> {
         -(self.jacobian.transpose() * &self.residuals)
@@ -98,12 +102,12 @@ impl Problem<'_> {
 
     /// The request for episode `episode` at the points.
     pub fn request(&self, points: &[&[f64]], episode: usize) -> SimulationRequest {
-        let values: Vec<Vec<f64>> = points.iter().map(|p| self.unknowns.values(p, episode)).collect();
+        let values: Vec<Vec<f64>> = points.iter().map(|p| self.unknowns.parameters(p, episode)).collect();
         let theta = self.unknowns.theta();
-        let further = self.unknowns.list().iter().enumerate().skip(theta);
+        let names = self.unknowns.names().into_iter().enumerate().skip(theta);
         SimulationRequest {
             thetas: values.iter().map(|v| v[..theta].to_vec()).collect(),
-            effects: further.map(|(i, u)| (u.name.clone(), values.iter().map(|v| v[i]).collect())).collect(),
+            effects: names.map(|(i, name)| (name.to_owned(), values.iter().map(|v| v[i]).collect())).collect(),
             ..self.cases[episode].template.clone()
         }
     }
@@ -124,8 +128,11 @@ impl Problem<'_> {
             }
             let trials = at.iter().map(|&i| (climbs[i].trial.as_slice(), climbs[i].start.tracks.as_slice())).collect();
             for (&i, evaluation) in at.iter().zip(self.evaluate(trials)) {
-                let evaluation = evaluation.map_err(|e| refusal = e.to_string()).ok();
-                climbs[i].advance(evaluation);
+                let finite = evaluation.map_err(|e| e.to_string()).and_then(|fit| match fit.is_finite() {
+                    true => Ok(fit),
+                    false => Err("the simulated track or its derivatives are not finite".to_owned()),
+                });
+                climbs[i].advance(finite.map_err(|reason| refusal = reason).ok());
             }
             if on_round().is_break() {
                 return Err(FinderError::Cancelled("fit"));
@@ -151,13 +158,14 @@ impl Problem<'_> {
     }
 
     fn sensitivities(&self, points: &[&[f64]], episode: usize) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let answer = self.simulator.sensitivities(&self.request(points, episode), &self.unknowns.names())?;
-        let is_whole = |s: &TrackSensitivities| s.derivatives.len() == self.unknowns.list().len();
+        let names = self.unknowns.names();
+        let answer = self.simulator.sensitivities(&self.request(points, episode), &names)?;
+        let is_whole = |s: &TrackSensitivities| s.derivatives.len() == names.len() && !s.track.frames.is_empty();
         if answer.len() != points.len() || !answer.iter().all(is_whole) {
             return Err(SimulatorError::Backend(format!(
-                "expected {} tracks with {} derivatives each, got {} tracks",
+                "expected {} tracks with frames and {} derivatives each, got {} tracks",
                 points.len(),
-                self.unknowns.list().len(),
+                names.len(),
                 answer.len()
             )));
         }
@@ -178,10 +186,12 @@ impl Problem<'_> {
         let mut from = 0;
         for (episode, (r, j)) in parts.iter().enumerate() {
             residuals.rows_mut(from, r.len()).copy_from(r);
-            let values = self.unknowns.values(point, episode);
+            let (values, names) = (self.unknowns.values(point, episode), self.unknowns.names());
             for (i, value) in values.iter().enumerate() {
                 let column = self.unknowns.column(i, episode);
-                let scaled = j.column(i) * self.unknowns.slope(i, *value);
+                let name = &self.unknowns.list()[i].name;
+                let by = names.iter().position(|n| n == name).expect("every unknown has a name");
+                let scaled = j.column(by) * self.unknowns.slope(i, *value);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
             from += r.len();
@@ -195,7 +205,6 @@ impl Problem<'_> {
 impl Climb {
     /// Takes the trial or leaves it, and chooses the next.
     fn advance(&mut self, evaluation: Option<Fit>) {
-        let evaluation = evaluation.filter(|e| e.cost.is_finite() && e.jacobian.iter().all(|v| v.is_finite()));
         let Some(old) = &self.fit else {
             // A start that cannot be simulated is given up.
             self.done = evaluation.is_none();

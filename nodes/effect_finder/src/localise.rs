@@ -6,6 +6,7 @@
 use crate::case::{Channel, Quantity};
 use crate::detect::Detection;
 use crate::fit::Fit;
+use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 /// Windows into which an episode's frames are divided.
@@ -35,7 +36,7 @@ pub struct Place {
     pub part: Part,
     /// Mean square of its residuals, in variances of the noise.
     pub mean_square: f64,
-    /// By how many standard deviations of the null sets it exceeds their mean.
+    /// By how many standard deviations it exceeds the mean of itself and the null sets.
     pub excess: f64,
     /// p-value, corrected for the number of parts.
     pub p_value: f64,
@@ -45,21 +46,23 @@ pub struct Place {
 pub fn localise(fit: &Fit, channels: &[Channel], detection: &Detection) -> Vec<Place> {
     let parts = parts(channels);
     let rows: Vec<Vec<usize>> = parts.iter().map(|part| rows_of(part, channels)).collect();
-    let sums = |fit: &Fit| -> Vec<f64> {
-        rows.iter().map(|rows| rows.iter().map(|&r| fit.residuals[r].powi(2)).sum()).collect()
+    let sums = |residuals: &DVector<f64>| -> Vec<f64> {
+        rows.iter().map(|rows| rows.iter().map(|&r| residuals[r].powi(2)).sum()).collect()
     };
-    let null: Vec<Vec<f64>> = detection.null.iter().map(sums).collect();
-    let count = null.len() as f64;
+    let null: Vec<Vec<f64>> = detection.null.iter().map(|n| sums(&n.residuals)).collect();
+    let measured = sums(&fit.residuals);
+    // Without a gap the measured data are one more of the same kind: with them in the moments, all are treated alike.
+    let pooled = || null.iter().chain([&measured]);
+    let count = null.len() as f64 + 1.0;
     let moments: Vec<(f64, f64)> = (0..parts.len())
         .map(|i| {
-            let mean = null.iter().map(|s| s[i]).sum::<f64>() / count;
-            let variance = null.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+            let mean = pooled().map(|s| s[i]).sum::<f64>() / count;
+            let variance = pooled().map(|s| (s[i] - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
             (mean, variance.sqrt().max(f64::MIN_POSITIVE))
         })
         .collect();
     let excess = |sums: &[f64]| -> Vec<f64> { sums.iter().zip(&moments).map(|(s, (m, sd))| (s - m) / sd).collect() };
     let greatest: Vec<f64> = null.iter().map(|s| excess(s).into_iter().fold(f64::NEG_INFINITY, f64::max)).collect();
-    let measured = sums(fit);
     let place = |(i, e): (usize, f64)| Place {
         part: parts[i],
         mean_square: measured[i] / rows[i].len().max(1) as f64,
@@ -110,8 +113,9 @@ fn rows_of(part: &Part, channels: &[Channel]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detect::Residue;
     use catenary_core::seed;
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::DMatrix;
     use rand_distr::{Distribution, StandardNormal};
 
     fn channels() -> Vec<Channel> {
@@ -134,7 +138,8 @@ mod tests {
     }
 
     fn detection(fit: &Fit) -> Detection {
-        let null: Vec<Fit> = (1..200).map(|i| noise(i, |_| 0.0)).collect();
+        let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
+        let null: Vec<Residue> = (1..200).map(|i| residue(noise(i, |_| 0.0))).collect();
         Detection { p_value: crate::detect::p_value(fit.cost, null.iter().map(|f| f.cost)), statistic: fit.cost, null }
     }
 

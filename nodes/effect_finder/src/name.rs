@@ -11,6 +11,7 @@ use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::Unknowns;
 use catenary_core::Prior;
+use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,10 @@ use serde::{Deserialize, Serialize};
 const NODES: usize = 800;
 /// Reach of the nodes about the best value, in standard deviations.
 const REACH: f64 = 8.0;
+
+/// How many times as far behind an effect may be that changes the same as the best one: what tells them apart then is as
+/// likely an error of the noise's model.
+const ALIKE: f64 = 3.0;
 
 /// What a candidate explains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,7 +61,8 @@ pub struct Fitted {
 /// Fits `candidate` beside the unknowns of `problem`, whose own best fit is `base`.
 ///
 /// # Errors
-/// [`FinderError::NoFit`] where the model has nothing for the effect to act on.
+/// [`FinderError::NoFit`] where the model has nothing for the effect to act on, or it changes nothing in these data: an
+/// effect that acts at random does not, as fits are without noise.
 pub fn try_candidate(
     problem: &Problem<'_>,
     base: &Fit,
@@ -72,11 +78,17 @@ pub fn try_candidate(
         point[column] = search.to_unit(value).clamp(0.0, 1.0);
         Start { point, tracks: problem.measured() }
     };
-    let starts = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
+    let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
+    let look = Problem { rounds: 1, unknowns: unknowns.clone(), ..*problem };
+    let seen = look.fit(starts.clone(), on_round)?;
+    if seen.iter().flatten().all(|fit| fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
+        return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
+    }
     let fits = with.fit(starts, on_round)?;
     let best = fits.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
     let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
-    let laplace = Laplace::of(&fit).ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
+    let laplace =
+        Laplace::of_likelihood(&fit).ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
     let parabola = Parabola::of(&fit, &laplace, column);
     let (low, high) = search.bounds();
     let explanation = Explanation {
@@ -120,31 +132,45 @@ impl Parabola {
 
 /// Logarithm of the integral of prior times likelihood over the magnitude, over the likelihood at a cost of `base`.
 fn log_bayes_factor(candidate: &Candidate, search: &Prior, parabola: &Parabola, base: f64) -> f64 {
-    let quantile = |i: usize| candidate.base + candidate.prior.from_unit((i as f64 + 0.5) / NODES as f64);
-    let about = |i: usize| {
-        let z = REACH * (2.0 * i as f64 / NODES as f64 - 1.0);
-        search.from_unit(parabola.least() + z * parabola.sd)
-    };
     let (low, high) = candidate.prior.bounds();
-    let ends = [low, high].map(|v| candidate.base + v);
-    let mut values: Vec<f64> = (0..NODES).map(quantile).chain((0..=NODES).map(about)).chain(ends).collect();
-    values.retain(|v| (ends[0]..=ends[1]).contains(v));
-    values.sort_by(f64::total_cmp);
-    let log_weight = |v: &f64| candidate.density(*v).ln() - 0.5 * (parabola.cost(search.to_unit(*v)) - base);
-    let logs: Vec<f64> = values.iter().map(log_weight).collect();
+    let side = |sign: &f64| {
+        let ends = [low, high].map(|v| candidate.base + sign * v);
+        let (from, to) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let quantile = |i: usize| candidate.base + sign * candidate.prior.from_unit((i as f64 + 0.5) / NODES as f64);
+        let about = |i: usize| {
+            let z = REACH * (2.0 * i as f64 / NODES as f64 - 1.0);
+            search.from_unit(parabola.least() + z * parabola.sd)
+        };
+        let mut values: Vec<f64> = (0..NODES).map(quantile).chain((0..=NODES).map(about)).chain(ends).collect();
+        values.retain(|v| (from..=to).contains(v) && candidate.density(*v) > 0.0);
+        values.sort_by(f64::total_cmp);
+        let log_weight = |v: &f64| candidate.density(*v).ln() - 0.5 * (parabola.cost(search.to_unit(*v)) - base);
+        log_area(&values, &values.iter().map(log_weight).collect::<Vec<f64>>())
+    };
+    let sides: Vec<f64> = candidate.signs().iter().map(side).collect();
+    log_sum_exp(&sides)
+}
+
+/// Logarithm of the area under a curve whose logarithms are given at increasing places, by trapezoids.
+fn log_area(places: &[f64], logs: &[f64]) -> f64 {
     let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if !greatest.is_finite() {
+    if !greatest.is_finite() || places.len() < 2 {
         return f64::NEG_INFINITY;
     }
     let height = |i: usize| (logs[i] - greatest).exp();
-    let area = |i: usize| 0.5 * (height(i) + height(i + 1)) * (values[i + 1] - values[i]);
-    greatest + (0..values.len() - 1).map(area).sum::<f64>().ln()
+    let area = |i: usize| 0.5 * (height(i) + height(i + 1)) * (places[i + 1] - places[i]);
+    greatest + (0..places.len() - 1).map(area).sum::<f64>().ln()
 }
 
 /// Puts candidates in order of their evidence, with probabilities and with cosines to the best one.
-pub fn rank(problem: &Problem<'_>, mut fitted: Vec<Fitted>) -> Result<Vec<Fitted>, FinderError> {
+///
+/// Returns them, and the probability of none.
+///
+/// # Errors
+/// [`FinderError`] of the simulator.
+pub fn rank(problem: &Problem<'_>, mut fitted: Vec<Fitted>) -> Result<(Vec<Fitted>, f64), FinderError> {
     fitted.sort_by(|a, b| b.explanation.log_bayes_factor.total_cmp(&a.explanation.log_bayes_factor));
-    let Some(best) = fitted.first().cloned() else { return Ok(fitted) };
+    let Some(best) = fitted.first().cloned() else { return Ok((fitted, 1.0)) };
     let greatest = best.explanation.log_bayes_factor.max(0.0);
     let total: f64 =
         fitted.iter().map(|f| (f.explanation.log_bayes_factor - greatest).exp()).sum::<f64>() + (-greatest).exp();
@@ -153,7 +179,7 @@ pub fn rank(problem: &Problem<'_>, mut fitted: Vec<Fitted>) -> Result<Vec<Fitted
         fitted.explanation.probability = (fitted.explanation.log_bayes_factor - greatest).exp() / total;
         fitted.explanation.cosine_with_best = cosine;
     }
-    Ok(fitted)
+    Ok((fitted, (-greatest).exp() / total))
 }
 
 /// Cosines, at the best candidate's fit, between what it and what each other candidate changes in the data once the other
@@ -205,14 +231,16 @@ fn beyond_span(columns: &DMatrix<f64>, vector: &DVector<f64>) -> DVector<f64> {
     left
 }
 
-/// The candidates that the data do not tell from the best: by evidence, or as they change the same. The first is the best.
+/// The candidates that the data do not tell from the best: nearly as good, or not far behind and changing the same. The first
+/// is the best.
 pub fn group<'a>(ranked: &'a [Fitted], settings: &Settings) -> Vec<&'a Fitted> {
     let Some(best) = ranked.first() else { return Vec::new() };
     let is_like = |f: &&Fitted| {
         let behind = best.explanation.log_bayes_factor - f.explanation.log_bayes_factor;
         let explains = f.explanation.log_bayes_factor > 0.0;
-        explains
-            && (behind < settings.least_log_bayes_factor || f.explanation.cosine_with_best > settings.greatest_cosine)
+        let least = settings.least_log_bayes_factor;
+        let is_alike = f.explanation.cosine_with_best > settings.greatest_cosine;
+        explains && (behind < least || (is_alike && behind < ALIKE * least))
     };
     ranked.iter().filter(is_like).collect()
 }
@@ -222,7 +250,8 @@ mod tests {
     use super::*;
 
     fn candidate(prior: Prior) -> Candidate {
-        Candidate { name: "x".into(), title: "x".into(), prior, range: [-10.0, 10.0], base: 0.0 }
+        let range = [if prior.bounds().0 < 0.0 { -10.0 } else { 0.0 }, 10.0];
+        Candidate { name: "x".into(), title: "x".into(), prior, range, base: 0.0 }
     }
 
     /// With a uniform prior much wider than the likelihood, the evidence is sqrt(2 pi) sd / width at the peak.

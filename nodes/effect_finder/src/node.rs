@@ -4,7 +4,7 @@
 use crate::error::FinderError;
 use crate::settings::Settings;
 use crate::{convert, find};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
@@ -117,25 +117,38 @@ fn measured(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, model: &Model
     }
     let mut all = Vec::new();
     for bag in bags {
-        all.extend(episodes_of(Path::new(bag), model)?);
+        all.extend(episodes_of(Path::new(bag), model)?.into_iter().map(|(_, measured)| measured));
     }
     Ok(all)
 }
 
-/// Every complete episode of a bag, as the model's simulator would give it.
+/// Every complete episode of a bag that the model can be held against, with its number in the bag. The others are left out,
+/// with a warning.
 ///
 /// # Errors
-/// A bag that cannot be read, or without an episode that the model can be held against.
-pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<MeasuredTrack>> {
+/// A bag that cannot be read, or without such an episode.
+pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)>> {
+    let named = || bag.display().to_string();
     let reader = BagReader::open(bag)?;
     let log = read_episodes(&reader, &EpisodeTopics::default())?;
     // Says what is missing where there is none.
-    log.episode(None).with_context(|| bag.display().to_string())?;
-    let measured: Result<Vec<MeasuredTrack>, _> = log.episodes().iter().map(|e| e.measured(model)).collect();
-    let measured = measured.with_context(|| bag.display().to_string())?;
-    ensure!(!measured.is_empty(), "{}: no complete episode", bag.display());
-    for warning in measured.iter().flat_map(|m| &m.warnings) {
-        tracing::warn!("{}: {warning}", bag.display());
+    log.episode(None).with_context(named)?;
+    let mut episodes = Vec::new();
+    let mut refused = None;
+    for episode in log.episodes() {
+        match episode.measured(model) {
+            Ok(measured) => {
+                measured.warnings.iter().for_each(|w| tracing::warn!("{}: episode {}: {w}", named(), episode.number));
+                episodes.push((episode.number, measured));
+            }
+            Err(error) => {
+                tracing::warn!("{}: left out: {error}", named());
+                refused = Some(error);
+            }
+        }
     }
-    Ok(measured)
+    match refused {
+        Some(error) if episodes.is_empty() => Err(error).with_context(named),
+        _ => Ok(episodes),
+    }
 }

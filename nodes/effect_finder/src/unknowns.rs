@@ -48,10 +48,10 @@ impl Unknowns {
         Self { list, theta: model.theta.dimension(), episodes }
     }
 
-    /// These and a candidate, whose place any unknown of its name leaves to it.
+    /// These and a candidate. Where another unknown has its name, as the camera's jitter may, their values add up.
     #[must_use]
     pub fn with(&self, candidate: &Candidate) -> Self {
-        let mut list: Vec<Unknown> = self.list.iter().filter(|u| u.name != candidate.name).cloned().collect();
+        let mut list = self.list.clone();
         list.push(Unknown { name: candidate.name.clone(), prior: candidate.search(), scope: Scope::Shared });
         Self { list, ..*self }
     }
@@ -82,9 +82,26 @@ impl Unknowns {
         &self.list
     }
 
-    /// Their names in order.
+    /// Their names in order, each once.
     pub fn names(&self) -> Vec<&str> {
-        self.list.iter().map(|u| u.name.as_str()).collect()
+        let mut names: Vec<&str> = Vec::new();
+        for unknown in &self.list {
+            if !names.contains(&unknown.name.as_str()) {
+                names.push(&unknown.name);
+            }
+        }
+        names
+    }
+
+    /// The parameters' values in an episode at the point `u`, in the order of [`Unknowns::names`].
+    pub fn parameters(&self, u: &[f64], episode: usize) -> Vec<f64> {
+        let names = self.names();
+        let mut sums = vec![0.0; names.len()];
+        for (unknown, value) in self.list.iter().zip(self.values(u, episode)) {
+            let place = names.iter().position(|name| *name == unknown.name).expect("every unknown has a name");
+            sums[place] += value;
+        }
+        sums
     }
 
     /// Number of theta's parameters, which come first.
@@ -125,7 +142,8 @@ impl Unknowns {
     pub fn point_from(&self, old: &Unknowns, u: &[f64]) -> Vec<f64> {
         let mut point = vec![0.5; self.columns()];
         for (i, unknown) in self.list.iter().enumerate() {
-            let Some(j) = old.list.iter().position(|o| o.name == unknown.name) else { continue };
+            let same = |o: &Unknown| o.name == unknown.name && o.scope == unknown.scope;
+            let Some(j) = old.list.iter().position(same) else { continue };
             for episode in 0..self.episodes {
                 let value = old.list[j].prior.from_unit(u[old.column(j, episode)]);
                 point[self.column(i, episode)] = unknown.prior.to_unit(value).clamp(0.0, 1.0);
@@ -175,10 +193,16 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_takes_the_place_of_a_nuisance_of_its_name() {
+    fn a_candidate_adds_to_a_nuisance_of_its_name() {
         let base = Unknowns::of(&model(), 2);
         let scale = base.with(&candidate("camera_scale_change"));
-        assert_eq!((scale.list().len(), scale.columns()), (5, 2 + 2 * 2 + 1));
+        assert_eq!((scale.list().len(), scale.names().len(), scale.columns()), (6, 5, base.columns() + 1));
+        let mut u = scale.point_from(&base, &vec![0.5; base.columns()]);
+        assert!((u[8] - 0.5).abs() < 1e-12, "nobody has moved the candidate");
+        (u[7], u[8]) = (1.0, 1.0);
+        let [first, second] = [0, 1].map(|episode| scale.parameters(&u, episode)[4]);
+        let half = 0.005 / 1.15;
+        assert!((first - 0.3).abs() < 1e-12 && (second - 0.3 - half).abs() < 1e-12, "{first} {second}");
         let tilt = base.with(&candidate("gravity_tilt_rad"));
         assert_eq!((tilt.list().len(), tilt.columns()), (6, base.columns() + 1));
     }

@@ -63,7 +63,7 @@ pub struct Fitness {
 pub struct Finding {
     /// The outcome.
     pub verdict: Verdict,
-    /// One sentence a stage.
+    /// What each stage came to, in order.
     pub conclusions: Vec<String>,
     /// The present model.
     pub present: Fitness,
@@ -77,7 +77,7 @@ pub struct Finding {
     pub left_out: Vec<(String, String)>,
     /// Posterior probability that none of the candidates is present; 1 where none was tried.
     pub probability_of_none: f64,
-    /// The effects that the verdict speaks of.
+    /// The effects that the verdict speaks of: one where it is named, several that cannot be told apart, else none.
     pub effects: Vec<String>,
     /// The model with the most probable effect.
     pub repaired: Option<Fitness>,

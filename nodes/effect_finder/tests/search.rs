@@ -148,6 +148,7 @@ fn an_effect_that_no_candidate_is_like_is_none_of_these() {
     let candidates = some(&model(), &["grip_angle_offset_rad", "linear_drag_n_s_m2"]);
     let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.008)], 3)], &candidates);
     assert_eq!((finding.verdict, repaired), (Verdict::NoneOfThese, None));
+    assert!(finding.effects.is_empty() && finding.explanations.len() == 2, "{:?}", finding.effects);
     let p = finding.repaired.unwrap().test.p_value;
     assert!(p <= 0.05, "the best of them leaves a gap: {p}");
 }
@@ -192,4 +193,28 @@ fn proprioception_tells_a_late_arm_from_a_late_camera() {
         let stands_out = finding.places.iter().any(|p| pose(p) && p.p_value <= 0.05);
         assert_eq!(stands_out, effect == "arm_delay_s", "{:?}", finding.places);
     }
+}
+
+#[test]
+fn an_effect_that_the_model_has_fixed_too_large_is_named() {
+    let mut heavy = model();
+    heavy.parameters.insert("tip_mass_kg".into(), 0.006);
+    let candidates = some(&heavy, &["tip_mass_kg", "linear_drag_n_s_m2", "dropped_frames"]);
+    let (finding, repaired) = search(&heavy, &[episode(&[], 9)], &candidates);
+    assert_eq!((finding.verdict, finding.effects.as_slice()), (Verdict::Named, ["tip_mass_kg".to_owned()].as_slice()));
+    assert!(finding.explanations[0].value < 0.001, "{:?}", finding.explanations[0]);
+    assert!(!repaired.unwrap().parameters.contains_key("tip_mass_kg"));
+    // Which frames are lost is left to chance: no fit can find it.
+    let (name, why) = &finding.left_out[0];
+    assert!(name == "dropped_frames" && why.contains("changes nothing"), "{why}");
+}
+
+#[test]
+fn a_camera_without_noise_is_refused() {
+    let mut sharp = model();
+    sharp.camera.keypoint_noise_px = 0.0;
+    let simulator = BeamSimulator::new(&sharp, 1).unwrap();
+    let mut go_on = |_: &effect_finder::Progress| ControlFlow::Continue(());
+    let refused = find(&sharp, &[episode(&[], 1)], &[], &simulator, &Settings::default(), &mut go_on).unwrap_err();
+    assert!(refused.to_string().contains("keypoint_noise_px: expected more than 0"), "{refused}");
 }
