@@ -124,6 +124,17 @@ pub enum Preset {
     Paper,
 }
 
+/// Work that the running graph may do.
+#[derive(Debug, Args)]
+pub struct Served {
+    /// Have it done by the running graph, whose nodes are in this namespace
+    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
+    pub node: Option<String>,
+    /// Seconds to wait for the graph
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
+    pub wait_s: f64,
+}
+
 /// `catenary infer`.
 #[derive(Debug, Args)]
 pub struct InferArgs {
@@ -154,12 +165,9 @@ pub struct InferArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Have it done by the running graph, whose nodes are in this namespace
-    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
-    pub node: Option<String>,
-    /// Seconds to wait for the graph
-    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
-    pub wait_s: f64,
+    /// Who does it
+    #[command(flatten)]
+    pub served: Served,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -183,12 +191,9 @@ pub struct FindEffectsArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Have it done by the running graph, whose nodes are in this namespace
-    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
-    pub node: Option<String>,
-    /// Seconds to wait for the graph
-    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
-    pub wait_s: f64,
+    /// Who does it
+    #[command(flatten)]
+    pub served: Served,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -215,12 +220,9 @@ pub struct TrainArgs {
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Have it done by the running graph, whose nodes are in this namespace
-    #[arg(long, value_name = "NAMESPACE", num_args = 0..=1, require_equals = true, default_missing_value = "/")]
-    pub node: Option<String>,
-    /// Seconds to wait for the graph
-    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true, requires = "node")]
-    pub wait_s: f64,
+    /// Who does it
+    #[command(flatten)]
+    pub served: Served,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

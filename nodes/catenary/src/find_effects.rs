@@ -25,27 +25,39 @@ const STEPS: f64 = 1000.0;
 /// What verdict.json holds, and `--json` prints.
 #[derive(Debug, Serialize)]
 struct Report {
-    bags: Vec<PathBuf>,
     model: String,
-    episodes: usize,
+    /// What was looked at; conclusions and places count these from 0.
+    episodes: Vec<Looked>,
     settings: Settings,
     wall_s: f64,
     #[serde(flatten)]
     finding: Finding,
 }
 
+/// An episode that was looked at.
+#[derive(Debug, Serialize)]
+struct Looked {
+    bag: PathBuf,
+    /// Its number in the bag.
+    number: u32,
+}
+
 /// Searches and writes verdict.json, model.yaml and report/index.html; Ctrl-C ends it.
 pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
-    if let Some(namespace) = &arguments.node {
+    if let Some(namespace) = &arguments.served.node {
         return served::find_effects(arguments, namespace);
     }
-    let mut measured = Vec::new();
-    for bag in &arguments.bag {
-        measured.extend(episodes_of(bag, &model)?);
-    }
+    let text = std::fs::read_to_string(&arguments.model).with_context(|| arguments.model.display().to_string())?;
     let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
-    settings.check()?;
+    settings.check().context("--null-sets")?;
+    let (mut measured, mut episodes) = (Vec::new(), Vec::new());
+    for bag in &arguments.bag {
+        for (number, track) in episodes_of(bag, &model)? {
+            episodes.push(Looked { bag: bag.clone(), number });
+            measured.push(track);
+        }
+    }
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
     }
@@ -53,19 +65,12 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     let (finding, repaired) = search(&model, &measured, &settings, &shutdown)?;
-    let text = std::fs::read_to_string(&arguments.model).with_context(|| arguments.model.display().to_string())?;
     let text = match repaired {
         Some(model) => model.rewrite(&text)?,
         None => text,
     };
-    let report = Report {
-        bags: arguments.bag.clone(),
-        model: model.name.clone(),
-        episodes: measured.len(),
-        settings,
-        wall_s: started.elapsed().as_secs_f64(),
-        finding,
-    };
+    let report =
+        Report { model: model.name.clone(), episodes, settings, wall_s: started.elapsed().as_secs_f64(), finding };
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report)?])?;
     output::result(&arguments.output, &report, words)
 }
@@ -115,6 +120,9 @@ fn page(report: &Report) -> Result<String> {
     let mut page = Page::new(&format!("catenary find-effects: {}", report.model));
     page.paragraph(&format!("verdict: {}", headline(finding)));
     finding.conclusions.iter().for_each(|c| page.paragraph(c));
+    let row = |(i, e): (usize, &Looked)| vec![i.to_string(), e.number.to_string(), e.bag.display().to_string()];
+    let rows: Vec<Vec<String>> = report.episodes.iter().enumerate().map(row).collect();
+    page.table(&["episode", "number in its bag", "bag"], &rows);
     page.heading("The present model");
     fitness(&mut page, &finding.present)?;
     if let Some(repaired) = &finding.repaired {
@@ -189,5 +197,5 @@ fn headline(finding: &Finding) -> String {
 }
 
 fn words(report: &Report) -> String {
-    format!("{}\n{} episodes, {:.1} s", headline(&report.finding), report.episodes, report.wall_s)
+    format!("{}\n{} episodes, {:.1} s", headline(&report.finding), report.episodes.len(), report.wall_s)
 }

@@ -37,7 +37,7 @@ struct Report {
 /// Infers and writes posterior.json, inference.json and report.html; Ctrl-C ends it.
 pub fn run(arguments: &InferArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
-    if let Some(namespace) = &arguments.node {
+    if let Some(namespace) = &arguments.served.node {
         return served::infer(arguments, &model, namespace);
     }
     let measured = measured(&arguments.bag, arguments.episode, &model)?;

@@ -55,7 +55,7 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
     };
     let path = arguments.out.join("posterior.json");
     output::prepare(&path)?;
-    let wait = goal::wait(arguments.wait_s)?;
+    let wait = goal::wait(arguments.served.wait_s)?;
     let interrupted = Shutdown::new();
     catenary_shell::end_on_signals(&interrupted)?;
     let node = node("infer", namespace)?;
@@ -109,7 +109,7 @@ pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()
         ..TrainGoal::default()
     };
     output::prepare(&arguments.out)?;
-    let wait = goal::wait(arguments.wait_s)?;
+    let wait = goal::wait(arguments.served.wait_s)?;
     let interrupted = Shutdown::new();
     catenary_shell::end_on_signals(&interrupted)?;
     let node = node("train", namespace)?;
@@ -166,7 +166,7 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     };
     let path = arguments.out.join("model.yaml");
     output::prepare(&path)?;
-    let wait = goal::wait(arguments.wait_s)?;
+    let wait = goal::wait(arguments.served.wait_s)?;
     let interrupted = Shutdown::new();
     catenary_shell::end_on_signals(&interrupted)?;
     let node = node("find_effects", namespace)?;

@@ -60,7 +60,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
     let mut settings = Settings::preset(&arguments.preset)?;
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
-    if let Some(namespace) = &arguments.node {
+    if let Some(namespace) = &arguments.served.node {
         return served::train(arguments, &model, namespace);
     }
     let domains = match &arguments.posterior {

@@ -23,6 +23,7 @@ WARM_UP_S = 300
 # The recorder with images writes so much in a minute.
 IMAGES_GB_PER_MIN = 3.4
 FILE_BYTES = 1 << 30
+FILE_S = 60
 # Episodes that may fail until the run is given up.
 MOST_FAILURES = 10
 
@@ -34,7 +35,9 @@ class Recording:
         self.session, self.images, self.found, self.bytes, self.reading = session, images, {}, 0, []
         self.bag = session.folder / "bag"
         options = ("--images", "--compression", "none") if images else ()
-        self.process = session.start("record", "--out", self.bag, "-b", FILE_BYTES, *options, name="recorder")
+        # The index of a file's chunks is in memory up to its end.
+        limits = ("-b", FILE_BYTES, "-d", FILE_S)
+        self.process = session.start("record", "--out", self.bag, *limits, *options, name="recorder")
         session.wait_for(self.bag.exists, 20, "the recorder's bag")
         self.pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
 

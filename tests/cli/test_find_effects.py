@@ -1,0 +1,66 @@
+"""`catenary find-effects` on a bag of a simulated episode: what it prints and writes, and how it ends."""
+
+import json
+import pathlib
+import signal
+import subprocess
+import time
+
+import pytest
+from conftest import PROGRAM, ROOT
+
+MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
+ACTIONS = ROOT / "launch_configs/models/gallery.csv"
+
+
+def simulate(folder, *arguments):
+    """A bag with an episode of the soft bar, measured with noise."""
+    command = [PROGRAM, "simulate", "--model", MODEL, "--actions", ACTIONS, "--noise", "--seed", "3", "--out", folder / "bag", *arguments]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=120)
+    return folder / "bag"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return simulate(tmp_path_factory.mktemp("episode"))
+
+
+def command(bag, out, *arguments, model=MODEL):
+    return [str(a) for a in (PROGRAM, "find-effects", "--bag", bag, "--model", model, "--out", out, "--null-sets", 19, *arguments)]
+
+
+def test_a_model_that_explains_its_own_episode_has_no_gap(bag, tmp_path):
+    done = subprocess.run(command(bag, tmp_path / "found", "--json"), capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said == json.loads((tmp_path / "found/verdict.json").read_text())
+    assert said["verdict"] == "no_gap" and said["effects"] == [] and said["repaired"] is None
+    assert said["episodes"] == [{"bag": str(bag), "number": 1}]
+    assert len(said["present"]["test"]["null"]) == 19 and said["present"]["test"]["p_value"] > 0.05
+    assert done.stderr.count("\n") >= 2 and "detect: what is left is noise" in done.stderr
+    assert (tmp_path / "found/model.yaml").read_text() == MODEL.read_text()
+    page = (tmp_path / "found/report/index.html").read_text()
+    assert "no_gap" in page and page.count("<svg") == 1
+
+
+def test_ctrl_c_ends_a_search(bag, tmp_path):
+    child = subprocess.Popen(command(bag, tmp_path / "found"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(1.0)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == 130 and "interrupted" in err and out == ""
+    assert not (tmp_path / "found/verdict.json").exists()
+
+
+def refusal(*arguments, model=MODEL):
+    done = subprocess.run(command(*arguments, model=model), capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    return done.stderr
+
+
+def test_what_cannot_be_searched_is_named(bag, tmp_path):
+    assert "--null-sets" in refusal(bag, tmp_path / "a", "--null-sets", 3) or "null-sets" in refusal(bag, tmp_path / "a", "--null-sets", 3)
+    assert "/nowhere" in refusal(pathlib.Path("/nowhere"), tmp_path / "a")
+    sharp = tmp_path / "sharp.yaml"
+    sharp.write_text(MODEL.read_text().replace("keypoint_noise_px: 0.7", "keypoint_noise_px: 0.0"))
+    assert "keypoint_noise_px: expected more than 0" in refusal(bag, tmp_path / "a", model=sharp)

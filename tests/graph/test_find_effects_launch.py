@@ -1,0 +1,32 @@
+"""What `find_effects.launch.xml` starts: a search in bags and on topics, with the same outcome."""
+
+from catenary_msgs.action import FindEffects
+from rclpy.action import ActionClient
+from test_train_launch import result_of
+
+MODEL = "launch_configs/models/soft_bar.yaml"
+
+
+def test_a_search_on_topics_comes_to_what_one_in_the_bag_does(session):
+    model_file, actions = session.root / MODEL, session.root / "launch_configs/models/gallery.csv"
+    done = session.run("simulate", "--model", model_file, "--actions", actions, "--noise", "--seed", 3, "--out", "bag")
+    assert done.returncode == 0, done.stderr
+    session.launch("null_sets:=19", file="find_effects.launch.xml", nodes={"effect_finder"})
+    bag, model_yaml = session.folder / "bag", model_file.read_text()
+    goal = FindEffects.Goal(bags=[str(bag)], model_yaml=model_yaml, seed=1)
+    of_bag, feedback = result_of(session.ros, FindEffects, "/effect_finder/find", goal)
+    assert of_bag.success and of_bag.verdict == "no_gap" and of_bag.model_yaml == model_yaml, of_bag.message
+    told = [message.feedback for message in feedback]
+    # The first one may be missed.
+    assert [f.conclusion for f in told if f.conclusion][-1:] == of_bag.message.split("\n")[-1:]
+    assert [f.progress for f in told] == sorted(f.progress for f in told)
+
+    client = ActionClient(session.ros.node, FindEffects, "/effect_finder/find")
+    session.ros.wait_for(client.server_is_ready, 20, "the effect finder")
+    live = FindEffects.Goal(model_yaml=model_yaml, seed=1)
+    handle = session.ros.result(client.send_goal_async(live), 20, "an answer to the goal")
+    result = handle.get_result_async()
+    assert not session.ros.holds_within(result.done, 1), "there is no episode yet"
+    session.start("replay", bag)
+    of_topics = session.ros.result(result, 120, "the search on topics").result
+    assert (of_topics.verdict, of_topics.message) == (of_bag.verdict, of_bag.message)
