@@ -14,8 +14,6 @@ pub mod infer;
 pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
-#[cfg(feature = "node")]
-pub mod pools;
 pub mod sequential;
 pub mod settings;
 

@@ -1,8 +1,10 @@
 //! The node: an action that infers from a bag, or from the last episode on the topics.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
 
+mod pools;
+
+use self::pools::Pools;
 use crate::error::InferenceError;
-use crate::pools::Pools;
 use crate::sequential::Progress;
 use crate::{Settings, convert, infer};
 use anyhow::{Context, Result, bail};
