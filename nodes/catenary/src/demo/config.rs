@@ -50,6 +50,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let launch = write(folder.path()).unwrap();
         let description = crate::launch::read(&launch, &[], &|_| None).unwrap();
-        assert_eq!(description.processes.len(), 7);
+        assert_eq!(description.processes.len(), 8);
     }
 }

@@ -220,7 +220,9 @@ fn a_process_that_keeps_ending_is_started_again_as_often_as_it_says() {
 
 #[test]
 fn a_killed_process_is_started_again_where_asked_and_all_end_on_shutdown() {
-    let (mut s, _logs) = start(vec![process("a", &["sleep", "60"], true), process("b", &["sleep", "60"], false)]);
+    // Who runs the tests in the background may have SIGINT ignored, which processes inherit.
+    let sleep = ["env", "--default-signal=INT", "sleep", "60"];
+    let (mut s, _logs) = start(vec![process("a", &sleep, true), process("b", &sleep, false)]);
     let pid = s.rows()[0].pid.unwrap();
     kill_process(Pid::from_raw(pid.cast_signed()).unwrap(), Signal::KILL).unwrap();
     let event = wait_for_event(&mut s);
