@@ -143,3 +143,48 @@ def test_topics_of_any_type_are_replayed_as_they_are(session):
     assert replay.wait(20) == 0
     report = json.loads(session.text("replay.out"))
     assert (report["published"], report["failed"], report["left_out"]) == (21, 0, [])
+
+
+def bag_of(folder, messages):
+    """A bag of (topic, kind, time in ns, message)."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {}
+        for name, kind, at_ns, message in messages(store.types):
+            topic = topics.get(name) or topics.setdefault(name, writer.add_connection(name, kind, typestore=store))
+            writer.write(topic, at_ns, store.serialize_cdr(message, kind))
+
+
+def pose_of(types):
+    time_ns, header = types["builtin_interfaces/msg/Time"](sec=1, nanosec=0), types["std_msgs/msg/Header"]
+    point, turn = types["geometry_msgs/msg/Point"](x=0.4, y=0.0, z=0.3), types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
+    return types["geometry_msgs/msg/PoseStamped"](header=header(stamp=time_ns, frame_id="panda_link0"), pose=pose)
+
+
+@pytest.mark.parametrize("name", ["/target_pose", "/right/controller/target_pose"])
+def test_no_command_of_any_controller_is_replayed_unasked(session, name):
+    kind = "geometry_msgs/msg/PoseStamped"
+    bag_of(session.folder / "bag", lambda types: [(name, kind, 10**9, pose_of(types)), ("/lab/pose", kind, 10**9, pose_of(types))])
+    done = session.run("replay", "bag", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["published"] == 1 and [name in left_out and "allow_replay" in left_out for left_out in report["left_out"]] == [True]
+    refused = session.run("replay", "bag", "--topics", name)
+    assert refused.returncode != 0 and "allow_replay" in refused.stderr
+
+
+def test_as_fast_as_possible_no_tick_of_the_clock_is_skipped(session):
+    """Two messages a minute apart: 12,000 ticks between them."""
+    text = lambda types: types["std_msgs/msg/String"](data="x")
+    bag_of(session.folder / "bag", lambda types: [("/a", "std_msgs/msg/String", t, text(types)) for t in (10**9, 61 * 10**9)])
+    ros = join(session)
+    ticks = []
+    profile = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    ros.node.create_subscription(Clock, "/clock", ticks.append, profile)
+    replay = session.start("replay", "bag", "--rate", "inf", "--clock", "--delay", 1)
+    ros.wait_for(lambda: replay.poll() is not None, 60, "the end of the replay")
+    times = [stamp_ns(tick.clock) for tick in ticks]
+    assert replay.returncode == 0 and times == sorted(times)
+    # Best effort: a busy machine may lose some.
+    assert len(times) > 9000 and max(b - a for a, b in zip(times, times[1:])) < 2 * 10**9, len(times)

@@ -171,6 +171,9 @@ pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -
 pub(crate) struct Layout {
     /// Names of the files, in order.
     pub(crate) relative_file_paths: Vec<String>,
+    /// `message` or `file` where the recorder compressed what the files hold, or the files; empty or `none` otherwise.
+    #[serde(default)]
+    pub(crate) compression_mode: String,
 }
 
 #[derive(Debug, Deserialize)]

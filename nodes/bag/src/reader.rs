@@ -81,9 +81,14 @@ impl BagReader {
     /// # Errors
     /// [`BagError::NotABag`], [`BagError::Unsupported`], [`BagError::Io`]. Damage is none: it is noted.
     pub fn open(path: &Path) -> Result<Self, BagError> {
+        Self::open_files(path, false)
+    }
+
+    /// Opens a bag; `all`: with the files of its folder that metadata.yaml does not list.
+    fn open_files(path: &Path, all: bool) -> Result<Self, BagError> {
         let mut notes = Vec::new();
         let paths = if path.is_dir() {
-            files_of(path, &mut notes)?
+            files_of(path, all, &mut notes)?
         } else if path.exists() {
             vec![path.to_owned()]
         } else {
@@ -169,15 +174,28 @@ impl BagReader {
 }
 
 /// Finishes the files of a bag whose recorder was killed, so that every reader of MCAP can read them, and writes the
-/// folder's `metadata.yaml` anew. Given a file: finishes that. Nothing that can be read is lost; returns what was missing.
+/// folder's `metadata.yaml` anew, of all bag files in the folder. Given a file: finishes that. Nothing that can be read is lost;
+/// returns what was missing. A bag that misses nothing stays as it is.
 ///
 /// # Errors
-/// As [`BagReader::open`], and [`BagError::Io`].
+/// As [`BagReader::open`], and [`BagError::Io`]; [`BagError::Unsupported`] for other files than MCAP, and for those whose
+/// messages were compressed one by one.
 pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
     if path.is_dir() {
         reserve::take_over(path).map_err(BagError::io("finish", path))?;
     }
-    let before = BagReader::open(path)?;
+    let before = BagReader::open_files(path, true)?;
+    if before.notes.is_empty() && before.files.iter().all(|f| f.is_finished) {
+        return Ok(Vec::new());
+    }
+    let mode = layout_of(path).ok().flatten().map(|layout| layout.compression_mode.to_lowercase());
+    if let Some(mode) = mode.filter(|mode| !["", "none"].contains(&mode.as_str())) {
+        return Err(BagError::Unsupported {
+            path: path.to_owned(),
+            found: format!("finishing a bag of compression mode {mode} is"),
+            remedy: "`ros2 bag reindex` does it",
+        });
+    }
     if let Some(file) = before.files.iter().find(|f| f.source.extension().is_none_or(|e| e != "mcap")) {
         return Err(BagError::Unsupported {
             path: file.path.clone(),
@@ -189,7 +207,7 @@ pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
         finish::finish(&file.path)?;
     }
     if path.is_dir() {
-        let bag = BagReader::open(path)?;
+        let bag = BagReader::open_files(path, true)?;
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
         let topic = |t: &TopicCount| TopicFacts {
@@ -228,15 +246,11 @@ fn is_bag_file(name: &str) -> bool {
 }
 
 /// The files of a bag folder, in order.
-fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagError> {
+fn files_of(folder: &Path, all: bool, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagError> {
     let present = listing(folder)?;
     let bag_files: Vec<PathBuf> = present.iter().filter(|n| is_bag_file(n)).map(|n| folder.join(n)).collect();
-    let layout = match std::fs::read_to_string(folder.join(metadata::FILE_NAME)) {
-        Ok(text) => metadata::parse(&text).map_err(|e| format!("metadata.yaml is not readable ({e})")),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err("metadata.yaml is missing".to_owned()),
-        Err(e) => Err(format!("metadata.yaml is not readable ({e})")),
-    };
-    let listed = match layout {
+    let layout = layout_of(folder).and_then(|layout| layout.ok_or_else(|| "metadata.yaml is missing".to_owned()));
+    let listed: Vec<PathBuf> = match layout {
         Ok(layout) => {
             let name = |p: &String| Path::new(p).file_name().map(|n| folder.join(n));
             layout.relative_file_paths.iter().filter_map(name).collect()
@@ -249,6 +263,12 @@ fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagE
     let (mut found, missing): (Vec<PathBuf>, Vec<PathBuf>) = listed.into_iter().partition(|p| p.exists());
     for path in missing {
         notes.push(format!("{}: listed in metadata.yaml, and missing", path.display()));
+    }
+    for path in bag_files.iter().filter(|path| !found.contains(path)) {
+        notes.push(format!("{}: not listed in metadata.yaml", path.display()));
+    }
+    if all {
+        found.clone_from(&bag_files);
     }
     if found.is_empty() {
         found = bag_files;
@@ -264,6 +284,17 @@ fn files_of(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<PathBuf>, BagE
         return Err(BagError::NotABag { path: folder.to_owned(), found });
     }
     Ok(found)
+}
+
+/// What a folder's metadata.yaml says; none: there is none.
+#[allow(clippy::disallowed_methods, reason = "bags are files")]
+fn layout_of(folder: &Path) -> Result<Option<metadata::Layout>, String> {
+    let unreadable = |e: &dyn std::fmt::Display| format!("metadata.yaml is not readable ({e})");
+    match std::fs::read_to_string(folder.join(metadata::FILE_NAME)) {
+        Ok(text) => metadata::parse(&text).map(Some).map_err(|e| unreadable(&e)),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(unreadable(&e)),
+    }
 }
 
 /// Names in a folder, those of split files in the order of their numbers.

@@ -12,7 +12,7 @@ use arm_watch::ArmWatch;
 use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock;
-use catenary_shell::{Node, contract};
+use catenary_shell::Node;
 use player::Player;
 pub use settings::ReplaySettings;
 use std::time::Duration;
@@ -25,7 +25,8 @@ const LINGER: Duration = Duration::from_millis(500);
 pub struct ReplaySummary {
     /// Messages that were published.
     pub published: u64,
-    /// Messages that could not be, each with a warning.
+    /// Messages that could not be, or were not readable, each with a warning; of a damaged chunk nobody knows how many, and it
+    /// counts once.
     pub failed: u64,
     /// Topics that were left out, and why.
     pub left_out: Vec<String>,
@@ -34,8 +35,8 @@ pub struct ReplaySummary {
 /// Publishes a bag's messages in time, as they were recorded and with the profiles that were offered then, until its end
 /// or until the node is told to end.
 ///
-/// Never with a real arm in the graph: that it is there, or comes, ends the replay. `/panda/target_pose` is left out
-/// unless [`ReplaySettings::allow_replay`] says otherwise.
+/// Never with a real arm in the graph, as far as its bridge tells of it: that it is there, or comes, ends the replay. What may
+/// command an arm, by its name, is left out unless [`ReplaySettings::allow_replay`] says otherwise.
 ///
 /// # Errors
 /// [`BagError`]: settings, a bag that is none or has nothing to replay, the graph, [`BagError::Refused`].
@@ -69,9 +70,10 @@ fn refuse_others(node: &Node, topics: &[&Topic], settings: &ReplaySettings) -> R
     let measured = |name: &&str| ["/panda/", "/camera/"].iter().any(|part| name.contains(part)) || *name == "/clock";
     let clock = settings.clock_hz.map(|_| "/clock");
     let mut taken = Vec::new();
-    for name in topics.iter().map(|t| t.name.as_str()).chain(clock).filter(measured) {
-        if !is_command(node, name)? && node.publisher_count(name)? > 0 {
-            taken.push(name);
+    for name in topics.iter().map(|t| t.name.as_str()).chain(clock) {
+        let played = node.resolve(name)?;
+        if measured(&played.as_str()) && !is_command(node, name)? && node.publisher_count(name)? > 0 {
+            taken.push(played);
         }
     }
     match taken.is_empty() {
@@ -99,6 +101,8 @@ fn choose<'a>(
         }
         let reason = if settings.clock_hz.is_some() && topic.type_name == Clock::TYPE_NAME {
             Some("/clock is made in step with the bag".to_owned())
+        } else if let Err(error) = node.resolve(&topic.name) {
+            Some(error.to_string())
         } else if is_command(node, &topic.name)? && !settings.allow_replay {
             Some("it commands an arm, and allow_replay is false".to_owned())
         } else if let Some(other) = chosen.iter().find(|other| other.name == topic.name) {
@@ -115,7 +119,10 @@ fn choose<'a>(
         return Err(BagError::NoTopic {
             path: bag.path().to_owned(),
             needed: "a topic to replay".to_owned(),
-            found: bag.describe_topics(),
+            found: match left_out.as_slice() {
+                [] => bag.describe_topics(),
+                reasons => format!("{}; left out: {}", bag.describe_topics(), reasons.join("; ")),
+            },
         });
     }
     Ok(chosen)
@@ -133,8 +140,11 @@ fn unplayable(topic: &Topic) -> Option<String> {
     }
 }
 
-/// Whether an arm follows what is published under this name, before or after remapping, in any namespace.
+/// Names under which arms take commands: ours, and those of the ROS 2 controllers behind the relay.
+const COMMANDS: [&str; 3] = ["target_pose", "target_joint", "target_wrench"];
+
+/// Whether an arm may follow what is published under this name, before or after remapping, in any namespace.
 fn is_command(node: &Node, name: &str) -> Result<bool, BagError> {
-    let command = format!("/{}", contract::TARGET_POSE.name);
-    Ok([name.to_owned(), node.resolve(name)?].iter().any(|n| n.ends_with(&command)))
+    let commands = |name: &str| name.rsplit('/').next().is_some_and(|last| COMMANDS.contains(&last));
+    Ok(commands(name) || commands(&node.resolve(name)?))
 }

@@ -94,6 +94,7 @@ impl<'a> Player<'a> {
                 Ok(message) => message,
                 Err(error) => {
                     tracing::warn!("{error}");
+                    summary.failed += 1;
                     continue;
                 }
             };
@@ -109,7 +110,9 @@ impl<'a> Player<'a> {
                     return Ok(false);
                 }
                 clock.send(Clock { clock: stamp::to_msg(Time::from_nanos(next_tick_ns)) });
-                next_tick_ns = next_tick_ns.saturating_add(tick_ns);
+                pace.account(0);
+                let Some(next) = next_tick_ns.checked_add(tick_ns) else { break };
+                next_tick_ns = next;
             }
             if !pace.wait(self.node, at_ns) {
                 return Ok(false);
@@ -184,7 +187,7 @@ impl Pace {
         if left.is_zero() { !node.is_shutdown() } else { !node.shutdown().wait_timeout(left) }
     }
 
-    /// A message of so many bytes was published.
+    /// A message of so many bytes was published, or a tick of the clock.
     fn account(&mut self, bytes: usize) {
         if self.rate.is_infinite() {
             self.busy_s += (1.0 / FASTEST[0]).max(bytes as f64 / FASTEST[1]);
