@@ -91,6 +91,18 @@ def test_the_graph_names_nodes_topics_and_profiles_that_do_not_fit(graph, figure
     assert problems == [f"{row.name}: /stranger asks for reliable and hears nothing of /simulated_cell, which offers best effort"]
 
 
+def test_a_graph_with_a_clock_and_with_types_that_nobody_has_is_shown(session, monkeypatch, capsys):
+    session.node("keypoint_tracker", "-p", "use_sim_time:=true")
+    session.start("replay", session.root / "bags/swing", "--clock", "--loop", "--topics", "/dlo/keypoints", "/panda/current_pose")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(session.domain))
+    session.meet("keypoint_tracker")
+    assert main(["graph", "--seconds", "1.5", "--json"]) == 0, capsys.readouterr().err
+    said = json.loads(capsys.readouterr().out)
+    topics = {topic["name"]: topic for topic in said["topics"]}
+    assert "rosgraph_msgs/msg/Clock" in topics["/clock"]["type"] and topics["/clock"]["rate_hz"] > 50
+    assert [p for topic in said["topics"] for p in topic["problems"]] == []
+
+
 def test_a_graph_without_what_is_needed_is_said(session, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(session.domain))
     assert main(["keypoints"]) == 1

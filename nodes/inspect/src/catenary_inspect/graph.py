@@ -91,6 +91,8 @@ def problems(name, channel):
     """Subscriptions that hear nothing of a publisher, and topics of two types."""
     if "," in channel.type_name and name != "/clock":
         yield f"{name} has several types: {channel.type_name}"
+    elif channel.unheard:
+        yield channel.unheard
     for s, p, policy in deaf(channel):
         asked, offered = (getattr(end, policy).replace("_", " ") for end in (s, p))
         yield f"{name}: {s.node or 'a node'} asks for {asked} and hears nothing of {p.node}, which offers {offered}"

@@ -100,7 +100,13 @@ def add_endpoints(mine, log, subscribed, names):
         channel.publishers = publishers
         channel.subscriptions = endpoints(mine.get_subscriptions_info_by_topic(name))
         if publishers and name not in subscribed and (names is None or name in names):
-            subscribe(mine, name, channel, raw=names is None)
+            try:
+                subscribe(mine, name, channel, raw=names is None)
+            except InspectError as error:
+                # Where all topics are looked at, one that cannot be heard is a line of the report.
+                if names is not None:
+                    raise
+                channel.unheard = str(error)
             subscribed.add(name)
 
 
@@ -126,11 +132,13 @@ def subscribe(mine, name, channel, raw):
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-    if "," in channel.type_name:
+    # RustDDS has a type of its own for the clock, of the same bytes.
+    type_name = "rosgraph_msgs/msg/Clock" if name == "/clock" else channel.type_name
+    if "," in type_name:
         raise InspectError(f"live graph: {name}: expected one type, found {channel.type_name}")
 
     def came(message):
         channel.messages.append((time.time_ns(), len(message) if raw else message))
 
     channel.since_ns = time.time_ns()
-    mine.create_subscription(message_class(name, channel.type_name), name, came, profile, raw=raw)
+    mine.create_subscription(message_class(name, type_name), name, came, profile, raw=raw)

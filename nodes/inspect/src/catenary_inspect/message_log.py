@@ -19,7 +19,8 @@ class Endpoint:
 @dataclass
 class Channel:
     """One topic. `messages` are pairs of the time of arrival in ns and the message, or its length in bytes where no topic was asked
-    for; `count` is known of topics that were not asked for, too. `since_ns`: when listening began, live; what is latched is older."""
+    for; `count` is known of topics that were not asked for, too. `since_ns`: when listening began, live; what is latched is older.
+    `unheard`: why nothing was listened to."""
 
     type_name: str
     publishers: list = field(default_factory=list)
@@ -27,6 +28,7 @@ class Channel:
     messages: list = field(default_factory=list)
     count: int = 0
     since_ns: int = 0
+    unheard: str = ""
 
 
 @dataclass
