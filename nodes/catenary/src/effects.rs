@@ -22,8 +22,9 @@ struct Row {
 
 impl From<About> for Row {
     fn from(about: About) -> Self {
+        let sign = about.sign();
         let About { name, title, description, unit, hook, prior, range } = about;
-        Self { name, title, description, unit, hook: hook.name(), sign: about.sign(), prior, range }
+        Self { name, title, description, unit, hook: hook.name(), sign, prior, range }
     }
 }
 
@@ -34,10 +35,7 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
         let width = |text: fn(&Row) -> usize| rows.iter().map(text).max().unwrap_or(0);
         let (names, units) = (width(|r| r.name.len()), width(|r| r.unit.len()));
         let line = |r: &Row| {
-            let prior = match r.prior {
-                Prior::Uniform { low, high } => format!("uniform {low} to {high}"),
-                Prior::LogUniform { low, high } => format!("log-uniform {low} to {high}"),
-            };
+            let prior = r.prior.to_string();
             format!("{:<names$}  {:<units$}  {:<11}  {prior:<27}  {}", r.name, r.unit, r.hook, r.description)
         };
         let head =

@@ -34,7 +34,7 @@ pub use mixture::Mixture;
 pub use mlp::Mlp;
 pub use model::{Model, ModelError};
 pub use observation::Observation;
-pub use parameter::{Parameter, ParameterSpace, Prior};
+pub use parameter::{Parameter, ParameterSpace, Prior, Weighted};
 pub use policy::Policy;
 pub use posterior::Posterior;
 pub use simulator::{DifferentiableSimulator, Drive, Fidelity, SimulationRequest, Simulator, SimulatorError};

@@ -48,12 +48,7 @@ impl Candidate {
         let change = value - self.base;
         let signs = self.signs().len() as f64;
         let magnitude = if signs > 1.0 { change.abs() } else { change };
-        let (low, high) = self.prior.bounds();
-        match self.prior {
-            _ if !(low..=high).contains(&magnitude) => 0.0,
-            Prior::Uniform { .. } => 1.0 / (signs * (high - low)),
-            Prior::LogUniform { .. } => 1.0 / (signs * magnitude * (high / low).ln()),
-        }
+        self.prior.density(magnitude) / signs
     }
 
     /// Values at which a fit starts: quantiles of the prior.

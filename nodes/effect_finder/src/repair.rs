@@ -77,9 +77,14 @@ mod tests {
     #[test]
     fn a_positive_effect_keeps_its_logarithm() {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.3 };
-        let drag =
-            Candidate { name: "linear_drag_n_s_m2".into(), title: String::new(), prior, range: [0.0, 1e3], base: 0.0 };
-        let of = |value, sd| repaired(&model(), &drag, &found(value, sd)).unwrap().theta.parameters()[2].prior;
+        let drag = Candidate {
+            name: "linear_drag_n_s_m2".into(),
+            title: String::new(),
+            prior: prior.clone(),
+            range: [0.0, 1e3],
+            base: 0.0,
+        };
+        let of = |value, sd| repaired(&model(), &drag, &found(value, sd)).unwrap().theta.parameters()[2].prior.clone();
         assert_eq!(of(0.05, 0.01), prior);
         let Prior::LogUniform { low, high } = of(0.4, 0.02) else { panic!("a logarithm") };
         assert!(low == 1e-3 && (high - 0.48).abs() < 1e-12, "{low} to {high}");

@@ -38,8 +38,8 @@ impl Unknowns {
     pub fn of(model: &Model, episodes: usize) -> Self {
         let unknown = |name: &str, prior, scope| Unknown { name: name.to_owned(), prior, scope };
         let mut list: Vec<Unknown> =
-            model.theta.parameters().iter().map(|p| unknown(&p.name, p.prior, Scope::Shared)).collect();
-        list.extend(model.effects.iter().map(|e| unknown(&e.name, e.distribution, Scope::PerEpisode)));
+            model.theta.parameters().iter().map(|p| unknown(&p.name, p.prior.clone(), Scope::Shared)).collect();
+        list.extend(model.effects.iter().map(|e| unknown(&e.name, e.distribution.clone(), Scope::PerEpisode)));
         for (name, half) in camera_jitter(model) {
             if half > 0.0 && list.iter().all(|u| u.name != name) {
                 list.push(unknown(name, Prior::Uniform { low: -half, high: half }, Scope::PerEpisode));
@@ -57,17 +57,18 @@ impl Unknowns {
     }
 
     /// These, with theta's priors opened to both sides: by their own width, or by a quarter of their values where that is
-    /// more. What is positive stays so.
+    /// more; Gaussians and mixtures become uniform. What is positive stays so.
     #[must_use]
     pub fn opened(&self) -> Self {
         let mut list = self.list.clone();
         for unknown in &mut list[..self.theta] {
+            let (low, high) = unknown.prior.bounds();
             unknown.prior = match unknown.prior {
-                Prior::LogUniform { low, high } => {
+                Prior::LogUniform { .. } => {
                     let factor = (high / low).sqrt().max(2.0);
                     Prior::LogUniform { low: low / factor, high: high * factor }
                 }
-                Prior::Uniform { low, high } => {
+                Prior::Uniform { .. } | Prior::Normal { .. } | Prior::Mixture(_) => {
                     let margin = (high - low).max(0.25 * low.abs().max(high.abs()));
                     let least = if low > 0.0 { 0.2 * low } else { f64::NEG_INFINITY };
                     Prior::Uniform { low: (low - margin).max(least), high: high + margin }
@@ -132,10 +133,7 @@ impl Unknowns {
 
     /// How the value of unknown `index`, which is `value`, changes with its coordinate.
     pub fn slope(&self, index: usize, value: f64) -> f64 {
-        match self.list[index].prior {
-            Prior::Uniform { low, high } => high - low,
-            Prior::LogUniform { low, high } => value * (high / low).ln(),
-        }
+        self.list[index].prior.slope(value)
     }
 
     /// The point where `old`'s unknowns are at the point `u`, and others at the middle of their priors.

@@ -5,11 +5,11 @@ use catenary_core::model::DriveKind;
 use catenary_core::task::DeltaAnchor;
 use catenary_core::track::End;
 use catenary_core::{
-    Fidelity, Frame, GripPose, Keypoints, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track,
+    Fidelity, Frame, GripPose, Keypoints, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track, Weighted,
 };
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, Quaternion};
 use catenary_msgs::msg::{
-    EefDelta, Keypoints as KeypointsMsg, Mixture as MixtureMsg, Parameter as ParameterMsg, Track as TrackMsg,
+    EefDelta, Keypoints as KeypointsMsg, Mixture as MixtureMsg, Parameter as ParameterMsg, PriorPart, Track as TrackMsg,
 };
 use catenary_msgs::srv::SimulateRequest;
 use nalgebra::{DMatrix, DVector};
@@ -67,22 +67,46 @@ pub fn posterior_from_msg(message: &MixtureMsg) -> Result<Posterior, ConvertErro
 }
 
 fn parameter_to_msg(parameter: &Parameter) -> ParameterMsg {
-    let (low, high) = parameter.prior.bounds();
-    let prior = match parameter.prior {
-        Prior::Uniform { .. } => ParameterMsg::PRIOR_UNIFORM,
-        Prior::LogUniform { .. } => ParameterMsg::PRIOR_LOG_UNIFORM,
+    let PriorPart { prior, low, high, mean, sd, .. } = prior_to_msg(1.0, &parameter.prior);
+    let parts = match &parameter.prior {
+        Prior::Mixture(parts) => parts.iter().map(|p| prior_to_msg(p.weight, &p.prior)).collect(),
+        _ => Vec::new(),
     };
-    ParameterMsg { name: parameter.name.clone(), prior, low, high }
+    ParameterMsg { name: parameter.name.clone(), prior, low, high, mean, sd, parts }
+}
+
+/// A prior without the parts that a mixture has.
+fn prior_to_msg(weight: f64, prior: &Prior) -> PriorPart {
+    let (low, high) = prior.bounds();
+    let (prior, mean, sd) = match *prior {
+        Prior::Uniform { .. } => (ParameterMsg::PRIOR_UNIFORM, 0.0, 0.0),
+        Prior::LogUniform { .. } => (ParameterMsg::PRIOR_LOG_UNIFORM, 0.0, 0.0),
+        Prior::Normal { mean, sd, .. } => (ParameterMsg::PRIOR_NORMAL, mean, sd),
+        Prior::Mixture(_) => (ParameterMsg::PRIOR_MIXTURE, 0.0, 0.0),
+    };
+    PriorPart { weight, prior, low, high, mean, sd }
 }
 
 fn parameter_from_msg(message: &ParameterMsg) -> Result<Parameter, ConvertError> {
-    let (low, high) = (message.low, message.high);
-    let prior = match message.prior {
-        ParameterMsg::PRIOR_UNIFORM => Prior::Uniform { low, high },
-        ParameterMsg::PRIOR_LOG_UNIFORM => Prior::LogUniform { low, high },
-        other => return Err(error("prior", "one of PRIOR_*", other)),
+    let &ParameterMsg { prior, low, high, mean, sd, .. } = message;
+    let prior = match prior {
+        ParameterMsg::PRIOR_MIXTURE => {
+            let part = |p: &PriorPart| Ok(Weighted { weight: p.weight, prior: prior_from_msg(p)? });
+            Prior::Mixture(message.parts.iter().map(part).collect::<Result<_, _>>()?)
+        }
+        _ => prior_from_msg(&PriorPart { weight: 1.0, prior, low, high, mean, sd })?,
     };
     Ok(Parameter { name: message.name.clone(), prior })
+}
+
+fn prior_from_msg(message: &PriorPart) -> Result<Prior, ConvertError> {
+    let &PriorPart { low, high, mean, sd, .. } = message;
+    match message.prior {
+        ParameterMsg::PRIOR_UNIFORM => Ok(Prior::Uniform { low, high }),
+        ParameterMsg::PRIOR_LOG_UNIFORM => Ok(Prior::LogUniform { low, high }),
+        ParameterMsg::PRIOR_NORMAL => Ok(Prior::Normal { mean, sd, low, high }),
+        other => Err(error("prior", "one of PRIOR_*, and no mixture in a mixture", other)),
+    }
 }
 
 /// The number that stands for a fidelity.
@@ -278,6 +302,22 @@ mod tests {
         };
         let track = Track { frames: vec![frame(0.0), frame(0.5)], end: End::StepLimit };
         assert_eq!(track_from_msg(&track_to_msg(&track)).unwrap(), track);
+    }
+
+    #[test]
+    fn every_kind_of_prior_survives_the_wire() {
+        let normal = Prior::Normal { mean: 0.2, sd: 0.01, low: 0.1, high: 0.3 };
+        let log_uniform = Prior::LogUniform { low: 0.01, high: 0.3 };
+        let parts = [(2.0, &normal), (0.5, &log_uniform), (1.0, &Prior::Uniform { low: 0.0, high: 1.0 })];
+        let mixture = parts.map(|(weight, prior)| Weighted { weight, prior: prior.clone() });
+        for prior in [normal.clone(), log_uniform.clone(), Prior::Mixture(mixture.to_vec())] {
+            let there = Parameter { name: "length_m".into(), prior };
+            assert_eq!(parameter_from_msg(&parameter_to_msg(&there)).unwrap(), there);
+        }
+        let nested = PriorPart { prior: ParameterMsg::PRIOR_MIXTURE, ..PriorPart::default() };
+        let message =
+            ParameterMsg { prior: ParameterMsg::PRIOR_MIXTURE, parts: vec![nested], ..ParameterMsg::default() };
+        assert!(parameter_from_msg(&message).unwrap_err().to_string().contains("no mixture in a mixture, got 3"));
     }
 
     #[test]

@@ -254,8 +254,8 @@ pub fn check(model: &Model) -> Result<(), ParameterError> {
 
 /// As [`check`], with other effects.
 pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterError> {
-    let theta = model.theta.parameters().iter().map(|p| (&p.name, p.prior));
-    for (name, prior) in theta.chain(model.effects.iter().map(|e| (&e.name, e.distribution))) {
+    let theta = model.theta.parameters().iter().map(|p| (&p.name, &p.prior));
+    for (name, prior) in theta.chain(model.effects.iter().map(|e| (&e.name, &e.distribution))) {
         let (_, [low, high]) = known(registry, name)?;
         let (from, to) = prior.bounds();
         if from < low || to > high {

@@ -102,8 +102,8 @@ fn large_change<'a>(stage: &Stage, change: Change<'a>) -> Result<Change<'a>, Str
 /// Least and greatest value that the model's prior, or else the effect's own, holds.
 fn greatest_span(stage: &Stage, name: &str) -> Option<[f64; 2]> {
     let model = stage.model();
-    let inferred = model.theta.parameters().iter().find(|p| p.name == name).map(|p| p.prior);
-    let drawn = || model.effects.iter().find(|e| e.name == name).map(|e| e.distribution);
+    let inferred = model.theta.parameters().iter().find(|p| p.name == name).map(|p| p.prior.clone());
+    let drawn = || model.effects.iter().find(|e| e.name == name).map(|e| e.distribution.clone());
     let own = || stage.registry().find(name).map(|e| e.about().prior);
     inferred.or_else(drawn).or_else(own).map(|p| p.bounds().into())
 }

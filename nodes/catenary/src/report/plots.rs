@@ -60,7 +60,7 @@ pub enum Extent {
 }
 
 /// Density of a posterior over two of its parameters, the low-variance domain samples (theta) and, where it is known, the
-/// truth. Axes are the parameters' units, logarithmic where the prior is.
+/// truth. Axes are the parameters' units, spaced as the prior spreads them: logarithmic where it is uniform in the logarithm.
 pub fn heatmap(
     posterior: &Posterior,
     axes: [usize; 2],

@@ -100,8 +100,8 @@ impl Model {
     /// Nominal values belong to parameters that vary, and lie where those may lie.
     fn check_nominal(&self) -> Result<(), ModelError> {
         for (name, value) in &self.nominal {
-            let theta = self.theta.parameters().iter().find(|p| p.name == *name).map(|p| p.prior);
-            let effect = || self.effects.iter().find(|e| e.name == *name).map(|e| e.distribution);
+            let theta = self.theta.parameters().iter().find(|p| p.name == *name).map(|p| &p.prior);
+            let effect = || self.effects.iter().find(|e| e.name == *name).map(|e| &e.distribution);
             let field = format!("nominal.{name}");
             let Some(prior) = theta.or_else(effect) else {
                 return Err(ModelError::value(

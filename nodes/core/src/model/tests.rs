@@ -64,11 +64,11 @@ fn a_wrong_word_is_named_with_those_that_are_right() {
 #[test]
 fn theta_without_a_prior_is_named() {
     assert_eq!(message(LENGTH, "{name: length_m}"), "line 16, `theta.length_m`: missing field `prior`");
-    let normal = LENGTH.replace("uniform", "normal");
-    let e = message(LENGTH, &normal);
+    let gauss = LENGTH.replace("uniform", "gauss");
+    let e = message(LENGTH, &gauss);
     assert_eq!(
         e,
-        "line 16, `theta.length_m.prior.normal`: unknown variant `normal`, expected one of uniform, log_uniform"
+        "line 16, `theta.length_m.prior.gauss`: unknown variant `gauss`, expected one of uniform, log_uniform, normal, mixture"
     );
     let none = SOFT_BAR.find("theta:").unwrap()..SOFT_BAR.find("effects:").unwrap();
     let mut text = SOFT_BAR.to_owned();
@@ -252,8 +252,8 @@ prop_compose! {
     ) -> Model {
         let names: Vec<String> = names.into_iter().collect();
         let f: Vec<f64> = fractions.into_iter().map(|v| f64::from(v) / 1e6).collect();
-        let effect = |i: usize| Effect { name: names[i].clone(), distribution: priors[i] };
-        let theta = (0..split).map(|i| Parameter { name: names[i].clone(), prior: priors[i] }).collect();
+        let effect = |i: usize| Effect { name: names[i].clone(), distribution: priors[i].clone() };
+        let theta = (0..split).map(|i| Parameter { name: names[i].clone(), prior: priors[i].clone() }).collect();
         let (low, high) = priors[0].bounds();
         Model {
             version: MODEL_VERSION,

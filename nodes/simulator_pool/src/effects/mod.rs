@@ -87,7 +87,7 @@ pub enum Sign {
 }
 
 /// What is to be known of an effect.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct About {
     /// Name with its unit, as model files write it.
     pub name: &'static str,
