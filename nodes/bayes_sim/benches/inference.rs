@@ -37,6 +37,7 @@ fn tracks() -> Samples {
 fn network(settings: &Settings, samples: &Samples) -> Network {
     let shape = Shape {
         frames: FRAMES,
+        plain: 0,
         channels: samples.varying_channels(),
         embedding: settings.embedding,
         hidden: settings.hidden.clone(),

@@ -1,9 +1,10 @@
 //! The mixture density network: embedding of every frame, dense layers, mixture head, with a hand-written gradient.
 //!
 //! Shapes: B tracks of F frames; C columns a frame (features, then channels); I inputs of the first dense layer: all
-//! F x C columns, or their P leading principal components. All parameters lie in one vector: the embedding's, then each
+//! F x C columns, or their P leading principal components, and X plain numbers. All parameters lie in one vector: the embedding's, then each
 //! layer's weights (outputs x inputs, row-major) and biases, then the weights of the linear path.
 
+mod ensemble;
 pub mod head;
 mod projection;
 mod samples;
@@ -12,6 +13,7 @@ mod standard;
 mod tests;
 pub mod train;
 
+pub use ensemble::{Ensemble, Outcome, Training};
 pub use head::MixtureHead;
 pub use projection::Projection;
 pub use samples::Samples;
@@ -31,6 +33,8 @@ use serde::{Deserialize, Serialize};
 pub struct Shape {
     /// F.
     pub frames: usize,
+    /// X, plain numbers of a sample beside its frames.
+    pub plain: usize,
     /// Which channels of [`crate::embedding::input`] are looked at.
     pub channels: Vec<usize>,
     /// The embedding of a frame.
@@ -51,9 +55,14 @@ impl Shape {
         self.embedding.features() + self.channels.len()
     }
 
+    /// Inputs of the first dense layer that come from the frames.
+    fn framed(&self) -> usize {
+        if self.frames == 0 { 0 } else { self.projection.unwrap_or(self.frames * self.columns()) }
+    }
+
     /// I, the inputs of the first dense layer.
     pub fn inputs(&self) -> usize {
-        self.projection.unwrap_or(self.frames * self.columns())
+        self.framed() + self.plain
     }
 
     /// Inputs and outputs of each dense layer.
@@ -128,7 +137,8 @@ impl Network {
         let mut network = Self { shape, standard, projection: None, parameters };
         network.standard.fit_theta(samples, weights);
         network.standard.columns = network.fitted_columns(samples, weights);
-        if let Some(components) = network.shape.projection {
+        network.standard.plain = network.fitted_plain(samples, weights);
+        if let Some(components) = network.shape.projection.filter(|_| network.shape.frames > 0) {
             network.projection = Some(Projection::fit(&network.columns(samples), weights, components, rng));
         }
         network
@@ -183,10 +193,21 @@ impl Network {
     /// B x I: what the dense layers see of `batch`.
     pub fn inputs(&self, batch: &Samples) -> Vec<f32> {
         let columns = self.columns(batch);
-        match &self.projection {
+        let framed = match &self.projection {
             Some(projection) => projection.apply(&columns),
             None => columns,
+        };
+        if self.shape.plain == 0 {
+            return framed;
         }
+        let (width, affine) = (self.shape.framed(), &self.standard.plain);
+        let mut out = Vec::with_capacity(batch.len() * self.shape.inputs());
+        for (i, row) in batch.rows().chunks_exact(self.shape.plain).enumerate() {
+            out.extend_from_slice(&framed[i * width..(i + 1) * width]);
+            let scaled = row.iter().zip(&affine.centre).zip(&affine.inverse_scale);
+            out.extend(scaled.map(|((v, c), s)| (v - c) * s));
+        }
+        out
     }
 
     /// Raw outputs of the head (B x outputs) for `x` (B x I).
@@ -294,9 +315,15 @@ impl Network {
 
     /// Adds to `gradient` what the embedding's parameters contribute, from the derivatives by the inputs (B x I).
     pub fn embedding_gradient(&self, batch: &Samples, by_input: Vec<f32>, gradient: &mut [f32]) {
+        let width = self.shape.framed();
+        if width == 0 {
+            return;
+        }
+        let rows = by_input.chunks_exact(self.shape.inputs());
+        let framed = if self.shape.plain == 0 { by_input } else { rows.flat_map(|r| &r[..width]).copied().collect() };
         let mut by_column = match &self.projection {
-            Some(projection) => projection.apply_transposed(&by_input),
-            None => by_input,
+            Some(projection) => projection.apply_transposed(&framed),
+            None => framed,
         };
         self.standard.scale_gradient(batch, &mut by_column);
         let count = self.shape.embedding.parameter_count();

@@ -12,7 +12,7 @@ pub use request::request;
 
 use crate::embedding::TrackInput;
 use crate::error::InferenceError;
-use crate::network::{Epoch, MixtureHead, Network, Samples, Shape, TrainingError, train};
+use crate::network::{Ensemble, Epoch, MixtureHead, Network, Outcome, Samples, Shape, Training, TrainingError};
 use crate::settings::{LEAST_TRACKS, Settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
 use serde::{Deserialize, Serialize};
@@ -84,7 +84,7 @@ pub struct Sequential<'a> {
     samples: Samples,
     /// With the number of draws of each, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
-    networks: Vec<Network>,
+    ensemble: Ensemble,
     simulations: usize,
     refused: Option<String>,
 }
@@ -111,8 +111,8 @@ impl<'a> Sequential<'a> {
         settings.check()?;
         let observed = TrackInput::new(observed, frames).map_err(InferenceError::Observation)?;
         let samples = Samples::new(frames, space.dimension());
-        let (proposals, networks) = (Vec::new(), Vec::new());
-        Ok(Self { space, settings, observed, samples, proposals, networks, simulations: 0, refused: None })
+        let (proposals, ensemble) = (Vec::new(), Ensemble::default());
+        Ok(Self { space, settings, observed, samples, proposals, ensemble, simulations: 0, refused: None })
     }
 
     fn seed(&self, stream: Stream, index: usize) -> u64 {
@@ -121,7 +121,7 @@ impl<'a> Sequential<'a> {
 
     /// The networks.
     pub fn networks(&self) -> &[Network] {
-        &self.networks
+        self.ensemble.networks()
     }
 
     /// The newest proposal.
@@ -163,16 +163,16 @@ impl<'a> Sequential<'a> {
         let proposal_volume = if let Proposal::Region(region) = newest { region.volume() } else { 1.0 };
         let weights = balance_weights(indices.iter().map(|&i| self.samples.theta(i)), &self.proposals);
         let data = self.samples.gather(&indices);
-        let (epochs, loss) = self.train(number, &indices, &data, &weights, on_progress)?;
+        let outcome = self.train(number, &indices, &data, &weights, on_progress)?;
         let iteration = Iteration {
             iteration: number,
             simulations: self.simulations,
             tracks: indices.len(),
             unusable: self.simulations - self.samples.len(),
-            loss,
+            loss: outcome.held_out_loss,
             effective_sample_size: effective_sample_size(&weights),
             proposal_volume,
-            epochs,
+            epochs: outcome.epochs,
         };
         let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
         let posterior = Posterior { parameters: self.space.clone(), mixture };
@@ -234,6 +234,7 @@ impl<'a> Sequential<'a> {
     fn shape(&self, data: &Samples) -> Shape {
         Shape {
             frames: self.observed.frames(),
+            plain: 0,
             channels: data.varying_channels(),
             embedding: self.settings.embedding,
             hidden: self.settings.hidden.clone(),
@@ -243,7 +244,7 @@ impl<'a> Sequential<'a> {
         }
     }
 
-    /// Trains every network of the ensemble on `data`, the samples at `indices`. Returns passes and mean held-out loss.
+    /// Trains the networks anew on `data`, the samples at `indices`.
     fn train(
         &mut self,
         number: usize,
@@ -251,62 +252,28 @@ impl<'a> Sequential<'a> {
         data: &Samples,
         weights: &[f64],
         on_progress: OnProgress<'_>,
-    ) -> Result<(usize, f64), InferenceError> {
-        let (mut epochs, mut loss) = (0, 0.0);
-        for member in 0..self.settings.ensemble {
-            let mut rng = seed::rng(self.seed(Stream::Training, number), member as u64);
-            let network = Network::new(self.shape(data), self.settings.length_scale, data, weights, &mut rng);
-            match self.networks.get_mut(member) {
-                Some(slot) => *slot = network,
-                None => self.networks.push(network),
-            }
-            let (held_out, training) = self.split(member, indices);
-            let simulations = self.simulations;
-            let mut listen = |epoch: Option<Epoch>| match epoch {
-                Some(epoch) => on_progress(&Progress::Epoch { iteration: number, network: member, epoch }),
-                None => on_progress(&Progress::Working { iteration: number, simulations }),
-            };
-            let schedule = &self.settings.schedule;
-            let network = &mut self.networks[member];
-            let trained = train(network, data, &training, &held_out, weights, schedule, &mut rng, &mut listen)
-                .map_err(|source| match source {
-                    TrainingError::Stopped => InferenceError::Cancelled { simulations: self.simulations },
-                    source => InferenceError::Training { iteration: number, source },
-                })?;
-            epochs += trained.epochs;
-            loss += trained.held_out_loss / self.settings.ensemble as f64;
-        }
-        Ok((epochs, loss))
-    }
-
-    /// Positions within `indices` that network `member` holds out, and those that it trains on. A track stays on its
-    /// side in all iterations, so that held-out losses of different iterations can be compared.
-    fn split(&self, member: usize, indices: &[usize]) -> (Vec<usize>, Vec<usize>) {
-        let stream = self.seed(Stream::HeldOut, member);
-        let lot = |i: usize| (seed::derive(stream, i as u64) >> 11) as f64 / (1u64 << 53) as f64;
-        let mut order: Vec<usize> = (0..indices.len()).collect();
-        let (mut held_out, mut training): (Vec<usize>, Vec<usize>) =
-            order.drain(..).partition(|&i| lot(indices[i]) < self.settings.held_out_share);
-        if held_out.is_empty() {
-            held_out.extend(training.pop());
-        }
-        if training.is_empty() {
-            training.extend(held_out.pop());
-        }
-        (held_out, training)
+    ) -> Result<Outcome, InferenceError> {
+        let simulations = self.simulations;
+        let mut listen = |network: usize, epoch: Option<Epoch>| match epoch {
+            Some(epoch) => on_progress(&Progress::Epoch { iteration: number, network, epoch }),
+            None => on_progress(&Progress::Working { iteration: number, simulations }),
+        };
+        let seeds = [self.seed(Stream::Training, number), seed::derive(self.settings.seed, Stream::HeldOut as u64)];
+        let training = Training { data, weights, lots: indices, seed: seeds[0], held_out_seed: seeds[1] };
+        let (ensemble, outcome) = Ensemble::train(&self.shape(data), self.settings, training, &mut listen).map_err(
+            |source| match source {
+                TrainingError::Stopped => InferenceError::Cancelled { simulations },
+                source => InferenceError::Training { iteration: number, source },
+            },
+        )?;
+        self.ensemble = ensemble;
+        Ok(outcome)
     }
 
     /// The mean of the networks' mixtures at the measured track.
     fn mixture(&self) -> Result<Mixture, catenary_core::mixture::MixtureError> {
         let mut batch = Samples::new(self.observed.frames(), self.space.dimension());
         batch.push(&self.observed, &vec![0.5; self.space.dimension()]);
-        let (mut weights, mut means, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
-        for network in &self.networks {
-            let (w, m, c) = network.mixture_parts(&batch)?;
-            weights.extend(w);
-            means.extend(m);
-            covariances.extend(c);
-        }
-        Mixture::new(&weights, means, covariances)
+        self.ensemble.mixture(&batch)
     }
 }

@@ -3,15 +3,18 @@
 use crate::embedding::TrackInput;
 use crate::embedding::input::{CHANNELS, POINT_VALUES, PRESENCE};
 
-/// N tracks of F frames over D coordinates.
+/// N samples over D coordinates: tracks of F frames, rows of X plain numbers, or both.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Samples {
     frames: usize,
+    plain: usize,
     dimension: usize,
     /// N x F x 4 x 2.
     points: Vec<f32>,
     /// N x F x [`CHANNELS`].
     channels: Vec<f32>,
+    /// N x X.
+    rows: Vec<f32>,
     /// N x D: unit coordinates of theta.
     theta: Vec<f64>,
 }
@@ -22,12 +25,22 @@ impl Samples {
         Self { frames, dimension, ..Self::default() }
     }
 
+    /// Samples without frames: `rows` (N x X, X = `plain`) and the unit coordinates of the thetas that gave them (N x D).
+    ///
+    /// # Panics
+    /// Where the numbers of rows differ.
+    pub fn of_rows(rows: Vec<f32>, plain: usize, theta: Vec<f64>, dimension: usize) -> Self {
+        assert_eq!(rows.len() * dimension, theta.len() * plain, "as many rows as thetas");
+        Self { plain, dimension, rows, theta, ..Self::default() }
+    }
+
     /// Adds a track and the unit coordinates of the theta that gave it.
     ///
     /// # Panics
     /// Where either has another shape than the others.
     pub fn push(&mut self, track: &TrackInput, theta: &[f64]) {
         assert_eq!((track.frames(), theta.len()), (self.frames, self.dimension), "shape of a sample");
+        assert_eq!(self.plain, 0, "a track has no plain numbers");
         self.points.extend_from_slice(&track.points);
         self.channels.extend_from_slice(&track.channels);
         self.theta.extend_from_slice(theta);
@@ -46,6 +59,16 @@ impl Samples {
     /// F.
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// X.
+    pub fn plain(&self) -> usize {
+        self.plain
+    }
+
+    /// N x X: the plain numbers.
+    pub(crate) fn rows(&self) -> &[f32] {
+        &self.rows
     }
 
     /// D.
@@ -80,11 +103,12 @@ impl Samples {
 
     /// The samples at `indices`, in that order.
     pub fn gather(&self, indices: &[usize]) -> Self {
-        let mut picked = Self::new(self.frames, self.dimension);
+        let mut picked = Self { plain: self.plain, ..Self::new(self.frames, self.dimension) };
         for &i in indices {
             let (p, c) = (self.frames * POINT_VALUES, self.frames * CHANNELS);
             picked.points.extend_from_slice(&self.points[i * p..(i + 1) * p]);
             picked.channels.extend_from_slice(&self.channels[i * c..(i + 1) * c]);
+            picked.rows.extend_from_slice(&self.rows[i * self.plain..(i + 1) * self.plain]);
             picked.theta.extend_from_slice(self.theta(i));
         }
         picked

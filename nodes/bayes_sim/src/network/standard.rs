@@ -25,6 +25,8 @@ pub struct Standardisation {
     point_inverse_scale: f32,
     /// F x C: of features and channels.
     pub(super) columns: Affine,
+    /// X: of plain numbers.
+    pub(super) plain: Affine,
     /// Which of the C columns says whether a frame is there; none where it is not looked at.
     pub(super) presence: Option<usize>,
     /// D.
@@ -58,6 +60,17 @@ impl Moments {
     }
 }
 
+impl Affine {
+    /// To zero mean and unit variance.
+    fn of(moments: &[Moments]) -> Self {
+        let inverse = |spread: f64| if spread < LEAST_SPREAD { 0.0 } else { (1.0 / spread) as f32 };
+        Self {
+            centre: moments.iter().map(|m| m.finish().0 as f32).collect(),
+            inverse_scale: moments.iter().map(|m| inverse(m.finish().1)).collect(),
+        }
+    }
+}
+
 impl Standardisation {
     /// Standardises the keypoints by `samples`; the rest is the identity.
     pub(super) fn of_points(shape: &Shape, samples: &Samples) -> Self {
@@ -78,6 +91,7 @@ impl Standardisation {
             point_centre: all.iter().map(|m| m.finish().0 as f32).collect(),
             point_inverse_scale: (1.0 / spread.max(LEAST_SPREAD)) as f32,
             columns: Affine { centre: vec![0.0; columns], inverse_scale: vec![1.0; columns] },
+            plain: Affine::default(),
             presence: shape.channels.iter().position(|c| *c == PRESENCE).map(|c| shape.embedding.features() + c),
             theta_centre: vec![0.0; shape.head.dimension],
             theta_scale: vec![1.0; shape.head.dimension],
@@ -109,7 +123,10 @@ impl Standardisation {
 
     /// Standardises the columns of `batch` in place, N x F x C; absent frames stay zero but for their absence.
     pub(super) fn standardise_columns(&self, batch: &Samples, columns: &mut [f32]) {
-        let width = self.columns.centre.len() / batch.frames();
+        let width = self.columns.centre.len() / batch.frames().max(1);
+        if width == 0 {
+            return;
+        }
         for (row, values) in columns.chunks_exact_mut(width).enumerate() {
             let at = width * (row % batch.frames());
             let seen = if batch.present(row) { 0..width } else { self.presence.map_or(0..0, |c| c..c + 1) };
@@ -121,7 +138,10 @@ impl Standardisation {
 
     /// Turns derivatives by standardised columns into derivatives by raw ones; absent frames have none.
     pub(super) fn scale_gradient(&self, batch: &Samples, gradient: &mut [f32]) {
-        let width = self.columns.centre.len() / batch.frames();
+        let width = self.columns.centre.len() / batch.frames().max(1);
+        if width == 0 {
+            return;
+        }
         for (row, values) in gradient.chunks_exact_mut(width).enumerate() {
             if batch.present(row) {
                 let at = width * (row % batch.frames());
@@ -162,10 +182,15 @@ impl Network {
                 moments[at + c].add(weight, f64::from(values[c]));
             }
         }
-        let inverse = |spread: f64| if spread < LEAST_SPREAD { 0.0 } else { (1.0 / spread) as f32 };
-        Affine {
-            centre: moments.iter().map(|m| m.finish().0 as f32).collect(),
-            inverse_scale: moments.iter().map(|m| inverse(m.finish().1)).collect(),
+        Affine::of(&moments)
+    }
+
+    /// Centres and inverse scales of the plain numbers of `samples`.
+    pub(super) fn fitted_plain(&self, samples: &Samples, weights: &[f64]) -> Affine {
+        let mut moments = vec![Moments::default(); self.shape.plain];
+        for (row, weight) in samples.rows().chunks_exact(self.shape.plain.max(1)).zip(weights) {
+            moments.iter_mut().zip(row).for_each(|(m, v)| m.add(*weight, f64::from(*v)));
         }
+        Affine::of(&moments)
     }
 }

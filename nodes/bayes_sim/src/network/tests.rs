@@ -36,6 +36,7 @@ fn samples(n: usize, dimension: usize) -> Samples {
 fn shape(samples: &Samples, projection: Option<usize>, fourier: Fourier) -> Shape {
     Shape {
         frames: FRAMES,
+        plain: 0,
         channels: samples.varying_channels(),
         embedding: Embedding { frequencies: 5, fourier },
         projection,
