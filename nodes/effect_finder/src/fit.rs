@@ -186,11 +186,9 @@ impl Problem<'_> {
         let mut from = 0;
         for (episode, (r, j)) in parts.iter().enumerate() {
             residuals.rows_mut(from, r.len()).copy_from(r);
-            let (values, names) = (self.unknowns.values(point, episode), self.unknowns.names());
-            for (i, value) in values.iter().enumerate() {
+            let values = self.unknowns.values(point, episode);
+            for (i, (value, by)) in values.iter().zip(self.unknowns.places()).enumerate() {
                 let column = self.unknowns.column(i, episode);
-                let name = &self.unknowns.list()[i].name;
-                let by = names.iter().position(|n| n == name).expect("every unknown has a name");
                 let scaled = j.column(by) * self.unknowns.slope(i, *value);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
