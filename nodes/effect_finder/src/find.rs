@@ -4,7 +4,7 @@ use crate::candidate::Candidate;
 use crate::case::{Case, Quantity};
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
-use crate::fit::{Fit, Problem, Start};
+use crate::fit::{Fit, Problem, Start, presses};
 use crate::laplace::Laplace;
 use crate::localise::{self, Part, Place};
 use crate::name::{self, Fitted};
@@ -263,8 +263,9 @@ impl Search<'_> {
     /// Parameters of theta that press on an edge of their prior.
     fn pressing(&self, fit: &Fit) -> Vec<String> {
         let unknowns = &self.problem.unknowns;
-        let theta = unknowns.list()[..unknowns.theta()].iter().enumerate();
-        theta.filter(|(i, _)| fit.presses(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
+        let (theta, gradient) = (unknowns.list()[..unknowns.theta()].iter().enumerate(), fit.gradient());
+        let at_edge = |column: usize| presses(fit.point[column], gradient[column]);
+        theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
     }
 
     /// Fitness of a model, with the test of it.

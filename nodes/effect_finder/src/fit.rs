@@ -72,12 +72,12 @@ impl Fit {
     pub fn curvature(&self) -> DMatrix<f64> {
         self.jacobian.transpose() * &self.jacobian
     }
+}
 
-    /// Whether column `column` lies at an edge of its range, and the fit would be better beyond it.
-    pub fn presses(&self, column: usize) -> bool {
-        let (u, g) = (self.point[column], self.gradient()[column]);
-        (u <= 0.0 && g > 0.0) || (u >= 1.0 && g < 0.0)
-    }
+/// Whether a coordinate `u` lies at an edge of its range, and the cost, whose gradient by it is `g` or a multiple, is less
+/// beyond it.
+pub fn presses(u: f64, g: f64) -> bool {
+    (u <= 0.0 && g > 0.0) || (u >= 1.0 && g < 0.0)
 }
 
 /// A fit under way.
@@ -245,7 +245,7 @@ fn predicted_decrease(fit: &Fit, trial: &[f64]) -> f64 {
 fn step(fit: &Fit, damping: f64) -> DVector<f64> {
     let (gradient, curvature) = (fit.gradient(), fit.curvature());
     let n = gradient.len();
-    let mut free: Vec<usize> = (0..n).filter(|&i| !fit.presses(i)).collect();
+    let mut free: Vec<usize> = (0..n).filter(|&i| !presses(fit.point[i], gradient[i])).collect();
     let mut step = DVector::zeros(n);
     loop {
         let k = free.len();
@@ -256,11 +256,8 @@ fn step(fit: &Fit, damping: f64) -> DVector<f64> {
         let right = DVector::from_fn(k, |i, _| -gradient[free[i]]);
         let Some(solved) = matrix.cholesky().map(|c| c.solve(&right)) else { return step };
         // A coordinate at an edge that the whole step drives outward is held, too, and the others are solved for again.
-        let leaves = |(i, d): (usize, &f64)| {
-            let u = fit.point[free[i]];
-            (u <= 0.0 && *d < 0.0) || (u >= 1.0 && *d > 0.0)
-        };
-        let held: Vec<usize> = solved.iter().enumerate().filter(|&x| leaves(x)).map(|(i, _)| free[i]).collect();
+        let leaves = |(i, d): &(&usize, &f64)| presses(fit.point[**i], -**d);
+        let held: Vec<usize> = free.iter().zip(solved.iter()).filter(leaves).map(|(&i, _)| i).collect();
         if held.is_empty() {
             step.fill(0.0);
             free.iter().zip(solved.iter()).for_each(|(&i, d)| step[i] = *d);
@@ -316,7 +313,8 @@ mod tests {
     fn a_value_beyond_the_edge_presses_on_it() {
         let cases = [toy::case(&Toy { gain: 0.3 }, [0.35, 2e4], &[])];
         let fit = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
-        assert!(fit.point[0] == 1.0 && fit.presses(0) && !fit.presses(1), "{:?}", fit.point);
+        let presses = |column: usize| presses(fit.point[column], fit.gradient()[column]);
+        assert!(fit.point[0] == 1.0 && presses(0) && !presses(1), "{:?}", fit.point);
     }
 
     #[test]

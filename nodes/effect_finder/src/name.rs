@@ -6,7 +6,7 @@
 
 use crate::candidate::Candidate;
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::fit::{Fit, OnRound, Problem, Start, presses};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::Unknowns;
@@ -115,8 +115,9 @@ struct Parabola {
 
 impl Parabola {
     fn of(fit: &Fit, laplace: &Laplace, column: usize) -> Self {
-        let slope = if fit.presses(column) { fit.gradient()[column] } else { 0.0 };
-        Self { at: fit.point[column], cost: fit.cost, slope, sd: laplace.sd(column) }
+        let (at, gradient) = (fit.point[column], fit.gradient()[column]);
+        let slope = if presses(at, gradient) { gradient } else { 0.0 };
+        Self { at, cost: fit.cost, slope, sd: laplace.sd(column) }
     }
 
     fn cost(&self, u: f64) -> f64 {
