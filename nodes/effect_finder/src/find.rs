@@ -4,7 +4,7 @@ use crate::candidate::Candidate;
 use crate::case::{Case, Quantity};
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
-use crate::fit::{Fit, Problem, Start, presses};
+use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
 use crate::laplace::Laplace;
 use crate::localise::{self, Part, Place};
 use crate::name::{self, Fitted};
@@ -152,15 +152,15 @@ impl Search<'_> {
         let mut points: Vec<Vec<f64>> =
             (0..self.settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect()).collect();
         points[0] = vec![0.5; columns];
-        // One round is one look at each draw.
-        let look = Problem { rounds: 1, unknowns: self.problem.unknowns.clone(), ..*self.problem };
         let starts = points.into_iter().map(|point| Start { point, tracks: self.problem.measured() }).collect();
-        let mut seen: Vec<Fit> = self.fit(&look, starts, Stage::Calibrate)?.into_iter().flatten().collect();
-        seen.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        seen.truncate(self.settings.starts);
-        let starts = seen.into_iter().map(|f| Start { point: f.point, tracks: self.problem.measured() }).collect();
-        let fits = self.fit(self.problem, starts, Stage::Calibrate)?;
-        let best = fits.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let (problem, most) = (self.problem, self.settings.starts);
+        let fits = self.in_rounds(Stage::Calibrate, |on_round| {
+            let mut seen: Vec<Seen> = problem.look(starts, on_round)?.into_iter().flatten().collect();
+            seen.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+            seen.truncate(most);
+            problem.climb(seen, on_round)
+        })?;
+        let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
         let words = |e: &Estimate| format!("{} {} ({} to {})", e.name, short(e.value), short(e.q05), short(e.q95));
         let estimates: Vec<String> = self.estimates(self.problem, &fit)?.iter().map(words).collect();
@@ -242,7 +242,7 @@ impl Search<'_> {
         let point = unknowns.point_from(&self.problem.unknowns, &fit.point);
         let open = Problem { unknowns, ..*self.problem };
         let start = Start { point, tracks: self.problem.measured() };
-        let fits = match self.fit(&open, vec![start], Stage::Localise) {
+        let fits = match self.in_rounds(Stage::Localise, |on_round| open.fit(vec![start], on_round)) {
             // Beyond the edge there may be nothing that can be simulated.
             Err(FinderError::NoFit(_)) => return Ok(false),
             other => other?,
@@ -314,15 +314,15 @@ impl Search<'_> {
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
-    fn fit(
+    /// What `fit` comes to, while its rounds are reported.
+    fn in_rounds<T>(
         &mut self,
-        problem: &Problem<'_>,
-        starts: Vec<Start>,
         stage: Stage,
-    ) -> Result<Vec<Option<Fit>>, FinderError> {
+        fit: impl FnOnce(OnRound<'_>) -> Result<T, FinderError>,
+    ) -> Result<T, FinderError> {
         let on_progress = &mut *self.on_progress;
         let mut on_round = || on_progress(&Progress { stage, progress: within(stage, 0.5), conclusion: None });
-        problem.fit(starts, &mut on_round).map_err(|e| in_stage(e, stage))
+        fit(&mut on_round).map_err(|e| in_stage(e, stage))
     }
 
     fn tell(&mut self, stage: Stage, share: f64) -> Result<(), FinderError> {
