@@ -112,10 +112,10 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(&mut self, candidates: &[Candidate]) -> Result<(Finding, Option<Model>), FinderError> {
-        let fit = self.calibrate()?;
+        let (fit, agreement) = self.calibrate()?;
         let pressing = self.pressing(&fit);
-        let present = self.fitness(self.problem, &fit, 0, Stage::Detect)?;
-        let (fitness, detection) = present;
+        let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
+        let fitness = agreement.with(&detection);
         let is_gap = fitness.test.p_value <= self.settings.level;
         self.conclude(Stage::Detect, detected(&fitness, is_gap))?;
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
@@ -145,8 +145,8 @@ impl Search<'_> {
     }
 
     /// The best fit of the present model: from the best of many draws of the prior.
-    fn calibrate(&mut self) -> Result<Fit, FinderError> {
-        self.tell(Stage::Calibrate, 0.0)?;
+    fn calibrate(&mut self) -> Result<(Fit, Agreement), FinderError> {
+        self.report(Stage::Calibrate, 0.0, None)?;
         let columns = self.problem.unknowns.columns();
         let mut rng = seed::rng(self.settings.seed, START_STREAM);
         let mut points: Vec<Vec<f64>> =
@@ -162,12 +162,12 @@ impl Search<'_> {
         })?;
         let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
+        let agreement = self.agreement(problem, &fit)?;
         let words = |e: &Estimate| format!("{} {} ({} to {})", e.name, short(e.value), short(e.q05), short(e.q95));
-        let estimates: Vec<String> = self.estimates(self.problem, &fit)?.iter().map(words).collect();
-        let rmse_mm = self.rmse_mm(self.problem, &fit);
-        let sentence = format!("the present model fits best with {}; RMSE {rmse_mm:.1} mm", estimates.join(", "));
-        self.conclude(Stage::Calibrate, sentence)?;
-        Ok(fit)
+        let estimates: Vec<String> = agreement.estimates.iter().map(words).collect();
+        let (estimates, rmse_mm) = (estimates.join(", "), agreement.rmse_mm);
+        self.conclude(Stage::Calibrate, format!("the present model fits best with {estimates}; RMSE {rmse_mm:.1} mm"))?;
+        Ok((fit, agreement))
     }
 
     /// Compares candidates, and tests the model with the best.
@@ -179,15 +179,9 @@ impl Search<'_> {
     ) -> Result<Option<Model>, FinderError> {
         let mut fitted: Vec<Fitted> = Vec::new();
         for (i, candidate) in candidates.iter().enumerate() {
-            self.tell(Stage::Name, i as f64 / candidates.len() as f64)?;
-            let on_progress = &mut *self.on_progress;
-            let mut on_round = || {
-                on_progress(&Progress {
-                    stage: Stage::Name,
-                    progress: within(Stage::Name, i as f64 / candidates.len() as f64),
-                    conclusion: None,
-                })
-            };
+            let share = i as f64 / candidates.len() as f64;
+            self.report(Stage::Name, share, None)?;
+            let mut on_round = || told(self.on_progress, Stage::Name, share, None);
             match name::try_candidate(self.problem, base, candidate, &mut on_round) {
                 Ok(one) => fitted.push(one),
                 Err(FinderError::Cancelled(_)) => return Err(FinderError::Cancelled(Stage::Name.name())),
@@ -205,7 +199,8 @@ impl Search<'_> {
         let group = name::group(&ranked, self.settings);
         self.conclude(Stage::Name, named(&group, best))?;
         let with = Problem { unknowns: best.unknowns.clone(), ..*self.problem };
-        let (fitness, _) = self.fitness(&with, &best.fit, 1, Stage::Repair)?;
+        let detection = self.detect(&with, &best.fit, 1, Stage::Repair)?;
+        let fitness = self.agreement(&with, &best.fit)?.with(&detection);
         let closes = fitness.test.p_value > self.settings.level;
         let sentence = format!(
             "with {} RMSE {:.1} -> {:.1} mm; {}",
@@ -268,25 +263,25 @@ impl Search<'_> {
         theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
     }
 
-    /// Fitness of a model, with the test of it.
-    fn fitness(
+    /// The test of a model.
+    fn detect(
         &mut self,
         problem: &Problem<'_>,
         fit: &Fit,
         stream: u64,
         stage: Stage,
-    ) -> Result<(Fitness, Detection), FinderError> {
-        self.tell(stage, 0.0)?;
-        let on_progress = &mut *self.on_progress;
+    ) -> Result<Detection, FinderError> {
+        self.report(stage, 0.0, None)?;
         let mut rounds = 0.0;
         let mut on_round = || {
             rounds += 1.0;
-            on_progress(&Progress { stage, progress: within(stage, rounds / (rounds + 4.0)), conclusion: None })
+            told(self.on_progress, stage, rounds / (rounds + 4.0), None)
         };
-        let detection = detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))?;
-        let estimates = self.estimates(problem, fit)?;
-        let rmse_mm = self.rmse_mm(problem, fit);
-        Ok((Fitness { estimates, test: detection.summary(), rmse_mm }, detection))
+        detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))
+    }
+
+    fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
+        Ok(Agreement { estimates: self.estimates(problem, fit)?, rmse_mm: self.rmse_mm(problem, fit) })
     }
 
     /// Values that all episodes share, with their intervals.
@@ -320,27 +315,37 @@ impl Search<'_> {
         stage: Stage,
         fit: impl FnOnce(OnRound<'_>) -> Result<T, FinderError>,
     ) -> Result<T, FinderError> {
-        let on_progress = &mut *self.on_progress;
-        let mut on_round = || on_progress(&Progress { stage, progress: within(stage, 0.5), conclusion: None });
-        fit(&mut on_round).map_err(|e| in_stage(e, stage))
-    }
-
-    fn tell(&mut self, stage: Stage, share: f64) -> Result<(), FinderError> {
-        let progress = Progress { stage, progress: within(stage, share), conclusion: None };
-        match (self.on_progress)(&progress) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(FinderError::Cancelled(stage.name())),
-        }
+        fit(&mut || told(self.on_progress, stage, 0.5, None)).map_err(|e| in_stage(e, stage))
     }
 
     fn conclude(&mut self, stage: Stage, sentence: String) -> Result<(), FinderError> {
         self.conclusions.push(sentence.clone());
-        let progress = Progress { stage, progress: within(stage, 1.0), conclusion: Some(sentence) };
-        match (self.on_progress)(&progress) {
+        self.report(stage, 1.0, Some(sentence))
+    }
+
+    fn report(&mut self, stage: Stage, share: f64, conclusion: Option<String>) -> Result<(), FinderError> {
+        match told(self.on_progress, stage, share, conclusion) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(FinderError::Cancelled(stage.name())),
         }
     }
+}
+
+/// How well a fit agrees with the data, before it is tested.
+struct Agreement {
+    estimates: Vec<Estimate>,
+    rmse_mm: f64,
+}
+
+impl Agreement {
+    fn with(self, detection: &Detection) -> Fitness {
+        Fitness { estimates: self.estimates, test: detection.summary(), rmse_mm: self.rmse_mm }
+    }
+}
+
+/// Tells how far the search is, `share` of a stage, and returns whether to go on.
+fn told(on_progress: OnProgress<'_>, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {
+    on_progress(&Progress { stage, progress: within(stage, share), conclusion })
 }
 
 fn within(stage: Stage, share: f64) -> f64 {
