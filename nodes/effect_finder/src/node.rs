@@ -72,11 +72,7 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let measured = measured(handle, live, &model)?;
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
-    let workers = match usize::try_from(parameters.workers.get())? {
-        0 => workers::available(),
-        n => n,
-    };
-    let simulator = BeamSimulator::new(&model, workers)?;
+    let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
     let candidates = convert::candidates(Registry::shipped(), &model);
     let found = find(&model, &measured, &candidates, &simulator, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
