@@ -1,14 +1,15 @@
 //! The whole search: calibrate, detect, localise, name, repair.
 
 use crate::candidate::Candidate;
-use crate::case::{Case, Quantity};
+use crate::case::Case;
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
 use crate::laplace::Laplace;
-use crate::localise::{self, Part, Place};
+use crate::localise;
 use crate::name::{self, Fitted};
 use crate::repair::repaired;
+use crate::sentences::{detected, fitted, located, named};
 use crate::settings::Settings;
 use crate::unknowns::{Scope, Unknowns};
 use crate::verdict::{Estimate, Finding, Fitness, Verdict};
@@ -163,10 +164,7 @@ impl Search<'_> {
         let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
         let agreement = self.agreement(problem, &fit)?;
-        let words = |e: &Estimate| format!("{} {} ({} to {})", e.name, short(e.value), short(e.q05), short(e.q95));
-        let estimates: Vec<String> = agreement.estimates.iter().map(words).collect();
-        let (estimates, rmse_mm) = (estimates.join(", "), agreement.rmse_mm);
-        self.conclude(Stage::Calibrate, format!("the present model fits best with {estimates}; RMSE {rmse_mm:.1} mm"))?;
+        self.conclude(Stage::Calibrate, fitted(&agreement.estimates, agreement.rmse_mm))?;
         Ok((fit, agreement))
     }
 
@@ -357,59 +355,5 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
     match error {
         FinderError::Cancelled(_) => FinderError::Cancelled(stage.name()),
         other => other,
-    }
-}
-
-/// A number with four figures.
-fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize };
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.3e}")
-    }
-}
-
-fn detected(fitness: &Fitness, is_gap: bool) -> String {
-    let test = &fitness.test;
-    let middle = test.null.get(test.null.len() / 2).copied().unwrap_or(f64::NAN);
-    let meaning = if is_gap { "more than noise is left" } else { "what is left is noise" };
-    format!("{meaning}: {:.0} squared deviations where {middle:.0} are usual, p = {:.3}", test.statistic, test.p_value)
-}
-
-fn located(places: &[Place], level: f64) -> String {
-    let onset = localise::onset(places, level).map(|p| match p.part {
-        Part::Window { episode, from_s, to_s } => {
-            format!("disagreement begins in episode {episode} between {from_s:.2} s and {to_s:.2} s")
-        }
-        Part::Quantity(_) => String::new(),
-    });
-    let worst = localise::worst_quantity(places, level).map(|p| match p.part {
-        Part::Quantity(Quantity::Keypoint { point, axis }) => {
-            let direction = ["along", "across"][axis];
-            format!(
-                "it is largest at keypoint {point} from the grip, {direction} the image's rows ({:.1} times the noise)",
-                p.mean_square.sqrt()
-            )
-        }
-        Part::Quantity(Quantity::Pose { axis }) => {
-            let what = ["x", "z", "pitch"][axis];
-            format!("it is largest in the arm's {what} ({:.1} times the noise)", p.mean_square.sqrt())
-        }
-        Part::Window { .. } => String::new(),
-    });
-    let words: Vec<String> = onset.into_iter().chain(worst).collect();
-    if words.is_empty() { "the disagreement is spread over all times and keypoints".into() } else { words.join("; ") }
-}
-
-fn named(group: &[&Fitted], best: &Fitted) -> String {
-    let words = |f: &&Fitted| {
-        let e = &f.explanation;
-        format!("{} ({} {}, probability {:.2})", e.title, e.name, short(e.value), e.probability)
-    };
-    match group {
-        [] => format!("no candidate explains it better than none; the least bad is {}", words(&best)),
-        [one] => format!("{} explains it best", words(one)),
-        several => format!("cannot tell apart: {}", several.iter().map(words).collect::<Vec<_>>().join(", ")),
     }
 }
