@@ -129,7 +129,10 @@ def test_space_that_a_recorder_reserved_is_no_message(figures, tmp_path):
     begin, _ = chunks(file)[3]
     file.write_bytes(file.read_bytes()[:begin] + bytes(100_000))
     said = figures("keypoints", "--bag", file)
-    assert 0 < said["frames"] < FRAMES and "not finished" in said["notes"][0]
+    assert 0 < said["frames"] < FRAMES and "and nothing in its last 100000 bytes" in said["notes"][0]
+    file.write_bytes(file.read_bytes()[:-100_000])
+    left = sum(row["count"] for row in figures("graph", "--bag", file)["topics"])
+    assert figures("graph", "--bag", file)["notes"][0] == f"{file}: not finished: {left} messages were found"
 
 
 def test_files_that_metadata_yaml_knows_otherwise_are_told_of(figures, refused, tmp_path):

@@ -108,7 +108,8 @@ class McapFile:
     def missing(self):
         """What is missing, in words."""
         if not self.is_finished:
-            yield f"not finished: the last {self.size - self.end} of its {self.size} bytes hold nothing that can be read"
+            left = self.size - self.end
+            yield f"not finished: {self.taken} messages were found" + (f", and nothing in its last {left} bytes" if left else "")
         yield from self.damages
         if self.orphans:
             yield f"{self.orphans} messages are lost with what defined their topics"
