@@ -135,6 +135,14 @@ def test_space_that_a_recorder_reserved_is_no_message(figures, tmp_path):
     assert figures("graph", "--bag", file)["notes"][0] == f"{file}: not finished: {left} messages were found"
 
 
+def test_a_file_without_its_summary_is_told_of_and_loses_nothing(figures, tmp_path):
+    """Other readers cannot do without."""
+    _, file = copy(tmp_path)
+    file.write_bytes(file.read_bytes()[:-40])
+    note, hint = figures("graph", "--bag", file)["notes"]
+    assert note == f"{file}: it has no summary: {MESSAGES} messages were found" and "catenary reindex" in hint
+
+
 def test_files_that_metadata_yaml_knows_otherwise_are_told_of(figures, refused, tmp_path):
     bag, file = copy(tmp_path)
     metadata = bag / "metadata.yaml"

@@ -25,7 +25,8 @@ def read(path, source, reading, notes):
 
 
 class McapFile:
-    """`end`: where the last record ended that was read. `orphans`: messages whose topic nothing defines."""
+    """`is_finished`: whether it has a summary. `at_end`: whether its data were read to their end; `end`: to where they were read.
+    `orphans`: messages whose topic nothing defines."""
 
     def __init__(self, stream, reading):
         self.stream, self.reading = stream, reading
@@ -60,12 +61,12 @@ class McapFile:
         try:
             for record in reader.records:
                 if isinstance(record, DataEnd):
-                    self.is_finished = self.at_end = True
+                    self.at_end = True
                     return
                 yield record
         except CRCValidationError as error:
             # Of the data as a whole: it stands at their end.
-            self.is_finished = self.at_end = True
+            self.at_end = True
             if not self.damages:
                 self.damages.append(f"damaged somewhere: {error}")
         except DAMAGE:
@@ -108,8 +109,9 @@ class McapFile:
     def missing(self):
         """What is missing, in words."""
         if not self.is_finished:
-            left = self.size - self.end
-            yield f"not finished: {self.taken} messages were found" + (f", and nothing in its last {left} bytes" if left else "")
+            left = 0 if self.at_end else self.size - self.end
+            state = "it has no summary" if self.at_end else "not finished"
+            yield f"{state}: {self.taken} messages were found" + (f", and nothing in its last {left} bytes" if left else "")
         yield from self.damages
         if self.orphans:
             yield f"{self.orphans} messages are lost with what defined their topics"
