@@ -5,7 +5,7 @@ use catenary_core::episode::EpisodeError;
 use catenary_core::{Episode, EpisodeLog};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
-use catenary_shell::{Msg, Node, ShellError, Subscription, contract};
+use catenary_shell::{Act, GoalHandle, Msg, Node, ShellError, Subscription, contract};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,6 +13,8 @@ use std::time::Duration;
 const BURST: u16 = 256;
 /// How often the log drops what nobody needs.
 const TIDY: Duration = Duration::from_secs(5);
+/// How often a goal that waits for an episode looks for it.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// What the topics say of episodes while this lives: the last complete one, and those under way.
 pub struct LiveEpisodes {
@@ -55,6 +57,19 @@ impl LiveEpisodes {
             return Err(EpisodeError::NoEpisode(log.summary()));
         }
         Ok(episode)
+    }
+
+    /// The last complete episode, as [`LiveEpisodes::last`] knows it, waited for; none where the goal is cancelled before.
+    #[must_use]
+    pub fn wait<A: Act>(&self, goal: &GoalHandle<A>) -> Option<Episode> {
+        loop {
+            if let Ok(episode) = self.last() {
+                return Some(episode);
+            }
+            if goal.wait_cancelled(LOOK) {
+                return None;
+            }
+        }
     }
 
     /// What was heard, in words.

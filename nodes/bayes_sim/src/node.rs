@@ -18,10 +18,6 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
-
-/// How often a goal that waits for an episode looks for it.
-const LOOK: Duration = Duration::from_millis(100);
 
 /// Runs the node from the arguments after the program's name.
 pub fn main(args: Vec<String>) -> ExitCode {
@@ -88,14 +84,7 @@ fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) ->
             let bag = BagReader::open(Path::new(&goal.bag))?;
             read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
         }
-        InferGoal::SOURCE_LIVE => loop {
-            if let Ok(episode) = live.last() {
-                break episode;
-            }
-            if handle.wait_cancelled(LOOK) {
-                bail!("cancelled while waiting for an episode");
-            }
-        },
+        InferGoal::SOURCE_LIVE => live.wait(handle).context("cancelled while waiting for an episode")?,
         other => bail!("source: expected SOURCE_LIVE or SOURCE_BAG, got {other}"),
     };
     let mut measured = episode.measured(&model)?;

@@ -8,9 +8,9 @@ use crate::train::{Report, read_posterior};
 use anyhow::{Context, Result, ensure};
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior};
-use catenary_msgs::action::{FindEffects, FindEffectsGoal, Infer, InferGoal, Train, TrainGoal};
+use catenary_msgs::action::{FindEffects, FindEffectsGoal, Infer, InferGoal, Train, TrainFeedback, TrainGoal};
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, convert};
+use catenary_shell::{Act, ActionClient, NodeBuilder, RosArgs, Shutdown, convert};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -55,30 +55,23 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
     };
     let path = arguments.out.join("posterior.json");
     output::prepare(&path)?;
-    let wait = goal::wait(arguments.served.wait_s)?;
-    let interrupted = Shutdown::new();
-    catenary_shell::end_on_signals(&interrupted)?;
-    let node = node("infer", namespace)?;
-    let client: ActionClient<Infer> = node.action_client("bayes_sim/infer")?;
-    let started = Instant::now();
     let bar = bar("inference", "{pos}/{len}")?;
-    let shown = bar.clone();
-    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
-        shown.set_length(u64::from(feedback.iterations));
-        shown.set_position(u64::from(feedback.iteration));
-        shown.set_message(format!(
+    let asking = Asking { who: "infer", what: "bayes_sim/infer", namespace, wait_s: arguments.served.wait_s };
+    let Answer { name, result, wall_s } = asking.ask::<Infer>(goal, &bar, |bar, feedback| {
+        bar.set_length(u64::from(feedback.iterations));
+        bar.set_position(u64::from(feedback.iteration));
+        bar.set_message(format!(
             "{} simulations, loss {:.2} nat, {:.0} effective",
             feedback.simulations, feedback.loss, feedback.effective_sample_size
         ));
     })?;
-    bar.finish_and_clear();
-    ensure!(result.success, "{}: {}", client.name(), result.message);
+    ensure!(result.success, "{name}: {}", result.message);
     let posterior = convert::posterior_from_msg(&result.posterior)?;
     std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
     let inferred = Inferred {
         bag: arguments.bag.clone(),
         model: model.name.clone(),
-        wall_s: started.elapsed().as_secs_f64(),
+        wall_s,
         marginals: posterior.marginals()?,
         posterior,
         mass_outside: result.mass_outside,
@@ -109,27 +102,16 @@ pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()
         ..TrainGoal::default()
     };
     output::prepare(&arguments.out)?;
-    let wait = goal::wait(arguments.served.wait_s)?;
-    let interrupted = Shutdown::new();
-    catenary_shell::end_on_signals(&interrupted)?;
-    let node = node("train", namespace)?;
-    let client: ActionClient<Train> = node.action_client("ppo_trainer/train")?;
     let bar = bar("training", "{percent:>3}%")?;
-    let (shown, success_rate) = (bar.clone(), Arc::new(Mutex::new(0.0)));
+    let success_rate = Arc::new(Mutex::new(0.0));
     let told = Arc::clone(&success_rate);
-    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
-        shown.set_length(feedback.total_steps);
-        shown.set_position(feedback.steps);
-        shown.set_message(format!(
-            "return {:.2}, success {:.0} %",
-            feedback.mean_return,
-            100.0 * feedback.success_rate
-        ));
+    let asking = Asking { who: "train", what: "ppo_trainer/train", namespace, wait_s: arguments.served.wait_s };
+    let Answer { name, result, .. } = asking.ask::<Train>(goal, &bar, move |bar, feedback| {
+        show_training(bar, &feedback);
         *told.lock().unwrap_or_else(PoisonError::into_inner) = feedback.success_rate;
     })?;
-    bar.finish_and_clear();
-    ensure!(result.success, "{}: {}", client.name(), result.message);
-    let bytes = policy(result.policy, Path::new(client.name()))?;
+    ensure!(result.success, "{name}: {}", result.message);
+    let bytes = policy(result.policy, Path::new(&name))?;
     std::fs::write(&arguments.out, bytes).with_context(|| arguments.out.display().to_string())?;
     let report = Report {
         policy: arguments.out.clone(),
@@ -166,25 +148,18 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     };
     let path = arguments.out.join("model.yaml");
     output::prepare(&path)?;
-    let wait = goal::wait(arguments.served.wait_s)?;
-    let interrupted = Shutdown::new();
-    catenary_shell::end_on_signals(&interrupted)?;
-    let node = node("find_effects", namespace)?;
-    let client: ActionClient<FindEffects> = node.action_client("effect_finder/find")?;
-    let started = Instant::now();
     let bar = bar("search", "{percent:>3}%")?;
     bar.set_length(1000);
-    let shown = bar.clone();
-    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
-        shown.set_position((1000.0 * feedback.progress) as u64);
-        shown.set_message(feedback.stage);
+    let asking = Asking { who: "find_effects", what: "effect_finder/find", namespace, wait_s: arguments.served.wait_s };
+    let Answer { name, result, wall_s } = asking.ask::<FindEffects>(goal, &bar, |bar, feedback| {
+        bar.set_position((1000.0 * feedback.progress) as u64);
+        bar.set_message(feedback.stage);
     })?;
-    bar.finish_and_clear();
-    ensure!(result.success, "{}: {}", client.name(), result.message);
+    ensure!(result.success, "{name}: {}", result.message);
     std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
     let found = Found {
         bags: arguments.bag.clone(),
-        wall_s: started.elapsed().as_secs_f64(),
+        wall_s,
         verdict: result.verdict,
         conclusions: result.message.lines().map(str::to_owned).collect(),
         effects: result.effects.into_iter().zip(result.probabilities).collect(),
@@ -197,10 +172,52 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     })
 }
 
-/// A node that calls those of a namespace.
-fn node(name: &str, namespace: &str) -> Result<Node> {
-    let (arguments, _) = RosArgs::parse(["--ros-args".to_owned(), "-r".to_owned(), format!("__ns:={namespace}")])?;
-    Ok(NodeBuilder::new(name, &arguments)?.build()?)
+/// What is asked of the nodes of a namespace.
+struct Asking<'a> {
+    /// Name of the node that asks.
+    who: &'a str,
+    /// Name of the action.
+    what: &'a str,
+    namespace: &'a str,
+    /// s to wait for a server.
+    wait_s: f64,
+}
+
+/// What came of it.
+struct Answer<R> {
+    /// The action's name with its namespace.
+    name: String,
+    result: R,
+    wall_s: f64,
+}
+
+impl Asking<'_> {
+    /// Sends a goal and follows it to its end, with `show` moving the bar; Ctrl-C cancels the goal.
+    fn ask<A: Act>(
+        &self,
+        goal: A::Goal,
+        bar: &ProgressBar,
+        mut show: impl FnMut(&ProgressBar, A::Feedback) + Send + 'static,
+    ) -> Result<Answer<A::Result>> {
+        let wait = goal::wait(self.wait_s)?;
+        let interrupted = Shutdown::new();
+        catenary_shell::end_on_signals(&interrupted)?;
+        let namespace = format!("__ns:={}", self.namespace);
+        let (arguments, _) = RosArgs::parse(["--ros-args".to_owned(), "-r".to_owned(), namespace])?;
+        let node = NodeBuilder::new(self.who, &arguments)?.build()?;
+        let client: ActionClient<A> = node.action_client(self.what)?;
+        let (started, shown) = (Instant::now(), bar.clone());
+        let result = follow(&client, goal, wait, &interrupted, move |feedback| show(&shown, feedback))?;
+        bar.finish_and_clear();
+        Ok(Answer { name: client.name().to_owned(), result, wall_s: started.elapsed().as_secs_f64() })
+    }
+}
+
+/// Shows on a bar how far a training is.
+pub fn show_training(bar: &ProgressBar, feedback: &TrainFeedback) {
+    bar.set_length(feedback.total_steps.max(1));
+    bar.set_position(feedback.steps);
+    bar.set_message(format!("return {:.2}, success {:.0} %", feedback.mean_return, 100.0 * feedback.success_rate));
 }
 
 fn bar(what: &str, count: &str) -> Result<ProgressBar> {

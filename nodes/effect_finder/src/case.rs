@@ -34,6 +34,16 @@ pub enum Quantity {
     },
 }
 
+impl Quantity {
+    /// Its number among the keypoints and the coordinates of the end effector of a frame, or of a frame's derivative.
+    fn of(self, dlo: &[[f64; 2]; 4], eef: &[f64; 3]) -> f64 {
+        match self {
+            Quantity::Keypoint { point, axis } => dlo[point][axis],
+            Quantity::Pose { axis } => eef[axis],
+        }
+    }
+}
+
 /// What a row of residuals is a difference of, and where.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Channel {
@@ -115,10 +125,21 @@ impl Case {
             .collect()
     }
 
+    /// What is measured of a frame, in the order of its keypoints and of its coordinates of the end effector.
     fn quantities(&self) -> impl Iterator<Item = Quantity> + use<> {
         let keypoints = (0..4).flat_map(|point| [0, 1].map(|axis| Quantity::Keypoint { point, axis }));
         let poses = if self.pose_sd_m.is_some() { 3 } else { 0 };
         keypoints.chain((0..poses).map(|axis| Quantity::Pose { axis }))
+    }
+
+    /// Standard deviation of a quantity's noise, in the quantity's unit.
+    fn sd(&self, quantity: Quantity) -> f64 {
+        let pose_sd_m = self.pose_sd_m.unwrap_or(f64::INFINITY);
+        match quantity {
+            Quantity::Keypoint { .. } => self.keypoint_sd,
+            Quantity::Pose { axis: 2 } => pose_sd_m / LEVER_M,
+            Quantity::Pose { .. } => pose_sd_m,
+        }
     }
 
     /// Measured less simulated, in standard deviations of the noise, a row a channel; and the simulated track's
@@ -134,26 +155,15 @@ impl Case {
             let at = i.min(last);
             let predicted = &simulated.track.frames[at];
             let order = best_order(seen, predicted);
+            let ordered = order.map(|k| seen.dlo[k]);
             for (r, quantity) in self.quantities().enumerate() {
-                let (sd, of, at_frame) = match quantity {
-                    Quantity::Keypoint { point, axis } => {
-                        let pick = move |f: &[[f64; 2]; 4]| f[point][axis];
-                        (
-                            self.keypoint_sd,
-                            seen.dlo[order[point]][axis] - pick(&predicted.dlo),
-                            Pick::Keypoint(point, axis),
-                        )
-                    }
-                    Quantity::Pose { axis } => {
-                        let sd_m = self.pose_sd_m.unwrap_or(f64::INFINITY);
-                        let sd = if axis == 2 { sd_m / LEVER_M } else { sd_m };
-                        (sd, seen.eef[axis] - predicted.eef[axis], Pick::Pose(axis))
-                    }
-                };
-                residuals[rows * i + r] = of / sd;
+                let sd = self.sd(quantity);
+                let difference = quantity.of(&ordered, &seen.eef) - quantity.of(&predicted.dlo, &predicted.eef);
+                residuals[rows * i + r] = difference / sd;
                 if i <= last {
                     for (c, derivative) in simulated.derivatives.iter().enumerate() {
-                        jacobian[(rows * i + r, c)] = at_frame.of(&derivative[at]) / sd;
+                        let FrameDerivative { dlo, eef, .. } = &derivative[at];
+                        jacobian[(rows * i + r, c)] = quantity.of(dlo, eef) / sd;
                     }
                 }
             }
@@ -168,12 +178,8 @@ impl Case {
         for (i, seen) in self.measured.frames.iter().enumerate() {
             let Some(last) = simulated.frames.len().checked_sub(1) else { break };
             let mut frame = Frame { time_s: seen.time_s, ..simulated.frames[i.min(last)] };
-            frame.dlo.iter_mut().flatten().for_each(|v| *v += self.keypoint_sd * normal());
-            if let Some(sd_m) = self.pose_sd_m {
-                for (axis, v) in frame.eef.iter_mut().enumerate() {
-                    *v += normal() * if axis == 2 { sd_m / LEVER_M } else { sd_m };
-                }
-            }
+            let values = frame.dlo.iter_mut().flatten().chain(&mut frame.eef);
+            values.zip(self.quantities()).for_each(|(v, quantity)| *v += self.sd(quantity) * normal());
             frames.push(frame);
         }
         Track { frames, end: simulated.end }
@@ -194,21 +200,6 @@ impl Case {
             }
         }
         1e3 * (sum / count).sqrt()
-    }
-}
-
-/// Which number of a frame's derivative a row holds.
-enum Pick {
-    Keypoint(usize, usize),
-    Pose(usize),
-}
-
-impl Pick {
-    fn of(&self, derivative: &FrameDerivative) -> f64 {
-        match *self {
-            Pick::Keypoint(point, axis) => derivative.dlo[point][axis],
-            Pick::Pose(axis) => derivative.eef[axis],
-        }
     }
 }
 

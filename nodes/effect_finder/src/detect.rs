@@ -121,24 +121,22 @@ fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64, first: u64, 
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
         Start { point: points[b].clone(), tracks: measured }
     };
-    let whole: Vec<usize> = (0..points.len()).collect();
-    let together = tracks(problem, points, &whole);
-    let sets = match together {
+    let sets = match tracks(problem, points) {
         Ok(sets) => sets.into_iter().enumerate().collect(),
         // One point that cannot be simulated fails the batch: each is asked for by itself.
         Err(_) => {
-            let alone = |b: usize| tracks(problem, points, &[b]).map_err(|e| *refusal = e.to_string()).ok();
+            let alone = |b: usize| tracks(problem, &points[b..=b]).map_err(|e| *refusal = e.to_string()).ok();
             let one = |(b, sets): (usize, Option<Vec<Vec<Track>>>)| Some((b, sets?.pop()?));
-            whole.iter().copied().map(alone).enumerate().filter_map(one).collect::<Vec<_>>()
+            (0..points.len()).map(alone).enumerate().filter_map(one).collect::<Vec<_>>()
         }
     };
     sets.into_iter().map(|(b, tracks)| set(b, tracks)).collect()
 }
 
-/// For each of the points called `chosen` a track an episode.
-fn tracks(problem: &Problem<'_>, points: &[Vec<f64>], chosen: &[usize]) -> Result<Vec<Vec<Track>>, SimulatorError> {
-    let at: Vec<&[f64]> = chosen.iter().map(|&b| points[b].as_slice()).collect();
-    let mut sets = vec![Vec::new(); chosen.len()];
+/// For each of the points a track an episode.
+fn tracks(problem: &Problem<'_>, points: &[Vec<f64>]) -> Result<Vec<Vec<Track>>, SimulatorError> {
+    let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+    let mut sets = vec![Vec::new(); points.len()];
     for episode in 0..problem.cases.len() {
         let tracks = problem.simulator.simulate(&problem.request(&at, episode))?;
         if tracks.len() != at.len() {

@@ -1,14 +1,15 @@
 //! The whole search: calibrate, detect, localise, name, repair.
 
 use crate::candidate::Candidate;
-use crate::case::{Case, Quantity};
+use crate::case::Case;
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
-use crate::fit::{Fit, Problem, Start};
+use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
 use crate::laplace::Laplace;
-use crate::localise::{self, Part, Place};
+use crate::localise;
 use crate::name::{self, Fitted};
 use crate::repair::repaired;
+use crate::sentences::{detected, fitted, located, named};
 use crate::settings::Settings;
 use crate::unknowns::{Scope, Unknowns};
 use crate::verdict::{Estimate, Finding, Fitness, Verdict};
@@ -112,10 +113,10 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(&mut self, candidates: &[Candidate]) -> Result<(Finding, Option<Model>), FinderError> {
-        let fit = self.calibrate()?;
+        let (fit, agreement) = self.calibrate()?;
         let pressing = self.pressing(&fit);
-        let present = self.fitness(self.problem, &fit, 0, Stage::Detect)?;
-        let (fitness, detection) = present;
+        let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
+        let fitness = agreement.with(&detection);
         let is_gap = fitness.test.p_value <= self.settings.level;
         self.conclude(Stage::Detect, detected(&fitness, is_gap))?;
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
@@ -145,29 +146,26 @@ impl Search<'_> {
     }
 
     /// The best fit of the present model: from the best of many draws of the prior.
-    fn calibrate(&mut self) -> Result<Fit, FinderError> {
-        self.tell(Stage::Calibrate, 0.0)?;
+    fn calibrate(&mut self) -> Result<(Fit, Agreement), FinderError> {
+        self.report(Stage::Calibrate, 0.0, None)?;
         let columns = self.problem.unknowns.columns();
         let mut rng = seed::rng(self.settings.seed, START_STREAM);
         let mut points: Vec<Vec<f64>> =
             (0..self.settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect()).collect();
         points[0] = vec![0.5; columns];
-        // One round is one look at each draw.
-        let look = Problem { rounds: 1, unknowns: self.problem.unknowns.clone(), ..*self.problem };
         let starts = points.into_iter().map(|point| Start { point, tracks: self.problem.measured() }).collect();
-        let mut seen: Vec<Fit> = self.fit(&look, starts, Stage::Calibrate)?.into_iter().flatten().collect();
-        seen.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        seen.truncate(self.settings.starts);
-        let starts = seen.into_iter().map(|f| Start { point: f.point, tracks: self.problem.measured() }).collect();
-        let fits = self.fit(self.problem, starts, Stage::Calibrate)?;
-        let best = fits.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let (problem, most) = (self.problem, self.settings.starts);
+        let fits = self.in_rounds(Stage::Calibrate, |on_round| {
+            let mut seen: Vec<Seen> = problem.look(starts, on_round)?.into_iter().flatten().collect();
+            seen.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+            seen.truncate(most);
+            problem.climb(seen, on_round)
+        })?;
+        let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
-        let words = |e: &Estimate| format!("{} {} ({} to {})", e.name, short(e.value), short(e.q05), short(e.q95));
-        let estimates: Vec<String> = self.estimates(self.problem, &fit)?.iter().map(words).collect();
-        let rmse_mm = self.rmse_mm(self.problem, &fit);
-        let sentence = format!("the present model fits best with {}; RMSE {rmse_mm:.1} mm", estimates.join(", "));
-        self.conclude(Stage::Calibrate, sentence)?;
-        Ok(fit)
+        let agreement = self.agreement(problem, &fit)?;
+        self.conclude(Stage::Calibrate, fitted(&agreement.estimates, agreement.rmse_mm))?;
+        Ok((fit, agreement))
     }
 
     /// Compares candidates, and tests the model with the best.
@@ -179,15 +177,9 @@ impl Search<'_> {
     ) -> Result<Option<Model>, FinderError> {
         let mut fitted: Vec<Fitted> = Vec::new();
         for (i, candidate) in candidates.iter().enumerate() {
-            self.tell(Stage::Name, i as f64 / candidates.len() as f64)?;
-            let on_progress = &mut *self.on_progress;
-            let mut on_round = || {
-                on_progress(&Progress {
-                    stage: Stage::Name,
-                    progress: within(Stage::Name, i as f64 / candidates.len() as f64),
-                    conclusion: None,
-                })
-            };
+            let share = i as f64 / candidates.len() as f64;
+            self.report(Stage::Name, share, None)?;
+            let mut on_round = || told(self.on_progress, Stage::Name, share, None);
             match name::try_candidate(self.problem, base, candidate, &mut on_round) {
                 Ok(one) => fitted.push(one),
                 Err(FinderError::Cancelled(_)) => return Err(FinderError::Cancelled(Stage::Name.name())),
@@ -205,7 +197,8 @@ impl Search<'_> {
         let group = name::group(&ranked, self.settings);
         self.conclude(Stage::Name, named(&group, best))?;
         let with = Problem { unknowns: best.unknowns.clone(), ..*self.problem };
-        let (fitness, _) = self.fitness(&with, &best.fit, 1, Stage::Repair)?;
+        let detection = self.detect(&with, &best.fit, 1, Stage::Repair)?;
+        let fitness = self.agreement(&with, &best.fit)?.with(&detection);
         let closes = fitness.test.p_value > self.settings.level;
         let sentence = format!(
             "with {} RMSE {:.1} -> {:.1} mm; {}",
@@ -242,7 +235,7 @@ impl Search<'_> {
         let point = unknowns.point_from(&self.problem.unknowns, &fit.point);
         let open = Problem { unknowns, ..*self.problem };
         let start = Start { point, tracks: self.problem.measured() };
-        let fits = match self.fit(&open, vec![start], Stage::Localise) {
+        let fits = match self.in_rounds(Stage::Localise, |on_round| open.fit(vec![start], on_round)) {
             // Beyond the edge there may be nothing that can be simulated.
             Err(FinderError::NoFit(_)) => return Ok(false),
             other => other?,
@@ -263,29 +256,30 @@ impl Search<'_> {
     /// Parameters of theta that press on an edge of their prior.
     fn pressing(&self, fit: &Fit) -> Vec<String> {
         let unknowns = &self.problem.unknowns;
-        let theta = unknowns.list()[..unknowns.theta()].iter().enumerate();
-        theta.filter(|(i, _)| fit.presses(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
+        let (theta, gradient) = (unknowns.list()[..unknowns.theta()].iter().enumerate(), fit.gradient());
+        let at_edge = |column: usize| presses(fit.point[column], gradient[column]);
+        theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
     }
 
-    /// Fitness of a model, with the test of it.
-    fn fitness(
+    /// The test of a model.
+    fn detect(
         &mut self,
         problem: &Problem<'_>,
         fit: &Fit,
         stream: u64,
         stage: Stage,
-    ) -> Result<(Fitness, Detection), FinderError> {
-        self.tell(stage, 0.0)?;
-        let on_progress = &mut *self.on_progress;
+    ) -> Result<Detection, FinderError> {
+        self.report(stage, 0.0, None)?;
         let mut rounds = 0.0;
         let mut on_round = || {
             rounds += 1.0;
-            on_progress(&Progress { stage, progress: within(stage, rounds / (rounds + 4.0)), conclusion: None })
+            told(self.on_progress, stage, rounds / (rounds + 4.0), None)
         };
-        let detection = detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))?;
-        let estimates = self.estimates(problem, fit)?;
-        let rmse_mm = self.rmse_mm(problem, fit);
-        Ok((Fitness { estimates, test: detection.summary(), rmse_mm }, detection))
+        detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))
+    }
+
+    fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
+        Ok(Agreement { estimates: self.estimates(problem, fit)?, rmse_mm: self.rmse_mm(problem, fit) })
     }
 
     /// Values that all episodes share, with their intervals.
@@ -313,33 +307,43 @@ impl Search<'_> {
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
-    fn fit(
+    /// What `fit` comes to, while its rounds are reported.
+    fn in_rounds<T>(
         &mut self,
-        problem: &Problem<'_>,
-        starts: Vec<Start>,
         stage: Stage,
-    ) -> Result<Vec<Option<Fit>>, FinderError> {
-        let on_progress = &mut *self.on_progress;
-        let mut on_round = || on_progress(&Progress { stage, progress: within(stage, 0.5), conclusion: None });
-        problem.fit(starts, &mut on_round).map_err(|e| in_stage(e, stage))
-    }
-
-    fn tell(&mut self, stage: Stage, share: f64) -> Result<(), FinderError> {
-        let progress = Progress { stage, progress: within(stage, share), conclusion: None };
-        match (self.on_progress)(&progress) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(FinderError::Cancelled(stage.name())),
-        }
+        fit: impl FnOnce(OnRound<'_>) -> Result<T, FinderError>,
+    ) -> Result<T, FinderError> {
+        fit(&mut || told(self.on_progress, stage, 0.5, None)).map_err(|e| in_stage(e, stage))
     }
 
     fn conclude(&mut self, stage: Stage, sentence: String) -> Result<(), FinderError> {
         self.conclusions.push(sentence.clone());
-        let progress = Progress { stage, progress: within(stage, 1.0), conclusion: Some(sentence) };
-        match (self.on_progress)(&progress) {
+        self.report(stage, 1.0, Some(sentence))
+    }
+
+    fn report(&mut self, stage: Stage, share: f64, conclusion: Option<String>) -> Result<(), FinderError> {
+        match told(self.on_progress, stage, share, conclusion) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(FinderError::Cancelled(stage.name())),
         }
     }
+}
+
+/// How well a fit agrees with the data, before it is tested.
+struct Agreement {
+    estimates: Vec<Estimate>,
+    rmse_mm: f64,
+}
+
+impl Agreement {
+    fn with(self, detection: &Detection) -> Fitness {
+        Fitness { estimates: self.estimates, test: detection.summary(), rmse_mm: self.rmse_mm }
+    }
+}
+
+/// Tells how far the search is, `share` of a stage, and returns whether to go on.
+fn told(on_progress: OnProgress<'_>, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {
+    on_progress(&Progress { stage, progress: within(stage, share), conclusion })
 }
 
 fn within(stage: Stage, share: f64) -> f64 {
@@ -351,59 +355,5 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
     match error {
         FinderError::Cancelled(_) => FinderError::Cancelled(stage.name()),
         other => other,
-    }
-}
-
-/// A number with four figures.
-fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize };
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.3e}")
-    }
-}
-
-fn detected(fitness: &Fitness, is_gap: bool) -> String {
-    let test = &fitness.test;
-    let middle = test.null.get(test.null.len() / 2).copied().unwrap_or(f64::NAN);
-    let meaning = if is_gap { "more than noise is left" } else { "what is left is noise" };
-    format!("{meaning}: {:.0} squared deviations where {middle:.0} are usual, p = {:.3}", test.statistic, test.p_value)
-}
-
-fn located(places: &[Place], level: f64) -> String {
-    let onset = localise::onset(places, level).map(|p| match p.part {
-        Part::Window { episode, from_s, to_s } => {
-            format!("disagreement begins in episode {episode} between {from_s:.2} s and {to_s:.2} s")
-        }
-        Part::Quantity(_) => String::new(),
-    });
-    let worst = localise::worst_quantity(places, level).map(|p| match p.part {
-        Part::Quantity(Quantity::Keypoint { point, axis }) => {
-            let direction = ["along", "across"][axis];
-            format!(
-                "it is largest at keypoint {point} from the grip, {direction} the image's rows ({:.1} times the noise)",
-                p.mean_square.sqrt()
-            )
-        }
-        Part::Quantity(Quantity::Pose { axis }) => {
-            let what = ["x", "z", "pitch"][axis];
-            format!("it is largest in the arm's {what} ({:.1} times the noise)", p.mean_square.sqrt())
-        }
-        Part::Window { .. } => String::new(),
-    });
-    let words: Vec<String> = onset.into_iter().chain(worst).collect();
-    if words.is_empty() { "the disagreement is spread over all times and keypoints".into() } else { words.join("; ") }
-}
-
-fn named(group: &[&Fitted], best: &Fitted) -> String {
-    let words = |f: &&Fitted| {
-        let e = &f.explanation;
-        format!("{} ({} {}, probability {:.2})", e.title, e.name, short(e.value), e.probability)
-    };
-    match group {
-        [] => format!("no candidate explains it better than none; the least bad is {}", words(&best)),
-        [one] => format!("{} explains it best", words(one)),
-        several => format!("cannot tell apart: {}", several.iter().map(words).collect::<Vec<_>>().join(", ")),
     }
 }

@@ -30,7 +30,7 @@ pub struct Problem<'a> {
     pub unknowns: Unknowns,
     /// The episodes.
     pub cases: &'a [Case],
-    /// Rounds after which a fit ends.
+    /// Rounds after which a fit ends, the look at its start among them.
     pub rounds: usize,
 }
 
@@ -41,6 +41,15 @@ pub struct Start {
     pub point: Vec<f64>,
     /// What was measured, a track an episode.
     pub tracks: Vec<Track>,
+}
+
+/// A start that could be simulated.
+#[derive(Debug, Clone)]
+pub struct Seen {
+    /// What was measured, a track an episode.
+    pub tracks: Vec<Track>,
+    /// The start, as the simulator sees it.
+    pub fit: Fit,
 }
 
 /// A point with what the simulator says of it.
@@ -72,18 +81,18 @@ impl Fit {
     pub fn curvature(&self) -> DMatrix<f64> {
         self.jacobian.transpose() * &self.jacobian
     }
+}
 
-    /// Whether column `column` lies at an edge of its range, and the fit would be better beyond it.
-    pub fn presses(&self, column: usize) -> bool {
-        let (u, g) = (self.point[column], self.gradient()[column]);
-        (u <= 0.0 && g > 0.0) || (u >= 1.0 && g < 0.0)
-    }
+/// Whether a coordinate `u` lies at an edge of its range, and the cost, whose gradient by it is `g` or a multiple, is less
+/// beyond it.
+pub fn presses(u: f64, g: f64) -> bool {
+    (u <= 0.0 && g > 0.0) || (u >= 1.0 && g < 0.0)
 }
 
 /// A fit under way.
 struct Climb {
-    start: Start,
-    fit: Option<Fit>,
+    tracks: Vec<Track>,
+    fit: Fit,
     trial: Vec<f64>,
     damping: f64,
     done: bool,
@@ -117,33 +126,65 @@ impl Problem<'_> {
     /// # Errors
     /// [`FinderError::NoFit`] where none could be, [`FinderError::Cancelled`] where `on_round` asked to stop.
     pub fn fit(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Fit>>, FinderError> {
-        let begin =
-            |start: Start| Climb { trial: start.point.clone(), start, fit: None, damping: DAMPING, done: false };
-        let mut climbs: Vec<Climb> = starts.into_iter().map(begin).collect();
+        let seen = self.look(starts, on_round)?;
+        let is_seen: Vec<bool> = seen.iter().map(Option::is_some).collect();
+        let mut fits = self.climb(seen.into_iter().flatten().collect(), on_round)?.into_iter();
+        Ok(is_seen.into_iter().map(|is_seen| if is_seen { fits.next() } else { None }).collect())
+    }
+
+    /// The first round of a fit: what the simulator says of the starts. None stands for one that could not be simulated.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn look(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Seen>>, FinderError> {
+        let at = starts.iter().map(|s| (s.point.as_slice(), s.tracks.as_slice())).collect();
+        let fits = self.evaluate(at);
+        if on_round().is_break() {
+            return Err(FinderError::Cancelled("fit"));
+        }
         let mut refusal = String::from("no start was given");
-        for _ in 0..self.rounds {
+        let mut keep = |fit: Result<Fit, String>| fit.map_err(|reason| refusal = reason).ok();
+        let seen = |(start, fit): (Start, Option<Fit>)| fit.map(|fit| Seen { tracks: start.tracks, fit });
+        let fits: Vec<Option<Fit>> = fits.into_iter().map(&mut keep).collect();
+        if fits.iter().all(Option::is_none) {
+            return Err(FinderError::NoFit(refusal));
+        }
+        Ok(starts.into_iter().zip(fits).map(seen).collect())
+    }
+
+    /// The other rounds of a fit: from each start to the least cost that is found, in the same order.
+    ///
+    /// # Errors
+    /// [`FinderError::Cancelled`] where `on_round` asked to stop.
+    pub fn climb(&self, seen: Vec<Seen>, on_round: OnRound<'_>) -> Result<Vec<Fit>, FinderError> {
+        let mut climbs: Vec<Climb> = seen.into_iter().map(Climb::new).collect();
+        for _ in 1..self.rounds {
             let at: Vec<usize> = (0..climbs.len()).filter(|&i| !climbs[i].done).collect();
             if at.is_empty() {
                 break;
             }
-            let trials = at.iter().map(|&i| (climbs[i].trial.as_slice(), climbs[i].start.tracks.as_slice())).collect();
-            for (&i, evaluation) in at.iter().zip(self.evaluate(trials)) {
-                let finite = evaluation.map_err(|e| e.to_string()).and_then(|fit| match fit.is_finite() {
-                    true => Ok(fit),
-                    false => Err("the simulated track or its derivatives are not finite".to_owned()),
-                });
-                climbs[i].advance(finite.map_err(|reason| refusal = reason).ok());
+            let trials = at.iter().map(|&i| (climbs[i].trial.as_slice(), climbs[i].tracks.as_slice())).collect();
+            for (&i, trial) in at.iter().zip(self.evaluate(trials)) {
+                climbs[i].advance(trial.ok());
             }
             if on_round().is_break() {
                 return Err(FinderError::Cancelled("fit"));
             }
         }
-        let fits: Vec<Option<Fit>> = climbs.into_iter().map(|c| c.fit).collect();
-        if fits.iter().all(Option::is_none) { Err(FinderError::NoFit(refusal)) } else { Ok(fits) }
+        Ok(climbs.into_iter().map(|c| c.fit).collect())
     }
 
-    /// What the simulator says of the points, beside their data sets.
-    fn evaluate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, SimulatorError>> {
+    /// What the simulator says of the points, beside their data sets, or why that is of no use.
+    fn evaluate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, String>> {
+        let finite = |fit: Result<Fit, SimulatorError>| match fit {
+            Ok(fit) if fit.is_finite() => Ok(fit),
+            Ok(_) => Err("the simulated track or its derivatives are not finite".to_owned()),
+            Err(error) => Err(error.to_string()),
+        };
+        self.simulate(trials).into_iter().map(finite).collect()
+    }
+
+    fn simulate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, SimulatorError>> {
         let points: Vec<&[f64]> = trials.iter().map(|t| t.0).collect();
         let episodes: Result<Vec<_>, _> = (0..self.cases.len()).map(|e| self.sensitivities(&points, e)).collect();
         match episodes {
@@ -153,7 +194,7 @@ impl Problem<'_> {
             }
             // One point that cannot be simulated fails the batch: each is asked for by itself.
             Err(error) if trials.len() == 1 => vec![Err(error)],
-            Err(_) => trials.into_iter().flat_map(|trial| self.evaluate(vec![trial])).collect(),
+            Err(_) => trials.into_iter().flat_map(|trial| self.simulate(vec![trial])).collect(),
         }
     }
 
@@ -186,11 +227,9 @@ impl Problem<'_> {
         let mut from = 0;
         for (episode, (r, j)) in parts.iter().enumerate() {
             residuals.rows_mut(from, r.len()).copy_from(r);
-            let (values, names) = (self.unknowns.values(point, episode), self.unknowns.names());
-            for (i, value) in values.iter().enumerate() {
+            let values = self.unknowns.values(point, episode);
+            for (i, (value, by)) in values.iter().zip(self.unknowns.places()).enumerate() {
                 let column = self.unknowns.column(i, episode);
-                let name = &self.unknowns.list()[i].name;
-                let by = names.iter().position(|n| n == name).expect("every unknown has a name");
                 let scaled = j.column(by) * self.unknowns.slope(i, *value);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
@@ -203,34 +242,36 @@ impl Problem<'_> {
 }
 
 impl Climb {
+    fn new(seen: Seen) -> Self {
+        let Seen { tracks, fit } = seen;
+        let mut climb = Self { tracks, trial: fit.point.clone(), fit, damping: DAMPING, done: false };
+        climb.choose();
+        climb
+    }
+
     /// Takes the trial or leaves it, and chooses the next.
-    fn advance(&mut self, evaluation: Option<Fit>) {
-        let Some(old) = &self.fit else {
-            // A start that cannot be simulated is given up.
-            self.done = evaluation.is_none();
-            self.fit = evaluation;
-            return self.choose();
-        };
-        match evaluation {
-            Some(new) if new.cost < old.cost => {
-                self.done = old.cost - new.cost < DECREASE;
+    fn advance(&mut self, trial: Option<Fit>) {
+        match trial {
+            Some(new) if new.cost < self.fit.cost => {
+                self.done = self.fit.cost - new.cost < DECREASE;
                 self.damping = (self.damping * 0.1).max(1e-9);
-                self.fit = Some(new);
+                self.fit = new;
             }
             _ => {
                 self.damping *= 10.0;
                 self.done = self.damping > GREATEST_DAMPING;
             }
         }
-        self.choose();
+        if !self.done {
+            self.choose();
+        }
     }
 
     /// The next trial: a damped step in the coordinates that are free to move.
     fn choose(&mut self) {
-        let Some(fit) = self.fit.as_ref().filter(|_| !self.done) else { return };
-        let step = step(fit, self.damping);
-        self.trial = fit.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
-        let predicted = predicted_decrease(fit, &self.trial);
+        let step = step(&self.fit, self.damping);
+        self.trial = self.fit.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
+        let predicted = predicted_decrease(&self.fit, &self.trial);
         if predicted < 0.1 * DECREASE {
             self.done = true;
         }
@@ -247,7 +288,7 @@ fn predicted_decrease(fit: &Fit, trial: &[f64]) -> f64 {
 fn step(fit: &Fit, damping: f64) -> DVector<f64> {
     let (gradient, curvature) = (fit.gradient(), fit.curvature());
     let n = gradient.len();
-    let mut free: Vec<usize> = (0..n).filter(|&i| !fit.presses(i)).collect();
+    let mut free: Vec<usize> = (0..n).filter(|&i| !presses(fit.point[i], gradient[i])).collect();
     let mut step = DVector::zeros(n);
     loop {
         let k = free.len();
@@ -258,11 +299,8 @@ fn step(fit: &Fit, damping: f64) -> DVector<f64> {
         let right = DVector::from_fn(k, |i, _| -gradient[free[i]]);
         let Some(solved) = matrix.cholesky().map(|c| c.solve(&right)) else { return step };
         // A coordinate at an edge that the whole step drives outward is held, too, and the others are solved for again.
-        let leaves = |(i, d): (usize, &f64)| {
-            let u = fit.point[free[i]];
-            (u <= 0.0 && *d < 0.0) || (u >= 1.0 && *d > 0.0)
-        };
-        let held: Vec<usize> = solved.iter().enumerate().filter(|&x| leaves(x)).map(|(i, _)| free[i]).collect();
+        let leaves = |(i, d): &(&usize, &f64)| presses(fit.point[**i], -**d);
+        let held: Vec<usize> = free.iter().zip(solved.iter()).filter(leaves).map(|(&i, _)| i).collect();
         if held.is_empty() {
             step.fill(0.0);
             free.iter().zip(solved.iter()).for_each(|(&i, d)| step[i] = *d);
@@ -318,7 +356,8 @@ mod tests {
     fn a_value_beyond_the_edge_presses_on_it() {
         let cases = [toy::case(&Toy { gain: 0.3 }, [0.35, 2e4], &[])];
         let fit = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
-        assert!(fit.point[0] == 1.0 && fit.presses(0) && !fit.presses(1), "{:?}", fit.point);
+        let presses = |column: usize| presses(fit.point[column], fit.gradient()[column]);
+        assert!(fit.point[0] == 1.0 && presses(0) && !presses(1), "{:?}", fit.point);
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub mod name;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod repair;
+mod sentences;
 pub mod settings;
 #[cfg(test)]
 mod toy;

@@ -6,7 +6,7 @@
 
 use crate::candidate::Candidate;
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::Unknowns;
@@ -79,13 +79,12 @@ pub fn try_candidate(
         Start { point, tracks: problem.measured() }
     };
     let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
-    let look = Problem { rounds: 1, unknowns: unknowns.clone(), ..*problem };
-    let seen = look.fit(starts.clone(), on_round)?;
-    if seen.iter().flatten().all(|fit| fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
+    let seen: Vec<Seen> = with.look(starts, on_round)?.into_iter().flatten().collect();
+    if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
         return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
     }
-    let fits = with.fit(starts, on_round)?;
-    let best = fits.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
+    let fits = with.climb(seen, on_round)?;
+    let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
     let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
     let laplace =
         Laplace::of_likelihood(&fit).ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
@@ -115,8 +114,9 @@ struct Parabola {
 
 impl Parabola {
     fn of(fit: &Fit, laplace: &Laplace, column: usize) -> Self {
-        let slope = if fit.presses(column) { fit.gradient()[column] } else { 0.0 };
-        Self { at: fit.point[column], cost: fit.cost, slope, sd: laplace.sd(column) }
+        let (at, gradient) = (fit.point[column], fit.gradient()[column]);
+        let slope = if presses(at, gradient) { gradient } else { 0.0 };
+        Self { at, cost: fit.cost, slope, sd: laplace.sd(column) }
     }
 
     fn cost(&self, u: f64) -> f64 {
@@ -194,10 +194,10 @@ fn cosines(problem: &Problem<'_>, best: &Fitted, fitted: &[Fitted]) -> Result<Ve
     for (i, other) in others.iter().enumerate() {
         point[first + i] = other.candidate.search().to_unit(other.candidate.base).clamp(0.0, 1.0);
     }
-    let all = Problem { unknowns, rounds: 1, ..*problem };
-    let fits =
-        all.fit(vec![Start { point, tracks: problem.measured() }], &mut || std::ops::ControlFlow::Continue(()))?;
-    let jacobian = fits.into_iter().flatten().next().map(|f| f.jacobian);
+    let all = Problem { unknowns, ..*problem };
+    let start = Start { point, tracks: problem.measured() };
+    let seen = all.look(vec![start], &mut || std::ops::ControlFlow::Continue(()))?;
+    let jacobian = seen.into_iter().flatten().next().map(|seen| seen.fit.jacobian);
     let Some(jacobian) = jacobian else { return Ok(vec![0.0; fitted.len()]) };
     let parameters = jacobian.columns(0, first - 1).into_owned();
     let beyond = |column: usize| beyond_span(&parameters, &jacobian.column(column).into_owned());

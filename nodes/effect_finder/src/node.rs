@@ -14,10 +14,6 @@ use simulator_pool::{BeamSimulator, Registry, model_text, workers};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::Duration;
-
-/// How often a goal that waits for an episode looks for it.
-const LOOK: Duration = Duration::from_millis(100);
 
 /// Runs the node from the arguments after the program's name.
 pub fn main(args: Vec<String>) -> ExitCode {
@@ -76,11 +72,7 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let measured = measured(handle, live, &model)?;
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
-    let workers = match usize::try_from(parameters.workers.get())? {
-        0 => workers::available(),
-        n => n,
-    };
-    let simulator = BeamSimulator::new(&model, workers)?;
+    let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
     let candidates = convert::candidates(Registry::shipped(), &model);
     let found = find(&model, &measured, &candidates, &simulator, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
@@ -106,14 +98,8 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
 fn measured(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, model: &Model) -> Result<Vec<MeasuredTrack>> {
     let bags = &handle.goal().bags;
     if bags.is_empty() {
-        loop {
-            if let Ok(episode) = live.last() {
-                return Ok(vec![episode.measured(model)?]);
-            }
-            if handle.wait_cancelled(LOOK) {
-                bail!("cancelled while waiting for an episode");
-            }
-        }
+        let episode = live.wait(handle).context("cancelled while waiting for an episode")?;
+        return Ok(vec![episode.measured(model)?]);
     }
     let mut all = Vec::new();
     for bag in bags {

@@ -94,12 +94,17 @@ impl Unknowns {
         names
     }
 
+    /// Where each unknown's name stands among [`Unknowns::names`].
+    pub fn places(&self) -> Vec<usize> {
+        let names = self.names();
+        let place = |u: &Unknown| names.iter().position(|name| *name == u.name).expect("every unknown has a name");
+        self.list.iter().map(place).collect()
+    }
+
     /// The parameters' values in an episode at the point `u`, in the order of [`Unknowns::names`].
     pub fn parameters(&self, u: &[f64], episode: usize) -> Vec<f64> {
-        let names = self.names();
-        let mut sums = vec![0.0; names.len()];
-        for (unknown, value) in self.list.iter().zip(self.values(u, episode)) {
-            let place = names.iter().position(|name| *name == unknown.name).expect("every unknown has a name");
+        let mut sums = vec![0.0; self.names().len()];
+        for (place, value) in self.places().into_iter().zip(self.values(u, episode)) {
             sums[place] += value;
         }
         sums

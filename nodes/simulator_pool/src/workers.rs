@@ -39,9 +39,22 @@ pub fn available() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
+/// As many workers as a node's parameter asks for; as many as the machine has processors where it is 0 or less.
+pub fn asked_for(parameter: i64) -> usize {
+    match usize::try_from(parameter) {
+        Ok(0) | Err(_) => available(),
+        Ok(n) => n,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_asks_for_none_gets_all_processors() {
+        assert_eq!([-1, 0, 3].map(asked_for), [available(), available(), 3]);
+    }
 
     #[test]
     fn results_come_in_order_whatever_the_number_of_workers() {

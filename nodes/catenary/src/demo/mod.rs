@@ -9,6 +9,7 @@ pub mod summary;
 use crate::cli::DemoArgs;
 use crate::launch::{self, Process, Supervisor};
 use crate::output;
+use crate::served::show_training;
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::model::DriveKind;
 use catenary_core::{Model, Policy, Posterior, seed};
@@ -199,15 +200,7 @@ impl Demo {
         };
         let result: TrainResult = stages.run(&format!("train {name} over {over}"), 1, |stages, bar| {
             let shown = bar.clone();
-            let result = stages.goal(&clients.train, goal, move |feedback| {
-                shown.set_length(feedback.total_steps.max(1));
-                shown.set_position(feedback.steps);
-                shown.set_message(format!(
-                    "return {:.2}, success {:.0} %",
-                    feedback.mean_return,
-                    100.0 * feedback.success_rate
-                ));
-            })?;
+            let result = stages.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
             ensure!(result.success, "{}", result.message);
             Ok(result)
         })?;

@@ -1,81 +1,153 @@
-"""A bag as a message log: a rosbag2 folder (MCAP or sqlite3), or one MCAP file, which need not have been ended in order."""
+"""A bag as a message log: a folder or a file of rosbag2, whole or not. What is missing of it is noted."""
 
 import pathlib
-import struct
+import tempfile
 
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
-from mcap_ros2.decoder import DecoderFactory
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2.metadata import parse_qos
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
+from . import database, mcap_file
+from .definitions import Definitions, Undecodable
 from .message_log import Channel, Endpoint, InspectError, MessageLog
+from .packed import is_packed, unpack, unpack_file
+
+EXPECTED = "expected a bag folder or an .mcap or .db3 file"
 
 
 def read(path, names=None):
     """The messages of these topics. With None: of all of them, as lengths in bytes."""
     path = pathlib.Path(path)
     if not path.exists():
-        raise InspectError(f"--bag {path}: expected a bag folder or an .mcap file, found nothing there")
-    if path.is_dir():
-        return read_folder(path, names)
-    if path.suffix != ".mcap":
-        raise InspectError(f"--bag {path}: expected a bag folder or an .mcap file, found another file")
-    return read_mcap(path, names)
-
-
-def read_folder(path, names):
-    if not (path / "metadata.yaml").exists():
-        files = sorted(file.name for file in path.iterdir())
-        hint = "; give the .mcap file itself" if any(file.endswith(".mcap") for file in files) else ""
-        found = ", ".join(files[:5]) or "an empty folder"
-        raise InspectError(f"--bag {path}: expected a metadata.yaml in the folder, found {found}{hint}")
+        raise InspectError(f"--bag {path}: {EXPECTED}, found nothing there")
     log = MessageLog(f"bag {path}")
-    try:
-        # Bags of sqlite3 hold no definitions: those of ROS itself are known.
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            for connection in reader.connections:
-                channel = log.channels.setdefault(connection.topic, Channel(connection.msgtype))
-                channel.count += connection.msgcount
-                channel.publishers += [
-                    Endpoint("", profile.reliability.name.lower(), profile.durability.name.lower())
-                    for profile in connection.ext.offered_qos_profiles
-                ]
-            chosen = [c for c in reader.connections if names is None or c.topic in names]
-            # An empty choice would be all.
-            for connection, time_ns, data in reader.messages(chosen) if chosen else ():
-                message = len(data) if names is None else decode(reader, connection, data, path)
-                log.channels[connection.topic].messages.append((time_ns, message))
-    except AnyReaderError as error:
-        raise InspectError(f"--bag {path}: expected a bag that rosbags reads: {error}") from error
-    return log
-
-
-def decode(reader, connection, data, path):
-    try:
-        return reader.deserialize(data, connection.msgtype)
-    except Exception as error:  # rosbags lets through what its parser met: KeyError, struct.error and others
-        raise InspectError(f"--bag {path}: {connection.topic}: no message of {connection.msgtype} can be made: {error!r}") from error
-
-
-def read_mcap(path, names):
-    """What stands in the file up to its end or to where it breaks off."""
-    log, broken = MessageLog(f"bag {path}"), None
-    try:
-        with open(path, "rb") as file:
-            decoders = DecoderFactory()
-            # In the order of the file: to sort them is to read to an end that may not be there.
-            for schema, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-                known = log.channels.setdefault(channel.topic, Channel(schema.name))
-                known.count += 1
-                if names is None:
-                    known.messages.append((message.log_time, len(message.data)))
-                elif channel.topic in names:
-                    known.messages.append((message.log_time, decoders.decoder_for(channel.message_encoding, schema)(message.data)))
-    except (McapError, EOFError, struct.error) as error:
-        broken = error
-    if broken and not log.channels:
-        raise InspectError(f"--bag {path}: expected an MCAP file with messages, found none: {broken!r}") from broken
+    files = files_of(path, log.notes) if path.is_dir() else [path]
+    reading, foreign = Reading(log, names), []
+    for file in files:
+        try:
+            reading.read(file)
+        except (NoBag, OSError) as error:
+            foreign.append(f"{file}: {error}")
+    if len(foreign) == len(files):
+        raise InspectError(f"--bag {path}: {EXPECTED}, found " + "; ".join([*foreign, *log.notes]))
+    log.notes += [*foreign, *reading.notes()]
+    if not log.channels and log.notes:
+        raise InspectError(f"--bag {path}: expected messages, found none: {'; '.join(log.notes)}")
+    if reading.unfinished or (path.is_dir() and not (path / "metadata.yaml").exists()):
+        program = "catenary" if reading.is_plain_mcap else "ros2 bag"
+        log.notes.append(f"`{program} reindex {path}` finishes it")
     for channel in log.channels.values():
         channel.messages.sort(key=lambda pair: pair[0])
     return log
+
+
+class NoBag(Exception):
+    """A file that is none of a bag."""
+
+
+class Reading:
+    """Fills `log` from the files of a bag. `failed`: for each topic how many messages could not be made, and why the first."""
+
+    def __init__(self, log, names):
+        self.log, self.names = log, names
+        self.definitions, self.failed = Definitions(), {}
+        self.unfinished, self.is_plain_mcap = False, True
+
+    def read(self, path):
+        """Takes what can be had of one file."""
+        with open(path, "rb") as file:
+            start = file.read(16)
+        if is_packed(start):
+            self.is_plain_mcap = False
+            with tempfile.TemporaryDirectory() as folder:
+                unpacked = pathlib.Path(folder, path.stem)
+                self.log.notes += unpack_file(path, unpacked)
+                self.read_unpacked(path, unpacked)
+        else:
+            self.read_unpacked(path, path)
+
+    def read_unpacked(self, path, source):
+        """Of `source`, which is called `path` in notes."""
+        with open(source, "rb") as file:
+            start = file.read(16)
+        if start.startswith(mcap_file.MAGIC):
+            self.unfinished |= mcap_file.read(path, source, self, self.log.notes)
+        elif start.startswith(database.MAGIC):
+            self.is_plain_mcap = False
+            database.read(path, source, self, self.log.notes)
+        else:
+            raise NoBag("another file, which begins neither as MCAP nor as sqlite3" if start else "an empty file")
+
+    def define(self, topic, type_name, profiles):
+        """Takes that a bag has this topic, and what its publishers offered, in the words of rosbag2."""
+        channel = self.log.channels.setdefault(topic, Channel(type_name))
+        for profile in parsed(profiles):
+            endpoint = Endpoint("", profile.reliability.name.lower(), profile.durability.name.lower())
+            if endpoint not in channel.publishers:
+                channel.publishers.append(endpoint)
+
+    def take(self, topic, definition, time_ns, data):
+        """Takes one message."""
+        channel = self.log.channels[topic]
+        channel.count += 1
+        if self.names is not None and topic not in self.names:
+            return
+        try:
+            if is_packed(data):
+                # The folder of such a bag can be indexed by rosbag2 alone.
+                self.is_plain_mcap, data = False, unpack(data)
+            message = len(data) if self.names is None else self.definitions.decode(definition, data)
+        except Undecodable as error:
+            self.failed.setdefault(topic, [0, error])[0] += 1
+        else:
+            channel.messages.append((time_ns, message))
+
+    def notes(self):
+        """What could not be made of the messages that were found."""
+        for topic, (count, error) in self.failed.items():
+            channel = self.log.channels[topic]
+            yield f"{topic}: {count} of {channel.count} messages of {channel.type_name} cannot be made: {error}"
+
+
+def parsed(profiles):
+    """None where they cannot be read."""
+    try:
+        return parse_qos(profiles)
+    except Exception:  # rosbags lets through what is not as it expects: KeyError, TypeError and others.
+        return []
+
+
+def files_of(folder, notes):
+    """The files of a bag folder in the order of their numbers: those that metadata.yaml lists, or where it says nothing, all."""
+    present = {path.name: path for path in sorted(folder.iterdir(), key=order)}
+    bag_files = [name for name in present if name.removesuffix(".zstd").endswith((".mcap", ".db3"))]
+    try:
+        listed = listed_in(folder / "metadata.yaml")
+    except (OSError, YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
+        is_missing = isinstance(error, FileNotFoundError)
+        why = "is missing, as a recorder leaves it that was killed or still runs" if is_missing else f"cannot be read: {oneline(error)}"
+        notes.append(f"{folder}: metadata.yaml {why}")
+        listed = bag_files
+    found = [name for name in listed if name in present]
+    notes += [f"{folder / name}: listed in metadata.yaml, and missing" for name in listed if name not in present]
+    notes += [f"{folder / name}: not listed in metadata.yaml" for name in bag_files if name not in found]
+    found = found or bag_files
+    if not found:
+        others = ", ".join([*present][:5]) or "an empty folder"
+        raise InspectError(f"--bag {folder}: {EXPECTED}, found no such file in the folder: {others}")
+    return [present[name] for name in found]
+
+
+def order(path):
+    """Of split files by their numbers."""
+    number = path.name.split(".")[0].rpartition("_")[2]
+    return (int(number) if number.isdecimal() else float("inf"), path.name)
+
+
+def listed_in(metadata):
+    paths = YAML(typ="safe").load(metadata.read_text())["rosbag2_bagfile_information"]["relative_file_paths"]
+    return [pathlib.PurePath(path).name for path in paths]
+
+
+def oneline(error):
+    return " ".join(str(error).split())

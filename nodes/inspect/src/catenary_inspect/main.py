@@ -25,7 +25,7 @@ def parser():
     commands = top.add_subparsers(dest="command", required=True)
     for name, (_, what, seconds, _, done) in COMMANDS.items():
         p = commands.add_parser(name, help=what, description=what[0].upper() + what[1:] + ".")
-        p.add_argument("--bag", metavar="BAG", help="a bag folder or an .mcap file in place of live topics")
+        p.add_argument("--bag", metavar="BAG", help="a bag folder, or an .mcap or .db3 file, in place of live topics")
         p.add_argument("--out", metavar="PICTURE", help="picture to make: .png, .pdf or .svg")
         p.add_argument("--json", action="store_true", help="print the figures as JSON")
         longest = "at most, " if done else ""
@@ -38,16 +38,20 @@ def parser():
 
 
 def make_report(options):
+    """What is to be shown, and notes of what is missing of a bag, which are told to people at once."""
     module, _, _, _, done = COMMANDS[options.command]
     if not options.seconds > 0:
         raise InspectError(f"--seconds: expected a number above 0, got {options.seconds:g}")
     if getattr(options, "file", None):
-        return posterior.of_file(options.file)
+        return posterior.of_file(options.file), []
     if options.bag:
-        return module.report(bag.read(options.bag, module.NAMES), options)
+        log = bag.read(options.bag, module.NAMES)
+        for note in log.notes:
+            print(f"catenary-inspect: {note}", file=sys.stderr)
+        return module.report(log, options), log.notes
     from . import live
 
-    return module.report(live.listen(module.NAMES, module.NEEDED, options.seconds, done or (lambda log: False)), options)
+    return module.report(live.listen(module.NAMES, module.NEEDED, options.seconds, done or (lambda log: False)), options), []
 
 
 def save(report, path, size):
@@ -74,8 +78,8 @@ def save(report, path, size):
 def main(arguments=None):
     options = parser().parse_args(arguments)
     try:
-        report = make_report(options)
-        print(json.dumps(report.data(), indent=2) if options.json else report.text())
+        report, notes = make_report(options)
+        print(json.dumps({**report.data(), "notes": notes}, indent=2) if options.json else report.text())
         if options.out:
             save(report, options.out, COMMANDS[options.command][3])
     except InspectError as error:

@@ -33,11 +33,12 @@ class Channel:
 
 @dataclass
 class MessageLog:
-    """`origin` names the bag or the graph in messages to the user."""
+    """`origin` names the bag or the graph in messages to the user. `notes`: what is missing or damaged, in sentences."""
 
     origin: str
     channels: dict = field(default_factory=dict)
     nodes: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
 
     def describe(self):
         """What there is, in words."""

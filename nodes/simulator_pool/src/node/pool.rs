@@ -158,10 +158,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Pool {
     fn worker_count(&self) -> usize {
-        match usize::try_from(self.workers.get()) {
-            Ok(0) | Err(_) => workers::available(),
-            Ok(n) => n,
-        }
+        workers::asked_for(self.workers.get())
     }
 
     fn simulate(&self, request: &SimulateRequest) -> SimulateResponse {

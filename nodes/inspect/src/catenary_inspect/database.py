@@ -1,0 +1,38 @@
+"""One file of a bag in rosbag2's format before MCAP: a database of sqlite3."""
+
+import contextlib
+import sqlite3
+
+MAGIC = b"SQLite format 3"
+
+
+def read(path, source, reading, notes):
+    """Gives what is in `source`, which notes call `path`, to `reading`. In the order of the file: before a damage all is found."""
+    taken = 0
+    with contextlib.closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        database.row_factory = sqlite3.Row
+        try:
+            # Without it a database that is shorter than it says is not read at all. Nothing is written by it.
+            database.execute("PRAGMA writable_schema = 1")
+            topics = topics_of(database, reading)
+            for number, time_ns, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"):
+                if number in topics:
+                    reading.take(*topics[number], time_ns, data)
+                    taken += 1
+        except sqlite3.Error as error:
+            notes.append(f"{path}: damaged: {taken} messages were found: {error}")
+
+
+def topics_of(database, reading):
+    """Name and definition of each topic by its number."""
+    texts = {}
+    # Older recorders wrote none.
+    if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+        for row in database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"):
+            texts[row[0]] = (row[1], row[2])
+    topics = {}
+    for row in database.execute("SELECT * FROM topics"):
+        language, text = texts.get(row["type"], ("", ""))
+        topics[row["id"]] = (row["name"], (row["type"], row["serialization_format"], language, text))
+        reading.define(row["name"], row["type"], row["offered_qos_profiles"] if "offered_qos_profiles" in row.keys() else "")
+    return topics

@@ -1,0 +1,49 @@
+"""Messages from bytes, by the definitions that a bag carries."""
+
+import re
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+
+class Undecodable(Exception):
+    """A message that cannot be made: says why."""
+
+
+class Definitions:
+    """A definition is the name of a type, the encoding of its messages, that of its text, and the text, empty where a bag has none:
+    then those of ROS itself are known."""
+
+    def __init__(self):
+        self.stores = {}
+
+    def decode(self, definition, data):
+        type_name, encoding, _, _ = definition
+        if encoding != "cdr":
+            raise Undecodable(f"expected cdr, found {encoding or 'no encoding'}")
+        # rosbags lets through what its parsers met: KeyError, struct.error and others.
+        try:
+            if definition not in self.stores:
+                self.stores[definition] = store(definition)
+            return self.stores[definition].deserialize_cdr(data, type_name)
+        except Undecodable:
+            raise
+        except Exception as error:
+            raise Undecodable(repr(error)) from error
+
+
+def store(definition):
+    """What makes messages of a definition."""
+    type_name, _, language, text = definition
+    if not text:
+        return get_typestore(Stores.ROS2_JAZZY)
+    if language == "ros2msg":
+        types = get_types_from_msg(text, type_name)
+    elif language == "ros2idl":
+        types = {}
+        for part in re.split(r"^={80}\nIDL: .*\n", text, flags=re.MULTILINE):
+            types |= get_types_from_idl(part) if part.strip() else {}
+    else:
+        raise Undecodable(f"expected a definition in ros2msg or ros2idl, found one in {language}")
+    made = get_typestore(Stores.EMPTY)
+    made.register(types)
+    return made

@@ -1,0 +1,230 @@
+"""catenary-inspect on bags that are damaged, unfinished, compressed or of another kind: what can be had, and what is missing."""
+
+import io
+import pathlib
+import random
+import shutil
+import sqlite3
+
+import pytest
+from catenary_inspect.main import main
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer as McapWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from test_inspected_bags import figures, refused  # noqa: F401  fixtures
+
+SWING = pathlib.Path(__file__).resolve().parents[2] / "bags/swing"
+FRAMES, MESSAGES = 83, 543
+
+
+def copy(folder, name="bag"):
+    """The sample bag anew, and its file."""
+    shutil.copytree(SWING, folder / name)
+    return folder / name, folder / name / "swing_0.mcap"
+
+
+def chunks(file):
+    """Where the chunks of a finished file begin and end."""
+    with open(file, "rb") as stream:
+        return [(c.chunk_start_offset, c.chunk_start_offset + c.chunk_length) for c in make_reader(stream).get_summary().chunk_indexes]
+
+
+def spoil(file, place):
+    content = bytearray(file.read_bytes())
+    content[place] ^= 0xFF
+    file.write_bytes(content)
+
+
+def rewritten(bag, plugin, mode=None):
+    """The sample bag as rosbags writes it."""
+    with Reader(SWING) as reader:
+        writer = Writer(bag, version=9, storage_plugin=plugin)
+        if mode:
+            writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            of = {}
+            for c in reader.connections:
+                known = {"msgdef": c.msgdef.data, "rihs01": c.digest, "offered_qos_profiles": c.ext.offered_qos_profiles}
+                of[c.id] = writer.add_connection(c.topic, c.msgtype, **known)
+            for connection, time_ns, data in reader.messages():
+                writer.write(of[connection.id], time_ns, data)
+    return bag
+
+
+def test_the_sample_bag_misses_nothing(figures):
+    said = figures("keypoints", "--bag", SWING)
+    assert said["frames"] == FRAMES and said["notes"] == []
+    assert figures("graph", "--bag", SWING) == figures("graph", "--bag", SWING / "swing_0.mcap")
+
+
+@pytest.mark.parametrize("chunk", [0, 2])
+def test_a_damaged_chunk_costs_its_own_messages_alone(figures, tmp_path, chunk):
+    """The definitions of all later messages stand in the first one."""
+    bag, file = copy(tmp_path)
+    begin, end = chunks(file)[chunk]
+    spoil(file, (begin + end) // 2)
+    for given in (bag, file):
+        said = figures("graph", "--bag", given)
+        left = sum(row["count"] for row in said["topics"])
+        assert MESSAGES / 2 < left < MESSAGES
+        (note,) = said["notes"]
+        assert str(file) in note and f"chunk at byte {begin}" in note and f"{MESSAGES - left} of its {MESSAGES} messages" in note
+    assert 0 < figures("keypoints", "--bag", bag)["frames"] < FRAMES
+
+
+def test_reading_goes_on_behind_a_record_of_wrong_length(figures, tmp_path):
+    _, file = copy(tmp_path)
+    begin, end = chunks(file)[1]
+    spoil(file, begin + 5)
+    said = figures("graph", "--bag", file)
+    left = sum(row["count"] for row in said["topics"])
+    (note,) = said["notes"]
+    assert MESSAGES / 2 < left < MESSAGES and f"damaged from byte {begin} to {chunks(file)[2][0]}" in note
+    assert f"{MESSAGES - left} of its {MESSAGES} messages" in note
+
+
+def test_a_changed_byte_in_an_uncompressed_chunk_is_noticed(figures, tmp_path):
+    """No decoder would."""
+    stream = io.BytesIO()
+    with open(SWING / "swing_0.mcap", "rb") as source:
+        writer, schemas, channels = McapWriter(stream, chunk_size=8_000, compression=CompressionType.NONE), {}, {}
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.id not in channels:
+                schemas[schema.id] = schemas.get(schema.id) or writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, "cdr", schemas[schema.id], channel.metadata)
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    file = tmp_path / "plain.mcap"
+    file.write_bytes(stream.getvalue())
+    assert figures("keypoints", "--bag", file) == figures("keypoints", "--bag", SWING / "swing_0.mcap")
+    begin, end = chunks(file)[3]
+    spoil(file, end - 20)
+    said = figures("graph", "--bag", file)
+    assert 0 < sum(row["count"] for row in said["topics"]) < MESSAGES and "chunk" in said["notes"][0]
+
+
+def test_the_folder_of_a_killed_recorder_gives_what_is_in_it(figures, tmp_path, capsys):
+    bag, file = copy(tmp_path, "killed")
+    begin, end = chunks(file)[3]
+    file.write_bytes(file.read_bytes()[: (begin + end) // 2])
+    listed = figures("keypoints", "--bag", bag)
+    (bag / "metadata.yaml").unlink()
+    said = figures("keypoints", "--bag", bag)
+    assert 0 < said["frames"] < FRAMES and said["points"] == listed["points"]
+    missing, cut, hint = said["notes"]
+    assert str(bag) in missing and "metadata.yaml" in missing
+    assert str(file) in cut and "not finished" in cut
+    assert f"`catenary reindex {bag}`" in hint
+    assert listed["notes"] == [cut, hint]
+    # Words for people go where the table does not.
+    assert main(["keypoints", "--bag", str(bag)]) == 0
+    shown = capsys.readouterr()
+    assert f"catenary-inspect: {hint}" in shown.err.splitlines() and "reindex" not in shown.out
+    assert figures("keypoints", "--bag", file)["notes"] == [cut, f"`catenary reindex {file}` finishes it"]
+
+
+def test_space_that_a_recorder_reserved_is_no_message(figures, tmp_path):
+    _, file = copy(tmp_path)
+    begin, _ = chunks(file)[3]
+    file.write_bytes(file.read_bytes()[:begin] + bytes(100_000))
+    said = figures("keypoints", "--bag", file)
+    assert 0 < said["frames"] < FRAMES and "and nothing in its last 100000 bytes" in said["notes"][0]
+    file.write_bytes(file.read_bytes()[:-100_000])
+    left = sum(row["count"] for row in figures("graph", "--bag", file)["topics"])
+    assert figures("graph", "--bag", file)["notes"][0] == f"{file}: not finished: {left} messages were found"
+
+
+def test_a_file_without_its_summary_is_told_of_and_loses_nothing(figures, tmp_path):
+    """Other readers cannot do without."""
+    _, file = copy(tmp_path)
+    file.write_bytes(file.read_bytes()[:-40])
+    note, hint = figures("graph", "--bag", file)["notes"]
+    assert note == f"{file}: it has no summary: {MESSAGES} messages were found" and "catenary reindex" in hint
+
+
+def test_files_that_metadata_yaml_knows_otherwise_are_told_of(figures, refused, tmp_path):
+    bag, file = copy(tmp_path)
+    metadata = bag / "metadata.yaml"
+    file.rename(bag / "swing_7.mcap")
+    said = figures("keypoints", "--bag", bag)
+    assert said["frames"] == FRAMES
+    assert any("swing_0.mcap" in note and "missing" in note for note in said["notes"])
+    assert any("swing_7.mcap" in note and "not listed" in note for note in said["notes"])
+    metadata.write_text("rosbag2_bagfile_information: [")
+    assert any("metadata.yaml" in note for note in figures("keypoints", "--bag", bag)["notes"])
+    (bag / "swing_7.mcap").unlink()
+    refused("keypoints", "--bag", bag, says=(str(bag), "expected a bag folder", "metadata.yaml"))
+    (bag / "swing_0.mcap").write_bytes(b"")
+    refused("keypoints", "--bag", bag, says=("swing_0.mcap", "an empty file"))
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE, CompressionMode.STORAGE])
+def test_compressed_bags_are_read_as_folders_and_as_files(figures, tmp_path, mode):
+    bag = rewritten(tmp_path / "bag", StoragePlugin.MCAP, mode)
+    (file,) = (path for path in bag.iterdir() if path.name != "metadata.yaml")
+    expected = figures("keypoints", "--bag", SWING)
+    for given in (bag, file):
+        assert figures("keypoints", "--bag", given) == expected
+    assert figures("graph", "--bag", file) == figures("graph", "--bag", SWING)
+
+
+@pytest.mark.parametrize("mode", [None, CompressionMode.MESSAGE])
+def test_databases_are_read_as_folders_and_as_files(figures, tmp_path, mode):
+    bag = rewritten(tmp_path / "bag", StoragePlugin.SQLITE3, mode)
+    for given in (bag, bag / "bag.db3"):
+        assert figures("keypoints", "--bag", given) == figures("keypoints", "--bag", SWING)
+    (bag / "metadata.yaml").unlink()
+    missing, hint = figures("keypoints", "--bag", bag)["notes"]
+    assert "metadata.yaml" in missing and f"`ros2 bag reindex {bag}`" in hint
+
+
+def test_a_damaged_database_gives_what_can_be_had(figures, refused, tmp_path):
+    file = rewritten(tmp_path / "bag", StoragePlugin.SQLITE3) / "bag.db3"
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2])
+    said = figures("graph", "--bag", file)
+    left = sum(row["count"] for row in said["topics"])
+    assert 0 < left < MESSAGES and any(str(file) in note and f"damaged: {left} messages were found" in note for note in said["notes"])
+    file.write_bytes(content[:600])
+    refused("keypoints", "--bag", file, says=(str(file), "expected messages, found none", "damaged"))
+    with sqlite3.connect(tmp_path / "other.db3") as other:
+        other.execute("CREATE TABLE tea (pot TEXT)")
+    refused("keypoints", "--bag", tmp_path / "other.db3", says=("other.db3", "messages"))
+
+
+def test_messages_that_cannot_be_made_are_counted_and_named(figures, tmp_path, capsys):
+    stream = io.BytesIO()
+    writer = McapWriter(stream)
+    writer.start("ros2")
+    foreign = writer.register_schema("catenary_msgs/msg/Keypoints", "jsonschema", b"{}")
+    channel = writer.register_channel("/dlo/keypoints", "json", foreign)
+    writer.add_message(channel, 1, b"{}", 1)
+    writer.finish()
+    file = tmp_path / "foreign.mcap"
+    file.write_bytes(stream.getvalue())
+    assert main(["keypoints", "--bag", str(file)]) == 1
+    note, error = capsys.readouterr().err.splitlines()
+    assert "/dlo/keypoints" in note and "1 of 1" in note and "expected cdr, found json" in note
+    assert error.startswith("catenary-inspect: ") and "expected messages on /dlo/keypoints" in error
+    assert figures("graph", "--bag", file)["topics"][0]["count"] == 1
+
+
+@pytest.mark.parametrize("command", ["graph", "keypoints", "episode"])
+def test_no_damage_ends_in_a_traceback(tmp_path, capsys, command):
+    """Cut off, a byte changed, or a stretch of zeros, anywhere in the file."""
+    bag, file = copy(tmp_path)
+    content, rng, codes = file.read_bytes(), random.Random(5), []
+    for number in range(36):
+        spoiled, place = bytearray(content), rng.randrange(len(content))
+        if number % 3 == 0:
+            spoiled = spoiled[:place]
+        elif number % 3 == 1:
+            spoiled[place] ^= 1 + rng.randrange(255)
+        else:
+            spoiled[place : place + 64] = bytes(len(spoiled[place : place + 64]))
+        file.write_bytes(spoiled)
+        codes.append(main([command, "--bag", str(rng.choice((bag, file)))]))
+        said = capsys.readouterr()
+        assert all(line.startswith("catenary-inspect: ") for line in said.err.splitlines()), said.err
+    assert set(codes) <= {0, 1} and codes.count(0) > 18
