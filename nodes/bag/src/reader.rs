@@ -5,6 +5,7 @@ mod chunk;
 mod file;
 mod finish;
 mod messages;
+mod scan;
 mod sqlite;
 
 use crate::error::BagError;

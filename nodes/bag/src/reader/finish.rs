@@ -2,8 +2,10 @@
 #![allow(clippy::disallowed_methods, reason = "bags are files")]
 
 use super::chunk::{RECORD_HEADER, visit_records};
-use super::file::{message_key, read_body};
+use super::file::read_body;
+use super::scan::message_key;
 use crate::error::BagError;
+use crate::records::{list, record};
 use mcap::MAGIC;
 use mcap::records::{ChunkHeader, op};
 use std::collections::BTreeMap;
@@ -119,6 +121,7 @@ impl Found {
         if let Ok(header) = visited {
             let len = RECORD_HEADER + body.len() as u64;
             self.end = start + len;
+            messages.retain(|channel, _| self.channels.contains_key(channel));
             for (channel, of_channel) in &messages {
                 *self.counts.entry(*channel).or_default() += of_channel.len() as u64;
             }
@@ -148,7 +151,7 @@ impl Found {
                 record(
                     &mut out,
                     op::MESSAGE_INDEX,
-                    &[&channel.to_le_bytes(), &list(&entries.collect::<Vec<_>>().concat())],
+                    &[&channel.to_le_bytes(), &list(entries.collect::<Vec<_>>().concat())],
                 );
             }
             chunk.index_len = out.len() as u64;
@@ -193,7 +196,7 @@ impl Found {
             &count(self.chunks.len()),
             &first.to_le_bytes(),
             &last.to_le_bytes(),
-            &list(&counts.collect::<Vec<_>>()),
+            &list(counts.collect::<Vec<_>>()),
         ]
         .concat()
     }
@@ -208,24 +211,12 @@ impl Chunk {
             &self.header.message_end_time.to_le_bytes(),
             &self.start.to_le_bytes(),
             &self.len.to_le_bytes(),
-            &list(&offsets.collect::<Vec<_>>()),
+            &list(offsets.collect::<Vec<_>>()),
             &self.index_len.to_le_bytes(),
-            &list(self.header.compression.as_bytes()),
+            &list(&self.header.compression),
             &self.header.compressed_size.to_le_bytes(),
             &self.header.uncompressed_size.to_le_bytes(),
         ]
         .concat()
     }
-}
-
-/// Bytes behind their number.
-fn list(bytes: &[u8]) -> Vec<u8> {
-    [&u32::try_from(bytes.len()).unwrap_or(u32::MAX).to_le_bytes(), bytes].concat()
-}
-
-fn record(out: &mut Vec<u8>, opcode: u8, parts: &[&[u8]]) {
-    let body = parts.concat();
-    out.push(opcode);
-    out.extend_from_slice(&(body.len() as u64).to_le_bytes());
-    out.extend_from_slice(&body);
 }
