@@ -130,7 +130,7 @@ fn foreign() -> (Vec<u8>, usize) {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let mut writer = mcap::WriteOptions::new().chunk_size(None).compression(None).create(&mut bytes).unwrap();
     let cdr = catenary_msgs::to_cdr(&PoseStamped::default()).unwrap();
-    let mut write = |writer: &mut mcap::Writer<_>, channel_id: u16, log_time: u64| {
+    let write = |writer: &mut mcap::Writer<_>, channel_id: u16, log_time: u64| {
         let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: 0 };
         writer.write_to_known_channel(&header, &cdr).unwrap();
     };

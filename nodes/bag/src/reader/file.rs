@@ -6,7 +6,7 @@ use super::scan::scan;
 use super::{Topic, TopicCount, sqlite};
 use crate::error::BagError;
 use crate::metadata::joined;
-use crate::profile;
+use crate::profile::{self, Profile};
 use mcap::MAGIC;
 use mcap::records::{Channel, ChunkIndex, Record, Statistics, op};
 use std::collections::BTreeMap;
@@ -211,14 +211,15 @@ impl Definitions {
 
 fn topic(mut channel: Channel, type_name: String) -> Topic {
     let mut take = |key: &str| channel.metadata.remove(key).unwrap_or_default();
-    let (hash, offered) = (take("topic_type_hash"), take("offered_qos_profiles"));
+    let (hash, profiles) = (take("topic_type_hash"), profile::parse(&take("offered_qos_profiles")));
     Topic {
         name: channel.topic,
         type_name,
         encoding: channel.message_encoding,
         // Middleware that announces no hashes leaves an invalid one behind.
         type_hash: hash.starts_with("RIHS01_").then_some(hash),
-        qos: profile::parse(&offered),
+        qos: profiles.iter().map(Profile::qos).collect(),
+        profiles,
     }
 }
 

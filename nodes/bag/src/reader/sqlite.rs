@@ -3,7 +3,7 @@
 use super::file::{IndexedFile, Piece, Place};
 use super::{BagMessage, Topic};
 use crate::error::BagError;
-use crate::profile;
+use crate::profile::{self, Profile};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -71,12 +71,14 @@ fn topics(database: &Connection) -> rusqlite::Result<BTreeMap<i64, Arc<Topic>>> 
     let optional = |row: &Row<'_>, column: &str| row.get::<_, String>(column).unwrap_or_default();
     let topic = |row: &Row<'_>| {
         let hash = optional(row, "type_description_hash");
+        let profiles = profile::parse(&optional(row, "offered_qos_profiles"));
         let topic = Topic {
             name: row.get("name")?,
             type_name: row.get("type")?,
             encoding: row.get("serialization_format")?,
             type_hash: hash.starts_with("RIHS01_").then_some(hash),
-            qos: profile::parse(&optional(row, "offered_qos_profiles")),
+            qos: profiles.iter().map(Profile::qos).collect(),
+            profiles,
         };
         Ok((row.get("id")?, Arc::new(topic)))
     };

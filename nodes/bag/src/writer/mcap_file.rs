@@ -4,7 +4,6 @@ use super::tail::{Behind, Tail, Target};
 use super::{Compression, Split, WriterOptions};
 use crate::error::BagError;
 use crate::metadata::TopicFacts;
-use crate::profile::Profile;
 use crate::records::{list, map, record};
 use mcap::records::{MessageHeader, Metadata, op};
 use mcap::{McapError, WriteOptions};
@@ -125,9 +124,8 @@ impl<F: Target> McapFile<F> {
     /// Adds the next topic. Its definition goes into the open chunk, and once more behind that, outside of any chunk: a
     /// damaged chunk costs its messages then, and not the channels of all others.
     pub(super) fn add_topic(&mut self, facts: &TopicFacts, definition: &str) -> Result<(), BagError> {
-        let profiles: Vec<Profile> = facts.qos.iter().map(|q| Profile::from(*q)).collect();
         let metadata = BTreeMap::from([
-            ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&profiles).unwrap_or_default()),
+            ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&facts.profiles).unwrap_or_default()),
             ("topic_type_hash".to_owned(), facts.type_hash.clone()),
         ]);
         let added = self.mcap.add_schema(&facts.type_name, "ros2msg", definition.as_bytes()).and_then(|schema| {
@@ -266,7 +264,8 @@ mod tests {
             name: "/pose".into(),
             type_name: PoseStamped::TYPE_NAME.into(),
             type_hash: PoseStamped::TYPE_HASH.into(),
-            qos: vec![Qos::DEFAULT],
+            encoding: "cdr".into(),
+            profiles: vec![Qos::DEFAULT.into()],
             messages: 0,
         }
     }
