@@ -135,13 +135,31 @@ def test_what_can_be_had_of_a_damaged_database_is_read_and_the_rest_is_named(tmp
     for share in (0.9, 0.5, 0.2):
         file.write_bytes(whole[: int(share * len(whole))])
         report = info(bag)
-        (note,) = report["notes"]
+        note, *unreadable = report["notes"]
         assert str(file) in note and f"damaged: {report['messages']} messages were found" in note
+        # The last one or two go on beyond the cut.
+        assert report["messages"] - 3 < report["readable"] <= report["messages"] and len(unreadable) < 4, report["notes"]
         found.append(report["messages"])
     assert 543 > found[0] > found[1] > found[2] > 0
     file.write_bytes(whole[:50])
     done = run("info", bag)
     assert done.returncode == 1 and str(file) in done.stderr and done.stdout == ""
+
+
+def test_damage_that_the_index_does_not_show_is_named(tmp_path):
+    bag = shutil.copytree(BAG, tmp_path / "swing")
+    file = bag / "swing_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[2000] ^= 0x55
+    file.write_bytes(data)
+    report = info(bag)
+    assert report["messages"] == 543 and 0 < report["readable"] < 543
+    said, where = report["notes"]
+    assert said == f"{bag}: {report['readable']} of 543 messages can be read" and f"{file}: damaged at byte" in where
+    assert said in run("info", bag).stdout
+    index = run("info", bag, "--index-only")
+    assert "by the index alone" in index.stdout.splitlines()[0] and "damaged" not in index.stdout
+    assert info(BAG)["readable"] == 543
 
 
 def test_empty_missing_and_foreign_bags_are_named(tmp_path):

@@ -156,6 +156,20 @@ impl BagReader {
         &self.notes
     }
 
+    /// Reads every message, which finds damage that the index of a file does not show: how many there are, and what is wrong
+    /// with the others.
+    #[must_use]
+    pub fn verify(&self) -> (u64, Vec<String>) {
+        let (mut readable, mut damage) = (0, Vec::new());
+        for message in self.messages() {
+            match message {
+                Ok(_) => readable += 1,
+                Err(error) => damage.push(error.to_string()),
+            }
+        }
+        (readable, damage)
+    }
+
     /// The topics with types and counts, in one line.
     #[must_use]
     pub fn describe_topics(&self) -> String {

@@ -102,6 +102,9 @@ fn one_damaged_chunk_costs_its_own_messages_alone() {
         bytes[ends[2].0 + 120] ^= 0x55;
         let (x, errors, notes) = read(&path, &bytes).unwrap();
         assert_eq!((x.len(), errors, notes.len()), (54, 1, 0), "{compression:?}");
+        let (readable, damage) = BagReader::open(&path).unwrap().verify();
+        assert_eq!((readable, damage.len()), (54, 1), "{damage:?}");
+        assert!(damage[0].contains("damaged.mcap: damaged at byte"), "{damage:?}");
         assert_eq!((x[11], x[12]), (11.0, 18.0));
         let (x, errors, notes) = read(&path, &bytes[..ends[9].0]).unwrap();
         assert_eq!((x.len(), errors), (48, 0), "{compression:?}");
