@@ -199,8 +199,10 @@ impl BagReader {
 /// As [`BagReader::open`], and [`BagError::Io`]; [`BagError::Unsupported`] for other files than MCAP, and for those whose
 /// messages were compressed one by one.
 pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
+    let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+    reserve::check(folder).map_err(BagError::io("finish", path))?;
     if path.is_dir() {
-        reserve::take_over(path).map_err(BagError::io("finish", path))?;
+        reserve::free(path);
     }
     let before = BagReader::open_files(path, true)?;
     if before.notes.is_empty() && before.files.iter().all(|f| f.is_finished) {

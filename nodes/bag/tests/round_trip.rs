@@ -103,8 +103,10 @@ fn metadata_is_written_at_once_and_can_be_made_anew() {
     assert!(std::fs::read_to_string(open.join("metadata.yaml")).unwrap().contains("open_0.mcap"));
     let empty = BagReader::open(&open).unwrap();
     assert_eq!((empty.message_count(), empty.span_ns(), empty.messages().count()), (0, None, 0));
-    let error = reindex(&open).unwrap_err().to_string();
-    assert!(error.contains("cannot finish: a recorder writes to it"), "{error}");
+    for path in [open.clone(), open.join("open_0.mcap")] {
+        let error = reindex(&path).unwrap_err().to_string();
+        assert!(error.contains("cannot finish: a recorder writes to it"), "{error}");
+    }
     drop(writer);
     reindex(&open).unwrap();
 }
