@@ -36,16 +36,19 @@ pub(super) fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
         offset += RECORD_HEADER + body_len;
     }
     leave_out_undefined(&mut definitions);
-    conclude(&mut definitions, ended);
+    let mut end = [0; MAGIC.len()];
+    input.seek(SeekFrom::Start(len.saturating_sub(MAGIC.len() as u64)))?;
+    input.read_exact(&mut end)?;
+    conclude(&mut definitions, ended, end == MAGIC);
     Ok(definitions)
 }
 
 /// Counts no messages on channels that the file does not define, as where the chunk that did is damaged.
 fn leave_out_undefined(definitions: &mut Definitions) {
-    let (counted, channels) = (std::mem::take(&mut definitions.counts), &definitions.channels);
-    let (defined, undefined) = counted.into_iter().partition(|(id, _)| channels.contains_key(id));
-    definitions.counts = defined;
-    let left_out: u64 = std::collections::BTreeMap::into_values(undefined).sum();
+    let (counts, channels) = (&mut definitions.counts, &definitions.channels);
+    let all: u64 = counts.values().sum();
+    counts.retain(|id, _| channels.contains_key(id));
+    let left_out = all - counts.values().sum::<u64>();
     if left_out > 0 {
         let note = format!("{left_out} messages are left out, because no readable record defines their channels");
         definitions.notes.push(note);
@@ -53,12 +56,12 @@ fn leave_out_undefined(definitions: &mut Definitions) {
 }
 
 /// Says what was found in the file, and whether its end is there.
-fn conclude(definitions: &mut Definitions, ended: bool) {
+fn conclude(definitions: &mut Definitions, ended: bool, has_footer: bool) {
     let messages: u64 = definitions.counts.values().sum();
     let chunks = definitions.pieces.iter().filter(|p| p.place == Place::Chunk).count();
     let has_loose = definitions.pieces.len() > chunks;
     // Without chunks there is nothing that a summary could say where it is.
-    definitions.is_finished = ended && has_loose && chunks == 0;
+    definitions.is_finished = ended && has_footer && has_loose && chunks == 0;
     if definitions.is_finished {
         return;
     }
