@@ -136,7 +136,6 @@ impl<'a> Player<'a> {
             if !pace.wait(self.node, at_ns) {
                 return Ok(false);
             }
-            self.watch.check()?;
             self.publish(&message, summary)?;
             pace.account(message.data.len());
         }
@@ -147,6 +146,7 @@ impl<'a> Player<'a> {
     }
 
     fn publish(&mut self, message: &BagMessage, summary: &mut ReplaySummary) -> Result<(), BagError> {
+        self.watch.check()?;
         let Some(Entry { type_name, outlet, is_command, .. }) = self.outlets.get(&message.topic.name) else {
             return Ok(());
         };
