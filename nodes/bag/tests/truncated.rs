@@ -198,6 +198,31 @@ proptest! {
     }
 }
 
+proptest! {
+    // Each case waits for the disk.
+    #![proptest_config(ProptestConfig { cases: 50, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_damaged_file_that_was_cut_off_loses_nothing_by_being_finished(
+        compression in prop::sample::select(&Compression::ALL[..]),
+        hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let mut bytes = bag(compression).0.clone();
+        for (place, value) in hits {
+            let place = place.index(bytes.len() - 8) + 8;
+            bytes[place] = value;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bag.mcap");
+        let before = read(&path, &bytes[..cut.index(bytes.len())]);
+        if let (Some((x, _, _)), Ok(_)) = (before, reindex(&path)) {
+            let finished = std::fs::read(&path).unwrap();
+            prop_assert_eq!(read(&path, &finished).unwrap().0, x);
+        }
+    }
+}
+
 fn mcap_magic() -> &'static [u8] {
     b"\x89MCAP0\r\n"
 }

@@ -205,9 +205,9 @@ impl Found {
 
     fn statistics(&self) -> Vec<u8> {
         let messages: u64 = self.counts.values().sum();
-        let with_messages = || self.chunks.iter().filter(|c| !c.messages.is_empty()).map(|c| &c.header);
-        let first = with_messages().map(|h| h.message_start_time).min().unwrap_or(0);
-        let last = with_messages().map(|h| h.message_end_time).max().unwrap_or(0);
+        let spans = || self.chunks.iter().filter_map(Chunk::span);
+        let first = spans().map(|(first, _)| first).min().unwrap_or(0);
+        let last = spans().map(|(_, last)| last).max().unwrap_or(0);
         let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes();
         let schemas = u16::try_from(self.schemas.len()).unwrap_or(u16::MAX);
         let counts = self.counts.iter().flat_map(|(id, n)| [&id.to_le_bytes()[..], &n.to_le_bytes()].concat());
@@ -227,12 +227,19 @@ impl Found {
 }
 
 impl Chunk {
+    /// First and last log time of its messages. Those in its header have no checksum.
+    fn span(&self) -> Option<(u64, u64)> {
+        let times = || self.messages.values().flatten().map(|(time, _)| *time);
+        Some((times().min()?, times().max()?))
+    }
+
     /// The body of its entry in the summary.
     fn index(&self) -> Vec<u8> {
         let offsets = self.index.iter().flat_map(|(id, at)| [&id.to_le_bytes()[..], &at.to_le_bytes()].concat());
+        let (first, last) = self.span().unwrap_or_default();
         [
-            &self.header.message_start_time.to_le_bytes()[..],
-            &self.header.message_end_time.to_le_bytes(),
+            &first.to_le_bytes()[..],
+            &last.to_le_bytes(),
             &self.start.to_le_bytes(),
             &self.len.to_le_bytes(),
             &list(offsets.collect::<Vec<_>>()),
