@@ -9,6 +9,7 @@ import subprocess
 
 import pytest
 from conftest import PROGRAM
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -135,13 +136,50 @@ def test_what_can_be_had_of_a_damaged_database_is_read_and_the_rest_is_named(tmp
     for share in (0.9, 0.5, 0.2):
         file.write_bytes(whole[: int(share * len(whole))])
         report = info(bag)
-        (note,) = report["notes"]
+        note, *unreadable = report["notes"]
         assert str(file) in note and f"damaged: {report['messages']} messages were found" in note
+        # The last one or two go on beyond the cut.
+        assert report["messages"] - 3 < report["readable"] <= report["messages"] and len(unreadable) < 4, report["notes"]
         found.append(report["messages"])
     assert 543 > found[0] > found[1] > found[2] > 0
     file.write_bytes(whole[:50])
     done = run("info", bag)
     assert done.returncode == 1 and str(file) in done.stderr and done.stdout == ""
+
+
+def test_a_file_without_chunks_is_read_and_misses_nothing(tmp_path):
+    file = tmp_path / "bag.mcap"
+    with open(file, "wb") as target:
+        writer = McapWriter(target, use_chunking=False)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/Int32", "ros2msg", b"int32 data\n")
+        channel = writer.register_channel("/lab/number", "cdr", schema)
+        for time_ns in (5, 3, 4):
+            writer.add_message(channel, time_ns, b"\0\1\0\0\7\0\0\0", time_ns)
+        writer.finish()
+    whole = file.read_bytes()
+    report = info(file)
+    assert (report["messages"], report["readable"], report["notes"], report["start_ns"]) == (3, 3, [], 3)
+    assert run("reindex", file).stdout == f"{file}: 3 messages\n" and file.read_bytes() == whole
+    file.write_bytes(whole[:-60])
+    (note,) = info(file)["notes"]
+    assert "3 messages were found outside of chunks" in note
+
+
+def test_damage_that_the_index_does_not_show_is_named(tmp_path):
+    bag = shutil.copytree(BAG, tmp_path / "swing")
+    file = bag / "swing_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[2000] ^= 0x55
+    file.write_bytes(data)
+    report = info(bag)
+    assert report["messages"] == 543 and 0 < report["readable"] < 543
+    said, where = report["notes"]
+    assert said == f"{bag}: {report['readable']} of 543 messages can be read" and f"{file}: damaged at byte" in where
+    assert said in run("info", bag).stdout
+    index = run("info", bag, "--index-only")
+    assert "by the index alone" in index.stdout.splitlines()[0] and "damaged" not in index.stdout
+    assert info(BAG)["readable"] == 543
 
 
 def test_empty_missing_and_foreign_bags_are_named(tmp_path):

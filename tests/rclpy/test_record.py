@@ -8,6 +8,7 @@ import subprocess
 import time
 
 import pytest
+from catenary_msgs.msg import EefDelta, EpisodeEvent
 from conftest import PROGRAM
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -90,17 +91,18 @@ def test_filters_take_what_those_of_ros2_bag_take(session):
 
 
 def test_what_cannot_be_recorded_is_said(session):
-    """A type that no installed package has, a name that is nearly right, and a publisher that offers too little."""
+    """A type that no installed package has, a name that is nearly right, and a publisher that offers less than is asked for."""
     ros = join(session)
     number = ros.node.create_publisher(Int32, "/lab/number", RELIABLE)
     targets = ros.node.create_publisher(PoseStamped, "/panda/target_pose", BEST_EFFORT)
     latched = ros.node.create_publisher(PoseStamped, "/lab/latched", LATCHED)
     latched.publish(pose(5))
-    overrides = session.folder / "overrides.yaml"
+    overrides, strict = session.folder / "overrides.yaml", session.folder / "strict.yaml"
     overrides.write_text("/panda/target_pose:\n  reliability: best_effort\n  history: keep_last\n  depth: 50\n")
+    strict.write_text("/panda/target_pose:\n  reliability: reliable\n")
     session.environment.pop("AMENT_PREFIX_PATH", None)
     topics = ("--topics", "/panda/target_pose", "/lab/number", "/dlo/keypoint", "/lab/latched")
-    deaf = record(session, "deaf", *topics)
+    deaf = record(session, "deaf", *topics, "--qos-profile-overrides-path", strict)
     hearing = record(session, "hearing", *topics, "--qos-profile-overrides-path", overrides)
     wait_for_readers(session, targets, 1)
     wait_for_readers(session, latched, 2)
@@ -124,6 +126,36 @@ def test_what_cannot_be_recorded_is_said(session):
         with Reader(session.folder / name) as reader:
             (profile,) = [c.ext.offered_qos_profiles[0] for c in reader.connections if c.topic == "/lab/latched"]
         assert (profile.reliability.name, profile.durability.name) == ("RELIABLE", "TRANSIENT_LOCAL")
+
+
+def test_topics_of_the_contract_are_asked_for_as_they_are_offered(session):
+    """Publishers that offer less than the contract, before and after the recorder; and one that comes too late to ask anew."""
+    ros = join(session)
+    volatile = QoSProfile(depth=100)
+    recorder = record(session, "bag", "--topics", "/panda/target_pose", "/policy/action", "/panda/current_pose", "/episode/event")
+    targets = ros.node.create_publisher(PoseStamped, "/panda/target_pose", BEST_EFFORT)
+    events = ros.node.create_publisher(EpisodeEvent, "/episode/event", volatile)
+    actions = ros.node.create_publisher(EefDelta, "/policy/action", RELIABLE)
+    for writer in (targets, events, actions):
+        wait_for_readers(session, writer, 1)
+    for number in range(20):
+        targets.publish(pose(number))
+        events.publish(EpisodeEvent(episode=number))
+        actions.publish(EefDelta())
+        time.sleep(0.02)
+    late = ros.node.create_publisher(EefDelta, "/policy/action", BEST_EFFORT)
+    what = "/policy/action: a publisher offers less than reliable, depth 10, and is not recorded"
+    session.wait_for(lambda: what in session.text("bag.err"), 10, "the warning")
+    assert late.get_subscription_count() == 0
+    for number in range(5):
+        actions.publish(EefDelta())
+    time.sleep(0.3)
+    stop(recorder)
+    found = read_bag(session.folder / "bag")[1]
+    episodes = [deserialize_message(data, EpisodeEvent).episode for data in found["/episode/event"]]
+    assert episodes == list(range(20)) and len(found["/policy/action"]) == 25
+    # Best effort: a busy machine loses some.
+    assert len(found["/panda/target_pose"]) > 10
 
 
 def test_bags_are_split_by_time_and_by_size(session):

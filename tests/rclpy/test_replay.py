@@ -5,13 +5,15 @@ import signal
 import time
 
 import pytest
-from geometry_msgs.msg import PoseStamped
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from recorders import join
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from mcap.writer import Writer as McapWriter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from recorders import join, record, stop
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 
 OFFERED = {
     "/dlo/keypoints": ("BEST_EFFORT", "VOLATILE"),
@@ -188,3 +190,67 @@ def test_as_fast_as_possible_no_tick_of_the_clock_is_skipped(session):
     assert replay.returncode == 0 and times == sorted(times)
     # Best effort: a busy machine may lose some.
     assert len(times) > 9000 and max(b - a for a, b in zip(times, times[1:])) < 2 * 10**9, len(times)
+
+
+def notes_at(session, *times_ns):
+    """A bag of notes at these times."""
+    text = lambda types: types["std_msgs/msg/String"](data="x")
+    bag_of(session.folder / "bag", lambda types: [("/a", "std_msgs/msg/String", t, text(types)) for t in times_ns])
+
+
+def test_a_negative_duration_is_no_limit(session):
+    notes_at(session, 10**9, 2 * 10**9)
+    done = session.run("replay", "bag", "--playback-duration", -1, "--json")
+    assert done.returncode == 0 and json.loads(done.stdout)["published"] == 2, done.stderr
+
+
+def test_a_loop_without_messages_ends_with_words(session):
+    notes_at(session, 10**9, 11 * 10**9)
+    done = session.run("replay", "bag", "--loop", "--start-offset", 2, "--playback-duration", 1)
+    assert done.returncode != 0 and "loop: expected messages to publish between the start and the end" in done.stderr
+
+
+def test_a_message_without_a_time_is_left_out(session):
+    with open(session.folder / "bag.mcap", "wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/a", "cdr", schema)
+        for time_ns in (10**9, 2**64 - 1, 2**64 - 2, 2 * 10**9):
+            writer.add_message(channel, time_ns, b"\0\1\0\0\2\0\0\0x\0", time_ns)
+        writer.finish()
+    report = json.loads(session.run("info", "bag.mcap", "--json").stdout)
+    assert (report["messages"], report["readable"]) == (4, 4)
+    for more in ((), ("--clock",)):
+        done = session.run("replay", "bag.mcap", "--json", *more)
+        report = json.loads(done.stdout)
+        assert (done.returncode, report["published"], report["failed"]) == (0, 2, 2), done.stderr
+        assert done.stderr.count("/a: a message that was logged after the year 2262 is left out") == 2
+
+
+def test_late_subscribers_get_the_static_transforms_of_every_broadcaster(session):
+    """Two broadcasters, each with what it latched, recorded by a recorder that comes after them; replayed from later on."""
+    ros = join(session)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for child in ("camera", "object"):
+        frame = TransformStamped(child_frame_id=child)
+        frame.header.frame_id = "panda_link0"
+        ros.node.create_publisher(TFMessage, "/tf_static", latched).publish(TFMessage(transforms=[frame]))
+    note = ros.node.create_publisher(String, "/lab/note", QoSProfile(depth=10))
+    recorder = record(session, "bag", "--topics", "/tf_static", "/lab/note")
+    ros.wait_for(lambda: note.get_subscription_count() > 0, 20, "the recorder")
+    time.sleep(1.5)
+    note.publish(String(data="x"))
+    time.sleep(0.5)
+    stop(recorder)
+    counts = {topic["name"]: topic["messages"] for topic in json.loads(session.run("info", "bag", "--json").stdout)["topics"]}
+    assert counts == {"/tf_static": 2, "/lab/note": 1}
+    ros.close()
+    other = join(session)
+    session.start("replay", "bag", "--start-offset", 1, "--delay", 0, "--rate", 0.1, "--allow-others")
+    other.wait_for(lambda: "replayer" in other.node.get_node_names(), 20, "the replayer")
+    time.sleep(4)
+    frames = []
+    late = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    other.node.create_subscription(TFMessage, "/tf_static", lambda m: frames.extend(t.child_frame_id for t in m.transforms), late)
+    other.wait_for(lambda: {"camera", "object"} <= set(frames), 10, f"both frames, not {frames}")

@@ -29,6 +29,7 @@ mod profile;
 mod reader;
 #[cfg(feature = "node")]
 mod record;
+mod records;
 #[cfg(feature = "node")]
 mod replay;
 mod reserve;

@@ -36,7 +36,7 @@ struct TopicMetadata<'a> {
     #[serde(rename = "type")]
     type_name: &'a str,
     serialization_format: &'a str,
-    offered_qos_profiles: Vec<Profile>,
+    offered_qos_profiles: &'a [Profile],
     type_description_hash: &'a str,
 }
 
@@ -60,8 +60,8 @@ struct Information<'a> {
     compression_mode: &'static str,
     relative_file_paths: Vec<&'a str>,
     files: Vec<FileEntry<'a>>,
-    custom_data: BTreeMap<String, String>,
-    ros_distro: &'static str,
+    custom_data: &'a BTreeMap<String, String>,
+    ros_distro: &'a str,
 }
 
 #[derive(Debug, Serialize)]
@@ -74,8 +74,9 @@ struct Document<'a> {
 pub(crate) struct TopicFacts {
     pub(crate) name: String,
     pub(crate) type_name: String,
+    pub(crate) encoding: String,
     pub(crate) type_hash: String,
-    pub(crate) qos: Vec<catenary_shell::Qos>,
+    pub(crate) profiles: Vec<Profile>,
     pub(crate) messages: u64,
 }
 
@@ -87,6 +88,22 @@ pub(crate) struct FileFacts {
     /// First and last log time in ns; none without messages.
     pub(crate) span_ns: Option<(i64, i64)>,
     pub(crate) messages: u64,
+}
+
+/// What it says of the recording as a whole.
+#[derive(Debug, Clone)]
+pub(crate) struct Origin {
+    /// What users added, by name.
+    pub(crate) custom_data: BTreeMap<String, String>,
+    /// The distribution of ROS 2 that recorded it; empty where nobody knows.
+    pub(crate) ros_distro: String,
+}
+
+impl Default for Origin {
+    /// That of a bag of our own.
+    fn default() -> Self {
+        Self { custom_data: BTreeMap::new(), ros_distro: "jazzy".to_owned() }
+    }
 }
 
 fn start(span_ns: Option<(i64, i64)>) -> Start {
@@ -102,14 +119,14 @@ pub(crate) fn joined(spans: impl IntoIterator<Item = Option<(i64, i64)>>) -> Opt
     spans.into_iter().flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
-fn information<'a>(topics: &'a [TopicFacts], files: &'a [FileFacts]) -> Information<'a> {
+fn information<'a>(topics: &'a [TopicFacts], files: &'a [FileFacts], origin: &'a Origin) -> Information<'a> {
     let span_ns = joined(files.iter().map(|f| f.span_ns));
     let topic = |t: &'a TopicFacts| TopicEntry {
         topic_metadata: TopicMetadata {
             name: &t.name,
             type_name: &t.type_name,
-            serialization_format: "cdr",
-            offered_qos_profiles: t.qos.iter().map(|q| Profile::from(*q)).collect(),
+            serialization_format: &t.encoding,
+            offered_qos_profiles: &t.profiles,
             type_description_hash: &t.type_hash,
         },
         message_count: t.messages,
@@ -131,8 +148,8 @@ fn information<'a>(topics: &'a [TopicFacts], files: &'a [FileFacts]) -> Informat
         compression_mode: "",
         relative_file_paths: files.iter().map(|f| f.name.as_str()).collect(),
         files: files.iter().map(file).collect(),
-        custom_data: BTreeMap::new(),
-        ros_distro: "jazzy",
+        custom_data: &origin.custom_data,
+        ros_distro: &origin.ros_distro,
     }
 }
 
@@ -142,19 +159,24 @@ fn yaml(value: &impl Serialize) -> Result<String, String> {
 
 /// The text that rosbag2 keeps inside of the MCAP file: the information alone.
 pub(crate) fn embedded_text(topics: &[TopicFacts], files: &[FileFacts]) -> Result<String, String> {
-    yaml(&information(topics, files))
+    yaml(&information(topics, files, &Origin::default()))
 }
 
 /// The text of the file.
-pub(crate) fn text(topics: &[TopicFacts], files: &[FileFacts]) -> Result<String, String> {
-    yaml(&Document { rosbag2_bagfile_information: information(topics, files) })
+pub(crate) fn text(topics: &[TopicFacts], files: &[FileFacts], origin: &Origin) -> Result<String, String> {
+    yaml(&Document { rosbag2_bagfile_information: information(topics, files, origin) })
 }
 
 /// Writes the file into `folder`; what was there is replaced in one step.
 #[allow(clippy::disallowed_methods, reason = "bags are files")]
-pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -> Result<(), BagError> {
+pub(crate) fn write(
+    folder: &Path,
+    topics: &[TopicFacts],
+    files: &[FileFacts],
+    origin: &Origin,
+) -> Result<(), BagError> {
     let path = folder.join(FILE_NAME);
-    let text = text(topics, files).map_err(|e| BagError::Io {
+    let text = text(topics, files, origin).map_err(|e| BagError::Io {
         action: "put its text together",
         path: path.clone(),
         reason: std::io::Error::other(e),
@@ -166,14 +188,72 @@ pub(crate) fn write(folder: &Path, topics: &[TopicFacts], files: &[FileFacts]) -
     })
 }
 
-/// What reading a bag needs of the file, of any version.
+/// What reading or finishing a bag needs of the file, of any version.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Layout {
     /// Names of the files, in order.
     pub(crate) relative_file_paths: Vec<String>,
+    #[serde(default)]
+    custom_data: Option<BTreeMap<String, String>>,
+    #[serde(default)]
+    ros_distro: Option<String>,
+    #[serde(default)]
+    files: Option<Vec<ListedFile>>,
+    #[serde(default)]
+    topics_with_message_count: Option<Vec<ListedTopic>>,
     /// `message` or `file` where the recorder compressed what the files hold, or the files; empty or `none` otherwise.
     #[serde(default)]
     pub(crate) compression_mode: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct ListedFile {
+    path: String,
+    message_count: u64,
+}
+
+#[derive(Debug, Deserialize)]
+struct ListedTopic {
+    topic_metadata: ListedType,
+}
+
+#[derive(Debug, Deserialize)]
+struct ListedType {
+    name: String,
+    #[serde(rename = "type")]
+    type_name: String,
+    #[serde(default)]
+    type_description_hash: Option<String>,
+}
+
+/// What the name of a file that is missing has before it in the custom data of a bag that was finished without it.
+const MISSING: &str = "missing_file ";
+
+impl Layout {
+    /// What it says of the recording; the files in `missing` are remembered, those in `present` no longer.
+    pub(crate) fn origin(&self, missing: &[String], present: &[String]) -> Origin {
+        let mut custom_data = self.custom_data.clone().unwrap_or_default();
+        let messages = |name: &String| {
+            let is_it = |f: &&ListedFile| Path::new(&f.path).file_name().is_some_and(|n| n == name.as_str());
+            let listed = self.files.iter().flatten().find(is_it);
+            listed
+                .map_or_else(|| "its messages were not counted".to_owned(), |f| format!("{} messages", f.message_count))
+        };
+        custom_data.extend(missing.iter().map(|name| (format!("{MISSING}{name}"), messages(name))));
+        custom_data.retain(|key, _| key.strip_prefix(MISSING).is_none_or(|name| !present.iter().any(|p| p == name)));
+        Origin { custom_data, ros_distro: self.ros_distro.clone().unwrap_or_default() }
+    }
+
+    /// Files that were missing when the bag was finished, with what is known of them.
+    pub(crate) fn missing_before(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.custom_data.iter().flatten().filter_map(|(key, known)| Some((key.strip_prefix(MISSING)?, known.as_str())))
+    }
+
+    /// The hash of a topic's type.
+    pub(crate) fn type_hash(&self, name: &str, type_name: &str) -> Option<&str> {
+        let mut topics = self.topics_with_message_count.iter().flatten().map(|t| &t.topic_metadata);
+        topics.find(|t| t.name == name && t.type_name == type_name)?.type_description_hash.as_deref()
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -199,7 +279,8 @@ mod tests {
             name: "/panda/current_pose".into(),
             type_name: "geometry_msgs/msg/PoseStamped".into(),
             type_hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8".into(),
-            qos: vec![Qos::BestEffort { depth: 1 }],
+            encoding: "cdr".into(),
+            profiles: vec![Profile::from(Qos::BestEffort { depth: 1 })],
             messages: 3,
         };
         let file = FileFacts { name: "swing_0.mcap".into(), span_ns: Some((1_000, 5_000)), messages: 3 };
@@ -249,7 +330,7 @@ rosbag2_bagfile_information:
   custom_data: {}
   ros_distro: jazzy
 ";
-        let written = text(&[topic], &[file]).unwrap();
+        let written = text(&[topic], &[file], &Origin::default()).unwrap();
         assert_eq!(written, expected);
         assert_eq!(parse(&written).unwrap().relative_file_paths, ["swing_0.mcap"]);
     }
@@ -257,7 +338,7 @@ rosbag2_bagfile_information:
     #[test]
     fn a_bag_without_messages_starts_where_rosbag2_says() {
         let file = FileFacts { name: "a_0.mcap".into(), span_ns: None, messages: 0 };
-        let written = text(&[], &[file]).unwrap();
+        let written = text(&[], &[file], &Origin::default()).unwrap();
         assert!(written.contains("nanoseconds_since_epoch: 9223372036854775807"), "{written}");
         assert!(written.contains("topics_with_message_count: []"), "{written}");
     }

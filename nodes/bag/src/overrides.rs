@@ -1,13 +1,11 @@
 //! Profiles by topic from a file, as `ros2 bag` reads them with `--qos-profile-overrides-path`.
 
 use crate::error::BagError;
+use crate::profile::KEEP_ALL;
 use catenary_shell::Qos;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// What `keep_all` becomes, because every profile here keeps a number of messages.
-const KEEP_ALL: u16 = 4096;
 
 /// Profiles of topics that the user wants other than they are.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

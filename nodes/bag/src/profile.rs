@@ -3,25 +3,28 @@
 use catenary_shell::Qos;
 use serde::{Deserialize, Serialize};
 
+/// What a history that keeps all becomes, because every [`Qos`] keeps a number of messages.
+pub(crate) const KEEP_ALL: u16 = 4096;
+
 /// rosbag2's "for ever": the greatest ns that a signed 64-bit number holds.
 const FOREVER: Span = Span { sec: 9_223_372_036, nsec: 854_775_807 };
 
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 struct Span {
     sec: u64,
     nsec: u64,
 }
 
 /// One offered profile, in the words of metadata version 9.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct Profile {
-    history: &'static str,
-    depth: u16,
-    reliability: &'static str,
-    durability: &'static str,
+    history: String,
+    depth: u64,
+    reliability: String,
+    durability: String,
     deadline: Span,
     lifespan: Span,
-    liveliness: &'static str,
+    liveliness: String,
     liveliness_lease_duration: Span,
     avoid_ros_namespace_conventions: bool,
 }
@@ -29,20 +32,45 @@ pub(crate) struct Profile {
 impl From<Qos> for Profile {
     fn from(qos: Qos) -> Self {
         Self {
-            history: "keep_last",
-            depth: qos.depth(),
-            reliability: if qos.is_reliable() { "reliable" } else { "best_effort" },
-            durability: if qos.is_transient_local() { "transient_local" } else { "volatile" },
+            history: "keep_last".to_owned(),
+            depth: qos.depth().into(),
+            reliability: if qos.is_reliable() { "reliable" } else { "best_effort" }.to_owned(),
+            durability: if qos.is_transient_local() { "transient_local" } else { "volatile" }.to_owned(),
             deadline: FOREVER,
             lifespan: FOREVER,
-            liveliness: "automatic",
+            liveliness: "automatic".to_owned(),
             liveliness_lease_duration: FOREVER,
             avoid_ros_namespace_conventions: false,
         }
     }
 }
 
-/// A policy's value: a word since version 9, a number of the rmw enumeration before.
+impl Profile {
+    /// What of it is kept to here. Whatever is neither best effort nor transient local counts as reliable and volatile, as
+    /// rosbag2 takes it.
+    pub(crate) fn qos(&self) -> Qos {
+        // Discovery does not carry the depth: other recorders write 0.
+        let depth = match (self.history.as_str(), self.depth) {
+            ("keep_all", _) => KEEP_ALL,
+            (_, 0) => Qos::DEFAULT.depth(),
+            (_, depth) => u16::try_from(depth).unwrap_or(u16::MAX),
+        };
+        match (self.reliability.as_str(), self.durability.as_str()) {
+            ("best_effort", _) => Qos::BestEffort { depth },
+            (_, "transient_local") => Qos::ReliableTransientLocal { depth },
+            _ => Qos::Reliable { depth },
+        }
+    }
+}
+
+/// Words for the numbers of the rmw enumerations, which stood in their place before version 9.
+const HISTORIES: &[&str] = &["system_default", "keep_last", "keep_all"];
+const RELIABILITIES: &[&str] = &["system_default", "reliable", "best_effort", "unknown", "best_available"];
+const DURABILITIES: &[&str] = &["system_default", "transient_local", "volatile", "unknown", "best_available"];
+const LIVELINESSES: &[&str] =
+    &["system_default", "automatic", "unknown", "manual_by_topic", "unknown", "best_available"];
+
+/// A policy's value: a word or a number.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Word {
@@ -51,59 +79,98 @@ enum Word {
 }
 
 impl Word {
-    fn is(&self, number: i64, text: &str) -> bool {
+    fn text(self, words: &[&str]) -> String {
         match self {
-            Self::Number(n) => *n == number,
-            Self::Text(t) => t == text,
+            Self::Number(n) => usize::try_from(n).ok().and_then(|n| words.get(n)).unwrap_or(&"unknown").to_string(),
+            Self::Text(text) => text,
         }
     }
 }
 
 #[derive(Debug, Deserialize)]
 struct Offered {
+    #[serde(default)]
+    history: Option<Word>,
     depth: u64,
     reliability: Word,
     durability: Word,
+    #[serde(default)]
+    deadline: Option<Span>,
+    #[serde(default)]
+    lifespan: Option<Span>,
+    #[serde(default)]
+    liveliness: Option<Word>,
+    #[serde(default)]
+    liveliness_lease_duration: Option<Span>,
+    #[serde(default)]
+    avoid_ros_namespace_conventions: bool,
 }
 
-/// The profiles in the text of a topic's `offered_qos_profiles`, of any version. Whatever is neither best effort nor
-/// transient local counts as reliable and volatile, as rosbag2 takes it. Text that is no such list gives none.
-pub(crate) fn parse(text: &str) -> Vec<Qos> {
-    let offered: Vec<Offered> = serde_saphyr::from_str(text).unwrap_or_default();
-    let qos = |o: Offered| {
-        // Discovery does not carry the depth: other recorders write 0.
-        let depth = u16::try_from(o.depth).unwrap_or(u16::MAX);
-        let depth = if depth == 0 { Qos::DEFAULT.depth() } else { depth };
-        match (o.reliability.is(2, "best_effort"), o.durability.is(1, "transient_local")) {
-            (true, _) => Qos::BestEffort { depth },
-            (false, true) => Qos::ReliableTransientLocal { depth },
-            (false, false) => Qos::Reliable { depth },
+impl From<Offered> for Profile {
+    fn from(o: Offered) -> Self {
+        Self {
+            history: o.history.map_or_else(|| "keep_last".to_owned(), |w| w.text(HISTORIES)),
+            depth: o.depth,
+            reliability: o.reliability.text(RELIABILITIES),
+            durability: o.durability.text(DURABILITIES),
+            deadline: o.deadline.unwrap_or(FOREVER),
+            lifespan: o.lifespan.unwrap_or(FOREVER),
+            liveliness: o.liveliness.map_or_else(|| "automatic".to_owned(), |w| w.text(LIVELINESSES)),
+            liveliness_lease_duration: o.liveliness_lease_duration.unwrap_or(FOREVER),
+            avoid_ros_namespace_conventions: o.avoid_ros_namespace_conventions,
         }
-    };
-    offered.into_iter().map(qos).collect()
+    }
+}
+
+/// The profiles in the text of a topic's `offered_qos_profiles`, of any version. Text that is no such list gives none.
+pub(crate) fn parse(text: &str) -> Vec<Profile> {
+    let offered: Vec<Offered> = serde_saphyr::from_str(text).unwrap_or_default();
+    offered.into_iter().map(Profile::from).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn qos(text: &str) -> Vec<Qos> {
+        parse(text).iter().map(Profile::qos).collect()
+    }
+
     #[test]
     fn written_profiles_are_read_back() {
-        for qos in
+        for given in
             [Qos::BestEffort { depth: 5 }, Qos::Reliable { depth: 10 }, Qos::ReliableTransientLocal { depth: 16 }]
         {
-            let text = serde_saphyr::to_string(&[Profile::from(qos)]).unwrap();
-            assert_eq!(parse(&text), [qos], "{text}");
+            let text = serde_saphyr::to_string(&[Profile::from(given)]).unwrap();
+            assert_eq!(qos(&text), [given], "{text}");
         }
     }
 
     #[test]
     fn numbers_of_older_versions_are_understood() {
         let text = "- history: 3\n  depth: 0\n  reliability: 1\n  durability: 1\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n\
-                    - history: 1\n  depth: 7\n  reliability: 2\n  durability: 2\n";
-        let expected = [Qos::ReliableTransientLocal { depth: 10 }, Qos::BestEffort { depth: 7 }];
-        assert_eq!(parse(text), expected);
-        assert_eq!(parse(""), []);
-        assert_eq!(parse("nonsense: ["), []);
+                    - history: 1\n  depth: 7\n  reliability: 2\n  durability: 2\n\
+                    - history: 2\n  depth: 0\n  reliability: 1\n  durability: 2\n";
+        let expected = [
+            Qos::ReliableTransientLocal { depth: 10 },
+            Qos::BestEffort { depth: 7 },
+            Qos::Reliable { depth: KEEP_ALL },
+        ];
+        assert_eq!(qos(text), expected);
+        assert_eq!(qos(""), []);
+        assert_eq!(qos("nonsense: ["), []);
+    }
+
+    #[test]
+    fn what_is_not_kept_to_here_is_kept() {
+        let old = "- history: 2\n  depth: 0\n  reliability: 1\n  durability: 2\n  deadline:\n    sec: 1\n    nsec: 2\n  \
+                   lifespan:\n    sec: 3\n    nsec: 4\n  liveliness: 3\n  liveliness_lease_duration:\n    sec: 5\n    nsec: 6\n  \
+                   avoid_ros_namespace_conventions: true\n";
+        let new = old.replace("history: 2", "history: keep_all").replace("reliability: 1", "reliability: reliable");
+        let new = new
+            .replace("durability: 2", "durability: volatile")
+            .replace("liveliness: 3", "liveliness: manual_by_topic");
+        assert_eq!(serde_saphyr::to_string(&parse(old)).unwrap(), new);
+        assert_eq!(parse(old), parse(&new));
     }
 }

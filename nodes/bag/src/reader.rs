@@ -5,10 +5,12 @@ mod chunk;
 mod file;
 mod finish;
 mod messages;
+mod scan;
 mod sqlite;
 
 use crate::error::BagError;
-use crate::metadata::{self, FileFacts, TopicFacts, joined};
+use crate::metadata::{self, FileFacts, Origin, TopicFacts, joined};
+use crate::profile::Profile;
 use crate::reserve;
 use catenary_msgs::Interface;
 use catenary_shell::Qos;
@@ -30,6 +32,8 @@ pub struct Topic {
     pub type_hash: Option<String>,
     /// Profiles that its publishers offered.
     pub qos: Vec<Qos>,
+    /// The same with what is not kept to here.
+    profiles: Vec<Profile>,
 }
 
 impl Topic {
@@ -152,6 +156,20 @@ impl BagReader {
         &self.notes
     }
 
+    /// Reads every message, which finds damage that the index of a file does not show: how many there are, and what is wrong
+    /// with the others.
+    #[must_use]
+    pub fn verify(&self) -> (u64, Vec<String>) {
+        let (mut readable, mut damage) = (0, Vec::new());
+        for message in self.messages() {
+            match message {
+                Ok(_) => readable += 1,
+                Err(error) => damage.push(error.to_string()),
+            }
+        }
+        (readable, damage)
+    }
+
     /// The topics with types and counts, in one line.
     #[must_use]
     pub fn describe_topics(&self) -> String {
@@ -181,14 +199,17 @@ impl BagReader {
 /// As [`BagReader::open`], and [`BagError::Io`]; [`BagError::Unsupported`] for other files than MCAP, and for those whose
 /// messages were compressed one by one.
 pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
+    let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+    reserve::check(folder).map_err(BagError::io("finish", path))?;
     if path.is_dir() {
-        reserve::take_over(path).map_err(BagError::io("finish", path))?;
+        reserve::free(path);
     }
     let before = BagReader::open_files(path, true)?;
     if before.notes.is_empty() && before.files.iter().all(|f| f.is_finished) {
         return Ok(Vec::new());
     }
-    let mode = layout_of(path).ok().flatten().map(|layout| layout.compression_mode.to_lowercase());
+    let layout = layout_of(path).ok().flatten();
+    let mode = layout.as_ref().map(|layout| layout.compression_mode.to_lowercase());
     if let Some(mode) = mode.filter(|mode| !["", "none"].contains(&mode.as_str())) {
         return Err(BagError::Unsupported {
             path: path.to_owned(),
@@ -207,21 +228,36 @@ pub fn reindex(path: &Path) -> Result<Vec<String>, BagError> {
         finish::finish(&file.path)?;
     }
     if path.is_dir() {
-        let bag = BagReader::open_files(path, true)?;
-        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
-        let topic = |t: &TopicCount| TopicFacts {
-            name: t.topic.name.clone(),
-            type_name: t.topic.type_name.clone(),
-            type_hash: t.topic.type_hash.clone().unwrap_or_default(),
-            qos: t.topic.qos.clone(),
-            messages: t.messages,
-        };
-        let files: Vec<FileFacts> = bag.files.iter().map(file).collect();
-        let topics: Vec<TopicFacts> = bag.topics.iter().map(topic).collect();
-        metadata::write(path, &topics, &files)?;
+        write_metadata(path, layout.as_ref())?;
     }
     Ok(before.notes)
+}
+
+/// Writes the `metadata.yaml` of a folder anew; what only the one before says is kept.
+fn write_metadata(folder: &Path, before: Option<&metadata::Layout>) -> Result<(), BagError> {
+    let bag = BagReader::open_files(folder, true)?;
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let file = |f: &IndexedFile| FileFacts { name: name(&f.path), span_ns: f.span_ns(), messages: f.messages() };
+    let topic = |t: &TopicCount| {
+        let hash = t.topic.type_hash.as_deref();
+        let hash = hash.or_else(|| before?.type_hash(&t.topic.name, &t.topic.type_name));
+        TopicFacts {
+            name: t.topic.name.clone(),
+            type_name: t.topic.type_name.clone(),
+            encoding: t.topic.encoding.clone(),
+            type_hash: hash.unwrap_or_default().to_owned(),
+            profiles: t.topic.profiles.clone(),
+            messages: t.messages,
+        }
+    };
+    let files: Vec<FileFacts> = bag.files.iter().map(file).collect();
+    let topics: Vec<TopicFacts> = bag.topics.iter().map(topic).collect();
+    let origin = before.map_or_else(Origin::default, |before| {
+        let listed = before.relative_file_paths.iter().map(|p| name(Path::new(p)));
+        let missing: Vec<String> = listed.filter(|n| !folder.join(n).exists()).collect();
+        before.origin(&missing, &files.iter().map(|f| f.name.clone()).collect::<Vec<_>>())
+    });
+    metadata::write(folder, &topics, &files, &origin)
 }
 
 /// One entry for each name and type, by name.
@@ -252,6 +288,10 @@ fn files_of(folder: &Path, all: bool, notes: &mut Vec<String>) -> Result<Vec<Pat
     let layout = layout_of(folder).and_then(|layout| layout.ok_or_else(|| "metadata.yaml is missing".to_owned()));
     let listed: Vec<PathBuf> = match layout {
         Ok(layout) => {
+            for (name, known) in layout.missing_before().filter(|(name, _)| !folder.join(name).exists()) {
+                let path = folder.join(name).display().to_string();
+                notes.push(format!("{path}: missing since the bag was reindexed without it ({known})"));
+            }
             let name = |p: &String| Path::new(p).file_name().map(|n| folder.join(n));
             layout.relative_file_paths.iter().filter_map(name).collect()
         }

@@ -56,10 +56,17 @@ pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, B
     if !settings.allow_others {
         refuse_others(node, &chosen, settings)?;
     }
-    let mut player = Player::new(node, &chosen, settings, watch)?;
+    let mut player = Player::new(node, &bag, &chosen, settings, watch)?;
     player.wait_for_subscribers(settings.wait);
     let names: Vec<&str> = chosen.iter().map(|t| t.name.as_str()).collect();
-    while player.play(&bag, &names, settings, &mut summary)? && settings.repeat {}
+    let mut published = 0;
+    while player.play(&bag, &names, settings, &mut summary)? && settings.repeat {
+        if summary.published == published {
+            let expected = "messages to publish between the start and the end of what is played".to_owned();
+            return Err(BagError::Setting { name: "loop", expected, got: "none".to_owned() });
+        }
+        published = summary.published;
+    }
     node.shutdown().wait_timeout(LINGER);
     Ok(summary)
 }

@@ -35,21 +35,20 @@ impl Reserve {
     }
 }
 
-/// Frees the room in a bag's folder.
+/// Frees the room in a bag's folder, also what a killed recorder has left.
 pub(crate) fn free(folder: &Path) {
     let _there_is_none = std::fs::remove_file(folder.join(FILE_NAME));
 }
 
-/// Frees the room that a killed recorder has left.
+/// Fails where a recorder is still at work in a bag's folder.
 ///
 /// # Errors
-/// The recorder is still at work.
-pub(crate) fn take_over(folder: &Path) -> io::Result<()> {
+/// It is.
+pub(crate) fn check(folder: &Path) -> io::Result<()> {
     if let Ok(file) = File::open(folder.join(FILE_NAME))
         && let Err(TryLockError::WouldBlock) = file.try_lock()
     {
         return Err(io::Error::new(io::ErrorKind::ResourceBusy, "a recorder writes to it"));
     }
-    free(folder);
     Ok(())
 }

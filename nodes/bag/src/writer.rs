@@ -5,7 +5,8 @@ mod mcap_file;
 mod tail;
 
 use crate::error::BagError;
-use crate::metadata::{self, FileFacts, TopicFacts};
+use crate::metadata::{self, FileFacts, Origin, TopicFacts};
+use crate::profile::Profile;
 use crate::reserve::{self, Reserve};
 use catenary_msgs::{Interface, InterfaceInfo};
 use catenary_shell::Qos;
@@ -194,7 +195,8 @@ impl BagWriter {
             name: name.to_owned(),
             type_name: kind.name.to_owned(),
             type_hash: kind.hash.to_owned(),
-            qos: qos.to_vec(),
+            encoding: "cdr".to_owned(),
+            profiles: qos.iter().copied().map(Profile::from).collect(),
             messages: 0,
         };
         self.file()?.add_topic(&facts, kind.definition)?;
@@ -288,7 +290,7 @@ impl BagWriter {
 
     fn write_metadata(&self) -> Result<(), BagError> {
         let (topics, files) = self.facts();
-        metadata::write(&self.folder, &topics, &files)
+        metadata::write(&self.folder, &topics, &files, &Origin::default())
     }
 
     /// Keeps room on the disk for what the end of the bag adds to it: definitions and profiles, twice, and the index.

@@ -187,9 +187,10 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     let drained = |queue: &dyn Fn() -> Option<i64>| std::iter::from_fn(queue).collect::<Vec<i64>>();
     let stamp_ns = |s: &catenary_msgs::builtin_interfaces::msg::Time| stamp::from_msg(s).nanos();
     let events = drained(&|| events.try_next().map(|e| i64::from(e.message.event)));
-    assert_eq!(events, [i64::from(EpisodeEvent::ENDED)]);
+    // What latched topics held at the start comes first.
+    assert_eq!(events, [EpisodeEvent::STARTED, EpisodeEvent::ENDED].map(i64::from));
     let states = drained(&|| states.try_next().map(|s| stamp_ns(&s.message.header.stamp)));
-    assert_eq!(states.len(), 18, "{states:?}");
+    assert_eq!(states.len(), 1 + 18, "{states:?}");
     let arrivals: Vec<_> = std::iter::from_fn(|| poses.try_next()).collect();
     // Best effort: a busy machine loses some.
     assert!(arrivals.len() > 90, "{} of 175 poses", arrivals.len());

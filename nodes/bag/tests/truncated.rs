@@ -3,6 +3,7 @@
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions, reindex};
+use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_shell::Qos;
 use proptest::prelude::*;
@@ -101,11 +102,72 @@ fn one_damaged_chunk_costs_its_own_messages_alone() {
         bytes[ends[2].0 + 120] ^= 0x55;
         let (x, errors, notes) = read(&path, &bytes).unwrap();
         assert_eq!((x.len(), errors, notes.len()), (54, 1, 0), "{compression:?}");
+        let (readable, damage) = BagReader::open(&path).unwrap().verify();
+        assert_eq!((readable, damage.len()), (54, 1), "{damage:?}");
+        assert!(damage[0].contains("damaged.mcap: damaged at byte"), "{damage:?}");
         assert_eq!((x[11], x[12]), (11.0, 18.0));
         let (x, errors, notes) = read(&path, &bytes[..ends[9].0]).unwrap();
         assert_eq!((x.len(), errors), (48, 0), "{compression:?}");
         assert!(notes.iter().any(|n| n.contains("damaged at byte")), "{notes:?}");
     }
+}
+
+#[test]
+fn a_damaged_first_chunk_costs_no_other_chunk_its_channels() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.mcap");
+    for compression in Compression::ALL {
+        let (whole, ends) = bag(compression);
+        let mut bytes = whole[..ends[9].0].to_vec();
+        bytes[ends[0].0 + 120] ^= 0x55;
+        let (x, errors, notes) = read(&path, &bytes).unwrap();
+        assert_eq!((x.len(), x[0], errors), (48, 6.0, 0), "{compression:?}: {notes:?}");
+        reindex(&path).unwrap();
+        let bag = BagReader::open(&path).unwrap();
+        assert_eq!((bag.notes(), bag.message_count()), (&[] as &[String], 48));
+    }
+}
+
+/// A file of another writer, whose channels stand in its chunks alone: channel 1 in the first, channel 2 in the second.
+fn foreign() -> (Vec<u8>, usize) {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut writer = mcap::WriteOptions::new().chunk_size(None).compression(None).create(&mut bytes).unwrap();
+    let cdr = catenary_msgs::to_cdr(&PoseStamped::default()).unwrap();
+    let write = |writer: &mut mcap::Writer<_>, channel_id: u16, log_time: u64| {
+        let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: 0 };
+        writer.write_to_known_channel(&header, &cdr).unwrap();
+    };
+    let kind = "geometry_msgs/msg/PoseStamped";
+    let schema = writer.add_schema(kind, "ros2msg", PoseStamped::DEFINITION.as_bytes()).unwrap();
+    let none = std::collections::BTreeMap::new();
+    let one = writer.add_channel(schema, "/one", "cdr", &none).unwrap();
+    (1..=5).for_each(|i| write(&mut writer, one, i));
+    writer.flush().unwrap();
+    let two = writer.add_channel(schema, "/two", "cdr", &none).unwrap();
+    (6..=9).for_each(|i| write(&mut writer, [one, two][i as usize % 2], i));
+    writer.flush().unwrap();
+    let len = writer.into_inner().position() as usize;
+    (bytes.into_inner(), len)
+}
+
+#[test]
+fn messages_of_channels_that_nothing_defines_are_left_out_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("foreign.mcap");
+    let (mut bytes, len) = foreign();
+    bytes.truncate(len);
+    let (x, errors, notes) = read(&path, &bytes).unwrap();
+    assert_eq!((x.len(), errors, notes.len()), (9, 0, 1), "{notes:?}");
+    // In the first chunk, whose channel the second uses, too.
+    bytes[200] ^= 0x55;
+    let (_, errors, notes) = read(&path, &bytes).unwrap();
+    let bag = BagReader::open(&path).unwrap();
+    let left = (bag.message_count(), bag.messages().filter(|m| m.is_ok()).count(), errors);
+    assert_eq!(left, (2, 2, 0), "{notes:?}");
+    assert!(notes.iter().any(|n| n.contains("2 messages are left out")), "{notes:?}");
+    reindex(&path).unwrap();
+    let bag = BagReader::open(&path).unwrap();
+    assert_eq!((bag.notes(), bag.message_count()), (&[] as &[String], 2));
 }
 
 proptest! {
@@ -133,6 +195,31 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let start: &[u8] = if magic { mcap_magic() } else { b"" };
         let _read = read(&folder.path().join("bag.mcap"), &[start, &garbage].concat());
+    }
+}
+
+proptest! {
+    // Each case waits for the disk.
+    #![proptest_config(ProptestConfig { cases: 50, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_damaged_file_that_was_cut_off_loses_nothing_by_being_finished(
+        compression in prop::sample::select(&Compression::ALL[..]),
+        hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let mut bytes = bag(compression).0.clone();
+        for (place, value) in hits {
+            let place = place.index(bytes.len() - 8) + 8;
+            bytes[place] = value;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bag.mcap");
+        let before = read(&path, &bytes[..cut.index(bytes.len())]);
+        if let (Some((x, _, _)), Ok(_)) = (before, reindex(&path)) {
+            let finished = std::fs::read(&path).unwrap();
+            prop_assert_eq!(read(&path, &finished).unwrap().0, x);
+        }
     }
 }
 

@@ -90,6 +90,8 @@ struct TopicInfo {
 struct BagInfo {
     bag: PathBuf,
     messages: u64,
+    /// Messages that can be read; none: the index alone was looked at.
+    readable: Option<u64>,
     start_ns: Option<i64>,
     duration_s: f64,
     files: Vec<PathBuf>,
@@ -98,8 +100,22 @@ struct BagInfo {
     notes: Vec<String>,
 }
 
+/// Damaged places that are listed; of more the number is said.
+const LISTED: usize = 10;
+
 impl BagInfo {
-    fn new(bag: &BagReader) -> Self {
+    fn new(bag: &BagReader, index_only: bool) -> Self {
+        let mut notes = bag.notes().to_vec();
+        let verified = (!index_only).then(|| bag.verify());
+        if let Some((readable, damage)) = &verified {
+            if *readable != bag.message_count() {
+                let (path, all) = (bag.path().display(), bag.message_count());
+                notes.push(format!("{path}: {readable} of {all} messages can be read"));
+            }
+            notes.extend(damage.iter().take(LISTED).cloned());
+            let more = damage.len().saturating_sub(LISTED);
+            notes.extend((more > 0).then(|| format!("and {more} more damaged places")));
+        }
         let topic = |t: &TopicCount| TopicInfo {
             name: t.topic.name.clone(),
             type_name: t.topic.type_name.clone(),
@@ -110,17 +126,20 @@ impl BagInfo {
         Self {
             bag: bag.path().to_owned(),
             messages: bag.message_count(),
+            readable: verified.map(|(readable, _)| readable),
             start_ns: bag.span_ns().map(|(first, _)| first),
             duration_s: bag.span_ns().map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 * 1e-9),
             files: bag.files().map(Path::to_owned).collect(),
             topics: bag.topics().iter().map(topic).collect(),
-            notes: bag.notes().to_vec(),
+            notes,
         }
     }
 
     fn text(&self) -> String {
         let files = if self.files.len() == 1 { String::new() } else { format!(" in {} files", self.files.len()) };
-        let head = format!("{}: {} messages in {:.3} s{files}", self.bag.display(), self.messages, self.duration_s);
+        let index = if self.readable.is_none() { ", by the index alone" } else { "" };
+        let head =
+            format!("{}: {} messages in {:.3} s{files}{index}", self.bag.display(), self.messages, self.duration_s);
         let row =
             |t: &TopicInfo| format!("{:>8} {} [{}] {}", t.messages, t.name, t.type_name, t.offered_qos.join("; "));
         let rows = self.topics.iter().map(row);
@@ -130,7 +149,11 @@ impl BagInfo {
 
 /// Says what a bag holds, and what of it is missing or damaged.
 pub fn run_info(arguments: &InfoArgs) -> Result<()> {
-    output::result(&arguments.output, &BagInfo::new(&BagReader::open(&arguments.bag)?), BagInfo::text)
+    output::result(
+        &arguments.output,
+        &BagInfo::new(&BagReader::open(&arguments.bag)?, arguments.index_only),
+        BagInfo::text,
+    )
 }
 
 /// What was missing of a bag, and what it holds now.

@@ -40,16 +40,22 @@ struct Installed {
 /// Lays out the prefix. What an earlier installation left is replaced.
 pub fn run(arguments: &InstallArgs) -> Result<()> {
     let prefix = std::path::absolute(&arguments.prefix).context("--prefix")?;
-    let is_awkward = |c: char| c.is_whitespace() || "()'\"$<>&".contains(c);
-    if prefix.to_str().is_none_or(|path| path.contains(is_awkward)) {
-        let expected = "a path that launch files can name, without blanks and brackets";
-        bail!("--prefix: expected {expected}, got {}", prefix.display());
-    }
+    check(&prefix)?;
     let installed = lay_out(&prefix)?;
     output::result(&arguments.output, &installed, |i| {
         let prefix = i.prefix.display();
         format!("{prefix}: {} nodes\nsource {prefix}/setup.sh", i.nodes.len())
     })
+}
+
+/// Refuses a path to which launch files, or lists of folders with colons between them, give another meaning.
+fn check(prefix: &Path) -> Result<()> {
+    let is_awkward = |letter: char| letter.is_whitespace() || "()'\"$<>&:".contains(letter);
+    if prefix.to_str().is_none_or(|path| path.contains(is_awkward)) {
+        let expected = "a path that launch files can name, without blanks, brackets and colons";
+        bail!("--prefix: expected {expected}, got {}", prefix.display());
+    }
+    Ok(())
 }
 
 fn lay_out(prefix: &Path) -> Result<Installed> {
@@ -114,6 +120,13 @@ fn put(path: &Path, make: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_prefix_that_a_list_of_folders_would_take_apart_is_refused() {
+        check(Path::new("/opt/lab/catenary-1.0")).unwrap();
+        let error = check(Path::new("/opt/a:b")).unwrap_err().to_string();
+        assert!(error.contains("without blanks, brackets and colons, got /opt/a:b"), "{error}");
+    }
 
     #[test]
     fn launch_files_name_the_folder_that_is_replaced() {

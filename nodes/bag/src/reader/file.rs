@@ -1,16 +1,17 @@
 //! One file of a bag: which topics it has, and where its messages lie.
 
-use super::chunk::{LARGEST, RECORD_HEADER, visit_records};
+use super::chunk::{LARGEST, RECORD_HEADER};
 use super::messages::ZSTD_MAGIC;
+use super::scan::scan;
 use super::{Topic, TopicCount, sqlite};
 use crate::error::BagError;
 use crate::metadata::joined;
-use crate::profile;
+use crate::profile::{self, Profile};
 use mcap::MAGIC;
 use mcap::records::{Channel, ChunkIndex, Record, Statistics, op};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempPath;
@@ -50,7 +51,7 @@ pub(super) struct IndexedFile {
     pub(super) counts: BTreeMap<u16, u64>,
     /// What is missing or damaged.
     pub(super) notes: Vec<String>,
-    /// Whether it has a summary.
+    /// Whether nothing is missing at its end.
     pub(super) is_finished: bool,
     /// Of a database: where each message is, by time.
     pub(super) rows: Vec<sqlite::Entry>,
@@ -80,9 +81,8 @@ impl IndexedFile {
         let mut file = File::open(source).map_err(BagError::io("open", path))?;
         let len = file.metadata().map_err(BagError::io("open", path))?.len();
         let summary = summary(&mut file, len).map_err(BagError::io("read", path))?;
-        let is_finished = summary.is_some();
         let definitions = match summary {
-            Some(summary) => summary,
+            Some(summary) => Definitions { is_finished: true, ..summary },
             None => scan(&file, len).map_err(BagError::io("read", path))?,
         };
         if let Some(name) = definitions.foreign_compression {
@@ -100,7 +100,7 @@ impl IndexedFile {
             channels: definitions.channels,
             counts: definitions.counts,
             notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
-            is_finished,
+            is_finished: definitions.is_finished,
             rows: Vec::new(),
         })
     }
@@ -176,18 +176,20 @@ fn unpack(path: &Path) -> std::io::Result<TempPath> {
 
 /// What the records of a file define.
 #[derive(Debug, Default)]
-struct Definitions {
+pub(super) struct Definitions {
     schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, Arc<Topic>>,
-    counts: BTreeMap<u16, u64>,
-    pieces: Vec<Piece>,
-    notes: Vec<String>,
+    pub(super) channels: BTreeMap<u16, Arc<Topic>>,
+    pub(super) counts: BTreeMap<u16, u64>,
+    pub(super) pieces: Vec<Piece>,
+    pub(super) notes: Vec<String>,
+    /// Whether nothing is missing at the end of the file.
+    pub(super) is_finished: bool,
     foreign_compression: Option<String>,
 }
 
 impl Definitions {
     /// Takes a schema or a channel; the first of a number counts, as the format demands that all are equal.
-    fn define(&mut self, record: Record<'_>) {
+    pub(super) fn define(&mut self, record: Record<'_>) {
         match record {
             Record::Schema { header, .. } => {
                 self.schemas.entry(header.id).or_insert(header.name);
@@ -200,7 +202,7 @@ impl Definitions {
         }
     }
 
-    fn check_compression(&mut self, compression: &str) {
+    pub(super) fn check_compression(&mut self, compression: &str) {
         if !matches!(compression, "" | "zstd" | "lz4") {
             self.foreign_compression = Some(compression.to_owned());
         }
@@ -209,14 +211,15 @@ impl Definitions {
 
 fn topic(mut channel: Channel, type_name: String) -> Topic {
     let mut take = |key: &str| channel.metadata.remove(key).unwrap_or_default();
-    let (hash, offered) = (take("topic_type_hash"), take("offered_qos_profiles"));
+    let (hash, profiles) = (take("topic_type_hash"), profile::parse(&take("offered_qos_profiles")));
     Topic {
         name: channel.topic,
         type_name,
         encoding: channel.message_encoding,
         // Middleware that announces no hashes leaves an invalid one behind.
         type_hash: hash.starts_with("RIHS01_").then_some(hash),
-        qos: profile::parse(&offered),
+        qos: profiles.iter().map(Profile::qos).collect(),
+        profiles,
     }
 }
 
@@ -288,91 +291,4 @@ fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
     let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
     let span = (index.message_start_time, index.message_end_time);
     (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, place: Place::Chunk })
-}
-
-/// Reads a file from the front, for what can be had of one that was not finished.
-fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
-    let mut input = BufReader::new(file);
-    let mut definitions = Definitions::default();
-    let mut offset = MAGIC.len() as u64;
-    let mut finished = false;
-    while offset < len && !finished {
-        let mut head = [0; RECORD_HEADER as usize];
-        let left = len - offset;
-        let body_len = if left >= RECORD_HEADER {
-            input.seek(SeekFrom::Start(offset))?;
-            input.read_exact(&mut head)?;
-            u64::from_le_bytes(head[1..].try_into().unwrap_or_default())
-        } else {
-            u64::MAX
-        };
-        if head[0] == 0 || body_len > left.saturating_sub(RECORD_HEADER) {
-            definitions.notes.push(format!("it ends within a record: the last {left} bytes are lost"));
-            break;
-        }
-        finished = head[0] == op::DATA_END;
-        let interesting = matches!(head[0], op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE);
-        if interesting && let Err(reason) = take_record(&mut definitions, &mut input, head[0], offset, body_len) {
-            definitions.notes.push(format!("damaged at byte {offset}: {reason}"));
-        }
-        offset += RECORD_HEADER + body_len;
-    }
-    let messages: u64 = definitions.counts.values().sum();
-    let chunks = definitions.pieces.iter().filter(|p| p.place == Place::Chunk).count();
-    let state = if finished { "it has no summary" } else { "it was not finished and has no summary" };
-    definitions.notes.insert(0, format!("{state}: {messages} messages were found in {chunks} complete chunks"));
-    Ok(definitions)
-}
-
-/// Takes what one record defines.
-fn take_record(
-    definitions: &mut Definitions,
-    input: &mut BufReader<&File>,
-    opcode: u8,
-    offset: u64,
-    len: u64,
-) -> Result<(), String> {
-    let body = read_body(input, offset, len).map_err(|e| e.to_string())?;
-    let piece = |span, place| Piece { span, offset, len, place };
-    match opcode {
-        op::CHUNK => {
-            let mut found = Vec::new();
-            let read = visit_records(&body, |opcode, body| match opcode {
-                op::SCHEMA | op::CHANNEL => {
-                    definitions.define(mcap::parse_record(opcode, body).map_err(|e| e.to_string())?);
-                    Ok(())
-                }
-                op::MESSAGE => {
-                    found.push(message_key(body)?);
-                    Ok(())
-                }
-                _ => Ok(()),
-            });
-            if let Ok(Record::Chunk { header, .. }) = mcap::parse_record(op::CHUNK, &body) {
-                definitions.check_compression(&header.compression);
-            }
-            read?;
-            let times = found.iter().map(|(_, time)| Some((*time, *time)));
-            let span = times.flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            for (channel, _) in &found {
-                *definitions.counts.entry(*channel).or_default() += 1;
-            }
-            definitions.pieces.extend(span.map(|s| piece(s, Place::Chunk)));
-        }
-        op::MESSAGE => {
-            let (channel, time) = message_key(&body)?;
-            *definitions.counts.entry(channel).or_default() += 1;
-            definitions.pieces.push(piece((time, time), Place::Message));
-        }
-        _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),
-    }
-    Ok(())
-}
-
-/// Channel and log time of a message.
-pub(super) fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
-    match mcap::parse_record(op::MESSAGE, body) {
-        Ok(Record::Message { header, .. }) => Ok((header.channel_id, header.log_time)),
-        _ => Err("a message's header is not readable".to_owned()),
-    }
 }

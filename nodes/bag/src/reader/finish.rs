@@ -2,10 +2,12 @@
 #![allow(clippy::disallowed_methods, reason = "bags are files")]
 
 use super::chunk::{RECORD_HEADER, visit_records};
-use super::file::{message_key, read_body};
+use super::file::read_body;
+use super::scan::message_key;
 use crate::error::BagError;
+use crate::records::{list, record};
 use mcap::MAGIC;
-use mcap::records::{ChunkHeader, op};
+use mcap::records::{ChunkHeader, Record, op};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
@@ -31,13 +33,16 @@ struct Found {
     schemas: BTreeMap<u16, Vec<u8>>,
     channels: BTreeMap<u16, Vec<u8>>,
     counts: BTreeMap<u16, u64>,
-    /// Where the last complete chunk ends.
+    /// Bodies of the index entries of attachments and of metadata.
+    attachments: Vec<Vec<u8>>,
+    metadata: Vec<Vec<u8>>,
+    /// Where the last complete chunk ends, or what stands alone behind it.
     end: u64,
     has_loose_messages: bool,
 }
 
-/// Writes message indexes, summary and footer behind the last complete chunk of a file that lacks them; what came behind
-/// it, an incomplete chunk, is cut off. A file without chunks, whose messages stand alone, stays as it is.
+/// Writes message indexes, summary and footer behind the last complete chunk, definition, attachment or metadata of a file
+/// that lacks them; what came behind it, an incomplete record, is cut off. A file without chunks, whose messages stand alone, stays as it is.
 ///
 /// # Errors
 /// [`BagError::Io`]: the file ends with its last complete chunk then.
@@ -76,7 +81,14 @@ fn look_through(file: &File) -> io::Result<Found> {
         let record_len = RECORD_HEADER + body_len;
         match head[0] {
             op::HEADER => found.end = offset + record_len,
-            op::SCHEMA | op::CHANNEL => found.define(head[0], &read_body(&mut input, offset, body_len)?),
+            op::SCHEMA | op::CHANNEL => {
+                found.define(head[0], &read_body(&mut input, offset, body_len)?);
+                found.end = offset + record_len;
+            }
+            op::ATTACHMENT | op::METADATA => {
+                found.take_aside(head[0], &read_body(&mut input, offset, body_len)?, offset);
+                found.end = offset + record_len;
+            }
             op::CHUNK => found.take_chunk(&read_body(&mut input, offset, body_len)?, offset),
             op::MESSAGE_INDEX => found.take_index(&read_body(&mut input, offset, body_len)?, offset),
             op::MESSAGE => found.has_loose_messages = true,
@@ -119,6 +131,7 @@ impl Found {
         if let Ok(header) = visited {
             let len = RECORD_HEADER + body.len() as u64;
             self.end = start + len;
+            messages.retain(|channel, _| self.channels.contains_key(channel));
             for (channel, of_channel) in &messages {
                 *self.counts.entry(*channel).or_default() += of_channel.len() as u64;
             }
@@ -135,11 +148,24 @@ impl Found {
         }
     }
 
-    /// The bytes that belong behind the last chunk.
+    /// Takes an attachment or metadata.
+    fn take_aside(&mut self, opcode: u8, body: &[u8], start: u64) {
+        let place = [start.to_le_bytes(), (RECORD_HEADER + body.len() as u64).to_le_bytes()].concat();
+        match mcap::parse_record(opcode, body) {
+            Ok(Record::Attachment { header, data, .. }) => {
+                let numbers = [header.log_time, header.create_time, data.len() as u64].map(u64::to_le_bytes).concat();
+                self.attachments.push([place, numbers, list(&header.name), list(&header.media_type)].concat());
+            }
+            Ok(Record::Metadata(metadata)) => self.metadata.push([place, list(&metadata.name)].concat()),
+            _ => {}
+        }
+    }
+
+    /// The bytes that belong behind the last chunk, or behind what stands alone after it.
     fn ending(&mut self) -> Vec<u8> {
         let mut out = Vec::new();
         let start = self.end;
-        if let Some(chunk) = self.chunks.last_mut() {
+        if let Some(chunk) = self.chunks.last_mut().filter(|chunk| chunk.start + chunk.len == start) {
             chunk.index.clear();
             for (channel, messages) in &mut chunk.messages {
                 messages.sort_unstable();
@@ -148,7 +174,7 @@ impl Found {
                 record(
                     &mut out,
                     op::MESSAGE_INDEX,
-                    &[&channel.to_le_bytes(), &list(&entries.collect::<Vec<_>>().concat())],
+                    &[&channel.to_le_bytes(), &list(entries.collect::<Vec<_>>().concat())],
                 );
             }
             chunk.index_len = out.len() as u64;
@@ -168,6 +194,8 @@ impl Found {
         group(&mut out, op::CHANNEL, self.channels.values().cloned().collect());
         group(&mut out, op::STATISTICS, vec![self.statistics()]);
         group(&mut out, op::CHUNK_INDEX, self.chunks.iter().map(Chunk::index).collect());
+        group(&mut out, op::ATTACHMENT_INDEX, self.attachments.clone());
+        group(&mut out, op::METADATA_INDEX, self.metadata.clone());
         let offsets_start = start + out.len() as u64;
         groups.iter().for_each(|body| record(&mut out, op::SUMMARY_OFFSET, &[body]));
         record(&mut out, op::FOOTER, &[&summary_start.to_le_bytes(), &offsets_start.to_le_bytes(), &[0; 4]]);
@@ -177,9 +205,9 @@ impl Found {
 
     fn statistics(&self) -> Vec<u8> {
         let messages: u64 = self.counts.values().sum();
-        let with_messages = || self.chunks.iter().filter(|c| !c.messages.is_empty()).map(|c| &c.header);
-        let first = with_messages().map(|h| h.message_start_time).min().unwrap_or(0);
-        let last = with_messages().map(|h| h.message_end_time).max().unwrap_or(0);
+        let spans = || self.chunks.iter().filter_map(Chunk::span);
+        let first = spans().map(|(first, _)| first).min().unwrap_or(0);
+        let last = spans().map(|(_, last)| last).max().unwrap_or(0);
         let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes();
         let schemas = u16::try_from(self.schemas.len()).unwrap_or(u16::MAX);
         let counts = self.counts.iter().flat_map(|(id, n)| [&id.to_le_bytes()[..], &n.to_le_bytes()].concat());
@@ -187,45 +215,39 @@ impl Found {
             &messages.to_le_bytes()[..],
             &schemas.to_le_bytes(),
             &count(self.channels.len()),
-            // Attachments and metadata, which the recorder writes at the end alone.
-            &count(0),
-            &count(0),
+            &count(self.attachments.len()),
+            &count(self.metadata.len()),
             &count(self.chunks.len()),
             &first.to_le_bytes(),
             &last.to_le_bytes(),
-            &list(&counts.collect::<Vec<_>>()),
+            &list(counts.collect::<Vec<_>>()),
         ]
         .concat()
     }
 }
 
 impl Chunk {
+    /// First and last log time of its messages. Those in its header have no checksum.
+    fn span(&self) -> Option<(u64, u64)> {
+        let times = || self.messages.values().flatten().map(|(time, _)| *time);
+        Some((times().min()?, times().max()?))
+    }
+
     /// The body of its entry in the summary.
     fn index(&self) -> Vec<u8> {
         let offsets = self.index.iter().flat_map(|(id, at)| [&id.to_le_bytes()[..], &at.to_le_bytes()].concat());
+        let (first, last) = self.span().unwrap_or_default();
         [
-            &self.header.message_start_time.to_le_bytes()[..],
-            &self.header.message_end_time.to_le_bytes(),
+            &first.to_le_bytes()[..],
+            &last.to_le_bytes(),
             &self.start.to_le_bytes(),
             &self.len.to_le_bytes(),
-            &list(&offsets.collect::<Vec<_>>()),
+            &list(offsets.collect::<Vec<_>>()),
             &self.index_len.to_le_bytes(),
-            &list(self.header.compression.as_bytes()),
+            &list(&self.header.compression),
             &self.header.compressed_size.to_le_bytes(),
             &self.header.uncompressed_size.to_le_bytes(),
         ]
         .concat()
     }
-}
-
-/// Bytes behind their number.
-fn list(bytes: &[u8]) -> Vec<u8> {
-    [&u32::try_from(bytes.len()).unwrap_or(u32::MAX).to_le_bytes(), bytes].concat()
-}
-
-fn record(out: &mut Vec<u8>, opcode: u8, parts: &[&[u8]]) {
-    let body = parts.concat();
-    out.push(opcode);
-    out.extend_from_slice(&(body.len() as u64).to_le_bytes());
-    out.extend_from_slice(&body);
 }

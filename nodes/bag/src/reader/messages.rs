@@ -75,8 +75,9 @@ fn unpacked(data: Vec<u8>) -> Result<Vec<u8>, String> {
 
 /// Messages of a bag in order of their log times; those of equal time in the order in which they were written.
 ///
-/// Reads a chunk when its time has come, so that memory holds only the chunks that overlap. A damaged chunk gives one
-/// error, and the messages of the others follow.
+/// Reads a chunk when its time has come, so that memory holds only the chunks that overlap. A chunk that is damaged gives
+/// one error, and where its checksum is wrong no message. A message in it that cannot be unpacked costs itself alone; the
+/// first of a chunk gives an error.
 pub struct Messages<'a> {
     bag: &'a BagReader,
     wanted: Option<BTreeSet<String>>,
@@ -127,29 +128,31 @@ impl<'a> Messages<'a> {
             }
         };
         let body = read_body(file, piece.offset, piece.len).map_err(|e| damaged(e.to_string()))?;
-        let mut place = 0;
+        let (mut place, mut first) = (0, Ok(()));
         let mut take = |opcode: u8, body: &[u8]| {
             if opcode == op::MESSAGE {
-                let (time, message) = message(indexed, body)?;
-                keep(time, place, message)?;
+                if let Some((time, message)) = message(indexed, body)? {
+                    let kept = keep(time, place, message);
+                    first = std::mem::replace(&mut first, Ok(())).and(kept);
+                }
                 place += 1;
             }
             Ok(())
         };
-        if piece.place == Place::Chunk {
-            visit_records(&body, take).map(|_header| ()).map_err(damaged)
-        } else {
-            take(op::MESSAGE, &body).map_err(damaged)
-        }
+        let read = match piece.place {
+            Place::Chunk => visit_records(&body, take).map(|_header| ()),
+            _ => take(op::MESSAGE, &body),
+        };
+        read.and(first).map_err(damaged)
     }
 }
 
-fn message(file: &IndexedFile, body: &[u8]) -> Result<(u64, BagMessage), String> {
+/// A message with its log time; none where the file does not define its channel, which was noted.
+fn message(file: &IndexedFile, body: &[u8]) -> Result<Option<(u64, BagMessage)>, String> {
     let Ok(Record::Message { header, data }) = mcap::parse_record(op::MESSAGE, body) else {
         return Err("a message's header is not readable".to_owned());
     };
-    let id = header.channel_id;
-    let topic = file.channels.get(&id).ok_or_else(|| format!("a message on channel {id}, which is not defined"))?;
+    let Some(topic) = file.channels.get(&header.channel_id) else { return Ok(None) };
     let ns = |time: u64| i64::try_from(time).unwrap_or(i64::MAX);
     let message = BagMessage {
         topic: Arc::clone(topic),
@@ -157,7 +160,7 @@ fn message(file: &IndexedFile, body: &[u8]) -> Result<(u64, BagMessage), String>
         publish_time_ns: ns(header.publish_time),
         data: data.into_owned(),
     };
-    Ok((header.log_time, message))
+    Ok(Some((header.log_time, message)))
 }
 
 impl Iterator for Messages<'_> {

@@ -3,7 +3,7 @@
 use super::file::{IndexedFile, Piece, Place};
 use super::{BagMessage, Topic};
 use crate::error::BagError;
-use crate::profile;
+use crate::profile::{self, Profile};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -40,8 +40,13 @@ pub(super) fn index(path: &Path, source: &Path) -> Result<IndexedFile, BagError>
     let mut notes = Vec::new();
     let mut rows = Vec::new();
     // In the order of the file, so that of one that was cut off everything before the cut is found.
-    if let Err(error) = entries(&database, &topics, &mut rows) {
+    let mut unknown = 0_u64;
+    if let Err(error) = entries(&database, &topics, &mut rows, &mut unknown) {
         notes.push(format!("{}: damaged: {} messages were found: {error}", path.display(), rows.len()));
+    }
+    if unknown > 0 {
+        let why = "because the database does not say their topic or time";
+        notes.push(format!("{}: {unknown} messages are left out, {why}", path.display()));
     }
     rows.sort_by_key(|entry| (entry.time, entry.id));
     let piece = |(i, rows): (usize, &[Entry])| {
@@ -71,26 +76,38 @@ fn topics(database: &Connection) -> rusqlite::Result<BTreeMap<i64, Arc<Topic>>> 
     let optional = |row: &Row<'_>, column: &str| row.get::<_, String>(column).unwrap_or_default();
     let topic = |row: &Row<'_>| {
         let hash = optional(row, "type_description_hash");
+        let profiles = profile::parse(&optional(row, "offered_qos_profiles"));
         let topic = Topic {
             name: row.get("name")?,
             type_name: row.get("type")?,
             encoding: row.get("serialization_format")?,
             type_hash: hash.starts_with("RIHS01_").then_some(hash),
-            qos: profile::parse(&optional(row, "offered_qos_profiles")),
+            qos: profiles.iter().map(Profile::qos).collect(),
+            profiles,
         };
         Ok((row.get("id")?, Arc::new(topic)))
     };
     statement.query_map([], topic)?.collect()
 }
 
-fn entries(database: &Connection, topics: &BTreeMap<i64, Arc<Topic>>, found: &mut Vec<Entry>) -> rusqlite::Result<()> {
+/// Finds where the messages are, and counts those whose topic or time is `unknown`.
+fn entries(
+    database: &Connection,
+    topics: &BTreeMap<i64, Arc<Topic>>,
+    found: &mut Vec<Entry>,
+    unknown: &mut u64,
+) -> rusqlite::Result<()> {
     let channels: BTreeMap<i64, u16> = topics.keys().copied().zip(0..).collect();
     let mut statement = database.prepare("SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id")?;
     let mut rows = statement.query([])?;
     while let Some(row) = rows.next()? {
-        if let Some(channel) = channels.get(&row.get(1)?) {
-            let time = u64::try_from(row.get::<_, i64>(2)?).unwrap_or(0);
-            found.push(Entry { time, id: row.get(0)?, channel: *channel });
+        let channel = row.get(1).ok().and_then(|id: i64| channels.get(&id));
+        match (channel, row.get::<_, i64>(2)) {
+            (Some(channel), Ok(time)) => {
+                let time = u64::try_from(time).unwrap_or(0);
+                found.push(Entry { time, id: row.get(0)?, channel: *channel });
+            }
+            _ => *unknown += 1,
         }
     }
     Ok(())
@@ -121,4 +138,31 @@ pub(super) fn read(
         }
     }
     outcome
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::reader::BagReader;
+    use rusqlite::Connection;
+
+    #[test]
+    fn rows_of_no_topic_are_counted_and_end_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bag.db3");
+        let database = Connection::open(&path).unwrap();
+        let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)";
+        database.execute(topics, []).unwrap();
+        database.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/Int32', 'cdr')", []).unwrap();
+        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)", []).unwrap();
+        for row in ["1, 10", "7, 11", "NULL, 12", "'x', 13", "1, NULL", "1, 15"] {
+            database
+                .execute(&format!("INSERT INTO messages(topic_id, timestamp, data) VALUES ({row}, x'00')"), [])
+                .unwrap();
+        }
+        drop(database);
+        let bag = BagReader::open(&path).unwrap();
+        assert_eq!((bag.message_count(), bag.span_ns(), bag.verify()), (2, Some((10, 15)), (2, Vec::new())));
+        assert_eq!(bag.notes().len(), 1, "{:?}", bag.notes());
+        assert!(bag.notes()[0].contains("4 messages are left out"), "{:?}", bag.notes());
+    }
 }

@@ -5,9 +5,12 @@ use crate::backlog::Backlog;
 use crate::error::BagError;
 use crate::kinds::Source;
 use crate::writer::{BagWriter, TopicId};
+use catenary_msgs::Interface;
+use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, PublishedTopic, Qos, Subscription, Throttle, contract, wall_now};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Messages that a subscription keeps at most, of large types and of others.
@@ -19,8 +22,14 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A topic that is recorded.
 struct Taken {
+    /// Its name before remapping.
+    topic: String,
     type_name: String,
     qos: Qos,
+    /// Its place among the subscriptions.
+    number: usize,
+    /// Whether a message of it came.
+    came: Arc<AtomicBool>,
 }
 
 /// A topic that is subscribed to and not in the bag yet.
@@ -37,7 +46,7 @@ pub(super) struct Topics<'a> {
     backlog: Arc<Backlog>,
     taken: BTreeMap<String, Taken>,
     expected: Vec<Expected>,
-    subscriptions: Vec<Subscription>,
+    subscriptions: Vec<Option<Subscription>>,
     ids: Vec<TopicId>,
     /// What was complained about.
     told: BTreeSet<String>,
@@ -91,7 +100,7 @@ impl<'a> Topics<'a> {
         let published = self.node.published_topics();
         for topic in &published {
             match self.taken.get(&topic.name) {
-                Some(taken) => self.check(topic, taken.qos, taken.type_name == topic.type_name),
+                Some(_) => self.check(topic)?,
                 None if self.settings.takes(&[&topic.name], &topic.type_name) => self.take(topic, &published, bag)?,
                 None => {}
             }
@@ -109,16 +118,31 @@ impl<'a> Topics<'a> {
         }
     }
 
-    /// Says where a publisher is not heard.
-    fn check(&mut self, topic: &PublishedTopic, qos: Qos, is_same_type: bool) {
-        if !is_same_type {
-            self.tell(
-                &topic.name,
-                &format!("not recorded as {}, because its type was another before", topic.type_name),
-            );
-        } else if topic.offered.iter().any(|o| !is_heard(*o, qos)) {
-            self.tell(&topic.name, &format!("a publisher offers less than {qos}, and is not recorded"));
+    /// Asks for less where a publisher is not heard, as long as nothing is lost by it; says so otherwise.
+    fn check(&mut self, topic: &PublishedTopic) -> Result<(), BagError> {
+        let Some(taken) = self.taken.get(&topic.name) else { return Ok(()) };
+        let (qos, number) = (taken.qos, taken.number);
+        if taken.type_name != topic.type_name {
+            let what = format!("not recorded as {}, because its type was another before", topic.type_name);
+            self.tell(&topic.name, &what);
+            return Ok(());
         }
+        let unheard = topic.offered.iter().filter(|offered| !is_heard(**offered, qos)).count();
+        let wanted = heard_from_all(&topic.offered).with_depth(qos.depth());
+        let wanted = self.settings.overrides.apply(&topic.name, wanted);
+        // To ask anew loses messages of those that are heard by now, and may repeat what they latched.
+        let is_free = !taken.came.load(Ordering::Relaxed) || unheard == topic.offered.len();
+        if unheard == 0 {
+            return Ok(());
+        }
+        if !is_free || wanted == qos {
+            self.tell(&topic.name, &format!("a publisher offers less than {qos}, and is not recorded"));
+            return Ok(());
+        }
+        let (before, Some(source)) = (taken.topic.clone(), Source::find(&topic.type_name)) else { return Ok(()) };
+        tracing::info!("{}: a publisher offers less than {qos}; recorded as {wanted}", topic.name);
+        self.subscriptions[number] = None;
+        self.subscribe_to(&before, &topic.name, &source, wanted, number)
     }
 
     fn take(
@@ -151,20 +175,36 @@ impl<'a> Topics<'a> {
     /// Subscribes to `topic`, which is called `name` after remapping.
     fn add(&mut self, topic: &str, name: &str, source: &Source, qos: Qos) -> Result<(), BagError> {
         let number = self.subscriptions.len();
+        self.subscriptions.push(None);
+        let qos = self.settings.overrides.apply(name, qos);
+        self.subscribe_to(topic, name, source, qos, number)
+    }
+
+    /// Makes the subscription with this number.
+    fn subscribe_to(
+        &mut self,
+        topic: &str,
+        name: &str,
+        source: &Source,
+        qos: Qos,
+        number: usize,
+    ) -> Result<(), BagError> {
         let (backlog, said) = (Arc::clone(&self.backlog), name.to_owned());
+        let came = Arc::<AtomicBool>::default();
+        let mark = Arc::clone(&came);
         let mut complaint = Throttle::new(COMPLAIN);
         let inbox = Box::new(move |arrival| {
+            mark.store(true, Ordering::Relaxed);
             if !backlog.push(number, arrival)
                 && let Some(before) = complaint.pass(wall_now())
             {
                 tracing::error!("{said}: a message was lost because the disk is too slow (and {before} before)");
             }
         });
-        let qos = self.settings.overrides.apply(name, qos);
-        let deep = reader_qos(qos, source.is_large());
-        self.subscriptions.push(source.subscribe(self.node, topic, deep, inbox)?);
+        let deep = reader_qos(qos, source);
+        self.subscriptions[number] = Some(source.subscribe(self.node, topic, deep, inbox)?);
         let type_name = source.topic_type().name.to_owned();
-        self.taken.insert(name.to_owned(), Taken { type_name, qos });
+        self.taken.insert(name.to_owned(), Taken { topic: topic.to_owned(), type_name, qos, number, came });
         Ok(())
     }
 
@@ -215,10 +255,12 @@ fn heard_from_all(offered: &[Qos]) -> Qos {
     }
 }
 
-/// The topic's profile, deep enough for bursts. What a latched topic keeps of the past stays as it was asked for.
-fn reader_qos(qos: Qos, is_large: bool) -> Qos {
-    let depth = if is_large { DEPTHS.0 } else { DEPTHS.1 };
-    if qos.is_transient_local() { qos } else { qos.with_depth(qos.depth().max(depth)) }
+/// The topic's profile, deep enough for bursts. What a latched topic keeps of the past stays as it was asked for, but for
+/// transforms: a single one would drive out that of another broadcaster.
+fn reader_qos(qos: Qos, source: &Source) -> Qos {
+    let depth = if source.is_large() { DEPTHS.0 } else { DEPTHS.1 };
+    let is_state = qos.is_transient_local() && source.topic_type().name != TFMessage::TYPE_NAME;
+    if is_state { qos } else { qos.with_depth(qos.depth().max(depth)) }
 }
 
 #[cfg(test)]
@@ -228,8 +270,9 @@ mod tests {
 
     #[test]
     fn subscriptions_are_deep_enough_for_bursts_but_hear_no_more_of_the_past() {
-        let depth = |topic: Topic| reader_qos(topic.qos, Source::find(topic.type_name).unwrap().is_large()).depth();
+        let depth = |topic: Topic| reader_qos(topic.qos, &Source::find(topic.type_name).unwrap()).depth();
         assert_eq!((depth(contract::CURRENT_POSE), depth(contract::IMAGE), depth(contract::ARM_STATE)), (256, 16, 1));
+        assert_eq!(depth(contract::TF_STATIC), 256);
     }
 
     #[test]

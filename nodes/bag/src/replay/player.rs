@@ -4,12 +4,14 @@ use super::arm_watch::ArmWatch;
 use super::{ReplaySettings, ReplaySummary, is_command};
 use crate::error::BagError;
 use crate::kinds::{self, Outlet};
+use crate::profile::KEEP_ALL;
 use crate::reader::{BagMessage, BagReader, Topic};
 use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock;
+use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, stamp, wall_now};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 /// Messages and bytes per second at an infinite rate. A burst would be lost in the sockets of subscribers that cannot ask
@@ -22,6 +24,8 @@ struct Entry {
     type_name: String,
     outlet: Box<dyn Outlet>,
     is_command: bool,
+    /// Messages that late subscribers get; none: the topic is not latched.
+    latched: Option<u16>,
 }
 
 /// Publishers and time of a replay.
@@ -36,6 +40,7 @@ pub(super) struct Player<'a> {
 impl<'a> Player<'a> {
     pub(super) fn new(
         node: &'a Node,
+        bag: &BagReader,
         topics: &[&Topic],
         settings: &ReplaySettings,
         watch: ArmWatch,
@@ -46,14 +51,16 @@ impl<'a> Player<'a> {
             if others > 0 && topic.name != "/rosout" && topic.name != "/diagnostics" {
                 tracing::warn!("{}: {others} others publish there, too", topic.name);
             }
-            let qos = settings.overrides.apply(&topic.name, offered_before(topic));
+            let messages = bag.topic(&topic.name).map_or(0, |t| t.messages);
+            let qos = settings.overrides.apply(&topic.name, kept_for_all(topic, offered_before(topic), messages));
             let is_command = is_command(node, &topic.name)?;
             let type_name = topic.type_name.clone();
+            let latched = qos.is_transient_local().then_some(qos.depth());
             let outlet = match kinds::find(&type_name) {
                 Some(kind) => kind.outlet(node, &topic.name, qos)?,
                 None => kinds::raw_outlet(node, &topic.name, &type_name, qos)?,
             };
-            outlets.insert(topic.name.clone(), Entry { type_name, outlet, is_command });
+            outlets.insert(topic.name.clone(), Entry { type_name, outlet, is_command, latched });
         }
         let clock = contract::CLOCK;
         let clock =
@@ -71,7 +78,8 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Publishes the bag once; false: the node shall end.
+    /// Publishes the bag once; false: the node shall end. Of latched topics it begins with what a subscriber that came at the
+    /// start would have got.
     pub(super) fn play(
         &mut self,
         bag: &BagReader,
@@ -84,11 +92,13 @@ impl<'a> Player<'a> {
             return Ok(false);
         }
         let start_ns = first_ns.saturating_add((settings.start_offset_s * 1e9) as i64);
-        let end_ns = settings.duration_s.map_or(i64::MAX, |s| start_ns.saturating_add((s * 1e9) as i64));
+        let end_ns =
+            settings.duration_s.filter(|s| *s >= 0.0).map_or(i64::MAX, |s| start_ns.saturating_add((s * 1e9) as i64));
         let mut pace = Pace { start_ns, since: Instant::now(), rate: settings.rate, busy_s: 0.0 };
         let clock_hz = settings.clock_hz.unwrap_or(ReplaySettings::CLOCK_HZ);
         let tick_ns = (1e9 / clock_hz * if settings.rate.is_finite() { settings.rate } else { 1.0 }).max(1.0) as i64;
         let mut next_tick_ns = start_ns;
+        let mut latched = Latched::default();
         for message in bag.messages_of(names) {
             let message = match message {
                 Ok(message) => message,
@@ -99,11 +109,20 @@ impl<'a> Player<'a> {
                 }
             };
             let at_ns = message.log_time_ns;
+            if at_ns == i64::MAX {
+                tracing::warn!("{}: a message that was logged after the year 2262 is left out", message.topic.name);
+                summary.failed += 1;
+                continue;
+            }
             if at_ns < start_ns {
+                latched.keep(message, &self.outlets);
                 continue;
             }
             if at_ns > end_ns {
                 break;
+            }
+            for message in latched.take() {
+                self.publish(&message, summary)?;
             }
             while let Some(clock) = self.clock.as_ref().filter(|_| next_tick_ns <= at_ns) {
                 if !pace.wait(self.node, next_tick_ns) {
@@ -117,15 +136,18 @@ impl<'a> Player<'a> {
             if !pace.wait(self.node, at_ns) {
                 return Ok(false);
             }
-            self.watch.check()?;
             self.publish(&message, summary)?;
             pace.account(message.data.len());
+        }
+        for message in latched.take() {
+            self.publish(&message, summary)?;
         }
         Ok(true)
     }
 
     fn publish(&mut self, message: &BagMessage, summary: &mut ReplaySummary) -> Result<(), BagError> {
-        let Some(Entry { type_name, outlet, is_command }) = self.outlets.get(&message.topic.name) else {
+        self.watch.check()?;
+        let Some(Entry { type_name, outlet, is_command, .. }) = self.outlets.get(&message.topic.name) else {
             return Ok(());
         };
         if message.topic.type_name != *type_name {
@@ -166,6 +188,33 @@ fn offered_before(topic: &Topic) -> Qos {
             tracing::warn!("{}: its publishers offered several profiles; replayed as {agreed}", topic.name);
             agreed
         }
+    }
+}
+
+/// The profile with room for all transforms of `/tf_static`: each of its broadcasters latches its own, and here one
+/// publisher stands for them all.
+fn kept_for_all(topic: &Topic, qos: Qos, messages: u64) -> Qos {
+    let is_static = qos.is_transient_local() && topic.type_name == TFMessage::TYPE_NAME;
+    let depth = u16::try_from(messages).unwrap_or(KEEP_ALL).min(KEEP_ALL);
+    if is_static { qos.with_depth(qos.depth().max(depth)) } else { qos }
+}
+
+/// The last messages of latched topics from before the start.
+#[derive(Default)]
+struct Latched(BTreeMap<String, VecDeque<BagMessage>>);
+
+impl Latched {
+    fn keep(&mut self, message: BagMessage, outlets: &BTreeMap<String, Entry>) {
+        let Some(depth) = outlets.get(&message.topic.name).and_then(|entry| entry.latched) else { return };
+        let kept = self.0.entry(message.topic.name.clone()).or_default();
+        kept.push_back(message);
+        if kept.len() > usize::from(depth) {
+            kept.pop_front();
+        }
+    }
+
+    fn take(&mut self) -> impl Iterator<Item = BagMessage> + use<> {
+        std::mem::take(&mut self.0).into_values().flatten()
     }
 }
 

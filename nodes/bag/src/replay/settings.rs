@@ -23,7 +23,7 @@ pub struct ReplaySettings {
     pub rate: f64,
     /// s of the bag to skip, default 0.
     pub start_offset_s: f64,
-    /// s of the bag to play, default all.
+    /// s of the bag to play, default all, and so where it is less than zero.
     pub duration_s: Option<f64>,
     /// s to wait before the bag, each time, default 0.
     pub delay_s: f64,
@@ -101,7 +101,7 @@ impl ReplaySettings {
         if let Some(hz) = self.clock_hz.filter(|hz| !(rare..=frequent).contains(hz)) {
             return wrong("clock", &format!("a number from {rare} to {frequent} Hz"), hz);
         }
-        let duration_s = self.duration_s.unwrap_or(0.0);
+        let duration_s = self.duration_s.map_or(0.0, |s| if s < 0.0 { 0.0 } else { s });
         for (name, seconds) in
             [("start_offset_s", self.start_offset_s), ("playback_duration_s", duration_s), ("delay_s", self.delay_s)]
         {
@@ -116,5 +116,21 @@ impl ReplaySettings {
     pub(super) fn takes(&self, topic: &Topic) -> bool {
         let (names, kind) = ([topic.name.as_str()], &topic.type_name);
         if self.filter.chooses() { self.filter.takes(&names, kind) } else { !self.filter.excludes(&names, kind) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_negative_duration_is_none_and_a_negative_offset_is_refused() {
+        let settings = ReplaySettings::new("bag".into());
+        for seconds in [-1.0, f64::NEG_INFINITY, 0.0, 3.5] {
+            ReplaySettings { duration_s: Some(seconds), ..settings.clone() }.check().unwrap();
+        }
+        let wrong = ReplaySettings { duration_s: Some(f64::NAN), ..settings.clone() }.check().unwrap_err().to_string();
+        assert!(wrong.starts_with("playback_duration_s: expected a number"), "{wrong}");
+        assert!(ReplaySettings { start_offset_s: -1.0, ..settings }.check().is_err());
     }
 }

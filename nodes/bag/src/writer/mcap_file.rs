@@ -1,16 +1,16 @@
 //! One MCAP file of a bag: topics, chunks, and when a chunk ends.
 
-use super::tail::{Tail, Target};
+use super::tail::{Behind, Tail, Target};
 use super::{Compression, Split, WriterOptions};
 use crate::error::BagError;
 use crate::metadata::TopicFacts;
-use crate::profile::Profile;
-use mcap::records::{MessageHeader, Metadata};
+use crate::records::{list, map, record};
+use mcap::records::{MessageHeader, Metadata, op};
 use mcap::{McapError, WriteOptions};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError};
 
 /// Share of a file that a chunk may have, and the bytes that it has at most for that.
 const CHUNK_SHARE: u64 = 16;
@@ -40,6 +40,8 @@ pub(super) struct McapFile<F: Target> {
     before: u64,
     /// Bytes of complete chunks.
     written: Arc<AtomicU64>,
+    /// Definitions once more, outside of chunks.
+    behind: Behind,
 }
 
 impl<F: Target> McapFile<F> {
@@ -50,7 +52,7 @@ impl<F: Target> McapFile<F> {
             Compression::Zstd => Some(mcap::Compression::Zstd),
         };
         let tail = Tail::new(target);
-        let written = tail.written();
+        let (written, behind) = (tail.written(), tail.behind());
         // Chunks end where this file says so, and are put together in memory. Threads for compressing 256 KiB cost more
         // than they bring.
         let made = WriteOptions::new()
@@ -60,6 +62,8 @@ impl<F: Target> McapFile<F> {
             .compression_threads(0)
             .chunk_size(None)
             .disable_seeking(true)
+            // Some records reach the file beside the writer. Every chunk has a checksum of its own.
+            .calculate_data_section_crc(false)
             .create(tail)
             .and_then(|mut mcap| mcap.flush().map(|()| mcap));
         let mcap = made.map_err(|e| write_error(&path, before, &e))?;
@@ -80,6 +84,7 @@ impl<F: Target> McapFile<F> {
             safe: before,
             before,
             written,
+            behind,
         })
     }
 
@@ -116,18 +121,23 @@ impl<F: Target> McapFile<F> {
         self.messages > 0 && (is_large || self.span_ns.is_some_and(is_long))
     }
 
-    /// Adds the next topic.
+    /// Adds the next topic. Its definition goes into the open chunk, and once more behind that, outside of any chunk: a
+    /// damaged chunk costs its messages then, and not the channels of all others.
     pub(super) fn add_topic(&mut self, facts: &TopicFacts, definition: &str) -> Result<(), BagError> {
-        let profiles: Vec<Profile> = facts.qos.iter().map(|q| Profile::from(*q)).collect();
         let metadata = BTreeMap::from([
-            ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&profiles).unwrap_or_default()),
+            ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&facts.profiles).unwrap_or_default()),
             ("topic_type_hash".to_owned(), facts.type_hash.clone()),
         ]);
-        let channel = self
-            .mcap
-            .add_schema(&facts.type_name, "ros2msg", definition.as_bytes())
-            .and_then(|schema| self.mcap.add_channel(schema, &facts.name, "cdr", &metadata))
-            .map_err(|e| self.error(&e))?;
+        let added = self.mcap.add_schema(&facts.type_name, "ros2msg", definition.as_bytes()).and_then(|schema| {
+            let channel = self.mcap.add_channel(schema, &facts.name, "cdr", &metadata)?;
+            Ok((schema.to_le_bytes(), channel))
+        });
+        let (schema, channel) = added.map_err(|e| self.error(&e))?;
+        let mut behind = self.behind.lock().unwrap_or_else(PoisonError::into_inner);
+        record(&mut behind, op::SCHEMA, &[&schema, &list(&facts.type_name), &list("ros2msg"), &list(definition)]);
+        let parts = [&channel.to_le_bytes()[..], &schema, &list(&facts.name), &list("cdr"), &map(&metadata)];
+        record(&mut behind, op::CHANNEL, &parts);
+        drop(behind);
         self.topics.push(Topic { channel, messages: 0 });
         Ok(())
     }
@@ -254,7 +264,8 @@ mod tests {
             name: "/pose".into(),
             type_name: PoseStamped::TYPE_NAME.into(),
             type_hash: PoseStamped::TYPE_HASH.into(),
-            qos: vec![Qos::DEFAULT],
+            encoding: "cdr".into(),
+            profiles: vec![Qos::DEFAULT.into()],
             messages: 0,
         }
     }

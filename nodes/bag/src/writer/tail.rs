@@ -2,8 +2,8 @@
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Something that is written from front to back and can be cut off.
 pub(super) trait Target: Write {
@@ -23,23 +23,32 @@ impl Target for File {
     }
 }
 
+/// Records that come behind the next chunk, shared with whoever adds to them.
+pub(super) type Behind = Arc<Mutex<Vec<u8>>>;
+
 /// Holds back what is written until it is flushed, so that the file ends with a complete chunk at any moment: a flush that
 /// fails half way, as on a full disk, cuts the file back to where it was.
 pub(super) struct Tail<F: Target> {
     target: F,
     held_back: Vec<u8>,
+    behind: Behind,
     written: Arc<AtomicU64>,
     broken: bool,
 }
 
 impl<F: Target> Tail<F> {
     pub(super) fn new(target: F) -> Self {
-        Self { target, held_back: Vec::new(), written: Arc::default(), broken: false }
+        Self { target, held_back: Vec::new(), behind: Behind::default(), written: Arc::default(), broken: false }
     }
 
     /// Bytes in the file so far, kept up to date.
     pub(super) fn written(&self) -> Arc<AtomicU64> {
         Arc::clone(&self.written)
+    }
+
+    /// Takes whole records; the next flush writes them behind what was written until then. There must be no chunk open.
+    pub(super) fn behind(&self) -> Behind {
+        Arc::clone(&self.behind)
     }
 
     fn position(&self) -> u64 {
@@ -64,6 +73,7 @@ impl<F: Target> Write for Tail<F> {
 
     fn flush(&mut self) -> io::Result<()> {
         self.check()?;
+        self.held_back.append(&mut self.behind.lock().unwrap_or_else(PoisonError::into_inner));
         if let Err(error) = self.target.write_all(&self.held_back).and_then(|()| self.target.flush()) {
             self.broken = true;
             // Where even this fails the file ends within a record, which readers recover from.

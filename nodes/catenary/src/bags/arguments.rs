@@ -80,7 +80,7 @@ pub struct ReplayArgs {
     /// Seconds of the bag to skip
     #[arg(long, visible_alias = "start-offset", default_value_t = 0.0, allow_negative_numbers = true)]
     start_offset_s: f64,
-    /// Seconds of the bag to play; none: all
+    /// Seconds of the bag to play; none, or less than zero: all
     #[arg(long, visible_alias = "playback-duration", allow_negative_numbers = true)]
     playback_duration_s: Option<f64>,
     /// Seconds to wait before the bag, each time
@@ -111,6 +111,9 @@ pub struct ReplayArgs {
 pub struct InfoArgs {
     /// Bag (folder or file: .mcap, .db3)
     pub bag: PathBuf,
+    /// Believe the index, and read no messages: quick, and blind to damage
+    #[arg(long)]
+    pub index_only: bool,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -119,7 +122,7 @@ pub struct InfoArgs {
 /// `catenary reindex`.
 #[derive(Debug, Args)]
 pub struct ReindexArgs {
-    /// Folder of the bag
+    /// Folder of the bag, or a file of it
     pub bag: PathBuf,
     /// Machine-readable output
     #[command(flatten)]
