@@ -92,6 +92,11 @@ def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
         (("launch", LAUNCH, "sed:=1"), (LAUNCH, "sed", "seed")),
         (("launch", LAUNCH, "seed"), ("NAME:=VALUE", "seed")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", 99), ("swing", "99")),
+        (("infer", "--bag", BAG, "--bag", BAG, "--model", MODEL, "--out", "x"), ("each episode once", "swing twice")),
+        (
+            ("infer", "--bag", BAG, "--bag", BAG, "--model", MODEL, "--out", "x", *("--episode", 1) * 3),
+            ("one for each bag", "3 episodes of 2 bags"),
+        ),
         (("record", "--out", "bag", "--regex", "(a"), ("regex", "(a", "unclosed group")),
         (("record", "--out", "bag", "--max-bag-size", 1000), ("max_bag_size", "at least 1024", "1000")),
         (("record", "--out", "bag", "--qos-profile-overrides-path", MODEL), ("QoS overrides", MODEL)),

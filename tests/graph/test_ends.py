@@ -69,7 +69,7 @@ def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
 def infers(session, client, simulations):
     """The goal of an inference that takes some seconds, and its result to come."""
     model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(session.root / "bags/swing"), model_yaml=model, iterations=2)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(session.root / "bags/swing")], model_yaml=model, iterations=2)
     goal.simulations, goal.seed = simulations, 6
     handle = session.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
     return handle.get_result_async()

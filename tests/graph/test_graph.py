@@ -251,7 +251,7 @@ def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episo
     model = graph.root / "launch_configs/models/soft_bar.yaml"
     goal = Infer.Goal(
         source=Infer.Goal.SOURCE_BAG,
-        bag=str(episode[2]),
+        bags=[str(episode[2])],
         model_yaml=model.read_text(),
         iterations=2,
         simulations=40,

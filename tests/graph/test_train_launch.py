@@ -26,7 +26,7 @@ def test_learning_alone_serves_rclpy_and_the_command_line(session):
     done = session.run("train", "--node", "--model", model_file, "--out", "pi.safetensors", "--steps", 512, "--seed", 5, "--json")
     assert done.returncode == 0, done.stderr
     assert (session.folder / "pi.safetensors").read_bytes() == bytes(trained.policy), "the same goal gives the same policy"
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(bag), model_yaml=model_file.read_text(), iterations=1, simulations=40, seed=2)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(bag)], model_yaml=model_file.read_text(), iterations=1, simulations=40, seed=2)
     inferred, _ = result_of(session.ros, Infer, "/bayes_sim/infer", goal)
     assert inferred.success and inferred.simulations == 40, inferred.message
     done = session.run(

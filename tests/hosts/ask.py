@@ -22,7 +22,7 @@ def main(domain, bag, model, iterations, simulations, seed):
     node = rclpy.create_node("asker")
     client = ActionClient(node, Infer, "/bayes_sim/infer")
     assert client.wait_for_server(30), "no /bayes_sim/infer within 30 s"
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=bag, model_yaml=pathlib.Path(model).read_text())
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[bag], model_yaml=pathlib.Path(model).read_text())
     goal.iterations, goal.simulations, goal.seed = int(iterations), int(simulations), int(seed)
     asked = client.send_goal_async(goal)
     rclpy.spin_until_future_complete(node, asked, timeout_sec=30)

@@ -58,7 +58,7 @@ def test_an_episode_that_runs_is_followed_to_its_end(graph, tmp_path):
 
 def test_the_latched_posterior_is_read(graph, figures, tmp_path):
     model = (graph.root / "launch_configs/models/soft_bar.yaml").read_text()
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(graph.root / "bags/swing"), model_yaml=model, iterations=1, simulations=30)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(graph.root / "bags/swing")], model_yaml=model, iterations=1, simulations=30)
     result = graph.ros.result(start(graph, Infer, "/bayes_sim/infer", goal), 60, "the posterior").result
     said = figures("posterior", "--out", tmp_path / "posterior.png")
     assert said["components"] == len(result.posterior.weights) and is_picture(tmp_path / "posterior.png")

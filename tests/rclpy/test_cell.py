@@ -392,9 +392,9 @@ def episode_of_rclpy(graph):
 
 
 def infer_of_rclpy(graph):
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag="/nowhere", model_yaml=model_yaml(graph))
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=["/nowhere"], model_yaml=model_yaml(graph))
     assert "/nowhere" in Goal(graph.ros, "/bayes_sim/infer", goal).result(GoalStatus.STATUS_ABORTED).message
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(graph.root / "bags/swing"), model_yaml=model_yaml(graph))
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(graph.root / "bags/swing")], model_yaml=model_yaml(graph))
     goal.iterations, goal.simulations = 10, 40
     running = Goal(graph.ros, "/bayes_sim/infer", goal)
     running.wait_feedback()

@@ -35,7 +35,7 @@ def learners(session_of_module):
 @pytest.mark.parametrize("name", ["/simulator_pool/simulate"])
 def test_node_to_rclpy_inference_asks_a_pool_of_rclpy(learners, name):
     session, pool = learners
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=str(session.root / "bags/swing"), model_yaml=model_yaml(session))
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(session.root / "bags/swing")], model_yaml=model_yaml(session))
     goal.iterations, goal.simulations, goal.seed = 1, 30, 4
     result = Goal(session.ros, "/bayes_sim/infer", goal).result()
     assert result.success and result.simulations == 30
@@ -124,7 +124,7 @@ def test_node_to_rclpy_has_an_inference_of_rclpy_infer(session, name):
     assert length["name"] == "length_m" and length["median"] == pytest.approx(0.25, abs=1e-3)
     assert json.loads((session.folder / "out/posterior.json").read_text()) == said["posterior"]
     goal, over_posterior = learner.goals
-    assert goal.source == Infer.Goal.SOURCE_BAG and goal.bag == str(session.root / "bags/swing") and goal.model_yaml == model_yaml(session)
+    assert goal.source == Infer.Goal.SOURCE_BAG and list(goal.bags) == [str(session.root / "bags/swing")] and goal.model_yaml == model_yaml(session)
     assert (goal.iterations, goal.simulations, goal.seed, goal.preset) == (2, 0, 9, "default")
     assert over_posterior.domains == Train.Goal.DOMAINS_MIXTURE and list(over_posterior.mixture.means) == pytest.approx([0.5, 0.5])
 

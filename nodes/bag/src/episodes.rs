@@ -3,12 +3,14 @@
 use crate::convert::Feed;
 use crate::error::BagError;
 use crate::reader::{BagMessage, BagReader};
-use catenary_core::EpisodeLog;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::{EpisodeLog, Model};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_shell::contract;
 use serde::de::DeserializeOwned;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
 /// Names of the topics that an episode is put together from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,6 +87,42 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
         tracing::warn!("{place}: {count} left out, the first because of: {first}");
     }
     Ok(log)
+}
+
+/// The measured tracks of episodes of one object, as `model` sees them. `numbers` says which: any number of episodes of the
+/// only one of `bags`, or one for each of several; 0 is the last complete one. None at all: the last complete one of each.
+///
+/// # Errors
+/// [`BagError::Setting`] where numbers and bags do not fit or an episode is named twice, [`BagError::Episode`] where one is
+/// not there or lacks what the model's drive needs, and those of [`read_episodes`].
+pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result<Vec<MeasuredTrack>, BagError> {
+    let setting = |name, expected: &str, got: String| BagError::Setting { name, expected: expected.to_owned(), got };
+    let chosen: Vec<(&PathBuf, u32)> = match (bags, numbers) {
+        ([], _) => return Err(setting("bags", "at least one bag", "none".into())),
+        (_, []) => bags.iter().map(|bag| (bag, 0)).collect(),
+        ([bag], _) => numbers.iter().map(|number| (bag, *number)).collect(),
+        _ if bags.len() == numbers.len() => bags.iter().zip(numbers.iter().copied()).collect(),
+        _ => {
+            let got = format!("{} episodes of {} bags", numbers.len(), bags.len());
+            return Err(setting("episodes", "one for each bag, or none", got));
+        }
+    };
+    let mut logs: BTreeMap<&PathBuf, EpisodeLog> = BTreeMap::new();
+    let mut measured = Vec::new();
+    let mut known = BTreeSet::new();
+    for (bag, number) in chosen {
+        if !logs.contains_key(bag) {
+            logs.insert(bag, read_episodes(&BagReader::open(bag)?, &EpisodeTopics::default())?);
+        }
+        let failed = |source| BagError::Episode { path: bag.clone(), source };
+        let episode = logs[bag].episode((number > 0).then_some(number)).map_err(failed)?;
+        if !known.insert((bag, episode.number)) {
+            let got = format!("episode {} of {} twice", episode.number, bag.display());
+            return Err(setting("episodes", "each episode once", got));
+        }
+        measured.push(episode.measured(model).map_err(failed)?);
+    }
+    Ok(measured)
 }
 
 fn record(log: &mut EpisodeLog, topics: &EpisodeTopics, message: &BagMessage) -> Result<(), BagError> {

@@ -1,5 +1,6 @@
 //! What can go wrong with a bag.
 
+use catenary_core::episode::EpisodeError;
 use catenary_shell::ShellError;
 use catenary_shell::convert::ConvertError;
 use std::path::PathBuf;
@@ -99,6 +100,14 @@ pub enum BagError {
         needed: String,
         /// Topics that it has.
         found: String,
+    },
+    /// An episode that is not there, or lacks what is needed of it.
+    #[error("{}: {source}", path.display())]
+    Episode {
+        /// The bag.
+        path: PathBuf,
+        /// What is missing.
+        source: EpisodeError,
     },
     /// A value of a CSV track.
     #[error("{file}: line {line}, column {column}: expected {expected}, got {got}")]

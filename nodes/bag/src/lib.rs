@@ -36,7 +36,7 @@ mod reserve;
 mod writer;
 
 pub use convert::Feed;
-pub use episodes::{EpisodeTopics, read_episodes};
+pub use episodes::{EpisodeTopics, read_episodes, read_measured};
 pub use error::BagError;
 pub use filter::{Pattern, TopicFilter};
 pub use import::import_track;

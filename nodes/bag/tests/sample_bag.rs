@@ -4,7 +4,8 @@
 #[path = "../examples/make_sample_bag/swing.rs"]
 mod swing;
 
-use catenary_bag::{BagMessage, BagReader, EpisodeTopics, read_episodes};
+use catenary_bag::{BagMessage, BagReader, EpisodeTopics, read_episodes, read_measured};
+use catenary_core::Model;
 use std::path::{Path, PathBuf};
 
 fn sample() -> PathBuf {
@@ -26,6 +27,25 @@ fn the_committed_bag_is_what_the_example_writes() {
     let (fresh, committed) = (messages(&fresh), messages(&committed));
     assert_eq!(committed.len(), fresh.len());
     assert!(committed == fresh, "the sample bag is stale: write it anew with the example make_sample_bag");
+}
+
+#[test]
+fn episodes_are_chosen_by_bag_and_number() {
+    let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let read = |bags: usize, numbers: &[u32]| read_measured(&vec![sample(); bags], numbers, &model);
+    let last = read(1, &[]).unwrap();
+    assert_eq!((last.len(), &read(1, &[0]).unwrap(), &read(1, &[swing::EPISODE]).unwrap()), (1, &last, &last));
+    let refusals: [(usize, &[u32], &str); 5] = [
+        (0, &[], "bags: expected at least one bag, got none"),
+        (2, &[], "each episode once"),
+        (1, &[0, swing::EPISODE], "swing twice"),
+        (2, &[0, 0, 0], "episodes: expected one for each bag, or none, got 3 episodes of 2 bags"),
+        (1, &[99], "swing: episode 99: expected one of the complete episodes [1]"),
+    ];
+    for (bags, numbers, words) in refusals {
+        let said = read(bags, numbers).unwrap_err().to_string();
+        assert!(said.contains(words), "{bags}, {numbers:?}: {said}");
+    }
 }
 
 #[test]

@@ -16,6 +16,10 @@ const OUTSIDE: f64 = 0.3;
 const FEW_SAMPLES: f64 = 100.0;
 /// Coverage of the nominal 90 % band below which the model cannot have produced the measurement.
 const LOW_COVERAGE: f64 = 0.6;
+/// p value of the predictive check from which the model counts as unable to make the measurement.
+const IMPROBABLE: f64 = 0.02;
+/// Variance that draws are taken to have at least: a hundredth of a millimetre is nothing that a camera sees.
+const LEAST_VARIANCE_M2: f64 = 1e-10;
 /// Quantiles of the predictive band.
 const BAND: [f64; 2] = [0.05, 0.95];
 
@@ -33,6 +37,9 @@ pub struct Predictive {
     /// Root mean square distance, in mm, of the measured keypoints from their own middle: what a prediction of nothing but
     /// that middle would be off by.
     pub spread_mm: f64,
+    /// Share of draws at least as far from the others' mean as the measured tracks are from theirs, these among them: the
+    /// p value of a posterior predictive check. Small means that the model does not make such tracks.
+    pub p_value: f64,
     /// Draws that reached every measured frame, all of them in finite numbers.
     pub draws: usize,
 }
@@ -43,33 +50,42 @@ pub fn out_of_view(track: &Track) -> usize {
     track.frames.iter().flat_map(|f| &f.dlo).filter(|p| !inside(p)).count()
 }
 
-/// Compares tracks simulated from posterior draws, noise included, with the measured one. None where no draw reached every
-/// measured frame, or the camera cannot place a keypoint in the plane.
-pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option<Predictive> {
+/// Compares tracks simulated from posterior draws, noise included, with the measured ones: for each measured episode, its
+/// track and those of the draws. None where no draw reached every measured frame of all of them, or the camera cannot place
+/// a keypoint in the plane.
+pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Option<Predictive> {
     let finite = |t: &Track| t.frames.iter().all(|f| f.dlo.as_flattened().iter().all(|v| v.is_finite()));
-    let long = |t: &Track| t.frames.len() >= measured.frames.len();
-    let whole: Vec<&Track> = tracks.iter().filter(|t| long(t) && finite(t)).collect();
+    let draws = episodes.iter().map(|(_, tracks)| tracks.len()).min()?;
+    let usable =
+        |i: &usize| episodes.iter().all(|(m, tracks)| tracks[*i].frames.len() >= m.frames.len() && finite(&tracks[*i]));
+    let whole: Vec<usize> = (0..draws).filter(usable).collect();
     let place = |p: [f64; 2]| camera.plane_from_scaled(p);
     let (mut squares, mut widths, mut inside, mut count) = (0.0, 0.0, 0usize, 0usize);
     let mut measured_points: Vec<[f64; 2]> = Vec::new();
-    for (i, frame) in measured.frames.iter().enumerate() {
-        let drawn: Vec<[[f64; 2]; 4]> = whole.iter().map(|t| nearest_order(&frame.dlo, &t.frames[i].dlo)).collect();
-        for k in 0..4 {
-            let seen = place(frame.dlo[k])?;
-            measured_points.push(seen);
-            let points = drawn.iter().map(|d| place(d[k])).collect::<Option<Vec<[f64; 2]>>>()?;
-            for axis in 0..2 {
-                let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
-                values.sort_by(f64::total_cmp);
-                let mean = values.iter().sum::<f64>() / values.len() as f64;
-                let [low, high] = BAND.map(|q| quantile(&values, q));
-                squares += (mean - seen[axis]).powi(2);
-                widths += (0.5 * (high - low)).powi(2);
-                inside += usize::from((low..=high).contains(&seen[axis]));
-                count += 1;
+    let mut distances = vec![0.0; whole.len() + 1];
+    for (measured, tracks) in episodes {
+        for (i, frame) in measured.frames.iter().enumerate() {
+            let drawn: Vec<[[f64; 2]; 4]> =
+                whole.iter().map(|&t| nearest_order(&frame.dlo, &tracks[t].frames[i].dlo)).collect();
+            for k in 0..4 {
+                let seen = place(frame.dlo[k])?;
+                measured_points.push(seen);
+                let points = drawn.iter().map(|d| place(d[k])).collect::<Option<Vec<[f64; 2]>>>()?;
+                for axis in 0..2 {
+                    let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+                    add_distances(&mut distances, &values, seen[axis]);
+                    values.sort_by(f64::total_cmp);
+                    let mean = values.iter().sum::<f64>() / values.len() as f64;
+                    let [low, high] = BAND.map(|q| quantile(&values, q));
+                    squares += (mean - seen[axis]).powi(2);
+                    widths += (0.5 * (high - low)).powi(2);
+                    inside += usize::from((low..=high).contains(&seen[axis]));
+                    count += 1;
+                }
             }
         }
     }
+    let farther = distances[1..].iter().filter(|d| **d >= distances[0]).count();
     // Two coordinates make one keypoint's distance.
     let root = |sum: f64, n: f64| 1e3 * (sum / n).sqrt();
     (count > 0 && !whole.is_empty()).then(|| Predictive {
@@ -77,8 +93,26 @@ pub fn predictive(measured: &Track, tracks: &[Track], camera: &Camera) -> Option
         coverage: inside as f64 / count as f64,
         half_width_mm: root(widths, count as f64),
         spread_mm: root(spread(&measured_points), 0.5 * count as f64),
+        p_value: (farther + 1) as f64 / distances.len() as f64,
         draws: whole.len(),
     })
+}
+
+/// Adds to each of `distances` (the measured value's, then each draw's) the squared distance of a value from the mean of the
+/// draws, in their standard deviations; a draw is held against the others.
+fn add_distances(distances: &mut [f64], draws: &[f64], measured: f64) {
+    let (sum, squares) = draws.iter().fold((0.0, 0.0), |(s, q), v| (s + (v - measured), q + (v - measured).powi(2)));
+    let of = |value: f64, sum: f64, squares: f64, n: f64| {
+        let mean = sum / n;
+        let variance = (squares / n - mean * mean).max(LEAST_VARIANCE_M2);
+        (value - mean).powi(2) / variance
+    };
+    let n = draws.len() as f64;
+    distances[0] += of(0.0, sum, squares, n);
+    for (distance, v) in distances[1..].iter_mut().zip(draws) {
+        let value = v - measured;
+        *distance += of(value, sum - value, squares - value * value, (n - 1.0).max(1.0));
+    }
 }
 
 /// Summed squared distance of points from their mean.
@@ -152,6 +186,14 @@ pub fn doubts(mass_outside: f64, effective_sample_size: f64, predictive: Option<
             100.0 * p.coverage
         ));
     }
+    if let Some(p) = predictive.filter(|p| p.p_value <= IMPROBABLE) {
+        warnings.push(format!(
+            "the measurement lies farther from the posterior's predictions than {:.0} of {} draws of it lie from the others (p = {:.3}): the model does not make such tracks",
+            p.draws as f64 + 1.0 - p.p_value * (p.draws as f64 + 1.0),
+            p.draws,
+            p.p_value
+        ));
+    }
     if let Some(p) = predictive.filter(|p| p.rmse_mm > p.spread_mm) {
         warnings.push(format!(
             "the predictions are off by {:.1} mm, the measured keypoints' own middle by {:.1} mm only: the model and the recording are not one another's",
@@ -184,21 +226,33 @@ mod tests {
     #[test]
     fn predictions_are_matched_as_sets_and_measured_in_millimetres() {
         let draws: Vec<Track> = (0..21).map(|i| track(0.01 + 0.001 * (f64::from(i) - 10.0), i % 2 == 0)).collect();
-        let p = predictive(&track(0.0, false), &draws, &CAMERA).unwrap();
+        let p = predictive(&[(&track(0.0, false), draws)], &CAMERA).unwrap();
         assert!((p.rmse_mm - 10.0).abs() < 1e-6, "{p:?}");
         assert!((p.coverage - 0.5).abs() < 1e-9, "y is inside its band, x is not: {p:?}");
         assert_eq!(p.draws, 21);
         // Four points 0.1 m apart: their variance is 5/4 of the square of that.
         assert!((p.spread_mm - 100.0 * 1.25_f64.sqrt()).abs() < 1e-6, "{p:?}");
         let centred: Vec<Track> = (0..21).map(|i| track(0.001 * (f64::from(i) - 10.0), false)).collect();
-        assert_eq!(predictive(&track(0.0, true), &centred, &CAMERA).unwrap().coverage, 1.0);
-        assert_eq!(predictive(&track(0.0, true), &[], &CAMERA), None);
+        let of = |draws: Vec<Track>| predictive(&[(&track(0.0, true), draws)], &CAMERA);
+        assert_eq!(of(centred.clone()).unwrap().coverage, 1.0);
+        assert_eq!(of(Vec::new()), None);
         let broken: Vec<Track> = centred.iter().cloned().chain([track(f64::NAN, false)]).collect();
-        assert_eq!(
-            predictive(&track(0.0, true), &broken, &CAMERA),
-            predictive(&track(0.0, true), &centred, &CAMERA),
-            "a track that is no number predicts nothing"
-        );
+        assert_eq!(of(broken), of(centred), "a track that is no number predicts nothing");
+    }
+
+    #[test]
+    fn the_p_value_is_the_rank_of_the_measured_track_among_the_draws() {
+        // Nineteen draws at -9 to 9 mm: only those at the ends are as far from the others as a track
+        // 8.8 mm off the middle.
+        let draws = || (0..19).map(|i| track(0.001 * (f64::from(i) - 9.0), false)).collect::<Vec<_>>();
+        let p_value = |shift: f64| predictive(&[(&track(shift, false), draws())], &CAMERA).unwrap().p_value;
+        assert_eq!([p_value(0.0088), p_value(0.1), p_value(0.0)], [3.0 / 20.0, 1.0 / 20.0, 1.0]);
+        // Two episodes count together: no draw is at the end of both.
+        let first = track(0.0088, false);
+        let mut others = draws();
+        others.rotate_left(9);
+        let both = predictive(&[(&first, draws()), (&first, others)], &CAMERA).unwrap();
+        assert_eq!(both.p_value, 1.0 / 20.0);
     }
 
     #[test]
@@ -217,11 +271,18 @@ mod tests {
 
     #[test]
     fn doubts_are_worded_with_their_numbers() {
-        let good = Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, draws: 50 };
+        let good =
+            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
         assert!(doubts(0.01, 500.0, Some(&good)).is_empty());
         let bad = Predictive { coverage: 0.3, ..good };
         let words = doubts(0.5, 20.0, Some(&bad));
         assert!(words.len() == 3 && words[2].contains("30 %"), "{words:?}");
+        let strange = Predictive { p_value: 1.0 / 51.0, ..good };
+        let words = doubts(0.01, 500.0, Some(&strange));
+        assert!(
+            words.len() == 1 && words[0].contains("than 50 of 50 draws") && words[0].contains("0.020"),
+            "{words:?}"
+        );
         let foreign = Predictive { rmse_mm: 495.0, ..good };
         let words = doubts(0.01, 500.0, Some(&foreign));
         assert!(words.len() == 1 && words[0].contains("495.0 mm") && words[0].contains("100.0 mm"), "{words:?}");

@@ -2,12 +2,12 @@
 
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
-use crate::sequential::{Iteration, OnProgress, Sequential, request};
+use crate::sequential::{Iteration, Observed, OnProgress, Sequential};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
-use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, seed};
+use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, seed};
 use serde::{Deserialize, Serialize};
 
 /// Draws behind the share of the mixture that lies outside the prior's support.
@@ -51,46 +51,42 @@ impl InferenceResult {
     }
 }
 
-/// Infers the posterior over the parameters of `model` from `measured`. `policy` is the one that the episode ran, where the
+/// Infers the posterior over the parameters of `model` from the episodes `measured`, all of one object: its parameters are the
+/// same in all, and what the model draws anew for each episode is not. `policy` is the one that the episodes ran, where the
 /// model drives by policy.
 pub fn infer(
     model: &Model,
-    measured: &MeasuredTrack,
+    measured: &[MeasuredTrack],
     policy: Option<&Policy>,
     settings: &Settings,
     simulator: &dyn Simulator,
     on_progress: OnProgress<'_>,
 ) -> Result<InferenceResult, InferenceError> {
-    let outside = diagnostics::out_of_view(&measured.track);
-    let points = 4 * measured.track.frames.len();
+    let outside: usize = measured.iter().map(|m| diagnostics::out_of_view(&m.track)).sum();
+    let points: usize = measured.iter().map(|m| 4 * m.track.frames.len()).sum();
     if outside == points && points > 0 {
         return Err(InferenceError::OutOfView { points });
     }
-    let (template, frames) = request(model, measured, policy, settings.fidelity)?;
-    let mut sequential = Sequential::new(&model.theta, &measured.track, frames, settings)?;
+    let observed = measured.iter().map(|m| Observed::new(model, m, policy, settings.fidelity));
+    let observed = observed.collect::<Result<Vec<_>, _>>()?;
+    let mut sequential = Sequential::new(&model.theta, observed.clone(), settings)?;
     let (mut iterations, mut posterior) = (Vec::new(), Posterior::prior(model.theta.clone()));
     for _ in 0..settings.iterations {
-        let (iteration, newest) = sequential.step(&template, simulator, on_progress)?;
+        let (iteration, newest) = sequential.step(simulator, on_progress)?;
         iterations.push(iteration);
         posterior = newest;
     }
     let number = iterations.len();
     let failed = |source| InferenceError::Posterior { iteration: number, source };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
+    let thetas =
+        posterior.sample(settings.predictive_draws, seed::derive(settings.seed, PREDICTIVE_STREAM)).map_err(failed)?;
     let predictive = match settings.predictive_draws {
         0 => None,
-        draws => {
-            let check = SimulationRequest {
-                thetas: posterior.sample(draws, seed::derive(settings.seed, PREDICTIVE_STREAM)).map_err(failed)?,
-                seed: seed::derive(settings.seed, PREDICTIVE_STREAM + 1),
-                ..template
-            };
-            let tracks = simulator.simulate(&check)?;
-            diagnostics::predictive(&measured.track, &tracks, &model.camera.view)
-        }
+        _ => diagnostics::predictive(&predictions(&observed, &thetas, settings.seed, simulator)?, &model.camera.view),
     };
     let marginals = posterior.marginals().map_err(failed)?;
-    let mut warnings = measured.warnings.clone();
+    let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();
     let drive = model.observation.drive;
     if policy.is_some() && drive != DriveKind::Policy {
         warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
@@ -104,14 +100,31 @@ pub fn infer(
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
 }
 
+/// Each measured track with those that the simulator makes of `thetas`.
+fn predictions<'a>(
+    observed: &[Observed<'a>],
+    thetas: &[Vec<f64>],
+    seed: u64,
+    simulator: &dyn Simulator,
+) -> Result<Vec<(&'a Track, Vec<Track>)>, InferenceError> {
+    let of = |(episode, o): (usize, &Observed<'a>)| {
+        let seed = seed::derive(seed, PREDICTIVE_STREAM + 1);
+        let seed = if episode == 0 { seed } else { seed::derive(seed, episode as u64) };
+        let request = SimulationRequest { thetas: thetas.to_vec(), seed, ..o.template.clone() };
+        Ok((o.track, simulator.simulate(&request)?))
+    };
+    observed.iter().enumerate().map(of).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sequential::request;
     use crate::sequential::tests::{TOY, TRUTH, quick};
     use catenary_core::mlp::Layer;
     use catenary_core::simulator::StartShape;
     use catenary_core::task::DeltaAnchor;
-    use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError, Track};
+    use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError};
     use std::cell::RefCell;
     use std::ops::ControlFlow;
 
@@ -145,7 +158,7 @@ mod tests {
         let settings = Settings { iterations: 2, predictive_draws: 25, ..quick() };
         let simulator = Toy(&model, RefCell::default());
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-        let result = infer(&model, &measured(), None, &settings, &simulator, &mut listen).unwrap();
+        let result = infer(&model, &[measured()], None, &settings, &simulator, &mut listen).unwrap();
         let asked = simulator.1.into_inner();
         assert_eq!(asked.iter().map(|r| r.thetas.len()).collect::<Vec<_>>(), [40, 40, 25]);
         let times: Vec<f64> = measured().track.frames.iter().map(|f| f.time_s).collect();
@@ -180,7 +193,7 @@ mod tests {
             }
             let simulator = Toy(&model, RefCell::default());
             let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-            let result = infer(&model, &measured, None, &settings, &simulator, &mut listen);
+            let result = infer(&model, &[measured], None, &settings, &simulator, &mut listen);
             result.map(|r| r.warnings.join("; ")).map_err(|e| e.to_string())
         };
         let frames = measured().track.frames.len();
@@ -197,7 +210,7 @@ mod tests {
         let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
         let simulator = Toy(&model, RefCell::default());
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-        let result = infer(&model, &measured(), None, &settings, &simulator, &mut listen).unwrap();
+        let result = infer(&model, &[measured()], None, &settings, &simulator, &mut listen).unwrap();
         assert_eq!((result.predictive, simulator.1.borrow().len()), (None, 1));
     }
 
@@ -208,7 +221,7 @@ mod tests {
         let warned = |policy: Option<&Policy>| {
             let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
             let simulator = Toy(&model, RefCell::default());
-            let result = infer(&model, &measured(), policy, &settings, &simulator, &mut listen).unwrap();
+            let result = infer(&model, &[measured()], policy, &settings, &simulator, &mut listen).unwrap();
             result.warnings.iter().any(|w| w.contains("policy was given and not used") && w.contains("grip"))
         };
         let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: vec![0.0; 2] };

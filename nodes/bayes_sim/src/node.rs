@@ -1,4 +1,4 @@
-//! The node: an action that infers from a bag, or from the last episode on the topics.
+//! The node: an action that infers from bags, or from the last episode on the topics.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
 
 mod pools;
@@ -8,14 +8,14 @@ use crate::error::InferenceError;
 use crate::sequential::Progress;
 use crate::{Settings, convert, infer};
 use anyhow::{Context, Result, bail};
-use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
+use catenary_bag::{LiveEpisodes, read_measured};
 use catenary_core::{Model, Policy};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
 use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -79,16 +79,19 @@ fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) ->
     let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
     let settings = settings(goal)?;
-    let episode = match goal.source {
+    let mut measured = match goal.source {
         InferGoal::SOURCE_BAG => {
-            let bag = BagReader::open(Path::new(&goal.bag))?;
-            read_episodes(&bag, &EpisodeTopics::default())?.episode(None)?
+            let bags: Vec<PathBuf> = goal.bags.iter().map(PathBuf::from).collect();
+            read_measured(&bags, &goal.episodes, &model)?
         }
-        InferGoal::SOURCE_LIVE => live.wait(handle).context("cancelled while waiting for an episode")?,
+        InferGoal::SOURCE_LIVE => {
+            vec![live.wait(handle).context("cancelled while waiting for an episode")?.measured(&model)?]
+        }
         other => bail!("source: expected SOURCE_LIVE or SOURCE_BAG, got {other}"),
     };
-    let mut measured = episode.measured(&model)?;
-    measured.warnings.extend(overridden);
+    if let Some(first) = measured.first_mut() {
+        first.warnings.extend(overridden);
+    }
     let is_cancelled = || handle.is_cancelled();
     let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
     let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {

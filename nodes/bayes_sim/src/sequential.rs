@@ -8,9 +8,9 @@ pub(crate) mod tests;
 
 pub use proposal::{Proposal, balance_weights, effective_sample_size};
 pub use region::Region;
-pub use request::request;
+pub use request::{Observed, request};
 
-use crate::embedding::TrackInput;
+use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
 use crate::network::{Ensemble, Epoch, MixtureHead, Network, Outcome, Samples, Shape, Training, TrainingError};
 use crate::settings::{LEAST_TRACKS, Settings};
@@ -27,11 +27,11 @@ const PART: usize = 64;
 pub struct Iteration {
     /// Number, from 1.
     pub iteration: usize,
-    /// Simulations run so far.
+    /// Thetas simulated so far, each in every measured episode.
     pub simulations: usize,
-    /// Tracks that the networks were trained on, held-out ones included.
+    /// Thetas whose tracks the networks were trained on, held-out ones included.
     pub tracks: usize,
-    /// Simulations so far whose tracks were unusable.
+    /// Thetas so far with an unusable track.
     pub unusable: usize,
     /// Held-out negative log density in nat, unit coordinates; mean over the networks.
     pub loss: f64,
@@ -80,13 +80,25 @@ pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>;
 pub struct Sequential<'a> {
     space: &'a ParameterSpace,
     settings: &'a Settings,
+    /// All measured episodes, joined.
     observed: TrackInput,
+    /// What reproduces each, and its greatest number of frames.
+    episodes: Vec<(SimulationRequest, usize)>,
     samples: Samples,
     /// With the number of draws of each, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
     ensemble: Ensemble,
     simulations: usize,
     refused: Option<String>,
+}
+
+/// Adds a theta's next track, unless it or one before it is unusable.
+fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: usize) {
+    let Ok(list) = inputs else { return };
+    match TrackInput::new(track, frames) {
+        Ok(input) => list.push(input),
+        Err(why) => *inputs = Err(why),
+    }
 }
 
 /// Streams of random numbers, derived from the seed of the settings.
@@ -100,19 +112,20 @@ enum Stream {
 }
 
 impl<'a> Sequential<'a> {
-    /// Prepares an inference of the parameters of `space` from the track `observed`; `frames` (F) is the greatest
-    /// number of frames of any track.
+    /// Prepares an inference of the parameters of `space` from the episodes `observed`, which one theta gave: for each
+    /// theta the simulator reproduces all of them, and the networks see their tracks side by side.
     pub fn new(
         space: &'a ParameterSpace,
-        observed: &Track,
-        frames: usize,
+        observed: Vec<Observed<'_>>,
         settings: &'a Settings,
     ) -> Result<Self, InferenceError> {
         settings.check()?;
-        let observed = TrackInput::new(observed, frames).map_err(InferenceError::Observation)?;
-        let samples = Samples::new(frames, space.dimension());
+        let inputs = observed.iter().map(|o| TrackInput::new(o.track, o.frames)).collect::<Result<Vec<_>, _>>();
+        let episodes: Vec<_> = observed.into_iter().map(|o| (o.template, o.frames)).collect();
+        let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
+        let samples = Samples::new(observed.frames(), space.dimension());
         let (proposals, ensemble) = (Vec::new(), Ensemble::default());
-        Ok(Self { space, settings, observed, samples, proposals, ensemble, simulations: 0, refused: None })
+        Ok(Self { space, settings, observed, episodes, samples, proposals, ensemble, simulations: 0, refused: None })
     }
 
     fn seed(&self, stream: Stream, index: usize) -> u64 {
@@ -139,17 +152,16 @@ impl<'a> Sequential<'a> {
         &self.observed
     }
 
-    /// One iteration: draws thetas from the newest posterior, simulates them by `template` with `simulator`, trains, and
-    /// returns what was done and the new posterior.
+    /// One iteration: draws thetas from the newest posterior, simulates them with `simulator`, trains, and returns what was
+    /// done and the new posterior.
     pub fn step(
         &mut self,
-        template: &SimulationRequest,
         simulator: &dyn Simulator,
         on_progress: OnProgress<'_>,
     ) -> Result<(Iteration, Posterior), InferenceError> {
         let number = self.proposals.len() + 1;
         let proposal = self.next_proposal(number)?;
-        self.simulate(number, proposal, template, simulator, on_progress)?;
+        self.simulate(number, proposal, simulator, on_progress)?;
         let (newest, _) = &self.proposals[number - 1];
         let indices: Vec<usize> = (0..self.samples.len()).filter(|&i| newest.covers(self.samples.theta(i))).collect();
         if indices.len() < LEAST_TRACKS {
@@ -192,12 +204,11 @@ impl<'a> Sequential<'a> {
     }
 
     /// Draws, simulates, and keeps the usable tracks. Leaving the others out is exact: what is learnt is the posterior
-    /// given a usable track, and the measured one is usable.
+    /// given usable tracks, and the measured ones are usable.
     fn simulate(
         &mut self,
         number: usize,
         proposal: Proposal,
-        template: &SimulationRequest,
         simulator: &dyn Simulator,
         on_progress: OnProgress<'_>,
     ) -> Result<(), InferenceError> {
@@ -205,30 +216,47 @@ impl<'a> Sequential<'a> {
         let d = self.space.dimension();
         let count = self.settings.simulations;
         let u = (0..count).map(|_| proposal.sample(d, number, &mut rng)).collect::<Result<Vec<_>, _>>()?;
-        let request = SimulationRequest {
-            thetas: u.iter().map(|u| self.space.from_unit(u)).collect(),
-            seed: self.seed(Stream::Simulator, number),
-            ..template.clone()
-        };
+        let thetas: Vec<Vec<f64>> = u.iter().map(|u| self.space.from_unit(u)).collect();
         for (part, u) in u.chunks(PART).enumerate() {
             let from = part * PART;
-            let tracks = simulator.simulate(&request.part(from..from + u.len()))?;
-            if tracks.len() != u.len() {
-                return Err(InferenceError::TrackCount { expected: u.len(), got: tracks.len() });
-            }
-            self.simulations += u.len();
-            for (u, track) in u.iter().zip(&tracks) {
-                match TrackInput::new(track, self.observed.frames()) {
-                    Ok(input) => self.samples.push(&input, u),
-                    Err(why) => self.refused = Some(why.to_string()),
+            let mut joined: Vec<Result<Vec<TrackInput>, InputError>> = vec![Ok(Vec::new()); u.len()];
+            for (episode, (template, frames)) in self.episodes.iter().enumerate() {
+                let request = SimulationRequest {
+                    thetas: thetas[from..from + u.len()].to_vec(),
+                    seed: self.episode_seed(number, episode),
+                    first_episode: from as u64,
+                    ..template.clone()
+                };
+                let tracks = simulator.simulate(&request)?;
+                if tracks.len() != u.len() {
+                    return Err(InferenceError::TrackCount { expected: u.len(), got: tracks.len() });
+                }
+                for (slot, track) in joined.iter_mut().zip(&tracks) {
+                    add(slot, track, *frames);
+                }
+                let simulations = self.simulations + u.len() * usize::from(episode + 1 == self.episodes.len());
+                if on_progress(&Progress::Working { iteration: number, simulations }).is_break() {
+                    return Err(InferenceError::Cancelled { simulations });
                 }
             }
-            if on_progress(&Progress::Working { iteration: number, simulations: self.simulations }).is_break() {
-                return Err(InferenceError::Cancelled { simulations: self.simulations });
+            self.simulations += u.len();
+            for (u, inputs) in u.iter().zip(joined) {
+                match inputs {
+                    Ok(inputs) => self.samples.push(&TrackInput::join(inputs), u),
+                    Err(why) => self.refused = Some(why.to_string()),
+                }
             }
         }
         self.proposals.push((proposal, count));
         Ok(())
+    }
+
+    /// Seed of the simulations of one episode.
+    fn episode_seed(&self, number: usize, episode: usize) -> u64 {
+        match (self.seed(Stream::Simulator, number), episode) {
+            (seed, 0) => seed,
+            (seed, _) => seed::derive(seed, episode as u64),
+        }
     }
 
     fn shape(&self, data: &Samples) -> Shape {

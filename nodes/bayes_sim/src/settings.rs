@@ -88,7 +88,7 @@ impl Default for Settings {
                 max_gradient_norm: 5.0,
             },
             fidelity: Fidelity::Standard,
-            predictive_draws: 50,
+            predictive_draws: 99,
             seed: 0,
         }
     }

@@ -138,18 +138,19 @@ pub struct Served {
 /// `catenary infer`.
 #[derive(Debug, Args)]
 pub struct InferArgs {
-    /// Bag (folder or .mcap file) that holds the episode
-    #[arg(long)]
-    pub bag: PathBuf,
+    /// Bag (folder or .mcap file) that holds the episode; several, of one object, give one posterior
+    #[arg(long, required = true)]
+    pub bag: Vec<PathBuf>,
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
     /// Folder for posterior.json and the pictures; with --node for posterior.json alone
     #[arg(long)]
     pub out: PathBuf,
-    /// Number of the episode in the bag; none: the last complete one
-    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "node")]
-    pub episode: Option<u32>,
+    /// Number of an episode in the bag, or several in several --episode; with several bags one for each; none: the last
+    /// complete one of each bag
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    pub episode: Vec<u32>,
     /// Policy that the episode ran, where the model's drive is a policy
     #[arg(long)]
     pub policy: Option<PathBuf>,

@@ -7,7 +7,7 @@ use crate::{figures::figures, model_file, output, served};
 use anyhow::{Context, Result};
 use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, InferenceResult, Settings};
-use catenary_bag::{BagReader, EpisodeTopics, read_episodes};
+use catenary_bag::read_measured;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy};
@@ -25,8 +25,9 @@ const FILES: [&str; 3] = ["posterior.json", "inference.json", "report.html"];
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
 struct Report {
-    bag: PathBuf,
+    bags: Vec<PathBuf>,
     model: String,
+    episodes: usize,
     frames: usize,
     duration_s: f64,
     wall_s: f64,
@@ -40,7 +41,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     if let Some(namespace) = &arguments.served.node {
         return served::infer(arguments, &model, namespace);
     }
-    let measured = measured(&arguments.bag, arguments.episode, &model)?;
+    let measured = read_measured(&arguments.bag, &arguments.episode, &model)?;
     let policy = match &arguments.policy {
         None => None,
         Some(path) => {
@@ -62,12 +63,13 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     let result = infer(&model, &measured, policy.as_ref(), &settings, &shutdown)?;
-    let frames = &measured.track.frames;
+    let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
-        bag: arguments.bag.clone(),
+        bags: arguments.bag.clone(),
         model: model.name.clone(),
-        frames: frames.len(),
-        duration_s: frames.last().map_or(0.0, |f| f.time_s),
+        episodes: measured.len(),
+        frames: tracks().map(Vec::len).sum(),
+        duration_s: tracks().filter_map(|frames| frames.last()).map(|f| f.time_s).sum(),
         wall_s: started.elapsed().as_secs_f64(),
         result,
     };
@@ -75,18 +77,10 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     output::result(&arguments.output, &report, words)
 }
 
-/// The measured track of an episode in a bag.
-pub fn measured(bag: &Path, episode: Option<u32>, model: &Model) -> Result<MeasuredTrack> {
-    let reader = BagReader::open(bag)?;
-    let log = read_episodes(&reader, &EpisodeTopics::default())?;
-    let episode = log.episode(episode).with_context(|| bag.display().to_string())?;
-    episode.measured(model).with_context(|| bag.display().to_string())
-}
-
 /// Infers in this process with a bar.
 pub fn infer(
     model: &Model,
-    measured: &MeasuredTrack,
+    measured: &[MeasuredTrack],
     policy: Option<&Policy>,
     settings: &Settings,
     shutdown: &Shutdown,
@@ -129,7 +123,11 @@ fn write(folder: &Path, report: &Report) -> Result<()> {
 fn page(report: &Report) -> Result<String> {
     let result = &report.result;
     let mut page = Page::new(&format!("catenary infer: {}", report.model));
-    page.paragraph(&format!("{}: {} frames in {:.2} s.", report.bag.display(), report.frames, report.duration_s));
+    let bags: Vec<String> = report.bags.iter().map(|b| b.display().to_string()).collect();
+    let episodes =
+        if report.episodes == 1 { "one episode".to_owned() } else { format!("{} episodes", report.episodes) };
+    let (bags, frames, duration_s) = (bags.join(", "), report.frames, report.duration_s);
+    page.paragraph(&format!("{bags}: {episodes}, {frames} frames in {duration_s:.2} s."));
     result.warnings.iter().for_each(|w| page.warning(w));
     let d = result.posterior.parameters.dimension();
     let domains = result.posterior.sample_low_variance(12, 0)?;

@@ -20,7 +20,7 @@ use std::time::Instant;
 /// What `infer --node --json` prints.
 #[derive(Debug, Serialize)]
 struct Inferred {
-    bag: PathBuf,
+    bags: Vec<PathBuf>,
     model: String,
     wall_s: f64,
     marginals: Vec<Marginal>,
@@ -38,13 +38,13 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         Some(path) => policy(std::fs::read(path).with_context(|| format!("policy {}", path.display()))?, path)?,
         None => Vec::new(),
     };
-    let bag = std::fs::canonicalize(&arguments.bag).with_context(|| format!("bag {}", arguments.bag.display()))?;
     let size = |n: Option<usize>, option: &str| {
         u32::try_from(n.unwrap_or(0)).with_context(|| format!("--{option}: expected a number that fits 32 bits"))
     };
     let goal = InferGoal {
         source: InferGoal::SOURCE_BAG,
-        bag: bag.display().to_string(),
+        bags: arguments.bag.iter().map(absolute).collect::<Result<_>>()?,
+        episodes: arguments.episode.clone(),
         model_yaml: text(&arguments.model)?,
         preset: if arguments.preset == Preset::Paper { "paper" } else { "default" }.to_owned(),
         iterations: size(arguments.iterations, "iterations")?,
@@ -69,7 +69,7 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
     let posterior = convert::posterior_from_msg(&result.posterior)?;
     std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
     let inferred = Inferred {
-        bag: arguments.bag.clone(),
+        bags: arguments.bag.clone(),
         model: model.name.clone(),
         wall_s,
         marginals: posterior.marginals()?,
@@ -136,13 +136,15 @@ struct Found {
     effects: Vec<(String, f64)>,
 }
 
+/// Where a bag lies, for a node that runs in another folder.
+fn absolute(bag: &PathBuf) -> Result<String> {
+    Ok(std::fs::canonicalize(bag).with_context(|| format!("bag {}", bag.display()))?.display().to_string())
+}
+
 /// Has the effect finder search in bags, which must lie where it sees them; Ctrl-C cancels that.
 pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> {
-    let bag = |bag: &PathBuf| -> Result<String> {
-        Ok(std::fs::canonicalize(bag).with_context(|| format!("bag {}", bag.display()))?.display().to_string())
-    };
     let goal = FindEffectsGoal {
-        bags: arguments.bag.iter().map(bag).collect::<Result<_>>()?,
+        bags: arguments.bag.iter().map(absolute).collect::<Result<_>>()?,
         model_yaml: text(&arguments.model)?,
         seed: arguments.seed,
     };

@@ -11,7 +11,7 @@ mod timeline;
 mod video;
 
 use crate::cli::SimulateArgs;
-use crate::{infer, model_file, output};
+use crate::{model_file, output};
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::Effect;
@@ -24,7 +24,7 @@ use recording::{Facts, Recording};
 use show::{Show, Sinks};
 use simulator_pool::render::Renderer;
 use staged::Staged;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use summary::{Episode, Report};
 use video::Video;
 
@@ -104,14 +104,19 @@ fn motion(arguments: &SimulateArgs, model: &Model) -> Result<Motion> {
 
 /// The track in a CSV file or in a bag.
 fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
-    if path.is_dir() || path.extension().is_some_and(|e| e == "mcap") {
-        return infer::measured(path, None, model);
+    if path.is_dir() || path.extension().is_some_and(|e| e == "mcap" || e == "db3") {
+        return last_measured(path.to_owned(), model);
     }
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).with_context(|| format!("track {name}"))?;
     let staged = Staged::new(&std::env::temp_dir().join("catenary_track"))?;
     catenary_bag::import_track(&name, &text, model, &staged.path())?;
-    infer::measured(&staged.path(), None, model).with_context(|| name.clone())
+    last_measured(staged.path(), model).with_context(|| name.clone())
+}
+
+/// The last complete episode of a bag.
+fn last_measured(bag: PathBuf, model: &Model) -> Result<MeasuredTrack> {
+    Ok(catenary_bag::read_measured(&[bag], &[], model)?.remove(0))
 }
 
 /// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,

@@ -171,7 +171,7 @@ class Deaths:
             self.act("/ppo_trainer/train", Train.Goal(model_yaml=model, total_steps=64, environments=2, fidelity=Simulate.Request.FIDELITY_FAST))
         elif node == BAYES:
             bag = str(self.session.root / "bags/swing")
-            goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bag=bag, model_yaml=model, iterations=1, simulations=20)
+            goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[bag], model_yaml=model, iterations=1, simulations=20)
             self.act("/bayes_sim/infer", goal)
         elif node == RECORDER:
             flowing = {row.name for row in TOPICS if row.hz and row.name != "/camera/camera/color/image_raw"}

@@ -68,6 +68,16 @@ impl TrackInput {
         Ok(Self { points, channels })
     }
 
+    /// Several episodes as one track: the frames of the first, then those of the second, and so on.
+    pub fn join(episodes: Vec<Self>) -> Self {
+        let mut joined = Self { points: Vec::new(), channels: Vec::new() };
+        for episode in episodes {
+            joined.points.extend(episode.points);
+            joined.channels.extend(episode.channels);
+        }
+        joined
+    }
+
     /// F.
     pub fn frames(&self) -> usize {
         self.points.len() / POINT_VALUES

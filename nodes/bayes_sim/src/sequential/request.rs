@@ -3,7 +3,31 @@
 use crate::error::InferenceError;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
-use catenary_core::{Drive, Fidelity, Model, Policy, SimulationRequest};
+use catenary_core::{Drive, Fidelity, Model, Policy, SimulationRequest, Track};
+
+/// A measured episode, and what the simulator is asked for to reproduce it.
+#[derive(Debug, Clone)]
+pub struct Observed<'a> {
+    /// What was measured.
+    pub track: &'a Track,
+    /// The request that reproduces it, without thetas and seed.
+    pub template: SimulationRequest,
+    /// F, the greatest number of frames of any of its tracks.
+    pub frames: usize,
+}
+
+impl<'a> Observed<'a> {
+    /// `measured` as `model` drives it; see [`request`].
+    pub fn new(
+        model: &Model,
+        measured: &'a MeasuredTrack,
+        policy: Option<&Policy>,
+        fidelity: Fidelity,
+    ) -> Result<Self, InferenceError> {
+        let (template, frames) = request(model, measured, policy, fidelity)?;
+        Ok(Self { track: &measured.track, template, frames })
+    }
+}
 
 /// The request that reproduces `measured`, without thetas and seed, and the greatest number of frames of a track (F).
 /// `policy` is the one that the episode ran; only a model that drives by policy needs it.

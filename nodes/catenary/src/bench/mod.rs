@@ -109,7 +109,7 @@ fn inference(seeds: u64, out: &Output) -> Result<()> {
         let measured = hidden_episode(&model, &truth, s)?;
         let settings = InferenceSettings { seed: s, ..InferenceSettings::default() };
         let started = Instant::now();
-        let result = infer::infer(&model, &measured, None, &settings, &Shutdown::new())?;
+        let result = infer::infer(&model, &[measured], None, &settings, &Shutdown::new())?;
         let inside = result.marginals.iter().zip(&truth).map(|(m, t)| (m.q05..=m.q95).contains(t)).collect();
         rows.push(InferenceRow {
             seed: s,

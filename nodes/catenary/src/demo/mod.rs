@@ -295,7 +295,7 @@ impl Demo {
         let by_policy = self.model.observation.drive == DriveKind::Policy;
         let goal = InferGoal {
             source: InferGoal::SOURCE_BAG,
-            bag: self.folder.join(&episode.bag).display().to_string(),
+            bags: vec![self.folder.join(&episode.bag).display().to_string()],
             model_yaml: config::SOFT_BAR.to_owned(),
             preset: self.sizes.name.to_owned(),
             drive: convert::drive_to_msg(self.model.observation.drive),

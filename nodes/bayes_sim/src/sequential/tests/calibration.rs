@@ -64,9 +64,9 @@ fn inferences(observations: u64, settings: &Settings) -> Comparison {
     for i in 0..observations {
         let (truth, observed) = observation(i);
         let settings = Settings { seed: i, ..settings.clone() };
-        let mut sequential = Sequential::new(&space, &observed, FRAMES, &settings).unwrap();
+        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
         let (_, posterior) = run(&mut sequential, &TOY, settings.iterations).unwrap();
-        comparison.add(&truth, &posterior, &TOY.posterior(&observed));
+        comparison.add(&truth, &posterior, &TOY.posterior(&[&observed]));
     }
     comparison
 }
@@ -75,14 +75,14 @@ fn inferences(observations: u64, settings: &Settings) -> Comparison {
 fn amortised(observations: u64, settings: &Settings) -> Comparison {
     let space = TOY.space();
     let first = observation(1_000).1;
-    let mut sequential = Sequential::new(&space, &first, FRAMES, settings).unwrap();
+    let mut sequential = Sequential::new(&space, seen(&first, FRAMES), settings).unwrap();
     run(&mut sequential, &TOY, 1).unwrap();
     let mut comparison = Comparison::default();
     for i in 0..observations {
         let (truth, observed) = observation(i);
         sequential.observed = TrackInput::new(&observed, FRAMES).unwrap();
         let posterior = Posterior { parameters: space.clone(), mixture: sequential.mixture().unwrap() };
-        comparison.add(&truth, &posterior, &TOY.posterior(&observed));
+        comparison.add(&truth, &posterior, &TOY.posterior(&[&observed]));
     }
     comparison
 }
@@ -122,4 +122,30 @@ fn weighted_rounds_sharpen_it_too() {
     let c = inferences(6, &Settings { iterations: 5, ensemble: 2, proposal, ..Settings::default() });
     assert!(c.mean_error() < 1.3, "mean off by {} sd, {c:?}", c.mean_error());
     assert!((0.9..1.8).contains(&c.sd_ratio()), "sd ratio {}, {c:?}", c.sd_ratio());
+}
+
+/// Two episodes of one theta: exactly, standard deviations fall by the square root of two, to 0.71.
+#[test]
+fn two_episodes_sharpen_the_posterior_as_they_should() {
+    let space = TOY.space();
+    let settings = Settings { iterations: 6, ensemble: 2, ..Settings::default() };
+    let (mut pooled, mut alone) = (Comparison::default(), Comparison::default());
+    for i in 0..8 {
+        let (truth, first) = observation(i);
+        let second = TOY.track(&truth, seed::derive(74, i));
+        let exact = TOY.posterior(&[&first, &second]);
+        let settings = Settings { seed: i, ..settings.clone() };
+        for (tracks, comparison) in [(vec![&first, &second], &mut pooled), (vec![&first], &mut alone)] {
+            let observed = tracks.iter().flat_map(|t| seen(t, FRAMES)).collect();
+            let mut sequential = Sequential::new(&space, observed, &settings).unwrap();
+            let (_, posterior) = run(&mut sequential, &TOY, settings.iterations).unwrap();
+            comparison.add(&truth, &posterior, &exact);
+        }
+    }
+    // The bounds of one episode, above.
+    assert!(pooled.mean_error() < 1.1, "mean off by {} sd, {pooled:?}", pooled.mean_error());
+    assert!((0.9..1.6).contains(&pooled.sd_ratio()), "sd ratio {}, {pooled:?}", pooled.sd_ratio());
+    assert!(pooled.covered[1] >= 5.0, "90 % regions hold {} of 8 truths", pooled.covered[1]);
+    let sharpened = pooled.sd_ratio() / alone.sd_ratio();
+    assert!((0.6..0.85).contains(&sharpened), "{sharpened} of one episode's, {pooled:?}, {alone:?}");
 }

@@ -45,11 +45,11 @@ impl LinearGaussian {
         ParameterSpace::new((0..self.dimension).map(unit).collect()).unwrap()
     }
 
-    /// The exact posterior given `track`: least squares with a known variance.
-    pub fn posterior(&self, track: &Track) -> Posterior {
+    /// The exact posterior given `tracks` of one theta: least squares with a known variance.
+    pub fn posterior(&self, tracks: &[&Track]) -> Posterior {
         let d = self.dimension;
         let (mut precision, mut shift) = (DMatrix::zeros(d, d), DVector::zeros(d));
-        for (f, frame) in track.frames.iter().enumerate() {
+        for (f, frame) in tracks.iter().flat_map(|t| t.frames.iter().enumerate()) {
             for k in 0..4 {
                 let [x, _] = frame.dlo.into_iter().find(|p| p[1] == Self::height(k)).unwrap();
                 let slopes = DVector::from_fn(d, |j, _| Self::slope(f, k, j));
