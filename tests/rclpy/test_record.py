@@ -61,7 +61,7 @@ def test_filters_take_what_those_of_ros2_bag_take(session):
         wait_for_readers(session, writers[topic], count)
     for topic, (_, message) in publishers.items():
         writers[topic].publish(message)
-    time.sleep(0.5)
+    time.sleep(1.5)
     stop(*running.values())
 
     expected = {
