@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 import time
 
 from network import Hosts
@@ -50,16 +49,15 @@ class Laboratory:
     def ask(self, iterations=1, simulations=200, seed=3, name="ask"):
         """Begins an inference."""
         root = self.session.root
-        words = (self.session.environment["ROS_DOMAIN_ID"], root / "bags/swing", root / MODEL, iterations, simulations, seed)
-        command = (sys.executable, root / "tests/hosts/ask.py", *words)
-        child = self.session.start_script(*self.hosts.on(0, *command), name=name)
-        self.session.wait_for(lambda: "accepted" in self.session.text(f"{name}.err") or child.poll() is not None, 30, "a goal")
-        assert child.poll() is None or child.wait() == 0, self.session.text(f"{name}.err")
-        return child
+        sizes = ("--iterations", iterations, "--simulations", simulations, "--seed", seed)
+        files = ("--bag", root / "bags/swing", "--model", root / MODEL, "--out", self.session.folder / name)
+        command = (*program(), "infer", "--node", "--wait-s", 30, *files, *sizes, "--json")
+        return self.session.start_script(*self.hosts.on(0, *command), name=name)
 
     def answer(self, child, seconds=120, name="ask"):
-        assert child.wait(seconds) == 0, self.session.text(f"{name}.err")
-        return json.loads(self.session.text(f"{name}.out"))
+        if child.wait(seconds) != 0:
+            return {"success": False, "message": self.session.text(f"{name}.err")}
+        return {"success": True, "message": ""} | json.loads(self.session.text(f"{name}.out"))
 
     def infer(self, **sizes):
         return self.answer(self.ask(**sizes))
@@ -95,10 +93,14 @@ class Laboratory:
         self.hosts.close()
 
 
-def node_command(node):
+def program():
     from conftest import PROGRAM
 
-    return (PROGRAM, "node", node)
+    return (PROGRAM,)
+
+
+def node_command(node):
+    return (*program(), "node", node)
 
 
 def outcome(answer):
