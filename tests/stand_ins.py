@@ -225,5 +225,5 @@ class Learner(StandIn):
         if self.work(handle, lambda step: FindEffects.Feedback(stage="name", progress=0.25 * step)):
             return FindEffects.Result(message="cancelled")
         words = "the present model fits\ntip mass explains it"
-        effects = {"effects": ["tip_mass_kg", "density_change"], "probabilities": [0.75, 0.25]}
+        effects = {"found": ["tip_mass_kg"], "effects": ["tip_mass_kg", "density_change"], "probabilities": [0.75, 0.25]}
         return FindEffects.Result(success=True, message=words, verdict="named", model_yaml="version: 1\n", **effects)

@@ -30,3 +30,4 @@ def test_a_search_on_topics_comes_to_what_one_in_the_bag_does(session):
     session.start("replay", bag)
     of_topics = session.ros.result(result, 120, "the search on topics").result
     assert (of_topics.verdict, of_topics.message) == (of_bag.verdict, of_bag.message)
+    assert list(of_topics.found) == list(of_bag.found) == []

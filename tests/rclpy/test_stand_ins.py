@@ -161,6 +161,7 @@ def test_node_to_rclpy_has_a_search_of_rclpy_find(session, name):
         child = session.start("find-effects", "--node", *arguments, "--wait-s", 20, "--json")
         assert child.wait(30) == 0, session.text("find-effects.err")
     said = json.loads(session.text("find-effects.out"))
+    assert said["found"] == ["tip_mass_kg"]
     assert (said["verdict"], said["effects"]) == ("named", [["tip_mass_kg", 0.75], ["density_change", 0.25]])
     assert said["conclusions"][-1] == "tip mass explains it"
     assert (session.folder / "found/model.yaml").read_text() == "version: 1\n"

@@ -132,6 +132,8 @@ struct Found {
     wall_s: f64,
     verdict: String,
     conclusions: Vec<String>,
+    /// The effect that is named, or those that cannot be told apart.
+    found: Vec<String>,
     /// Candidates and their probabilities, the most probable first.
     effects: Vec<(String, f64)>,
 }
@@ -164,6 +166,7 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
         wall_s,
         verdict: result.verdict,
         conclusions: result.message.lines().map(str::to_owned).collect(),
+        found: result.found,
         effects: result.effects.into_iter().zip(result.probabilities).collect(),
     };
     output::result(&arguments.output, &found, |f| {

@@ -38,6 +38,7 @@ pub fn result(finding: &Finding, model_yaml: String) -> FindEffectsResult {
         success: true,
         message: finding.conclusions.join("\n"),
         verdict: finding.verdict.name().to_owned(),
+        found: finding.effects.clone(),
         effects: finding.explanations.iter().map(|e| e.name.clone()).collect(),
         probabilities: finding.explanations.iter().map(|e| e.probability).collect(),
         model_yaml,
