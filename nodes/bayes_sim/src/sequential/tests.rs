@@ -246,7 +246,7 @@ fn every_theta_is_simulated_in_every_episode_and_one_unusable_track_spoils_it() 
     let noted = Simulate(|r: &SimulationRequest| {
         let mut tracks = TOY.simulate(r)?;
         // The first theta's track of the second episode, and the second's of the first.
-        tracks[usize::from(asked.borrow().len() == 0)].frames.clear();
+        tracks[usize::from(asked.borrow().is_empty())].frames.clear();
         asked.borrow_mut().push((r.thetas.clone(), r.seed, r.target_m));
         Ok(tracks)
     });
