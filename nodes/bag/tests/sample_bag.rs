@@ -40,7 +40,7 @@ fn episodes_are_chosen_by_bag_and_number() {
         (2, &[], "each episode once"),
         (1, &[0, swing::EPISODE], "swing twice"),
         (2, &[0, 0, 0], "episodes: expected one for each bag, or none, got 3 episodes of 2 bags"),
-        (1, &[99], "swing: episode 99: expected one of the complete episodes [1]"),
+        (1, &[99], "swing: episode 99: expected one of the complete episodes [7]"),
     ];
     for (bags, numbers, words) in refusals {
         let said = read(bags, numbers).unwrap_err().to_string();
