@@ -50,7 +50,7 @@ class Session:
         self.folder = folder
         self.domain = 20 + next(numbers) % 36
         self.mark = uuid.uuid4().hex
-        own = {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", MARK: self.mark}
+        own = {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_HOME": str(folder), MARK: self.mark}
         self.environment = os.environ | own
         self.children = []
         self.ros = None

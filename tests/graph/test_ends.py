@@ -88,6 +88,40 @@ def test_an_inference_goes_on_with_the_pool_that_is_started_anew(session):
     assert answer.result.posterior == whole.posterior
 
 
+def test_an_inference_whose_node_was_killed_goes_on_when_it_is_asked_again(session):
+    session.launch()
+    model = (session.root / "launch_configs/models/soft_bar.yaml").read_text()
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(session.root / "bags/swing")], model_yaml=model, seed=7)
+    goal.iterations, goal.simulations = 5, 150
+
+    def ask():
+        client = ActionClient(session.ros.node, Infer, "/bayes_sim/infer")
+        session.ros.wait_for(client.server_is_ready, 20, "the inference server")
+        feedback = []
+        heard = lambda message: feedback.append(message.feedback)
+        deadline = time.monotonic() + 40
+        while True:
+            asked = client.send_goal_async(goal, feedback_callback=heard)
+            # A node that was killed counts as there until its lease ends.
+            if session.ros.holds_within(asked.done, 3):
+                return asked.result().get_result_async(), feedback
+            assert time.monotonic() < deadline, "no answer to the goal"
+
+    result, _ = ask()
+    whole = session.ros.result(result, 120, "the whole inference").result
+    _, feedback = ask()
+    session.ros.wait_for(lambda: feedback, 60, "an iteration")
+    killed = session.pid_of("bayes_sim")
+    os.kill(killed, signal.SIGKILL)
+    session.wait_for(lambda: session.pid_of("bayes_sim") not in (None, killed), 20, "the node that is started again")
+    result, rest = ask()
+    resumed = session.ros.result(result, 120, "the rest of the inference").result
+    assert resumed.success and resumed.posterior == whole.posterior and resumed.losses == whole.losses
+    assert rest[0].iteration > 1 and len(rest) < 5, "it began anew"
+    assert "which an earlier process made" in session.text("log/bayes_sim.log")
+    assert list((session.folder / "catenary/bayes_sim").iterdir()) == [], "the state of an inference that has ended"
+
+
 def test_an_inference_without_a_pool_ends_when_its_patience_does(session):
     session.launch("respawn:=false")
     client = ActionClient(session.ros.node, Infer, "/bayes_sim/infer")

@@ -2,6 +2,7 @@
 
 use crate::embedding::InputError;
 use crate::network::TrainingError;
+use crate::sequential::StateError;
 use catenary_core::SimulatorError;
 use catenary_core::mixture::MixtureError;
 use thiserror::Error;
@@ -38,6 +39,9 @@ pub enum InferenceError {
         /// What is needed for it.
         expected: &'static str,
     },
+    /// The state to go on from is not of this inference.
+    #[error("the state of an earlier inference: {0}")]
+    State(#[from] StateError),
     /// The simulator failed.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),

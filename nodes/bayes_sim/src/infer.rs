@@ -2,12 +2,12 @@
 
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
-use crate::sequential::{Iteration, Observed, OnProgress, Sequential};
+use crate::sequential::{Iteration, Observed, OnProgress, Sequential, State};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
-use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, seed};
+use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, hash, seed};
 use serde::{Deserialize, Serialize};
 
 /// Draws behind the share of the mixture that lies outside the prior's support.
@@ -53,12 +53,13 @@ impl InferenceResult {
 
 /// Infers the posterior over the parameters of `model` from the episodes `measured`, all of one object: its parameters are the
 /// same in all, and what the model draws anew for each episode is not. `policy` is the one that the episodes ran, where the
-/// model drives by policy.
+/// model drives by policy. It goes on from `state`, where one of the same [`question`] is given.
 pub fn infer(
     model: &Model,
     measured: &[MeasuredTrack],
     policy: Option<&Policy>,
     settings: &Settings,
+    state: Option<State>,
     simulator: &dyn Simulator,
     on_progress: OnProgress<'_>,
 ) -> Result<InferenceResult, InferenceError> {
@@ -69,13 +70,20 @@ pub fn infer(
     }
     let observed = measured.iter().map(|m| Observed::new(model, m, policy, settings.fidelity));
     let observed = observed.collect::<Result<Vec<_>, _>>()?;
-    let mut sequential = Sequential::new(&model.theta, observed.clone(), settings)?;
-    let (mut iterations, mut posterior) = (Vec::new(), Posterior::prior(model.theta.clone()));
-    for _ in 0..settings.iterations {
-        let (iteration, newest) = sequential.step(simulator, on_progress)?;
-        iterations.push(iteration);
-        posterior = newest;
+    let question = question(model, measured, policy, settings);
+    let mut sequential = Sequential::new(&model.theta, observed.clone(), settings, question)?;
+    if let Some(state) = state {
+        sequential.resume(state)?;
     }
+    while sequential.state().iterations().len() < settings.iterations {
+        sequential.step(simulator, on_progress)?;
+    }
+    let iterations = sequential.state().iterations().to_vec();
+    let mixture = sequential.state().newest().cloned();
+    let posterior = match mixture {
+        Some(mixture) => Posterior { parameters: model.theta.clone(), mixture },
+        None => Posterior::prior(model.theta.clone()),
+    };
     let number = iterations.len();
     let failed = |source| InferenceError::Posterior { iteration: number, source };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
@@ -98,6 +106,12 @@ pub fn infer(
         warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
     }
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
+}
+
+/// A number that stands for all that an inference's outcome depends on, but the simulator: a state of it can be told by that.
+pub fn question(model: &Model, measured: &[MeasuredTrack], policy: Option<&Policy>, settings: &Settings) -> u64 {
+    let program = env!("CARGO_PKG_VERSION");
+    hash::fnv1a(format!("{program} {model:?} {measured:?} {policy:?} {settings:?}").into_bytes())
 }
 
 /// Each measured track with those that the simulator makes of `thetas`.
@@ -158,7 +172,7 @@ mod tests {
         let settings = Settings { iterations: 2, predictive_draws: 25, ..quick() };
         let simulator = Toy(&model, RefCell::default());
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-        let result = infer(&model, &[measured()], None, &settings, &simulator, &mut listen).unwrap();
+        let result = infer(&model, &[measured()], None, &settings, None, &simulator, &mut listen).unwrap();
         let asked = simulator.1.into_inner();
         assert_eq!(asked.iter().map(|r| r.thetas.len()).collect::<Vec<_>>(), [40, 40, 25]);
         let times: Vec<f64> = measured().track.frames.iter().map(|f| f.time_s).collect();
@@ -193,7 +207,7 @@ mod tests {
             }
             let simulator = Toy(&model, RefCell::default());
             let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-            let result = infer(&model, &[measured], None, &settings, &simulator, &mut listen);
+            let result = infer(&model, &[measured], None, &settings, None, &simulator, &mut listen);
             result.map(|r| r.warnings.join("; ")).map_err(|e| e.to_string())
         };
         let frames = measured().track.frames.len();
@@ -210,7 +224,7 @@ mod tests {
         let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
         let simulator = Toy(&model, RefCell::default());
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-        let result = infer(&model, &[measured()], None, &settings, &simulator, &mut listen).unwrap();
+        let result = infer(&model, &[measured()], None, &settings, None, &simulator, &mut listen).unwrap();
         assert_eq!((result.predictive, simulator.1.borrow().len()), (None, 1));
     }
 
@@ -221,7 +235,7 @@ mod tests {
         let warned = |policy: Option<&Policy>| {
             let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
             let simulator = Toy(&model, RefCell::default());
-            let result = infer(&model, &[measured()], policy, &settings, &simulator, &mut listen).unwrap();
+            let result = infer(&model, &[measured()], policy, &settings, None, &simulator, &mut listen).unwrap();
             result.warnings.iter().any(|w| w.contains("policy was given and not used") && w.contains("grip"))
         };
         let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: vec![0.0; 2] };

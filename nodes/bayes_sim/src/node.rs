@@ -1,12 +1,16 @@
 //! The node: an action that infers from bags, or from the last episode on the topics.
-#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name, and keeps states")]
 
 mod pools;
+mod state_file;
+
+pub use self::state_file::StateFile;
 
 use self::pools::Pools;
 use crate::error::InferenceError;
+use crate::infer::{infer, question};
 use crate::sequential::Progress;
-use crate::{Settings, convert, infer};
+use crate::{Settings, convert};
 use anyhow::{Context, Result, bail};
 use catenary_bag::{LiveEpisodes, read_measured};
 use catenary_core::{Model, Policy};
@@ -15,7 +19,7 @@ use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
 use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -31,6 +35,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let patterns = builder.declare_string("pools", "*", spec)?;
     let spec = ParamSpec::new("How long an inference waits for a pool while none is at work.").unit("s");
     let stall_s = builder.declare_f64("pool_patience_s", 60.0, spec.range(1.0..=86400.0))?;
+    let spec = ParamSpec::new(
+        "Where an inference keeps its state while it runs, to go on from after a kill; none: catenary/bayes_sim in ROS_HOME or ~/.ros.",
+    );
+    let states = builder.declare_string("state_folder", "", spec)?;
     let node = builder.build()?;
     let live = Arc::new(LiveEpisodes::listen(&node)?);
     let pools = Arc::new(Pools::new(node.clone(), patterns, stall_s));
@@ -40,7 +48,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &heard, &asked, &posteriors),
+        move |handle| serve(&handle, &heard, &asked, state_folder(&states.get()).as_deref(), &posteriors),
     )?;
     node.report_diagnostics(move |report| {
         report.value("log", live.summary());
@@ -55,9 +63,10 @@ fn serve(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
     pools: &Pools,
+    states: Option<&Path>,
     posteriors: &Publisher<Mixture>,
 ) -> Outcome<InferResult> {
-    match infer_goal(handle, live, pools) {
+    match infer_goal(handle, live, pools, states) {
         Ok(result) => {
             posteriors.send(result.posterior.clone());
             Outcome::Succeeded(result)
@@ -74,7 +83,19 @@ fn serve(
     }
 }
 
-fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) -> Result<InferResult> {
+/// The folder of a parameter's value; none where there is no home either.
+fn state_folder(asked: &str) -> Option<PathBuf> {
+    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let home = || variable("ROS_HOME").or_else(|| Some(variable("HOME")?.join(".ros")));
+    if asked.is_empty() { Some(home()?.join("catenary/bayes_sim")) } else { Some(PathBuf::from(asked)) }
+}
+
+fn infer_goal(
+    handle: &GoalHandle<Infer>,
+    live: &LiveEpisodes,
+    pools: &Pools,
+    states: Option<&Path>,
+) -> Result<InferResult> {
     let goal = handle.goal();
     let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
@@ -92,15 +113,25 @@ fn infer_goal(handle: &GoalHandle<Infer>, live: &LiveEpisodes, pools: &Pools) ->
     if let Some(first) = measured.first_mut() {
         first.warnings.extend(overridden);
     }
+    let asked = question(&model, &measured, policy.as_ref(), &settings);
+    let file = states.map(|folder| StateFile::in_folder(folder, asked));
+    let state = file.as_ref().and_then(StateFile::read);
+    if let Some(state) = &state {
+        tracing::info!("goes on after {} iterations, which an earlier process made", state.iterations().len());
+    }
     let is_cancelled = || handle.is_cancelled();
     let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
-    let result = infer(&model, &measured, policy.as_ref(), &settings, &simulator, &mut |progress| {
-        if let Progress::Iteration { iteration, of, posterior } = progress {
+    let result = infer(&model, &measured, policy.as_ref(), &settings, state, &simulator, &mut |progress| {
+        if let Progress::Iteration { iteration, of, posterior, state } = progress {
             handle.feedback(convert::feedback(iteration, *of, posterior));
+            file.iter().for_each(|file| file.write(state));
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     tracing::info!("{}", simulator.summary());
+    if result.is_ok() {
+        file.iter().for_each(StateFile::remove);
+    }
     match result {
         Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
         // Pools that are asked end at a cancel, too.

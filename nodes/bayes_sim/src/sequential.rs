@@ -3,12 +3,14 @@
 mod proposal;
 mod region;
 mod request;
+mod state;
 #[cfg(test)]
 pub(crate) mod tests;
 
 pub use proposal::{Proposal, balance_weights, effective_sample_size};
 pub use region::Region;
 pub use request::{Observed, request};
+pub use state::{State, StateError};
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
@@ -70,6 +72,8 @@ pub enum Progress<'a> {
         of: usize,
         /// The present estimate.
         posterior: &'a Posterior,
+        /// What is needed to go on from here.
+        state: &'a State,
     },
 }
 
@@ -84,11 +88,10 @@ pub struct Sequential<'a> {
     observed: TrackInput,
     /// What reproduces each, and its greatest number of frames.
     episodes: Vec<(SimulationRequest, usize)>,
-    samples: Samples,
+    state: State,
     /// With the number of draws of each, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
     ensemble: Ensemble,
-    simulations: usize,
     refused: Option<String>,
 }
 
@@ -113,11 +116,13 @@ enum Stream {
 
 impl<'a> Sequential<'a> {
     /// Prepares an inference of the parameters of `space` from the episodes `observed`, which one theta gave: for each
-    /// theta the simulator reproduces all of them, and the networks see their tracks side by side.
+    /// theta the simulator reproduces all of them, and the networks see their tracks side by side. `question` is a number that
+    /// stands for all that the outcome depends on: a state is resumed where it is the same.
     pub fn new(
         space: &'a ParameterSpace,
         observed: Vec<Observed<'_>>,
         settings: &'a Settings,
+        question: u64,
     ) -> Result<Self, InferenceError> {
         settings.check()?;
         let inputs = observed.iter().map(|o| TrackInput::new(o.track, o.frames)).collect::<Result<Vec<_>, _>>();
@@ -125,7 +130,8 @@ impl<'a> Sequential<'a> {
         let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
         let samples = Samples::new(observed.frames(), space.dimension());
         let (proposals, ensemble) = (Vec::new(), Ensemble::default());
-        Ok(Self { space, settings, observed, episodes, samples, proposals, ensemble, simulations: 0, refused: None })
+        let state = State::new(question, samples);
+        Ok(Self { space, settings, observed, episodes, state, proposals, ensemble, refused: None })
     }
 
     fn seed(&self, stream: Stream, index: usize) -> u64 {
@@ -144,7 +150,12 @@ impl<'a> Sequential<'a> {
 
     /// All usable tracks so far.
     pub fn samples(&self) -> &Samples {
-        &self.samples
+        &self.state.samples
+    }
+
+    /// All that the iterations so far have left behind.
+    pub fn state(&self) -> &State {
+        &self.state
     }
 
     /// The measured track as the networks see it.
@@ -163,7 +174,8 @@ impl<'a> Sequential<'a> {
         let proposal = self.next_proposal(number)?;
         self.simulate(number, proposal, simulator, on_progress)?;
         let (newest, _) = &self.proposals[number - 1];
-        let indices: Vec<usize> = (0..self.samples.len()).filter(|&i| newest.covers(self.samples.theta(i))).collect();
+        let indices: Vec<usize> =
+            (0..self.state.samples.len()).filter(|&i| newest.covers(self.state.samples.theta(i))).collect();
         if indices.len() < LEAST_TRACKS {
             return Err(InferenceError::TooFewTracks {
                 iteration: number,
@@ -173,34 +185,36 @@ impl<'a> Sequential<'a> {
             });
         }
         let proposal_volume = if let Proposal::Region(region) = newest { region.volume() } else { 1.0 };
-        let weights = balance_weights(indices.iter().map(|&i| self.samples.theta(i)), &self.proposals);
-        let data = self.samples.gather(&indices);
+        let weights = balance_weights(indices.iter().map(|&i| self.state.samples.theta(i)), &self.proposals);
+        let data = self.state.samples.gather(&indices);
         let outcome = self.train(number, &indices, &data, &weights, on_progress)?;
         let iteration = Iteration {
             iteration: number,
-            simulations: self.simulations,
+            simulations: self.state.simulations,
             tracks: indices.len(),
-            unusable: self.simulations - self.samples.len(),
+            unusable: self.state.simulations - self.state.samples.len(),
             loss: outcome.held_out_loss,
             effective_sample_size: effective_sample_size(&weights),
             proposal_volume,
             epochs: outcome.epochs,
         };
         let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
+        self.state.iterations.push(iteration.clone());
+        self.state.posteriors.push(mixture.clone());
         let posterior = Posterior { parameters: self.space.clone(), mixture };
-        let progress =
-            Progress::Iteration { iteration: &iteration, of: self.settings.iterations, posterior: &posterior };
+        let (of, state) = (self.settings.iterations, &self.state);
+        let progress = Progress::Iteration { iteration: &iteration, of, posterior: &posterior, state };
         if on_progress(&progress).is_break() {
-            return Err(InferenceError::Cancelled { simulations: self.simulations });
+            return Err(InferenceError::Cancelled { simulations: self.state.simulations });
         }
         Ok((iteration, posterior))
     }
 
     fn next_proposal(&self, number: usize) -> Result<Proposal, InferenceError> {
-        let Some((last, _)) = self.proposals.last() else { return Ok(Proposal::Prior) };
+        let newest = self.proposals.last().zip(self.state.posteriors.last());
+        let Some(((last, _), mixture)) = newest else { return Ok(Proposal::Prior) };
         let mut rng = seed::rng(self.seed(Stream::Proposal, number), 0);
-        let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
-        Proposal::next(self.settings.proposal, &mixture, last, number, &mut rng)
+        Proposal::next(self.settings.proposal, mixture, last, number, &mut rng)
     }
 
     /// Draws, simulates, and keeps the usable tracks. Leaving the others out is exact: what is learnt is the posterior
@@ -234,15 +248,15 @@ impl<'a> Sequential<'a> {
                 for (slot, track) in joined.iter_mut().zip(&tracks) {
                     add(slot, track, *frames);
                 }
-                let simulations = self.simulations + u.len() * usize::from(episode + 1 == self.episodes.len());
+                let simulations = self.state.simulations + u.len() * usize::from(episode + 1 == self.episodes.len());
                 if on_progress(&Progress::Working { iteration: number, simulations }).is_break() {
                     return Err(InferenceError::Cancelled { simulations });
                 }
             }
-            self.simulations += u.len();
+            self.state.simulations += u.len();
             for (u, inputs) in u.iter().zip(joined) {
                 match inputs {
-                    Ok(inputs) => self.samples.push(&TrackInput::join(inputs), u),
+                    Ok(inputs) => self.state.samples.push(&TrackInput::join(inputs), u),
                     Err(why) => self.refused = Some(why.to_string()),
                 }
             }
@@ -281,7 +295,7 @@ impl<'a> Sequential<'a> {
         weights: &[f64],
         on_progress: OnProgress<'_>,
     ) -> Result<Outcome, InferenceError> {
-        let simulations = self.simulations;
+        let simulations = self.state.simulations;
         let mut listen = |network: usize, epoch: Option<Epoch>| match epoch {
             Some(epoch) => on_progress(&Progress::Epoch { iteration: number, network, epoch }),
             None => on_progress(&Progress::Working { iteration: number, simulations }),

@@ -90,7 +90,7 @@ fn search(
         bar.set_message(progress.stage.name());
         bar.set_position((STEPS * progress.progress) as u64);
         if let Some(conclusion) = &progress.conclusion {
-            bar.suspend(|| tell(&format!("{}: {conclusion}", progress.stage.name())));
+            bar.suspend(|| output::tell(&format!("{}: {conclusion}", progress.stage.name())));
         }
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -99,12 +99,6 @@ fn search(
         Err(FinderError::Cancelled(stage)) => Err(Interrupted(format!(" while it was to {stage}")).into()),
         other => Ok(other?),
     }
-}
-
-/// A line for the user, apart from the result.
-fn tell(line: &str) {
-    use std::io::Write;
-    let _closed = writeln!(std::io::stderr(), "{line}");
 }
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {

@@ -5,6 +5,8 @@ use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
 use crate::{figures::figures, model_file, output, served};
 use anyhow::{Context, Result};
+use bayes_sim::infer::question;
+use bayes_sim::node::StateFile;
 use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::read_measured;
@@ -62,7 +64,9 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
-    let result = infer(&model, &measured, policy.as_ref(), &settings, &shutdown)?;
+    let asked = question(&model, &measured, policy.as_ref(), &settings);
+    let file = StateFile::new(arguments.out.join("state.json"), asked);
+    let result = infer(&model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
     let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
         bags: arguments.bag.clone(),
@@ -74,25 +78,35 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         result,
     };
     write(&arguments.out, &report)?;
+    file.remove();
     output::result(&arguments.output, &report, words)
 }
 
-/// Infers in this process with a bar.
+/// Infers in this process with a bar. With a file, it goes on from the state there, and leaves its own after each iteration.
 pub fn infer(
     model: &Model,
     measured: &[MeasuredTrack],
     policy: Option<&Policy>,
     settings: &Settings,
+    file: Option<&StateFile>,
     shutdown: &Shutdown,
 ) -> Result<InferenceResult> {
+    let state = file.and_then(StateFile::read);
     let simulator = BeamSimulator::new(model, workers::available())?;
     let bar = ProgressBar::new(settings.iterations as u64);
     bar.set_style(ProgressStyle::with_template("inference [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
-    let result = bayes_sim::infer(model, measured, policy, settings, &simulator, &mut |progress| {
+    if let (Some(state), Some(file)) = (&state, file) {
+        let made = state.iterations().len();
+        let (of, path) = (settings.iterations, file.path().display());
+        output::tell(&format!("goes on after {made} of {of} iterations, from {path}"));
+        bar.set_position(made as u64);
+    }
+    let result = bayes_sim::infer(model, measured, policy, settings, state, &simulator, &mut |progress| {
         match progress {
             Progress::Working { simulations, .. } => bar.set_message(format!("{simulations} simulations")),
             Progress::Epoch { .. } => {}
-            Progress::Iteration { iteration, .. } => {
+            Progress::Iteration { iteration, state, .. } => {
+                file.iter().for_each(|file| file.write(state));
                 bar.set_position(iteration.iteration as u64);
                 bar.set_message(format!(
                     "{} simulations, loss {:.2} nat, {:.0} effective",

@@ -19,6 +19,11 @@ pub fn result<T: Serialize>(output: &Output, value: &T, text: impl FnOnce(&T) ->
     }
 }
 
+/// A line for the user, apart from the result.
+pub fn tell(line: &str) {
+    let _closed = writeln!(std::io::stderr(), "{line}");
+}
+
 /// Makes the folder of a file that is to be written in the end, and fails now where it could not be written then. What lies
 /// there stays as it is.
 pub fn prepare(file: &Path) -> Result<()> {

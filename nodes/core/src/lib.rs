@@ -8,6 +8,7 @@ pub mod camera;
 pub mod env;
 pub mod episode;
 pub mod grip;
+pub mod hash;
 pub mod image;
 pub mod keypoints;
 pub mod matrix;

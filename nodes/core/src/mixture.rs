@@ -82,6 +82,8 @@ impl Mixture {
             });
         }
         let total: f64 = weights.iter().sum();
+        // What was normalised once stays what it is, to the bit.
+        let total = if (total - 1.0).abs() < 1e-12 { 1.0 } else { total };
         if !(total.is_finite() && total > 0.0 && weights.iter().all(|w| *w >= 0.0)) {
             return Err(MixtureError::Weights(weights.to_vec()));
         }

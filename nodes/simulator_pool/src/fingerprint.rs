@@ -2,6 +2,7 @@
 
 use crate::simulator::BeamSimulator;
 use catenary_core::grip::GripPose;
+use catenary_core::hash::fnv1a;
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::{Fidelity, GripTrajectory, Model, SimulationRequest, Simulator, Track};
 
@@ -43,11 +44,6 @@ fn probe(model: &Model) -> Result<Vec<Track>, String> {
 fn numbers(track: &Track) -> Vec<f64> {
     let frame = |frame: &catenary_core::Frame| [frame.dlo.concat(), frame.target.to_vec(), frame.eef.to_vec()].concat();
     track.frames.iter().flat_map(frame).collect()
-}
-
-/// Fowler, Noll and Vo's hash 1a of 64 bits.
-fn fnv1a(bytes: impl Iterator<Item = u8>) -> u64 {
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 #[cfg(test)]

@@ -2,9 +2,11 @@
 
 use crate::embedding::TrackInput;
 use crate::embedding::input::{CHANNELS, POINT_VALUES, PRESENCE};
+use serde::{Deserialize, Serialize};
 
 /// N samples over D coordinates: tracks of F frames, rows of X plain numbers, or both.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Samples {
     frames: usize,
     plain: usize,
@@ -20,6 +22,15 @@ pub struct Samples {
 }
 
 impl Samples {
+    /// Whether the lists are as long as the sizes say, which those of a file may not be.
+    pub(crate) fn is_whole(&self) -> bool {
+        let n = self.len();
+        self.theta.len() == n * self.dimension
+            && self.points.len() == n * self.frames * POINT_VALUES
+            && self.channels.len() == n * self.frames * CHANNELS
+            && self.rows.len() == n * self.plain
+    }
+
     /// None yet, of F = `frames` and D = `dimension`.
     pub fn new(frames: usize, dimension: usize) -> Self {
         Self { frames, dimension, ..Self::default() }

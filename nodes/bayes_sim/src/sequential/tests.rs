@@ -33,7 +33,7 @@ fn template() -> SimulationRequest {
 }
 
 /// One episode of at most `frames` frames.
-fn seen(track: &Track, frames: usize) -> Vec<Observed<'_>> {
+pub(crate) fn seen(track: &Track, frames: usize) -> Vec<Observed<'_>> {
     vec![Observed { track, template: template(), frames }]
 }
 
@@ -72,7 +72,7 @@ fn quick_run(
     iterations: usize,
 ) -> Result<(Iteration, Posterior), InferenceError> {
     let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
-    run(&mut Sequential::new(&space, seen(&observed, FRAMES), settings)?, simulator, iterations)
+    run(&mut Sequential::new(&space, seen(&observed, FRAMES), settings, 0)?, simulator, iterations)
 }
 
 /// A simulator made of a function.
@@ -115,7 +115,7 @@ fn keypoints_in_another_order_give_the_same_bits() {
 fn an_iteration_accounts_for_what_it_did() {
     let settings = quick();
     let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
-    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
     let (mut epochs, mut told) = (0, Vec::new());
     let mut least_volume = 1.0;
     for number in 1..=3 {
@@ -124,7 +124,7 @@ fn an_iteration_accounts_for_what_it_did() {
                 match progress {
                     Progress::Working { .. } => {}
                     Progress::Epoch { iteration, .. } => epochs += usize::from(*iteration == number),
-                    Progress::Iteration { iteration, of, posterior } => {
+                    Progress::Iteration { iteration, of, posterior, .. } => {
                         told.push(((*iteration).clone(), *of, (*posterior).clone()));
                     }
                 }
@@ -158,7 +158,7 @@ fn the_simulator_is_asked_for_thetas_of_the_prior_in_their_units_and_never_twice
         let unit = |t: &Vec<f64>| vec![space.to_unit(t)[0], 0.5];
         TOY.simulate(&SimulationRequest { thetas: request.thetas.iter().map(unit).collect(), ..request.clone() })
     });
-    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
     run(&mut sequential, &asked, 2).unwrap();
     assert!(seeds.borrow().len() == 2 && seeds.borrow()[0] != seeds.borrow()[1]);
 }
@@ -173,7 +173,7 @@ fn cancelling_stops_at_once_and_says_after_how_many_simulations() {
         (|p| matches!(p, Progress::Iteration { .. }), 9),
     ];
     for (at, heard_before) in cases {
-        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
         let (heard, mut second) = (Cell::new(0), false);
         let mut outcome = Ok(());
         while outcome.is_ok() {
@@ -207,7 +207,7 @@ fn an_iteration_can_be_cancelled_between_parts_of_its_simulations_and_between_ba
             passes.set(passes.get() + usize::from(!matches!(progress, Progress::Working { .. })));
             if heard.get() == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
         let error = sequential.step(&counted, &mut listen).unwrap_err();
         let InferenceError::Cancelled { simulations: told } = error else { panic!("{error:?}") };
         assert_eq!((told, asked.get(), heard.get(), passes.get()), (simulations, simulations, stop_at, 0));
@@ -232,7 +232,7 @@ fn a_round_that_is_simulated_in_parts_gives_the_tracks_of_the_whole() {
         episodes.borrow_mut().push((r.seed, r.first_episode, r.thetas.len()));
         TOY.simulate(r)
     });
-    run(&mut Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap(), &noted, 1).unwrap();
+    run(&mut Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap(), &noted, 1).unwrap();
     let asked = episodes.into_inner();
     assert_eq!(asked.iter().map(|(_, first, n)| (*first, *n)).collect::<Vec<_>>(), [(0, 64), (64, 64), (128, 22)]);
     assert!(asked.iter().all(|(seed, ..)| *seed == asked[0].0));
@@ -252,7 +252,7 @@ fn every_theta_is_simulated_in_every_episode_and_one_unusable_track_spoils_it() 
     });
     let mut observed = [&first, &second].map(|t| seen(t, FRAMES)).concat();
     observed[1].template.target_m = Some([0.5, 0.1]);
-    let mut sequential = Sequential::new(&space, observed, &settings).unwrap();
+    let mut sequential = Sequential::new(&space, observed, &settings, 0).unwrap();
     let (iteration, _) = run(&mut sequential, &noted, 1).unwrap();
     assert_eq!((iteration.simulations, iteration.unusable, iteration.tracks), (40, 2, 38));
     assert_eq!(sequential.observed().frames(), 2 * FRAMES);
@@ -286,7 +286,7 @@ fn what_cannot_be_inferred_from_is_refused_at_once() {
     let (space, settings) = (TOY.space(), quick());
     let mut observed = TOY.track(&TRUTH, 5);
     let refusal = |observed: &Track, frames, settings: &Settings| {
-        Sequential::new(&space, seen(observed, frames), settings).err().unwrap().to_string()
+        Sequential::new(&space, seen(observed, frames), settings, 0).err().unwrap().to_string()
     };
     assert_eq!(refusal(&observed, 5, &settings), "the measured track: expected 1 to 5 frames, got 6");
     let bad = Settings { ensemble: 0, ..quick() };
@@ -306,7 +306,7 @@ fn unusable_tracks_are_left_out_and_bias_nothing() {
     });
     let settings = Settings { simulations: 400, proposal: ProposalKind::Posterior { prior_share: 0.1 }, ..quick() };
     let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
-    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+    let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
     let (iteration, _) = run(&mut sequential, &half, 2).unwrap();
     assert_eq!(iteration.simulations - iteration.unusable, iteration.tracks);
     assert!((250..650).contains(&iteration.tracks), "{iteration:?}");
@@ -336,7 +336,7 @@ fn the_length_of_a_track_alone_tells_theta() {
     let mean = |frames: usize| {
         let mut observed = TOY.track(&TRUTH, 5);
         observed.frames = vec![Frame { dlo: [[0.0; 2]; 4], ..observed.frames[0] }; frames];
-        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
         run(&mut sequential, &still, 1).unwrap().1.marginals().unwrap()[0].mean
     };
     let (early, whole) = (mean(3), mean(FRAMES));

@@ -106,10 +106,10 @@ fn inference(seeds: u64, out: &Output) -> Result<()> {
         let mut rng = seed::rng(s, 0);
         let u: Vec<f64> = (0..model.theta.dimension()).map(|_| rng.random_range(0.1..0.9)).collect();
         let truth = model.theta.from_unit(&u);
-        let measured = hidden_episode(&model, &truth, s)?;
+        let measured = hidden_episode(&model, &truth, s, Fidelity::Reference)?;
         let settings = InferenceSettings { seed: s, ..InferenceSettings::default() };
         let started = Instant::now();
-        let result = infer::infer(&model, &[measured], None, &settings, &Shutdown::new())?;
+        let result = infer::infer(&model, &[measured], None, &settings, None, &Shutdown::new())?;
         let inside = result.marginals.iter().zip(&truth).map(|(m, t)| (m.q05..=m.q95).contains(t)).collect();
         rows.push(InferenceRow {
             seed: s,
@@ -126,9 +126,10 @@ fn inference(seeds: u64, out: &Output) -> Result<()> {
     output::result(out, &rows, |rows| inference_words(&model, rows))
 }
 
-fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64) -> Result<MeasuredTrack> {
+/// An episode of `truth` with a random motion and all noise, as if it had been measured.
+fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64, fidelity: Fidelity) -> Result<MeasuredTrack> {
     let path = motion(model, episode_seed)?;
-    let mut request = batch(model, Fidelity::Reference, 1)?;
+    let mut request = batch(model, fidelity, 1)?;
     request.thetas = vec![truth.to_vec()];
     request.seed = seed::derive(episode_seed, 1);
     request.drive = Drive::Grip(path.clone());

@@ -64,7 +64,7 @@ fn inferences(observations: u64, settings: &Settings) -> Comparison {
     for i in 0..observations {
         let (truth, observed) = observation(i);
         let settings = Settings { seed: i, ..settings.clone() };
-        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings).unwrap();
+        let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
         let (_, posterior) = run(&mut sequential, &TOY, settings.iterations).unwrap();
         comparison.add(&truth, &posterior, &TOY.posterior(&[&observed]));
     }
@@ -75,7 +75,7 @@ fn inferences(observations: u64, settings: &Settings) -> Comparison {
 fn amortised(observations: u64, settings: &Settings) -> Comparison {
     let space = TOY.space();
     let first = observation(1_000).1;
-    let mut sequential = Sequential::new(&space, seen(&first, FRAMES), settings).unwrap();
+    let mut sequential = Sequential::new(&space, seen(&first, FRAMES), settings, 0).unwrap();
     run(&mut sequential, &TOY, 1).unwrap();
     let mut comparison = Comparison::default();
     for i in 0..observations {
@@ -137,7 +137,7 @@ fn two_episodes_sharpen_the_posterior_as_they_should() {
         let settings = Settings { seed: i, ..settings.clone() };
         for (tracks, comparison) in [(vec![&first, &second], &mut pooled), (vec![&first], &mut alone)] {
             let observed = tracks.iter().flat_map(|t| seen(t, FRAMES)).collect();
-            let mut sequential = Sequential::new(&space, observed, &settings).unwrap();
+            let mut sequential = Sequential::new(&space, observed, &settings, 0).unwrap();
             let (_, posterior) = run(&mut sequential, &TOY, settings.iterations).unwrap();
             comparison.add(&truth, &posterior, &exact);
         }
