@@ -4,6 +4,7 @@
 //! posterior is worth, and decide which of several simulators does which episodes.
 //! Does not: simulate (it asks `catenary_core::Simulator`), know ROS (the `node` feature does), read files or clocks.
 
+pub mod calibration;
 #[cfg(feature = "node")]
 pub mod convert;
 pub mod diagnostics;

@@ -387,6 +387,8 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+    /// Whether posteriors are as often right as they say, over truths from the prior; hours for some hundreds
+    Calibration(CalibrationArgs),
     /// Posterior against hidden truths, over seeds
     Inference {
         /// Number of hidden truths
@@ -396,6 +398,29 @@ pub enum BenchWhat {
         #[command(flatten)]
         output: Output,
     },
+}
+
+/// `catenary bench calibration`.
+#[derive(Debug, Args)]
+pub struct CalibrationArgs {
+    /// Truths drawn from the prior, each with an episode and an inference of its own
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(10..=100_000))]
+    pub truths: u64,
+    /// Folder for checks.jsonl, which a run that was cut off goes on from, and report.html
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model file; none: the soft bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// What the model draws anew for each episode, to be inferred with the rest
+    #[arg(long)]
+    pub also: Vec<String>,
+    /// Sizes of the network and the schedule
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: Preset,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// `catenary bench fidelity`.

@@ -1,6 +1,7 @@
 //! `catenary bench`: what this machine does in a second, how near the simulator comes to theory and posteriors to hidden
 //! truths.
 
+mod calibration;
 mod fidelity;
 mod pool;
 mod sensitivities;
@@ -28,6 +29,7 @@ pub fn run(arguments: &BenchArgs) -> Result<()> {
         BenchWhat::Training { steps, output } => training(*steps, output),
         BenchWhat::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
+        BenchWhat::Calibration(arguments) => calibration::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
 }

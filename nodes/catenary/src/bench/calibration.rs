@@ -1,0 +1,188 @@
+//! Whether posteriors are as often right as they say: truths from the prior, an episode of each, an inference of each.
+
+use super::hidden_episode;
+use crate::cli::{CalibrationArgs, Preset};
+use crate::interrupted::Interrupted;
+use crate::report::{Page, plots};
+use crate::{infer, model_file, output};
+use anyhow::{Context, Result, ensure};
+use bayes_sim::calibration::{Check, LEVELS, Summary, summaries};
+use bayes_sim::{InferenceError, Settings};
+use catenary_core::{Model, Parameter, ParameterSpace, seed};
+use catenary_shell::Shutdown;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::{Deserialize, Serialize};
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+/// Draws of a posterior that its truth is held against.
+const DRAWS: usize = 2_000;
+/// p value of all tests together below which posteriors count as miscalibrated.
+const LEVEL: f64 = 0.05;
+
+/// One line of checks.jsonl.
+#[derive(Debug, Serialize, Deserialize)]
+struct Line {
+    truth: Vec<f64>,
+    mean: Vec<f64>,
+    sd: Vec<f64>,
+    check: Check,
+    wall_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    model: String,
+    parameters: Vec<String>,
+    truths: usize,
+    wall_s_each: f64,
+    checks: Vec<Summary>,
+    verdict: String,
+}
+
+/// Runs what is left of the inferences, and sums all up.
+pub fn run(arguments: &CalibrationArgs) -> Result<()> {
+    let model = also(model_file::read_or_soft_bar(arguments.model.as_deref())?, &arguments.also)?;
+    let settings = match arguments.preset {
+        Preset::Default => Settings::default(),
+        Preset::Paper => Settings::paper(),
+    };
+    let path = arguments.out.join("checks.jsonl");
+    output::prepare(&path)?;
+    output::prepare(&arguments.out.join("report.html"))?;
+    let mut lines = read(&path, model.theta.dimension())?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let bar = ProgressBar::new(arguments.truths).with_position(lines.len() as u64);
+    bar.set_style(ProgressStyle::with_template("truths [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
+    let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
+    for number in lines.len() as u64..arguments.truths {
+        let line = one(&model, &settings, number, &shutdown)?;
+        writeln!(file, "{}", serde_json::to_string(&line)?).with_context(|| path.display().to_string())?;
+        lines.push(line);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let report = report(&model, &lines);
+    std::fs::write(arguments.out.join("report.html"), page(&report)?)?;
+    output::result(&arguments.output, &report, words)
+}
+
+/// The model with effects moved to theta, under their own distributions.
+fn also(mut model: Model, names: &[String]) -> Result<Model> {
+    let mut parameters = model.theta.parameters().to_vec();
+    for name in names {
+        let place = model.effects.iter().position(|e| e.name == *name).with_context(|| {
+            let known: Vec<&str> = model.effects.iter().map(|e| e.name.as_str()).collect();
+            format!("--also {name}: expected one of the model's effects, {}", known.join(", "))
+        })?;
+        parameters.push(Parameter { name: name.clone(), prior: model.effects.remove(place).distribution });
+    }
+    model.theta = ParameterSpace::new(parameters)?;
+    Ok(model)
+}
+
+fn read(path: &Path, dimension: usize) -> Result<Vec<Line>> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let parse = |(i, line): (usize, &str)| {
+        let line: Line = serde_json::from_str(line).with_context(|| format!("{}: line {}", path.display(), i + 1))?;
+        ensure!(
+            line.truth.len() == dimension,
+            "{}: line {}: expected {dimension} parameters, got {}: is it of another model?",
+            path.display(),
+            i + 1,
+            line.truth.len()
+        );
+        Ok(line)
+    };
+    text.lines().enumerate().map(parse).collect()
+}
+
+/// Truth `number`: the model that makes the episode is the model that inference knows.
+fn one(model: &Model, settings: &Settings, number: u64, shutdown: &Shutdown) -> Result<Line> {
+    let truth = model.theta.sample_prior(&mut seed::rng(number, 2));
+    let measured = hidden_episode(model, &truth, number, settings.fidelity)?;
+    let settings = Settings { seed: number, predictive_draws: 0, ..settings.clone() };
+    let started = Instant::now();
+    let result = infer::infer(model, &[measured], None, &settings, None, shutdown)?;
+    let iteration = result.iterations.len();
+    let check = Check::new(&result.posterior, &truth, DRAWS, number)
+        .map_err(|source| InferenceError::Posterior { iteration, source })?;
+    if shutdown.is_triggered() {
+        return Err(Interrupted(format!(" after {number} truths")).into());
+    }
+    let of = |value: fn(&catenary_core::posterior::Marginal) -> f64| result.marginals.iter().map(value).collect();
+    Ok(Line { truth, mean: of(|m| m.mean), sd: of(|m| m.sd), check, wall_s: started.elapsed().as_secs_f64() })
+}
+
+fn report(model: &Model, lines: &[Line]) -> Report {
+    let parameters: Vec<String> = model.theta.parameters().iter().map(|p| p.name.clone()).collect();
+    let names: Vec<&str> = parameters.iter().map(String::as_str).collect();
+    let checks: Vec<Check> = lines.iter().map(|l| l.check.clone()).collect();
+    let checks = summaries(&names, &checks);
+    let least = checks.iter().map(|s| s.p_value).fold(1.0, f64::min);
+    let all = (least * checks.len() as f64).min(1.0);
+    let density = checks.iter().find(|s| s.name == "density").map_or(0.0, |s| s.coverage[2]);
+    let verdict = if all >= LEVEL {
+        format!("calibrated: no check of {} refutes it (p = {all:.2}, corrected for their number)", checks.len())
+    } else if density < LEVELS[2] {
+        format!("overconfident: regions of 90 % hold {:.0} % of the truths (p = {all:.1e})", 100.0 * density)
+    } else {
+        format!(
+            "not calibrated, and cautious: regions of 90 % hold {:.0} % of the truths (p = {all:.1e})",
+            100.0 * density
+        )
+    };
+    let wall_s_each = lines.iter().map(|l| l.wall_s).sum::<f64>() / lines.len().max(1) as f64;
+    Report { model: model.name.clone(), parameters, truths: lines.len(), wall_s_each, checks, verdict }
+}
+
+fn rows(report: &Report) -> Vec<Vec<String>> {
+    let row = |s: &Summary| {
+        let coverage = s.coverage.iter().map(|c| format!("{:.1} %", 100.0 * c));
+        std::iter::once(s.name.clone()).chain(coverage).chain([format!("{:.3}", s.p_value)]).collect()
+    };
+    report.checks.iter().map(row).collect()
+}
+
+const HEAD: [&str; 6] = ["check", "50 %", "80 %", "90 %", "95 %", "p of uniformity"];
+
+fn words(report: &Report) -> String {
+    let line = |cells: Vec<String>| {
+        cells
+            .iter()
+            .enumerate()
+            .map(|(i, c)| format!("{c:<width$}", width = if i == 0 { 24 } else { 9 }))
+            .collect::<String>()
+    };
+    let mut lines = vec![line(HEAD.map(str::to_owned).to_vec())];
+    lines.extend(rows(report).into_iter().map(line));
+    lines.push(format!("{} truths, {:.1} s each", report.truths, report.wall_s_each));
+    lines.push(report.verdict.clone());
+    lines.join("\n")
+}
+
+fn page(report: &Report) -> Result<String> {
+    let mut page = Page::new(&format!("catenary bench calibration: {}", report.model));
+    page.paragraph(&format!("{} truths from the prior. {}", report.truths, report.verdict));
+    page.table(&HEAD, &rows(report));
+    let curve = |s: &Summary| {
+        let n = s.values.len() as f64;
+        let points = s.values.iter().enumerate().map(|(i, v)| (*v, (i + 1) as f64 / n)).collect();
+        plots::Series { name: s.name.clone(), points }
+    };
+    let exact = plots::Series { name: "exact".into(), points: vec![(0.0, 0.0), (1.0, 1.0)] };
+    let series: Vec<plots::Series> = report.checks.iter().map(curve).chain([exact]).collect();
+    page.svg(&plots::lines(
+        "Distribution of ranks, regions and distances",
+        "share of draws",
+        "share of truths",
+        &series,
+    )?);
+    Ok(page.finish())
+}
