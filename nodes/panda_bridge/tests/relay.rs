@@ -339,6 +339,7 @@ fn somebody_else_on_the_controllers_topic_ends_the_motion_and_refuses_to_enable(
     assert!(!answer.success && answer.message.contains("1 more on /target_pose"), "{}", answer.message);
     drop(other);
     wait_for("the arm, enabled again", || client.enable(true).success);
+    client.wait_mode(ArmState::MODE_HOLD);
     let _second = client.node.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
     client.wait_mode(ArmState::MODE_IDLE);
     let fault = client.state.get().unwrap().message.fault.clone();
