@@ -123,8 +123,9 @@ fn infer_goal(
     let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
     let result = infer(&model, &measured, policy.as_ref(), &settings, state, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior, state } = progress {
-            handle.feedback(convert::feedback(iteration, *of, posterior));
+            // What a client was told of is not lost.
             file.iter().for_each(|file| file.write(state));
+            handle.feedback(convert::feedback(iteration, *of, posterior));
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
