@@ -1,0 +1,96 @@
+//! One training of the networks on plain rows: JSON in on stdin, JSON out on stdout. The benchmark against other
+//! estimators runs it.
+#![allow(clippy::disallowed_methods, reason = "a program that measures the time it takes")]
+
+use bayes_sim::network::{Ensemble, MixtureHead, Samples, Shape, Training};
+use bayes_sim::{Settings, settings};
+use catenary_core::{Mixture, ParameterSpace, Posterior, seed};
+use serde::{Deserialize, Serialize};
+use std::error::Error;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// What is to be learnt, and where it is to be looked at.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Problem {
+    /// The parameters, with their priors.
+    parameters: ParameterSpace,
+    /// N thetas of D numbers, in the parameters' units.
+    thetas: Vec<Vec<f64>>,
+    /// N rows of X numbers that the thetas gave.
+    rows: Vec<Vec<f32>>,
+    /// Rows at which the posterior is wanted.
+    observations: Vec<Vec<f32>>,
+    /// Thetas behind the observations.
+    truths: Vec<Vec<f64>>,
+    /// Draws from each posterior.
+    draws: usize,
+    /// Seed of the training and of the draws.
+    seed: u64,
+    /// Fields of the settings that are not the default preset's.
+    settings: serde_json::Map<String, serde_json::Value>,
+}
+
+#[derive(Serialize)]
+struct Answer {
+    train_s: f64,
+    draw_s: f64,
+    epochs: usize,
+    held_out_loss: f64,
+    /// For each observation, the log density in the parameters' units at its truth.
+    log_probabilities: Vec<f64>,
+    /// For each observation, the draws.
+    draws: Vec<Vec<Vec<f64>>>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let problem: Problem = serde_json::from_reader(std::io::stdin().lock())?;
+    let mut settings = serde_json::to_value(settings::Settings::default())?;
+    let fields = settings.as_object_mut().ok_or("settings are an object")?;
+    fields.extend(problem.settings);
+    let settings: Settings = serde_json::from_value(settings)?;
+    settings.check()?;
+    let space = problem.parameters;
+    let (n, d) = (problem.thetas.len(), space.dimension());
+    let width = problem.rows.first().map_or(0, Vec::len);
+    let units = problem.thetas.iter().flat_map(|t| space.to_unit(t)).collect();
+    let samples = Samples::of_rows(problem.rows.concat(), width, units, d);
+    let shape = Shape {
+        frames: 0,
+        plain: width,
+        channels: Vec::new(),
+        embedding: settings.embedding,
+        projection: None,
+        hidden: settings.hidden.clone(),
+        skip: settings.skip,
+        head: MixtureHead { components: settings.components, dimension: d },
+    };
+    let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
+    let seeds = [1, 2].map(|stream| seed::derive(problem.seed, stream));
+    let training = Training { data: &samples, weights: &weights, lots: &lots, seed: seeds[0], held_out_seed: seeds[1] };
+    let started = Instant::now();
+    let (ensemble, outcome) = Ensemble::train(&shape, &settings, training, &mut |_, _| ControlFlow::Continue(()))?;
+    let train_s = started.elapsed().as_secs_f64();
+    let started = Instant::now();
+    let (mut draws, mut log_probabilities) = (Vec::new(), Vec::new());
+    for (row, truth) in problem.observations.iter().zip(&problem.truths) {
+        let observed = Samples::of_rows(row.clone(), width, vec![0.5; d], d);
+        let mixture: Mixture = ensemble.mixture(&observed)?;
+        let outside = mixture.mass_outside(problem.draws, &mut seed::rng(problem.seed, 3));
+        let posterior = Posterior { parameters: space.clone(), mixture };
+        let volume: f64 = space.parameters().iter().zip(truth).map(|(p, value)| p.prior.density(*value).ln()).sum();
+        log_probabilities.push(posterior.log_density_unit(truth) - (1.0 - outside).ln() + volume);
+        draws.push(posterior.sample(problem.draws, problem.seed)?);
+    }
+    let answer = Answer {
+        train_s,
+        draw_s: started.elapsed().as_secs_f64(),
+        epochs: outcome.epochs,
+        held_out_loss: outcome.held_out_loss,
+        log_probabilities,
+        draws,
+    };
+    serde_json::to_writer(std::io::stdout().lock(), &answer)?;
+    Ok(())
+}

@@ -1,0 +1,115 @@
+"""Trains this project's networks and `sbi`'s on the same simulations of public tasks and holds the posteriors against the
+published ones. Every result is kept in --out as it comes; a run that was cut off goes on from there."""
+
+import argparse
+import json
+import os
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+for threads in ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"]:
+    os.environ.setdefault(threads, "1")
+
+import numpy as np
+import torch
+
+import estimators
+from c2st import side_by_side
+from tasks import TASKS, References
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--program", type=Path, required=True, help="the built example `estimate`")
+    parser.add_argument("--wheel", type=Path, required=True, help="the wheel of sbibm 1.1.0, for its data files")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
+    parser.add_argument("--sizes", nargs="+", type=int, default=[1000, 10000], help="simulations")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--observations", type=int, default=10, help="of each task, up to 10")
+    parser.add_argument("--estimators", nargs="+", default=["catenary", "mdn", "maf"])
+    parser.add_argument("--settings", type=json.loads, default={}, help="catenary's settings beside its defaults, JSON")
+    parser.add_argument("--json", action="store_true", help="print every result instead of the table")
+    return parser.parse_args()
+
+
+def measure(args: argparse.Namespace, references: References, name: str, size: int, seed: int, estimator: str) -> dict:
+    task = TASKS[name]
+    rng = np.random.default_rng([seed, size, *name.encode()])
+    thetas = task.prior(size, rng)
+    numbers = range(1, args.observations + 1)
+    data = estimators.Data(
+        thetas,
+        task.simulator(thetas, rng),
+        np.array([references.observation(name, i) for i in numbers]),
+        np.array([references.truth(name, i) for i in numbers]),
+    )
+    if estimator == "catenary":
+        estimate = estimators.catenary(args.program, task, data, 10_000, seed, args.settings)
+    else:
+        estimate = estimators.sbi(estimator, task, data, 10_000, seed)
+    scores = side_by_side([(references.posterior(name, i), draws) for i, draws in zip(numbers, estimate.draws)])
+    return {
+        "task": name,
+        "simulations": size,
+        "seed": seed,
+        "estimator": estimator,
+        "c2st": scores,
+        "log_probability": estimate.log_probabilities,
+        "train_s": estimate.train_s,
+        "draw_s": estimate.draw_s,
+    }
+
+
+def table(results: list[dict]) -> str:
+    """One line a task and size: means over seeds and observations."""
+    cells = defaultdict(list)
+    for result in results:
+        cells[result["task"], result["simulations"], result["estimator"]].append(result)
+    names = list(dict.fromkeys(r["estimator"] for r in results))
+    lines = ["| task | simulations | " + " | ".join(f"{n} C2ST | {n} log p | {n} s" for n in names) + " |"]
+    lines.append("|---" * (2 + 3 * len(names)) + "|")
+    for task, size in dict.fromkeys((r["task"], r["simulations"]) for r in results):
+        row = f"| {task} | {size} |"
+        for name in names:
+            found = cells.get((task, size, name), [])
+            if not found:
+                row += " - | - | - |"
+                continue
+            mean = lambda key: np.mean([np.mean(r[key]) for r in found])
+            spread = np.std([np.mean(r["c2st"]) for r in found])
+            row += f" {mean('c2st'):.3f} +- {spread:.3f} | {mean('log_probability'):.2f} | {mean('train_s'):.1f} |"
+        lines.append(row)
+    return "\n".join(lines)
+
+
+def main() -> None:
+    args = arguments()
+    torch.set_num_threads(1)
+    args.out.mkdir(parents=True, exist_ok=True)
+    references = References(args.wheel)
+    results = []
+    wanted = [
+        (seed, size, name, estimator)
+        for seed in args.seeds
+        for size in args.sizes
+        for name in args.tasks
+        for estimator in args.estimators
+    ]
+    for done, (seed, size, name, estimator) in enumerate(wanted, 1):
+        path = args.out / f"{name}_{size}_{seed}_{estimator}.json"
+        if not path.exists():
+            print(f"{done}/{len(wanted)}: {name}, {size} simulations, seed {seed}, {estimator}", file=sys.stderr)
+            result = measure(args, references, name, size, seed, estimator)
+            part = path.with_suffix(".part")
+            part.write_text(json.dumps(result))
+            part.rename(path)
+            shown = f"C2ST {np.mean(result['c2st']):.3f}, {result['train_s']:.1f} s"
+            print(f"  {shown}", file=sys.stderr)
+        results.append(json.loads(path.read_text()))
+    print(json.dumps(results) if args.json else table(results))
+
+
+if __name__ == "__main__":
+    main()

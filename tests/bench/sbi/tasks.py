@@ -1,0 +1,101 @@
+"""Five tasks of the benchmark of simulation-based inference (Lueckmann et al. 2021): simulators, priors, and the published
+observations with draws from their exact posteriors, which come from the data files in the wheel of `sbibm` 1.1.0."""
+
+import bz2
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable
+
+import numpy as np
+
+Simulator = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A simulator with its prior, uniform on a box or Gaussian."""
+
+    name: str
+    dimension: int
+    simulator: Simulator
+    bound: float | None = None
+    sd: float | None = None
+
+    def prior(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """`count` draws, count x dimension."""
+        if self.bound is not None:
+            return rng.uniform(-self.bound, self.bound, (count, self.dimension))
+        return rng.normal(0.0, self.sd, (count, self.dimension))
+
+    def parameters(self) -> list[dict]:
+        """The prior as catenary writes it; a Gaussian one ends at seven standard deviations."""
+        if self.bound is not None:
+            prior = {"uniform": {"low": -self.bound, "high": self.bound}}
+        else:
+            prior = {"normal": {"mean": 0.0, "sd": self.sd, "low": -7.0 * self.sd, "high": 7.0 * self.sd}}
+        return [{"name": f"theta_{i}", "prior": prior} for i in range(self.dimension)]
+
+
+def two_moons(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    angle = rng.uniform(-np.pi / 2, np.pi / 2, len(theta))
+    radius = rng.normal(0.1, 0.01, len(theta))
+    moon = np.stack([radius * np.cos(angle) + 0.25, radius * np.sin(angle)], axis=1)
+    apart = np.abs(theta[:, 0] + theta[:, 1]) / np.sqrt(2.0)
+    along = (theta[:, 1] - theta[:, 0]) / np.sqrt(2.0)
+    return moon + np.stack([-apart, along], axis=1)
+
+
+def gaussian_mixture(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    sd = rng.choice([1.0, 0.1], (len(theta), 1))
+    return theta + sd * rng.standard_normal(theta.shape)
+
+
+def slcp(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    first, second = theta[:, 2] ** 2, theta[:, 3] ** 2
+    rho = np.tanh(theta[:, 4])
+    noise = rng.standard_normal((len(theta), 4, 2))
+    x = theta[:, None, 0] + first[:, None] * noise[..., 0]
+    mixed = rho[:, None] * noise[..., 0] + np.sqrt(1.0 - rho[:, None] ** 2) * noise[..., 1]
+    y = theta[:, None, 1] + second[:, None] * mixed
+    return np.stack([x, y], axis=2).reshape(len(theta), 8)
+
+
+def linear(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return theta + np.sqrt(0.1) * rng.standard_normal(theta.shape)
+
+
+TASKS = {
+    task.name: task
+    for task in [
+        Task("two_moons", 2, two_moons, bound=1.0),
+        Task("gaussian_mixture", 2, gaussian_mixture, bound=10.0),
+        Task("slcp", 5, slcp, bound=3.0),
+        Task("gaussian_linear_uniform", 10, linear, bound=1.0),
+        Task("gaussian_linear", 10, linear, sd=float(np.sqrt(0.1))),
+    ]
+}
+
+
+class References:
+    """The published observations of every task, numbered from 1 to 10."""
+
+    def __init__(self, wheel: Path):
+        self.archive = zipfile.ZipFile(wheel)
+
+    def _table(self, task: str, number: int, name: str) -> np.ndarray:
+        data = self.archive.read(f"sbibm/tasks/{task}/files/num_observation_{number}/{name}")
+        text = (bz2.decompress(data) if name.endswith(".bz2") else data).decode()
+        return np.array([[float(v) for v in line.split(",")] for line in text.splitlines()[1:]])
+
+    def observation(self, task: str, number: int) -> np.ndarray:
+        """The observed data."""
+        return self._table(task, number, "observation.csv")[0]
+
+    def truth(self, task: str, number: int) -> np.ndarray:
+        """The parameters that gave it."""
+        return self._table(task, number, "true_parameters.csv")[0]
+
+    def posterior(self, task: str, number: int) -> np.ndarray:
+        """10,000 draws from the exact posterior."""
+        return self._table(task, number, "reference_posterior_samples.csv.bz2")
