@@ -170,6 +170,16 @@ fn messages_of_channels_that_nothing_defines_are_left_out_and_counted() {
     assert_eq!((bag.notes(), bag.message_count()), (&[] as &[String], 2));
 }
 
+/// The bag with bytes behind its magic replaced.
+fn spoilt(compression: Compression, hits: Vec<(prop::sample::Index, u8)>) -> Vec<u8> {
+    let mut bytes = bag(compression).0.clone();
+    for (place, value) in hits {
+        let place = place.index(bytes.len() - 8) + 8;
+        bytes[place] = value;
+    }
+    bytes
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
 
@@ -179,11 +189,7 @@ proptest! {
         hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
         cut in any::<prop::sample::Index>(),
     ) {
-        let mut bytes = bag(compression).0.clone();
-        for (place, value) in hits {
-            let place = place.index(bytes.len() - 8) + 8;
-            bytes[place] = value;
-        }
+        let bytes = spoilt(compression, hits);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bag.mcap");
         let _whole = read(&path, &bytes);
@@ -208,11 +214,7 @@ proptest! {
         hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         cut in any::<prop::sample::Index>(),
     ) {
-        let mut bytes = bag(compression).0.clone();
-        for (place, value) in hits {
-            let place = place.index(bytes.len() - 8) + 8;
-            bytes[place] = value;
-        }
+        let bytes = spoilt(compression, hits);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bag.mcap");
         let before = read(&path, &bytes[..cut.index(bytes.len())]);
