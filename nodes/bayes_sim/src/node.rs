@@ -17,7 +17,7 @@ use catenary_core::{Model, Policy};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
-use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract};
+use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, ros_home};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -85,9 +85,7 @@ fn serve(
 
 /// The folder of a parameter's value; none where there is no home either.
 fn state_folder(asked: &str) -> Option<PathBuf> {
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let home = || variable("ROS_HOME").or_else(|| Some(variable("HOME")?.join(".ros")));
-    if asked.is_empty() { Some(home()?.join("catenary/bayes_sim")) } else { Some(PathBuf::from(asked)) }
+    if asked.is_empty() { Some(ros_home()?.join("catenary/bayes_sim")) } else { Some(PathBuf::from(asked)) }
 }
 
 fn infer_goal(

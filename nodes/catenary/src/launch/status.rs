@@ -4,6 +4,7 @@ use super::table::{State, Table, unix_s};
 use crate::cli::Output;
 use crate::output;
 use anyhow::{Context, Result, bail};
+use catenary_shell::ros_log_dir;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -49,12 +50,9 @@ pub fn run(arguments: &StatusArgs) -> Result<()> {
     }
 }
 
-/// Where ROS 2 keeps logs: `ROS_LOG_DIR`, else `log` in `ROS_HOME`, else `~/.ros/log`.
+/// Where ROS 2 keeps logs.
 fn logs() -> Result<PathBuf> {
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let home = || variable("ROS_HOME").or_else(|| Some(variable("HOME")?.join(".ros")));
-    let folder = variable("ROS_LOG_DIR").or_else(|| Some(home()?.join("log")));
-    folder.context("a folder for logs: expected ROS_LOG_DIR, ROS_HOME or HOME to be set, or --log")
+    ros_log_dir().context("a folder for logs: expected ROS_LOG_DIR, ROS_HOME or HOME to be set, or --log")
 }
 
 /// The folder for the logs of a launch that begins: the one asked for, else a new one among ROS 2's.
