@@ -87,11 +87,13 @@ pub fn infer(
     let number = iterations.len();
     let failed = |source| InferenceError::Posterior { iteration: number, source };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
-    let thetas =
-        posterior.sample(settings.predictive_draws, seed::derive(settings.seed, PREDICTIVE_STREAM)).map_err(failed)?;
     let predictive = match settings.predictive_draws {
         0 => None,
-        _ => diagnostics::predictive(&predictions(&observed, &thetas, settings.seed, simulator)?, &model.camera.view),
+        draws => {
+            let seed = seed::derive(settings.seed, PREDICTIVE_STREAM);
+            let thetas = posterior.sample(draws, seed).map_err(failed)?;
+            diagnostics::predictive(&predictions(&observed, &thetas, settings.seed, simulator)?, &model.camera.view)
+        }
     };
     let marginals = posterior.marginals().map_err(failed)?;
     let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();

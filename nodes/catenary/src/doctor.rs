@@ -55,7 +55,7 @@ fn check(name: &'static str, verdict: Verdict, detail: String) -> Check {
 }
 
 fn cores() -> Check {
-    let n = std::thread::available_parallelism().map_or(1, usize::from);
+    let n = simulator_pool::workers::available();
     let verdict = if n >= 2 { Verdict::Good } else { Verdict::Warning };
     check("cores", verdict, format!("{n}; the demo is meant for two and more"))
 }

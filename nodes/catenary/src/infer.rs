@@ -17,6 +17,7 @@ use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
+use std::fmt::Display;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -108,10 +109,8 @@ pub fn infer(
             Progress::Iteration { iteration, state, .. } => {
                 file.iter().for_each(|file| file.write(state));
                 bar.set_position(iteration.iteration as u64);
-                bar.set_message(format!(
-                    "{} simulations, loss {:.2} nat, {:.0} effective",
-                    iteration.simulations, iteration.loss, iteration.effective_sample_size
-                ));
+                let effective = iteration.effective_sample_size;
+                bar.set_message(iteration_words(iteration.simulations, iteration.loss, effective));
             }
         }
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -172,6 +171,11 @@ fn predictive_words(p: &bayes_sim::Predictive) -> String {
         100.0 * p.coverage,
         p.half_width_mm
     )
+}
+
+/// What a bar says of an iteration: simulations so far, loss in nat, effective sample size.
+pub fn iteration_words(simulations: impl Display, loss: impl Display, effective: impl Display) -> String {
+    format!("{simulations} simulations, loss {loss:.2} nat, effective sample size {effective:.0}")
 }
 
 /// A line for each parameter.

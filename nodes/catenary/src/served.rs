@@ -2,7 +2,7 @@
 
 use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
 use crate::goal::{self, follow};
-use crate::infer::marginal_words;
+use crate::infer::{iteration_words, marginal_words};
 use crate::output;
 use crate::train::{Report, read_posterior};
 use anyhow::{Context, Result, ensure};
@@ -60,10 +60,7 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
     let Answer { name, result, wall_s } = asking.ask::<Infer>(goal, &bar, |bar, feedback| {
         bar.set_length(u64::from(feedback.iterations));
         bar.set_position(u64::from(feedback.iteration));
-        bar.set_message(format!(
-            "{} simulations, loss {:.2} nat, {:.0} effective",
-            feedback.simulations, feedback.loss, feedback.effective_sample_size
-        ));
+        bar.set_message(iteration_words(feedback.simulations, feedback.loss, feedback.effective_sample_size));
     })?;
     ensure!(result.success, "{name}: {}", result.message);
     let posterior = convert::posterior_from_msg(&result.posterior)?;

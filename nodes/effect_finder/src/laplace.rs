@@ -40,14 +40,13 @@ impl Laplace {
         Some(Self { mean, precision: matrix.clone().cholesky()?, matrix })
     }
 
-    /// Covariance of the coordinates.
-    pub fn covariance(&self) -> DMatrix<f64> {
-        self.precision.inverse()
-    }
-
     /// Standard deviation of a coordinate.
     pub fn sd(&self, column: usize) -> f64 {
-        self.covariance()[(column, column)].sqrt()
+        let mut unit = DVector::zeros(self.mean.len());
+        unit[column] = 1.0;
+        // With precision L L^T, the variance is that of L^-1 e. The diagonal of a factor has no zeros.
+        self.precision.l_dirty().solve_lower_triangular_mut(&mut unit);
+        unit.norm()
     }
 
     /// A draw within the unit cube.

@@ -7,6 +7,7 @@ mod stage;
 pub mod summary;
 
 use crate::cli::DemoArgs;
+use crate::infer::iteration_words;
 use crate::launch::{self, Process, Supervisor};
 use crate::output;
 use crate::served::show_training;
@@ -308,10 +309,8 @@ impl Demo {
             let result = stages.goal(&clients.infer, goal, move |feedback| {
                 shown.set_length(u64::from(feedback.iterations).max(1));
                 shown.set_position(u64::from(feedback.iteration));
-                shown.set_message(format!(
-                    "{} simulations, loss {:.2} nat, effective sample size {:.0}",
-                    feedback.simulations, feedback.loss, feedback.effective_sample_size
-                ));
+                let effective = feedback.effective_sample_size;
+                shown.set_message(iteration_words(feedback.simulations, feedback.loss, effective));
             })?;
             ensure!(result.success, "{}", result.message);
             Ok(result)

@@ -127,8 +127,7 @@ impl Prior {
         match self {
             Prior::Uniform { low, high } => high - low,
             Prior::LogUniform { low, high } => value * (high / low).ln(),
-            Prior::Normal { low, high, .. } => 1.0 / self.density(value.clamp(*low, *high)),
-            Prior::Mixture(_) => {
+            Prior::Normal { .. } | Prior::Mixture(_) => {
                 let (low, high) = self.bounds();
                 1.0 / self.density(value.clamp(low, high))
             }
