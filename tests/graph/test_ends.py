@@ -201,3 +201,25 @@ def test_an_interrupted_demo_says_so_and_keeps_its_bag(session):
     session.wait_until_empty(1)
     found = counts(session.folder / "demo/bags/pi0")
     assert found["/policy/action"] >= 3 and found["/dlo/keypoints"] > 20 and found["/episode/event"] >= 1
+
+
+def test_a_process_that_was_stopped_and_goes_on_does_not_pretend_to_hear_the_graph(session):
+    session.launch()
+    messages = session.ros.listen(Keypoints, "/dlo/keypoints")
+    session.ros.wait_for(lambda: len(messages) > 30, 30, "keypoints")
+    recorder = session.start("record", "--out", "bag", name="recorder")
+    session.wait_for((session.folder / "bag").exists, 20, "the bag")
+    session.ros.holds_within(lambda: False, 2)
+    tracker = session.pid_of("keypoint_tracker")
+    for pid in (recorder.pid, tracker):
+        os.kill(pid, signal.SIGSTOP)
+    session.ros.holds_within(lambda: False, 1)
+    messages.clear()
+    for pid in (recorder.pid, tracker):
+        os.kill(pid, signal.SIGCONT)
+    # A recorder ends with a whole bag and an error; a node is started anew.
+    assert recorder.wait(20) == 1
+    assert "the network was lost" in session.text("recorder.err")
+    assert counts(session.folder / "bag")["/dlo/keypoints"] > 0
+    session.ros.wait_for(lambda: len(messages) > 30, 20, "keypoints of the tracker that was started anew")
+    assert session.pid_of("keypoint_tracker") not in (None, tracker)

@@ -55,6 +55,10 @@ fn main() -> ExitCode {
     };
     start_logs(cli.verbose);
     match run(&cli) {
+        Ok(()) if catenary_shell::is_network_lost() => {
+            let _closed = writeln!(std::io::stderr(), "catenary: {}", catenary_shell::LOST);
+            ExitCode::FAILURE
+        }
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             let _closed = writeln!(std::io::stderr(), "catenary: {}", format!("{error:#}").replace('\n', " "));

@@ -67,7 +67,7 @@ pub use clock::{Clock, Rate, Tick, wall_now};
 pub use diagnostics::{Health, Report, resident_bytes};
 pub use error::{CallError, PublishError, ShellError};
 pub use interface::{Act, Msg, Payload, Srv};
-pub use logging::init as init_logging;
+pub use logging::{LOST, init as init_logging, is_network_lost};
 pub use model_file::read_model;
 pub use names::NameError;
 pub use node::Node;
