@@ -35,6 +35,11 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
+/// Gives back what a node does not use any more. With glibc's, whose heap only shrinks at its end, a recorder of images and
+/// states of many sizes grew by a megabyte every few minutes while what it used stayed the same.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> ExitCode {
     // A node reads its own command line, in ROS 2's form.
     let mut arguments = std::env::args();
