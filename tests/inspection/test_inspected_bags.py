@@ -119,9 +119,21 @@ def test_there_is_a_table_and_a_picture(bag, tmp_path, capsys, command):
     assert is_picture(picture)
 
 
-def test_the_posterior_of_a_file_is_that_of_the_report(bag, figures, tmp_path):
+SHIPPED = ("uniform: {low: 0.195, high: 0.305}", "log_uniform: {low: 1.0e+3, high: 5.0e+4}")
+HALVES = "[{weight: 3, prior: {log_uniform: {low: 2.0e+3, high: 2.0e+4}}}, {weight: 1, prior: {uniform: {low: 1.0e+4, high: 5.0e+4}}}]"
+OTHERS = ("normal: {mean: 0.26, sd: 0.02, low: 0.2, high: 0.3}", f"mixture: {HALVES}")
+
+
+@pytest.mark.parametrize("priors", [SHIPPED, OTHERS], ids=["uniform", "gaussian and mixture"])
+def test_the_posterior_of_a_file_is_that_of_the_report(bag, figures, tmp_path, priors):
+    text = (ROOT / "launch_configs/models/soft_bar.yaml").read_text()
+    for shipped, other in zip(SHIPPED, priors):
+        assert shipped in text
+        text = text.replace(shipped, other)
+    model = tmp_path / "model.yaml"
+    model.write_text(text)
     sizes = ["--iterations", "1", "--simulations", "60", "--out", tmp_path / "out", "--json"]
-    command = [PROGRAM, "infer", "--bag", bag, "--model", ROOT / "launch_configs/models/soft_bar.yaml", *sizes]
+    command = [PROGRAM, "infer", "--bag", bag, "--model", model, *sizes]
     done = subprocess.run(command, check=True, capture_output=True, timeout=60)
     theirs = {m["name"]: m for m in json.loads(done.stdout)["marginals"]}
     said = figures("posterior", "--file", tmp_path / "out/posterior.json", "--out", tmp_path / "posterior.png")
@@ -131,6 +143,7 @@ def test_the_posterior_of_a_file_is_that_of_the_report(bag, figures, tmp_path):
         their = theirs[mine["name"]]
         assert low < mine["median"] < high and mine["low"] <= low and high <= mine["high"]
         assert mine["median"] == pytest.approx(their["median"], rel=0.05), (mine, their)
+        assert mine["mean"] == pytest.approx(their["mean"], rel=0.05), (mine, their)
 
 
 def test_mistakes_are_named(bag, refused, tmp_path):

@@ -5,6 +5,7 @@ import pathlib
 
 import numpy
 
+from . import prior
 from .message_log import InspectError
 from .table import table
 from .topics import POSTERIOR
@@ -17,7 +18,7 @@ LEVELS = (0.05, 0.5, 0.95)
 class Posterior:
     """A mixture of K Gaussians over D parameters in the unit coordinates of their priors, truncated to [0, 1]^D.
 
-    `parameters`: name, whether the prior is log-uniform, its bounds. `weights` (K), `means` (K, D), `covariances` (K, D, D).
+    `parameters`: pairs of name and prior. `weights` (K), `means` (K, D), `covariances` (K, D, D).
     """
 
     def __init__(self, origin, parameters, weights, means, covariances):
@@ -53,18 +54,17 @@ class Posterior:
 
     def value(self, index, unit):
         """Parameters from unit coordinates."""
-        _, is_log, low, high = self.parameters[index]
-        return low * (high / low) ** unit if is_log else low + (high - low) * unit
+        return self.parameters[index][1].value(unit)
 
     def marginals(self):
         rows = []
-        for i, (name, is_log, low, high) in enumerate(self.parameters):
+        for i, (name, before) in enumerate(self.parameters):
             quantiles = numpy.quantile(self.values[:, i], LEVELS).tolist()
             low_share, high_share = (self.unit[:, i] < 0.02).mean(), (self.unit[:, i] > 0.98).mean()
             edge = " ".join(word for word, share in (("low", low_share), ("high", high_share)) if share > 0.1)
             rows.append(
                 {
-                    "name": name, "prior": "log-uniform" if is_log else "uniform", "low": low, "high": high,
+                    "name": name, "prior": before.name, "low": before.low, "high": before.high,
                     "q05": quantiles[0], "median": quantiles[1], "q95": quantiles[2], "mean": self.values[:, i].mean().item(),
                     "narrowing": 1 / (12 ** 0.5 * self.unit[:, i].std().item()), "presses_on": edge,
                 }
@@ -87,26 +87,25 @@ class Posterior:
         """Marginals on the diagonal with their 5 %, 50 % and 95 %, pairs below it."""
         count = len(self.parameters)
         axes = figure.subplots(count, count, squeeze=False)
-        for i, (name, is_log, low, high) in enumerate(self.parameters):
-            edges = self.value(i, numpy.linspace(0, 1, 61))
+        edges = [edges_of(before) for _, before in self.parameters]
+        for i, (name, before) in enumerate(self.parameters):
             for j in range(count):
                 axis = axes[i][j]
                 if j > i:
                     axis.axis("off")
                     continue
-                other, other_log, other_low, other_high = self.parameters[j]
-                axis.set_xscale("log" if other_log else "linear")
-                axis.set_xlim(other_low, other_high)
+                other, across = self.parameters[j]
+                axis.set_xscale("log" if across.is_log else "linear")
+                axis.set_xlim(across.low, across.high)
                 if i == j:
-                    axis.hist(self.values[:, i], bins=edges, color="#4477aa", density=False)
+                    axis.hist(self.values[:, i], bins=edges[i], color="#4477aa", density=False)
                     for quantile, style in zip(numpy.quantile(self.values[:, i], LEVELS), (":", "-", ":")):
                         axis.axvline(quantile, color="black", linestyle=style, linewidth=1)
                     axis.set_yticks([])
                 else:
-                    across = self.value(j, numpy.linspace(0, 1, 61))
-                    axis.hist2d(self.values[:, j], self.values[:, i], bins=[across, edges], cmap="Blues")
-                    axis.set_yscale("log" if is_log else "linear")
-                    axis.set_ylim(low, high)
+                    axis.hist2d(self.values[:, j], self.values[:, i], bins=[edges[j], edges[i]], cmap="Blues")
+                    axis.set_yscale("log" if before.is_log else "linear")
+                    axis.set_ylim(before.low, before.high)
                     if j == 0:
                         axis.set_ylabel(name)
                 if i == count - 1:
@@ -114,8 +113,13 @@ class Posterior:
         figure.suptitle("Posterior over the prior's range; lines: 5 %, 50 %, 95 %")
 
 
+def edges_of(before):
+    """Edges of 60 bins along the axis of a prior."""
+    return (numpy.geomspace if before.is_log else numpy.linspace)(before.low, before.high, 61)
+
+
 def of_message(origin, message):
-    parameters = [(p.name, p.prior == 1, float(p.low), float(p.high)) for p in message.parameters]
+    parameters = [(p.name, prior.of_message(p)) for p in message.parameters]
     return Posterior(origin, parameters, message.weights, message.means, message.covariances)
 
 
@@ -129,10 +133,7 @@ def of_file(path):
     """Of the posterior.json that `catenary infer` writes."""
     try:
         document = json.loads(pathlib.Path(path).read_text())
-        parameters = []
-        for parameter in document["parameters"]:
-            ((kind, bounds),) = parameter["prior"].items()
-            parameters.append((parameter["name"], kind == "log_uniform", bounds["low"], bounds["high"]))
+        parameters = [(p["name"], prior.of_document(p["prior"])) for p in document["parameters"]]
         mixture = document["mixture"]
         return Posterior(str(path), parameters, mixture["weights"], mixture["means"], mixture["covariances"])
     except OSError as error:
