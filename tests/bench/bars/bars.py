@@ -1,0 +1,143 @@
+"""The published study on hidden truths: each of the four bars is measured in a simulated cell, and its posterior held against it.
+
+    source .venv/ros.env; .venv/bin/python tests/bench/bars/bars.py --out DIR [--seeds 10] [--preset default|paper] [--json]
+
+A cell is `catenary simulate --noise --fidelity reference`: finer than inference's simulator, with the model's camera noise and the
+arm's lag, friction and damping drawn and not told. Inference is given soft_bar.yaml, which does not know the bars. What is in DIR
+already is not run again. Each folder holds a report.html with the heatmap and the twelve training domains.
+"""
+
+import argparse
+import csv
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy
+from catenary_inspect import posterior
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+MODELS = ROOT / "launch_configs/models"
+PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
+BARS = range(4)
+STEPS = 16
+# The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
+LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.32, 0.22]), numpy.array([0.55, 0.47]), numpy.array([0.40, 0.42]), 0.06
+DRAWS = 4000
+
+
+def actions(seed):
+    """A random walk of the target within the box, as rows of dx and dz in m."""
+    rng, at, rows = numpy.random.default_rng(seed), START_M, []
+    for _ in range(STEPS):
+        to = numpy.clip(at + rng.uniform(-MOST_M, MOST_M, 2), LOW_M, HIGH_M)
+        rows.append(to - at)
+        at = to
+    return rows
+
+
+def program(*arguments):
+    done = subprocess.run([PROGRAM, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        sys.exit(f"catenary {' '.join(map(str, arguments))}: {done.stderr}")
+    return done.stdout
+
+
+def infer(folder, bar, seed, preset):
+    """Measures and infers, unless that was done; the answer of `infer --json`."""
+    found = folder / "inference.json"
+    if not found.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        table, bag = folder / "actions.csv", folder / "bag"
+        with table.open("w", newline="") as file:
+            csv.writer(file).writerows([("dx_m", "dz_m"), *(map(repr, map(float, row)) for row in actions(seed))])
+        if not bag.exists():
+            measuring = ("--noise", "--seed", seed, "--fidelity", "reference")
+            program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", bag)
+        asked = ("--model", MODELS / "soft_bar.yaml", "--preset", preset, "--seed", seed)
+        program("infer", "--bag", bag, *asked, "--out", folder)
+    return json.loads(found.read_text())
+
+
+def nominal(bar):
+    """Length in m and Young's modulus in Pa that dlo_N.yaml hides."""
+    line = next(line for line in (MODELS / f"dlo_{bar}.yaml").read_text().splitlines() if line.startswith("nominal:"))
+    return [float(part.split(":")[-1]) for part in line.removeprefix("nominal:").strip(" {}").split(",")]
+
+
+def density(estimate, unit):
+    """Of a posterior at rows of unit coordinates."""
+    total = numpy.zeros(len(unit))
+    for weight, mean, covariance in zip(estimate.weights, estimate.means, estimate.covariances):
+        apart = unit - mean
+        square = numpy.einsum("ni,ij,nj->n", apart, numpy.linalg.inv(covariance), apart)
+        total += weight * numpy.exp(-0.5 * square) / numpy.sqrt(numpy.linalg.det(covariance))
+    return total
+
+
+def row_of(bar, seed, answer, path):
+    """Errors of the mean, and the mass of the region of highest density that just holds the truth."""
+    truth, estimate = nominal(bar), posterior.of_file(path)
+    at_truth = density(estimate, numpy.array([[prior.share_below(value) for (_, prior), value in zip(estimate.parameters, truth)]]))[0]
+    length, modulus = answer["marginals"]
+    return {
+        "bar": bar,
+        "seed": seed,
+        "truth": truth,
+        "mean": [length["mean"], modulus["mean"]],
+        "sd": [length["sd"], modulus["sd"]],
+        "inside": [m["q05"] <= t <= m["q95"] for m, t in zip(answer["marginals"], truth)],
+        "error_mm": 1e3 * abs(length["mean"] - truth[0]),
+        "error_log10": float(abs(numpy.log10(modulus["mean"] / truth[1]))),
+        "mass": float(numpy.mean(density(estimate, estimate.unit) > at_truth)),
+        "wall_s": answer["wall_s"],
+    }
+
+
+def summary(rows):
+    mean = lambda key: float(numpy.mean([row[key] for row in rows]))
+    inside = [float(numpy.mean([row["inside"][i] for row in rows])) for i in range(2)]
+    return {
+        "runs": len(rows),
+        "error_mm": mean("error_mm"),
+        "error_log10": mean("error_log10"),
+        "sd_mm": 1e3 * float(numpy.mean([row["sd"][0] for row in rows])),
+        "length_90": inside[0],
+        "modulus_90": inside[1],
+        "region_50": float(numpy.mean([row["mass"] <= 0.5 for row in rows])),
+        "region_90": float(numpy.mean([row["mass"] <= 0.9 for row in rows])),
+        "wall_s": mean("wall_s"),
+    }
+
+
+def text(found):
+    columns = [("runs", "{:d}"), ("error_mm", "{:.2f}"), ("sd_mm", "{:.2f}"), ("error_log10", "{:.4f}")]
+    columns += [(key, "{:.0%}") for key in ("length_90", "modulus_90", "region_50", "region_90")] + [("wall_s", "{:.1f}")]
+    lines = [["bar", *(key for key, _ in columns)]]
+    lines += [[name, *(form.format(row[key]) for key, form in columns)] for name, row in found.items()]
+    return "\n".join("  ".join(f"{cell:>11}" for cell in line) for line in lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=pathlib.Path, required=True)
+    parser.add_argument("--seeds", type=int, default=10, help="measurements of each bar")
+    parser.add_argument("--preset", choices=["default", "paper"], default="default")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    rows = []
+    for seed in range(1, arguments.seeds + 1):
+        for bar in BARS:
+            folder = arguments.out / f"bar_{bar}_{seed}"
+            # Of each bar another motion.
+            answer = infer(folder, bar, len(BARS) * seed + bar, arguments.preset)
+            rows.append(row_of(bar, seed, answer, folder / "posterior.json"))
+            print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    found = {f"DLO-{bar}": summary([row for row in rows if row["bar"] == bar]) for bar in BARS} | {"all": summary(rows)}
+    print(json.dumps({"rows": rows, "summary": found}) if arguments.json else text(found))
+
+
+if __name__ == "__main__":
+    main()
