@@ -7,7 +7,7 @@ import pytest
 from conftest import PROGRAM, ROOT
 
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
-SIZES = ["--iterations", "4", "--simulations", "60"]
+SIZES = ["--iterations", "6", "--simulations", "100"]
 
 
 def run(*arguments):

@@ -2,7 +2,7 @@
 //! estimators runs it.
 #![allow(clippy::disallowed_methods, reason = "a program that measures the time it takes")]
 
-use bayes_sim::network::{Ensemble, MixtureHead, Samples, Shape, Training};
+use bayes_sim::network::{Ensemble, Samples, Shape, Training};
 use bayes_sim::{Settings, settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, seed};
 use serde::{Deserialize, Serialize};
@@ -56,21 +56,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let width = problem.rows.first().map_or(0, Vec::len);
     let units = problem.thetas.iter().flat_map(|t| space.to_unit(t)).collect();
     let samples = Samples::of_rows(problem.rows.concat(), width, units, d);
-    let shape = Shape {
-        frames: 0,
-        plain: width,
-        channels: Vec::new(),
-        embedding: settings.embedding,
-        projection: None,
-        hidden: settings.hidden.clone(),
-        skip: settings.skip,
-        head: MixtureHead { components: settings.components, dimension: d },
-    };
+    let shape = Shape::of_rows(width, d, &settings);
     let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
     let seeds = [1, 2].map(|stream| seed::derive(problem.seed, stream));
     let training = Training { data: &samples, weights: &weights, lots: &lots, seed: seeds[0], held_out_seed: seeds[1] };
     let started = Instant::now();
-    let (ensemble, outcome) = Ensemble::train(&shape, &settings, training, &mut |_, _| ControlFlow::Continue(()))?;
+    let (ensemble, outcome) =
+        Ensemble::train(&shape, &settings, None, training, &mut |_, _| ControlFlow::Continue(()))?;
     let train_s = started.elapsed().as_secs_f64();
     let started = Instant::now();
     let (mut draws, mut log_probabilities) = (Vec::new(), Vec::new());

@@ -6,7 +6,9 @@
 
 mod ensemble;
 pub mod head;
+mod packed;
 mod projection;
+mod restart;
 mod samples;
 mod standard;
 #[cfg(test)]
@@ -21,6 +23,7 @@ pub use standard::Standardisation;
 pub use train::{Epoch, Trained, TrainingError, train};
 
 use crate::embedding::Embedding;
+use crate::settings::Settings;
 use catenary_core::matrix::{Transpose, gemm};
 use catenary_core::mixture::MixtureError;
 use nalgebra::{DMatrix, DVector};
@@ -50,6 +53,20 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// That of networks which learn `dimension` parameters from rows of `plain` numbers.
+    pub fn of_rows(plain: usize, dimension: usize, settings: &Settings) -> Self {
+        Self {
+            frames: 0,
+            plain,
+            channels: Vec::new(),
+            embedding: settings.embedding,
+            projection: None,
+            hidden: settings.hidden.clone(),
+            skip: settings.skip,
+            head: MixtureHead { components: settings.components, dimension },
+        }
+    }
+
     /// C, the columns of a frame.
     pub fn columns(&self) -> usize {
         self.embedding.features() + self.channels.len()
@@ -100,11 +117,13 @@ impl Shape {
 }
 
 /// A mixture density network over the unit coordinates of theta.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Network {
     shape: Shape,
     standard: Standardisation,
     projection: Option<Projection>,
+    #[serde(with = "packed")]
     parameters: Vec<f32>,
 }
 
@@ -135,13 +154,28 @@ impl Network {
         parameters.extend(std::iter::repeat_n(0.0, shape.skip_count()));
         let standard = Standardisation::of_points(&shape, samples);
         let mut network = Self { shape, standard, projection: None, parameters };
-        network.standard.fit_theta(samples, weights);
-        network.standard.columns = network.fitted_columns(samples, weights);
-        network.standard.plain = network.fitted_plain(samples, weights);
-        if let Some(components) = network.shape.projection.filter(|_| network.shape.frames > 0) {
-            network.projection = Some(Projection::fit(&network.columns(samples), weights, components, rng));
-        }
+        network.standardise(samples, weights, rng);
         network
+    }
+
+    /// Centres and scales all but the keypoints, which the embedding's parameters are meant for, by `samples`.
+    fn standardise<R: Rng>(&mut self, samples: &Samples, weights: &[f64], rng: &mut R) {
+        self.standard.fit_theta(samples, weights);
+        self.standard.columns = self.fitted_columns(samples, weights);
+        self.standard.plain = self.fitted_plain(samples, weights);
+        if let Some(components) = self.shape.projection.filter(|_| self.shape.frames > 0) {
+            self.projection = Some(Projection::fit(&self.columns(samples), weights, components, rng));
+        }
+    }
+
+    /// Whether all parts are as long as the sizes say, which those of a file may not be.
+    pub(crate) fn is_whole(&self) -> bool {
+        let columns = self.shape.frames * self.shape.columns();
+        let projects = self.shape.projection.filter(|_| self.shape.frames > 0);
+        self.parameters.len() == self.shape.parameter_count()
+            && self.standard.is_whole(&self.shape)
+            && self.projection.as_ref().map(Projection::shape) == projects.map(|p| (columns, p))
+            && self.projection.as_ref().is_none_or(Projection::is_whole)
     }
 
     /// Sizes.

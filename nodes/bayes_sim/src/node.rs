@@ -17,7 +17,9 @@ use catenary_core::{Model, Policy};
 use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
-use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, ros_home};
+use catenary_shell::{
+    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, ros_home,
+};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -14,7 +14,7 @@ pub use state::{State, StateError};
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
-use crate::network::{Ensemble, Epoch, MixtureHead, Network, Outcome, Samples, Shape, Training, TrainingError};
+use crate::network::{Ensemble, Epoch, Network, Outcome, Samples, Shape, Training, TrainingError};
 use crate::settings::{LEAST_TRACKS, Settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
 use serde::{Deserialize, Serialize};
@@ -91,7 +91,6 @@ pub struct Sequential<'a> {
     state: State,
     /// With the number of draws of each, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
-    ensemble: Ensemble,
     refused: Option<String>,
 }
 
@@ -129,9 +128,8 @@ impl<'a> Sequential<'a> {
         let episodes: Vec<_> = observed.into_iter().map(|o| (o.template, o.frames)).collect();
         let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
         let samples = Samples::new(observed.frames(), space.dimension());
-        let (proposals, ensemble) = (Vec::new(), Ensemble::default());
         let state = State::new(question, samples);
-        Ok(Self { space, settings, observed, episodes, state, proposals, ensemble, refused: None })
+        Ok(Self { space, settings, observed, episodes, state, proposals: Vec::new(), refused: None })
     }
 
     fn seed(&self, stream: Stream, index: usize) -> u64 {
@@ -140,7 +138,7 @@ impl<'a> Sequential<'a> {
 
     /// The networks.
     pub fn networks(&self) -> &[Network] {
-        self.ensemble.networks()
+        self.state.ensemble.networks()
     }
 
     /// The newest proposal.
@@ -276,17 +274,13 @@ impl<'a> Sequential<'a> {
     fn shape(&self, data: &Samples) -> Shape {
         Shape {
             frames: self.observed.frames(),
-            plain: 0,
             channels: data.varying_channels(),
-            embedding: self.settings.embedding,
-            hidden: self.settings.hidden.clone(),
             projection: self.settings.projection,
-            skip: self.settings.skip,
-            head: MixtureHead { components: self.settings.components, dimension: self.space.dimension() },
+            ..Shape::of_rows(0, self.space.dimension(), self.settings)
         }
     }
 
-    /// Trains the networks anew on `data`, the samples at `indices`.
+    /// Trains the networks on `data`, the samples at `indices`.
     fn train(
         &mut self,
         number: usize,
@@ -301,14 +295,14 @@ impl<'a> Sequential<'a> {
             None => on_progress(&Progress::Working { iteration: number, simulations }),
         };
         let seeds = [self.seed(Stream::Training, number), seed::derive(self.settings.seed, Stream::HeldOut as u64)];
+        let before = Some(&self.state.ensemble).filter(|_| self.settings.warm_start);
         let training = Training { data, weights, lots: indices, seed: seeds[0], held_out_seed: seeds[1] };
-        let (ensemble, outcome) = Ensemble::train(&self.shape(data), self.settings, training, &mut listen).map_err(
-            |source| match source {
+        let (ensemble, outcome) = Ensemble::train(&self.shape(data), self.settings, before, training, &mut listen)
+            .map_err(|source| match source {
                 TrainingError::Stopped => InferenceError::Cancelled { simulations },
                 source => InferenceError::Training { iteration: number, source },
-            },
-        )?;
-        self.ensemble = ensemble;
+            })?;
+        self.state.ensemble = ensemble;
         Ok(outcome)
     }
 
@@ -316,6 +310,6 @@ impl<'a> Sequential<'a> {
     fn mixture(&self) -> Result<Mixture, catenary_core::mixture::MixtureError> {
         let mut batch = Samples::new(self.observed.frames(), self.space.dimension());
         batch.push(&self.observed, &vec![0.5; self.space.dimension()]);
-        self.ensemble.mixture(&batch)
+        self.state.ensemble.mixture(&batch)
     }
 }

@@ -51,6 +51,8 @@ pub struct Settings {
     /// Networks that are trained side by side, each with its own held-out tracks; the posterior is their mean. More are
     /// better calibrated, and cost in proportion.
     pub ensemble: usize,
+    /// Whether the training of each iteration goes on from the last one's networks, and not from random ones.
+    pub warm_start: bool,
     /// Share of the tracks that each network holds out to know when to stop.
     pub held_out_share: f64,
     /// Adam and its limits.
@@ -77,6 +79,7 @@ impl Default for Settings {
             skip: true,
             components: 4,
             ensemble: 3,
+            warm_start: true,
             held_out_share: 0.2,
             schedule: Schedule {
                 learning_rate: 1e-3,
@@ -85,6 +88,7 @@ impl Default for Settings {
                 batch_size: 50,
                 max_epochs: 100,
                 patience_epochs: 10,
+                averaged_steps: 50,
                 max_gradient_norm: 5.0,
             },
             fidelity: Fidelity::Standard,
@@ -110,6 +114,7 @@ impl Settings {
                 batch_size: 100,
                 max_epochs: 100,
                 patience_epochs: 100,
+                averaged_steps: 1,
                 max_gradient_norm: 5.0,
             },
             ..Self::default()
@@ -144,6 +149,7 @@ impl Settings {
             ("schedule.batch_size", self.schedule.batch_size),
             ("schedule.max_epochs", self.schedule.max_epochs),
             ("schedule.patience_epochs", self.schedule.patience_epochs),
+            ("schedule.averaged_steps", self.schedule.averaged_steps),
         ];
         if let Some((field, got)) = counts.into_iter().find(|(_, n)| *n == 0) {
             return refuse(field, "at least 1", got.to_string());
@@ -213,7 +219,7 @@ mod tests {
         type Change = fn(&mut Settings);
         let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
         let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));
-        let cases: [(&str, &str, &str, Change); 20] = [
+        let cases: [(&str, &str, &str, Change); 21] = [
             ("iterations", "at least 1", "0", |s| s.iterations = 0),
             ("simulations", "at least 10", "9", |s| s.simulations = 9),
             ("iterations", "at most 1000", "1001", |s| s.iterations = 1001),
@@ -234,6 +240,7 @@ mod tests {
             ("schedule.batch_size", "at least 1", "0", |s| s.schedule.batch_size = 0),
             ("schedule.max_epochs", "at least 1", "0", |s| s.schedule.max_epochs = 0),
             ("schedule.patience_epochs", "at least 1", "0", |s| s.schedule.patience_epochs = 0),
+            ("schedule.averaged_steps", "at least 1", "0", |s| s.schedule.averaged_steps = 0),
             ("schedule.max_gradient_norm", "a positive number", "0", |s| s.schedule.max_gradient_norm = 0.0),
             ("proposal.posterior.prior_share", "a number between 0 and 1", "0", |s| {
                 s.proposal = ProposalKind::Posterior { prior_share: 0.0 };

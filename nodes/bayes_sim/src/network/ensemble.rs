@@ -4,10 +4,12 @@ use super::{Epoch, Network, Samples, Shape, TrainingError, train};
 use crate::settings::Settings;
 use catenary_core::mixture::MixtureError;
 use catenary_core::{Mixture, seed};
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// The networks, in order.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Ensemble {
     networks: Vec<Network>,
 }
@@ -38,16 +40,23 @@ pub struct Outcome {
 }
 
 impl Ensemble {
+    /// Whether the parts of every network fit together, which those of a file may not.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.networks.iter().all(Network::is_whole)
+    }
+
     /// The networks.
     pub fn networks(&self) -> &[Network] {
         &self.networks
     }
 
-    /// Trains `settings.ensemble` networks of `shape` anew. `listen` hears which network made a pass, and none of it after
+    /// Trains `settings.ensemble` networks of `shape`, from `before`'s parameters on where those are networks of that shape,
+    /// and else from random ones. `listen` hears which network made a pass, and none of it after
     /// each batch; it may stop the run.
     pub fn train(
         shape: &Shape,
         settings: &Settings,
+        before: Option<&Self>,
         training: Training<'_>,
         listen: &mut dyn FnMut(usize, Option<Epoch>) -> ControlFlow<()>,
     ) -> Result<(Self, Outcome), TrainingError> {
@@ -56,7 +65,11 @@ impl Ensemble {
         let mut networks = Vec::with_capacity(settings.ensemble);
         for member in 0..settings.ensemble {
             let mut rng = seed::rng(training.seed, member as u64);
-            let mut network = Network::new(shape.clone(), settings.length_scale, data, weights, &mut rng);
+            let last = before.and_then(|b| b.networks.get(member)).filter(|n| n.shape() == shape);
+            let mut network = match last {
+                Some(last) => last.restarted(data, weights, &mut rng),
+                None => Network::new(shape.clone(), settings.length_scale, data, weights, &mut rng),
+            };
             let (held_out, used) = split(&training, settings.held_out_share, member);
             let mut hear = |epoch| listen(member, epoch);
             let trained =

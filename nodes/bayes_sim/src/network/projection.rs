@@ -1,27 +1,35 @@
-//! The leading principal components of the columns, whitened.
+//! The leading principal components of the columns, whitened but for the weakest.
 
+use super::packed;
 use catenary_core::matrix::{Transpose, gemm};
 use nalgebra::{DMatrix, SymmetricEigen};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 /// Rounds of the subspace iteration.
 const ROUNDS: usize = 4;
 /// Share of the greatest component's standard deviation under which a component counts as noise of the arithmetic.
 const LEAST_SHARE: f64 = 1e-4;
+/// The same under which a component stays below unit variance. Amplified a hundredfold, it is carried away by each step of an
+/// embedding that learns, and nothing else is learnt.
+const WHITE_SHARE: f64 = 0.1;
 
 /// A linear map from W columns to P components.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Projection {
     columns: usize,
     components: usize,
     /// P x W, row-major.
+    #[serde(with = "packed")]
     matrix: Vec<f32>,
 }
 
 impl Projection {
     /// The map to the `components` leading principal components of `x` (rows of equal width, centred, weighted by
-    /// `weights`), each scaled to unit variance; by randomised subspace iteration (Halko, Martinsson and Tropp 2011).
+    /// `weights`), each scaled to unit variance, or, where it is weaker than a tenth of the first one, as if it were that
+    /// strong; by randomised subspace iteration (Halko, Martinsson and Tropp 2011).
     pub fn fit<R: Rng>(x: &[f32], weights: &[f64], components: usize, rng: &mut R) -> Self {
         let rows = weights.len();
         let columns = x.len() / rows;
@@ -44,16 +52,38 @@ impl Projection {
         let eigen = SymmetricEigen::new(image.transpose() * &image);
         let mut order: Vec<usize> = (0..rank).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-        let least = order.first().map_or(0.0, |&i| eigen.eigenvalues[i].max(0.0)) * LEAST_SHARE * LEAST_SHARE;
+        let greatest = order.first().map_or(0.0, |&i| eigen.eigenvalues[i].max(0.0)).sqrt();
         let mut matrix = vec![0.0; components * columns];
         for (row, &i) in matrix.chunks_exact_mut(columns).zip(&order) {
-            let variance = eigen.eigenvalues[i];
-            if variance > least {
-                let direction = &basis * eigen.eigenvectors.column(i) / variance.sqrt();
+            let spread = eigen.eigenvalues[i].max(0.0).sqrt();
+            if spread > LEAST_SHARE * greatest {
+                let direction = &basis * eigen.eigenvectors.column(i) / spread.max(WHITE_SHARE * greatest);
                 row.iter_mut().zip(direction.iter()).for_each(|(slot, v)| *slot = *v as f32);
             }
         }
         Self { columns, components, matrix }
+    }
+
+    /// W and P.
+    pub fn shape(&self) -> (usize, usize) {
+        (self.columns, self.components)
+    }
+
+    /// Whether the matrix is as long as its shape says.
+    pub(super) fn is_whole(&self) -> bool {
+        self.matrix.len() == self.columns * self.components
+    }
+
+    /// B x P derivatives by the components from B x W derivatives by the columns, where the columns are what the
+    /// components say of them: the rows of the map are orthogonal.
+    pub fn apply_inverse_transposed(&self, by_column: &[f32]) -> Vec<f32> {
+        let mut out = self.apply(by_column);
+        let squares: Vec<f32> =
+            self.matrix.chunks_exact(self.columns).map(|row| row.iter().map(|v| v * v).sum()).collect();
+        for row in out.chunks_exact_mut(self.components) {
+            row.iter_mut().zip(&squares).for_each(|(v, s)| *v = if *s > 0.0 { *v / s } else { 0.0 });
+        }
+        out
     }
 
     /// B x P components of `x` (B x W).
@@ -127,6 +157,10 @@ mod tests {
             assert!(cosine.abs() > 0.999, "component {p}: cosine {cosine}");
             assert!((length * spread - 1.0).abs() < 0.05, "component {p}: {length} for a spread of {spread}");
         }
+        // A fourth one is a fiftieth of the first, and taken for a tenth.
+        let weak = row(&Projection::fit(&x, &[1.0; ROWS], 4, &mut seed::rng(32, 0)), 3);
+        let length = weak.iter().map(|v| v * v).sum::<f64>().sqrt();
+        assert!((length * WHITE_SHARE * SPREADS[0] - 1.0).abs() < 0.05, "{length} for a spread of {REST}");
         let out = projection.apply(&x);
         for (p, q) in (0..9).map(|i| (i / 3, i % 3)) {
             let moment = out.chunks_exact(3).map(|r| f64::from(r[p] * r[q])).sum::<f64>() / ROWS as f64;

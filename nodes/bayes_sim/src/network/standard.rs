@@ -98,6 +98,17 @@ impl Standardisation {
         }
     }
 
+    /// Whether all lists are as long as `shape` says.
+    pub(super) fn is_whole(&self, shape: &Shape) -> bool {
+        let columns = shape.frames * shape.columns();
+        let affine = |a: &Affine, n| a.centre.len() == n && a.inverse_scale.len() == n;
+        self.point_centre.len() == 2 * shape.frames
+            && affine(&self.columns, columns)
+            && affine(&self.plain, shape.plain)
+            && self.presence.is_none_or(|c| c < shape.columns())
+            && [&self.theta_centre, &self.theta_scale].iter().all(|list| list.len() == shape.head.dimension)
+    }
+
     /// Centres and scales theta by the weighted mean and standard deviation of `samples`.
     pub(super) fn fit_theta(&mut self, samples: &Samples, weights: &[f64]) {
         let mut moments = vec![Moments::default(); samples.dimension()];
@@ -139,9 +150,6 @@ impl Standardisation {
     /// Turns derivatives by standardised columns into derivatives by raw ones; absent frames have none.
     pub(super) fn scale_gradient(&self, batch: &Samples, gradient: &mut [f32]) {
         let width = self.columns.centre.len() / batch.frames().max(1);
-        if width == 0 {
-            return;
-        }
         for (row, values) in gradient.chunks_exact_mut(width).enumerate() {
             if batch.present(row) {
                 let at = width * (row % batch.frames());

@@ -261,3 +261,53 @@ fn a_loss_that_is_not_finite_is_a_clear_error() {
     assert!(words.starts_with("training failed in epoch 1: the "), "{words}");
     assert!(words.contains("expected a finite number; a lower learning rate or gradient norm may help"), "{words}");
 }
+
+#[test]
+fn a_restarted_network_is_the_same_function_in_other_coordinates() {
+    let all = samples(60, 2);
+    // Whole tracks of thetas in a corner of the prior: other centres and scales. Zeros stand for absent frames in both.
+    let corner: Vec<usize> = (0..60).filter(|&i| i % 3 != 2 && all.theta(i).iter().all(|u| *u > 0.4)).collect();
+    let part = all.gather(&corner);
+    let weights: Vec<f64> = (0..part.len()).map(|i| 1.0 + (i % 3) as f64).collect();
+    // So many components that none of the columns' variance is left out.
+    for projection in [None, Some(45)] {
+        let before = network(&all, &[1.0; 60], projection, Fourier::CosOnly);
+        let after = before.restarted(&part, &weights, &mut seed::rng(45, 0));
+        assert_ne!(before.standard().theta(), after.standard().theta());
+        let mut worst = [0.0f64; 3];
+        for &i in &corner {
+            let batch = all.gather(&[i]);
+            let ((w, m, c), (v, n, d)) = (before.mixture_parts(&batch).unwrap(), after.mixture_parts(&batch).unwrap());
+            for k in 0..w.len() {
+                worst[0] = worst[0].max((w[k] - v[k]).abs());
+                worst[1] = worst[1].max((&m[k] - &n[k]).amax());
+                worst[2] = worst[2].max((&c[k] - &d[k]).amax() / c[k].amax());
+            }
+        }
+        // Single precision; the bend of the diagonals changes covariances by some percent.
+        assert!(worst[0] < 1e-3 && worst[1] < 1e-3 && worst[2] < 0.05, "{projection:?}: {worst:?}");
+    }
+}
+
+#[test]
+fn networks_survive_text_to_the_bit_and_parts_that_do_not_fit_are_seen() {
+    let samples = samples(20, 2);
+    let whole = network(&samples, &[1.0; 20], Some(6), Fourier::CosSin);
+    let text = serde_json::to_string(&whole).unwrap();
+    assert_eq!(serde_json::from_str::<Network>(&text).unwrap(), whole);
+    assert!(whole.is_whole());
+    type Change = fn(&mut Network);
+    let spoilt: [Change; 4] = [
+        |n| n.parameters.truncate(7),
+        |n| n.shape.hidden = vec![7, 5],
+        |n| n.projection = None,
+        |n| n.standard.columns.centre.truncate(7),
+    ];
+    for (case, change) in spoilt.into_iter().enumerate() {
+        let mut network = whole.clone();
+        change(&mut network);
+        assert!(!network.is_whole(), "case {case}");
+    }
+    let odd = text.replacen("\"parameters\":\"", "\"parameters\":\"AAAA", 1);
+    assert!(serde_json::from_str::<Network>(&odd).unwrap_err().to_string().contains("numbers of 4 bytes"));
+}

@@ -23,6 +23,8 @@ pub struct Schedule {
     pub max_epochs: usize,
     /// Passes without a better held-out loss after which training stops; the best parameters are kept.
     pub patience_epochs: usize,
+    /// Steps over which parameters are averaged, with exponentially falling weights; 1: not at all.
+    pub averaged_steps: usize,
     /// Bound of the Euclidean norm of the whole gradient.
     pub max_gradient_norm: f64,
 }
@@ -136,6 +138,8 @@ pub fn train<R: Rng>(
         network.loss(&x, batch.thetas(), &watched_weights, work)
     };
     let mut best = (watch(network, &mut work), 0, network.parameters().to_vec());
+    let mut averaged = network.clone();
+    let mut steps = 0;
     let mut epoch = 0;
     while epoch < schedule.max_epochs && epoch - best.1 < schedule.patience_epochs {
         epoch += 1;
@@ -153,14 +157,18 @@ pub fn train<R: Rng>(
             check(epoch, "the norm of the gradient", norm)?;
             let scale = (schedule.max_gradient_norm / norm.max(f64::MIN_POSITIVE)).min(1.0) as f32;
             adam.step(network.parameters_mut(), &gradient, scale, schedule, decay_from);
+            steps += 1;
+            let share = (1.0 / (0.1 * steps as f32)).clamp(1.0 / schedule.averaged_steps as f32, 1.0);
+            let pairs = averaged.parameters_mut().iter_mut().zip(network.parameters());
+            pairs.for_each(|(a, p)| *a += share * (p - *a));
             if listen(None).is_break() {
                 return Err(TrainingError::Stopped);
             }
         }
-        let held_out_loss = watch(network, &mut work);
+        let held_out_loss = watch(&averaged, &mut work);
         check(epoch, "the held-out loss", held_out_loss)?;
         if held_out_loss < best.0 || !best.0.is_finite() {
-            best = (held_out_loss, epoch, network.parameters().to_vec());
+            best = (held_out_loss, epoch, averaged.parameters().to_vec());
         }
         if listen(Some(Epoch { epoch, held_out_loss })).is_break() {
             return Err(TrainingError::Stopped);

@@ -2,7 +2,7 @@
 
 use super::proposal::Proposal;
 use super::{Iteration, Sequential, Stream};
-use crate::network::Samples;
+use crate::network::{Ensemble, Samples};
 use catenary_core::{Mixture, seed};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -26,6 +26,8 @@ pub struct State {
     pub(super) iterations: Vec<Iteration>,
     /// The posterior after each.
     pub(super) posteriors: Vec<Mixture>,
+    /// The newest networks.
+    pub(super) ensemble: Ensemble,
 }
 
 /// Why an inference cannot go on from a state.
@@ -48,8 +50,8 @@ pub enum StateError {
 
 impl State {
     pub(crate) fn new(question: u64, samples: Samples) -> Self {
-        let (iterations, posteriors) = (Vec::new(), Vec::new());
-        Self { version: VERSION, question, samples, simulations: 0, iterations, posteriors }
+        let (iterations, posteriors, ensemble) = (Vec::new(), Vec::new(), Ensemble::default());
+        Self { version: VERSION, question, samples, simulations: 0, iterations, posteriors, ensemble }
     }
 
     /// Iterations that were made.
@@ -89,6 +91,10 @@ impl Sequential<'_> {
         if state.simulations != made * self.settings.simulations || state.samples.len() > state.simulations {
             let got = format!("{} with {} usable ones", state.simulations, state.samples.len());
             return broken("simulations", (made * self.settings.simulations).to_string(), got);
+        }
+        let networks = state.ensemble.networks().len();
+        if !state.ensemble.is_whole() || networks != self.settings.ensemble * usize::from(made > 0) {
+            return broken("ensemble", format!("{} whole networks", self.settings.ensemble), networks.to_string());
         }
         let mut proposals = Vec::with_capacity(made);
         for number in 1..=made {

@@ -1,7 +1,9 @@
 //! What an inference does besides being right, and, in the modules below, that it is.
 
 mod calibration;
+mod classifier;
 pub(crate) mod linear_gaussian;
+mod random_runs;
 
 use super::*;
 use crate::embedding::{Embedding, Fourier};
@@ -14,7 +16,7 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::cell::Cell;
 
-pub(crate) const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.15 };
+pub(crate) const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.15, mirrored: 0.0, rigid: false };
 pub(crate) const TRUTH: [f64; 2] = [0.4, 0.7];
 
 fn template() -> SimulationRequest {

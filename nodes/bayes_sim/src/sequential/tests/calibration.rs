@@ -3,7 +3,7 @@
 use super::linear_gaussian::{FRAMES, LinearGaussian};
 use super::*;
 
-const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.1 };
+const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.1, mirrored: 0.0, rigid: false };
 
 /// How posteriors compare with the exact ones, each of its own observation.
 #[derive(Debug, Default)]

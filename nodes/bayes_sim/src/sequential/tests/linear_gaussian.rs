@@ -1,5 +1,6 @@
-//! A simulator with a posterior in closed form: the keypoints' x are linear in theta, with Gaussian noise; the prior is
-//! uniform on the unit cube, so the exact posterior is a Gaussian truncated to it.
+//! Simulators with posteriors in closed form: the keypoints' x are linear in theta, with Gaussian noise, and those of a share
+//! of the tracks are mirrored; the prior is uniform on the unit cube, so the exact posterior is a Gaussian truncated to it, or
+//! a mixture of it and its mirror image.
 
 use super::*;
 use nalgebra::{DMatrix, DVector};
@@ -12,12 +13,18 @@ pub struct LinearGaussian {
     pub dimension: usize,
     /// Standard deviation of the noise.
     pub noise: f64,
+    /// Share of the tracks whose x are mirrored, which nothing tells.
+    pub mirrored: f64,
+    /// Whether all keypoints of a frame move alike, their noise included, so that their mean tells all: what the embedding
+    /// makes of keypoints is then no loss.
+    pub rigid: bool,
 }
 
 impl LinearGaussian {
     /// Slope of the x of keypoint `k` in frame `f` by theta's coordinate `j`: the object swings, more so towards its end.
-    fn slope(f: usize, k: usize, j: usize) -> f64 {
-        0.3 * (0.5 + 0.25 * k as f64) * seed::rng(99, (f * 10 + j) as u64).sample::<f64, _>(StandardNormal)
+    fn slope(&self, f: usize, k: usize, j: usize) -> f64 {
+        0.3 * if self.rigid { 1.0 } else { 0.5 + 0.25 * k as f64 }
+            * seed::rng(99, (f * 10 + j) as u64).sample::<f64, _>(StandardNormal)
     }
 
     fn height(k: usize) -> f64 {
@@ -27,10 +34,13 @@ impl LinearGaussian {
     /// A track at `theta`; its keypoints come in either order.
     pub fn track(&self, theta: &[f64], seed: u64) -> Track {
         let mut rng = seed::rng(seed, 0);
+        let sign = if self.mirrored > 0.0 && rng.random::<f64>() < self.mirrored { -1.0 } else { 1.0 };
         let frames = (0..FRAMES).map(|f| {
+            let common: f64 = if self.rigid { rng.sample(StandardNormal) } else { 0.0 };
             let mut dlo: [[f64; 2]; 4] = std::array::from_fn(|k| {
-                let mean: f64 = theta.iter().enumerate().map(|(j, t)| Self::slope(f, k, j) * (t - 0.5)).sum();
-                [mean + self.noise * rng.sample::<f64, _>(StandardNormal), Self::height(k)]
+                let mean: f64 = theta.iter().enumerate().map(|(j, t)| self.slope(f, k, j) * (t - 0.5)).sum();
+                let noise = if self.rigid { common } else { rng.sample(StandardNormal) };
+                [sign * mean + self.noise * noise, Self::height(k)]
             });
             if rng.random::<bool>() {
                 dlo.reverse();
@@ -45,21 +55,26 @@ impl LinearGaussian {
         ParameterSpace::new((0..self.dimension).map(unit).collect()).unwrap()
     }
 
-    /// The exact posterior given `tracks` of one theta: least squares with a known variance.
+    /// The exact posterior given `tracks` of one theta, one where some are mirrored: least squares with a known variance.
     pub fn posterior(&self, tracks: &[&Track]) -> Posterior {
         let d = self.dimension;
         let (mut precision, mut shift) = (DMatrix::zeros(d, d), DVector::zeros(d));
         for (f, frame) in tracks.iter().flat_map(|t| t.frames.iter().enumerate()) {
-            for k in 0..4 {
+            for k in 0..if self.rigid { 1 } else { 4 } {
                 let [x, _] = frame.dlo.into_iter().find(|p| p[1] == Self::height(k)).unwrap();
-                let slopes = DVector::from_fn(d, |j, _| Self::slope(f, k, j));
+                let slopes = DVector::from_fn(d, |j, _| self.slope(f, k, j));
                 precision += &slopes * slopes.transpose() / self.noise.powi(2);
                 shift += &slopes * (x + 0.5 * slopes.sum()) / self.noise.powi(2);
             }
         }
         let covariance = precision.try_inverse().unwrap();
         let symmetric = (&covariance + covariance.transpose()) * 0.5;
-        let mixture = Mixture::new(&[1.0], vec![&symmetric * shift], vec![symmetric]).unwrap();
+        let mean = &symmetric * shift;
+        let mirrored = DVector::from_element(d, 1.0) - &mean;
+        let weights = [1.0 - self.mirrored, self.mirrored];
+        let parts = 1 + usize::from(self.mirrored > 0.0);
+        let means = [mean, mirrored][..parts].to_vec();
+        let mixture = Mixture::new(&weights[..parts], means, vec![symmetric; parts]).unwrap();
         Posterior { parameters: self.space(), mixture }
     }
 }

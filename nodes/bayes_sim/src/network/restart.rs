@@ -1,0 +1,115 @@
+//! A network that goes on from another one's parameters on other samples: standardised anew, and still the same function
+//! of its raw inputs, so that training begins where it ended.
+
+use super::{Network, Samples};
+use crate::network::standard::Affine;
+use rand::Rng;
+
+impl Network {
+    /// This network, standardised by `samples` with `weights`. Where it sees principal components, those of `samples` take
+    /// the place of the earlier ones, and what lies outside of their span is left out; the bend of the diagonals
+    /// ([`super::head::DIAGONAL_LIMIT`]) is taken as straight.
+    pub fn restarted<R: Rng>(&self, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
+        let mut next = self.clone();
+        next.standardise(samples, weights, rng);
+        next.carry_inputs(self);
+        next.carry_outputs(self);
+        next
+    }
+
+    /// Has the first layer, and the linear path, see of the new inputs what they saw of `before`'s.
+    fn carry_inputs(&mut self, before: &Network) {
+        let layers = self.shape.layers();
+        let (inputs, outputs) = layers[0];
+        let (weights, biases) = self.shape.offsets()[0];
+        let shifts = self.carry_rows(before, weights..weights + inputs * outputs);
+        self.parameters[biases..biases + outputs].iter_mut().zip(&shifts).for_each(|(b, s)| *b += s);
+        if self.shape.skip {
+            let first = self.parameters.len() - self.shape.skip_count();
+            let shifts = self.carry_rows(before, first..self.parameters.len());
+            self.parameters[first - shifts.len()..first].iter_mut().zip(&shifts).for_each(|(b, s)| *b += s);
+        }
+    }
+
+    /// Turns rows of weights by `before`'s inputs into rows by this network's; what a bias must be moved by for each.
+    fn carry_rows(&mut self, before: &Network, at: std::ops::Range<usize>) -> Vec<f32> {
+        let (inputs, framed) = (self.shape.inputs(), self.shape.framed());
+        let rows = at.len() / inputs;
+        let (mut by_framed, mut by_plain) = (Vec::new(), Vec::new());
+        for row in self.parameters[at.clone()].chunks_exact(inputs) {
+            by_framed.extend_from_slice(&row[..framed]);
+            by_plain.extend_from_slice(&row[framed..]);
+        }
+        let mut shifts = vec![0.0; rows];
+        if framed > 0 {
+            if let Some(projection) = &before.projection {
+                by_framed = projection.apply_transposed(&by_framed);
+            }
+            carry_affine(&before.standard.columns, &self.standard.columns, &mut by_framed, &mut shifts);
+            if let Some(projection) = &self.projection {
+                by_framed = projection.apply_inverse_transposed(&by_framed);
+            }
+        }
+        carry_affine(&before.standard.plain, &self.standard.plain, &mut by_plain, &mut shifts);
+        for (i, row) in self.parameters[at].chunks_exact_mut(inputs).enumerate() {
+            row[..framed].copy_from_slice(&by_framed[i * framed..(i + 1) * framed]);
+            row[framed..].copy_from_slice(&by_plain[i * (inputs - framed)..(i + 1) * (inputs - framed)]);
+        }
+        shifts
+    }
+
+    /// Has the head say in the new whitened coordinates what it said in `before`'s.
+    fn carry_outputs(&mut self, before: &Network) {
+        let head = self.shape.head;
+        let ((from, spread), (to, narrow)) = (before.standard.theta(), self.standard.theta());
+        // v = (u - from) / spread = (narrow v' + to - from) / spread.
+        let shrink: Vec<f64> = narrow.iter().zip(spread).map(|(n, s)| n / s).collect();
+        let shift: Vec<f64> = (0..head.dimension).map(|i| (from[i] - to[i]) / narrow[i]).collect();
+        // Of each raw output, what it is multiplied by and what is added to it.
+        let mut changes = vec![(1.0, 0.0); head.outputs()];
+        let [means, diagonals, belows] = head.offsets();
+        let mut below = belows;
+        for k in 0..head.components {
+            for i in 0..head.dimension {
+                changes[means + k * head.dimension + i] = (1.0 / shrink[i], shift[i]);
+                changes[diagonals + k * head.dimension + i] = (1.0, shrink[i].ln());
+                for by in &shrink[..i] {
+                    changes[below] = (*by, 0.0);
+                    below += 1;
+                }
+            }
+        }
+        let last = self.shape.hidden.len();
+        let (inputs, outputs) = self.shape.layers()[last];
+        let (weights, biases) = self.shape.offsets()[last];
+        let skip = self.parameters.len() - self.shape.skip_count();
+        for (output, (factor, term)) in changes.into_iter().enumerate() {
+            let scale = |values: &mut [f32]| values.iter_mut().for_each(|v| *v *= factor as f32);
+            scale(&mut self.parameters[weights + output * inputs..weights + (output + 1) * inputs]);
+            if self.shape.skip {
+                let width = self.shape.inputs();
+                scale(&mut self.parameters[skip + output * width..skip + (output + 1) * width]);
+            }
+            let bias = &mut self.parameters[biases + output];
+            *bias = (f64::from(*bias) * factor + term) as f32;
+        }
+        debug_assert_eq!(biases + outputs, skip, "the linear path comes behind the last layer");
+    }
+}
+
+/// Turns rows of derivatives by values that `before` standardised into rows by those that `after` standardises, and adds to
+/// each row's shift what the change of the centres makes. A column that is constant by now counts as its centre.
+fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut [f32]) {
+    let width = before.centre.len();
+    if width == 0 {
+        return;
+    }
+    for (row, shift) in rows.chunks_exact_mut(width).zip(shifts) {
+        for (c, value) in row.iter_mut().enumerate() {
+            *shift += *value * before.inverse_scale[c] * (after.centre[c] - before.centre[c]);
+            let ratio =
+                if after.inverse_scale[c] > 0.0 { before.inverse_scale[c] / after.inverse_scale[c] } else { 0.0 };
+            *value *= ratio;
+        }
+    }
+}
