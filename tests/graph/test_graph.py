@@ -6,6 +6,7 @@ import math
 import os
 import pathlib
 import signal
+import time
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -267,6 +268,25 @@ def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episo
     graph.ros.node.create_subscription(Mixture, "/bayes_sim/posterior", late.append, profile)
     graph.ros.wait_for(lambda: late, 10, "the latched posterior")
     assert late[0] == result.posterior
+
+
+# Of the default preset the first round is simulated, then networks learn; a step of the paper's is a long one.
+@pytest.mark.parametrize(("preset", "after_s"), [("default", 0.4), ("default", 4), ("paper", 8)])
+def test_an_inference_is_cancelled_at_once(graph, episode, preset, after_s):
+    model = (graph.root / "launch_configs/models/soft_bar.yaml").read_text()
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(episode[2])], model_yaml=model, preset=preset, drive=Simulate.Request.DRIVE_GRIP)
+    client = ActionClient(graph.ros.node, Infer, "/bayes_sim/infer")
+    graph.ros.wait_for(client.server_is_ready, 20, "the inference")
+    handle = graph.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
+    answer = handle.get_result_async()
+    assert graph.ros.holds_within(answer.done, after_s) is not True, "it ended by itself"
+    asked = time.monotonic()
+    graph.ros.result(handle.cancel_goal_async(), 20, "an answer to the cancel")
+    assert graph.ros.result(answer, 20, "the end").status == GoalStatus.STATUS_CANCELED
+    took_s = time.monotonic() - asked
+    print(f"{preset}, cancelled after {after_s} s: over after {took_s:.2f} s")
+    # A second is meant, on a machine that does nothing else.
+    assert took_s < 3
 
 
 def test_an_interrupted_deploy_cancels_the_episode_and_stops_the_arm(graph):

@@ -2,13 +2,14 @@
 
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
-use crate::sequential::{Iteration, Observed, OnProgress, Sequential, State};
+use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, hash, seed};
 use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
 
 /// Draws behind the share of the mixture that lies outside the prior's support.
 const MASS_DRAWS: usize = 10_000;
@@ -92,7 +93,13 @@ pub fn infer(
         draws => {
             let seed = seed::derive(settings.seed, PREDICTIVE_STREAM);
             let thetas = posterior.sample(draws, seed).map_err(failed)?;
-            diagnostics::predictive(&predictions(&observed, &thetas, settings.seed, simulator)?, &model.camera.view)
+            let simulations = sequential.state().simulations();
+            let mut tick = || match on_progress(&Progress::Working { iteration: number, simulations }) {
+                ControlFlow::Continue(()) => Ok(()),
+                ControlFlow::Break(()) => Err(InferenceError::Cancelled { simulations }),
+            };
+            let predicted = predictions(&observed, &thetas, settings.seed, simulator, &mut tick)?;
+            diagnostics::predictive(&predicted, &model.camera.view)
         }
     };
     let marginals = posterior.marginals().map_err(failed)?;
@@ -116,20 +123,27 @@ pub fn question(model: &Model, measured: &[MeasuredTrack], policy: Option<&Polic
     hash::fnv1a(format!("{program} {model:?} {measured:?} {policy:?} {settings:?}").into_bytes())
 }
 
-/// Each measured track with those that the simulator makes of `thetas`.
+/// Each measured track with those that the simulator makes of `thetas`; `tick` may stop it between two parts.
 fn predictions<'a>(
     observed: &[Observed<'a>],
     thetas: &[Vec<f64>],
     seed: u64,
     simulator: &dyn Simulator,
+    tick: &mut dyn FnMut() -> Result<(), InferenceError>,
 ) -> Result<Vec<(&'a Track, Vec<Track>)>, InferenceError> {
-    let of = |(episode, o): (usize, &Observed<'a>)| {
+    let mut of = |(episode, o): (usize, &Observed<'a>)| {
         let seed = seed::derive(seed, PREDICTIVE_STREAM + 1);
         let seed = if episode == 0 { seed } else { seed::derive(seed, episode as u64) };
-        let request = SimulationRequest { thetas: thetas.to_vec(), seed, ..o.template.clone() };
-        Ok((o.track, simulator.simulate(&request)?))
+        let mut tracks = Vec::with_capacity(thetas.len());
+        for part in thetas.chunks(PART) {
+            let first_episode = tracks.len() as u64;
+            let request = SimulationRequest { thetas: part.to_vec(), seed, first_episode, ..o.template.clone() };
+            tracks.extend(simulator.simulate(&request)?);
+            tick()?;
+        }
+        Ok((o.track, tracks))
     };
-    observed.iter().enumerate().map(of).collect()
+    observed.iter().enumerate().map(&mut of).collect()
 }
 
 #[cfg(test)]
@@ -142,7 +156,6 @@ mod tests {
     use catenary_core::task::DeltaAnchor;
     use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError};
     use std::cell::RefCell;
-    use std::ops::ControlFlow;
 
     const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
 
@@ -228,6 +241,22 @@ mod tests {
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
         let result = infer(&model, &[measured()], None, &settings, None, &simulator, &mut listen).unwrap();
         assert_eq!((result.predictive, simulator.1.borrow().len()), (None, 1));
+    }
+
+    #[test]
+    fn the_check_of_the_posterior_can_be_cancelled_between_parts() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 1, predictive_draws: 3 * PART, ..quick() };
+        let simulator = Toy(&model, RefCell::default());
+        let (mut is_over, mut parts) = (false, 0);
+        let mut listen = |progress: &crate::sequential::Progress<'_>| {
+            parts += usize::from(is_over);
+            is_over |= matches!(progress, Progress::Iteration { .. });
+            if parts == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let error = infer(&model, &[measured()], None, &settings, None, &simulator, &mut listen).unwrap_err();
+        assert!(matches!(error, InferenceError::Cancelled { simulations: 40 }), "{error}");
+        assert_eq!(simulator.1.borrow().len(), 1 + 2, "batches");
     }
 
     #[test]

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// Simulations that are asked for at once: between two parts the caller may stop.
-const PART: usize = 64;
+pub(crate) const PART: usize = 64;
 
 /// What one iteration did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -59,6 +59,11 @@ impl State {
         &self.iterations
     }
 
+    /// Thetas simulated.
+    pub fn simulations(&self) -> usize {
+        self.simulations
+    }
+
     /// The newest posterior over unit coordinates.
     pub fn newest(&self) -> Option<&Mixture> {
         self.posteriors.last()
