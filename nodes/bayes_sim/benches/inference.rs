@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 use bayes_sim::Settings;
 use bayes_sim::embedding::TrackInput;
-use bayes_sim::network::{MixtureHead, Network, Samples, Shape, train};
+use bayes_sim::network::{Network, Samples, Shape, train};
 use catenary_core::track::End;
 use catenary_core::{Frame, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track, seed};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
@@ -37,13 +37,9 @@ fn tracks() -> Samples {
 fn network(settings: &Settings, samples: &Samples) -> Network {
     let shape = Shape {
         frames: FRAMES,
-        plain: 0,
         channels: samples.varying_channels(),
-        embedding: settings.embedding,
-        hidden: settings.hidden.clone(),
         projection: settings.projection,
-        skip: settings.skip,
-        head: MixtureHead { components: settings.components, dimension: samples.dimension() },
+        ..Shape::of_rows(0, samples.dimension(), settings)
     };
     Network::new(shape, settings.length_scale, samples, &[1.0; TRACKS], &mut seed::rng(2, 0))
 }

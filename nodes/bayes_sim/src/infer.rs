@@ -2,7 +2,7 @@
 
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
-use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State};
+use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, episode_seed};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
@@ -131,9 +131,9 @@ fn predictions<'a>(
     simulator: &dyn Simulator,
     tick: &mut dyn FnMut() -> Result<(), InferenceError>,
 ) -> Result<Vec<(&'a Track, Vec<Track>)>, InferenceError> {
-    let mut of = |(episode, o): (usize, &Observed<'a>)| {
-        let seed = seed::derive(seed, PREDICTIVE_STREAM + 1);
-        let seed = if episode == 0 { seed } else { seed::derive(seed, episode as u64) };
+    let seed = seed::derive(seed, PREDICTIVE_STREAM + 1);
+    let of = |(episode, o): (usize, &Observed<'a>)| {
+        let seed = episode_seed(seed, episode);
         let mut tracks = Vec::with_capacity(thetas.len());
         for part in thetas.chunks(PART) {
             let first_episode = tracks.len() as u64;
@@ -143,7 +143,7 @@ fn predictions<'a>(
         }
         Ok((o.track, tracks))
     };
-    observed.iter().enumerate().map(&mut of).collect()
+    observed.iter().enumerate().map(of).collect()
 }
 
 #[cfg(test)]

@@ -103,6 +103,11 @@ fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: 
     }
 }
 
+/// Seed of the simulations of one measured episode, from that of all.
+pub(crate) fn episode_seed(seed: u64, episode: usize) -> u64 {
+    if episode == 0 { seed } else { seed::derive(seed, episode as u64) }
+}
+
 /// Streams of random numbers, derived from the seed of the settings.
 #[derive(Clone, Copy)]
 enum Stream {
@@ -229,13 +234,14 @@ impl<'a> Sequential<'a> {
         let count = self.settings.simulations;
         let u = (0..count).map(|_| proposal.sample(d, number, &mut rng)).collect::<Result<Vec<_>, _>>()?;
         let thetas: Vec<Vec<f64>> = u.iter().map(|u| self.space.from_unit(u)).collect();
+        let seed = self.seed(Stream::Simulator, number);
         for (part, u) in u.chunks(PART).enumerate() {
             let from = part * PART;
             let mut joined: Vec<Result<Vec<TrackInput>, InputError>> = vec![Ok(Vec::new()); u.len()];
             for (episode, (template, frames)) in self.episodes.iter().enumerate() {
                 let request = SimulationRequest {
                     thetas: thetas[from..from + u.len()].to_vec(),
-                    seed: self.episode_seed(number, episode),
+                    seed: episode_seed(seed, episode),
                     first_episode: from as u64,
                     ..template.clone()
                 };
@@ -261,14 +267,6 @@ impl<'a> Sequential<'a> {
         }
         self.proposals.push((proposal, count));
         Ok(())
-    }
-
-    /// Seed of the simulations of one episode.
-    fn episode_seed(&self, number: usize, episode: usize) -> u64 {
-        match (self.seed(Stream::Simulator, number), episode) {
-            (seed, 0) => seed,
-            (seed, _) => seed::derive(seed, episode as u64),
-        }
     }
 
     fn shape(&self, data: &Samples) -> Shape {

@@ -30,9 +30,9 @@ const ORPHAN_GRACE: Duration = Duration::from_secs(5);
 /// Runs a node from the arguments after the program's name.
 ///
 /// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), so does the
-/// death of its supervisor and the loss of the network, and `--help` lists the node's parameters. The exit code is 0 after an orderly end, 2 for a
-/// wrong command line, parameter or environment variable and for what is [`Misconfigured`], else 1, with the error in one
-/// line on stderr.
+/// death of its supervisor and the loss of the network, and `--help` lists the node's parameters. The exit code is 0 after
+/// an orderly end, 2 for a wrong command line, parameter or environment variable and for what is [`Misconfigured`], else 1,
+/// with the error in one line on stderr.
 pub fn main<S: Into<String>>(
     name: &str,
     args: impl IntoIterator<Item = S>,

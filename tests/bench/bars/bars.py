@@ -25,7 +25,6 @@ BARS = range(4)
 STEPS = 16
 # The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
 LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.32, 0.22]), numpy.array([0.55, 0.47]), numpy.array([0.40, 0.42]), 0.06
-DRAWS = 4000
 
 
 def actions(seed):

@@ -39,6 +39,12 @@ pub(crate) fn seen(track: &Track, frames: usize) -> Vec<Observed<'_>> {
     vec![Observed { track, template: template(), frames }]
 }
 
+/// What the networks of `sequential` make of another track.
+fn look(sequential: &mut Sequential<'_>, track: &Track) -> Posterior {
+    sequential.observed = TrackInput::new(track, FRAMES).unwrap();
+    Posterior { parameters: sequential.space.clone(), mixture: sequential.mixture().unwrap() }
+}
+
 /// All iterations; the last one's account and posterior.
 fn run(
     sequential: &mut Sequential<'_>,

@@ -30,7 +30,7 @@ class Posterior:
         if not (size and dimension and abs(self.weights.sum() - 1) < 1e-6 and (self.weights >= 0).all()):
             raise InspectError(f"{origin}: weights: expected numbers of at least 0 with the sum 1, found {self.weights.tolist()}")
         self.unit, self.mass_inside = self.draw(numpy.random.default_rng(1))
-        self.values = numpy.column_stack([self.value(i, self.unit[:, i]) for i in range(dimension)])
+        self.values = numpy.column_stack([before.value(self.unit[:, i]) for i, (_, before) in enumerate(parameters)])
 
     def shaped(self, name, values, shape):
         values = numpy.asarray(values, float)
@@ -51,10 +51,6 @@ class Posterior:
         if len(inside) < 100:
             raise InspectError(f"{self.origin}: expected a mixture over the priors' support, found {len(inside)} of {tried} draws inside")
         return inside[:DRAWS], len(inside) / tried
-
-    def value(self, index, unit):
-        """Parameters from unit coordinates."""
-        return self.parameters[index][1].value(unit)
 
     def marginals(self):
         rows = []

@@ -80,9 +80,7 @@ fn amortised(observations: u64, settings: &Settings) -> Comparison {
     let mut comparison = Comparison::default();
     for i in 0..observations {
         let (truth, observed) = observation(i);
-        sequential.observed = TrackInput::new(&observed, FRAMES).unwrap();
-        let posterior = Posterior { parameters: space.clone(), mixture: sequential.mixture().unwrap() };
-        comparison.add(&truth, &posterior, &TOY.posterior(&[&observed]));
+        comparison.add(&truth, &look(&mut sequential, &observed), &TOY.posterior(&[&observed]));
     }
     comparison
 }

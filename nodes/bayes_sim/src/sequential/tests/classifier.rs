@@ -37,13 +37,11 @@ fn one_round(toy: &LinearGaussian, seed: u64) -> f64 {
     let first = observation(toy, 0);
     let mut sequential = Sequential::new(&space, seen(&first, FRAMES), &settings, 0).unwrap();
     run(&mut sequential, toy, 1).unwrap();
-    let mut accuracy = |number| {
+    let accuracy = |number| {
         let observed = observation(toy, number);
-        sequential.observed = TrackInput::new(&observed, FRAMES).unwrap();
-        let posterior = Posterior { parameters: space.clone(), mixture: sequential.mixture().unwrap() };
-        c2st(&posterior, &toy.posterior(&[&observed])) / 10.0
+        c2st(&look(&mut sequential, &observed), &toy.posterior(&[&observed])) / 10.0
     };
-    (0..10).map(&mut accuracy).sum()
+    (0..10).map(accuracy).sum()
 }
 
 /// Five rounds of 600 tracks about one observation.
