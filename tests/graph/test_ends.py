@@ -210,16 +210,21 @@ def test_a_process_that_was_stopped_and_goes_on_does_not_pretend_to_hear_the_gra
     recorder = session.start("record", "--out", "bag", name="recorder")
     session.wait_for((session.folder / "bag").exists, 20, "the bag")
     session.ros.holds_within(lambda: False, 2)
+    replay = session.start("replay", session.root / "bags/swing", "--loop", "--topics", "/panda/current_pose", "--allow-others", name="replay")
+    session.ros.wait_for(lambda: session.ros.node.count_publishers("/panda/current_pose") > 1, 20, "the replay")
     tracker = session.pid_of("keypoint_tracker")
-    for pid in (recorder.pid, tracker):
+    for pid in (recorder.pid, tracker, replay.pid):
         os.kill(pid, signal.SIGSTOP)
     session.ros.holds_within(lambda: False, 1)
     messages.clear()
-    for pid in (recorder.pid, tracker):
+    for pid in (recorder.pid, tracker, replay.pid):
         os.kill(pid, signal.SIGCONT)
     # A recorder ends with a whole bag and an error; a node is started anew.
     assert recorder.wait(20) == 1
     assert "the network was lost" in session.text("recorder.err")
     assert counts(session.folder / "bag")["/dlo/keypoints"] > 0
+    # What was cut short by it is no interruption.
+    assert replay.wait(20) == 1
+    assert "the network was lost" in session.text("replay.err")
     session.ros.wait_for(lambda: len(messages) > 30, 20, "keypoints of the tracker that was started anew")
     assert session.pid_of("keypoint_tracker") not in (None, tracker)

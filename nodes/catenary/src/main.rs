@@ -60,7 +60,8 @@ fn main() -> ExitCode {
     };
     start_logs(cli.verbose);
     match run(&cli) {
-        Ok(()) if catenary_shell::is_network_lost() => {
+        // First of all: whatever else was said follows from it.
+        _ if catenary_shell::is_network_lost() => {
             let _closed = writeln!(std::io::stderr(), "catenary: {}", catenary_shell::LOST);
             ExitCode::FAILURE
         }

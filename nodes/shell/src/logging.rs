@@ -2,6 +2,7 @@
 
 use crate::args::{Level, RosArgs};
 use crate::clock::wall_now;
+use crate::network_loss;
 use crate::time::Time;
 use std::cell::RefCell;
 use std::fmt::{self, Write as _};
@@ -36,31 +37,6 @@ static MIDDLEWARE_HUSHED: AtomicBool = AtomicBool::new(false);
 pub(crate) fn hush_middleware(hushed: bool) {
     MIDDLEWARE_HUSHED.store(hushed, Ordering::Release);
 }
-
-/// Set when the middleware has said that it stopped listening to the network.
-static NETWORK_LOST: AtomicBool = AtomicBool::new(false);
-
-/// Whether the middleware has stopped listening to the network, which it does where its wait is interrupted: when the
-/// process is stopped and goes on (Ctrl-Z and `fg`), or the machine wakes up. A process that cannot hear the graph any more
-/// is asked to end by a SIGTERM of its own; whoever ends well must look here, too, and call that a failure.
-#[must_use]
-pub fn is_network_lost() -> bool {
-    NETWORK_LOST.load(Ordering::Acquire)
-}
-
-fn lose_network() {
-    if NETWORK_LOST.swap(true, Ordering::AcqRel) {
-        return;
-    }
-    // What follows from it is said of each topic.
-    hush_middleware(true);
-    if let Err(error) = signal_hook::low_level::raise(signal_hook::consts::SIGTERM) {
-        let _closed = writeln!(std::io::stderr(), "{LOST}, and cannot be ended: {error}");
-    }
-}
-
-/// What is said of a process that lost the network.
-pub const LOST: &str = "the network was lost, as after Ctrl-Z and fg or when the machine was suspended; start anew";
 
 /// Where a node's log lines go for `/rosout`.
 pub(crate) struct Rosout {
@@ -165,9 +141,7 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
         if foreign.is_some() && MIDDLEWARE_HUSHED.load(Ordering::Acquire) {
             return;
         }
-        if ends_network(metadata.target(), &message.message) {
-            lose_network();
-        }
+        network_loss::hear(metadata.target(), &message.message);
         let rosout = Rosout::current();
         let node = rosout.as_ref().map_or(self.name.as_str(), |rosout| rosout.logger.as_str());
         let logger = match foreign {
@@ -207,15 +181,6 @@ fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
         // Clients name themselves in the message alone, which is enough.
         "ros2_client::service::wrappers" => message.contains("related_sample_identity missing"),
         "rustdds::network::udp_listener" => message.contains("leave_multicast_group"),
-        _ => false,
-    }
-}
-
-/// What the middleware's threads, that of all datagrams and that of discovery, say when they end for a reason of their own.
-fn ends_network(target: &str, message: &str) -> bool {
-    match target {
-        "rustdds::rtps::dp_event_loop" => message.starts_with("dp_event_loop poll failed"),
-        "rustdds::discovery::discovery" => message.starts_with("Failed in waiting of poll in discovery"),
         _ => false,
     }
 }

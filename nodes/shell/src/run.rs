@@ -3,10 +3,10 @@
 use crate::args::RosArgs;
 use crate::builder::NodeBuilder;
 use crate::error::ShellError;
-use crate::logging;
 use crate::params::Params;
 use crate::shutdown::Shutdown;
 use crate::spinner::in_words;
+use crate::{logging, network_loss};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use std::fmt::Write as _;
@@ -39,7 +39,7 @@ pub fn main<S: Into<String>>(
     run: impl FnOnce(NodeBuilder) -> anyhow::Result<()>,
 ) -> ExitCode {
     match start(name, args).and_then(run) {
-        Ok(()) if logging::is_network_lost() => fail(name, &anyhow::anyhow!(logging::LOST), 1),
+        _ if network_loss::is_network_lost() => fail(name, &anyhow::anyhow!(network_loss::LOST), 1),
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<ShellError>() {
             Some(ShellError::HelpShown) => ExitCode::SUCCESS,
@@ -92,7 +92,8 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
 }
 
 /// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once. SIGXFSZ ends
-/// nothing: a file that may not grow any further is an error of the write.
+/// nothing: a file that may not grow any further is an error of the write. A lost network triggers it, too
+/// ([`crate::is_network_lost`]).
 ///
 /// Where a supervisor has set `CATENARY_SUPERVISED`, the end of standard input triggers it too: the pipe closes when the
 /// supervisor dies, however that happens. A process that has not ended 5 s later is ended at once.
@@ -100,6 +101,7 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
 /// # Errors
 /// [`ShellError::Create`] where the system refuses the handlers or a thread.
 pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
+    network_loss::ends(shutdown);
     let failed = |error: std::io::Error| ShellError::create("signal handlers", error);
     let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
     signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
