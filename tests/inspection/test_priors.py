@@ -1,9 +1,12 @@
 """Priors as the inspection reads them from a message and from a file."""
 
+from types import SimpleNamespace
+
 import numpy
 import pytest
-from catenary_inspect import prior
-from catenary_msgs.msg import Parameter, PriorPart
+from catenary_inspect import posterior, prior
+from catenary_inspect.message_log import InspectError
+from catenary_msgs.msg import Mixture, Parameter, PriorPart
 
 NORMAL = dict(mean=0.26, sd=0.02, low=0.2, high=0.3)
 UNIFORM, LOG = dict(low=1.0, high=3.0), dict(low=1.0, high=100.0)
@@ -38,3 +41,35 @@ def test_a_prior_of_a_message_is_that_of_a_file(name):
 def test_a_prior_of_an_unknown_kind_is_named():
     with pytest.raises(ValueError, match="expected one of uniform, log_uniform, normal, mixture, found cauchy"):
         prior.of_document({"cauchy": UNIFORM})
+
+
+def test_a_mixture_over_decades_is_as_fine_at_its_lower_end():
+    parts = [{"weight": 1.0, "prior": {"log_uniform": dict(low=1.0, high=1e6)}}, {"weight": 1.0, "prior": {"uniform": dict(low=1.0, high=1e6)}}]
+    wide = prior.of_document({"mixture": parts})
+    unit = numpy.linspace(0.001, 0.999, 50)
+    assert wide.share_below(wide.value(unit)) == pytest.approx(unit, abs=1e-4)
+
+
+def test_a_message_of_an_older_recording_has_bounds_alone():
+    old = SimpleNamespace(prior=Parameter.PRIOR_LOG_UNIFORM, **LOG)
+    assert prior.of_message(old).value(0.5) == pytest.approx(10.0)
+
+
+IMPOSSIBLE = {
+    "a prior: expected a kind of 0 to 3, found 9": Parameter(prior=9, **UNIFORM),
+    "a uniform prior: expected numbers that make one, found 3.0 to 1.0": Parameter(prior=Parameter.PRIOR_UNIFORM, low=3.0, high=1.0),
+    "a log-uniform prior: expected numbers that make one, found 0.0 to 1.0": Parameter(prior=Parameter.PRIOR_LOG_UNIFORM, high=1.0),
+    "a normal prior: expected numbers that make one, found 0.0 to 1.0, mean 0.0, sd 0.0": Parameter(prior=Parameter.PRIOR_NORMAL, high=1.0),
+    "a mixture prior: expected weights of at least 0, not all of them 0, found [0.0]": Parameter(
+        prior=Parameter.PRIOR_MIXTURE, parts=[PriorPart(prior=Parameter.PRIOR_UNIFORM, **UNIFORM)]
+    ),
+}
+
+
+@pytest.mark.parametrize("words", IMPOSSIBLE)
+def test_an_impossible_prior_in_a_message_is_named_with_the_topic(words):
+    parameter = IMPOSSIBLE[words]
+    parameter.name = "length_m"
+    with pytest.raises(InspectError) as refusal:
+        posterior.of_message("the bag, /bayes_sim/posterior", Mixture(parameters=[parameter]))
+    assert str(refusal.value).startswith(f"the bag, /bayes_sim/posterior: length_m: {words}")

@@ -115,7 +115,12 @@ def edges_of(before):
 
 
 def of_message(origin, message):
-    parameters = [(p.name, prior.of_message(p)) for p in message.parameters]
+    parameters = []
+    for parameter in message.parameters:
+        try:
+            parameters.append((parameter.name, prior.of_message(parameter)))
+        except ValueError as error:
+            raise InspectError(f"{origin}: {parameter.name}: {error}") from error
     return Posterior(origin, parameters, message.weights, message.means, message.covariances)
 
 

@@ -1,5 +1,6 @@
 """Prior distributions of one parameter, whose distribution function gives its unit coordinate."""
 
+import math
 import statistics
 
 import numpy
@@ -7,6 +8,13 @@ import numpy
 # What the message and the model file call them, in the order of the message's numbers.
 KINDS = ("uniform", "log_uniform", "normal", "mixture")
 GRID = 4001
+
+
+def is_possible(kind, low, high, mean, sd):
+    """Whether there is a prior of these numbers."""
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        return False
+    return low > 0.0 if kind == "log_uniform" else kind != "normal" or math.isfinite(mean) and 0.0 < sd < math.inf
 
 
 class Prior:
@@ -18,6 +26,10 @@ class Prior:
         self.kind, self.mean, self.sd, self.parts = kind, mean, sd, parts
         self.low = min(part.low for _, part in parts) if parts else float(low)
         self.high = max(part.high for _, part in parts) if parts else float(high)
+        if not parts and not is_possible(kind, self.low, self.high, mean, sd):
+            raise ValueError(f"a {self.name} prior: expected numbers that make one, found {low} to {high}, mean {mean}, sd {sd}")
+        if parts and not (all(weight >= 0.0 for weight, _ in parts) and 0.0 < sum(weight for weight, _ in parts) < math.inf):
+            raise ValueError(f"a mixture prior: expected weights of at least 0, not all of them 0, found {[weight for weight, _ in parts]}")
 
     @property
     def is_log(self):
@@ -47,14 +59,23 @@ class Prior:
             return self.low + (self.high - self.low) * unit
         if self.kind == "log_uniform":
             return self.low * (self.high / self.low) ** unit
-        grid = numpy.linspace(self.low, self.high, GRID)
+        grid = self.grid()
         return numpy.interp(unit, self.share_below(grid), grid)
+
+    def grid(self):
+        """Values over the support, close together where a part of it is: evenly, and evenly in the logarithm."""
+        if self.parts:
+            return numpy.unique(numpy.concatenate([part.grid() for _, part in self.parts]))
+        return (numpy.geomspace if self.kind == "log_uniform" else numpy.linspace)(self.low, self.high, GRID)
 
 
 def of_message(message):
-    """Of a catenary_msgs/msg/Parameter or PriorPart."""
+    """Of a catenary_msgs/msg/Parameter or PriorPart, which in older recordings has no mean, sd and parts."""
     parts = [(part.weight, of_message(part)) for part in getattr(message, "parts", ())]
-    return Prior(KINDS[message.prior], message.low, message.high, message.mean, message.sd, parts)
+    if not 0 <= message.prior < len(KINDS):
+        raise ValueError(f"a prior: expected a kind of 0 to {len(KINDS) - 1}, found {message.prior}")
+    numbers = (getattr(message, name, None) for name in ("mean", "sd"))
+    return Prior(KINDS[message.prior], message.low, message.high, *numbers, parts)
 
 
 def of_document(document):
