@@ -12,6 +12,7 @@ import csv
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 
@@ -53,8 +54,10 @@ def infer(folder, bar, seed, preset):
         with table.open("w", newline="") as file:
             csv.writer(file).writerows([("dx_m", "dz_m"), *(map(repr, map(float, row)) for row in actions(seed))])
         if not bag.exists():
-            measuring = ("--noise", "--seed", seed, "--fidelity", "reference")
-            program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", bag)
+            measuring, half = ("--noise", "--seed", seed, "--fidelity", "reference"), folder / "half"
+            shutil.rmtree(half, ignore_errors=True)
+            program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", half / "bag")
+            (half / "bag").rename(bag)
         asked = ("--model", MODELS / "soft_bar.yaml", "--preset", preset, "--seed", seed)
         program("infer", "--bag", bag, *asked, "--out", folder)
     return json.loads(found.read_text())
@@ -79,7 +82,8 @@ def density(estimate, unit):
 def row_of(bar, seed, answer, path):
     """Errors of the mean, and the mass of the region of highest density that just holds the truth."""
     truth, estimate = nominal(bar), posterior.of_file(path)
-    at_truth = density(estimate, numpy.array([[prior.share_below(value) for (_, prior), value in zip(estimate.parameters, truth)]]))[0]
+    unit = [prior.share_below(value) for (_, prior), value in zip(estimate.parameters, truth)]
+    at_truth = density(estimate, numpy.array([unit]))[0]
     length, modulus = answer["marginals"]
     return {
         "bar": bar,
@@ -129,7 +133,7 @@ def main():
     rows = []
     for seed in range(1, arguments.seeds + 1):
         for bar in BARS:
-            folder = arguments.out / f"bar_{bar}_{seed}"
+            folder = arguments.out / arguments.preset / f"bar_{bar}_{seed}"
             # Of each bar another motion.
             answer = infer(folder, bar, len(BARS) * seed + bar, arguments.preset)
             rows.append(row_of(bar, seed, answer, folder / "posterior.json"))
