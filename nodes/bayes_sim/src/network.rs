@@ -178,6 +178,11 @@ impl Network {
             && self.projection.as_ref().is_none_or(Projection::is_whole)
     }
 
+    /// Whether every number of the kinds that a file can hold as anything is finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.parameters.iter().all(|v| v.is_finite()) && self.projection.as_ref().is_none_or(Projection::is_finite)
+    }
+
     /// Sizes.
     pub fn shape(&self) -> &Shape {
         &self.shape

@@ -103,6 +103,11 @@ fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: 
     }
 }
 
+/// Those of `samples` that `proposal` could have given: what an iteration trains on.
+fn covered(samples: &Samples, proposal: &Proposal) -> Vec<usize> {
+    (0..samples.len()).filter(|&i| proposal.covers(samples.theta(i))).collect()
+}
+
 /// Seed of the simulations of one measured episode, from that of all.
 pub(crate) fn episode_seed(seed: u64, episode: usize) -> u64 {
     if episode == 0 { seed } else { seed::derive(seed, episode as u64) }
@@ -177,8 +182,7 @@ impl<'a> Sequential<'a> {
         let proposal = self.next_proposal(number)?;
         self.simulate(number, proposal, simulator, on_progress)?;
         let (newest, _) = &self.proposals[number - 1];
-        let indices: Vec<usize> =
-            (0..self.state.samples.len()).filter(|&i| newest.covers(self.state.samples.theta(i))).collect();
+        let indices = covered(&self.state.samples, newest);
         if indices.len() < LEAST_TRACKS {
             return Err(InferenceError::TooFewTracks {
                 iteration: number,

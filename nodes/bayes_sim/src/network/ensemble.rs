@@ -40,9 +40,9 @@ pub struct Outcome {
 }
 
 impl Ensemble {
-    /// Whether the parts of every network fit together, which those of a file may not.
-    pub(crate) fn is_whole(&self) -> bool {
-        self.networks.iter().all(Network::is_whole)
+    /// Whether every network is a whole one of `shape` with finite numbers, which those of a file may not be.
+    pub(crate) fn fits(&self, shape: &Shape) -> bool {
+        self.networks.iter().all(|n| n.is_whole() && n.is_finite() && n.shape() == shape)
     }
 
     /// The networks.

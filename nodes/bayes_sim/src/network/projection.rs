@@ -74,6 +74,17 @@ impl Projection {
         self.matrix.len() == self.columns * self.components
     }
 
+    /// Whether every entry is finite.
+    pub(super) fn is_finite(&self) -> bool {
+        self.matrix.iter().all(|v| v.is_finite())
+    }
+
+    /// Entry `i` of the matrix, to be spoilt.
+    #[cfg(test)]
+    pub(super) fn entry_mut(&mut self, i: usize) -> &mut f32 {
+        &mut self.matrix[i]
+    }
+
     /// B x P derivatives by the components from B x W derivatives by the columns, where the columns are what the
     /// components say of them: the rows of the map are orthogonal.
     pub fn apply_inverse_transposed(&self, by_column: &[f32]) -> Vec<f32> {

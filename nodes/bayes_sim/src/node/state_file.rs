@@ -2,6 +2,10 @@
 
 use crate::sequential::State;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// States of other inferences that are kept in a folder; older ones, of inferences that were cancelled, go.
+const KEPT: usize = 8;
 
 /// A file that holds the state of one inference while it runs.
 #[derive(Debug, Clone)]
@@ -59,7 +63,8 @@ impl StateFile {
                 std::fs::create_dir_all(folder)?;
             }
             std::fs::write(&draft, serde_json::to_vec(state)?)?;
-            std::fs::rename(&draft, &self.path)
+            std::fs::rename(&draft, &self.path)?;
+            self.tidy()
         };
         if let Err(error) = write() {
             tracing::warn!(
@@ -67,6 +72,21 @@ impl StateFile {
                 self.path.display()
             );
         }
+    }
+
+    /// Removes the oldest states of other inferences beside this one, but for [`KEPT`] of them.
+    fn tidy(&self) -> std::io::Result<()> {
+        let Some(folder) = self.path.parent() else { return Ok(()) };
+        let mut others: Vec<(SystemTime, PathBuf)> = Vec::new();
+        for entry in std::fs::read_dir(folder)? {
+            let path = entry?.path();
+            if path != self.path && is_state(&path) {
+                others.push((path.metadata()?.modified()?, path));
+            }
+        }
+        others.sort();
+        let surplus = others.len().saturating_sub(KEPT);
+        others.iter().take(surplus).try_for_each(|(_, path)| std::fs::remove_file(path))
     }
 
     /// Removes the file of an inference that has ended.
@@ -77,6 +97,12 @@ impl StateFile {
             tracing::warn!("{}: {error}", self.path.display());
         }
     }
+}
+
+/// Whether a file is called as [`StateFile::in_folder`] calls them.
+fn is_state(path: &Path) -> bool {
+    let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+    path.extension().is_some_and(|e| e == "json") && stem.len() == 16 && stem.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
 #[cfg(test)]
@@ -100,6 +126,25 @@ mod tests {
         file.remove();
         file.remove();
         assert_eq!(file.read(), None);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn states_of_others_are_kept_up_to_a_few_and_other_files_are_left_alone() {
+        let folder = std::env::temp_dir().join(format!("catenary_states_{}", std::process::id()));
+        let state = |question| State::new(question, Samples::new(3, 2));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("notes.json"), "{}").unwrap();
+        let start = SystemTime::now() - std::time::Duration::from_secs(1000);
+        for question in 0..20 {
+            let file = StateFile::in_folder(&folder, question);
+            file.write(&state(question));
+            let at = start + std::time::Duration::from_secs(question);
+            std::fs::File::options().append(true).open(file.path()).unwrap().set_modified(at).unwrap();
+        }
+        let left: Vec<u64> = (0..20).filter(|q| StateFile::in_folder(&folder, *q).path().exists()).collect();
+        assert_eq!(left, (11..20).collect::<Vec<_>>());
+        assert!(folder.join("notes.json").exists());
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

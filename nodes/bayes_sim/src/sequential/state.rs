@@ -1,7 +1,7 @@
 //! What an inference needs to go on where its process died.
 
 use super::proposal::Proposal;
-use super::{Iteration, Sequential, Stream};
+use super::{Iteration, Sequential, Stream, covered};
 use crate::network::{Ensemble, Samples};
 use catenary_core::{Mixture, seed};
 use serde::{Deserialize, Serialize};
@@ -97,10 +97,6 @@ impl Sequential<'_> {
             let got = format!("{} with {} usable ones", state.simulations, state.samples.len());
             return broken("simulations", (made * self.settings.simulations).to_string(), got);
         }
-        let networks = state.ensemble.networks().len();
-        if !state.ensemble.is_whole() || networks != self.settings.ensemble * usize::from(made > 0) {
-            return broken("ensemble", format!("{} whole networks", self.settings.ensemble), networks.to_string());
-        }
         let mut proposals = Vec::with_capacity(made);
         for number in 1..=made {
             let proposal = match (proposals.last(), number.checked_sub(2)) {
@@ -116,6 +112,16 @@ impl Sequential<'_> {
                 _ => Proposal::Prior,
             };
             proposals.push((proposal, self.settings.simulations));
+        }
+        let networks = state.ensemble.networks().len();
+        let expected = self.settings.ensemble * usize::from(made > 0);
+        let fit = proposals.last().is_none_or(|(newest, _)| {
+            let indices = covered(&state.samples, newest);
+            !indices.is_empty() && state.ensemble.fits(&self.shape(&state.samples.gather(&indices)))
+        });
+        if networks != expected || !fit {
+            let got = format!("{networks}{}", if fit { "" } else { " of others" });
+            return broken("ensemble", format!("{expected} whole networks of this inference's sizes"), got);
         }
         self.proposals = proposals;
         self.state = state;
@@ -186,6 +192,13 @@ mod tests {
         assert!(refusal(&|v| v["samples"]["frames"] = 5.into()).contains("got 5 frames"));
         let fewer = |v: &mut serde_json::Value| drop(v["posteriors"].as_array_mut().unwrap().pop());
         assert!(refusal(&fewer).ends_with("got 1 of 2 iterations"));
+        let one = |v: &mut serde_json::Value| drop(v["ensemble"]["networks"].as_array_mut().unwrap().pop());
+        assert!(refusal(&one).ends_with("whole networks of this inference's sizes, got 1"), "{}", refusal(&one));
+        // Whole networks, but of other settings.
+        let narrow = states(&Settings { hidden: vec![9], ..settings.clone() }, None).0.remove(1);
+        let narrow = serde_json::to_value(narrow).unwrap();
+        let words = refusal(&|v| v["ensemble"] = narrow["ensemble"].clone());
+        assert!(words.starts_with("ensemble: expected 2 whole networks") && words.ends_with("2 of others"), "{words}");
         assert_eq!(refusal(&|v| v["simulations"] = 79.into()), "simulations: expected 80, got 79 with 80 usable ones");
     }
 }
