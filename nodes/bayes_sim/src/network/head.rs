@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 /// Bound of the logarithm of a diagonal element of A: standard deviations down to e^-7 of the whitened unit.
 pub const DIAGONAL_LIMIT: f64 = 7.0;
 
+/// Share of the bound that [`unbend`] goes to.
+const MOST_BENT: f64 = 0.999;
+
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
 /// Shape of the head.
@@ -70,7 +73,7 @@ impl MixtureHead {
             for j in 0..i {
                 factor[i * d + j] = below.next().map_or(0.0, |&v| f64::from(v));
             }
-            factor[i * d + i] = bend(raw[diagonals + k * d + i]).exp();
+            factor[i * d + i] = bend(f64::from(raw[diagonals + k * d + i])).exp();
         }
         factor
     }
@@ -106,7 +109,8 @@ impl MixtureHead {
                 let by_mean: f64 = (i..d).map(|row| c.factor[row * d + i] * c.whitened[row]).sum();
                 gradient[means + k * d + i] = (-scale * by_mean) as f32;
                 let by_log = 1.0 - c.whitened[i] * c.factor[i * d + i] * c.difference[i];
-                gradient[diagonals + k * d + i] = (-scale * by_log * bend_slope(raw[diagonals + k * d + i])) as f32;
+                gradient[diagonals + k * d + i] =
+                    (-scale * by_log * bend_slope(f64::from(raw[diagonals + k * d + i]))) as f32;
                 for j in 0..i {
                     gradient[below] = (scale * c.whitened[i] * c.difference[j]) as f32;
                     below += 1;
@@ -147,12 +151,18 @@ impl MixtureHead {
 }
 
 /// The bounded logarithm of a diagonal element.
-fn bend(raw: f32) -> f64 {
-    DIAGONAL_LIMIT * (f64::from(raw) / DIAGONAL_LIMIT).tanh()
+pub(super) fn bend(raw: f64) -> f64 {
+    DIAGONAL_LIMIT * (raw / DIAGONAL_LIMIT).tanh()
 }
 
-fn bend_slope(raw: f32) -> f64 {
-    1.0 - (f64::from(raw) / DIAGONAL_LIMIT).tanh().powi(2)
+/// Its derivative.
+pub(super) fn bend_slope(raw: f64) -> f64 {
+    1.0 - (raw / DIAGONAL_LIMIT).tanh().powi(2)
+}
+
+/// The raw output whose bounded logarithm is `bent`; for one at the bound or beyond, one just inside.
+pub(super) fn unbend(bent: f64) -> f64 {
+    DIAGONAL_LIMIT * (bent / DIAGONAL_LIMIT).clamp(-MOST_BENT, MOST_BENT).atanh()
 }
 
 #[cfg(test)]
@@ -205,8 +215,8 @@ mod tests {
     fn covariance_is_the_inverse_of_the_factors_square() {
         let head = MixtureHead { components: 1, dimension: 2 };
         // Logit; means 1, -1; diagonals 2 and 1/2, before the bend; 3 below them: A = [2 0; 3 0.5].
-        let unbend = |v: f64| (DIAGONAL_LIMIT * (v.ln() / DIAGONAL_LIMIT).atanh()) as f32;
-        let r = [0.0, 1.0, -1.0, unbend(2.0), unbend(0.5), 3.0];
+        let raw = |diagonal: f64| unbend(diagonal.ln()) as f32;
+        let r = [0.0, 1.0, -1.0, raw(2.0), raw(0.5), 3.0];
         let (weights, means, covariances) = head.parts(&r, &[10.0, 20.0], &[1.0, 2.0]).unwrap();
         assert_eq!((weights[0], means[0].as_slice()), (1.0, &[11.0, 18.0][..]));
         // A^-1 = [1/2 0; -3 2], scaled by (1, 2) from the left: L = [1/2 0; -6 4]; L L^T.

@@ -1,19 +1,20 @@
 //! A network that goes on from another one's parameters on other samples: standardised anew, and still the same function
 //! of its raw inputs, so that training begins where it ended.
 
-use super::{Network, Samples};
+use super::head::{bend, bend_slope, unbend};
+use super::{Activations, Network, Samples};
 use crate::network::standard::Affine;
 use rand::Rng;
 
 impl Network {
     /// This network, standardised by `samples` with `weights`. Where it sees principal components, those of `samples` take
     /// the place of the earlier ones, and what lies outside of their span is left out; the bend of the diagonals
-    /// ([`super::head::DIAGONAL_LIMIT`]) is taken as straight.
+    /// ([`super::head::DIAGONAL_LIMIT`]) is taken as straight about what the diagonals are on average.
     pub fn restarted<R: Rng>(&self, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
         let mut next = self.clone();
         next.standardise(samples, weights, rng);
         next.carry_inputs(self);
-        next.carry_outputs(self);
+        next.carry_outputs(self, &self.mean_outputs(samples, weights));
         next
     }
 
@@ -45,7 +46,8 @@ impl Network {
             if let Some(projection) = &before.projection {
                 by_framed = projection.apply_transposed(&by_framed);
             }
-            carry_affine(&before.standard.columns, &self.standard.columns, &mut by_framed, &mut shifts);
+            let (from, to) = (&before.standard.columns, &self.standard.columns);
+            carry_frames(from, to, self.shape.columns(), self.standard.presence, &mut by_framed, &mut shifts);
             if let Some(projection) = &self.projection {
                 by_framed = projection.apply_inverse_transposed(&by_framed);
             }
@@ -58,8 +60,20 @@ impl Network {
         shifts
     }
 
-    /// Has the head say in the new whitened coordinates what it said in `before`'s.
-    fn carry_outputs(&mut self, before: &Network) {
+    /// The weighted mean of each raw output over `samples`.
+    fn mean_outputs(&self, samples: &Samples, weights: &[f64]) -> Vec<f64> {
+        let total: f64 = weights.iter().sum();
+        let mut mean = vec![0.0; self.shape.head.outputs()];
+        let mut work = Activations::default();
+        let raw = self.forward(&self.inputs(samples), &mut work);
+        for (row, weight) in raw.chunks_exact(mean.len()).zip(weights) {
+            mean.iter_mut().zip(row).for_each(|(m, v)| *m += weight / total * f64::from(*v));
+        }
+        mean
+    }
+
+    /// Has the head say in the new whitened coordinates what it said in `before`'s, whose raw outputs are `mean` on average.
+    fn carry_outputs(&mut self, before: &Network, mean: &[f64]) {
         let head = self.shape.head;
         let ((from, spread), (to, narrow)) = (before.standard.theta(), self.standard.theta());
         // v = (u - from) / spread = (narrow v' + to - from) / spread.
@@ -72,7 +86,10 @@ impl Network {
         for k in 0..head.components {
             for i in 0..head.dimension {
                 changes[means + k * head.dimension + i] = (1.0 / shrink[i], shift[i]);
-                changes[diagonals + k * head.dimension + i] = (1.0, shrink[i].ln());
+                let at = diagonals + k * head.dimension + i;
+                let to = unbend(bend(mean[at]) + shrink[i].ln());
+                let factor = bend_slope(mean[at]) / bend_slope(to);
+                changes[at] = (factor, to - factor * mean[at]);
                 for by in &shrink[..i] {
                     changes[below] = (*by, 0.0);
                     below += 1;
@@ -100,16 +117,49 @@ impl Network {
 /// Turns rows of derivatives by values that `before` standardised into rows by those that `after` standardises, and adds to
 /// each row's shift what the change of the centres makes. A column that is constant by now counts as its centre.
 fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut [f32]) {
-    let width = before.centre.len();
-    if width == 0 {
+    if before.centre.is_empty() {
         return;
     }
-    for (row, shift) in rows.chunks_exact_mut(width).zip(shifts) {
+    for (row, shift) in rows.chunks_exact_mut(before.centre.len()).zip(shifts) {
         for (c, value) in row.iter_mut().enumerate() {
-            *shift += *value * before.inverse_scale[c] * (after.centre[c] - before.centre[c]);
-            let ratio =
-                if after.inverse_scale[c] > 0.0 { before.inverse_scale[c] / after.inverse_scale[c] } else { 0.0 };
-            *value *= ratio;
+            *shift += carry(before, after, c, value);
         }
     }
+}
+
+/// The same for frames of `width` columns. Those of an absent frame are zero before and after but for its presence, so that
+/// what the change of the other centres makes hangs on that.
+fn carry_frames(
+    before: &Affine,
+    after: &Affine,
+    width: usize,
+    presence: Option<usize>,
+    rows: &mut [f32],
+    shifts: &mut [f32],
+) {
+    for (row, shift) in rows.chunks_exact_mut(before.centre.len()).zip(shifts) {
+        for (frame, values) in row.chunks_exact_mut(width).enumerate() {
+            let (mut of_frame, mut of_presence) = (0.0, 0.0);
+            for (c, value) in values.iter_mut().enumerate() {
+                let moved = carry(before, after, frame * width + c, value);
+                *(if presence == Some(c) { &mut of_presence } else { &mut of_frame }) += moved;
+            }
+            if let Some(c) = presence {
+                let (centre, inverse) = (after.centre[frame * width + c], after.inverse_scale[frame * width + c]);
+                if inverse > 0.0 {
+                    values[c] += of_frame / inverse;
+                }
+                of_frame *= centre;
+            }
+            *shift += of_frame + of_presence;
+        }
+    }
+}
+
+/// Turns the derivative by column `c` as `before` standardised it into that by the column as `after` does; what the change
+/// of its centre adds.
+fn carry(before: &Affine, after: &Affine, c: usize, value: &mut f32) -> f32 {
+    let by_raw = *value * before.inverse_scale[c];
+    *value = if after.inverse_scale[c] > 0.0 { by_raw / after.inverse_scale[c] } else { 0.0 };
+    by_raw * (after.centre[c] - before.centre[c])
 }

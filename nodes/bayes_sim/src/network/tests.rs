@@ -265,13 +265,18 @@ fn a_loss_that_is_not_finite_is_a_clear_error() {
 #[test]
 fn a_restarted_network_is_the_same_function_in_other_coordinates() {
     let all = samples(60, 2);
-    // Whole tracks of thetas in a corner of the prior: other centres and scales. Zeros stand for absent frames in both.
-    let corner: Vec<usize> = (0..60).filter(|&i| i % 3 != 2 && all.theta(i).iter().all(|u| *u > 0.4)).collect();
+    // Thetas in a corner of the prior: other centres and scales. Some tracks are short.
+    let corner: Vec<usize> = (0..60).filter(|&i| all.theta(i).iter().all(|u| *u > 0.4)).collect();
+    assert!(corner.iter().any(|i| i % 3 == 2) && corner.iter().any(|i| i % 3 != 2));
     let part = all.gather(&corner);
     let weights: Vec<f64> = (0..part.len()).map(|i| 1.0 + (i % 3) as f64).collect();
     // So many components that none of the columns' variance is left out.
     for projection in [None, Some(45)] {
-        let before = network(&all, &[1.0; 60], projection, Fourier::CosOnly);
+        let mut before = network(&all, &[1.0; 60], projection, Fourier::CosOnly);
+        // Diagonals where their bend is felt.
+        let biases = before.shape.parameter_count() - before.shape.skip_count() - before.shape.head.outputs();
+        let [_, diagonals, belows] = before.shape.head.offsets();
+        before.parameters[biases + diagonals..biases + belows].iter_mut().for_each(|p| *p += 3.0);
         let after = before.restarted(&part, &weights, &mut seed::rng(45, 0));
         assert_ne!(before.standard().theta(), after.standard().theta());
         let mut worst = [0.0f64; 3];
@@ -284,8 +289,8 @@ fn a_restarted_network_is_the_same_function_in_other_coordinates() {
                 worst[2] = worst[2].max((&c[k] - &d[k]).amax() / c[k].amax());
             }
         }
-        // Single precision; the bend of the diagonals changes covariances by some percent.
-        assert!(worst[0] < 1e-3 && worst[1] < 1e-3 && worst[2] < 0.05, "{projection:?}: {worst:?}");
+        // Single precision; covariances are right where the diagonals are as on average, and else to the curvature of the bend.
+        assert!(worst[0] < 1e-3 && worst[1] < 1e-3 && worst[2] < 0.08, "{projection:?}: {worst:?}");
     }
 }
 
@@ -307,6 +312,14 @@ fn networks_survive_text_to_the_bit_and_parts_that_do_not_fit_are_seen() {
         let mut network = whole.clone();
         change(&mut network);
         assert!(!network.is_whole(), "case {case}");
+    }
+    type Spoil = fn(&mut Network) -> &mut f32;
+    assert!(whole.is_finite());
+    let infinite: [Spoil; 2] = [|n| &mut n.parameters[3], |n| n.projection.as_mut().unwrap().entry_mut(3)];
+    for (case, entry) in infinite.into_iter().enumerate() {
+        let mut network = whole.clone();
+        *entry(&mut network) = f32::NAN;
+        assert!(network.is_whole() && !network.is_finite(), "case {case}");
     }
     let odd = text.replacen("\"parameters\":\"", "\"parameters\":\"AAAA", 1);
     assert!(serde_json::from_str::<Network>(&odd).unwrap_err().to_string().contains("numbers of 4 bytes"));

@@ -23,7 +23,8 @@ pub struct Schedule {
     pub max_epochs: usize,
     /// Passes without a better held-out loss after which training stops; the best parameters are kept.
     pub patience_epochs: usize,
-    /// Steps over which parameters are averaged, with exponentially falling weights; 1: not at all.
+    /// Steps over which parameters are averaged, with exponentially falling weights: this many, and while a training is young
+    /// a tenth of its steps. 1: not at all.
     pub averaged_steps: usize,
     /// Bound of the Euclidean norm of the whole gradient.
     pub max_gradient_norm: f64,
@@ -102,6 +103,9 @@ impl Adam {
     }
 }
 
+/// Most of the steps so far that parameters are averaged over: those at the beginning are far from where it ends.
+const AVERAGED_SHARE: f32 = 0.1;
+
 /// Trains `network` on the samples at `training`, watching those at `held_out`; `weights` (N) belong to all samples.
 /// `listen` hears of every pass, and none of it after each batch; it may stop the run.
 #[allow(clippy::too_many_arguments, reason = "data, its two parts, its weights, how, chance, and who listens")]
@@ -158,7 +162,7 @@ pub fn train<R: Rng>(
             let scale = (schedule.max_gradient_norm / norm.max(f64::MIN_POSITIVE)).min(1.0) as f32;
             adam.step(network.parameters_mut(), &gradient, scale, schedule, decay_from);
             steps += 1;
-            let share = (1.0 / (0.1 * steps as f32)).clamp(1.0 / schedule.averaged_steps as f32, 1.0);
+            let share = (1.0 / (AVERAGED_SHARE * steps as f32)).clamp(1.0 / schedule.averaged_steps as f32, 1.0);
             let pairs = averaged.parameters_mut().iter_mut().zip(network.parameters());
             pairs.for_each(|(a, p)| *a += share * (p - *a));
             if listen(None).is_break() {
