@@ -274,7 +274,9 @@ def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episo
 @pytest.mark.parametrize(("preset", "after_s"), [("default", 0.4), ("default", 4), ("paper", 8)])
 def test_an_inference_is_cancelled_at_once(graph, episode, preset, after_s):
     model = (graph.root / "launch_configs/models/soft_bar.yaml").read_text()
+    # More iterations than it makes by then, and a seed of its own: no state of another inference is its own.
     goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(episode[2])], model_yaml=model, preset=preset, drive=Simulate.Request.DRIVE_GRIP)
+    goal.iterations, goal.seed = 200, int(100 + 10 * after_s)
     client = ActionClient(graph.ros.node, Infer, "/bayes_sim/infer")
     graph.ros.wait_for(client.server_is_ready, 20, "the inference")
     handle = graph.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")

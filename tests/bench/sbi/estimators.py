@@ -58,7 +58,6 @@ def sbi(model: str, task: Task, data: Data, draws: int, seed: int) -> Estimate:
     from sbi.utils import BoxUniform
 
     warnings.filterwarnings("ignore")
-    torch.set_num_threads(1)
     torch.manual_seed(seed)
     if task.bound is not None:
         prior = BoxUniform(-task.bound * torch.ones(task.dimension), task.bound * torch.ones(task.dimension))
