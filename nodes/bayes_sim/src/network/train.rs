@@ -13,7 +13,8 @@ use thiserror::Error;
 pub struct Schedule {
     /// Adam's step size. Larger learns faster, up to where the loss jumps.
     pub learning_rate: f64,
-    /// Decoupled decay of the dense weights and biases, a share of the learning rate a step. Larger trusts few tracks less.
+    /// Decoupled decay of the dense weights and biases, a share of the learning rate a step; of more than
+    /// [`DECAYED_TRACKS`] in inverse proportion to their number. Larger trusts few tracks less.
     pub weight_decay: f64,
     /// Whether the embedding is trained with the rest, or stays random.
     pub train_embedding: bool,
@@ -29,6 +30,9 @@ pub struct Schedule {
     /// Bound of the Euclidean norm of the whole gradient.
     pub max_gradient_norm: f64,
 }
+
+/// Tracks beyond which weights decay less: a prior over the weights counts less the more there is to learn from.
+pub const DECAYED_TRACKS: usize = 3_000;
 
 /// State of a training run after a pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,6 +79,14 @@ struct Adam {
     steps: i32,
 }
 
+/// Which parameters decay, and how strongly.
+struct Decay {
+    /// The first that does.
+    from: usize,
+    /// Share of the learning rate.
+    strength: f64,
+}
+
 const BETA_1: f32 = 0.9;
 const BETA_2: f32 = 0.999;
 const EPSILON: f32 = 1e-8;
@@ -84,15 +96,15 @@ impl Adam {
         Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
     }
 
-    /// One step; `scale` multiplies the gradient, `decay_from` is the first parameter that decays.
-    fn step(&mut self, parameters: &mut [f32], gradient: &[f32], scale: f32, schedule: &Schedule, decay_from: usize) {
+    /// One step; `scale` multiplies the gradient.
+    fn step(&mut self, parameters: &mut [f32], gradient: &[f32], scale: f32, learning_rate: f64, decay: &Decay) {
         self.steps += 1;
         let correction_1 = 1.0 - BETA_1.powi(self.steps);
         let correction_2 = 1.0 - BETA_2.powi(self.steps);
-        let rate = schedule.learning_rate as f32 * correction_2.sqrt() / correction_1;
+        let rate = learning_rate as f32 * correction_2.sqrt() / correction_1;
         let epsilon = EPSILON * correction_2.sqrt();
-        let decay = 1.0 - (schedule.learning_rate * schedule.weight_decay) as f32;
-        parameters[decay_from..].iter_mut().for_each(|p| *p *= decay);
+        let kept = 1.0 - (learning_rate * decay.strength) as f32;
+        parameters[decay.from..].iter_mut().for_each(|p| *p *= kept);
         let moments = self.first.iter_mut().zip(&mut self.second);
         for ((p, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
             let g = g * scale;
@@ -135,7 +147,8 @@ pub fn train<R: Rng>(
     let mut work = Activations::default();
     let mut gradient = vec![0.0; network.parameters().len()];
     let mut adam = Adam::new(gradient.len());
-    let decay_from = network.shape().embedding.parameter_count();
+    let share = (DECAYED_TRACKS as f64 / training.len() as f64).min(1.0);
+    let decay = Decay { from: network.shape().embedding.parameter_count(), strength: schedule.weight_decay * share };
     let mut order = training.to_vec();
     let watch = |network: &Network, work: &mut Activations| {
         let (batch, x) = picked(network, held_out);
@@ -160,7 +173,7 @@ pub fn train<R: Rng>(
             let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
             check(epoch, "the norm of the gradient", norm)?;
             let scale = (schedule.max_gradient_norm / norm.max(f64::MIN_POSITIVE)).min(1.0) as f32;
-            adam.step(network.parameters_mut(), &gradient, scale, schedule, decay_from);
+            adam.step(network.parameters_mut(), &gradient, scale, schedule.learning_rate, &decay);
             steps += 1;
             let share = (1.0 / (AVERAGED_SHARE * steps as f32)).clamp(1.0 / schedule.averaged_steps as f32, 1.0);
             let pairs = averaged.parameters_mut().iter_mut().zip(network.parameters());

@@ -6,7 +6,10 @@ use super::*;
 
 const ONE: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.03, mirrored: 0.0, rigid: true };
 const TWO: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.03, mirrored: 0.3, rigid: true };
-const SEEDS: u64 = 3;
+/// What inference promises, for means over seeds.
+const MOST: f64 = 0.55;
+/// Share of the prior on either side of a theta whose posterior no edge of the prior cuts.
+const MARGIN: f64 = 0.2;
 /// Draws of each.
 const DRAWS: usize = 2_000;
 
@@ -22,32 +25,35 @@ fn c2st(a: &Posterior, b: &Posterior) -> f64 {
     (right(a, true) + right(b, false)) as f64 / (2 * DRAWS) as f64
 }
 
-/// Mean over the seeds.
-fn mean(of: impl Fn(u64) -> f64) -> f64 {
-    (0..SEEDS).map(of).sum::<f64>() / SEEDS as f64
+/// Mean over seeds.
+fn mean(seeds: u64, of: impl Fn(u64) -> f64) -> f64 {
+    (0..seeds).map(of).sum::<f64>() / seeds as f64
 }
 
-fn observation(toy: &LinearGaussian, number: u64) -> Track {
-    toy.track(&toy.space().sample_prior(&mut seed::rng(83, number)), seed::derive(84, number))
+/// A track of a theta of which `margin` of the prior lies to either side.
+fn observation(toy: &LinearGaussian, margin: f64, number: u64) -> Track {
+    let anywhere = toy.space().sample_prior(&mut seed::rng(83, number));
+    let theta: Vec<f64> = anywhere.iter().map(|u| margin + (1.0 - 2.0 * margin) * u).collect();
+    toy.track(&theta, seed::derive(84, number))
 }
 
-/// One round of 3,000 tracks, whose networks then look at ten observations.
-fn one_round(toy: &LinearGaussian, seed: u64) -> f64 {
-    let (space, settings) = (toy.space(), Settings { simulations: 3_000, seed, ..Settings::default() });
-    let first = observation(toy, 0);
+/// One round of tracks, whose networks then look at ten observations.
+fn one_round(toy: &LinearGaussian, simulations: usize, margin: f64, seed: u64) -> f64 {
+    let (space, settings) = (toy.space(), Settings { iterations: 1, simulations, seed, ..Settings::default() });
+    let first = observation(toy, margin, 0);
     let mut sequential = Sequential::new(&space, seen(&first, FRAMES), &settings, 0).unwrap();
     run(&mut sequential, toy, 1).unwrap();
     let accuracy = |number| {
-        let observed = observation(toy, number);
+        let observed = observation(toy, margin, number);
         c2st(&look(&mut sequential, &observed), &toy.posterior(&[&observed])) / 10.0
     };
     (0..10).map(accuracy).sum()
 }
 
-/// Five rounds of 600 tracks about one observation.
-fn rounds(toy: &LinearGaussian, seed: u64) -> f64 {
-    let settings = Settings { simulations: 600, iterations: 5, seed, ..Settings::default() };
-    let (space, observed) = (toy.space(), observation(toy, seed));
+/// Five rounds of tracks about one observation.
+fn rounds(toy: &LinearGaussian, simulations: usize, seed: u64) -> f64 {
+    let settings = Settings { simulations, iterations: 5, seed, ..Settings::default() };
+    let (space, observed) = (toy.space(), observation(toy, MARGIN, seed));
     let mut sequential = Sequential::new(&space, seen(&observed, FRAMES), &settings, 0).unwrap();
     let (_, posterior) = run(&mut sequential, toy, settings.iterations).unwrap();
     c2st(&posterior, &toy.posterior(&[&observed]))
@@ -66,16 +72,26 @@ fn the_classifier_tells_as_often_as_it_can() {
     assert!((c2st(&at(0.5), &at(0.5)) - 0.5).abs() < 0.02);
 }
 
-/// Bounds are for means over three seeds. Six seeds gave 0.557 to 0.567 after one round, and 0.53 to 0.61 after five.
+/// Three seeds gave 0.524 to 0.532 after one round of 3,000, six 0.52 to 0.57 (mean 0.535) after five of 600.
 #[test]
 fn posteriors_are_hard_to_tell_from_an_exact_gaussian() {
-    let (one, five) = (mean(|seed| one_round(&ONE, seed)), mean(|seed| rounds(&ONE, seed)));
-    assert!(one < 0.58 && five < 0.62, "{one} after one round, {five} after five");
+    let (one, five) = (mean(3, |seed| one_round(&ONE, 3_000, MARGIN, seed)), mean(3, |seed| rounds(&ONE, 600, seed)));
+    assert!(one < MOST && five < MOST, "{one} after one round, {five} after five");
 }
 
-/// Likewise: 0.583 to 0.618, and 0.54 to 0.66.
+/// Two branches take more tracks. Three seeds gave 0.536 to 0.547 after one round of 20,000 (0.556 to 0.585 of 3,000), six
+/// 0.53 to 0.55 after five of 2,000.
 #[test]
 fn posteriors_are_hard_to_tell_from_an_exact_mixture() {
-    let (one, five) = (mean(|seed| one_round(&TWO, seed)), mean(|seed| rounds(&TWO, seed)));
-    assert!(one < 0.63 && five < 0.65, "{one} after one round, {five} after five");
+    let (one, five) =
+        (mean(2, |seed| one_round(&TWO, 20_000, MARGIN, seed)), mean(2, |seed| rounds(&TWO, 2_000, seed)));
+    assert!(one < MOST && five < MOST, "{one} after one round, {five} after five");
+}
+
+/// Thetas from all of the prior: an edge cuts through eight of the ten posteriors. A mixture of Gaussians has no edge where
+/// it is trained, only where it is cut off afterwards, so more tracks help little: three seeds gave 0.557 to 0.559 of 3,000.
+#[test]
+fn posteriors_that_an_edge_of_the_prior_cuts_are_told_a_little_more_often() {
+    let one = one_round(&ONE, 3_000, 0.0, 0);
+    assert!(one < 0.58, "{one}");
 }
