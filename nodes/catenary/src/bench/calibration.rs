@@ -4,17 +4,23 @@ use super::hidden_episode;
 use crate::cli::{CalibrationArgs, Preset};
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{infer, model_file, output};
+use crate::{model_file, output};
 use anyhow::{Context, Result, ensure};
 use bayes_sim::calibration::{Check, LEVELS, Summary, summaries};
+use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, Settings};
 use catenary_core::{Model, Parameter, ParameterSpace, seed};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
+use simulator_pool::{BeamSimulator, workers};
+use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::Write;
+use std::ops::{ControlFlow, Range};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::channel;
 use std::time::Instant;
 
 /// Draws of a posterior that its truth is held against.
@@ -58,12 +64,17 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     let bar = ProgressBar::new(arguments.truths).with_position(lines.len() as u64);
     bar.set_style(ProgressStyle::with_template("truths [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
     let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
-    for number in lines.len() as u64..arguments.truths {
-        let line = one(&model, &settings, number, &shutdown)?;
-        writeln!(file, "{}", serde_json::to_string(&line)?).with_context(|| path.display().to_string())?;
-        lines.push(line);
-        bar.inc(1);
-    }
+    let left = lines.len() as u64..arguments.truths;
+    each(
+        left,
+        |number| one(&model, &settings, number, &shutdown),
+        |line| {
+            writeln!(file, "{}", serde_json::to_string(&line)?).with_context(|| path.display().to_string())?;
+            lines.push(line);
+            bar.inc(1);
+            Ok(())
+        },
+    )?;
     bar.finish_and_clear();
     let report = report(&model, &lines);
     std::fs::write(arguments.out.join("report.html"), page(&report)?)?;
@@ -103,19 +114,64 @@ fn read(path: &Path, dimension: usize) -> Result<Vec<Line>> {
     text.lines().enumerate().map(parse).collect()
 }
 
+/// Calls `work` for all `numbers`, on every core, and `keep` with what it returns, in order; the first error ends it.
+fn each<T: Send>(
+    numbers: Range<u64>,
+    work: impl Fn(u64) -> Result<T> + Sync,
+    mut keep: impl FnMut(T) -> Result<()>,
+) -> Result<()> {
+    let (next, end) = (AtomicU64::new(numbers.start), numbers.end);
+    let (sender, done) = channel();
+    std::thread::scope(|scope| {
+        for _ in 0..workers::available() {
+            let (sender, next, work) = (sender.clone(), &next, &work);
+            scope.spawn(move || {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= end || sender.send((number, work(number))).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        // What came before its turn.
+        let mut early = BTreeMap::new();
+        for number in numbers {
+            let outcome = loop {
+                if let Some(outcome) = early.remove(&number) {
+                    break outcome;
+                }
+                let (of, outcome) = done.recv().context("a worker died")?;
+                early.insert(of, outcome);
+            };
+            if let Err(error) = outcome.and_then(&mut keep) {
+                next.store(end, Ordering::Relaxed);
+                return Err(error);
+            }
+        }
+        Ok(())
+    })
+}
+
 /// Truth `number`: the model that makes the episode is the model that inference knows.
 fn one(model: &Model, settings: &Settings, number: u64, shutdown: &Shutdown) -> Result<Line> {
     let truth = model.theta.sample_prior(&mut seed::rng(number, 2));
     let measured = hidden_episode(model, &truth, number, settings.fidelity)?;
     let settings = Settings { seed: number, predictive_draws: 0, ..settings.clone() };
     let started = Instant::now();
-    let result = infer::infer(model, &[measured], None, &settings, None, shutdown)?;
+    let simulator = BeamSimulator::new(model, 1)?;
+    let mut listen = |_: &Progress<'_>| match shutdown.is_triggered() {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    let result = match bayes_sim::infer(model, &[measured], None, &settings, None, &simulator, &mut listen) {
+        Err(InferenceError::Cancelled { .. }) => return Err(Interrupted(format!(" after {number} truths")).into()),
+        other => other?,
+    };
     let iteration = result.iterations.len();
     let check = Check::new(&result.posterior, &truth, DRAWS, number)
         .map_err(|source| InferenceError::Posterior { iteration, source })?;
-    if shutdown.is_triggered() {
-        return Err(Interrupted(format!(" after {number} truths")).into());
-    }
     let of = |value: fn(&catenary_core::posterior::Marginal) -> f64| result.marginals.iter().map(value).collect();
     Ok(Line { truth, mean: of(|m| m.mean), sd: of(|m| m.sd), check, wall_s: started.elapsed().as_secs_f64() })
 }
@@ -185,4 +241,31 @@ fn page(report: &Report) -> Result<String> {
         &series,
     )?);
     Ok(page.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_on_all_cores_is_kept_in_order_up_to_the_first_error() {
+        let slow_first = |number: u64| {
+            std::thread::sleep(std::time::Duration::from_millis(if number.is_multiple_of(3) { 20 } else { 1 }));
+            if number == 40 { anyhow::bail!("no {number}") } else { Ok(number) }
+        };
+        let mut kept = Vec::new();
+        each(3..20, slow_first, |number| {
+            kept.push(number);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(kept, (3..20).collect::<Vec<_>>());
+        kept.clear();
+        let error = each(30..1_000_000, slow_first, |number| {
+            kept.push(number);
+            Ok(())
+        });
+        assert_eq!((error.unwrap_err().to_string(), kept), ("no 40".to_owned(), (30..40).collect()));
+        assert!(each(0..10, slow_first, |_| anyhow::bail!("full")).is_err());
+    }
 }
