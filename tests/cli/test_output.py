@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import subprocess
 
 import pytest
@@ -53,6 +54,9 @@ def test_an_inference_is_json(tmp_path):
     for marginal, (low, high) in zip(report["marginals"], ((0.195, 0.305), (1e3, 5e4))):
         assert low <= marginal["q05"] <= marginal["median"] <= marginal["q95"] <= high
     assert json.loads((tmp_path / "out/posterior.json").read_text()) == report["posterior"]
+    assert 0 < report["simulation_s"] < report["wall_s"]
+    words = run(tmp_path, "infer", *arguments[:-1]).splitlines()[-1]
+    assert re.fullmatch(r"40 simulations in [\d.]+ s: simulation [\d.]+ s, training [\d.]+ s", words), words
 
 
 def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):

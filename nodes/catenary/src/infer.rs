@@ -12,7 +12,7 @@ use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::read_measured;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
-use catenary_core::{Model, Policy};
+use catenary_core::{Model, Policy, SimulationRequest, Simulator, SimulatorError, Track};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -20,7 +20,8 @@ use simulator_pool::{BeamSimulator, workers};
 use std::fmt::Display;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// What a run writes: the posterior, everything of the inference, and pictures of it.
 const FILES: [&str; 3] = ["posterior.json", "inference.json", "report.html"];
@@ -34,8 +35,39 @@ struct Report {
     frames: usize,
     duration_s: f64,
     wall_s: f64,
+    /// Of that, what simulations took, those of the posterior's check included.
+    simulation_s: f64,
     #[serde(flatten)]
     result: InferenceResult,
+}
+
+/// A simulator and the time it has taken so far.
+struct Timed<'a> {
+    simulator: &'a BeamSimulator,
+    spent: Mutex<Duration>,
+}
+
+impl Timed<'_> {
+    fn spent_s(&self) -> f64 {
+        self.spent.lock().unwrap_or_else(PoisonError::into_inner).as_secs_f64()
+    }
+}
+
+impl Simulator for Timed<'_> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let started = Instant::now();
+        let tracks = self.simulator.simulate(request);
+        *self.spent.lock().unwrap_or_else(PoisonError::into_inner) += started.elapsed();
+        tracks
+    }
+}
+
+/// What an inference gave, and what it took.
+pub struct Inferred {
+    /// What it gave.
+    pub result: InferenceResult,
+    /// Wall time of its simulations, s.
+    pub simulation_s: f64,
 }
 
 /// Infers and writes posterior.json, inference.json and report.html; Ctrl-C ends it.
@@ -67,7 +99,8 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     let started = Instant::now();
     let asked = question(&model, &measured, policy.as_ref(), &settings);
     let file = StateFile::new(arguments.out.join("state.json"), asked);
-    let result = infer(&model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
+    let Inferred { result, simulation_s } =
+        infer(&model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
     let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
         bags: arguments.bag.clone(),
@@ -76,6 +109,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         frames: tracks().map(Vec::len).sum(),
         duration_s: tracks().filter_map(|frames| frames.last()).map(|f| f.time_s).sum(),
         wall_s: started.elapsed().as_secs_f64(),
+        simulation_s,
         result,
     };
     write(&arguments.out, &report)?;
@@ -91,9 +125,10 @@ pub fn infer(
     settings: &Settings,
     file: Option<&StateFile>,
     shutdown: &Shutdown,
-) -> Result<InferenceResult> {
+) -> Result<Inferred> {
     let state = file.and_then(StateFile::read);
     let simulator = BeamSimulator::new(model, workers::available())?;
+    let simulator = Timed { simulator: &simulator, spent: Mutex::default() };
     let bar = ProgressBar::new(settings.iterations as u64);
     bar.set_style(ProgressStyle::with_template("inference [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
     if let (Some(state), Some(file)) = (&state, file) {
@@ -120,7 +155,7 @@ pub fn infer(
         Err(InferenceError::Cancelled { simulations }) => {
             Err(Interrupted(format!(" after {simulations} simulations")).into())
         }
-        other => Ok(other?),
+        other => Ok(Inferred { result: other?, simulation_s: simulator.spent_s() }),
     }
 }
 
@@ -178,6 +213,12 @@ pub fn iteration_words(simulations: impl Display, loss: impl Display, effective:
     format!("{simulations} simulations, loss {loss:.2} nat, effective sample size {effective:.0}")
 }
 
+/// How long an inference took, and on what.
+pub fn time_words(simulations: usize, wall_s: f64, simulation_s: f64) -> String {
+    let training_s = wall_s - simulation_s;
+    format!("{simulations} simulations in {wall_s:.1} s: simulation {simulation_s:.1} s, training {training_s:.1} s")
+}
+
 /// A line for each parameter.
 pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
     let line = |m: &Marginal| format!("{}: {} ({} to {})", m.name, figures(m.median), figures(m.q05), figures(m.q95));
@@ -188,6 +229,6 @@ fn words(report: &Report) -> String {
     let mut lines = marginal_words(&report.result.marginals);
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
-    lines.push(format!("{} simulations in {:.1} s", report.result.simulations(), report.wall_s));
+    lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));
     lines.join("\n")
 }

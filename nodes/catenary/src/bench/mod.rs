@@ -7,7 +7,8 @@ mod pool;
 mod sensitivities;
 
 use crate::cli::{BenchArgs, BenchWhat, Output};
-use crate::{infer, model_file, output, train};
+use crate::infer::{self, Inferred};
+use crate::{model_file, output, train};
 use anyhow::{Context, Result};
 use bayes_sim::Settings as InferenceSettings;
 use catenary_core::episode::MeasuredTrack;
@@ -97,7 +98,9 @@ struct InferenceRow {
     inside_90: Vec<bool>,
     rmse_mm: Option<f64>,
     coverage: Option<f64>,
+    simulations: usize,
     wall_s: f64,
+    simulation_s: f64,
 }
 
 /// Posteriors of episodes that were simulated at reference fidelity with noise, from hidden values of theta.
@@ -111,7 +114,8 @@ fn inference(seeds: u64, out: &Output) -> Result<()> {
         let measured = hidden_episode(&model, &truth, s, Fidelity::Reference)?;
         let settings = InferenceSettings { seed: s, ..InferenceSettings::default() };
         let started = Instant::now();
-        let result = infer::infer(&model, &[measured], None, &settings, None, &Shutdown::new())?;
+        let Inferred { result, simulation_s } =
+            infer::infer(&model, &[measured], None, &settings, None, &Shutdown::new())?;
         let inside = result.marginals.iter().zip(&truth).map(|(m, t)| (m.q05..=m.q95).contains(t)).collect();
         rows.push(InferenceRow {
             seed: s,
@@ -121,6 +125,8 @@ fn inference(seeds: u64, out: &Output) -> Result<()> {
             rmse_mm: result.predictive.as_ref().map(|p| p.rmse_mm),
             coverage: result.predictive.as_ref().map(|p| p.coverage),
             wall_s: started.elapsed().as_secs_f64(),
+            simulation_s,
+            simulations: result.simulations(),
             truth,
         });
         tracing::info!("{:?}", rows.last());
@@ -151,7 +157,11 @@ fn inference_words(model: &Model, rows: &[InferenceRow]) -> String {
     let n = rows.len() as f64;
     let mut lines: Vec<String> = rows
         .iter()
-        .map(|r| format!("seed {}: truth {:?}, mean {:?}, sd {:?}, {:.1} s", r.seed, r.truth, r.mean, r.sd, r.wall_s))
+        .map(|r| {
+            let InferenceRow { seed, truth, mean, sd, .. } = r;
+            let time = infer::time_words(r.simulations, r.wall_s, r.simulation_s);
+            format!("seed {seed}: truth {truth:?}, mean {mean:?}, sd {sd:?}, {time}")
+        })
         .collect();
     for (i, p) in model.theta.parameters().iter().enumerate() {
         let error = rows.iter().map(|r| (r.mean[i] - r.truth[i]).abs()).sum::<f64>() / n;
