@@ -59,6 +59,23 @@ def test_an_inference_is_json(tmp_path):
     assert re.fullmatch(r"40 simulations in [\d.]+ s: simulation [\d.]+ s, training [\d.]+ s", words), words
 
 
+def test_networks_of_sets_do_not_see_the_order_of_keypoints(tmp_path):
+    sizes = ("--tracks", 300, "--truths", 50)
+    report = json.loads(run(tmp_path, "bench", "networks", *sizes, "--json"))
+    assert run(tmp_path, "bench", "networks", *sizes).count("shuffled") > 4
+    score = lambda network, corruption: next(s["log_density"] for s in network["scores"] if s["corruption"] == corruption)
+    sets, lists = report["networks"][:2], report["networks"][2:]
+    for network in sets:
+        assert score(network, "shuffled") == pytest.approx(score(network, "none"), abs=1e-6)
+        # Gently: what a tracker loses now and then costs less than what it loses often, and neither ends all.
+        for kind, steps in (("dropped", (0.05, 0.4)), ("duplicated", (0.05, 0.4)), ("noise_px", (1.0, 8.0))):
+            little, much = (score(network, {kind: step}) for step in steps)
+            assert score(network, "none") > little > much > -3, (network["name"], kind)
+    in_order, shuffled = lists
+    assert score(in_order, "shuffled") < score(in_order, "none") - 5
+    assert score(shuffled, "shuffled") < score(sets[0], "shuffled") - 1
+
+
 def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):
     reports = []
     for name in ("a", "b"):

@@ -389,6 +389,8 @@ pub enum BenchWhat {
     },
     /// Whether posteriors are as often right as they say, over truths from the prior; hours for some hundreds
     Calibration(CalibrationArgs),
+    /// Networks that see keypoints as a set beside others that see a list, on tracks with keypoints that went wrong
+    Networks(NetworksArgs),
     /// Posterior against hidden truths, over seeds
     Inference {
         /// Number of hidden truths
@@ -418,6 +420,26 @@ pub struct CalibrationArgs {
     /// Sizes of the network and the schedule
     #[arg(long, value_enum, default_value = "default")]
     pub preset: Preset,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary bench networks`.
+#[derive(Debug, Args)]
+pub struct NetworksArgs {
+    /// Tracks of the prior to learn from
+    #[arg(long, default_value_t = 1500, value_parser = clap::value_parser!(u64).range(100..=20_000))]
+    pub tracks: u64,
+    /// Further tracks to look at
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(10..=10_000))]
+    pub truths: u64,
+    /// Model file; none: the soft bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// The paper's network, too, with as many steps as its fifteen iterations make; an hour
+    #[arg(long)]
+    pub paper: bool,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

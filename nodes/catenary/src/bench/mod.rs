@@ -2,7 +2,9 @@
 //! truths.
 
 mod calibration;
+mod corruption;
 mod fidelity;
+mod networks;
 mod pool;
 mod sensitivities;
 
@@ -31,6 +33,7 @@ pub fn run(arguments: &BenchArgs) -> Result<()> {
         BenchWhat::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         BenchWhat::Fidelity(arguments) => fidelity::run(arguments),
         BenchWhat::Calibration(arguments) => calibration::run(arguments),
+        BenchWhat::Networks(arguments) => networks::run(arguments),
         BenchWhat::Inference { seeds, output } => inference(*seeds, output),
     }
 }

@@ -1,0 +1,252 @@
+//! `catenary bench networks`: what an embedding of sets is good for, and a large network beside a small one, on the same
+//! tracks. Each network learns once from tracks of the prior and then looks at tracks that it has not seen, as they are and
+//! with keypoints that are shuffled, lost, doubled or noisy.
+
+use super::batch;
+use super::corruption::Corruption;
+use crate::cli::NetworksArgs;
+use crate::interrupted::Interrupted;
+use crate::{model_file, output};
+use anyhow::{Result, bail};
+use bayes_sim::Settings;
+use bayes_sim::embedding::{Fourier, TrackInput};
+use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingError};
+use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
+use catenary_shell::Shutdown;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use simulator_pool::{BeamSimulator, workers};
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Draws that a truth is held against.
+const DRAWS: usize = 400;
+/// Tracks that are simulated between two looks at whether to stop.
+const PART: usize = 64;
+/// Mask pixels along x.
+const MASK_PX: f64 = 256.0;
+
+/// A network that takes part.
+struct Entrant {
+    name: &'static str,
+    /// Whether it sees each frame's keypoints as a set, and not as a list of coordinates in the order that they come in.
+    sees_sets: bool,
+    /// What the tracks that it learns from have gone through.
+    learns: Corruption,
+    settings: Settings,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    model: String,
+    tracks: usize,
+    truths: usize,
+    networks: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+struct Row {
+    name: &'static str,
+    train_s: f64,
+    epochs: usize,
+    held_out_loss: f64,
+    scores: Vec<Score>,
+}
+
+/// How well the truths are found under one corruption.
+#[derive(Debug, Serialize)]
+struct Score {
+    corruption: Corruption,
+    /// Mean log density at the truth in nat, unit coordinates.
+    log_density: f64,
+    /// Median error of the mean by parameter, in shares of the prior.
+    error: Vec<f64>,
+    /// Median standard deviation by parameter, likewise.
+    sd: Vec<f64>,
+    /// Share of the truths in the region of highest density of 90 %.
+    region_90: f64,
+}
+
+fn entrants(with_paper: bool) -> Vec<Entrant> {
+    let default = Settings::default;
+    let mut cos_sin = default();
+    cos_sin.embedding.fourier = Fourier::CosSin;
+    cos_sin.embedding.frequencies /= 2;
+    let (set, list, plain) = (true, false, Corruption::None);
+    let entrant = |name, sees_sets, learns, settings| Entrant { name, sees_sets, learns, settings };
+    let mut all = vec![
+        entrant("default", set, plain, default()),
+        entrant("default, cos-sin", set, plain, cos_sin),
+        entrant("list of keypoints", list, plain, default()),
+        entrant("list, learnt shuffled", list, Corruption::Shuffled, default()),
+    ];
+    if with_paper {
+        let mut paper = Settings::paper();
+        // As many steps as its iterations make, each on all tracks so far.
+        paper.schedule.max_epochs *= paper.iterations.div_ceil(2);
+        paper.schedule.patience_epochs = paper.schedule.max_epochs;
+        all.push(entrant("paper", set, plain, paper));
+    }
+    all
+}
+
+/// Trains and shows every network.
+pub fn run(arguments: &NetworksArgs) -> Result<()> {
+    let model = model_file::read_or_soft_bar(arguments.model.as_deref())?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let (tracks, truths) = (arguments.tracks as usize, arguments.truths as usize);
+    let request = batch(&model, Fidelity::Standard, tracks + truths)?;
+    let simulated = simulate(&model, &request, &shutdown)?;
+    let thetas: Vec<Vec<f64>> = request.thetas.iter().map(|t| model.theta.to_unit(t)).collect();
+    let (learnt, shown) = simulated.split_at(tracks);
+    let mut report = Report { model: model.name.clone(), tracks, truths, networks: Vec::new() };
+    for entrant in entrants(arguments.paper) {
+        let frames = request.frame_times_s.len();
+        let mut rng = seed::rng(11, 0);
+        let learnt: Vec<Track> = learnt.iter().map(|t| entrant.learns.apply(t, MASK_PX, &mut rng)).collect();
+        let samples = entrant.samples(&learnt, &thetas[..tracks], frames)?;
+        let started = Instant::now();
+        let (ensemble, outcome) = entrant.train(&samples, &shutdown)?;
+        let train_s = started.elapsed().as_secs_f64();
+        let scores = Corruption::ALL
+            .map(|c| entrant.score(&ensemble, shown, &thetas[tracks..], frames, c))
+            .into_iter()
+            .collect::<Result<Vec<_>>>()?;
+        let Outcome { epochs, held_out_loss } = outcome;
+        tracing::info!("{}: {train_s:.1} s", entrant.name);
+        report.networks.push(Row { name: entrant.name, train_s, epochs, held_out_loss, scores });
+    }
+    output::result(&arguments.output, &report, |report| words(report, &model))
+}
+
+fn simulate(model: &Model, request: &SimulationRequest, shutdown: &Shutdown) -> Result<Vec<Track>> {
+    let simulator = BeamSimulator::new(model, workers::available())?;
+    let bar = ProgressBar::new(request.thetas.len() as u64);
+    bar.set_style(ProgressStyle::with_template("tracks [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
+    let mut tracks = Vec::with_capacity(request.thetas.len());
+    for thetas in request.thetas.chunks(PART) {
+        let part = SimulationRequest { thetas: thetas.to_vec(), first_episode: tracks.len() as u64, ..request.clone() };
+        tracks.extend(simulator.simulate(&part)?);
+        bar.set_position(tracks.len() as u64);
+        if shutdown.is_triggered() {
+            bail!(Interrupted(format!(" after {} tracks", tracks.len())));
+        }
+    }
+    bar.finish_and_clear();
+    Ok(tracks)
+}
+
+impl Entrant {
+    /// Tracks with their thetas (unit coordinates), as this network sees them.
+    fn samples(&self, tracks: &[Track], thetas: &[Vec<f64>], frames: usize) -> Result<Samples> {
+        let dimension = thetas.first().map_or(0, Vec::len);
+        if self.sees_sets {
+            let mut samples = Samples::new(frames, dimension);
+            for (track, theta) in tracks.iter().zip(thetas) {
+                samples.push(&TrackInput::new(track, frames)?, theta);
+            }
+            return Ok(samples);
+        }
+        let mut rows = Vec::new();
+        for track in tracks {
+            let mut row: Vec<f32> = track.frames.iter().flat_map(|f| f.dlo).flatten().map(|v| v as f32).collect();
+            row.resize(8 * frames, 0.0);
+            rows.extend(row);
+        }
+        Ok(Samples::of_rows(rows, 8 * frames, thetas.concat(), dimension))
+    }
+
+    fn train(&self, samples: &Samples, shutdown: &Shutdown) -> Result<(Ensemble, Outcome)> {
+        let (n, settings) = (samples.len(), &self.settings);
+        let mut shape = Shape::of_rows(samples.plain(), samples.dimension(), settings);
+        if self.sees_sets {
+            let (frames, channels) = (samples.frames(), samples.varying_channels());
+            shape = Shape { frames, channels, projection: settings.projection, ..shape };
+        }
+        let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
+        let training = Training { data: samples, weights: &weights, lots: &lots, seed: 1, held_out_seed: 2 };
+        let most = (settings.ensemble * settings.schedule.max_epochs) as u64;
+        let bar = ProgressBar::new(most);
+        let form = format!("{} [{{bar:30}}] {{pos}} of at most {{len}} epochs", self.name);
+        bar.set_style(ProgressStyle::with_template(&form)?.progress_chars("=> "));
+        let trained = Ensemble::train(&shape, settings, None, training, &mut |_, epoch| {
+            bar.inc(u64::from(epoch.is_some()));
+            if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        bar.finish_and_clear();
+        match trained {
+            Err(TrainingError::Stopped) => bail!(Interrupted(format!(" while {} learnt", self.name))),
+            other => Ok(other?),
+        }
+    }
+
+    fn score(
+        &self,
+        ensemble: &Ensemble,
+        tracks: &[Track],
+        thetas: &[Vec<f64>],
+        frames: usize,
+        corruption: Corruption,
+    ) -> Result<Score> {
+        let dimension = thetas.first().map_or(0, Vec::len);
+        let (mut log_density, mut region_90) = (0.0, 0.0);
+        let (mut errors, mut sds) = (vec![Vec::new(); dimension], vec![Vec::new(); dimension]);
+        let share = 1.0 / tracks.len() as f64;
+        for (number, (track, theta)) in tracks.iter().zip(thetas).enumerate() {
+            let mut rng = seed::rng(12, number as u64);
+            let seen = corruption.apply(track, MASK_PX, &mut rng);
+            let batch = self.samples(&[seen], std::slice::from_ref(theta), frames)?;
+            // Not cut off at the prior's edges: what a network makes of a gross error may lie outside of them altogether.
+            let mixture = ensemble.mixture(&batch)?;
+            let draws: Vec<Vec<f64>> = (0..DRAWS).map(|_| mixture.sample(&mut rng)).collect();
+            let density = mixture.log_density(theta);
+            let denser = draws.iter().filter(|u| mixture.log_density(u) > density).count();
+            log_density += share * density;
+            region_90 += share * f64::from(u8::from((denser as f64) < 0.9 * DRAWS as f64));
+            for i in 0..dimension {
+                let mean = draws.iter().map(|u| u[i]).sum::<f64>() / DRAWS as f64;
+                let variance = draws.iter().map(|u| (u[i] - mean).powi(2)).sum::<f64>() / DRAWS as f64;
+                errors[i].push((mean - theta[i]).abs());
+                sds[i].push(variance.sqrt());
+            }
+        }
+        let medians = |lists: Vec<Vec<f64>>| lists.into_iter().map(median).collect();
+        Ok(Score { corruption, log_density, error: medians(errors), sd: medians(sds), region_90 })
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn words(report: &Report, model: &Model) -> String {
+    let mut lines = vec![format!("{} tracks learnt, {} truths shown", report.tracks, report.truths)];
+    for row in &report.networks {
+        lines.push(format!(
+            "{}: {:.1} s, {} epochs, held-out loss {:.2} nat",
+            row.name, row.train_s, row.epochs, row.held_out_loss
+        ));
+    }
+    let names: Vec<&str> = model.theta.parameters().iter().map(|p| p.name.as_str()).collect();
+    for row in &report.networks {
+        lines.push(format!(
+            "\n{}: mean log density at the truth; medians of error and sd of {} in % of the prior",
+            row.name,
+            names.join(", ")
+        ));
+        for s in &row.scores {
+            let percent = |v: &[f64]| v.iter().map(|v| format!("{:5.2}", 100.0 * v)).collect::<Vec<_>>().join(" ");
+            lines.push(format!(
+                "  {:<16} {:7.2} nat   error {}   sd {}   90 % regions hold {:3.0} %",
+                s.corruption.to_string(),
+                s.log_density,
+                percent(&s.error),
+                percent(&s.sd),
+                100.0 * s.region_90
+            ));
+        }
+    }
+    lines.join("\n")
+}
