@@ -440,6 +440,9 @@ pub struct NetworksArgs {
     /// The paper's network, too, with as many steps as its fifteen iterations make; an hour
     #[arg(long)]
     pub paper: bool,
+    /// A JSON file for the tracks and their thetas, for estimators elsewhere
+    #[arg(long)]
+    pub export: Option<PathBuf>,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

@@ -7,7 +7,7 @@ use super::corruption::Corruption;
 use crate::cli::NetworksArgs;
 use crate::interrupted::Interrupted;
 use crate::{model_file, output};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use bayes_sim::Settings;
 use bayes_sim::embedding::{Fourier, TrackInput};
 use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingError};
@@ -17,6 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::time::Instant;
 
 /// Draws that a truth is held against.
@@ -100,6 +101,9 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
     let simulated = simulate(&model, &request, &shutdown)?;
     let thetas: Vec<Vec<f64>> = request.thetas.iter().map(|t| model.theta.to_unit(t)).collect();
     let (learnt, shown) = simulated.split_at(tracks);
+    if let Some(path) = &arguments.export {
+        export(path, &model, (learnt, &thetas[..tracks]), (shown, &thetas[tracks..]))?;
+    }
     let mut report = Report { model: model.name.clone(), tracks, truths, networks: Vec::new() };
     for entrant in entrants(arguments.paper) {
         let frames = request.frame_times_s.len();
@@ -137,6 +141,28 @@ fn simulate(model: &Model, request: &SimulationRequest, shutdown: &Shutdown) -> 
     Ok(tracks)
 }
 
+/// Writes what is learnt and what is shown as lists of coordinates, for estimators elsewhere.
+fn export(path: &Path, model: &Model, learnt: Tracks<'_>, shown: Tracks<'_>) -> Result<()> {
+    let rows = |tracks: &[Track]| tracks.iter().map(list).collect::<Vec<_>>();
+    let document = serde_json::json!({
+        "parameters": model.theta,
+        "thetas": learnt.1,
+        "rows": rows(learnt.0),
+        "truths": shown.1,
+        "observations": rows(shown.0),
+    });
+    output::prepare(path)?;
+    std::fs::write(path, serde_json::to_string(&document)?).with_context(|| path.display().to_string())
+}
+
+/// Tracks with their thetas in unit coordinates.
+type Tracks<'a> = (&'a [Track], &'a [Vec<f64>]);
+
+/// The keypoints of all frames, x and y in turn.
+fn list(track: &Track) -> Vec<f32> {
+    track.frames.iter().flat_map(|f| f.dlo).flatten().map(|v| v as f32).collect()
+}
+
 impl Entrant {
     /// Tracks with their thetas (unit coordinates), as this network sees them.
     fn samples(&self, tracks: &[Track], thetas: &[Vec<f64>], frames: usize) -> Result<Samples> {
@@ -150,7 +176,7 @@ impl Entrant {
         }
         let mut rows = Vec::new();
         for track in tracks {
-            let mut row: Vec<f32> = track.frames.iter().flat_map(|f| f.dlo).flatten().map(|v| v as f32).collect();
+            let mut row = list(track);
             row.resize(8 * frames, 0.0);
             rows.extend(row);
         }
