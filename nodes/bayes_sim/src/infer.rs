@@ -54,7 +54,8 @@ impl InferenceResult {
 
 /// Infers the posterior over the parameters of `model` from the episodes `measured`, all of one object: its parameters are the
 /// same in all, and what the model draws anew for each episode is not. `policy` is the one that the episodes ran, where the
-/// model drives by policy. It goes on from `state`, where one of the same [`question`] is given.
+/// model drives by policy. It goes on from `state`, where a whole one of the same [`question`] is given; from another it does
+/// not, and says so in a warning.
 pub fn infer(
     model: &Model,
     measured: &[MeasuredTrack],
@@ -73,9 +74,7 @@ pub fn infer(
     let observed = observed.collect::<Result<Vec<_>, _>>()?;
     let question = question(model, measured, policy, settings);
     let mut sequential = Sequential::new(&model.theta, observed.clone(), settings, question)?;
-    if let Some(state) = state {
-        sequential.resume(state)?;
-    }
+    let refused = state.and_then(|state| sequential.resume(state).err());
     while sequential.state().iterations().len() < settings.iterations {
         sequential.step(simulator, on_progress)?;
     }
@@ -104,6 +103,9 @@ pub fn infer(
     };
     let marginals = posterior.marginals().map_err(failed)?;
     let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();
+    warnings.extend(
+        refused.map(|why| format!("begun anew: the state of an earlier process cannot be gone on from: {why}")),
+    );
     let drive = model.observation.drive;
     if policy.is_some() && drive != DriveKind::Policy {
         warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
@@ -209,6 +211,21 @@ mod tests {
         let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);
         assert!((density(&back) - density(&result)).abs() < 1e-9, "{} against {}", density(&back), density(&result));
         assert_eq!((back.warnings, back.iterations.len()), (result.warnings, 2));
+    }
+
+    #[test]
+    fn a_state_that_cannot_be_gone_on_from_is_said_and_left_behind() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
+        let asked = question(&model, &[measured()], None, &settings);
+        // Of another number of frames.
+        let state = State::new(asked, crate::network::Samples::new(3, 2));
+        let simulator = Toy(&model, RefCell::default());
+        let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+        let result = infer(&model, &[measured()], None, &settings, Some(state), &simulator, &mut listen).unwrap();
+        assert_eq!(result.iterations.len(), 1);
+        let said = result.warnings.iter().find(|w| w.starts_with("begun anew")).unwrap();
+        assert!(said.contains("samples: expected whole tracks of 6 frames"), "{said}");
     }
 
     #[test]

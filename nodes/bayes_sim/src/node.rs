@@ -114,6 +114,7 @@ fn infer_goal(
         first.warnings.extend(overridden);
     }
     let asked = question(&model, &measured, policy.as_ref(), &settings);
+    states.inspect(|folder| StateFile::tidy(folder));
     let file = states.map(|folder| StateFile::in_folder(folder, asked));
     let state = file.as_ref().and_then(StateFile::read);
     if let Some(state) = &state {

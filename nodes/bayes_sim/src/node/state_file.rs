@@ -2,10 +2,12 @@
 
 use crate::sequential::State;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
-/// States of other inferences that are kept in a folder; older ones, of inferences that were cancelled, go.
+/// States of other inferences that a folder keeps however old they are.
 const KEPT: usize = 8;
+/// Age below which none is removed: it may be that of an inference that runs.
+const YOUNG: Duration = Duration::from_secs(7 * 24 * 3600);
 
 /// A file that holds the state of one inference while it runs.
 #[derive(Debug, Clone)]
@@ -63,8 +65,7 @@ impl StateFile {
                 std::fs::create_dir_all(folder)?;
             }
             std::fs::write(&draft, serde_json::to_vec(state)?)?;
-            std::fs::rename(&draft, &self.path)?;
-            self.tidy()
+            std::fs::rename(&draft, &self.path)
         };
         if let Err(error) = write() {
             tracing::warn!(
@@ -74,19 +75,22 @@ impl StateFile {
         }
     }
 
-    /// Removes the oldest states of other inferences beside this one, but for [`KEPT`] of them.
-    fn tidy(&self) -> std::io::Result<()> {
-        let Some(folder) = self.path.parent() else { return Ok(()) };
-        let mut others: Vec<(SystemTime, PathBuf)> = Vec::new();
-        for entry in std::fs::read_dir(folder)? {
-            let path = entry?.path();
-            if path != self.path && is_state(&path) {
-                others.push((path.metadata()?.modified()?, path));
+    /// Removes old states that inferences left in `folder` which were cancelled and never asked again, but for the newest.
+    pub fn tidy(folder: &Path) {
+        let Ok(entries) = std::fs::read_dir(folder) else { return };
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_state(path));
+        let mut states: Vec<(SystemTime, PathBuf)> =
+            paths.filter_map(|path| Some((path.metadata().ok()?.modified().ok()?, path))).collect();
+        states.sort();
+        let surplus = states.len().saturating_sub(KEPT);
+        let is_old = |at: &SystemTime| at.elapsed().is_ok_and(|age| age > YOUNG);
+        for (_, path) in states.iter().take(surplus).filter(|(at, _)| is_old(at)) {
+            if let Err(error) = std::fs::remove_file(path)
+                && error.kind() != std::io::ErrorKind::NotFound
+            {
+                tracing::warn!("{}: an old state that cannot be removed: {error}", path.display());
             }
         }
-        others.sort();
-        let surplus = others.len().saturating_sub(KEPT);
-        others.iter().take(surplus).try_for_each(|(_, path)| std::fs::remove_file(path))
     }
 
     /// Removes the file of an inference that has ended.
@@ -102,7 +106,9 @@ impl StateFile {
 /// Whether a file is called as [`StateFile::in_folder`] calls them.
 fn is_state(path: &Path) -> bool {
     let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-    path.extension().is_some_and(|e| e == "json") && stem.len() == 16 && stem.bytes().all(|b| b.is_ascii_hexdigit())
+    path.extension().is_some_and(|e| e == "json")
+        && stem.len() == 16
+        && stem.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
 }
 
 #[cfg(test)]
@@ -130,21 +136,35 @@ mod tests {
     }
 
     #[test]
-    fn states_of_others_are_kept_up_to_a_few_and_other_files_are_left_alone() {
+    fn old_states_go_but_for_a_few_and_other_files_are_left_alone() {
         let folder = std::env::temp_dir().join(format!("catenary_states_{}", std::process::id()));
         let state = |question| State::new(question, Samples::new(3, 2));
         std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join("notes.json"), "{}").unwrap();
-        let start = SystemTime::now() - std::time::Duration::from_secs(1000);
-        for question in 0..20 {
-            let file = StateFile::in_folder(&folder, question);
-            file.write(&state(question));
-            let at = start + std::time::Duration::from_secs(question);
-            std::fs::File::options().append(true).open(file.path()).unwrap().set_modified(at).unwrap();
+        let age = |path: &Path, days: u64| {
+            let at = SystemTime::now() - Duration::from_secs(days * 24 * 3600);
+            std::fs::File::options().append(true).open(path).unwrap().set_modified(at).unwrap();
+        };
+        let mine = ["notes.json", "0123456789ABCDEF.json"].map(|name| folder.join(name));
+        for path in &mine {
+            std::fs::write(path, "{}").unwrap();
+            age(path, 100);
         }
-        let left: Vec<u64> = (0..20).filter(|q| StateFile::in_folder(&folder, *q).path().exists()).collect();
-        assert_eq!(left, (11..20).collect::<Vec<_>>());
-        assert!(folder.join("notes.json").exists());
+        // Twelve young ones, and twenty old ones.
+        let file = |question| StateFile::in_folder(&folder, question);
+        for question in 0..32 {
+            file(question).write(&state(question));
+            age(file(question).path(), if question < 12 { question / 2 } else { question });
+        }
+        let left = |of: std::ops::Range<u64>| of.filter(|q| file(*q).path().exists()).count();
+        StateFile::tidy(&folder);
+        assert_eq!((left(0..12), left(12..32)), (12, 0));
+        (0..8).for_each(|question| file(question).remove());
+        (12..32).for_each(|question| file(question).write(&state(question)));
+        (12..32).for_each(|question| age(file(question).path(), question));
+        StateFile::tidy(&folder);
+        assert_eq!((left(8..12), left(12..16), left(16..32)), (4, 4, 0));
+        assert!(mine.iter().all(|path| path.exists()));
+        StateFile::tidy(&folder.join("nowhere"));
         std::fs::remove_dir_all(folder).unwrap();
     }
 }
