@@ -56,7 +56,7 @@ def test_an_inference_is_json(tmp_path):
     assert json.loads((tmp_path / "out/posterior.json").read_text()) == report["posterior"]
     assert 0 < report["simulation_s"] < report["wall_s"]
     words = run(tmp_path, "infer", *arguments[:-1]).splitlines()[-1]
-    assert re.fullmatch(r"40 simulations in [\d.]+ s: simulation [\d.]+ s, training [\d.]+ s", words), words
+    assert re.fullmatch(r"40 simulations; [\d.]+ s: simulation [\d.]+ s, training and the rest [\d.]+ s", words), words
 
 
 def test_networks_of_sets_do_not_see_the_order_of_keypoints(tmp_path):
@@ -64,15 +64,16 @@ def test_networks_of_sets_do_not_see_the_order_of_keypoints(tmp_path):
     report = json.loads(run(tmp_path, "bench", "networks", *sizes, "--json"))
     assert run(tmp_path, "bench", "networks", *sizes).count("shuffled") > 4
     score = lambda network, corruption: next(s["log_density"] for s in network["scores"] if s["corruption"] == corruption)
-    sets, lists = report["networks"][:2], report["networks"][2:]
+    sets, (in_order, shuffled) = report["networks"][:2], report["networks"][2:]
+    loss = lambda network, corruption: score(network, "none") - score(network, corruption)
     for network in sets:
         assert score(network, "shuffled") == pytest.approx(score(network, "none"), abs=1e-6)
-        # Gently: what a tracker loses now and then costs less than what it loses often, and neither ends all.
+        # Gently: what goes wrong now and then costs less than what goes wrong often, and less than it costs a list.
         for kind, steps in (("dropped", (0.05, 0.4)), ("duplicated", (0.05, 0.4)), ("noise_px", (1.0, 8.0))):
-            little, much = (score(network, {kind: step}) for step in steps)
-            assert score(network, "none") > little > much > -3, (network["name"], kind)
-    in_order, shuffled = lists
-    assert score(in_order, "shuffled") < score(in_order, "none") - 5
+            little, much = (loss(network, {kind: step}) for step in steps)
+            assert 0 < little < much, (network["name"], kind)
+            assert little < loss(in_order, {kind: steps[0]}), (network["name"], kind)
+    assert loss(in_order, "shuffled") > 5
     assert score(shuffled, "shuffled") < score(sets[0], "shuffled") - 1
 
 

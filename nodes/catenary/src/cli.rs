@@ -437,7 +437,7 @@ pub struct NetworksArgs {
     /// Model file; none: the soft bar
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// The paper's network, too, with as many steps as its fifteen iterations make; an hour
+    /// The paper's network, too, with as many steps as its fifteen iterations make; half an hour
     #[arg(long)]
     pub paper: bool,
     /// A JSON file for the tracks and their thetas, for estimators elsewhere

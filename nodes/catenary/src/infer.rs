@@ -213,10 +213,12 @@ pub fn iteration_words(simulations: impl Display, loss: impl Display, effective:
     format!("{simulations} simulations, loss {loss:.2} nat, effective sample size {effective:.0}")
 }
 
-/// How long an inference took, and on what.
+/// Simulations of an inference, those of an earlier process included; how long it took in this one, and on what.
 pub fn time_words(simulations: usize, wall_s: f64, simulation_s: f64) -> String {
-    let training_s = wall_s - simulation_s;
-    format!("{simulations} simulations in {wall_s:.1} s: simulation {simulation_s:.1} s, training {training_s:.1} s")
+    let rest_s = wall_s - simulation_s;
+    format!(
+        "{simulations} simulations; {wall_s:.1} s: simulation {simulation_s:.1} s, training and the rest {rest_s:.1} s"
+    )
 }
 
 /// A line for each parameter.

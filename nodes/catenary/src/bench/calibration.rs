@@ -114,6 +114,15 @@ fn read(path: &Path, dimension: usize) -> Result<Vec<Line>> {
     text.lines().enumerate().map(parse).collect()
 }
 
+/// Lets no further number be taken once it is dropped.
+struct Last<'a>(&'a AtomicU64, u64);
+
+impl Drop for Last<'_> {
+    fn drop(&mut self) {
+        self.0.store(self.1, Ordering::Relaxed);
+    }
+}
+
 /// Calls `work` for all `numbers`, on every core, and `keep` with what it returns, in order; the first error ends it.
 fn each<T: Send>(
     numbers: Range<u64>,
@@ -126,6 +135,8 @@ fn each<T: Send>(
         for _ in 0..workers::available() {
             let (sender, next, work) = (sender.clone(), &next, &work);
             scope.spawn(move || {
+                // A worker that dies takes the others along.
+                let _last = Last(next, end);
                 loop {
                     let number = next.fetch_add(1, Ordering::Relaxed);
                     if number >= end || sender.send((number, work(number))).is_err() {
@@ -135,6 +146,7 @@ fn each<T: Send>(
             });
         }
         drop(sender);
+        let _last = Last(&next, end);
         // What came before its turn.
         let mut early = BTreeMap::new();
         for number in numbers {
@@ -145,10 +157,7 @@ fn each<T: Send>(
                 let (of, outcome) = done.recv().context("a worker died")?;
                 early.insert(of, outcome);
             };
-            if let Err(error) = outcome.and_then(&mut keep) {
-                next.store(end, Ordering::Relaxed);
-                return Err(error);
-            }
+            outcome.and_then(&mut keep)?;
         }
         Ok(())
     })

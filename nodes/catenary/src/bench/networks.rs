@@ -7,10 +7,11 @@ use super::corruption::Corruption;
 use crate::cli::NetworksArgs;
 use crate::interrupted::Interrupted;
 use crate::{model_file, output};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::Settings;
 use bayes_sim::embedding::{Fourier, TrackInput};
 use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingError};
+use catenary_core::camera::MASK_SIZE_PX;
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -25,12 +26,13 @@ const DRAWS: usize = 400;
 /// Tracks that are simulated between two looks at whether to stop.
 const PART: usize = 64;
 /// Mask pixels along x.
-const MASK_PX: f64 = 256.0;
+const MASK_PX: f64 = MASK_SIZE_PX as f64;
 
 /// A network that takes part.
 struct Entrant {
     name: &'static str,
-    /// Whether it sees each frame's keypoints as a set, and not as a list of coordinates in the order that they come in.
+    /// Whether it sees each frame's keypoints as a set, and the channels beside them, through principal components; and not
+    /// the list of all coordinates in the order that they come in, as it is.
     sees_sets: bool,
     /// What the tracks that it learns from have gone through.
     learns: Corruption,
@@ -40,8 +42,10 @@ struct Entrant {
 #[derive(Debug, Serialize)]
 struct Report {
     model: String,
+    /// Learnt and shown, without those that no inference takes.
     tracks: usize,
     truths: usize,
+    unusable: usize,
     networks: Vec<Row>,
 }
 
@@ -98,15 +102,24 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
     catenary_shell::end_on_signals(&shutdown)?;
     let (tracks, truths) = (arguments.tracks as usize, arguments.truths as usize);
     let request = batch(&model, Fidelity::Standard, tracks + truths)?;
+    if let Some(path) = &arguments.export {
+        output::prepare(path)?;
+    }
+    let frames = request.frame_times_s.len();
     let simulated = simulate(&model, &request, &shutdown)?;
-    let thetas: Vec<Vec<f64>> = request.thetas.iter().map(|t| model.theta.to_unit(t)).collect();
+    let thetas = request.thetas.iter().map(|t| model.theta.to_unit(t));
+    let usable = simulated.into_iter().zip(thetas).filter(|(track, _)| TrackInput::new(track, frames).is_ok());
+    let (simulated, thetas): (Vec<Track>, Vec<Vec<f64>>) = usable.unzip();
+    let unusable = tracks + truths - simulated.len();
+    let tracks = tracks.min(simulated.len());
+    let truths = simulated.len() - tracks;
+    ensure!(truths > 0, "model {}: expected more than {tracks} usable tracks, {unusable} are not", model.name);
     let (learnt, shown) = simulated.split_at(tracks);
     if let Some(path) = &arguments.export {
         export(path, &model, (learnt, &thetas[..tracks]), (shown, &thetas[tracks..]))?;
     }
-    let mut report = Report { model: model.name.clone(), tracks, truths, networks: Vec::new() };
+    let mut report = Report { model: model.name.clone(), tracks, truths, unusable, networks: Vec::new() };
     for entrant in entrants(arguments.paper) {
-        let frames = request.frame_times_s.len();
         let mut rng = seed::rng(11, 0);
         let learnt: Vec<Track> = learnt.iter().map(|t| entrant.learns.apply(t, MASK_PX, &mut rng)).collect();
         let samples = entrant.samples(&learnt, &thetas[..tracks], frames)?;
@@ -114,7 +127,10 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
         let (ensemble, outcome) = entrant.train(&samples, &shutdown)?;
         let train_s = started.elapsed().as_secs_f64();
         let scores = Corruption::ALL
-            .map(|c| entrant.score(&ensemble, shown, &thetas[tracks..], frames, c))
+            .map(|c| match shutdown.is_triggered() {
+                true => bail!(Interrupted(format!(" while {} was shown tracks", entrant.name))),
+                false => entrant.score(&ensemble, shown, &thetas[tracks..], frames, c),
+            })
             .into_iter()
             .collect::<Result<Vec<_>>>()?;
         let Outcome { epochs, held_out_loss } = outcome;
@@ -151,7 +167,6 @@ fn export(path: &Path, model: &Model, learnt: Tracks<'_>, shown: Tracks<'_>) -> 
         "truths": shown.1,
         "observations": rows(shown.0),
     });
-    output::prepare(path)?;
     std::fs::write(path, serde_json::to_string(&document)?).with_context(|| path.display().to_string())
 }
 
@@ -248,7 +263,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 fn words(report: &Report, model: &Model) -> String {
-    let mut lines = vec![format!("{} tracks learnt, {} truths shown", report.tracks, report.truths)];
+    let Report { tracks, truths, unusable, .. } = report;
+    let mut lines = vec![format!("{tracks} tracks learnt, {truths} truths shown, {unusable} unusable")];
     for row in &report.networks {
         lines.push(format!(
             "{}: {:.1} s, {} epochs, held-out loss {:.2} nat",
