@@ -6,7 +6,7 @@ use bayes_sim::network::{Ensemble, Samples, Shape, Training};
 use bayes_sim::{Settings, settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, seed};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -30,7 +30,7 @@ struct Problem {
     /// Seed of the training and of the draws.
     seed: u64,
     /// Fields of the settings that are not the default preset's.
-    settings: serde_json::Map<String, Value>,
+    settings: Map<String, Value>,
 }
 
 #[derive(Serialize)]
@@ -45,20 +45,20 @@ struct Answer {
     draws: Vec<Vec<Vec<f64>>>,
 }
 
-/// Puts the fields of `over` in the place of those in `under`, field by field within those that have fields of their own.
-fn merge(under: &mut Value, over: Value) {
-    match (under, over) {
-        (Value::Object(under), Value::Object(over)) => {
-            over.into_iter().for_each(|(name, value)| merge(under.entry(name).or_insert(Value::Null), value));
+/// Puts the fields of `over` in the place of those in `under`; those of the schedule one by one.
+fn merge(under: &mut Value, over: Map<String, Value>) {
+    for (name, value) in over {
+        match value {
+            Value::Object(fields) if name == "schedule" => merge(&mut under[name], fields),
+            value => under[name] = value,
         }
-        (under, over) => *under = over,
     }
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let problem: Problem = serde_json::from_reader(std::io::stdin().lock())?;
     let mut settings = serde_json::to_value(settings::Settings::default())?;
-    merge(&mut settings, problem.settings.into());
+    merge(&mut settings, problem.settings);
     let settings: Settings = serde_json::from_value(settings)?;
     settings.check()?;
     let space = problem.parameters;

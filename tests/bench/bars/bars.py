@@ -58,6 +58,7 @@ def infer(folder, bar, seed, preset):
             shutil.rmtree(half, ignore_errors=True)
             program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", half / "bag")
             (half / "bag").rename(bag)
+            half.rmdir()
         asked = ("--model", MODELS / "soft_bar.yaml", "--preset", preset, "--seed", seed)
         program("infer", "--bag", bag, *asked, "--out", folder)
     return json.loads(found.read_text())

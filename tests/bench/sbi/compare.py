@@ -2,6 +2,7 @@
 published ones. Every result is kept in --out as it comes; a run that was cut off goes on from there."""
 
 import argparse
+import hashlib
 import json
 import os
 import sys
@@ -37,7 +38,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--observations", type=int, default=10, help="of each task, up to 10")
     parser.add_argument("--estimators", nargs="+", default=["catenary", "mdn", "maf"])
-    parser.add_argument("--settings", type=json.loads, default=SETTINGS, help="catenary's settings beside its defaults, JSON")
+    parser.add_argument("--settings", type=json.loads, default={}, help="catenary's settings in place of SETTINGS below, JSON")
     parser.add_argument("--json", action="store_true", help="print every result instead of the table")
     return parser.parse_args()
 
@@ -70,6 +71,14 @@ def measure(args: argparse.Namespace, references: References, name: str, size: i
     }
 
 
+def variant(args: argparse.Namespace, estimator: str) -> str:
+    """What else a result depends on, as part of its file's name: ours on the settings and the program."""
+    told = [args.observations]
+    if estimator == "catenary":
+        told += [args.settings, hashlib.sha256(args.program.read_bytes()).hexdigest()]
+    return "_" + hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:8]
+
+
 def table(results: list[dict]) -> str:
     """One line a task and size: means over seeds and observations."""
     cells = defaultdict(list)
@@ -96,6 +105,8 @@ def main() -> None:
     args = arguments()
     torch.set_num_threads(1)
     args.out.mkdir(parents=True, exist_ok=True)
+    for name in set(SETTINGS) - set(args.settings):
+        args.settings[name] = SETTINGS[name]
     args.program, args.wheel, args.out = (path.resolve() for path in (args.program, args.wheel, args.out))
     # sbi writes its logs where it is.
     os.chdir(args.out)
@@ -109,7 +120,7 @@ def main() -> None:
         for estimator in args.estimators
     ]
     for done, (seed, size, name, estimator) in enumerate(wanted, 1):
-        path = args.out / f"{name}_{size}_{seed}_{estimator}.json"
+        path = args.out / f"{name}_{size}_{seed}_{estimator}{variant(args, estimator)}.json"
         if not path.exists():
             print(f"{done}/{len(wanted)}: {name}, {size} simulations, seed {seed}, {estimator}", file=sys.stderr)
             result = measure(args, references, name, size, seed, estimator)

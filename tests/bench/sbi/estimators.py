@@ -1,7 +1,9 @@
 """The estimators that are compared: each trains once on the simulations, then looks at every observation."""
 
+import contextlib
 import json
 import subprocess
+import sys
 import time
 import warnings
 from dataclasses import dataclass
@@ -67,7 +69,9 @@ def sbi(model: str, task: Task, data: Data, draws: int, seed: int) -> Estimate:
     tensor = lambda a: torch.tensor(a, dtype=torch.float32)
     started = time.perf_counter()
     inference = NPE(prior, density_estimator=model, show_progress_bars=False)
-    inference.append_simulations(tensor(data.thetas), tensor(data.rows)).train()
+    # It says on stdout when it has converged.
+    with contextlib.redirect_stdout(sys.stderr):
+        inference.append_simulations(tensor(data.thetas), tensor(data.rows)).train()
     train_s = time.perf_counter() - started
     posterior = inference.build_posterior()
     started = time.perf_counter()
