@@ -60,6 +60,8 @@ IMPOSSIBLE = {
     "a uniform prior: expected numbers that make one, found 3.0 to 1.0": Parameter(prior=Parameter.PRIOR_UNIFORM, low=3.0, high=1.0),
     "a log-uniform prior: expected numbers that make one, found 0.0 to 1.0": Parameter(prior=Parameter.PRIOR_LOG_UNIFORM, high=1.0),
     "a normal prior: expected numbers that make one, found 0.0 to 1.0, mean 0.0, sd 0.0": Parameter(prior=Parameter.PRIOR_NORMAL, high=1.0),
+    "a mixture prior: expected parts, found 0": Parameter(prior=Parameter.PRIOR_MIXTURE),
+    "a uniform prior: expected no parts, found 1": Parameter(prior=Parameter.PRIOR_UNIFORM, **UNIFORM, parts=[PriorPart(weight=1.0, **UNIFORM)]),
     "a mixture prior: expected weights of at least 0, not all of them 0, found [0.0]": Parameter(
         prior=Parameter.PRIOR_MIXTURE, parts=[PriorPart(prior=Parameter.PRIOR_UNIFORM, **UNIFORM)]
     ),

@@ -18,8 +18,8 @@ pub const DIAGONAL_LIMIT: f64 = 7.0;
 /// indefinite that a network gives far from all that it has learnt.
 const LEAST_VARIANCE: f64 = 1e-12;
 
-/// Share of the bound that [`unbend`] goes to.
-const MOST_BENT: f64 = 0.999;
+/// Share of the bound that [`unbend`] goes to: beyond, a small change of what is bent is a great one of what is not.
+const MOST_BENT: f64 = 0.95;
 
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
@@ -166,7 +166,7 @@ pub(super) fn bend_slope(raw: f64) -> f64 {
     1.0 - (raw / DIAGONAL_LIMIT).tanh().powi(2)
 }
 
-/// The raw output whose bounded logarithm is `bent`; for one at the bound or beyond, one just inside.
+/// The raw output whose bounded logarithm is `bent`; for one near the bound or beyond, one inside.
 pub(super) fn unbend(bent: f64) -> f64 {
     DIAGONAL_LIMIT * (bent / DIAGONAL_LIMIT).clamp(-MOST_BENT, MOST_BENT).atanh()
 }

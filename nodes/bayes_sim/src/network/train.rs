@@ -115,7 +115,7 @@ impl Adam {
     }
 }
 
-/// Most of the steps so far that parameters are averaged over: those at the beginning are far from where it ends.
+/// Greatest share of the steps so far that parameters are averaged over: those at the beginning are far from where it ends.
 const AVERAGED_SHARE: f32 = 0.1;
 
 /// Trains `network` on the samples at `training`, watching those at `held_out`; `weights` (N) belong to all samples.

@@ -21,8 +21,10 @@ class Prior:
     """`low` and `high` bound the support, in the parameter's unit. A mixture has `parts`: pairs of weight and prior."""
 
     def __init__(self, kind, low=None, high=None, mean=None, sd=None, parts=()):
-        if kind not in KINDS or bool(parts) != (kind == "mixture"):
+        if kind not in KINDS:
             raise ValueError(f"a prior: expected one of {', '.join(KINDS)}, found {kind}")
+        if bool(parts) != (kind == "mixture"):
+            raise ValueError(f"a {kind.replace('_', '-')} prior: expected {'parts' if kind == 'mixture' else 'no parts'}, found {len(parts)}")
         self.kind, self.mean, self.sd, self.parts = kind, mean, sd, parts
         self.low = min(part.low for _, part in parts) if parts else float(low)
         self.high = max(part.high for _, part in parts) if parts else float(high)
