@@ -233,6 +233,11 @@ fn a_killed_process_is_started_again_where_asked_and_all_end_on_shutdown() {
     let row = &s.rows()[0];
     assert!(row.restarts == 1 && row.pid.is_some_and(|again| again != pid) && row.state == State::Running);
     assert_eq!(row.last_exit, Some(Exit::Signal(9)));
+    // Until it sleeps, it is still the one that undoes what it inherited.
+    let comm = format!("/proc/{}/comm", row.pid.unwrap());
+    while std::fs::read_to_string(&comm).unwrap().trim() != "sleep" {
+        std::thread::sleep(Duration::from_millis(5));
+    }
     s.shut_down();
     assert!(s.is_done());
     for row in s.rows() {
