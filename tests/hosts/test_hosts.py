@@ -80,7 +80,12 @@ def test_a_host_that_comes_in_the_middle_gets_work_at_once(laboratory, one_host)
     laboratory.session.wait_for(lambda: laboratory.asked(1) >= 4, 30, "work on host 1")
     laboratory.hosts.mend(3)
     mended_s = time.time()
-    assert outcome(laboratory.answer(child)) == one_host[1]
+    for _ in range(5):
+        assert outcome(laboratory.answer(child)) == one_host[1]
+        if laboratory.asked(3, after_s=mended_s) > 0:
+            break
+        # A fast machine may be done before the host is heard of.
+        child = laboratory.ask(**LONG)
     assert laboratory.asked(3, after_s=mended_s) > 0 and laboratory.shares()[3][0] > 0
     assert laboratory.asked(2) == 0, "a pool that no pattern names was asked"
 
