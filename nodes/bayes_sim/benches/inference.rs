@@ -35,12 +35,7 @@ fn tracks() -> Samples {
 }
 
 fn network(settings: &Settings, samples: &Samples) -> Network {
-    let shape = Shape {
-        frames: FRAMES,
-        channels: samples.varying_channels(),
-        projection: settings.projection,
-        ..Shape::of_rows(0, samples.dimension(), settings)
-    };
+    let shape = Shape::of_samples(samples, settings);
     Network::new(shape, settings.length_scale, samples, &[1.0; TRACKS], &mut seed::rng(2, 0))
 }
 

@@ -66,7 +66,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let width = problem.rows.first().map_or(0, Vec::len);
     let units = problem.thetas.iter().flat_map(|t| space.to_unit(t)).collect();
     let samples = Samples::of_rows(problem.rows.concat(), width, units, d);
-    let shape = Shape::of_rows(width, d, &settings);
+    let shape = Shape::of_samples(&samples, &settings);
     let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
     let seeds = [1, 2].map(|stream| seed::derive(problem.seed, stream));
     let training = Training { data: &samples, weights: &weights, lots: &lots, seed: seeds[0], held_out_seed: seeds[1] };

@@ -53,14 +53,15 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// That of networks which learn `dimension` parameters from rows of `plain` numbers.
-    pub fn of_rows(plain: usize, dimension: usize, settings: &Settings) -> Self {
+    /// That of networks which learn from `samples`: from their tracks, their rows of plain numbers, or both.
+    pub fn of_samples(samples: &Samples, settings: &Settings) -> Self {
+        let (frames, dimension) = (samples.frames(), samples.dimension());
         Self {
-            frames: 0,
-            plain,
-            channels: Vec::new(),
+            frames,
+            plain: samples.plain(),
+            channels: samples.varying_channels(),
             embedding: settings.embedding,
-            projection: None,
+            projection: settings.projection.filter(|_| frames > 0),
             hidden: settings.hidden.clone(),
             skip: settings.skip,
             head: MixtureHead { components: settings.components, dimension },

@@ -273,15 +273,6 @@ impl<'a> Sequential<'a> {
         Ok(())
     }
 
-    fn shape(&self, data: &Samples) -> Shape {
-        Shape {
-            frames: self.observed.frames(),
-            channels: data.varying_channels(),
-            projection: self.settings.projection,
-            ..Shape::of_rows(0, self.space.dimension(), self.settings)
-        }
-    }
-
     /// Trains the networks on `data`, the samples at `indices`.
     fn train(
         &mut self,
@@ -299,11 +290,12 @@ impl<'a> Sequential<'a> {
         let seeds = [self.seed(Stream::Training, number), seed::derive(self.settings.seed, Stream::HeldOut as u64)];
         let before = Some(&self.state.ensemble).filter(|_| self.settings.warm_start);
         let training = Training { data, weights, lots: indices, seed: seeds[0], held_out_seed: seeds[1] };
-        let (ensemble, outcome) = Ensemble::train(&self.shape(data), self.settings, before, training, &mut listen)
-            .map_err(|source| match source {
-                TrainingError::Stopped => InferenceError::Cancelled { simulations },
-                source => InferenceError::Training { iteration: number, source },
-            })?;
+        let (ensemble, outcome) =
+            Ensemble::train(&Shape::of_samples(data, self.settings), self.settings, before, training, &mut listen)
+                .map_err(|source| match source {
+                    TrainingError::Stopped => InferenceError::Cancelled { simulations },
+                    source => InferenceError::Training { iteration: number, source },
+                })?;
         self.state.ensemble = ensemble;
         Ok(outcome)
     }

@@ -2,7 +2,7 @@
 
 use super::proposal::Proposal;
 use super::{Iteration, Sequential, Stream, covered};
-use crate::network::{Ensemble, Samples};
+use crate::network::{Ensemble, Samples, Shape};
 use catenary_core::{Mixture, seed};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -117,7 +117,8 @@ impl Sequential<'_> {
         let expected = self.settings.ensemble * usize::from(made > 0);
         let fit = proposals.last().is_none_or(|(newest, _)| {
             let indices = covered(&state.samples, newest);
-            !indices.is_empty() && state.ensemble.fits(&self.shape(&state.samples.gather(&indices)))
+            !indices.is_empty()
+                && state.ensemble.fits(&Shape::of_samples(&state.samples.gather(&indices), self.settings))
         });
         if networks != expected || !fit {
             let got = format!("{networks}{}", if fit { "" } else { " of others" });

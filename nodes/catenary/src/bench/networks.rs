@@ -200,11 +200,7 @@ impl Entrant {
 
     fn train(&self, samples: &Samples, shutdown: &Shutdown) -> Result<(Ensemble, Outcome)> {
         let (n, settings) = (samples.len(), &self.settings);
-        let mut shape = Shape::of_rows(samples.plain(), samples.dimension(), settings);
-        if self.sees_sets {
-            let (frames, channels) = (samples.frames(), samples.varying_channels());
-            shape = Shape { frames, channels, projection: settings.projection, ..shape };
-        }
+        let shape = Shape::of_samples(samples, settings);
         let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
         let training = Training { data: samples, weights: &weights, lots: &lots, seed: 1, held_out_seed: 2 };
         let most = (settings.ensemble * settings.schedule.max_epochs) as u64;
