@@ -34,7 +34,7 @@ def test_a_model_that_explains_its_own_episode_has_no_gap(bag, tmp_path):
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert said == json.loads((tmp_path / "found/verdict.json").read_text())
-    assert said["verdict"] == "no_gap" and said["effects"] == [] and said["repaired"] is None
+    assert said["verdict"] == "no_gap" and said["found"] == [] and said["repaired"] is None
     assert said["episodes"] == [{"bag": str(bag), "number": 1}]
     assert len(said["present"]["test"]["null"]) == 19 and said["present"]["test"]["p_value"] > 0.05
     assert done.stderr.count("\n") >= 2 and "detect: what is left is noise" in done.stderr

@@ -180,6 +180,9 @@ pub struct FindEffectsArgs {
     /// Bag (folder or .mcap file) whose complete episodes are looked at; several may be given
     #[arg(long, required = true)]
     pub bag: Vec<PathBuf>,
+    /// Bag whose episodes no fit sees, by which the repair is judged; several may be given; none: the last third of the episodes
+    #[arg(long, conflicts_with = "node")]
+    pub verify: Vec<PathBuf>,
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
@@ -465,6 +468,15 @@ pub struct FidelityArgs {
 /// `catenary effects`.
 #[derive(Debug, Args)]
 pub struct EffectsArgs {
+    /// Model file: say how large each effect must be to show in an episode of it
+    #[arg(long, requires = "actions")]
+    pub model: Option<PathBuf>,
+    /// Actions of that episode: a CSV file with the columns dx_m, dz_m, a row for each step
+    #[arg(long, requires = "model")]
+    pub actions: Option<PathBuf>,
+    /// A parameter's or an effect's value in it, as NAME=VALUE; else the model's nominal one, else its distribution's median
+    #[arg(long, requires = "model", value_parser = assignment)]
+    pub value: Vec<(String, f64)>,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

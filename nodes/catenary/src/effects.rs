@@ -1,12 +1,20 @@
 //! `catenary effects`: what a model may have beyond the base simulator.
 
 use crate::cli::EffectsArgs;
-use crate::output;
-use anyhow::Result;
-use catenary_core::Prior;
+use crate::simulate::actions;
+use crate::{figures::figures, model_file, output};
+use anyhow::{Context, Result, ensure};
+use catenary_core::model::DriveKind;
+use catenary_core::{Model, Prior};
+use effect_finder::case::Case;
+use effect_finder::detectable::detectable_size;
+use effect_finder::fit::Problem;
+use effect_finder::unknowns::Unknowns;
+use effect_finder::{Candidate, Settings, convert};
 use serde::Serialize;
-use simulator_pool::Registry;
-use simulator_pool::effects::{About, Sign};
+use simulator_pool::effects::{About, Hook, Sign};
+use simulator_pool::{BeamSimulator, Registry, workers};
+use std::path::Path;
 
 #[derive(Debug, Serialize)]
 struct Row {
@@ -18,28 +26,74 @@ struct Row {
     sign: Sign,
     prior: Prior,
     range: [f64; 2],
+    /// How large it must be to show in one of two episodes as the one asked about, at 5 %; none where nobody asked, the model
+    /// has the effect itself, or it stays hidden however large it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    detectable: Option<f64>,
 }
 
 impl From<About> for Row {
     fn from(about: About) -> Self {
         let sign = about.sign();
         let About { name, title, description, unit, hook, prior, range } = about;
-        Self { name, title, description, unit, hook: hook.name(), sign, prior, range }
+        Self { name, title, description, unit, hook: hook.name(), sign, prior, range, detectable: None }
     }
 }
 
-/// Lists the effects.
+/// Lists the effects; with a model and actions, those that no search offers, too, and how large each must be to show.
 pub fn run(arguments: &EffectsArgs) -> Result<()> {
-    let rows: Vec<Row> = Registry::shipped().effects().map(|e| e.about().into()).collect();
+    let rows: Vec<Row> = match (&arguments.model, &arguments.actions) {
+        (Some(model), Some(actions)) => sized(&model_file::read(model)?, actions, &arguments.value)?,
+        _ => Registry::shipped().effects().map(|e| e.about().into()).collect(),
+    };
+    let is_sized = arguments.model.is_some();
     output::result(&arguments.output, &rows, |rows| {
         let width = |text: fn(&Row) -> usize| rows.iter().map(text).max().unwrap_or(0);
         let (names, units) = (width(|r| r.name.len()), width(|r| r.unit.len()));
+        let shows = |text: String| if is_sized { format!("{text:<11}  ") } else { String::new() };
         let line = |r: &Row| {
             let prior = r.prior.to_string();
-            format!("{:<names$}  {:<units$}  {:<11}  {prior:<27}  {}", r.name, r.unit, r.hook, r.description)
+            let size = shows(r.detectable.map_or("-".into(), figures));
+            format!("{:<names$}  {:<units$}  {:<11}  {prior:<27}  {size}{}", r.name, r.unit, r.hook, r.description)
         };
+        let (name, unit, size) = ("name", "unit", shows("shows from".into()));
         let head =
-            format!("{:<names$}  {:<units$}  {:<11}  {:<27}  what more of it does", "name", "unit", "hook", "prior");
+            format!("{name:<names$}  {unit:<units$}  {:<11}  {:<27}  {size}what more of it does", "hook", "prior");
         std::iter::once(head).chain(rows.iter().map(line)).collect::<Vec<_>>().join("\n")
     })
+}
+
+/// How large each effect must be to show in an episode of these actions.
+fn sized(model: &Model, actions: &Path, values: &[(String, f64)]) -> Result<Vec<Row>> {
+    let name = actions.display().to_string();
+    let text = std::fs::read_to_string(actions).with_context(|| format!("actions {name}"))?;
+    let settings = Settings::default();
+    let cases = [Case::planned(model, &actions::read(&name, &text)?, &settings)];
+    let unknowns = Unknowns::of(model, 1);
+    let mut point = vec![0.5; unknowns.columns()];
+    for (place, (parameter, value)) in model.theta.parameters().iter().zip(model.nominal_theta()).enumerate() {
+        point[place] = parameter.prior.to_unit(value);
+    }
+    for (name, value) in values {
+        let known = || unknowns.names().join(", ");
+        let place = unknowns.list().iter().position(|u| u.name == *name);
+        let place = place.with_context(|| format!("--value {name}: expected one of {}", known()))?;
+        let u = unknowns.list()[place].prior.to_unit(*value);
+        ensure!((0.0..=1.0).contains(&u), "--value {name}: expected {}, got {value}", unknowns.list()[place].prior);
+        point[unknowns.column(place, 0)] = u;
+    }
+    let registry = Registry::with_unlisted();
+    let simulator = BeamSimulator::with_effects(model, &registry, workers::available())?;
+    let rounds = settings.rounds;
+    let problem = Problem { simulator: &simulator, unknowns, cases: &cases, rounds, is_shared_held: false };
+    let candidates = convert::candidates(&registry, model);
+    let row = |effect: &dyn simulator_pool::effects::Effect| {
+        let about = effect.about();
+        // A measured path tells what the arm has done, whatever it was asked for.
+        let is_seen = about.hook != Hook::Actuation || model.observation.drive != DriveKind::Grip;
+        let own: Option<&Candidate> = candidates.iter().find(|c| c.name == about.name && is_seen);
+        let detectable = own.map(|c| detectable_size(&problem, &point, c)).transpose()?.flatten();
+        Ok(Row { detectable, ..Row::from(about) })
+    };
+    registry.effects().map(row).collect()
 }

@@ -6,10 +6,11 @@ use crate::report::{Page, plots};
 use crate::{figures::figures, model_file, output, served};
 use anyhow::{Context, Result};
 use catenary_core::Model;
+use catenary_core::episode::MeasuredTrack;
 use catenary_shell::Shutdown;
 use effect_finder::localise::{Part, Place};
 use effect_finder::verdict::{Estimate, Fitness};
-use effect_finder::{FinderError, Finding, Settings, convert, find, node::episodes_of};
+use effect_finder::{FinderError, Finding, Question, Settings, convert, find, node::episodes_of};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, Registry, workers};
@@ -19,6 +20,8 @@ use std::time::Instant;
 
 /// What a search writes: the verdict, the model to go on with, pictures.
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
+/// Of how many episodes one is held out, where nobody says which.
+const HELD_OUT: usize = 3;
 /// Steps of the progress bar.
 const STEPS: f64 = 1000.0;
 
@@ -28,6 +31,8 @@ struct Report {
     model: String,
     /// What was looked at; conclusions and places count these from 0.
     episodes: Vec<Looked>,
+    /// What the repair was judged by.
+    held_out: Vec<Looked>,
     settings: Settings,
     wall_s: f64,
     #[serde(flatten)]
@@ -51,34 +56,53 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     let text = std::fs::read_to_string(&arguments.model).with_context(|| arguments.model.display().to_string())?;
     let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
     settings.check().context("--null-sets")?;
-    let (mut measured, mut episodes) = (Vec::new(), Vec::new());
-    for bag in &arguments.bag {
-        for (number, track) in episodes_of(bag, &model)? {
-            episodes.push(Looked { bag: bag.clone(), number });
-            measured.push(track);
+    let mut fitted = episodes(&arguments.bag, &model)?;
+    let held_out = match arguments.verify.as_slice() {
+        [] => {
+            let kept = fitted.len() - fitted.len() / HELD_OUT;
+            fitted.split_off(kept)
         }
-    }
+        bags => episodes(bags, &model)?,
+    };
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
     }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
-    let (finding, repaired) = search(&model, &measured, &settings, &shutdown)?;
+    let tracks = |list: &[(Looked, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
+    let (finding, repaired) = search(&model, [&tracks(&fitted), &tracks(&held_out)], &settings, &shutdown)?;
     let text = match repaired {
         Some(model) => model.rewrite(&text)?,
         None => text,
     };
-    let report =
-        Report { model: model.name.clone(), episodes, settings, wall_s: started.elapsed().as_secs_f64(), finding };
+    let looked = |list: Vec<(Looked, MeasuredTrack)>| list.into_iter().map(|(looked, _)| looked).collect();
+    let report = Report {
+        model: model.name.clone(),
+        episodes: looked(fitted),
+        held_out: looked(held_out),
+        settings,
+        wall_s: started.elapsed().as_secs_f64(),
+        finding,
+    };
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report)?])?;
     output::result(&arguments.output, &report, words)
+}
+
+/// Every complete episode of the bags.
+fn episodes(bags: &[PathBuf], model: &Model) -> Result<Vec<(Looked, MeasuredTrack)>> {
+    let mut all = Vec::new();
+    for bag in bags {
+        let looked = |(number, track)| (Looked { bag: bag.clone(), number }, track);
+        all.extend(episodes_of(bag, model)?.into_iter().map(looked));
+    }
+    Ok(all)
 }
 
 /// Searches in this process with a bar; conclusions are told as they come.
 fn search(
     model: &Model,
-    measured: &[catenary_core::episode::MeasuredTrack],
+    [measured, held_out]: [&[MeasuredTrack]; 2],
     settings: &Settings,
     shutdown: &Shutdown,
 ) -> Result<(Finding, Option<Model>)> {
@@ -86,7 +110,8 @@ fn search(
     let candidates = convert::candidates(Registry::shipped(), model);
     let bar = ProgressBar::new(STEPS as u64);
     bar.set_style(ProgressStyle::with_template("{msg:<10} [{bar:30}] {percent} %")?.progress_chars("=> "));
-    let found = find(model, measured, &candidates, &simulator, settings, &mut |progress| {
+    let question = Question { model, measured, held_out, candidates: &candidates };
+    let found = find(question, &simulator, settings, &mut |progress| {
         bar.set_message(progress.stage.name());
         bar.set_position((STEPS * progress.progress) as u64);
         if let Some(conclusion) = &progress.conclusion {
@@ -120,7 +145,7 @@ fn page(report: &Report) -> Result<String> {
     page.heading("The present model");
     fitness(&mut page, &finding.present)?;
     if let Some(repaired) = &finding.repaired {
-        page.heading("The model with the most probable effect");
+        page.heading("The model with the most probable effects");
         fitness(&mut page, repaired)?;
     }
     page.heading("Where they disagree");
@@ -128,20 +153,30 @@ fn page(report: &Report) -> Result<String> {
     page.table(&["part", "times the noise", "excess, sd", "p (corrected)"], &rows);
     if !finding.explanations.is_empty() {
         page.heading("What explains it");
-        let none = format!("{:.3}", finding.probability_of_none);
-        let mut rows =
-            vec![vec!["none of them".into(), String::new(), String::new(), "0.00".into(), none, String::new()]];
+        let other = |name: &str, probability: f64| {
+            let empty = String::new;
+            vec![name.to_owned(), empty(), "0.00".into(), format!("{probability:.3}"), empty(), empty()]
+        };
+        let mut rows = vec![
+            other("none of them, and nothing else", finding.probability_of_none),
+            other("none of them, but something", finding.probability_of_unknown),
+        ];
         rows.extend(finding.explanations.iter().map(|e| {
+            let sizes: Vec<String> =
+                e.effects.iter().map(|m| format!("{} ± {}", figures(m.value), figures(m.sd))).collect();
             vec![
-                e.name.clone(),
-                figures(e.value),
-                figures(e.sd),
+                e.names(),
+                sizes.join(", "),
                 format!("{:.2}", e.log_bayes_factor),
                 format!("{:.3}", e.probability),
+                format!("{:.3}", e.probability_in_part),
                 format!("{:.2}", e.cosine_with_best),
             ]
         }));
-        page.table(&["effect", "value", "sd", "log Bayes factor", "probability", "cosine with the best"], &rows);
+        page.table(
+            &["effects", "values", "log Bayes factor", "probability", "with something else", "cosine with the best"],
+            &rows,
+        );
     }
     for (name, reason) in &finding.left_out {
         page.paragraph(&format!("{name} was left out: {reason}"));
@@ -184,9 +219,12 @@ fn place(place: &Place) -> Vec<String> {
 }
 
 fn headline(finding: &Finding) -> String {
-    match finding.effects.as_slice() {
+    match finding.found.as_slice() {
         [] => finding.verdict.name().to_owned(),
-        effects => format!("{} ({})", finding.verdict.name(), effects.join(", ")),
+        found => {
+            let effects: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
+            format!("{} ({})", finding.verdict.name(), effects.join(", "))
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! `catenary simulate`: one episode of a model, as figures, a bag, a video or a picture.
 
-mod actions;
+pub mod actions;
 mod picture;
 mod player;
 mod recording;

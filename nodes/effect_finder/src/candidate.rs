@@ -20,6 +20,8 @@ pub struct Candidate {
     pub range: [f64; 2],
     /// Magnitude that the model has fixed already; the candidate is a change of it.
     pub base: f64,
+    /// How likely it is beforehand to be what the model lacks, over the odds of the others; they are 1 where nobody says more.
+    pub odds: f64,
 }
 
 impl Candidate {
@@ -65,7 +67,14 @@ mod tests {
 
     fn drag() -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.3 };
-        Candidate { name: "linear_drag_n_s_m2".into(), title: "drag".into(), prior, range: [0.0, 1e3], base: 0.0 }
+        Candidate {
+            name: "linear_drag_n_s_m2".into(),
+            title: "drag".into(),
+            prior,
+            range: [0.0, 1e3],
+            base: 0.0,
+            odds: 1.0,
+        }
     }
 
     #[test]

@@ -4,7 +4,8 @@ use crate::error::FinderError;
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
-use catenary_core::simulator::{FrameDerivative, TrackSensitivities};
+use catenary_core::simulator::{FrameDerivative, StartShape, TrackSensitivities};
+use catenary_core::track::End;
 use catenary_core::{Camera, Drive, Frame, Model, SimulationRequest, Track};
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
@@ -68,6 +69,15 @@ pub struct Case {
     keypoint_sd: f64,
     /// Standard deviation of a coordinate of the end effector in m, where the arm's path is a prediction.
     pose_sd_m: Option<f64>,
+    /// What is added to every simulated track, a row a frame; none: nothing.
+    correction: Vec<Correction>,
+}
+
+/// What a finer simulation shows otherwise in a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Correction {
+    dlo: [[f64; 2]; 4],
+    eef: [f64; 3],
 }
 
 impl Case {
@@ -112,7 +122,64 @@ impl Case {
             measured: measured.track.clone(),
             keypoint_sd: noise_px / HALF_MASK_PX,
             pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
+            correction: Vec::new(),
         })
+    }
+
+    /// An episode of actions that was not run yet, from the model's start pose; nothing is measured of it.
+    pub fn planned(model: &Model, actions: &[[f64; 2]], settings: &Settings) -> Self {
+        let duration_s = model.task.map_or(0.0, |t| t.step_period_s) * actions.len() as f64;
+        let is_path = model.observation.drive == DriveKind::Grip;
+        let frames = (duration_s / model.observation.frame_period_s).floor() as usize;
+        let times = (0..=frames).map(|i| i as f64 * model.observation.frame_period_s).collect();
+        let template = SimulationRequest {
+            thetas: Vec::new(),
+            effects: Vec::new(),
+            drive: Drive::Actions(actions.to_vec()),
+            start: StartShape::HangingAtRest,
+            frame_times_s: if is_path { times } else { Vec::new() },
+            target_m: None,
+            fidelity: settings.fidelity,
+            seed: settings.seed,
+            first_episode: 0,
+            noise: false,
+        };
+        Self {
+            template,
+            measured: Track { frames: Vec::new(), end: End::Complete },
+            keypoint_sd: model.camera.keypoint_noise_px / HALF_MASK_PX,
+            pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
+            correction: Vec::new(),
+        }
+    }
+
+    /// The same with another track measured.
+    #[must_use]
+    pub fn with_measured(&self, measured: Track) -> Self {
+        Self { measured, ..self.clone() }
+    }
+
+    /// The same, in which every simulated track is corrected by what `fine` shows otherwise than `coarse`, one of the same
+    /// values: the error of a coarse division of time and object changes little from one value to another.
+    #[must_use]
+    pub fn corrected_by(&self, fine: &Track, coarse: &Track) -> Self {
+        let difference = |(f, c): (&Frame, &Frame)| Correction {
+            dlo: std::array::from_fn(|k| std::array::from_fn(|i| f.dlo[k][i] - c.dlo[k][i])),
+            eef: std::array::from_fn(|i| f.eef[i] - c.eef[i]),
+        };
+        Self { correction: fine.frames.iter().zip(&coarse.frames).map(difference).collect(), ..self.clone() }
+    }
+
+    /// A simulated track with the case's correction.
+    #[must_use]
+    pub fn corrected(&self, mut track: Track) -> Track {
+        for (frame, by) in track.frames.iter_mut().zip(&self.correction) {
+            for k in 0..4 {
+                (0..2).for_each(|i| frame.dlo[k][i] += by.dlo[k][i]);
+            }
+            (0..3).for_each(|i| frame.eef[i] += by.eef[i]);
+        }
+        track
     }
 
     /// What each row of residuals is a difference of.
@@ -185,22 +252,41 @@ impl Case {
         Track { frames, end: simulated.end }
     }
 
-    /// Root mean square distance in mm between the measured keypoints and a simulated track's, in the plane of motion.
-    pub fn rmse_mm(&self, simulated: &Track, camera: &Camera) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (i, seen) in self.measured.frames.iter().enumerate() {
-            let Some(last) = simulated.frames.len().checked_sub(1) else { break };
-            let predicted = &simulated.frames[i.min(last)];
-            let order = best_order(seen, predicted);
-            for k in 0..4 {
-                let places = (camera.plane_from_scaled(seen.dlo[order[k]]), camera.plane_from_scaled(predicted.dlo[k]));
-                let (Some(a), Some(b)) = places else { continue };
-                sum += (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
-                count += 1.0;
-            }
-        }
-        1e3 * (sum / count).sqrt()
+    /// [`offsets_mm`] of what was measured from a simulated track.
+    pub fn offsets_mm(&self, simulated: &Track, camera: &Camera) -> Vec<Offset> {
+        offsets_mm(&self.measured, simulated, camera)
     }
+}
+
+/// By how much the keypoints of a frame differ between two tracks, mm: x and z of each. None where a keypoint's line of
+/// sight misses the plane of motion.
+pub type Offset = Option<[f64; 8]>;
+
+/// Keypoints of `measured` less those of `simulated` in the plane of motion, a row a frame of the measured track.
+pub fn offsets_mm(measured: &Track, simulated: &Track, camera: &Camera) -> Vec<Offset> {
+    let Some(last) = simulated.frames.len().checked_sub(1) else { return vec![None; measured.frames.len()] };
+    let offset = |(i, seen): (usize, &Frame)| {
+        let predicted = &simulated.frames[i.min(last)];
+        let order = best_order(seen, predicted);
+        let mut offset = [0.0; 8];
+        for k in 0..4 {
+            let a = camera.plane_from_scaled(seen.dlo[order[k]])?;
+            let b = camera.plane_from_scaled(predicted.dlo[k])?;
+            (0..2).for_each(|axis| offset[2 * k + axis] = 1e3 * (a[axis] - b[axis]));
+        }
+        Some(offset)
+    };
+    measured.frames.iter().enumerate().map(offset).collect()
+}
+
+/// Root mean square distance of keypoints, mm, whose offsets these are.
+pub fn rmse_mm<'a>(offsets: impl Iterator<Item = &'a Offset>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for offset in offsets.flatten() {
+        sum += offset.iter().map(|v| v * v).sum::<f64>();
+        count += 4.0;
+    }
+    (sum / count).sqrt()
 }
 
 /// The place of each predicted keypoint among the measured ones: in their order, or from the other end.
@@ -215,8 +301,6 @@ fn best_order(seen: &Frame, predicted: &Frame) -> [usize; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::simulator::StartShape;
-    use catenary_core::track::End;
     use catenary_core::{GripTrajectory, seed};
 
     fn frame(time_s: f64) -> Frame {

@@ -17,6 +17,7 @@ pub fn candidates(registry: &Registry, model: &Model) -> Vec<Candidate> {
         prior: about.prior,
         range: about.range,
         base: model.parameters.get(about.name).copied().unwrap_or(0.0),
+        odds: 1.0,
     };
     open.map(candidate).collect()
 }
@@ -38,9 +39,9 @@ pub fn result(finding: &Finding, model_yaml: String) -> FindEffectsResult {
         success: true,
         message: finding.conclusions.join("\n"),
         verdict: finding.verdict.name().to_owned(),
-        found: finding.effects.clone(),
-        effects: finding.explanations.iter().map(|e| e.name.clone()).collect(),
-        probabilities: finding.explanations.iter().map(|e| e.probability).collect(),
+        found: finding.found.iter().map(|alike| alike.join("|")).collect(),
+        effects: finding.presence.iter().map(|p| p.name.clone()).collect(),
+        probabilities: finding.presence.iter().map(|p| p.probability).collect(),
         model_yaml,
     }
 }

@@ -7,7 +7,7 @@ use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Start};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
-use catenary_core::{SimulatorError, Track, seed};
+use catenary_core::{Track, seed};
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
@@ -121,31 +121,16 @@ fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64, first: u64, 
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
         Start { point: points[b].clone(), tracks: measured }
     };
-    let sets = match tracks(problem, points) {
+    let sets = match problem.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>()) {
         Ok(sets) => sets.into_iter().enumerate().collect(),
         // One point that cannot be simulated fails the batch: each is asked for by itself.
         Err(_) => {
-            let alone = |b: usize| tracks(problem, &points[b..=b]).map_err(|e| *refusal = e.to_string()).ok();
+            let alone = |b: usize| problem.tracks(&[points[b].as_slice()]).map_err(|e| *refusal = e.to_string()).ok();
             let one = |(b, sets): (usize, Option<Vec<Vec<Track>>>)| Some((b, sets?.pop()?));
             (0..points.len()).map(alone).enumerate().filter_map(one).collect::<Vec<_>>()
         }
     };
     sets.into_iter().map(|(b, tracks)| set(b, tracks)).collect()
-}
-
-/// For each of the points a track an episode.
-fn tracks(problem: &Problem<'_>, points: &[Vec<f64>]) -> Result<Vec<Vec<Track>>, SimulatorError> {
-    let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
-    let mut sets = vec![Vec::new(); points.len()];
-    for episode in 0..problem.cases.len() {
-        let tracks = problem.simulator.simulate(&problem.request(&at, episode))?;
-        if tracks.len() != at.len() {
-            let (expected, got) = (at.len(), tracks.len());
-            return Err(SimulatorError::Backend(format!("expected {expected} tracks, got {got}")));
-        }
-        sets.iter_mut().zip(tracks).for_each(|(set, track)| set.push(track));
-    }
-    Ok(sets)
 }
 
 #[cfg(test)]
@@ -161,8 +146,13 @@ mod tests {
         let world = |i: u64| {
             let case = toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", effect)]);
             let cases = [case.measured_anew(&mut seed::rng(21, i))];
-            let problem =
-                Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases: &cases, rounds: 40 };
+            let problem = Problem {
+                simulator: &toy,
+                unknowns: Unknowns::of(&toy::model(), 1),
+                cases: &cases,
+                rounds: 40,
+                is_shared_held: false,
+            };
             let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
             let mut go_on = || ControlFlow::Continue(());
             let fit = problem.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();

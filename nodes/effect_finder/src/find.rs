@@ -1,28 +1,25 @@
-//! The whole search: calibrate, detect, localise, name, repair.
+//! The whole search: calibrate, detect, localise, name, repair, again, verify.
 
+use crate::calibrate::{Agreement, best_fit};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
-use crate::laplace::Laplace;
+use crate::evidence::Yardstick;
+use crate::fit::{Fit, OnRound, Problem, Start, presses};
+use crate::hypothesis::{Hypothesis, Trial};
 use crate::localise;
-use crate::name::{self, Fitted};
+use crate::name::{Extent, Ranking, groups};
 use crate::repair::repaired;
-use crate::sentences::{detected, fitted, located, named};
+use crate::sentences;
+use crate::separate::separate;
 use crate::settings::Settings;
-use crate::unknowns::{Scope, Unknowns};
-use crate::verdict::{Estimate, Finding, Fitness, Verdict};
+use crate::unknowns::Unknowns;
+use crate::verdict::{Finding, Fitness, Verdict};
+use crate::verify::Verifier;
 use catenary_core::episode::MeasuredTrack;
-use catenary_core::{DifferentiableSimulator, Model, seed};
-use rand::RngExt;
+use catenary_core::{DifferentiableSimulator, Model};
 use std::ops::ControlFlow;
-
-/// Random streams of the search, beyond those of the null sets.
-const START_STREAM: u64 = 1;
-const ESTIMATE_STREAM: u64 = 2;
-/// Draws behind the quantiles of an estimate.
-const ESTIMATE_DRAWS: usize = 1000;
 
 /// A stage of the search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,10 +30,12 @@ pub enum Stage {
     Detect,
     /// Where it lies.
     Localise,
-    /// Which effect explains it.
+    /// Which effects explain it.
     Name,
-    /// The model with that effect is tested.
+    /// The model with those effects is tested.
     Repair,
+    /// It is held against episodes that no fit has seen.
+    Verify,
 }
 
 impl Stage {
@@ -48,6 +47,7 @@ impl Stage {
             Stage::Localise => "localise",
             Stage::Name => "name",
             Stage::Repair => "repair",
+            Stage::Verify => "verify",
         }
     }
 
@@ -57,8 +57,9 @@ impl Stage {
             Stage::Calibrate => [0.0, 0.05],
             Stage::Detect => [0.05, 0.3],
             Stage::Localise => [0.3, 0.3],
-            Stage::Name => [0.3, 0.7],
-            Stage::Repair => [0.7, 1.0],
+            Stage::Name => [0.3, 0.65],
+            Stage::Repair => [0.65, 0.9],
+            Stage::Verify => [0.9, 1.0],
         }
     }
 }
@@ -68,7 +69,7 @@ impl Stage {
 pub struct Progress {
     /// The present stage.
     pub stage: Stage,
-    /// Share of the whole search that is done, roughly.
+    /// Share of the whole search that is done, roughly; it falls back where the search begins again with further effects.
     pub progress: f64,
     /// What the stage came to, once it has come to it.
     pub conclusion: Option<String>,
@@ -77,236 +78,87 @@ pub struct Progress {
 /// Told of progress; says whether to go on.
 pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress) -> ControlFlow<()>;
 
-/// Finds where `model` and the measured episodes disagree, and which candidate explains it. Returns the finding and, where an
-/// effect was found, the repaired model. The same arguments give the same bits.
+/// What is asked.
+#[derive(Clone, Copy)]
+pub struct Question<'a> {
+    /// The present model.
+    pub model: &'a Model,
+    /// Episodes that models are fitted to.
+    pub measured: &'a [MeasuredTrack],
+    /// Episodes that no fit sees, by which a repair is judged; may be none.
+    pub held_out: &'a [MeasuredTrack],
+    /// What the model may lack.
+    pub candidates: &'a [Candidate],
+}
+
+/// Finds where the model and the measured episodes disagree, and which candidates explain it. Returns the finding and, where
+/// effects were found, the repaired model. The same arguments give the same bits.
 ///
 /// # Errors
 /// [`FinderError`].
 pub fn find(
-    model: &Model,
-    measured: &[MeasuredTrack],
-    candidates: &[Candidate],
+    question: Question<'_>,
     simulator: &dyn DifferentiableSimulator,
     settings: &Settings,
     on_progress: OnProgress<'_>,
 ) -> Result<(Finding, Option<Model>), FinderError> {
     settings.check()?;
-    if measured.is_empty() {
+    if question.measured.is_empty() {
         return Err(FinderError::NoEpisode);
     }
-    let cases: Result<Vec<Case>, _> =
-        measured.iter().enumerate().map(|(i, m)| Case::new(model, m, i, settings)).collect();
-    let cases = cases?;
-    let unknowns = Unknowns::of(model, cases.len());
-    let problem = Problem { simulator, unknowns, cases: &cases, rounds: settings.rounds };
-    let mut search = Search { model, problem: &problem, settings, on_progress, conclusions: Vec::new() };
-    search.run(candidates)
+    let cases = |measured: &[MeasuredTrack]| -> Result<Vec<Case>, FinderError> {
+        measured.iter().enumerate().map(|(i, m)| Case::new(question.model, m, i, settings)).collect()
+    };
+    let (cases, held_out) = (cases(question.measured)?, cases(question.held_out)?);
+    let mut telling = Telling { on_progress, conclusions: Vec::new() };
+    let (cases, fit) = calibrate(question.model, cases, simulator, settings, &mut telling)?;
+    let problem = problem_of(question.model, &cases, simulator, settings);
+    Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit)
 }
 
-struct Search<'a> {
-    model: &'a Model,
-    problem: &'a Problem<'a>,
-    settings: &'a Settings,
+/// The problem of fitting the present model.
+fn problem_of<'a>(
+    model: &Model,
+    cases: &'a [Case],
+    simulator: &'a dyn DifferentiableSimulator,
+    settings: &Settings,
+) -> Problem<'a> {
+    let unknowns = Unknowns::of(model, cases.len());
+    Problem { simulator, unknowns, cases, rounds: settings.rounds, is_shared_held: false }
+}
+
+/// The best fit of the present model, and the episodes with what a finer simulation of it shows otherwise.
+fn calibrate(
+    model: &Model,
+    mut cases: Vec<Case>,
+    simulator: &dyn DifferentiableSimulator,
+    settings: &Settings,
+    telling: &mut Telling<'_>,
+) -> Result<(Vec<Case>, Fit), FinderError> {
+    telling.report(Stage::Calibrate, 0.0, None)?;
+    let first = problem_of(model, &cases, simulator, settings);
+    let mut fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, settings, on_round))?;
+    for _ in 0..REFINEMENTS {
+        let Some(finer) = settings.finer_fidelity else { break };
+        cases = problem_of(model, &cases, simulator, settings).refined(&fit.point, finer)?;
+        let refined = problem_of(model, &cases, simulator, settings);
+        let start = Start { point: fit.point, tracks: refined.measured() };
+        let fits = telling.in_rounds(Stage::Calibrate, |on_round| refined.fit(vec![start], on_round))?;
+        fit = fits.into_iter().flatten().next().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+    }
+    Ok((cases, fit))
+}
+
+/// Rounds of correcting simulated tracks by a finer simulation of the best fit, and fitting again.
+const REFINEMENTS: usize = 2;
+
+/// Who is told of progress, and what was concluded.
+struct Telling<'a> {
     on_progress: OnProgress<'a>,
     conclusions: Vec<String>,
 }
 
-impl Search<'_> {
-    fn run(&mut self, candidates: &[Candidate]) -> Result<(Finding, Option<Model>), FinderError> {
-        let (fit, agreement) = self.calibrate()?;
-        let pressing = self.pressing(&fit);
-        let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
-        let fitness = agreement.with(&detection);
-        let is_gap = fitness.test.p_value <= self.settings.level;
-        self.conclude(Stage::Detect, detected(&fitness, is_gap))?;
-        let places = localise::localise(&fit, &self.problem.channels(), &detection);
-        let mut finding = Finding {
-            verdict: Verdict::NoGap,
-            conclusions: Vec::new(),
-            present: fitness,
-            places,
-            pressing,
-            explanations: Vec::new(),
-            left_out: Vec::new(),
-            probability_of_none: 1.0,
-            effects: Vec::new(),
-            repaired: None,
-        };
-        let mut model = None;
-        if is_gap {
-            self.conclude(Stage::Localise, located(&finding.places, self.settings.level))?;
-            if self.closes_with_open_priors(&fit, &finding, &detection)? {
-                finding.verdict = Verdict::PriorTooNarrow;
-            } else {
-                model = self.name(&fit, candidates, &mut finding)?;
-            }
-        }
-        finding.conclusions = std::mem::take(&mut self.conclusions);
-        Ok((finding, model))
-    }
-
-    /// The best fit of the present model: from the best of many draws of the prior.
-    fn calibrate(&mut self) -> Result<(Fit, Agreement), FinderError> {
-        self.report(Stage::Calibrate, 0.0, None)?;
-        let columns = self.problem.unknowns.columns();
-        let mut rng = seed::rng(self.settings.seed, START_STREAM);
-        let mut points: Vec<Vec<f64>> =
-            (0..self.settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect()).collect();
-        points[0] = vec![0.5; columns];
-        let starts = points.into_iter().map(|point| Start { point, tracks: self.problem.measured() }).collect();
-        let (problem, most) = (self.problem, self.settings.starts);
-        let fits = self.in_rounds(Stage::Calibrate, |on_round| {
-            let mut seen: Vec<Seen> = problem.look(starts, on_round)?.into_iter().flatten().collect();
-            seen.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-            seen.truncate(most);
-            problem.climb(seen, on_round)
-        })?;
-        let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
-        let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
-        let agreement = self.agreement(problem, &fit)?;
-        self.conclude(Stage::Calibrate, fitted(&agreement.estimates, agreement.rmse_mm))?;
-        Ok((fit, agreement))
-    }
-
-    /// Compares candidates, and tests the model with the best.
-    fn name(
-        &mut self,
-        base: &Fit,
-        candidates: &[Candidate],
-        finding: &mut Finding,
-    ) -> Result<Option<Model>, FinderError> {
-        let mut fitted: Vec<Fitted> = Vec::new();
-        for (i, candidate) in candidates.iter().enumerate() {
-            let share = i as f64 / candidates.len() as f64;
-            self.report(Stage::Name, share, None)?;
-            let mut on_round = || told(self.on_progress, Stage::Name, share, None);
-            match name::try_candidate(self.problem, base, candidate, &mut on_round) {
-                Ok(one) => fitted.push(one),
-                Err(FinderError::Cancelled(_)) => return Err(FinderError::Cancelled(Stage::Name.name())),
-                Err(error) => finding.left_out.push((candidate.name.clone(), error.to_string())),
-            }
-        }
-        let (ranked, probability_of_none) = name::rank(self.problem, fitted)?;
-        finding.explanations = ranked.iter().map(|f| f.explanation.clone()).collect();
-        finding.probability_of_none = probability_of_none;
-        let Some(best) = ranked.first() else {
-            finding.verdict = Verdict::NoneOfThese;
-            self.conclude(Stage::Name, "no candidate can act in this model".into())?;
-            return Ok(None);
-        };
-        let group = name::group(&ranked, self.settings);
-        self.conclude(Stage::Name, named(&group, best))?;
-        let with = Problem { unknowns: best.unknowns.clone(), ..*self.problem };
-        let detection = self.detect(&with, &best.fit, 1, Stage::Repair)?;
-        let fitness = self.agreement(&with, &best.fit)?.with(&detection);
-        let closes = fitness.test.p_value > self.settings.level;
-        let sentence = format!(
-            "with {} RMSE {:.1} -> {:.1} mm; {}",
-            best.explanation.title,
-            finding.present.rmse_mm,
-            fitness.rmse_mm,
-            detected(&fitness, !closes)
-        );
-        self.conclude(Stage::Repair, sentence)?;
-        finding.verdict = match (closes && !group.is_empty(), group.len()) {
-            (false, _) => Verdict::NoneOfThese,
-            (true, 1) => Verdict::Named,
-            (true, _) => Verdict::CannotTellApart,
-        };
-        finding.repaired = Some(fitness);
-        if finding.verdict == Verdict::NoneOfThese {
-            return Ok(None);
-        }
-        finding.effects = group.iter().map(|f| f.candidate.name.clone()).collect();
-        Ok(Some(repaired(self.model, &best.candidate, &best.explanation)?))
-    }
-
-    /// Whether the data are explained where theta's priors are opened, and were not for the priors' edges alone.
-    fn closes_with_open_priors(
-        &mut self,
-        fit: &Fit,
-        finding: &Finding,
-        detection: &Detection,
-    ) -> Result<bool, FinderError> {
-        if finding.pressing.is_empty() {
-            return Ok(false);
-        }
-        let unknowns = self.problem.unknowns.opened();
-        let point = unknowns.point_from(&self.problem.unknowns, &fit.point);
-        let open = Problem { unknowns, ..*self.problem };
-        let start = Start { point, tracks: self.problem.measured() };
-        let fits = match self.in_rounds(Stage::Localise, |on_round| open.fit(vec![start], on_round)) {
-            // Beyond the edge there may be nothing that can be simulated.
-            Err(FinderError::NoFit(_)) => return Ok(false),
-            other => other?,
-        };
-        let Some(best) = fits.into_iter().flatten().next() else { return Ok(false) };
-        let p_value = crate::detect::p_value(best.cost, detection.null.iter().map(|f| f.cost));
-        let closes = p_value > self.settings.level;
-        if closes {
-            let sentence = format!(
-                "{} at the edge of the prior; beyond it the gap closes (p = {p_value:.3})",
-                finding.pressing.join(", ")
-            );
-            self.conclude(Stage::Localise, sentence)?;
-        }
-        Ok(closes)
-    }
-
-    /// Parameters of theta that press on an edge of their prior.
-    fn pressing(&self, fit: &Fit) -> Vec<String> {
-        let unknowns = &self.problem.unknowns;
-        let (theta, gradient) = (unknowns.list()[..unknowns.theta()].iter().enumerate(), fit.gradient());
-        let at_edge = |column: usize| presses(fit.point[column], gradient[column]);
-        theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
-    }
-
-    /// The test of a model.
-    fn detect(
-        &mut self,
-        problem: &Problem<'_>,
-        fit: &Fit,
-        stream: u64,
-        stage: Stage,
-    ) -> Result<Detection, FinderError> {
-        self.report(stage, 0.0, None)?;
-        let mut rounds = 0.0;
-        let mut on_round = || {
-            rounds += 1.0;
-            told(self.on_progress, stage, rounds / (rounds + 4.0), None)
-        };
-        detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))
-    }
-
-    fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
-        Ok(Agreement { estimates: self.estimates(problem, fit)?, rmse_mm: self.rmse_mm(problem, fit) })
-    }
-
-    /// Values that all episodes share, with their intervals.
-    fn estimates(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Vec<Estimate>, FinderError> {
-        let posterior =
-            Laplace::of(fit).ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
-        let mut rng = seed::rng(self.settings.seed, ESTIMATE_STREAM);
-        let draws: Vec<Vec<f64>> =
-            (0..ESTIMATE_DRAWS).map(|_| problem.unknowns.values(&posterior.draw(&mut rng), 0)).collect();
-        let best = problem.unknowns.values(&fit.point, 0);
-        let shared = problem.unknowns.list().iter().enumerate().filter(|(_, u)| u.scope == Scope::Shared);
-        let estimate = |(i, u): (usize, &crate::unknowns::Unknown)| {
-            let mut values: Vec<f64> = draws.iter().map(|d| d[i]).collect();
-            values.sort_by(f64::total_cmp);
-            let quantile = |q: f64| values[(q * (values.len() - 1) as f64).round() as usize];
-            Estimate { name: u.name.clone(), value: best[i], q05: quantile(0.05), q95: quantile(0.95) }
-        };
-        Ok(shared.map(estimate).collect())
-    }
-
-    fn rmse_mm(&self, problem: &Problem<'_>, fit: &Fit) -> f64 {
-        let camera = &self.model.camera.view;
-        let squares: Vec<f64> =
-            problem.cases.iter().zip(&fit.tracks).map(|(case, t)| case.rmse_mm(t, camera).powi(2)).collect();
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
-    }
-
+impl Telling<'_> {
     /// What `fit` comes to, while its rounds are reported.
     fn in_rounds<T>(
         &mut self,
@@ -329,17 +181,285 @@ impl Search<'_> {
     }
 }
 
-/// How well a fit agrees with the data, before it is tested.
-struct Agreement {
-    estimates: Vec<Estimate>,
-    rmse_mm: f64,
+struct Search<'a> {
+    question: Question<'a>,
+    problem: &'a Problem<'a>,
+    held_out: &'a [Case],
+    settings: &'a Settings,
+    telling: Telling<'a>,
 }
 
-impl Agreement {
-    fn with(self, detection: &Detection) -> Fitness {
-        Fitness { estimates: self.estimates, test: detection.summary(), rmse_mm: self.rmse_mm }
+/// What naming came to.
+struct Named {
+    ranking: Ranking,
+    /// The most probable model with its test; none where none of the candidates is.
+    best: Option<Best>,
+}
+
+/// The most probable model with effects.
+struct Best {
+    hypothesis: Hypothesis,
+    extent: Extent,
+    fitness: Fitness,
+}
+
+impl Search<'_> {
+    fn run(mut self, fit: Fit) -> Result<(Finding, Option<Model>), FinderError> {
+        let agreement = self.agreement(self.problem, &fit)?;
+        self.telling.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
+        let pressing = self.pressing(&fit);
+        let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
+        let present = agreement.with(&detection);
+        let is_gap = present.test.p_value <= self.settings.level;
+        self.telling.conclude(Stage::Detect, sentences::detected(&present, is_gap))?;
+        let places = localise::localise(&fit, &self.problem.channels(), &detection);
+        let mut finding = Finding::without_gap(present, places, pressing);
+        let mut model = None;
+        if is_gap {
+            self.telling.conclude(Stage::Localise, sentences::located(&finding.places, self.settings.level))?;
+            if self.closes_with_open_priors(&fit, &finding, &detection)? {
+                finding.verdict = Verdict::PriorTooNarrow;
+            } else {
+                model = self.explain(fit, &mut finding)?;
+            }
+        }
+        finding.conclusions = std::mem::take(&mut self.telling.conclusions);
+        Ok((finding, model))
+    }
+
+    /// Names, repairs and verifies; returns the repaired model.
+    fn explain(&mut self, fit: Fit, finding: &mut Finding) -> Result<Option<Model>, FinderError> {
+        let yardstick = Yardstick::new(self.problem.cases, &fit)
+            .ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+        let base = Hypothesis {
+            candidates: Vec::new(),
+            unknowns: self.problem.unknowns.clone(),
+            fit,
+            evidence: yardstick.evidence().clone(),
+        };
+        let Named { ranking, best } = self.name(&base, &yardstick, finding)?;
+        finding.set_ranking(&ranking);
+        let likeliest = |h: &Hypothesis| h.evidence.likeliest().map(|place| yardstick.discrepancies[place]);
+        let Some(best) = best else {
+            finding.verdict = Verdict::NoneOfThese;
+            finding.discrepancy = likeliest(&base);
+            return Ok(None);
+        };
+        let alike = ranking.alike(self.settings);
+        let is_left = best.extent == Extent::Part;
+        finding.discrepancy = if is_left { likeliest(&best.hypothesis) } else { None };
+        finding.repaired = Some(best.fitness.clone());
+        if is_left && !self.is_worth_naming(&base, &best.hypothesis) {
+            finding.verdict = Verdict::NoneOfThese;
+            self.telling.conclude(Stage::Repair, sentences::refused(&best.fitness))?;
+            return Ok(None);
+        }
+        finding.found = groups(&alike);
+        finding.verdict = match (alike.len() > 1, is_left) {
+            (true, _) => Verdict::CannotTellApart,
+            (false, true) => Verdict::NamedInPart,
+            (false, false) => Verdict::Named,
+        };
+        self.verify(&base, &best.hypothesis, &ranking, finding)?;
+        if let [first, second, ..] = alike.as_slice() {
+            let (model, problem, settings) = (self.question.model, self.problem, self.settings);
+            finding.separation = self
+                .telling
+                .in_rounds(Stage::Verify, |on_round| separate(model, problem, [first, second], settings, on_round))?;
+            self.telling.conclude(Stage::Verify, sentences::separated(finding.separation.as_ref()))?;
+        }
+        Ok(Some(repaired(self.question.model, &best.hypothesis)?))
+    }
+
+    /// Models with one effect each, and where the best of them does not close the gap, with more.
+    fn name(&mut self, base: &Hypothesis, yardstick: &Yardstick, finding: &mut Finding) -> Result<Named, FinderError> {
+        let candidates = self.question.candidates;
+        let mut hypotheses = Vec::new();
+        for (i, candidate) in candidates.iter().enumerate() {
+            let share = i as f64 / candidates.len() as f64;
+            self.telling.report(Stage::Name, share, None)?;
+            let problem = self.problem;
+            let fitted = self.telling.in_rounds(Stage::Name, |on_round| {
+                base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
+            });
+            match fitted {
+                Ok(one) => hypotheses.push(one),
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                Err(error) => finding.left_out.push((candidate.name.clone(), error.to_string())),
+            }
+        }
+        let mut tested: Option<Best> = None;
+        for effects in 1.. {
+            let ranking = Ranking::new(self.problem, base, hypotheses, candidates.len(), self.settings)?;
+            let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !t.hypothesis.is_same(&best.candidates));
+            self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
+            if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
+                tested = Some(self.test(hypothesis.clone(), extent, finding, effects)?);
+            }
+            let is_closed = tested.as_ref().is_some_and(|t| t.extent == Extent::Whole);
+            let is_candidate = |c: &&Candidate| finding.left_out.iter().all(|(name, _)| *name != c.name);
+            let usable: Vec<&Candidate> = candidates.iter().filter(is_candidate).collect();
+            if is_closed || effects >= self.settings.most_effects.min(usable.len()) {
+                let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
+                return Ok(Named { ranking, best });
+            }
+            hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
+        }
+        unreachable!("the last round returns")
+    }
+
+    /// The hypotheses, and those with an effect more than `effects` that promise most.
+    fn extended(
+        &mut self,
+        mut hypotheses: Vec<Hypothesis>,
+        effects: usize,
+        candidates: &[&Candidate],
+        yardstick: &Yardstick,
+    ) -> Result<Vec<Hypothesis>, FinderError> {
+        let parents: Vec<&Hypothesis> =
+            hypotheses.iter().filter(|h| h.candidates.len() == effects).take(PARENTS).collect();
+        let problem = self.problem;
+        let mut trials: Vec<Trial> = Vec::new();
+        for (i, parent) in parents.iter().enumerate() {
+            for candidate in candidates.iter().filter(|c| !parent.has(&c.name)) {
+                let is_known = |t: &Trial| parent.names().iter().all(|n| t.has(n)) && t.has(&candidate.name);
+                if trials.iter().any(is_known) {
+                    continue;
+                }
+                self.telling.report(Stage::Name, i as f64 / parents.len() as f64, None)?;
+                match self.telling.in_rounds(Stage::Name, |on_round| parent.with(problem, candidate, on_round)) {
+                    Ok(trial) => trials.push(trial),
+                    Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                    // What cannot be simulated beside the others explains nothing.
+                    Err(_) => (),
+                }
+            }
+        }
+        trials.sort_by(|a, b| a.promise.total_cmp(&b.promise));
+        trials.truncate(self.settings.extensions);
+        for trial in trials {
+            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round)) {
+                Ok(one) => hypotheses.push(one),
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                Err(_) => (),
+            }
+        }
+        Ok(hypotheses)
+    }
+
+    /// The test of a model with effects: where it fails plainly, something is left.
+    fn test(
+        &mut self,
+        hypothesis: Hypothesis,
+        extent: Extent,
+        finding: &Finding,
+        stream: usize,
+    ) -> Result<Best, FinderError> {
+        let with = hypothesis.problem(self.problem);
+        let detection = self.detect(&with, &hypothesis.fit, stream as u64, Stage::Repair)?;
+        let fitness = self.agreement(&with, &hypothesis.fit)?.with(&detection);
+        let closes = extent == Extent::Whole && fitness.test.p_value > self.settings.repaired_level;
+        let extent = if closes { Extent::Whole } else { Extent::Part };
+        self.telling.conclude(Stage::Repair, sentences::repaired(&hypothesis, &finding.present, &fitness, !closes))?;
+        Ok(Best { hypothesis, extent, fitness })
+    }
+
+    /// Whether effects that leave something explain enough to be named: more than a smooth error does by itself, and the
+    /// greater part of what there is.
+    fn is_worth_naming(&self, base: &Hypothesis, best: &Hypothesis) -> bool {
+        let coordinates = base.fit.residuals.len() as f64;
+        let share = 1.0 - (best.fit.cost - coordinates).max(0.0) / (base.fit.cost - coordinates).max(f64::MIN_POSITIVE);
+        let gain = best.evidence.with_any() - base.evidence.with_any();
+        share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
+    }
+
+    fn verify(
+        &mut self,
+        base: &Hypothesis,
+        best: &Hypothesis,
+        ranking: &Ranking,
+        finding: &mut Finding,
+    ) -> Result<(), FinderError> {
+        if self.held_out.is_empty() {
+            return Ok(());
+        }
+        self.telling.report(Stage::Verify, 0.0, None)?;
+        let alike = ranking.alike(self.settings);
+        let is_wrong = |h: &&Hypothesis| {
+            h.candidates.len() == 1
+                && !best.has(&h.candidates[0].name)
+                && alike.iter().all(|a| !a.is_same(&h.candidates))
+        };
+        let wrong = ranking.hypotheses.iter().find(is_wrong);
+        let camera = &self.question.model.camera.view;
+        let verifier = Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings };
+        let (verification, _) =
+            self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, on_round))?;
+        self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
+        finding.verification = Some(verification);
+        Ok(())
+    }
+
+    /// Whether the data are explained where theta's priors are opened, and were not for the priors' edges alone.
+    fn closes_with_open_priors(
+        &mut self,
+        fit: &Fit,
+        finding: &Finding,
+        detection: &Detection,
+    ) -> Result<bool, FinderError> {
+        if finding.pressing.is_empty() {
+            return Ok(false);
+        }
+        let unknowns = self.problem.unknowns.opened();
+        let point = unknowns.point_from(&self.problem.unknowns, &fit.point);
+        let open = Problem { unknowns, ..*self.problem };
+        let start = Start { point, tracks: self.problem.measured() };
+        let fits = match self.telling.in_rounds(Stage::Localise, |on_round| open.fit(vec![start], on_round)) {
+            // Beyond the edge there may be nothing that can be simulated.
+            Err(FinderError::NoFit(_)) => return Ok(false),
+            other => other?,
+        };
+        let Some(best) = fits.into_iter().flatten().next() else { return Ok(false) };
+        let p_value = crate::detect::p_value(best.cost, detection.null.iter().map(|f| f.cost));
+        let closes = p_value > self.settings.level;
+        if closes {
+            self.telling.conclude(Stage::Localise, sentences::narrow(&finding.pressing, p_value))?;
+        }
+        Ok(closes)
+    }
+
+    /// Parameters of theta that press on an edge of their prior.
+    fn pressing(&self, fit: &Fit) -> Vec<String> {
+        let unknowns = &self.problem.unknowns;
+        let (theta, gradient) = (unknowns.list()[..unknowns.theta()].iter().enumerate(), fit.gradient());
+        let at_edge = |column: usize| presses(fit.point[column], gradient[column]);
+        theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
+    }
+
+    /// The test of a model.
+    fn detect(
+        &mut self,
+        problem: &Problem<'_>,
+        fit: &Fit,
+        stream: u64,
+        stage: Stage,
+    ) -> Result<Detection, FinderError> {
+        self.telling.report(stage, 0.0, None)?;
+        let mut rounds = 0.0;
+        let mut on_round = || {
+            rounds += 1.0;
+            told(self.telling.on_progress, stage, rounds / (rounds + 4.0), None)
+        };
+        detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))
+    }
+
+    fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
+        Agreement::new(problem, fit, &self.question.model.camera.view, self.settings)
     }
 }
+
+/// Models that are extended by an effect more, of all the most probable.
+const PARENTS: usize = 3;
 
 /// Tells how far the search is, `share` of a stage, and returns whether to go on.
 fn told(on_progress: OnProgress<'_>, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {

@@ -4,9 +4,9 @@
 
 use crate::case::{Case, Channel};
 use crate::error::FinderError;
-use crate::unknowns::Unknowns;
+use crate::unknowns::{Scope, Unknowns};
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
-use catenary_core::{DifferentiableSimulator, SimulationRequest, Track};
+use catenary_core::{DifferentiableSimulator, Fidelity, SimulationRequest, Track};
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
@@ -16,6 +16,10 @@ const DECREASE: f64 = 0.02;
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
 const GREATEST_DAMPING: f64 = 1e6;
+/// Most rounds of a linear descent: each takes a coordinate to its edge, or ends it.
+const LINEAR_ROUNDS: usize = 50;
+/// A linear descent ends where a round lowers the cost by less than this share of it.
+const LINEAR_DECREASE: f64 = 1e-9;
 /// Share of the coordinates' range that is added to the curvature of directions that change nothing.
 const RIDGE: f64 = 1e-6;
 
@@ -32,6 +36,8 @@ pub struct Problem<'a> {
     pub cases: &'a [Case],
     /// Rounds after which a fit ends, the look at its start among them.
     pub rounds: usize,
+    /// Whether what all episodes share stays where a fit starts, and only the rest is changed.
+    pub is_shared_held: bool,
 }
 
 /// One data set, and where its fit starts.
@@ -81,6 +87,23 @@ impl Fit {
     pub fn curvature(&self) -> DMatrix<f64> {
         self.jacobian.transpose() * &self.jacobian
     }
+
+    /// Where the cost within the priors' support would be least if the simulator were linear about this point.
+    #[must_use]
+    pub fn descended(mut self) -> Self {
+        for _ in 0..LINEAR_ROUNDS {
+            let step = step(&self, 0.0);
+            let point: Vec<f64> = self.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
+            let moved = DVector::from_iterator(point.len(), point.iter().zip(&self.point).map(|(a, b)| a - b));
+            let residuals = &self.residuals - &self.jacobian * moved;
+            let cost = residuals.norm_squared();
+            if self.cost - cost <= LINEAR_DECREASE * self.cost {
+                break;
+            }
+            (self.point, self.residuals, self.cost) = (point, residuals, cost);
+        }
+        self
+    }
 }
 
 /// Whether a coordinate `u` lies at an edge of its range, and the cost, whose gradient by it is `g` or a multiple, is less
@@ -119,6 +142,41 @@ impl Problem<'_> {
             effects: names.map(|(i, name)| (name.to_owned(), values.iter().map(|v| v[i]).collect())).collect(),
             ..self.cases[episode].template.clone()
         }
+    }
+
+    /// For each of the points a track an episode, without noise.
+    ///
+    /// # Errors
+    /// [`SimulatorError`], where one of the points cannot be simulated.
+    pub fn tracks(&self, points: &[&[f64]]) -> Result<Vec<Vec<Track>>, SimulatorError> {
+        let mut sets = vec![Vec::new(); points.len()];
+        for episode in 0..self.cases.len() {
+            let tracks = self.simulator.simulate(&self.request(points, episode))?;
+            if tracks.len() != points.len() {
+                let (expected, got) = (points.len(), tracks.len());
+                return Err(SimulatorError::Backend(format!("expected {expected} tracks, got {got}")));
+            }
+            let case = &self.cases[episode];
+            sets.iter_mut().zip(tracks).for_each(|(set, track)| set.push(case.corrected(track)));
+        }
+        Ok(sets)
+    }
+
+    /// The episodes, in which simulated tracks are corrected by what those at the point `u` are with that finer fidelity.
+    ///
+    /// # Errors
+    /// [`SimulatorError`].
+    pub fn refined(&self, u: &[f64], fidelity: Fidelity) -> Result<Vec<Case>, SimulatorError> {
+        let one = |(episode, case): (usize, &Case)| {
+            let coarse = self.request(&[u], episode);
+            let fine = SimulationRequest { fidelity, ..coarse.clone() };
+            let [fine, coarse] = [fine, coarse].map(|r| self.simulator.simulate(&r).map(|mut t| t.pop()));
+            match (fine?, coarse?) {
+                (Some(fine), Some(coarse)) => Ok(case.corrected_by(&fine, &coarse)),
+                _ => Err(SimulatorError::Backend("expected a track, got none".into())),
+            }
+        };
+        self.cases.iter().enumerate().map(one).collect()
     }
 
     /// Fits each data set from its start. None stands for one whose start could not be simulated.
@@ -200,7 +258,7 @@ impl Problem<'_> {
 
     fn sensitivities(&self, points: &[&[f64]], episode: usize) -> Result<Vec<TrackSensitivities>, SimulatorError> {
         let names = self.unknowns.names();
-        let answer = self.simulator.sensitivities(&self.request(points, episode), &names)?;
+        let mut answer = self.simulator.sensitivities(&self.request(points, episode), &names)?;
         let is_whole = |s: &TrackSensitivities| s.derivatives.len() == names.len() && !s.track.frames.is_empty();
         if answer.len() != points.len() || !answer.iter().all(is_whole) {
             return Err(SimulatorError::Backend(format!(
@@ -209,6 +267,9 @@ impl Problem<'_> {
                 names.len(),
                 answer.len()
             )));
+        }
+        for one in &mut answer {
+            one.track = self.cases[episode].corrected(std::mem::take(&mut one.track));
         }
         Ok(answer)
     }
@@ -229,6 +290,9 @@ impl Problem<'_> {
             residuals.rows_mut(from, r.len()).copy_from(r);
             let values = self.unknowns.values(point, episode);
             for (i, (value, by)) in values.iter().zip(self.unknowns.places()).enumerate() {
+                if self.is_shared_held && self.unknowns.list()[i].scope == Scope::Shared {
+                    continue;
+                }
                 let column = self.unknowns.column(i, episode);
                 let scaled = j.column(by) * self.unknowns.slope(i, *value);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
@@ -318,7 +382,13 @@ mod tests {
 
     fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
         let toy = Toy { gain: 0.3 };
-        let problem = Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases, rounds: 40 };
+        let problem = Problem {
+            simulator: &toy,
+            unknowns: Unknowns::of(&toy::model(), 1),
+            cases,
+            rounds: 40,
+            is_shared_held: false,
+        };
         let start = |p: &[f64; 2]| Start { point: p.to_vec(), tracks: problem.measured() };
         problem.fit(points.iter().map(start).collect(), &mut || ControlFlow::Continue(()))
     }
@@ -373,7 +443,13 @@ mod tests {
     fn a_fit_stops_when_it_is_told_to() {
         let toy = Toy { gain: 0.3 };
         let cases = [toy::case(&toy, [0.25, 2e4], &[])];
-        let problem = Problem { simulator: &toy, unknowns: Unknowns::of(&toy::model(), 1), cases: &cases, rounds: 40 };
+        let problem = Problem {
+            simulator: &toy,
+            unknowns: Unknowns::of(&toy::model(), 1),
+            cases: &cases,
+            rounds: 40,
+            is_shared_held: false,
+        };
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
         let stopped = problem.fit(vec![start], &mut || ControlFlow::Break(()));
         assert!(matches!(stopped, Err(FinderError::Cancelled(_))));

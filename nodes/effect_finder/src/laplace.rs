@@ -4,6 +4,7 @@ use crate::fit::Fit;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
+use std::ops::Range;
 
 /// Precision that a coordinate has without data: a uniform distribution on 0 to 1 has a variance of a twelfth.
 const PRIOR_PRECISION: f64 = 12.0;
@@ -47,6 +48,19 @@ impl Laplace {
         // With precision L L^T, the variance is that of L^-1 e. The diagonal of a factor has no zeros.
         self.precision.l_dirty().solve_lower_triangular_mut(&mut unit);
         unit.norm()
+    }
+
+    /// Covariance of the coordinates in `columns`, the others free.
+    pub fn covariance(&self, columns: Range<usize>) -> DMatrix<f64> {
+        let mut units = DMatrix::zeros(self.mean.len(), columns.len());
+        columns.enumerate().for_each(|(i, column)| units[(column, i)] = 1.0);
+        self.precision.l_dirty().solve_lower_triangular_mut(&mut units);
+        units.transpose() * units
+    }
+
+    /// Logarithm of the determinant of the precision.
+    pub fn log_determinant(&self) -> f64 {
+        2.0 * self.precision.l_dirty().diagonal().iter().map(|l| l.ln()).sum::<f64>()
     }
 
     /// A draw within the unit cube.

@@ -3,7 +3,7 @@
 
 use crate::error::FinderError;
 use crate::settings::Settings;
-use crate::{convert, find};
+use crate::{Question, convert, find};
 use anyhow::{Context, Result, bail};
 use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
 use catenary_core::Model;
@@ -74,7 +74,8 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
     let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
     let candidates = convert::candidates(Registry::shipped(), &model);
-    let found = find(&model, &measured, &candidates, &simulator, &settings, &mut |progress| {
+    let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+    let found = find(question, &simulator, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
         if let Some(conclusion) = &progress.conclusion {
             tracing::info!("{}: {conclusion}", progress.stage.name());

@@ -1,9 +1,13 @@
 //! The conclusions of a search, in words.
 
 use crate::case::Quantity;
+use crate::hypothesis::Hypothesis;
 use crate::localise::{self, Part, Place};
-use crate::name::Fitted;
+use crate::name::{Magnitude, Ranking};
+use crate::separate::Separation;
+use crate::settings::Settings;
 use crate::verdict::{Estimate, Fitness};
+use crate::verify::Verification;
 
 /// A number with four figures.
 fn short(value: f64) -> String {
@@ -56,15 +60,83 @@ pub fn located(places: &[Place], level: f64) -> String {
     if words.is_empty() { "the disagreement is spread over all times and keypoints".into() } else { words.join("; ") }
 }
 
-/// Which candidates explain the disagreement: those of `group`, or where it is empty, at least `best`.
-pub fn named(group: &[&Fitted], best: &Fitted) -> String {
-    let words = |f: &&Fitted| {
-        let e = &f.explanation;
-        format!("{} ({} {}, probability {:.2})", e.title, e.name, short(e.value), e.probability)
+/// Which effects explain the disagreement.
+pub fn named(ranking: &Ranking, settings: &Settings) -> String {
+    let words = |h: &Hypothesis| {
+        let explanation = ranking.hypotheses.iter().zip(&ranking.explanations).find(|(o, _)| o.is_same(&h.candidates));
+        let effect = |e: &Magnitude| format!("{} ({} {} +- {})", e.title, e.name, short(e.value), short(e.sd));
+        explanation.map_or(String::new(), |(_, e)| {
+            let effects: Vec<String> = e.effects.iter().map(effect).collect();
+            let probability = e.probability + e.probability_in_part;
+            format!("{}, probability {probability:.2}", effects.join(" with "))
+        })
     };
-    match group {
-        [] => format!("no candidate explains it better than none; the least bad is {}", words(&best)),
+    match ranking.alike(settings).as_slice() {
+        [] => match ranking.hypotheses.first() {
+            None => "no candidate can act in this model".into(),
+            Some(least) if ranking.unknown > ranking.none => format!(
+                "a smooth error that no candidate makes explains it better than any, probability {:.2}; the least bad is {}",
+                ranking.unknown,
+                words(least)
+            ),
+            Some(least) => format!("no candidate explains it better than none; the least bad is {}", words(least)),
+        },
         [one] => format!("{} explains it best", words(one)),
-        several => format!("cannot tell apart: {}", several.iter().map(words).collect::<Vec<_>>().join(", ")),
+        several => format!("cannot tell apart: {}", several.iter().map(|h| words(h)).collect::<Vec<_>>().join("; ")),
+    }
+}
+
+/// What the test of a model with effects says, beside the present one.
+pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, is_gap: bool) -> String {
+    let titles: Vec<&str> = hypothesis.candidates.iter().map(|c| c.title.as_str()).collect();
+    format!(
+        "with {} RMSE {:.1} -> {:.1} mm; {}",
+        titles.join(" and "),
+        present.rmse_mm,
+        fitness.rmse_mm,
+        detected(fitness, is_gap)
+    )
+}
+
+/// That what is left is too much for anything to be named.
+pub fn refused(fitness: &Fitness) -> String {
+    format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
+}
+
+/// That the priors are too narrow.
+pub fn narrow(pressing: &[String], p_value: f64) -> String {
+    format!("{} at the edge of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))
+}
+
+/// What held-out episodes say.
+pub fn verified(v: &Verification) -> String {
+    let mut words = format!(
+        "RMSE on {} unseen episodes {:.1} -> {:.1} mm, noise floor {:.1} mm: {:.0} % of the gap closed ({:.0} to {:.0} %)",
+        v.episodes,
+        v.before.rmse_mm,
+        v.after.rmse_mm,
+        v.floor_mm,
+        100.0 * v.gap_closed,
+        100.0 * v.interval[0],
+        100.0 * v.interval[1]
+    );
+    if let Some((name, score)) = &v.wrong_effect {
+        words += &format!("; with {name} in its place {:.1} mm", score.rmse_mm);
+    }
+    if let Some(black_box_mm) = v.black_box_mm {
+        words += &format!("; a regression without physics {black_box_mm:.1} mm");
+    }
+    words
+}
+
+/// Which motion would tell apart what these data do not.
+pub fn separated(separation: Option<&Separation>) -> String {
+    match separation {
+        None => "no motion was found that would tell them apart: the model has no task that says what a motion may be"
+            .into(),
+        Some(s) => format!(
+            "a motion that would tell {} from {}: {:.0} squared deviations, where {:.0} are usual",
+            s.between[0], s.between[1], s.deviations, s.usual_deviations
+        ),
     }
 }

@@ -23,10 +23,24 @@ pub struct Settings {
     pub least_log_bayes_factor: f64,
     /// Cosine between what two effects change, beyond what parameters can, over which they are not told apart.
     pub greatest_cosine: f64,
+    /// How likely it is beforehand that something is present which no candidate is.
+    pub discrepancy_share: f64,
+    /// How likely a further effect is beforehand, beside one that is present.
+    pub further_effect: f64,
+    /// Most effects that are looked for together.
+    pub most_effects: usize,
+    /// Models with one effect more that are fitted beyond the first, of all the most promising.
+    pub extensions: usize,
+    /// Share of the squared deviations beyond noise that effects must explain to be named where something is left.
+    pub least_share: f64,
+    /// Level of the test of a repaired model. Lower than that of the present one: a true repair shall be refused rarely.
+    pub repaired_level: f64,
     /// Rounds of a fit.
     pub rounds: usize,
     /// Fidelity of the simulations.
     pub fidelity: Fidelity,
+    /// Finer fidelity, by which the error of the simulations' division of time and object is taken out; none: it is not.
+    pub finer_fidelity: Option<Fidelity>,
     /// Seed of everything drawn.
     pub seed: u64,
 }
@@ -41,8 +55,15 @@ impl Default for Settings {
             pose_noise_m: 5e-4,
             least_log_bayes_factor: 3.0,
             greatest_cosine: 0.95,
+            discrepancy_share: 0.2,
+            further_effect: 0.5,
+            most_effects: 3,
+            extensions: 10,
+            least_share: 0.5,
+            repaired_level: 0.01,
             rounds: 40,
             fidelity: Fidelity::Standard,
+            finer_fidelity: Some(Fidelity::Reference),
             seed: 0,
         }
     }
@@ -79,6 +100,21 @@ impl Settings {
         if !(self.least_log_bayes_factor >= 0.0 && self.least_log_bayes_factor.is_finite()) {
             return bad("least_log_bayes_factor", "a number of at least 0", &self.least_log_bayes_factor);
         }
+        let shares = [
+            ("discrepancy_share", self.discrepancy_share),
+            ("further_effect", self.further_effect),
+            ("least_share", self.least_share),
+            ("repaired_level", self.repaired_level),
+        ];
+        for (field, value) in shares {
+            if !(value > 0.0 && value < 1.0) {
+                return bad(field, "a number between 0 and 1", &value);
+            }
+        }
+        if self.most_effects == 0 || self.extensions == 0 {
+            let got = format!("{} and {}", self.most_effects, self.extensions);
+            return bad("most_effects", "at least 1, and as many extensions", &got);
+        }
         if self.rounds == 0 {
             return bad("rounds", "at least 1", &self.rounds);
         }
@@ -98,6 +134,8 @@ mod tests {
         assert!(refusal(Settings { null_sets: 10, ..base() }).contains("`null_sets`"));
         assert!(refusal(Settings { level: 0.0, ..base() }).contains("`level`"));
         assert!(refusal(Settings { draws: 2, ..base() }).contains("got 2 and 3"));
+        assert!(refusal(Settings { further_effect: 1.5, ..base() }).contains("`further_effect`"));
+        assert!(refusal(Settings { most_effects: 0, ..base() }).contains("`most_effects`"));
         assert!(refusal(Settings { pose_noise_m: f64::NAN, ..base() }).contains("`pose_noise_m`"));
     }
 }

@@ -78,6 +78,29 @@ impl Unknowns {
         Self { list, ..*self }
     }
 
+    /// These, for another number of episodes.
+    #[must_use]
+    pub fn for_episodes(&self, episodes: usize) -> Self {
+        Self { episodes, ..self.clone() }
+    }
+
+    /// The point where what all episodes share is as at `old`'s point `u`, and the rest at the middle of its priors. `old`
+    /// has the same unknowns for any number of episodes.
+    pub fn shared_from(&self, old: &Unknowns, u: &[f64]) -> Vec<f64> {
+        let mut point = vec![0.5; self.columns()];
+        for (i, unknown) in self.list.iter().enumerate() {
+            if unknown.scope == Scope::Shared {
+                point[self.column(i, 0)] = u[old.column(i, 0)];
+            }
+        }
+        point
+    }
+
+    /// The point of one episode where everything is as in `old`'s first.
+    pub fn from_first_episode(&self, old: &Unknowns, u: &[f64]) -> Vec<f64> {
+        (0..self.list.len()).map(|i| u[old.column(i, 0)]).collect()
+    }
+
     /// The unknowns in order.
     pub fn list(&self) -> &[Unknown] {
         &self.list
@@ -179,7 +202,7 @@ mod tests {
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::Uniform { low: -0.1, high: 0.1 };
-        Candidate { name: name.into(), title: name.into(), prior, range: [-0.9, 10.0], base: 0.0 }
+        Candidate { name: name.into(), title: name.into(), prior, range: [-0.9, 10.0], base: 0.0, odds: 1.0 }
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! What a search comes to.
 
 use crate::detect::Test;
+use crate::discrepancy::Discrepancy;
 use crate::localise::Place;
-use crate::name::Explanation;
+use crate::name::{Explanation, Ranking};
+use crate::separate::Separation;
+use crate::verify::Verification;
 use serde::{Deserialize, Serialize};
 
 /// The outcome of a search.
@@ -11,10 +14,12 @@ use serde::{Deserialize, Serialize};
 pub enum Verdict {
     /// The model explains the data up to their noise.
     NoGap,
-    /// One effect explains what the model did not.
+    /// One effect, or several together, explain what the model did not.
     Named,
-    /// Several effects explain it, and the data do not tell them apart.
+    /// Different effects would explain it, and the data do not tell them apart.
     CannotTellApart,
+    /// One effect, or several together, explain the greater part of it; something is left that no candidate explains.
+    NamedInPart,
     /// There is a gap, and no candidate closes it.
     NoneOfThese,
     /// The parameters press on the edges of their priors, and the gap closes where these are opened.
@@ -28,6 +33,7 @@ impl Verdict {
             Verdict::NoGap => "no_gap",
             Verdict::Named => "named",
             Verdict::CannotTellApart => "cannot_tell_apart",
+            Verdict::NamedInPart => "named_in_part",
             Verdict::NoneOfThese => "none_of_these",
             Verdict::PriorTooNarrow => "prior_too_narrow",
         }
@@ -71,14 +77,75 @@ pub struct Finding {
     pub places: Vec<Place>,
     /// Parameters that press on an edge of their prior.
     pub pressing: Vec<String>,
-    /// What each candidate explains, the most probable first; empty where there is no gap.
+    /// What candidates explain, alone and together, the most probable first; empty where there is no gap.
     pub explanations: Vec<Explanation>,
+    /// Probability of each candidate that it is present, the greatest first.
+    pub presence: Vec<Presence>,
     /// Candidates that were left out, with the reason.
     pub left_out: Vec<(String, String)>,
-    /// Posterior probability that none of the candidates is present; 1 where none was tried.
+    /// Probability that the present model lacks nothing; 1 where no candidate was tried.
     pub probability_of_none: f64,
-    /// The effects that the verdict speaks of: one where it is named, several that cannot be told apart, else none.
-    pub effects: Vec<String>,
-    /// The model with the most probable effect.
+    /// Probability that it lacks something that no candidate is.
+    pub probability_of_unknown: f64,
+    /// The effects that the verdict names: for each, first the most probable, then those that cannot be told from it. Several
+    /// effects that stand for it only together are joined by " + ".
+    pub found: Vec<Vec<String>>,
+    /// The model with the most probable effects.
     pub repaired: Option<Fitness>,
+    /// What no candidate explains, where something is left: a smooth error of the repaired model, or of the present one.
+    pub discrepancy: Option<Discrepancy>,
+    /// What the repair is worth on episodes that no fit has seen.
+    pub verification: Option<Verification>,
+    /// A motion that would tell apart what these data do not.
+    pub separation: Option<Separation>,
+}
+
+/// How likely an effect is to be present, alone or with others.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Presence {
+    /// Name of the effect, with its unit.
+    pub name: String,
+    /// Its probability.
+    pub probability: f64,
+}
+
+impl Finding {
+    /// The finding of a search that has come as far as localising, and no further.
+    pub(crate) fn without_gap(present: Fitness, places: Vec<Place>, pressing: Vec<String>) -> Self {
+        Self {
+            verdict: Verdict::NoGap,
+            conclusions: Vec::new(),
+            present,
+            places,
+            pressing,
+            explanations: Vec::new(),
+            presence: Vec::new(),
+            left_out: Vec::new(),
+            probability_of_none: 1.0,
+            probability_of_unknown: 0.0,
+            found: Vec::new(),
+            repaired: None,
+            discrepancy: None,
+            verification: None,
+            separation: None,
+        }
+    }
+
+    /// Takes over how probable everything is.
+    pub(crate) fn set_ranking(&mut self, ranking: &Ranking) {
+        self.explanations.clone_from(&ranking.explanations);
+        self.probability_of_none = ranking.none;
+        self.probability_of_unknown = ranking.unknown;
+        self.presence.clear();
+        for explanation in &ranking.explanations {
+            let own = explanation.probability + explanation.probability_in_part;
+            for effect in &explanation.effects {
+                match self.presence.iter_mut().find(|p| p.name == effect.name) {
+                    Some(known) => known.probability += own,
+                    None => self.presence.push(Presence { name: effect.name.clone(), probability: own }),
+                }
+            }
+        }
+        self.presence.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    }
 }

@@ -9,7 +9,7 @@ use catenary_core::{
 };
 use effect_finder::case::Quantity;
 use effect_finder::localise::{Part, Place};
-use effect_finder::{Candidate, Finding, Settings, Verdict, convert::candidates, find};
+use effect_finder::{Candidate, Finding, Question, Settings, Verdict, convert::candidates, find};
 use rand_distr::{Distribution, StandardNormal};
 use simulator_pool::{BeamSimulator, Registry};
 use std::ops::ControlFlow;
@@ -112,17 +112,32 @@ fn some(model: &Model, names: &[&str]) -> Vec<Candidate> {
     found
 }
 
+/// The effects that were found, those that are alike side by side.
+fn names(finding: &Finding) -> Vec<String> {
+    finding.found.iter().flatten().cloned().collect()
+}
+
 fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
     let simulator = BeamSimulator::new(model, 2).unwrap();
-    let settings = Settings { null_sets: 19, draws: 24, seed: 4, fidelity: Fidelity::Fast, ..Settings::default() };
-    find(model, measured, candidates, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
+    let settings = Settings {
+        null_sets: 19,
+        draws: 24,
+        seed: 4,
+        fidelity: Fidelity::Fast,
+        finer_fidelity: None,
+        ..Settings::default()
+    };
+    find(Question { model, measured, held_out: &[], candidates }, &simulator, &settings, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
 }
 
 #[test]
 fn a_world_without_a_hidden_effect_has_no_gap() {
     let (finding, repaired) = search(&model(), &[episode(&[], 1)], &[]);
     assert_eq!((finding.verdict, repaired), (Verdict::NoGap, None));
-    assert!(finding.explanations.is_empty() && finding.effects.is_empty());
+    assert!(finding.explanations.is_empty() && finding.found.is_empty());
     let length = &finding.present.estimates[0];
     // The interval is one of 3.3 standard deviations.
     assert!((length.value - LENGTH_M).abs() < length.q95 - length.q05, "{length:?}");
@@ -133,10 +148,15 @@ fn a_world_without_a_hidden_effect_has_no_gap() {
 fn a_tip_mass_is_named_and_recovered_among_effects_that_are_like_it() {
     let candidates = some(&model(), &["tip_mass_kg", "density_change", "stiffness_gradient", "linear_drag_n_s_m2"]);
     let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.004)], 2)], &candidates);
-    assert_eq!((finding.verdict, finding.effects.as_slice()), (Verdict::Named, ["tip_mass_kg".to_owned()].as_slice()));
-    let best = &finding.explanations[0];
+    assert_eq!(
+        (finding.verdict, names(&finding)),
+        (Verdict::Named, vec!["tip_mass_kg".to_owned()]),
+        "{:?}",
+        finding.conclusions
+    );
+    let best = &finding.explanations[0].effects[0];
     assert!((best.value - 0.004).abs() < 3.0 * best.sd && best.sd < 0.001, "{best:?}");
-    assert!(best.probability > 0.99, "{best:?}");
+    assert!(finding.presence[0].probability > 0.99, "{:?}", finding.presence);
     assert!(finding.repaired.unwrap().rmse_mm < finding.present.rmse_mm);
     let repaired = repaired.unwrap();
     assert_eq!(repaired.theta.dimension(), 3);
@@ -148,7 +168,7 @@ fn an_effect_that_no_candidate_is_like_is_none_of_these() {
     let candidates = some(&model(), &["grip_angle_offset_rad", "linear_drag_n_s_m2"]);
     let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.008)], 3)], &candidates);
     assert_eq!((finding.verdict, repaired), (Verdict::NoneOfThese, None));
-    assert!(finding.effects.is_empty() && finding.explanations.len() == 2, "{:?}", finding.effects);
+    assert!(finding.found.is_empty() && finding.explanations.len() >= 2, "{:?}", finding.found);
     let p = finding.repaired.unwrap().test.p_value;
     assert!(p <= 0.05, "the best of them leaves a gap: {p}");
 }
@@ -171,10 +191,10 @@ fn effects_that_change_the_same_are_a_group() {
     let candidates = some(&model(), &["frame_delay_s", "exposure_s", "tip_mass_kg"]);
     let (finding, repaired) = search(&model(), &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
     assert_eq!(finding.verdict, Verdict::CannotTellApart, "{:?}", finding.explanations);
-    let mut effects = finding.effects.clone();
+    let mut effects = names(&finding);
+    assert!(repaired.unwrap().theta.index_of(&effects[0]).is_some());
     effects.sort_unstable();
     assert_eq!(effects, ["exposure_s", "frame_delay_s"]);
-    assert!(repaired.unwrap().theta.index_of(&finding.effects[0]).is_some());
 }
 
 /// The arm's own path tells a late arm from a late camera.
@@ -188,7 +208,7 @@ fn proprioception_tells_a_late_arm_from_a_late_camera() {
     for (effect, number) in [("frame_delay_s", 7), ("arm_delay_s", 8)] {
         let measured = acted(&model, &actions, (effect, 0.05), number);
         let (finding, _) = search(&model, &[measured], &candidates);
-        assert_eq!(finding.explanations[0].name, effect, "{:?}", finding.explanations);
+        assert_eq!(finding.explanations[0].names(), effect, "{:?}", finding.explanations);
         let pose = |p: &Place| matches!(p.part, Part::Quantity(Quantity::Pose { .. }));
         let stands_out = finding.places.iter().any(|p| pose(p) && p.p_value <= 0.05);
         assert_eq!(stands_out, effect == "arm_delay_s", "{:?}", finding.places);
@@ -201,8 +221,13 @@ fn an_effect_that_the_model_has_fixed_too_large_is_named() {
     heavy.parameters.insert("tip_mass_kg".into(), 0.006);
     let candidates = some(&heavy, &["tip_mass_kg", "linear_drag_n_s_m2", "dropped_frames"]);
     let (finding, repaired) = search(&heavy, &[episode(&[], 9)], &candidates);
-    assert_eq!((finding.verdict, finding.effects.as_slice()), (Verdict::Named, ["tip_mass_kg".to_owned()].as_slice()));
-    assert!(finding.explanations[0].value < 0.001, "{:?}", finding.explanations[0]);
+    assert_eq!(
+        (finding.verdict, names(&finding)),
+        (Verdict::Named, vec!["tip_mass_kg".to_owned()]),
+        "{:?}",
+        finding.conclusions
+    );
+    assert!(finding.explanations[0].effects[0].value < 0.001, "{:?}", finding.explanations[0]);
     assert!(!repaired.unwrap().parameters.contains_key("tip_mass_kg"));
     // Which frames are lost is left to chance: no fit can find it.
     let (name, why) = &finding.left_out[0];
@@ -215,6 +240,8 @@ fn a_camera_without_noise_is_refused() {
     sharp.camera.keypoint_noise_px = 0.0;
     let simulator = BeamSimulator::new(&sharp, 1).unwrap();
     let mut go_on = |_: &effect_finder::Progress| ControlFlow::Continue(());
-    let refused = find(&sharp, &[episode(&[], 1)], &[], &simulator, &Settings::default(), &mut go_on).unwrap_err();
+    let measured = [episode(&[], 1)];
+    let question = Question { model: &sharp, measured: &measured, held_out: &[], candidates: &[] };
+    let refused = find(question, &simulator, &Settings::default(), &mut go_on).unwrap_err();
     assert!(refused.to_string().contains("keypoint_noise_px: expected more than 0"), "{refused}");
 }

@@ -64,7 +64,7 @@ pub struct Player<'a> {
 impl<'a> Player<'a> {
     /// The model's object at the start of the motion.
     pub fn new(model: &Model, motion: &'a Motion, setting: &Setting, fidelity: Fidelity) -> Result<Self> {
-        let mut stage = Stage::new(model, Registry::shipped(), fidelity)?;
+        let mut stage = Stage::new(model, &Registry::with_unlisted(), fidelity)?;
         // Without noise the target stands where the model has it.
         let target_m = model.task.filter(|_| !setting.noise).map(|t| t.target_m);
         let conditions = Conditions {

@@ -41,6 +41,7 @@ mod table_adhesion;
 mod table_friction;
 mod table_height;
 mod tip_mass;
+mod unlisted;
 
 pub use registry::Registry;
 

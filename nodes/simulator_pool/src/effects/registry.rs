@@ -56,6 +56,11 @@ impl Registry {
         &SHIPPED
     }
 
+    /// The effects of this crate, and those that no search offers: what simulated episodes may have.
+    pub fn with_unlisted() -> Registry {
+        unlisted::all().into_iter().fold(Self::shipped().clone(), |registry, effect| registry.with(effect))
+    }
+
     /// This list and one more.
     ///
     /// # Panics

@@ -1,0 +1,124 @@
+//! A model with effects more than the present one, fitted.
+
+use crate::candidate::Candidate;
+use crate::error::FinderError;
+use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
+use crate::fit::{Fit, OnRound, Problem, Seen, Start};
+use crate::unknowns::Unknowns;
+
+/// A model with effects more than the present one, fitted.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    /// The effects, in the order in which they came in; none: the present model.
+    pub candidates: Vec<Candidate>,
+    /// The unknowns with them: one each, the last.
+    pub unknowns: Unknowns,
+    /// The best fit.
+    pub fit: Fit,
+    /// Its evidence over the present model's.
+    pub evidence: Evidence,
+}
+
+/// A hypothesis that was looked at where its fit would start.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// The effects.
+    pub candidates: Vec<Candidate>,
+    /// The cost that it would come to if the simulator were linear.
+    pub promise: f64,
+    unknowns: Unknowns,
+    seen: Vec<Seen>,
+}
+
+impl Hypothesis {
+    /// The names of its effects.
+    pub fn names(&self) -> Vec<&str> {
+        self.candidates.iter().map(|c| c.name.as_str()).collect()
+    }
+
+    /// Whether both have the same effects.
+    pub fn is_same(&self, candidates: &[Candidate]) -> bool {
+        self.candidates.len() == candidates.len() && candidates.iter().all(|c| self.has(&c.name))
+    }
+
+    /// Whether an effect is among its own.
+    pub fn has(&self, name: &str) -> bool {
+        self.candidates.iter().any(|c| c.name == name)
+    }
+
+    /// The column of effect `i`.
+    pub fn column(&self, i: usize) -> usize {
+        self.unknowns.columns() - self.candidates.len() + i
+    }
+
+    /// Value and standard deviation of effect `i`, all other unknowns free.
+    pub fn magnitude(&self, i: usize) -> (f64, f64) {
+        let candidate = &self.candidates[i];
+        let cost = Quadratic::of(&self.fit, self.candidates.len());
+        (
+            candidate.search().from_unit(self.fit.point[self.column(i)]),
+            cost.map_or(f64::INFINITY, |c| sd_of(candidate, &c, i)),
+        )
+    }
+
+    /// The problem of fitting it.
+    pub fn problem<'a>(&self, problem: &Problem<'a>) -> Problem<'a> {
+        Problem { unknowns: self.unknowns.clone(), ..*problem }
+    }
+
+    /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior.
+    ///
+    /// # Errors
+    /// [`FinderError::NoFit`] where the model has nothing for the effect to act on, or it changes nothing in these data: an
+    /// effect that acts at random does not, as fits are without noise.
+    pub fn with(
+        &self,
+        problem: &Problem<'_>,
+        candidate: &Candidate,
+        on_round: OnRound<'_>,
+    ) -> Result<Trial, FinderError> {
+        let unknowns = self.unknowns.with(candidate);
+        let with = Problem { unknowns: unknowns.clone(), ..*problem };
+        let column = unknowns.columns() - 1;
+        let search = candidate.search();
+        let from = |value: f64| {
+            let mut point = unknowns.point_from(&self.unknowns, &self.fit.point);
+            point[column] = search.to_unit(value).clamp(0.0, 1.0);
+            Start { point, tracks: problem.measured() }
+        };
+        let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
+        let seen: Vec<Seen> = with.look(starts, on_round)?.into_iter().flatten().collect();
+        if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
+            return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
+        }
+        let promise = seen.iter().map(|s| s.fit.clone().descended().cost).fold(f64::INFINITY, f64::min);
+        let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
+        Ok(Trial { candidates, promise, unknowns, seen })
+    }
+}
+
+impl Trial {
+    /// Whether an effect is among its own.
+    pub fn has(&self, name: &str) -> bool {
+        self.candidates.iter().any(|c| c.name == name)
+    }
+
+    /// Fits it from all starts.
+    ///
+    /// # Errors
+    /// [`FinderError::NoFit`] where there is none to speak of.
+    pub fn fitted(
+        self,
+        problem: &Problem<'_>,
+        yardstick: &Yardstick,
+        on_round: OnRound<'_>,
+    ) -> Result<Hypothesis, FinderError> {
+        let Trial { candidates, unknowns, seen, .. } = self;
+        let with = Problem { unknowns: unknowns.clone(), ..*problem };
+        let best = with.climb(seen, on_round)?.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
+        let evidence = yardstick.of(&candidates, &fit);
+        let evidence = evidence.ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
+        Ok(Hypothesis { candidates, unknowns, fit, evidence })
+    }
+}

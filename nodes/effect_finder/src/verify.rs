@@ -1,0 +1,298 @@
+//! What the repair is worth on episodes that no fit has seen.
+//!
+//! What all episodes share is taken from the fit; what is drawn anew for each episode is fitted to it. The floor is what the
+//! repaired model would leave of episodes that it explains: repeats that are simulated from it, and treated the same.
+
+use crate::black_box::BlackBox;
+use crate::case::{Case, Offset, offsets_mm, rmse_mm};
+use crate::error::FinderError;
+use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::hypothesis::Hypothesis;
+use crate::laplace::Laplace;
+use crate::settings::Settings;
+use crate::unknowns::{Scope, Unknowns};
+use catenary_core::{Camera, Track, seed};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+/// Random streams: of predictions, of repeats, of the bootstrap.
+const STREAMS: [u64; 3] = [2001, 2002, 2003];
+/// Predictions behind an energy score.
+const PREDICTIONS: usize = 20;
+/// Repeats behind the floor.
+const REPEATS: usize = 8;
+/// Blocks into which an episode's frames are divided for the bootstrap: what is left of one frame is like that of the next.
+const BLOCKS: usize = 8;
+/// Draws of blocks.
+const RESAMPLES: usize = 1000;
+
+/// How far predictions lie from what was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Root mean square distance of keypoints, mm.
+    pub rmse_mm: f64,
+    /// Energy score of the four keypoints' places together, mm, mean over frames (Gneiting and Raftery 2007).
+    pub energy_mm: f64,
+}
+
+/// What the repair is worth on held-out episodes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Verification {
+    /// Number of held-out episodes.
+    pub episodes: usize,
+    /// The present model.
+    pub before: Score,
+    /// The repaired model.
+    pub after: Score,
+    /// What the repaired model leaves of repeats that are simulated from it, root mean square distance in mm.
+    pub floor_mm: f64,
+    /// (before - after) / (before - floor), of root mean square distances.
+    pub gap_closed: f64,
+    /// 5 and 95 % of it over draws of blocks of frames, the same for both models.
+    pub interval: [f64; 2],
+    /// A wrong effect, repaired the same way: its name and what it comes to.
+    pub wrong_effect: Option<(String, Score)>,
+    /// The present model with a regression of what it left of the fitted episodes on shape and speed, root mean square
+    /// distance in mm.
+    pub black_box_mm: Option<f64>,
+}
+
+/// Whose predictions are asked for.
+pub struct Verifier<'a> {
+    /// The search's problem, whose cases the models were fitted to.
+    pub problem: &'a Problem<'a>,
+    /// Held-out episodes.
+    pub held_out: &'a [Case],
+    /// The camera that sees them.
+    pub camera: &'a Camera,
+    /// Seed.
+    pub settings: &'a Settings,
+}
+
+/// A model's predictions of the held-out episodes.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Best fits of what is drawn anew for each episode, a track an episode.
+    pub tracks: Vec<Track>,
+    /// Measured less predicted, by episode and frame.
+    pub offsets: Vec<Vec<Offset>>,
+    /// Draws of the prediction with noise, by draw and episode.
+    pub draws: Vec<Vec<Track>>,
+    /// What they come to.
+    pub score: Score,
+}
+
+impl Verifier<'_> {
+    /// Holds the models against each other on the held-out episodes; with what they predict.
+    ///
+    /// # Errors
+    /// [`FinderError`] of the simulator, or of a cancelled search.
+    pub fn verify(
+        &self,
+        before: &Hypothesis,
+        after: &Hypothesis,
+        wrong: Option<&Hypothesis>,
+        on_round: OnRound<'_>,
+    ) -> Result<(Verification, [Prediction; 2]), FinderError> {
+        let refined;
+        let own = match self.settings.finer_fidelity {
+            Some(fidelity) => {
+                let fit = self.fit(before, on_round)?;
+                refined = self.problem_of(before).refined(&fit.point, fidelity)?;
+                Verifier { held_out: &refined, ..*self }
+            }
+            None => Verifier { ..*self },
+        };
+        own.compare(before, after, wrong, on_round)
+    }
+
+    fn compare(
+        &self,
+        before: &Hypothesis,
+        after: &Hypothesis,
+        wrong: Option<&Hypothesis>,
+        on_round: OnRound<'_>,
+    ) -> Result<(Verification, [Prediction; 2]), FinderError> {
+        let first = self.predict(before, on_round)?;
+        let second = self.predict(after, on_round)?;
+        let wrong_effect = match wrong {
+            Some(wrong) => Some((wrong.names().join(" + "), self.predict(wrong, on_round)?.score)),
+            None => None,
+        };
+        let floor_mm = self.floor(after, on_round)?;
+        let closed = |before: f64, after: f64| (before - after) / (before - floor_mm).max(f64::MIN_POSITIVE);
+        let verification = Verification {
+            episodes: self.held_out.len(),
+            before: first.score,
+            after: second.score,
+            floor_mm,
+            gap_closed: closed(first.score.rmse_mm, second.score.rmse_mm),
+            interval: self.interval(&first.offsets, &second.offsets, &closed),
+            wrong_effect,
+            black_box_mm: self.black_box(before, &first),
+        };
+        Ok((verification, [first, second]))
+    }
+
+    fn unknowns(&self, hypothesis: &Hypothesis) -> Unknowns {
+        hypothesis.unknowns.for_episodes(self.held_out.len())
+    }
+
+    fn problem_of(&self, hypothesis: &Hypothesis) -> Problem<'_> {
+        let unknowns = self.unknowns(hypothesis);
+        Problem { cases: self.held_out, unknowns, is_shared_held: true, ..*self.problem }
+    }
+
+    /// Fits of what is drawn anew for each episode to `data`.
+    fn fits(
+        &self,
+        hypothesis: &Hypothesis,
+        data: Vec<Vec<Track>>,
+        on_round: OnRound<'_>,
+    ) -> Result<Vec<Option<Fit>>, FinderError> {
+        let problem = self.problem_of(hypothesis);
+        let point = problem.unknowns.shared_from(&hypothesis.unknowns, &hypothesis.fit.point);
+        problem.fit(data.into_iter().map(|tracks| Start { point: point.clone(), tracks }).collect(), on_round)
+    }
+
+    /// The fit of what is drawn anew for each episode to what was measured.
+    fn fit(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+        let measured = self.held_out.iter().map(|c| c.measured.clone()).collect();
+        let fit = self.fits(hypothesis, vec![measured], on_round)?.into_iter().flatten().next();
+        fit.ok_or_else(|| FinderError::NoFit("a held-out episode cannot be simulated".into()))
+    }
+
+    fn predict(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Prediction, FinderError> {
+        let fit = self.fit(hypothesis, on_round)?;
+        let offsets: Vec<Vec<Offset>> =
+            self.held_out.iter().zip(&fit.tracks).map(|(c, t)| c.offsets_mm(t, self.camera)).collect();
+        let draws = self.draws(hypothesis, &fit, STREAMS[0], PREDICTIONS)?;
+        let energy = |(episode, case): (usize, &Case)| {
+            let tracks: Vec<&Track> = draws.iter().map(|d| &d[episode]).collect();
+            energy_score_mm(&case.measured, &tracks, self.camera)
+        };
+        let frames: Vec<f64> = self.held_out.iter().enumerate().flat_map(energy).collect();
+        let score = Score {
+            rmse_mm: rmse_mm(offsets.iter().flatten()),
+            energy_mm: frames.iter().sum::<f64>() / frames.len() as f64,
+        };
+        Ok(Prediction { tracks: fit.tracks, offsets, draws, score })
+    }
+
+    /// Draws of the predicted episodes with noise: what is shared from its posterior, the rest about its fit.
+    fn draws(
+        &self,
+        hypothesis: &Hypothesis,
+        held: &Fit,
+        stream: u64,
+        count: usize,
+    ) -> Result<Vec<Vec<Track>>, FinderError> {
+        let no = || FinderError::NoFit("the fit's curvature is no positive matrix".into());
+        let shared = Laplace::of(&hypothesis.fit).ok_or_else(no)?;
+        let own = Laplace::of(held).ok_or_else(no)?;
+        let problem = self.problem_of(hypothesis);
+        let mut rng = seed::rng(self.settings.seed, stream);
+        let mut draw = || {
+            let mut point = own.draw(&mut rng);
+            let whole = shared.draw(&mut rng);
+            for (i, unknown) in problem.unknowns.list().iter().enumerate() {
+                if unknown.scope == Scope::Shared {
+                    point[problem.unknowns.column(i, 0)] = whole[hypothesis.unknowns.column(i, 0)];
+                }
+            }
+            point
+        };
+        let points: Vec<Vec<f64>> = (0..count).map(|_| draw()).collect();
+        let simulated = problem.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>())?;
+        let noisy = |tracks: Vec<Track>| {
+            self.held_out.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut rng)).collect()
+        };
+        Ok(simulated.into_iter().map(noisy).collect())
+    }
+
+    /// Root mean square distance that is left of repeats simulated from the model, once they are fitted as the measured ones.
+    fn floor(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<f64, FinderError> {
+        let fit = self.fit(hypothesis, on_round)?;
+        let repeats = self.draws(hypothesis, &fit, STREAMS[1], REPEATS)?;
+        let fits = self.fits(hypothesis, repeats.clone(), on_round)?;
+        let offsets: Vec<Offset> = repeats
+            .iter()
+            .zip(&fits)
+            .filter_map(|(repeat, fit)| Some((repeat, fit.as_ref()?)))
+            .flat_map(|(repeat, fit)| repeat.iter().zip(&fit.tracks))
+            .flat_map(|(measured, simulated)| offsets_mm(measured, simulated, self.camera))
+            .collect();
+        Ok(rmse_mm(offsets.iter()))
+    }
+
+    fn interval(&self, before: &[Vec<Offset>], after: &[Vec<Offset>], closed: &dyn Fn(f64, f64) -> f64) -> [f64; 2] {
+        let blocks: Vec<(usize, std::ops::Range<usize>)> = before
+            .iter()
+            .enumerate()
+            .flat_map(|(episode, frames)| {
+                let (n, count) = (frames.len(), BLOCKS.min(frames.len()));
+                (0..count).map(move |b| (episode, b * n / count..(b + 1) * n / count))
+            })
+            .collect();
+        if blocks.is_empty() {
+            return [f64::NAN; 2];
+        }
+        let mut rng = seed::rng(self.settings.seed, STREAMS[2]);
+        let mut values: Vec<f64> = (0..RESAMPLES)
+            .map(|_| {
+                let drawn: Vec<_> = (0..blocks.len()).map(|_| &blocks[rng.random_range(0..blocks.len())]).collect();
+                let of = |all: &[Vec<Offset>]| {
+                    rmse_mm(drawn.iter().flat_map(|(episode, frames)| &all[*episode][frames.clone()]))
+                };
+                closed(of(before), of(after))
+            })
+            .collect();
+        values.sort_by(f64::total_cmp);
+        [0.05, 0.95].map(|q| values[(q * (RESAMPLES - 1) as f64) as usize])
+    }
+
+    fn black_box(&self, before: &Hypothesis, prediction: &Prediction) -> Option<f64> {
+        let fitted = self.problem.cases.iter().zip(&before.fit.tracks);
+        let learnt: Vec<(&Track, Vec<Offset>)> =
+            fitted.map(|(case, track)| (track, case.offsets_mm(track, self.camera))).collect();
+        let regression = BlackBox::learn(&learnt)?;
+        let left: Vec<Offset> = prediction
+            .tracks
+            .iter()
+            .zip(&prediction.offsets)
+            .flat_map(|(track, offsets)| {
+                let told = regression.predict(track);
+                let last = told.len().saturating_sub(1);
+                offsets
+                    .iter()
+                    .enumerate()
+                    .map(move |(i, o)| {
+                        let (o, t) = (o.as_ref()?, told.get(i.min(last))?);
+                        Some(std::array::from_fn(|k| o[k] - t[k]))
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        Some(rmse_mm(left.iter()))
+    }
+}
+
+/// Energy score of each frame: the mean distance of predictions from what was measured, less half of that between them.
+fn energy_score_mm(measured: &Track, predictions: &[&Track], camera: &Camera) -> Vec<f64> {
+    let distance = |o: &Offset| o.map(|o| o.iter().map(|v| v * v).sum::<f64>().sqrt());
+    let n = predictions.len() as f64;
+    let mut scores = vec![Some(0.0); measured.frames.len()];
+    let mut add = |offsets: &[Offset], weight: f64| {
+        for (score, offset) in scores.iter_mut().zip(offsets) {
+            *score = score.zip(distance(offset)).map(|(s, d)| s + weight * d);
+        }
+    };
+    for (i, a) in predictions.iter().enumerate() {
+        add(&offsets_mm(measured, a, camera), 1.0 / n);
+        for b in &predictions[..i] {
+            // Each pair counts twice in the mean over all ordered pairs of different draws.
+            add(&offsets_mm(a, b, camera), -1.0 / (n * (n - 1.0)));
+        }
+    }
+    scores.into_iter().flatten().collect()
+}
