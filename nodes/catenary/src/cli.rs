@@ -468,6 +468,9 @@ pub struct FidelityArgs {
 /// `catenary effects`.
 #[derive(Debug, Args)]
 pub struct EffectsArgs {
+    /// Name of an effect to list; several may be given; none: all
+    #[arg(long)]
+    pub name: Vec<String>,
     /// Model file: say how large each effect must be to show in an episode of it
     #[arg(long, requires = "actions")]
     pub model: Option<PathBuf>,

@@ -40,11 +40,18 @@ impl From<About> for Row {
     }
 }
 
-/// Lists the effects; with a model and actions, those that no search offers, too, and how large each must be to show.
+/// Lists effects; with a model and actions, those that no search offers, too, and how large each must be to show.
 pub fn run(arguments: &EffectsArgs) -> Result<()> {
+    let registry = if arguments.model.is_some() { &Registry::with_unlisted() } else { Registry::shipped() };
+    let known = || registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", ");
+    for name in &arguments.name {
+        ensure!(registry.find(name).is_some(), "--name {name}: expected one of {}", known());
+    }
+    let is_asked = |a: &About| arguments.name.is_empty() || arguments.name.iter().any(|n| n == a.name);
+    let asked: Vec<About> = registry.effects().map(|e| e.about()).filter(is_asked).collect();
     let rows: Vec<Row> = match (&arguments.model, &arguments.actions) {
-        (Some(model), Some(actions)) => sized(&model_file::read(model)?, actions, &arguments.value)?,
-        _ => Registry::shipped().effects().map(|e| e.about().into()).collect(),
+        (Some(model), Some(actions)) => sized(asked, registry, &model_file::read(model)?, actions, &arguments.value)?,
+        _ => asked.into_iter().map(Row::from).collect(),
     };
     let is_sized = arguments.model.is_some();
     output::result(&arguments.output, &rows, |rows| {
@@ -64,7 +71,13 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
 }
 
 /// How large each effect must be to show in an episode of these actions.
-fn sized(model: &Model, actions: &Path, values: &[(String, f64)]) -> Result<Vec<Row>> {
+fn sized(
+    asked: Vec<About>,
+    registry: &Registry,
+    model: &Model,
+    actions: &Path,
+    values: &[(String, f64)],
+) -> Result<Vec<Row>> {
     let name = actions.display().to_string();
     let text = std::fs::read_to_string(actions).with_context(|| format!("actions {name}"))?;
     let settings = Settings::default();
@@ -82,18 +95,16 @@ fn sized(model: &Model, actions: &Path, values: &[(String, f64)]) -> Result<Vec<
         ensure!((0.0..=1.0).contains(&u), "--value {name}: expected {}, got {value}", unknowns.list()[place].prior);
         point[unknowns.column(place, 0)] = u;
     }
-    let registry = Registry::with_unlisted();
-    let simulator = BeamSimulator::with_effects(model, &registry, workers::available())?;
+    let simulator = BeamSimulator::with_effects(model, registry, workers::available())?;
     let rounds = settings.rounds;
     let problem = Problem { simulator: &simulator, unknowns, cases: &cases, rounds, is_shared_held: false };
-    let candidates = convert::candidates(&registry, model);
-    let row = |effect: &dyn simulator_pool::effects::Effect| {
-        let about = effect.about();
+    let candidates = convert::candidates(registry, model)?;
+    let row = |about: About| {
         // A measured path tells what the arm has done, whatever it was asked for.
         let is_seen = about.hook != Hook::Actuation || model.observation.drive != DriveKind::Grip;
         let own: Option<&Candidate> = candidates.iter().find(|c| c.name == about.name && is_seen);
         let detectable = own.map(|c| detectable_size(&problem, &point, c)).transpose()?.flatten();
         Ok(Row { detectable, ..Row::from(about) })
     };
-    registry.effects().map(row).collect()
+    asked.into_iter().map(row).collect()
 }

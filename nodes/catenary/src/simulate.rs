@@ -161,7 +161,7 @@ fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Playe
         None => None,
         Some(path) => {
             ensure!(!path.exists(), "--out {}: expected a folder that does not exist yet", path.display());
-            let facts = Facts::of(model, matches!(motion, Motion::Actions { .. }), arguments.seed);
+            let facts = Facts::of(model, matches!(motion, Motion::Actions { .. }), arguments.seed, arguments.noise);
             let staged = Staged::new(path)?;
             let recording = Recording::create(&staged.path(), facts, arguments.images)?;
             Some((staged, recording))

@@ -49,6 +49,28 @@ pub struct Model {
     /// The task of the policy; none for models that are inferred from recorded paths alone.
     #[serde(default)]
     pub task: Option<Task>,
+    /// What is known beforehand of effects that the model lacks.
+    #[serde(default, skip_serializing_if = "Lacking::is_empty")]
+    pub lacking: Lacking,
+}
+
+/// What is known beforehand of effects that a model lacks: the effect finder reads it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lacking {
+    /// Effects that are not present: they are not looked for.
+    #[serde(default)]
+    pub vetoes: Vec<String>,
+    /// How likely an effect is to be present, over the others, by name; 1 where nothing is said.
+    #[serde(default)]
+    pub prior_odds: BTreeMap<String, f64>,
+}
+
+impl Lacking {
+    /// Whether nothing is known.
+    pub fn is_empty(&self) -> bool {
+        self.vetoes.is_empty() && self.prior_odds.is_empty()
+    }
 }
 
 /// The object's section and material law.
@@ -179,6 +201,14 @@ pub struct Arm {
     pub law: ArmLaw,
     /// Pose at the start of an episode.
     pub start: GripPose,
+    /// Standard deviation of a measured coordinate of the hand in m, and of its pitch per 0.1 m of lever, where the arm's path
+    /// is a prediction (drive: actions or policy). A measured path that drives the simulation is taken as it is.
+    #[serde(default = "pose_noise_m")]
+    pub pose_noise_m: f64,
+}
+
+fn pose_noise_m() -> f64 {
+    5e-4
 }
 
 /// How the arm follows a target.

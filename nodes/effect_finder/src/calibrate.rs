@@ -2,7 +2,7 @@
 
 use crate::detect::Detection;
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem, Seen, Start};
+use crate::fit::{Fit, OnRound, Problem};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::{Scope, Unknown};
@@ -16,19 +16,18 @@ const ESTIMATE_STREAM: u64 = 2;
 /// Draws behind the quantiles of an estimate.
 const ESTIMATE_DRAWS: usize = 1000;
 
-/// The best fit: from the best of many draws of the prior.
-pub fn best_fit(problem: &Problem<'_>, settings: &Settings, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+/// The best fit: from the best of many draws of the prior, and of `known` points.
+pub fn best_fit(
+    problem: &Problem<'_>,
+    known: Vec<Vec<f64>>,
+    settings: &Settings,
+    on_round: OnRound<'_>,
+) -> Result<Fit, FinderError> {
     let columns = problem.unknowns.columns();
     let mut rng = seed::rng(settings.seed, START_STREAM);
-    let mut points: Vec<Vec<f64>> =
-        (0..settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect()).collect();
-    points[0] = vec![0.5; columns];
-    let starts = points.into_iter().map(|point| Start { point, tracks: problem.measured() }).collect();
-    let mut seen: Vec<Seen> = problem.look(starts, on_round)?.into_iter().flatten().collect();
-    seen.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-    seen.truncate(settings.starts);
-    let best = problem.climb(seen, on_round)?.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
-    best.ok_or_else(|| FinderError::NoFit("no start was left".into()))
+    let draws = (0..settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect());
+    let points = [vec![0.5; columns]].into_iter().chain(known).chain(draws).collect();
+    problem.best_of(points, settings.starts, on_round)
 }
 
 /// How well a fit agrees with the data, before it is tested.

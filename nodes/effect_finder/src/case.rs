@@ -86,7 +86,7 @@ impl Case {
     ///
     /// # Errors
     /// [`FinderError::Drive`] where actions are needed and there are none, [`FinderError::Noise`] where the model's camera
-    /// has no noise to measure a disagreement by.
+    /// has no noise to measure a disagreement by, or [`FinderError::PoseNoise`] where its arm has none and is a prediction.
     pub fn new(
         model: &Model,
         measured: &MeasuredTrack,
@@ -99,6 +99,11 @@ impl Case {
         }
         let kind = model.observation.drive;
         let is_path = kind == DriveKind::Grip;
+        let pose_noise_m = model.arm.pose_noise_m;
+        let is_noise = pose_noise_m > 0.0 && pose_noise_m.is_finite();
+        if !is_path && !is_noise {
+            return Err(FinderError::PoseNoise { got: pose_noise_m });
+        }
         let drive = match kind {
             DriveKind::Grip => Drive::Grip(measured.grip.clone()),
             _ if measured.actions.is_empty() => return Err(FinderError::Drive { episode, drive: kind.name() }),
@@ -121,7 +126,7 @@ impl Case {
             template,
             measured: measured.track.clone(),
             keypoint_sd: noise_px / HALF_MASK_PX,
-            pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
+            pose_sd_m: (!is_path).then_some(model.arm.pose_noise_m),
             correction: Vec::new(),
         })
     }
@@ -148,7 +153,7 @@ impl Case {
             template,
             measured: Track { frames: Vec::new(), end: End::Complete },
             keypoint_sd: model.camera.keypoint_noise_px / HALF_MASK_PX,
-            pose_sd_m: (!is_path).then_some(settings.pose_noise_m),
+            pose_sd_m: (!is_path).then_some(model.arm.pose_noise_m),
             correction: Vec::new(),
         }
     }

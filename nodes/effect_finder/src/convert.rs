@@ -1,25 +1,39 @@
 //! Between wire types and the finder's, and between the simulator's effects and the finder's candidates.
 
 use crate::candidate::Candidate;
+use crate::error::FinderError;
 use crate::find::Progress;
 use crate::verdict::Finding;
 use catenary_core::Model;
+use catenary_core::model::Lacking;
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use simulator_pool::Registry;
+use simulator_pool::effects::About;
 
-/// The effects of `registry` that `model` could lack.
-#[must_use]
-pub fn candidates(registry: &Registry, model: &Model) -> Vec<Candidate> {
-    let open = registry.effects().map(|e| e.about()).filter(|about| Candidate::is_open(about.name, model));
-    let candidate = |about: simulator_pool::effects::About| Candidate {
+/// The effects of `registry` that `model` could lack, but for those that it vetoes, with the odds that it gives them.
+///
+/// # Errors
+/// [`FinderError::UnknownEffect`] where the model speaks of an effect that there is not.
+pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, FinderError> {
+    let Lacking { vetoes, prior_odds } = &model.lacking;
+    let known = || registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", ");
+    let named = vetoes.iter().map(|name| ("vetoes", name)).chain(prior_odds.keys().map(|name| ("prior_odds", name)));
+    for (field, name) in named {
+        if registry.find(name).is_none() {
+            return Err(FinderError::UnknownEffect { field, name: name.clone(), known: known() });
+        }
+    }
+    let is_open = |about: &About| Candidate::is_open(about.name, model) && vetoes.iter().all(|v| v != about.name);
+    let open = registry.effects().map(|e| e.about()).filter(is_open);
+    let candidate = |about: About| Candidate {
         name: about.name.to_owned(),
         title: about.title.to_owned(),
         prior: about.prior,
         range: about.range,
         base: model.parameters.get(about.name).copied().unwrap_or(0.0),
-        odds: 1.0,
+        odds: prior_odds.get(about.name).copied().unwrap_or(1.0),
     };
-    open.map(candidate).collect()
+    Ok(open.map(candidate).collect())
 }
 
 /// How far a search is.

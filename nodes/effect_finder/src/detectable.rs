@@ -2,7 +2,9 @@
 
 use crate::candidate::Candidate;
 use crate::error::FinderError;
-use crate::fit::{Problem, Start};
+use crate::fit::{Fit, Problem, Start};
+use catenary_core::Track;
+use catenary_core::simulator::TrackSensitivities;
 use std::ops::ControlFlow;
 
 /// Quantile of the normal distribution at which a test of 5 % rejects.
@@ -22,32 +24,63 @@ const LEAST: f64 = 1e-4;
 /// # Errors
 /// [`FinderError::NoFit`] where the present model cannot be simulated at `u`.
 pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Result<Option<f64>, FinderError> {
-    let unknowns = problem.unknowns.with(candidate);
-    let with = Problem { unknowns, ..*problem };
-    let column = with.unknowns.columns() - 1;
-    let search = candidate.search();
-    let most = search.bounds().1 - candidate.base;
-    let magnitude = |i: usize| most * LEAST.powf(1.0 - i as f64 / (MAGNITUDES - 1) as f64);
-    let mut squares = Vec::new();
-    for i in 0..MAGNITUDES {
-        let mut point = with.unknowns.point_from(&problem.unknowns, u);
-        point[column] = search.to_unit(candidate.base + magnitude(i)).clamp(0.0, 1.0);
-        let Ok(mut sets) = with.tracks(&[point.as_slice()]) else { break };
-        let Some(measured) = sets.pop() else { break };
+    let tracks = problem.tracks(&[u])?.pop().ok_or_else(|| FinderError::NoFit("no track came".into()))?;
+    // What the present model says at the point, with its derivatives; the residuals of its own tracks are none.
+    let start = Start { point: u.to_vec(), tracks: tracks.clone() };
+    let seen = problem.look(vec![start], &mut || ControlFlow::Continue(()))?;
+    let Some(base) = seen.into_iter().flatten().next().map(|s| s.fit) else { return Ok(None) };
+    let needed = REJECTED_FROM * (2.0 * base.residuals.len().saturating_sub(u.len()).max(1) as f64).sqrt();
+    let worlds = worlds(problem, u, candidate);
+    // If the simulator were linear, from here on the effect would show.
+    let linear = |measured: &[Track]| {
+        let parts = problem.cases.iter().zip(measured).zip(&tracks).map(|((case, measured), own)| {
+            let own = TrackSensitivities { track: own.clone(), derivatives: Vec::new(), changes: Vec::new() };
+            case.compare(measured, &own).0
+        });
+        let mut residuals = base.residuals.clone();
+        parts.flat_map(|r| r.data.as_vec().clone()).enumerate().for_each(|(i, r)| residuals[i] = r);
+        Fit { cost: residuals.norm_squared(), residuals, ..base.clone() }.descended().cost
+    };
+    let Some(first) = worlds.iter().position(|(_, m)| m.as_ref().is_some_and(|m| linear(m) >= needed)) else {
+        return Ok(None);
+    };
+    let mut before: Option<(f64, f64)> = None;
+    for (magnitude, measured) in worlds.into_iter().skip(first.saturating_sub(1)) {
+        let Some(tracks) = measured else { break };
         // The present model's best answer to a data set that has the effect and no noise.
-        let start = Start { point: u.to_vec(), tracks: measured };
-        let seen = problem.look(vec![start], &mut || ControlFlow::Continue(()))?;
-        let Some(fit) = seen.into_iter().flatten().next().map(|s| s.fit.descended()) else { break };
-        let coordinates = fit.residuals.len().saturating_sub(fit.point.len()).max(1) as f64;
-        squares.push(fit.cost);
-        let needed = REJECTED_FROM * (2.0 * coordinates).sqrt();
+        let start = Start { point: u.to_vec(), tracks };
+        let Some(fit) = problem.fit(vec![start], &mut || ControlFlow::Continue(()))?.pop().flatten() else { break };
         if fit.cost >= needed {
-            let Some(before) = i.checked_sub(1).map(|j| squares[j]).filter(|b| *b > 0.0) else {
-                return Ok(Some(magnitude(i)));
-            };
-            let share = (needed / before).ln() / (fit.cost / before).ln();
-            return Ok(Some(magnitude(i - 1) * (magnitude(i) / magnitude(i - 1)).powf(share)));
+            return Ok(Some(match before {
+                Some((smaller, less)) if less > 0.0 => {
+                    smaller * (magnitude / smaller).powf((needed / less).ln() / (fit.cost / less).ln())
+                }
+                _ => magnitude,
+            }));
         }
+        before = Some((magnitude, fit.cost));
     }
     Ok(None)
+}
+
+/// Magnitudes that a search looks at, in increasing order, with the tracks of episodes in which the effect has them; none
+/// where it cannot have.
+fn worlds(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Vec<(f64, Option<Vec<Track>>)> {
+    let with = Problem { unknowns: problem.unknowns.with(candidate), ..*problem };
+    let search = candidate.search();
+    let most = search.bounds().1 - candidate.base;
+    let magnitudes = (0..MAGNITUDES).map(|i| most * LEAST.powf(1.0 - i as f64 / (MAGNITUDES - 1) as f64));
+    let point = |magnitude: &f64| {
+        let mut point = with.unknowns.point_from(&problem.unknowns, u);
+        point[with.unknowns.columns() - 1] = search.to_unit(candidate.base + magnitude).clamp(0.0, 1.0);
+        point
+    };
+    let magnitudes: Vec<f64> = magnitudes.collect();
+    let points: Vec<Vec<f64>> = magnitudes.iter().map(point).collect();
+    let tracks = match with.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>()) {
+        Ok(tracks) => tracks.into_iter().map(Some).collect(),
+        // One that cannot be simulated fails the batch: each is asked for by itself.
+        Err(_) => points.iter().map(|p| with.tracks(&[p.as_slice()]).ok()?.pop()).collect::<Vec<_>>(),
+    };
+    magnitudes.into_iter().zip(tracks).collect()
 }

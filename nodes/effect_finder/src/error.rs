@@ -33,6 +33,22 @@ pub enum FinderError {
         /// The value.
         got: f64,
     },
+    /// An arm without noise, whose path is a prediction.
+    #[error("model: arm.pose_noise_m: expected more than 0, by which a disagreement of the arm is measured, got {got}")]
+    PoseNoise {
+        /// The value.
+        got: f64,
+    },
+    /// The model speaks of an effect that there is not.
+    #[error("model: lacking.{field}: expected effects of the library, {known}; got `{name}`")]
+    UnknownEffect {
+        /// The field.
+        field: &'static str,
+        /// What it names.
+        name: String,
+        /// The effects that there are.
+        known: String,
+    },
     /// The simulator failed at every start of a fit.
     #[error("no start of the fit could be simulated: {0}")]
     NoFit(String),

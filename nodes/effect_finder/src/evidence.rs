@@ -13,10 +13,9 @@ use catenary_core::Prior;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
 
-/// Points of the quadrature over the last magnitude, by quantiles of its prior and about its best value.
-const NODES: usize = 800;
-/// The same over each of the others.
-const OUTER_NODES: usize = 100;
+/// Points of the quadrature over each magnitude by quantiles of its prior, and as many about its best value, where one, two,
+/// or more magnitudes are integrated over.
+const NODES: [usize; 3] = [800, 80, 24];
 /// Reach of the nodes about the best value, in standard deviations.
 const REACH: f64 = 8.0;
 
@@ -74,8 +73,11 @@ impl Quadratic {
 /// Logarithm of the integral of prior times likelihood over the magnitudes of `candidates`, over the likelihood at a cost of
 /// `base`. `cost` is one of their coordinates in the order of `candidates`.
 pub fn log_bayes_factor(candidates: &[Candidate], cost: &Quadratic, base: f64) -> f64 {
+    integral(candidates, cost, base, NODES[candidates.len().clamp(1, NODES.len()) - 1])
+}
+
+fn integral(candidates: &[Candidate], cost: &Quadratic, base: f64, nodes: usize) -> f64 {
     let Some((candidate, rest)) = candidates.split_first() else { return -0.5 * (cost.cost - base) };
-    let nodes = if rest.is_empty() { NODES } else { OUTER_NODES };
     let search = candidate.search();
     let (least, sd) = cost.first();
     let (low, high) = candidate.prior.bounds();
@@ -88,7 +90,7 @@ pub fn log_bayes_factor(candidates: &[Candidate], cost: &Quadratic, base: f64) -
         values.retain(|v| (from..=to).contains(v) && candidate.density(*v) > 0.0);
         values.sort_by(f64::total_cmp);
         let log_weight =
-            |v: &f64| candidate.density(*v).ln() + log_bayes_factor(rest, &cost.with_first(search.to_unit(*v)), base);
+            |v: &f64| candidate.density(*v).ln() + integral(rest, &cost.with_first(search.to_unit(*v)), base, nodes);
         log_area(&values, &values.iter().map(log_weight).collect::<Vec<f64>>())
     };
     let sides: Vec<f64> = candidate.signs().iter().map(side).collect();

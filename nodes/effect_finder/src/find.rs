@@ -8,15 +8,17 @@ use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, OnRound, Problem, Start, presses};
 use crate::hypothesis::{Hypothesis, Trial};
+use crate::laplace::Laplace;
 use crate::localise;
 use crate::name::{Extent, Ranking, groups};
+use crate::outcome::{self, Outcome, Shown};
 use crate::repair::repaired;
 use crate::sentences;
 use crate::separate::separate;
 use crate::settings::Settings;
 use crate::unknowns::Unknowns;
 use crate::verdict::{Finding, Fitness, Verdict};
-use crate::verify::Verifier;
+use crate::verify::{Verification, Verifier};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
 use std::ops::ControlFlow;
@@ -91,8 +93,8 @@ pub struct Question<'a> {
     pub candidates: &'a [Candidate],
 }
 
-/// Finds where the model and the measured episodes disagree, and which candidates explain it. Returns the finding and, where
-/// effects were found, the repaired model. The same arguments give the same bits.
+/// Finds where the model and the measured episodes disagree, and which candidates explain it. The same arguments give the same
+/// bits.
 ///
 /// # Errors
 /// [`FinderError`].
@@ -101,7 +103,7 @@ pub fn find(
     simulator: &dyn DifferentiableSimulator,
     settings: &Settings,
     on_progress: OnProgress<'_>,
-) -> Result<(Finding, Option<Model>), FinderError> {
+) -> Result<Outcome, FinderError> {
     settings.check()?;
     if question.measured.is_empty() {
         return Err(FinderError::NoEpisode);
@@ -137,7 +139,7 @@ fn calibrate(
 ) -> Result<(Vec<Case>, Fit), FinderError> {
     telling.report(Stage::Calibrate, 0.0, None)?;
     let first = problem_of(model, &cases, simulator, settings);
-    let mut fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, settings, on_round))?;
+    let mut fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, Vec::new(), settings, on_round))?;
     for _ in 0..REFINEMENTS {
         let Some(finer) = settings.finer_fidelity else { break };
         cases = problem_of(model, &cases, simulator, settings).refined(&fit.point, finer)?;
@@ -204,7 +206,7 @@ struct Best {
 }
 
 impl Search<'_> {
-    fn run(mut self, fit: Fit) -> Result<(Finding, Option<Model>), FinderError> {
+    fn run(mut self, fit: Fit) -> Result<Outcome, FinderError> {
         let agreement = self.agreement(self.problem, &fit)?;
         self.telling.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
         let pressing = self.pressing(&fit);
@@ -213,22 +215,15 @@ impl Search<'_> {
         let is_gap = present.test.p_value <= self.settings.level;
         self.telling.conclude(Stage::Detect, sentences::detected(&present, is_gap))?;
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
-        let mut finding = Finding::without_gap(present, places, pressing);
-        let mut model = None;
+        let mut outcome =
+            Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
+        let finding = &mut outcome.finding;
         if is_gap {
             self.telling.conclude(Stage::Localise, sentences::located(&finding.places, self.settings.level))?;
-            if self.closes_with_open_priors(&fit, &finding, &detection)? {
+            if self.closes_with_open_priors(&fit, finding, &detection)? {
                 finding.verdict = Verdict::PriorTooNarrow;
-            } else {
-                model = self.explain(fit, &mut finding)?;
             }
         }
-        finding.conclusions = std::mem::take(&mut self.telling.conclusions);
-        Ok((finding, model))
-    }
-
-    /// Names, repairs and verifies; returns the repaired model.
-    fn explain(&mut self, fit: Fit, finding: &mut Finding) -> Result<Option<Model>, FinderError> {
         let yardstick = Yardstick::new(self.problem.cases, &fit)
             .ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
         let base = Hypothesis {
@@ -236,23 +231,41 @@ impl Search<'_> {
             unknowns: self.problem.unknowns.clone(),
             fit,
             evidence: yardstick.evidence().clone(),
+            is_polished: true,
         };
-        let Named { ranking, best } = self.name(&base, &yardstick, finding)?;
+        if is_gap && finding.verdict != Verdict::PriorTooNarrow {
+            self.explain(&base, &yardstick, &mut outcome)?;
+        } else {
+            outcome.shown = self.shown(&base, None)?;
+        }
+        outcome.finding.conclusions = std::mem::take(&mut self.telling.conclusions);
+        Ok(outcome)
+    }
+
+    /// What pictures show of the fitted episodes.
+    fn shown(&self, base: &Hypothesis, best: Option<&Hypothesis>) -> Result<Vec<Shown>, FinderError> {
+        outcome::fitted(self.problem, base, best, &self.question.model.camera.view, self.settings.seed)
+    }
+
+    /// Names, repairs and verifies.
+    fn explain(&mut self, base: &Hypothesis, yardstick: &Yardstick, outcome: &mut Outcome) -> Result<(), FinderError> {
+        let finding = &mut outcome.finding;
+        let Named { ranking, best } = self.name(base, yardstick, finding)?;
         finding.set_ranking(&ranking);
+        outcome.shown = self.shown(base, best.as_ref().map(|b| &b.hypothesis))?;
         let likeliest = |h: &Hypothesis| h.evidence.likeliest().map(|place| yardstick.discrepancies[place]);
         let Some(best) = best else {
             finding.verdict = Verdict::NoneOfThese;
-            finding.discrepancy = likeliest(&base);
-            return Ok(None);
+            finding.discrepancy = likeliest(base);
+            return Ok(());
         };
         let alike = ranking.alike(self.settings);
         let is_left = best.extent == Extent::Part;
         finding.discrepancy = if is_left { likeliest(&best.hypothesis) } else { None };
         finding.repaired = Some(best.fitness.clone());
-        if is_left && !self.is_worth_naming(&base, &best.hypothesis) {
+        if is_left && !self.is_worth_naming(base, &best.hypothesis) {
             finding.verdict = Verdict::NoneOfThese;
-            self.telling.conclude(Stage::Repair, sentences::refused(&best.fitness))?;
-            return Ok(None);
+            return self.telling.conclude(Stage::Repair, sentences::refused(&best.fitness));
         }
         finding.found = groups(&alike);
         finding.verdict = match (alike.len() > 1, is_left) {
@@ -260,7 +273,12 @@ impl Search<'_> {
             (false, true) => Verdict::NamedInPart,
             (false, false) => Verdict::Named,
         };
-        self.verify(&base, &best.hypothesis, &ranking, finding)?;
+        if !self.held_out.is_empty() {
+            let (verification, held_out) = self.verify(base, &best.hypothesis, &ranking)?;
+            outcome.shown.extend(held_out);
+            self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
+            finding.verification = Some(verification);
+        }
         if let [first, second, ..] = alike.as_slice() {
             let (model, problem, settings) = (self.question.model, self.problem, self.settings);
             finding.separation = self
@@ -268,7 +286,21 @@ impl Search<'_> {
                 .in_rounds(Stage::Verify, |on_round| separate(model, problem, [first, second], settings, on_round))?;
             self.telling.conclude(Stage::Verify, sentences::separated(finding.separation.as_ref()))?;
         }
-        Ok(Some(repaired(self.question.model, &best.hypothesis)?))
+        outcome.model = self.repaired(&best.hypothesis, if is_left { Some(yardstick) } else { None })?;
+        Ok(())
+    }
+
+    /// The repaired model. Where something is left, what is known of its parameters is what a smooth error beside the noise, the
+    /// likeliest one, leaves known of them.
+    fn repaired(&self, best: &Hypothesis, left: Option<&Yardstick>) -> Result<Option<Model>, FinderError> {
+        let place = left.and(best.evidence.likeliest());
+        let posterior = match (left, place) {
+            (Some(yardstick), Some(place)) => Laplace::of(&yardstick.whitening(place).of(&best.fit)),
+            _ => Laplace::of(&best.fit),
+        };
+        let posterior =
+            posterior.ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+        Ok(Some(repaired(self.question.model, best, &posterior)?))
     }
 
     /// Models with one effect each, and where the best of them does not close the gap, with more.
@@ -291,9 +323,18 @@ impl Search<'_> {
         let mut tested: Option<Best> = None;
         for effects in 1.. {
             let ranking = Ranking::new(self.problem, base, hypotheses, candidates.len(), self.settings)?;
+            let ranking = self.polish(ranking, base, yardstick)?;
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !t.hypothesis.is_same(&best.candidates));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
+                if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
+                    && !self.shrinks_unseen_gap(&last.hypothesis, hypothesis)?
+                {
+                    let is_small = |h: &Hypothesis| h.candidates.len() <= last.hypothesis.candidates.len();
+                    let left = ranking.hypotheses.into_iter().filter(is_small).collect();
+                    let ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
+                    return Ok(Named { ranking, best: Some(last) });
+                }
                 tested = Some(self.test(hypothesis.clone(), extent, finding, effects)?);
             }
             let is_closed = tested.as_ref().is_some_and(|t| t.extent == Extent::Whole);
@@ -306,6 +347,51 @@ impl Search<'_> {
             hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
         }
         unreachable!("the last round returns")
+    }
+
+    /// Whether a further effect predicts the held-out episodes better; where there are none, it is believed.
+    fn shrinks_unseen_gap(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
+        if self.held_out.is_empty() {
+            return Ok(true);
+        }
+        let camera = &self.question.model.camera.view;
+        let verifier = Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings };
+        let mut rmse_mm = |h: &Hypothesis| {
+            self.telling.in_rounds(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.score.rmse_mm))
+        };
+        let (less_mm, more_mm) = (rmse_mm(less)?, rmse_mm(more)?);
+        let shrinks = more_mm < LEAST_SHRINK * less_mm;
+        if !shrinks {
+            self.telling.conclude(Stage::Verify, sentences::no_better(more, less_mm, more_mm))?;
+        }
+        Ok(shrinks)
+    }
+
+    /// Looks for better fits of the most probable hypotheses elsewhere: with an effect more, the best values of all others may
+    /// lie in another valley.
+    fn polish(
+        &mut self,
+        mut ranking: Ranking,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<Ranking, FinderError> {
+        let (problem, settings) = (self.problem, self.settings);
+        let mut is_better = false;
+        for hypothesis in ranking.hypotheses.iter_mut().take(PARENTS).filter(|h| !h.is_polished) {
+            let own = hypothesis.problem(problem);
+            let known = vec![hypothesis.fit.point.clone()];
+            let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
+            hypothesis.is_polished = true;
+            if found.cost < hypothesis.fit.cost - LEAST_DECREASE
+                && let Some(evidence) = yardstick.of(&hypothesis.candidates, &found)
+            {
+                (hypothesis.fit, hypothesis.evidence, is_better) = (found, evidence, true);
+            }
+        }
+        match is_better {
+            true => Ranking::new(problem, base, ranking.hypotheses, self.question.candidates.len(), settings),
+            false => Ok(ranking),
+        }
     }
 
     /// The hypotheses, and those with an effect more than `effects` that promise most.
@@ -373,31 +459,27 @@ impl Search<'_> {
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
     }
 
+    /// What the repair is worth on the held-out episodes, and what pictures show of them.
     fn verify(
         &mut self,
         base: &Hypothesis,
         best: &Hypothesis,
         ranking: &Ranking,
-        finding: &mut Finding,
-    ) -> Result<(), FinderError> {
-        if self.held_out.is_empty() {
-            return Ok(());
-        }
+    ) -> Result<(Verification, Vec<Shown>), FinderError> {
         self.telling.report(Stage::Verify, 0.0, None)?;
         let alike = ranking.alike(self.settings);
         let is_wrong = |h: &&Hypothesis| {
-            h.candidates.len() == 1
-                && !best.has(&h.candidates[0].name)
-                && alike.iter().all(|a| !a.is_same(&h.candidates))
+            let is_other = alike.iter().all(|a| !a.is_same(&h.candidates));
+            h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
         };
         let wrong = ranking.hypotheses.iter().find(is_wrong);
         let camera = &self.question.model.camera.view;
         let verifier = Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings };
-        let (verification, _) =
+        let (verification, [before, after]) =
             self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, on_round))?;
-        self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
-        finding.verification = Some(verification);
-        Ok(())
+        let draws = before.draws.iter().zip(&after.draws);
+        let shown = self.held_out.iter().zip(draws).map(|(case, (b, a))| Shown::held_out(case, b, a, camera));
+        Ok((verification, shown.collect()))
     }
 
     /// Whether the data are explained where theta's priors are opened, and were not for the priors' edges alone.
@@ -413,13 +495,15 @@ impl Search<'_> {
         let unknowns = self.problem.unknowns.opened();
         let point = unknowns.point_from(&self.problem.unknowns, &fit.point);
         let open = Problem { unknowns, ..*self.problem };
-        let start = Start { point, tracks: self.problem.measured() };
-        let fits = match self.telling.in_rounds(Stage::Localise, |on_round| open.fit(vec![start], on_round)) {
+        let settings = self.settings;
+        let best = match self
+            .telling
+            .in_rounds(Stage::Localise, |on_round| best_fit(&open, vec![point], settings, on_round))
+        {
             // Beyond the edge there may be nothing that can be simulated.
             Err(FinderError::NoFit(_)) => return Ok(false),
             other => other?,
         };
-        let Some(best) = fits.into_iter().flatten().next() else { return Ok(false) };
         let p_value = crate::detect::p_value(best.cost, detection.null.iter().map(|f| f.cost));
         let closes = p_value > self.settings.level;
         if closes {
@@ -428,11 +512,16 @@ impl Search<'_> {
         Ok(closes)
     }
 
-    /// Parameters of theta that press on an edge of their prior.
+    /// Parameters of theta that press on an edge of their prior, or lie so near to one that their values may lie beyond it.
     fn pressing(&self, fit: &Fit) -> Vec<String> {
         let unknowns = &self.problem.unknowns;
-        let (theta, gradient) = (unknowns.list()[..unknowns.theta()].iter().enumerate(), fit.gradient());
-        let at_edge = |column: usize| presses(fit.point[column], gradient[column]);
+        let (gradient, posterior) = (fit.gradient(), Laplace::of(fit));
+        let at_edge = |column: usize| {
+            let u = fit.point[column];
+            let reach = posterior.as_ref().map_or(0.0, |p| NEAR_SDS * p.sd(column)).min(NEAR);
+            presses(u, gradient[column]) || u.min(1.0 - u) < reach
+        };
+        let theta = unknowns.list()[..unknowns.theta()].iter().enumerate();
         theta.filter(|(i, _)| at_edge(unknowns.column(*i, 0))).map(|(_, u)| u.name.clone()).collect()
     }
 
@@ -458,8 +547,15 @@ impl Search<'_> {
     }
 }
 
-/// Models that are extended by an effect more, of all the most probable.
+/// Models that are looked at more closely, of all the most probable.
 const PARENTS: usize = 3;
+/// A value is near an edge of its prior where it lies within as many of its standard deviations, and this share of the prior.
+const NEAR_SDS: f64 = 3.0;
+const NEAR: f64 = 0.1;
+/// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
+const LEAST_SHRINK: f64 = 0.98;
+/// A better fit is one whose cost is less by this: a hundredth of a log Bayes factor.
+const LEAST_DECREASE: f64 = 0.02;
 
 /// Tells how far the search is, `share` of a stage, and returns whether to go on.
 fn told(on_progress: OnProgress<'_>, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {

@@ -16,6 +16,8 @@ const DECREASE: f64 = 0.02;
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
 const GREATEST_DAMPING: f64 = 1e6;
+/// Points that are simulated between two chances to stop.
+const BATCH: usize = 64;
 /// Most rounds of a linear descent: each takes a coordinate to its edge, or ends it.
 const LINEAR_ROUNDS: usize = 50;
 /// A linear descent ends where a round lowers the cost by less than this share of it.
@@ -65,7 +67,7 @@ pub struct Fit {
     pub point: Vec<f64>,
     /// Sum of the squares of the whitened residuals, T.
     pub cost: f64,
-    /// Measured less simulated, in standard deviations of the noise, a row a channel.
+    /// Measured less simulated, in standard deviations of the noise, a row a channel; then a row for each Gaussian prior.
     pub residuals: DVector<f64>,
     /// How the simulated values change with the coordinates, rows as the residuals, in the same unit.
     pub jacobian: DMatrix<f64>,
@@ -179,6 +181,48 @@ impl Problem<'_> {
         self.cases.iter().enumerate().map(one).collect()
     }
 
+    /// The cost of each point beside one data set, without derivatives; infinite where it cannot be simulated.
+    pub fn costs(&self, points: &[Vec<f64>], measured: &[Track]) -> Vec<f64> {
+        let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+        let cost = |tracks: Vec<Track>| -> f64 {
+            let own = |track| TrackSensitivities { track, derivatives: Vec::new(), changes: Vec::new() };
+            let parts = self.cases.iter().zip(measured).zip(tracks);
+            parts.map(|((case, measured), track)| case.compare(measured, &own(track)).0.norm_squared()).sum()
+        };
+        let pull = |p: &[f64]| self.unknowns.pulls(p).iter().map(|(z, ..)| z * z).sum::<f64>();
+        let costs: Vec<f64> = match self.tracks(&at) {
+            Ok(sets) => sets.into_iter().map(cost).collect(),
+            // One point that cannot be simulated fails the batch: each is asked for by itself.
+            Err(_) => at
+                .iter()
+                .map(|p| self.tracks(&[p]).ok().and_then(|mut s| s.pop()).map_or(f64::INFINITY, cost))
+                .collect(),
+        };
+        costs.into_iter().zip(&at).map(|(cost, p)| cost + pull(p)).collect()
+    }
+
+    /// The best fit to the measured tracks, from the best `starts` of the points.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+        let measured = self.measured();
+        let mut ranked: Vec<(f64, Vec<f64>)> = Vec::new();
+        let mut rest = points.into_iter().peekable();
+        while rest.peek().is_some() {
+            let part: Vec<Vec<f64>> = rest.by_ref().take(BATCH).collect();
+            ranked.extend(self.costs(&part, &measured).into_iter().zip(part));
+            if on_round().is_break() {
+                return Err(FinderError::Cancelled("fit"));
+            }
+        }
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(starts);
+        let start = |(_, point)| Start { point, tracks: measured.clone() };
+        let fits = self.fit(ranked.into_iter().map(start).collect(), on_round)?.into_iter().flatten();
+        fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
+    }
+
     /// Fits each data set from its start. None stands for one whose start could not be simulated.
     ///
     /// # Errors
@@ -282,7 +326,13 @@ impl Problem<'_> {
             .zip(episodes)
             .map(|((case, measured), s)| case.compare(measured, s))
             .collect();
-        let rows: usize = parts.iter().map(|p| p.0.len()).sum();
+        let mut pulls = self.unknowns.pulls(point);
+        if self.is_shared_held {
+            // What is held cannot follow its pull.
+            let held = |column: usize| self.unknowns.scope_of(column) == Scope::Shared;
+            pulls.retain(|p| !held(p.1));
+        }
+        let rows: usize = parts.iter().map(|p| p.0.len()).sum::<usize>() + pulls.len();
         let mut residuals = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, self.unknowns.columns());
         let mut from = 0;
@@ -298,6 +348,10 @@ impl Problem<'_> {
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
             from += r.len();
+        }
+        for (i, (pull, column, slope)) in pulls.into_iter().enumerate() {
+            residuals[from + i] = pull;
+            jacobian[(from + i, column)] = slope;
         }
         let cost = residuals.norm_squared();
         let tracks = episodes.iter().map(|s| s.track.clone()).collect();

@@ -6,6 +6,9 @@ use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
 use crate::fit::{Fit, OnRound, Problem, Seen, Start};
 use crate::unknowns::Unknowns;
 
+/// Starts from which an effect is fitted, of all that are looked at those that promise most.
+const STARTS: usize = 2;
+
 /// A model with effects more than the present one, fitted.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
@@ -17,6 +20,8 @@ pub struct Hypothesis {
     pub fit: Fit,
     /// Its evidence over the present model's.
     pub evidence: Evidence,
+    /// Whether its best fit was looked for in the whole support of the priors.
+    pub is_polished: bool,
 }
 
 /// A hypothesis that was looked at where its fit would start.
@@ -91,7 +96,11 @@ impl Hypothesis {
         if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
-        let promise = seen.iter().map(|s| s.fit.clone().descended().cost).fold(f64::INFINITY, f64::min);
+        let mut ranked: Vec<(f64, Seen)> = seen.into_iter().map(|s| (s.fit.clone().descended().cost, s)).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(STARTS);
+        let promise = ranked.first().map_or(f64::INFINITY, |r| r.0);
+        let seen = ranked.into_iter().map(|r| r.1).collect();
         let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
         Ok(Trial { candidates, promise, unknowns, seen })
     }
@@ -119,6 +128,6 @@ impl Trial {
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
         let evidence = yardstick.of(&candidates, &fit);
         let evidence = evidence.ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
-        Ok(Hypothesis { candidates, unknowns, fit, evidence })
+        Ok(Hypothesis { candidates, unknowns, fit, evidence, is_polished: false })
     }
 }

@@ -24,6 +24,7 @@ pub mod localise;
 pub mod name;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod outcome;
 pub mod repair;
 mod sentences;
 pub mod separate;
@@ -37,5 +38,6 @@ pub mod verify;
 pub use candidate::Candidate;
 pub use error::FinderError;
 pub use find::{OnProgress, Progress, Question, Stage, find};
+pub use outcome::Outcome;
 pub use settings::Settings;
 pub use verdict::{Finding, Verdict};

@@ -73,7 +73,7 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
     let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
-    let candidates = convert::candidates(Registry::shipped(), &model);
+    let candidates = convert::candidates(Registry::shipped(), &model)?;
     let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
     let found = find(question, &simulator, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
@@ -85,8 +85,8 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     match found {
         Err(FinderError::Cancelled(_)) => bail!("cancelled"),
         Err(other) => Err(other.into()),
-        Ok((finding, repaired)) => {
-            let text = match repaired {
+        Ok(crate::Outcome { finding, model, .. }) => {
+            let text = match model {
                 Some(model) => model.rewrite(&goal.model_yaml)?,
                 None => goal.model_yaml.clone(),
             };

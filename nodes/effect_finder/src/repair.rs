@@ -2,29 +2,44 @@
 
 use crate::candidate::Candidate;
 use crate::hypothesis::Hypothesis;
+use crate::laplace::Laplace;
+use crate::unknowns::Scope;
 use catenary_core::{Model, ModelError, Parameter, ParameterSpace, Prior};
 
+/// Standard deviation, over the width of the prior, from which on data say no more than the prior: that of a uniform one is 0.29.
+const MOST_SHARE: f64 = 0.2;
 /// How many standard deviations about the value found the prior in the repaired model holds at least.
 const MARGIN: f64 = 4.0;
 
-/// `model` with the hypothesis's effects among the parameters that it infers, each under its own prior, opened where the value
-/// found lies near or beyond its edge. What the model had fixed of them goes.
+/// `model` with the hypothesis's effects among the parameters that it infers. What is known of all of them now is their prior: a
+/// Gaussian of the posterior's mean and standard deviation where `posterior` tells them, within where they could lie
+/// before. What the model had fixed of the effects goes.
 ///
 /// # Errors
 /// [`ModelError`] where the result is no model.
-pub fn repaired(model: &Model, found: &Hypothesis) -> Result<Model, ModelError> {
-    let magnitudes: Vec<(f64, f64)> = (0..found.candidates.len()).map(|i| found.magnitude(i)).collect();
-    with_effects(model, &found.candidates, &magnitudes)
-}
-
-/// `model` with effects whose values and standard deviations are given.
-fn with_effects(model: &Model, candidates: &[Candidate], magnitudes: &[(f64, f64)]) -> Result<Model, ModelError> {
+pub fn repaired(model: &Model, found: &Hypothesis, posterior: &Laplace) -> Result<Model, ModelError> {
     let mut parameters = model.theta.parameters().to_vec();
-    let mut repaired = model.clone();
-    for (candidate, (value, sd)) in candidates.iter().zip(magnitudes) {
-        parameters.push(Parameter { name: candidate.name.clone(), prior: prior(candidate, *value, *sd) });
-        repaired.parameters.remove(&candidate.name);
+    for candidate in &found.candidates {
+        let place = found.candidates.iter().position(|c| c.name == candidate.name).unwrap_or_default();
+        let (value, sd) = found.magnitude(place);
+        parameters.push(Parameter { name: candidate.name.clone(), prior: prior(candidate, value, sd) });
     }
+    let shared = found.unknowns.list().iter().enumerate().filter(|(_, u)| u.scope == Scope::Shared);
+    for (i, unknown) in shared {
+        let column = found.unknowns.column(i, 0);
+        let value = unknown.prior.from_unit(found.fit.point[column]);
+        let share = posterior.sd(column);
+        let parameter = parameters.iter_mut().find(|p| p.name == unknown.name);
+        if let Some(parameter) = parameter.filter(|_| share < MOST_SHARE) {
+            let (low, high) = parameter.prior.bounds();
+            let sd = share * found.unknowns.slope(i, value);
+            parameter.prior = Prior::Normal { mean: value.clamp(low, high), sd, low, high };
+        }
+    }
+    let mut repaired = model.clone();
+    found.candidates.iter().for_each(|c| {
+        repaired.parameters.remove(&c.name);
+    });
     repaired.theta = ParameterSpace::new(parameters).map_err(|e| ModelError::text("theta", e))?;
     Ok(repaired)
 }
@@ -47,6 +62,10 @@ fn prior(candidate: &Candidate, value: f64, sd: f64) -> Prior {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evidence::Evidence;
+    use crate::fit::Fit;
+    use crate::unknowns::Unknowns;
+    use nalgebra::{DMatrix, DVector};
 
     fn model() -> Model {
         Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
@@ -63,12 +82,28 @@ mod tests {
             base: 0.0,
             odds: 1.0,
         };
-        let repaired = with_effects(&model(), &[candidate], &[(0.03, 0.001)]).unwrap();
+        let mut model = model();
+        let unknowns = Unknowns::of(&model, 1).with(&candidate);
+        let mut point = vec![0.5; unknowns.columns()];
+        point[unknowns.columns() - 1] = candidate.search().to_unit(0.03);
+        // The first coordinate and the last are known well, the second not at all.
+        let mut jacobian = DMatrix::zeros(unknowns.columns(), unknowns.columns());
+        (jacobian[(0, 0)], jacobian[(1, unknowns.columns() - 1)]) = (100.0, 120.0);
+        let residuals = DVector::zeros(unknowns.columns());
+        let fit = Fit { point, cost: 0.0, residuals, jacobian, tracks: Vec::new() };
+        let posterior = Laplace::of(&fit).unwrap();
+        let evidence = Evidence { alone: 0.0, with: Vec::new() };
+        let found = Hypothesis { candidates: vec![candidate], unknowns, fit, evidence, is_polished: true };
+        model.parameters.insert("table_height_m".into(), 0.0);
+        let before = model.theta.parameters()[1].clone();
+        let repaired = repaired(&model, &found, &posterior).unwrap();
         assert!(!repaired.parameters.contains_key("table_height_m"), "it was fixed before");
-        let last = repaired.theta.parameters().last().unwrap();
-        assert_eq!(last.name, "table_height_m");
+        let [length, stiffness, last] = repaired.theta.parameters() else { panic!("three") };
+        assert_eq!((last.name.as_str(), stiffness), ("table_height_m", &before));
+        let Prior::Normal { mean, sd, .. } = length.prior else { panic!("{length:?}") };
+        assert!((mean - 0.25).abs() < 1e-9 && (sd - 0.0011).abs() < 1e-5, "{mean} {sd}");
         let (low, high) = last.prior.bounds();
-        assert!(low == -0.02 && (high - 0.034).abs() < 1e-12, "{low} to {high}");
+        assert!(low == -0.02 && (high - 0.034).abs() < 1e-3, "{low} to {high}");
         let text = include_str!("../../../launch_configs/models/soft_bar.yaml");
         let written = repaired.rewrite(text).unwrap();
         assert!(written.contains("# A soft silicone bar"), "the user's words stay");

@@ -103,6 +103,12 @@ pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
 }
 
+/// That a further effect is not believed.
+pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String {
+    let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
+    format!("{last} does not help on unseen episodes, {less_mm:.1} -> {more_mm:.1} mm: it is not added")
+}
+
 /// That the priors are too narrow.
 pub fn narrow(pressing: &[String], p_value: f64) -> String {
     format!("{} at the edge of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))

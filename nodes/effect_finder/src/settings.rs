@@ -16,9 +16,6 @@ pub struct Settings {
     pub null_sets: usize,
     /// Level of the test, and of the localisation's.
     pub level: f64,
-    /// Standard deviation of a measured coordinate of the end effector in m, and per 0.1 m of lever of its pitch; read where
-    /// actions drive the model, and the arm's path is a prediction.
-    pub pose_noise_m: f64,
     /// Log Bayes factor under which two effects are not told apart (3: twenty to one).
     pub least_log_bayes_factor: f64,
     /// Cosine between what two effects change, beyond what parameters can, over which they are not told apart.
@@ -48,11 +45,10 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            draws: 48,
-            starts: 3,
+            draws: 400,
+            starts: 8,
             null_sets: 199,
             level: 0.05,
-            pose_noise_m: 5e-4,
             least_log_bayes_factor: 3.0,
             greatest_cosine: 0.95,
             discrepancy_share: 0.2,
@@ -79,20 +75,14 @@ impl Settings {
             Err(FinderError::Setting { field, expected: expected.to_owned(), got: got.to_string() })
         };
         if self.starts == 0 || self.draws < self.starts {
-            return bad(
-                "draws",
-                "at least as many as starts, and a start",
-                &format!("{} and {}", self.draws, self.starts),
-            );
+            let got = format!("{} and {}", self.draws, self.starts);
+            return bad("draws", "at least as many as starts, and a start", &got);
         }
         if !(self.level > 0.0 && self.level < 1.0) {
             return bad("level", "a number between 0 and 1", &self.level);
         }
         if self.null_sets == 0 || 1.0 / (1.0 + self.null_sets as f64) > self.level {
             return bad("null_sets", "enough for a p-value below the level, 1 / (1 + B)", &self.null_sets);
-        }
-        if !(self.pose_noise_m > 0.0 && self.pose_noise_m.is_finite()) {
-            return bad("pose_noise_m", "a number above 0", &self.pose_noise_m);
         }
         if !(self.greatest_cosine > 0.0 && self.greatest_cosine <= 1.0) {
             return bad("greatest_cosine", "a number above 0, at most 1", &self.greatest_cosine);
@@ -133,9 +123,8 @@ mod tests {
         let base = Settings::default;
         assert!(refusal(Settings { null_sets: 10, ..base() }).contains("`null_sets`"));
         assert!(refusal(Settings { level: 0.0, ..base() }).contains("`level`"));
-        assert!(refusal(Settings { draws: 2, ..base() }).contains("got 2 and 3"));
+        assert!(refusal(Settings { draws: 2, ..base() }).contains("got 2 and 8"));
         assert!(refusal(Settings { further_effect: 1.5, ..base() }).contains("`further_effect`"));
         assert!(refusal(Settings { most_effects: 0, ..base() }).contains("`most_effects`"));
-        assert!(refusal(Settings { pose_noise_m: f64::NAN, ..base() }).contains("`pose_noise_m`"));
     }
 }

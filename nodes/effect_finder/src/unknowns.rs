@@ -19,8 +19,27 @@ pub struct Unknown {
     pub name: String,
     /// Its values: coordinate u from 0 to 1 is the prior's cumulative distribution function.
     pub prior: Prior,
+    /// Mean and standard deviation of a Gaussian prior, whose pull is a row of the residuals of its own; `prior` is then
+    /// uniform on where it may lie.
+    pub gaussian: Option<[f64; 2]>,
     /// Whether it is the same in all episodes.
     pub scope: Scope,
+}
+
+/// Reach of the coordinate of a Gaussian prior, in its standard deviations.
+const REACH: f64 = 6.0;
+
+impl Unknown {
+    fn new(name: &str, prior: Prior, scope: Scope) -> Self {
+        let name = name.to_owned();
+        match prior {
+            Prior::Normal { mean, sd, low, high } => {
+                let prior = Prior::Uniform { low: low.max(mean - REACH * sd), high: high.min(mean + REACH * sd) };
+                Self { name, prior, scope, gaussian: Some([mean, sd]) }
+            }
+            prior => Self { name, prior, scope, gaussian: None },
+        }
+    }
 }
 
 /// The unknowns of E episodes: the model's theta first, then what is drawn anew for each episode, then candidates.
@@ -36,7 +55,7 @@ pub struct Unknowns {
 impl Unknowns {
     /// The unknowns of `episodes` episodes of the model: theta, the effects that it draws, and where the camera stands.
     pub fn of(model: &Model, episodes: usize) -> Self {
-        let unknown = |name: &str, prior, scope| Unknown { name: name.to_owned(), prior, scope };
+        let unknown = |name: &str, prior, scope| Unknown::new(name, prior, scope);
         let mut list: Vec<Unknown> =
             model.theta.parameters().iter().map(|p| unknown(&p.name, p.prior.clone(), Scope::Shared)).collect();
         list.extend(model.effects.iter().map(|e| unknown(&e.name, e.distribution.clone(), Scope::PerEpisode)));
@@ -52,7 +71,7 @@ impl Unknowns {
     #[must_use]
     pub fn with(&self, candidate: &Candidate) -> Self {
         let mut list = self.list.clone();
-        list.push(Unknown { name: candidate.name.clone(), prior: candidate.search(), scope: Scope::Shared });
+        list.push(Unknown::new(&candidate.name, candidate.search(), Scope::Shared));
         Self { list, ..*self }
     }
 
@@ -63,6 +82,7 @@ impl Unknowns {
         let mut list = self.list.clone();
         for unknown in &mut list[..self.theta] {
             let (low, high) = unknown.prior.bounds();
+            unknown.gaussian = None;
             unknown.prior = match unknown.prior {
                 Prior::LogUniform { .. } => {
                     let factor = (high / low).sqrt().max(2.0);
@@ -153,10 +173,31 @@ impl Unknowns {
         before + if self.list[index].scope == Scope::Shared { 0 } else { episode }
     }
 
+    /// The scope of the unknown that `column` belongs to.
+    pub fn scope_of(&self, column: usize) -> Scope {
+        let owner = (0..self.list.len()).rev().find(|&i| self.column(i, 0) <= column);
+        owner.map_or(Scope::Shared, |i| self.list[i].scope)
+    }
+
     /// The values of all unknowns in an episode at the point `u`.
     pub fn values(&self, u: &[f64], episode: usize) -> Vec<f64> {
         let value = |(i, unknown): (usize, &Unknown)| unknown.prior.from_unit(u[self.column(i, episode)]);
         self.list.iter().enumerate().map(value).collect()
+    }
+
+    /// The pull of Gaussian priors at the point `u`: for each, how far the mean lies above the value in standard deviations, the
+    /// column that it pulls, and how the value in standard deviations changes with that coordinate.
+    pub fn pulls(&self, u: &[f64]) -> Vec<(f64, usize, f64)> {
+        let mut pulls = Vec::new();
+        for (i, unknown) in self.list.iter().enumerate() {
+            let Some([mean, sd]) = unknown.gaussian else { continue };
+            for episode in 0..self.width(unknown) {
+                let column = self.column(i, episode);
+                let value = unknown.prior.from_unit(u[column]);
+                pulls.push(((mean - value) / sd, column, unknown.prior.slope(value) / sd));
+            }
+        }
+        pulls
     }
 
     /// How the value of unknown `index`, which is `value`, changes with its coordinate.
@@ -248,6 +289,23 @@ mod tests {
         }
         let opened = base.opened();
         assert!((opened.values(&opened.point_from(&base, &u), 0)[0] - base.values(&u, 0)[0]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_gaussian_prior_pulls_towards_its_mean() {
+        let mut model = model();
+        let mut parameters = model.theta.parameters().to_vec();
+        parameters[0].prior = Prior::Normal { mean: 0.25, sd: 0.004, low: 0.2, high: 0.3 };
+        model.theta = catenary_core::ParameterSpace::new(parameters).unwrap();
+        let unknowns = Unknowns::of(&model, 2);
+        let mut u = vec![0.5; unknowns.columns()];
+        u[0] = unknowns.list()[0].prior.to_unit(0.256);
+        let pulls = unknowns.pulls(&u);
+        assert_eq!((pulls.len(), pulls[0].1), (1, 0));
+        assert!((pulls[0].0 + 1.5).abs() < 1e-9, "{pulls:?}");
+        let width = 2.0 * REACH * 0.004;
+        assert!((pulls[0].2 - width / 0.004).abs() < 1e-9, "{pulls:?}");
+        assert!(unknowns.opened().pulls(&u).is_empty());
     }
 
     #[test]

@@ -10,13 +10,15 @@ use crate::fit::{Fit, OnRound, Problem, Start};
 use crate::hypothesis::Hypothesis;
 use crate::laplace::Laplace;
 use crate::settings::Settings;
-use crate::unknowns::{Scope, Unknowns};
+use crate::unknowns::Scope;
 use catenary_core::{Camera, Track, seed};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-/// Random streams: of predictions, of repeats, of the bootstrap.
-const STREAMS: [u64; 3] = [2001, 2002, 2003];
+/// Random streams: of predictions, of repeats, of the bootstrap, of where fits start.
+const STREAMS: [u64; 4] = [2001, 2002, 2003, 2004];
+/// Draws of what is drawn anew for a held-out episode, from the best of which its fits start.
+const DRAWS: usize = 64;
 /// Predictions behind an energy score.
 const PREDICTIONS: usize = 20;
 /// Repeats behind the floor.
@@ -76,14 +78,15 @@ pub struct Prediction {
     pub tracks: Vec<Track>,
     /// Measured less predicted, by episode and frame.
     pub offsets: Vec<Vec<Offset>>,
-    /// Draws of the prediction with noise, by draw and episode.
+    /// Draws of the prediction with noise, by episode and draw.
     pub draws: Vec<Vec<Track>>,
     /// What they come to.
     pub score: Score,
+    fits: Vec<Fit>,
 }
 
 impl Verifier<'_> {
-    /// Holds the models against each other on the held-out episodes; with what they predict.
+    /// Holds the models against each other on the held-out episodes; with what the first and the second predict.
     ///
     /// # Errors
     /// [`FinderError`] of the simulator, or of a cancelled search.
@@ -94,32 +97,18 @@ impl Verifier<'_> {
         wrong: Option<&Hypothesis>,
         on_round: OnRound<'_>,
     ) -> Result<(Verification, [Prediction; 2]), FinderError> {
-        let refined;
-        let own = match self.settings.finer_fidelity {
-            Some(fidelity) => {
-                let fit = self.fit(before, on_round)?;
-                refined = self.problem_of(before).refined(&fit.point, fidelity)?;
-                Verifier { held_out: &refined, ..*self }
-            }
-            None => Verifier { ..*self },
-        };
-        own.compare(before, after, wrong, on_round)
-    }
-
-    fn compare(
-        &self,
-        before: &Hypothesis,
-        after: &Hypothesis,
-        wrong: Option<&Hypothesis>,
-        on_round: OnRound<'_>,
-    ) -> Result<(Verification, [Prediction; 2]), FinderError> {
-        let first = self.predict(before, on_round)?;
-        let second = self.predict(after, on_round)?;
+        let mut refined = Vec::new();
+        for case in self.held_out {
+            refined.push(self.refined(case, before, on_round)?);
+        }
+        let own = Verifier { held_out: &refined, ..*self };
+        let first = own.predict(before, on_round)?;
+        let second = own.predict(after, on_round)?;
         let wrong_effect = match wrong {
-            Some(wrong) => Some((wrong.names().join(" + "), self.predict(wrong, on_round)?.score)),
+            Some(wrong) => Some((wrong.names().join(" + "), own.predict(wrong, on_round)?.score)),
             None => None,
         };
-        let floor_mm = self.floor(after, on_round)?;
+        let floor_mm = own.floor(after, &second, on_round)?;
         let closed = |before: f64, after: f64| (before - after) / (before - floor_mm).max(f64::MIN_POSITIVE);
         let verification = Verification {
             episodes: self.held_out.len(),
@@ -134,64 +123,79 @@ impl Verifier<'_> {
         Ok((verification, [first, second]))
     }
 
-    fn unknowns(&self, hypothesis: &Hypothesis) -> Unknowns {
-        hypothesis.unknowns.for_episodes(self.held_out.len())
+    /// The problem of one held-out episode: what is shared stays as it is.
+    fn problem_of<'c>(&'c self, hypothesis: &Hypothesis, case: &'c Case) -> Problem<'c> {
+        let unknowns = hypothesis.unknowns.for_episodes(1);
+        Problem { cases: std::slice::from_ref(case), unknowns, is_shared_held: true, ..*self.problem }
     }
 
-    fn problem_of(&self, hypothesis: &Hypothesis) -> Problem<'_> {
-        let unknowns = self.unknowns(hypothesis);
-        Problem { cases: self.held_out, unknowns, is_shared_held: true, ..*self.problem }
+    /// The episode, in which simulated tracks are corrected by a finer simulation of its fit.
+    fn refined(&self, case: &Case, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Case, FinderError> {
+        let Some(finer) = self.settings.finer_fidelity else { return Ok(case.clone()) };
+        let fit = self.fit(case, hypothesis, on_round)?;
+        Ok(self.problem_of(hypothesis, case).refined(&fit.point, finer)?.remove(0))
     }
 
-    /// Fits of what is drawn anew for each episode to `data`.
-    fn fits(
-        &self,
-        hypothesis: &Hypothesis,
-        data: Vec<Vec<Track>>,
-        on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<Fit>>, FinderError> {
-        let problem = self.problem_of(hypothesis);
-        let point = problem.unknowns.shared_from(&hypothesis.unknowns, &hypothesis.fit.point);
-        problem.fit(data.into_iter().map(|tracks| Start { point: point.clone(), tracks }).collect(), on_round)
-    }
-
-    /// The fit of what is drawn anew for each episode to what was measured.
-    fn fit(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
-        let measured = self.held_out.iter().map(|c| c.measured.clone()).collect();
-        let fit = self.fits(hypothesis, vec![measured], on_round)?.into_iter().flatten().next();
-        fit.ok_or_else(|| FinderError::NoFit("a held-out episode cannot be simulated".into()))
-    }
-
-    fn predict(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Prediction, FinderError> {
-        let fit = self.fit(hypothesis, on_round)?;
-        let offsets: Vec<Vec<Offset>> =
-            self.held_out.iter().zip(&fit.tracks).map(|(c, t)| c.offsets_mm(t, self.camera)).collect();
-        let draws = self.draws(hypothesis, &fit, STREAMS[0], PREDICTIONS)?;
-        let energy = |(episode, case): (usize, &Case)| {
-            let tracks: Vec<&Track> = draws.iter().map(|d| &d[episode]).collect();
-            energy_score_mm(&case.measured, &tracks, self.camera)
+    /// The best fit of what is drawn anew for the episode to what was measured.
+    fn fit(&self, case: &Case, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+        let problem = self.problem_of(hypothesis, case);
+        let middle = problem.unknowns.shared_from(&hypothesis.unknowns, &hypothesis.fit.point);
+        let mut rng = seed::rng(self.settings.seed, STREAMS[3]);
+        let mut point = |number: usize| {
+            let mut point = middle.clone();
+            for (i, unknown) in problem.unknowns.list().iter().enumerate() {
+                if number > 0 && unknown.scope == Scope::PerEpisode {
+                    point[problem.unknowns.column(i, 0)] = rng.random();
+                }
+            }
+            point
         };
-        let frames: Vec<f64> = self.held_out.iter().enumerate().flat_map(energy).collect();
-        let score = Score {
-            rmse_mm: rmse_mm(offsets.iter().flatten()),
-            energy_mm: frames.iter().sum::<f64>() / frames.len() as f64,
-        };
-        Ok(Prediction { tracks: fit.tracks, offsets, draws, score })
+        problem.best_of((0..DRAWS).map(&mut point).collect(), self.settings.starts, on_round)
     }
 
-    /// Draws of the predicted episodes with noise: what is shared from its posterior, the rest about its fit.
+    /// What the model says of the held-out episodes.
+    ///
+    /// # Errors
+    /// As [`Verifier::verify`].
+    pub fn predict(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Prediction, FinderError> {
+        let mut prediction = Prediction {
+            tracks: Vec::new(),
+            offsets: Vec::new(),
+            draws: Vec::new(),
+            score: Score { rmse_mm: 0.0, energy_mm: 0.0 },
+            fits: Vec::new(),
+        };
+        let mut energies = Vec::new();
+        for (episode, case) in self.held_out.iter().enumerate() {
+            let fit = self.fit(case, hypothesis, on_round)?;
+            let draws = self.draws(case, hypothesis, &fit, (STREAMS[0], episode), PREDICTIONS)?;
+            energies.extend(energy_score_mm(&case.measured, &draws, self.camera));
+            prediction.offsets.push(case.offsets_mm(&fit.tracks[0], self.camera));
+            prediction.tracks.push(fit.tracks[0].clone());
+            prediction.draws.push(draws);
+            prediction.fits.push(fit);
+        }
+        prediction.score = Score {
+            rmse_mm: rmse_mm(prediction.offsets.iter().flatten()),
+            energy_mm: energies.iter().sum::<f64>() / energies.len() as f64,
+        };
+        Ok(prediction)
+    }
+
+    /// Draws of the predicted episode with noise: what is shared from its posterior, the rest about its fit.
     fn draws(
         &self,
+        case: &Case,
         hypothesis: &Hypothesis,
         held: &Fit,
-        stream: u64,
+        (stream, episode): (u64, usize),
         count: usize,
-    ) -> Result<Vec<Vec<Track>>, FinderError> {
+    ) -> Result<Vec<Track>, FinderError> {
         let no = || FinderError::NoFit("the fit's curvature is no positive matrix".into());
         let shared = Laplace::of(&hypothesis.fit).ok_or_else(no)?;
         let own = Laplace::of(held).ok_or_else(no)?;
-        let problem = self.problem_of(hypothesis);
-        let mut rng = seed::rng(self.settings.seed, stream);
+        let problem = self.problem_of(hypothesis, case);
+        let mut rng = seed::rng(seed::derive(self.settings.seed, stream), episode as u64);
         let mut draw = || {
             let mut point = own.draw(&mut rng);
             let whole = shared.draw(&mut rng);
@@ -204,24 +208,26 @@ impl Verifier<'_> {
         };
         let points: Vec<Vec<f64>> = (0..count).map(|_| draw()).collect();
         let simulated = problem.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>())?;
-        let noisy = |tracks: Vec<Track>| {
-            self.held_out.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut rng)).collect()
-        };
-        Ok(simulated.into_iter().map(noisy).collect())
+        Ok(simulated.iter().map(|tracks| case.measure(&tracks[0], &mut rng)).collect())
     }
 
     /// Root mean square distance that is left of repeats simulated from the model, once they are fitted as the measured ones.
-    fn floor(&self, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<f64, FinderError> {
-        let fit = self.fit(hypothesis, on_round)?;
-        let repeats = self.draws(hypothesis, &fit, STREAMS[1], REPEATS)?;
-        let fits = self.fits(hypothesis, repeats.clone(), on_round)?;
-        let offsets: Vec<Offset> = repeats
-            .iter()
-            .zip(&fits)
-            .filter_map(|(repeat, fit)| Some((repeat, fit.as_ref()?)))
-            .flat_map(|(repeat, fit)| repeat.iter().zip(&fit.tracks))
-            .flat_map(|(measured, simulated)| offsets_mm(measured, simulated, self.camera))
-            .collect();
+    fn floor(
+        &self,
+        hypothesis: &Hypothesis,
+        prediction: &Prediction,
+        on_round: OnRound<'_>,
+    ) -> Result<f64, FinderError> {
+        let mut offsets: Vec<Offset> = Vec::new();
+        for (episode, (case, fit)) in self.held_out.iter().zip(&prediction.fits).enumerate() {
+            let problem = self.problem_of(hypothesis, case);
+            let repeats = self.draws(case, hypothesis, fit, (STREAMS[1], episode), REPEATS)?;
+            let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };
+            let fits = problem.fit(repeats.iter().map(start).collect(), on_round)?;
+            for (repeat, fit) in repeats.iter().zip(fits) {
+                offsets.extend(fit.into_iter().flat_map(|f| offsets_mm(repeat, &f.tracks[0], self.camera)));
+            }
+        }
         Ok(rmse_mm(offsets.iter()))
     }
 
@@ -278,7 +284,7 @@ impl Verifier<'_> {
 }
 
 /// Energy score of each frame: the mean distance of predictions from what was measured, less half of that between them.
-fn energy_score_mm(measured: &Track, predictions: &[&Track], camera: &Camera) -> Vec<f64> {
+fn energy_score_mm(measured: &Track, predictions: &[Track], camera: &Camera) -> Vec<f64> {
     let distance = |o: &Offset| o.map(|o| o.iter().map(|v| v * v).sum::<f64>().sqrt());
     let n = predictions.len() as f64;
     let mut scores = vec![Some(0.0); measured.frames.len()];

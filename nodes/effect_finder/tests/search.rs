@@ -9,7 +9,7 @@ use catenary_core::{
 };
 use effect_finder::case::Quantity;
 use effect_finder::localise::{Part, Place};
-use effect_finder::{Candidate, Finding, Question, Settings, Verdict, convert::candidates, find};
+use effect_finder::{Candidate, Finding, Outcome, Question, Settings, Verdict, convert::candidates, find};
 use rand_distr::{Distribution, StandardNormal};
 use simulator_pool::{BeamSimulator, Registry};
 use std::ops::ControlFlow;
@@ -106,7 +106,7 @@ fn acted(model: &Model, actions: &[[f64; 2]], (effect, value): (&str, f64), numb
 
 /// The candidates of these names.
 fn some(model: &Model, names: &[&str]) -> Vec<Candidate> {
-    let all = candidates(Registry::shipped(), model);
+    let all = candidates(Registry::shipped(), model).unwrap();
     let found: Vec<Candidate> = all.into_iter().filter(|c| names.contains(&c.name.as_str())).collect();
     assert_eq!(found.len(), names.len(), "{names:?}");
     found
@@ -117,20 +117,25 @@ fn names(finding: &Finding) -> Vec<String> {
     finding.found.iter().flatten().cloned().collect()
 }
 
-fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
-    let simulator = BeamSimulator::new(model, 2).unwrap();
+fn find_quickly(question: Question<'_>) -> Outcome {
+    let simulator = BeamSimulator::new(question.model, 2).unwrap();
     let settings = Settings {
         null_sets: 19,
-        draws: 24,
+        draws: 100,
+        starts: 3,
         seed: 4,
         fidelity: Fidelity::Fast,
         finer_fidelity: None,
         ..Settings::default()
     };
-    find(Question { model, measured, held_out: &[], candidates }, &simulator, &settings, &mut |_| {
-        ControlFlow::Continue(())
-    })
-    .unwrap()
+    let outcome = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(outcome.shown.len() >= question.measured.len());
+    outcome
+}
+
+fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
+    let outcome = find_quickly(Question { model, measured, held_out: &[], candidates });
+    (outcome.finding, outcome.model)
 }
 
 #[test]
@@ -181,7 +186,7 @@ fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
     narrow.theta = ParameterSpace::new(parameters).unwrap();
     let candidates = some(&narrow, &["tip_mass_kg", "camera_scale_change"]);
     let (finding, repaired) = search(&narrow, &[episode(&[], 5)], &candidates);
-    assert_eq!((finding.verdict, repaired), (Verdict::PriorTooNarrow, None));
+    assert_eq!((finding.verdict, repaired.is_none()), (Verdict::PriorTooNarrow, true), "{:?}", finding.conclusions);
     assert_eq!(finding.pressing, ["length_m"]);
 }
 
@@ -244,4 +249,55 @@ fn a_camera_without_noise_is_refused() {
     let question = Question { model: &sharp, measured: &measured, held_out: &[], candidates: &[] };
     let refused = find(question, &simulator, &Settings::default(), &mut go_on).unwrap_err();
     assert!(refused.to_string().contains("keypoint_noise_px: expected more than 0"), "{refused}");
+}
+
+#[test]
+fn a_model_says_what_it_does_not_lack_and_what_it_likely_does() {
+    let mut model = model();
+    model.lacking.vetoes = vec!["creep_fraction".into()];
+    model.lacking.prior_odds = [("tip_mass_kg".to_owned(), 5.0)].into();
+    let found = candidates(Registry::shipped(), &model).unwrap();
+    assert!(found.iter().all(|c| c.name != "creep_fraction"));
+    let odds = |name: &str| found.iter().find(|c| c.name == name).unwrap().odds;
+    assert_eq!((odds("tip_mass_kg"), odds("density_change")), (5.0, 1.0));
+    model.lacking.vetoes.push("gremlins".into());
+    let refused = candidates(Registry::shipped(), &model).unwrap_err().to_string();
+    assert!(refused.contains("lacking.vetoes") && refused.contains("`gremlins`"), "{refused}");
+}
+
+/// Two effects that no single one stands for, and an episode that no fit has seen.
+#[test]
+fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
+    let model = model();
+    let candidates = some(&model, &["tip_mass_kg", "camera_tilt_rad", "linear_drag_n_s_m2", "keypoint_bias"]);
+    let hidden = [("tip_mass_kg", 0.005), ("camera_tilt_rad", 0.05)];
+    let [measured, held_out] = [11, 12].map(|number| [episode(&hidden, number)]);
+    let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
+    let outcome = find_quickly(question);
+    let finding = outcome.finding;
+    let mut found = names(&finding);
+    found.sort_unstable();
+    assert_eq!((finding.verdict, found), (Verdict::Named, vec!["camera_tilt_rad".into(), "tip_mass_kg".into()]));
+    assert_eq!(outcome.model.unwrap().theta.dimension(), 4);
+    let v = finding.verification.unwrap();
+    assert!(v.gap_closed > 0.8 && v.interval[0] > 0.6, "{v:?}");
+    assert!(v.after.rmse_mm < 1.3 * v.floor_mm && v.after.energy_mm < v.before.energy_mm, "{v:?}");
+    let (wrong, score) = v.wrong_effect.unwrap();
+    assert!(score.rmse_mm > v.after.rmse_mm, "{wrong} {score:?}");
+    let shown: Vec<bool> = outcome.shown.iter().map(|s| s.is_held_out).collect();
+    assert_eq!(shown, [false, true]);
+}
+
+/// What tells a late camera from a long exposure is told as actions that can be run.
+#[test]
+fn a_group_comes_with_a_motion_that_would_separate_it() {
+    let model = model();
+    let candidates = some(&model, &["frame_delay_s", "exposure_s"]);
+    let (finding, _) = search(&model, &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
+    let separation = finding.separation.unwrap();
+    assert_eq!(separation.actions.len(), model.task.unwrap().steps);
+    assert!(separation.deviations > separation.usual_deviations, "{separation:?}");
+    let mut between = separation.between;
+    between.sort_unstable();
+    assert_eq!(between, ["exposure_s", "frame_delay_s"]);
 }

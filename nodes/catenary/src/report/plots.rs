@@ -1,5 +1,7 @@
 //! The pictures of the report, as SVG text.
 
+pub mod search;
+
 use crate::figures::figures;
 use anyhow::{Result, anyhow};
 use catenary_core::Posterior;
@@ -242,9 +244,13 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 type Root<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 fn draw(paint: impl FnOnce(&Root<'_>) -> Result<()>) -> Result<String> {
+    draw_sized(SIZE, paint)
+}
+
+fn draw_sized(size: (u32, u32), paint: impl FnOnce(&Root<'_>) -> Result<()>) -> Result<String> {
     let mut svg = String::new();
     {
-        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
         root.fill(&WHITE).map_err(plot_error)?;
         paint(&root)?;
         root.present().map_err(plot_error)?;

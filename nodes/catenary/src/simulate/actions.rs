@@ -64,6 +64,12 @@ pub fn read(file: &str, csv: &str) -> Result<Vec<[f64; 2]>, BagError> {
     Ok(actions)
 }
 
+/// Actions as a file that [`read`] reads.
+pub fn written(actions: &[[f64; 2]]) -> String {
+    let rows = actions.iter().map(|[dx, dz]| format!("{dx},{dz}\n"));
+    std::iter::once(format!("{}\n", COLUMNS.join(","))).chain(rows).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

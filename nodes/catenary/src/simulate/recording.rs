@@ -4,8 +4,9 @@ use super::player::{Player, side_view};
 use anyhow::Result;
 use catenary_bag::{BagSummary, BagWriter, TopicId, WriterOptions};
 use catenary_core::camera::Pinhole;
+use catenary_core::model::DriveKind;
 use catenary_core::task::DeltaAnchor;
-use catenary_core::{GripPose, Keypoints, Model, RgbImage};
+use catenary_core::{GripPose, Keypoints, Model, Observation, RgbImage, seed};
 use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
 use catenary_msgs::msg::{
@@ -17,6 +18,8 @@ use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::convert::{anchor_to_msg, grip_pose_to_msg, keypoints_to_msg};
 use catenary_shell::{Time, contract, stamp};
 use panda_bridge::{ArmPose, kinematics};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 use simulator_pool::convert;
 use std::path::Path;
@@ -27,6 +30,10 @@ const EPOCH_NS: i64 = 1_000_000_000;
 const BASE_FRAME: &str = "panda_link0";
 /// Frame of pictures and keypoints.
 const CAMERA_FRAME: &str = "camera_color_optical_frame";
+/// Lever by which the pitch of the hand is measured.
+const POSE_LEVER_M: f64 = 0.1;
+/// Random stream of the noise of poses.
+const NOISE_STREAM: u64 = 0x9053;
 /// Number of the one episode.
 const EPISODE: u32 = 1;
 
@@ -42,11 +49,14 @@ pub struct Facts {
     pub anchor: DeltaAnchor,
     /// The camera as its owner believes to have it: what camera_info and tf tell.
     pub camera: Pinhole,
+    /// Standard deviation of the noise of measured poses, m; 0: none.
+    pub pose_noise_m: f64,
 }
 
 impl Facts {
-    /// Those of an episode of actions, or of one that follows what was measured.
-    pub fn of(model: &Model, acts: bool, seed: u64) -> Self {
+    /// Those of an episode of actions, or of one that follows what was measured; with the model's noise, or without.
+    pub fn of(model: &Model, acts: bool, seed: u64, noise: bool) -> Self {
+        let is_predicted = acts && model.observation.drive != DriveKind::Grip;
         let period_s = model.task.filter(|_| acts).map(|t| t.step_period_s);
         Self {
             policy: if acts { "actions" } else { "recorded" },
@@ -54,6 +64,7 @@ impl Facts {
             step_period_s: period_s.unwrap_or(model.observation.frame_period_s),
             anchor: model.delta_anchor(),
             camera: side_view(&model.camera.view),
+            pose_noise_m: if noise && is_predicted { model.arm.pose_noise_m } else { 0.0 },
         }
     }
 }
@@ -81,6 +92,9 @@ pub struct Recording {
     topics: Topics,
     facts: Facts,
     angles_rad: [f64; kinematics::JOINTS],
+    noise: ChaCha8Rng,
+    /// As it was measured last.
+    grip: GripPose,
     now_ns: i64,
     keypoints_ns: i64,
     actions: u32,
@@ -118,7 +132,19 @@ impl Recording {
         };
         let angles_rad = kinematics::READY_RAD;
         let (now_ns, keypoints_ns, actions, episode_return) = (0, 0, 0, 0.0);
-        let mut recording = Self { bag, topics, facts, angles_rad, now_ns, keypoints_ns, actions, episode_return };
+        let noise = seed::rng(seed::derive(facts.seed, NOISE_STREAM), 0);
+        let mut recording = Self {
+            bag,
+            topics,
+            facts,
+            angles_rad,
+            noise,
+            grip: GripPose::default(),
+            now_ns,
+            keypoints_ns,
+            actions,
+            episode_return,
+        };
         let state = ArmState { mode: ArmState::MODE_TRACKING, success_rate: 1.0, is_sim: true, ..ArmState::default() };
         let state = ArmState { header: recording.header(""), ..state };
         recording.put(recording.topics.arm, &state)?;
@@ -160,7 +186,15 @@ impl Recording {
 
     /// What the arm measures.
     pub fn arm(&mut self, player: &Player<'_>) -> Result<()> {
-        let grip = player.grip();
+        let mut noise = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut self.noise);
+        let sd_m = self.facts.pose_noise_m;
+        let exact = player.grip();
+        let grip = GripPose {
+            x_m: exact.x_m + noise(sd_m),
+            z_m: exact.z_m + noise(sd_m),
+            pitch_rad: exact.pitch_rad + noise(sd_m / POSE_LEVER_M),
+        };
+        self.grip = grip;
         let header = self.header(BASE_FRAME);
         let measured = ArmPose { position_m: [grip.x_m, 0.0, grip.z_m], quaternion_xyzw: grip.quaternion_xyzw() };
         if let Some(angles) = kinematics::inverse(&measured, &self.angles_rad) {
@@ -197,8 +231,9 @@ impl Recording {
         self.put(image, &convert::image(picture, self.header(CAMERA_FRAME)))
     }
 
-    /// Observation `step`, and the reward that came with it.
-    pub fn observation(&mut self, step: usize, values: [f64; 12], reward: Option<f64>) -> Result<()> {
+    /// Observation `step`, with the hand where it was measured last, and the reward that came with it.
+    pub fn observation(&mut self, step: usize, seen: Observation, reward: Option<f64>) -> Result<()> {
+        let values = Observation::new([self.grip.x_m, self.grip.z_m], &seen.dlo(), seen.target()).0;
         self.episode_return += reward.unwrap_or_default();
         let message = ObservationMsg {
             header: self.header(BASE_FRAME),

@@ -117,7 +117,7 @@ impl<'a> Show<'a> {
         self.episode.step(time_s, reward, self.player.is_inside());
         let taken = self.player.act(step);
         let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };
-        recording.observation(step, observation.0, reward)?;
+        recording.observation(step, observation, reward)?;
         match taken {
             Some((target_m, delta_m)) => recording.action(step, delta_m, target_m, self.player.grip()),
             None => Ok(()),

@@ -52,6 +52,7 @@ impl Model {
         not_negative("camera.keypoint_noise_px", self.camera.keypoint_noise_px)?;
         not_negative("camera.position_jitter_m", self.camera.position_jitter_m)?;
         self.check_arm()?;
+        self.check_lacking()?;
         self.task.as_ref().map_or(Ok(()), check_task)
     }
 
@@ -136,10 +137,24 @@ impl Model {
         let (above_zero, at_least_zero) = self.arm.law.constants();
         above_zero.into_iter().try_for_each(|(field, v)| positive(field, v))?;
         at_least_zero.into_iter().try_for_each(|(field, v)| not_negative(field, v))?;
+        not_negative("arm.pose_noise_m", self.arm.pose_noise_m)?;
         let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
         finite("arm.start.x_m", x_m)?;
         finite("arm.start.z_m", z_m)?;
         finite("arm.start.pitch_rad", pitch_rad)
+    }
+}
+
+impl Model {
+    fn check_lacking(&self) -> Result<(), ModelError> {
+        for (name, odds) in &self.lacking.prior_odds {
+            let field = format!("lacking.prior_odds.{name}");
+            positive(&field, *odds)?;
+            if self.lacking.vetoes.contains(name) {
+                return Err(ModelError::value(field, "none, as the effect is vetoed", odds));
+            }
+        }
+        Ok(())
     }
 }
 

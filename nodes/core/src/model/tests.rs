@@ -296,6 +296,7 @@ prop_compose! {
             arm: Arm {
                 law: ArmLaw::Lag { time_constant_s: lengths[9], max_speed_m_s: lengths[10] },
                 start: GripPose { x_m: angles[3], z_m: angles[4], pitch_rad: angles[5] },
+                pose_noise_m: lengths[3],
             },
             task: task.map(|(steps, measured)| Task {
                 steps,
@@ -306,6 +307,10 @@ prop_compose! {
                 target_jitter_m: lengths[0],
                 success_reward: angles[2],
             }),
+            lacking: match nominal {
+                Some(u) => Lacking { vetoes: vec![names[5].clone()], prior_odds: [(names[4].clone(), 0.1 + u)].into() },
+                None => Lacking::default(),
+            },
         }
     }
 }

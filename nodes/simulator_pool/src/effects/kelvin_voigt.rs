@@ -14,7 +14,7 @@ impl Effect for KelvinVoigt {
             description: "retardation time: larger damps bending and stretching more",
             unit: "s",
             hook: Hook::Material,
-            prior: log_uniform(1e-3, 0.1),
+            prior: log_uniform(1e-3, 1.0),
             range: [0.0, 10.0],
         }
     }

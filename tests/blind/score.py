@@ -1,0 +1,227 @@
+"""Opens the sealed answers, checks their seals, and holds the findings against them: a table, and pictures.
+
+    source .venv/ros.env; .venv/bin/python tests/blind/score.py --out DIR [--json]
+
+Writes DIR/score.json, and DIR/score.png with the confusion matrix, the power, the null worlds' p-values and the calibration of
+the probabilities.
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import pathlib
+import sys
+
+import numpy
+
+# Standard normal quantile of a two-sided interval of 95 %.
+Z = 1.959964
+BINS = 10
+NAMED = ("named", "named_in_part", "cannot_tell_apart")
+
+
+def wilson(successes, trials):
+    """Wilson's interval of 95 % of a share (1927)."""
+    if trials == 0:
+        return [0.0, 1.0]
+    share, square = successes / trials, Z * Z / trials
+    middle, half = share + square / 2, Z * math.sqrt(share * (1 - share) / trials + square / (4 * trials))
+    # At no or all successes an end is 0 or 1 but for rounding.
+    return [max(0.0, (middle - half) / (1 + square)), min(1.0, (middle + half) / (1 + square))]
+
+
+def kolmogorov_p(values):
+    """p-value of uniformity on 0 to 1 after Kolmogorov and Smirnov, with Stephens' correction for small numbers."""
+    n = len(values)
+    if n == 0:
+        return 1.0
+    ordered = numpy.sort(values)
+    places = numpy.arange(n)
+    distance = max(numpy.max((places + 1) / n - ordered), numpy.max(ordered - places / n))
+    scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
+    if scaled < 0.2:
+        return 1.0
+    return float(min(1.0, max(0.0, 2 * sum((-1) ** (k - 1) * math.exp(-2 * (k * scaled) ** 2) for k in range(1, 101)))))
+
+
+def spread(p_values, null_sets):
+    """p-values of a test by simulation come in steps of 1 / (1 + B): spread evenly over their step they are uniform on 0 to 1."""
+    rng = numpy.random.default_rng(0)
+    step = 1.0 / (1 + null_sets)
+    return [p - step * rng.uniform() for p in p_values]
+
+
+def opened(folder):
+    """(answer, finding) of each world that was searched; a broken seal ends everything."""
+    seals = dict(line.split()[::-1] for line in (folder / "seals.txt").read_text().splitlines())
+    pairs = []
+    for name, seal in sorted(seals.items()):
+        text = (folder / "sealed" / name).read_bytes()
+        if hashlib.sha256(text).hexdigest() != seal:
+            sys.exit(f"{folder / 'sealed' / name}: is not what was sealed")
+        verdict = folder / "found" / pathlib.Path(name).stem / "verdict.json"
+        if verdict.exists():
+            pairs.append((json.loads(text), json.loads(verdict.read_text())))
+    return pairs
+
+
+def ranks_of(finding):
+    """Names of the effects that were looked at, the most probable first."""
+    return [p["name"] for p in finding["presence"]]
+
+
+def row_of(answer, finding):
+    """How the finding fares against one hidden effect, or several."""
+    hidden, found = set(answer["hidden"]), finding["found"]
+    first = {alike[0] for alike in found}
+    groups = [{part for one in alike for part in one.split(" + ")} for alike in found]
+    named = finding["verdict"] in NAMED
+    check = finding["verification"]
+    return {
+        "kind": answer["kind"],
+        "size": answer["size"],
+        "hidden": sorted(hidden),
+        "drive": answer["drive"],
+        "verdict": finding["verdict"],
+        "found": found,
+        "p": finding["present"]["test"]["p_value"],
+        "null_sets": len(finding["present"]["test"]["null"]),
+        "detected": finding["verdict"] != "no_gap",
+        "top_1": named and first == hidden,
+        "top_3": bool(hidden) and hidden <= set(ranks_of(finding)[: 2 + len(hidden)]),
+        # All that was hidden is among what cannot be told apart, and there is no effect too many.
+        "group": named and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
+        "closed": check["gap_closed"] if check else None,
+        "wall_s": finding["wall_s"],
+        "probabilities": [(p["probability"], p["name"] in hidden) for p in finding["presence"]],
+    }
+
+
+def calibration(rows):
+    """Expected calibration error of the probabilities of presence, weighted by how many lie in each bin, and the bins. What
+    nobody would call possible is left out: thousands of effects at 0 would hide all else."""
+    pairs = [pair for row in rows if row["kind"] != "none" for pair in row["probabilities"] if pair[0] > 0.01]
+    if not pairs:
+        return None, []
+    said, true = numpy.array([p for p, _ in pairs]), numpy.array([float(t) for _, t in pairs])
+    place = numpy.minimum((said * BINS).astype(int), BINS - 1)
+    bins = [(said[place == b].mean(), true[place == b].mean(), int((place == b).sum())) for b in range(BINS) if (place == b).any()]
+    return float(sum(n * abs(s - t) for s, t, n in bins) / len(pairs)), bins
+
+
+def share(rows, key):
+    """Share of rows with its interval, and their number."""
+    hits = sum(bool(row[key]) for row in rows)
+    return {"share": hits / len(rows) if rows else None, "interval": wilson(hits, len(rows)), "of": len(rows)}
+
+
+def summary(rows):
+    nulls = [row for row in rows if row["kind"] == "none"]
+    effects = [row for row in rows if row["kind"] == "effect"]
+    of = lambda **wanted: [row for row in rows if all(row[k] == v for k, v in wanted.items())]
+    sizes = sorted({row["size"] for row in effects})
+    error, bins = calibration(rows)
+    closed = lambda some: [row["closed"] for row in some if row["closed"] is not None]
+    median = lambda values: float(numpy.median(values)) if values else None
+    unlisted = of(kind="unlisted")
+    for row in unlisted:
+        row["none_of_these"] = row["verdict"] == "none_of_these"
+    by_effect = {}
+    for name in sorted({row["hidden"][0] for row in effects}):
+        own = [row for row in effects if row["hidden"] == [name]]
+        by_effect[name] = {str(size): {key: share([r for r in own if r["size"] == size], key) for key in ("detected", "top_1", "top_3", "group")} for size in sizes}
+    return {
+        "worlds": len(rows),
+        "false_alarms": share(nulls, "detected"),
+        "p_uniform": kolmogorov_p(spread([row["p"] for row in nulls], nulls[0]["null_sets"])) if nulls else None,
+        "sizes": {str(s): {key: share([r for r in effects if r["size"] == s], key) for key in ("detected", "top_1", "top_3", "group")} for s in sizes},
+        "effects": by_effect,
+        "pairs": {key: share(of(kind="pair"), key) for key in ("detected", "top_1", "group")},
+        "none_of_these": share(unlisted, "none_of_these"),
+        "calibration_error": error,
+        "bins": bins,
+        "gap_closed": {str(s): median(closed([r for r in effects if r["size"] == s])) for s in sizes},
+        "wall_s": float(numpy.mean([row["wall_s"] for row in rows])) if rows else None,
+    }
+
+
+def text(found):
+    percent = lambda s: "-" if s["share"] is None else f"{s['share']:.0%} of {s['of']} ({s['interval'][0]:.0%} to {s['interval'][1]:.0%})"
+    lines = [f"false alarms  {percent(found['false_alarms'])}, p-values uniform: p = {found['p_uniform']}"]
+    for size, row in found["sizes"].items():
+        lines.append(f"{size} x  detected {percent(row['detected'])}, top-1 {percent(row['top_1'])}, top-3 {percent(row['top_3'])}, group {percent(row['group'])}, gap closed {found['gap_closed'][size]}")
+    lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
+    lines.append(f"none of these  {percent(found['none_of_these'])}")
+    lines.append(f"calibration error  {found['calibration_error']}")
+    for name, sizes in found["effects"].items():
+        cells = (f"{size} x: {row['detected']['share']:.0%} {row['top_1']['share']:.0%} {row['group']['share']:.0%}" for size, row in sizes.items() if row["top_1"]["of"])
+        lines.append(f"{name:<26} detected, top-1, group  " + "   ".join(cells))
+    lines.append(f"{found['worlds']} worlds, {found['wall_s']:.0f} s each")
+    return "\n".join(lines)
+
+
+def draw(rows, found, path):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plot
+
+    figure, axes = plot.subplots(2, 2, figsize=(16, 14), layout="constrained")
+    confusion(axes[0][0], rows)
+    for name, sizes in found["effects"].items():
+        points = [(float(s), row["detected"]["share"]) for s, row in sizes.items() if row["detected"]["of"]]
+        axes[0][1].plot(*zip(*points), color="0.8", lw=1)
+    shares = [(float(s), row["detected"]["share"], row["group"]["share"]) for s, row in found["sizes"].items()]
+    if shares:
+        x, power, named = zip(*shares)
+        axes[0][1].plot(x, power, "o-", label="detected")
+        axes[0][1].plot(x, named, "s-", label="named, groups counting as theirs")
+    axes[0][1].set(xlabel="magnitude, detectable sizes", ylabel="share of worlds", ylim=(-0.02, 1.02), title="power")
+    axes[0][1].legend()
+    p = numpy.sort([row["p"] for row in rows if row["kind"] == "none"])
+    axes[1][0].plot((numpy.arange(len(p)) + 0.5) / max(len(p), 1), p, ".")
+    axes[1][0].plot([0, 1], [0, 1], color="0.6")
+    axes[1][0].set(xlabel="quantile of the uniform distribution", ylabel="p-value", title="worlds without an effect")
+    if found["bins"]:
+        said, true, n = zip(*found["bins"])
+        axes[1][1].scatter(said, true, s=[10 + 4 * k for k in n])
+    axes[1][1].plot([0, 1], [0, 1], color="0.6")
+    axes[1][1].set(xlabel="probability said", ylabel="share that is present", title="calibration")
+    figure.savefig(path, dpi=80)
+
+
+def confusion(axes, rows):
+    """Hidden effect by what was named, at the greatest size."""
+    effects = [row for row in rows if row["kind"] in ("effect", "unlisted", "none")]
+    most = max((row["size"] for row in effects), default=0)
+    effects = [row for row in effects if row["size"] in (0.0, most)]
+    hidden = sorted({" ".join(row["hidden"]) or "nothing" for row in effects})
+    said = sorted({what_of(row) for row in effects})
+    table = numpy.zeros((len(hidden), len(said)))
+    for row in effects:
+        table[hidden.index(" ".join(row["hidden"]) or "nothing"), said.index(what_of(row))] += 1
+    axes.imshow(table / numpy.maximum(table.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1)
+    axes.set_xticks(range(len(said)), said, rotation=90, fontsize=7)
+    axes.set_yticks(range(len(hidden)), hidden, fontsize=7)
+    axes.set_title(f"hidden (rows) and named (columns), {most:g} x")
+
+
+def what_of(row):
+    return " + ".join(alike[0] for alike in row["found"]) or row["verdict"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=pathlib.Path, required=True)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    rows = [row_of(*pair) for pair in opened(arguments.out)]
+    found = summary(rows)
+    (arguments.out / "score.json").write_text(json.dumps({"summary": found, "rows": rows}))
+    draw(rows, found, arguments.out / "score.png")
+    print(json.dumps(found) if arguments.json else text(found))
+
+
+if __name__ == "__main__":
+    main()
