@@ -1,6 +1,6 @@
 """Draws worlds with a hidden effect, or without, and seals what was drawn.
 
-    source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
+    source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--effects NAMES] [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
 
 Each world is a folder of DIR/worlds with the bags of some episodes, which hold topics and nothing else, and the model that a lab
 would begin with. They are simulated at the finer `reference` fidelity, by another arm than the model's where the model follows the
@@ -66,6 +66,8 @@ def write_actions(path, rows):
 def plan(arguments, effects):
     """What each world hides: a list of (kind, size, names)."""
     offered = [e["name"] for e in effects if e["name"] not in NEVER]
+    if arguments.effects:
+        offered = [name for name in offered if name in arguments.effects.split(",")]
     sizes = [float(s) for s in arguments.sizes.split(",")]
     kinds = [("none", 0.0, [])] * arguments.nulls
     kinds += [("effect", size, [name]) for name in offered for size in sizes for _ in range(arguments.each)]
@@ -153,6 +155,7 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True)
     parser.add_argument("--nulls", type=int, default=100, help="worlds without an effect")
     parser.add_argument("--each", type=int, default=20, help="worlds of each effect and size")
+    parser.add_argument("--effects", default="", help="names of effects, separated by commas; none: all")
     parser.add_argument("--sizes", default="0.5,1,3", help="in detectable sizes")
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--unlisted", type=int, default=20, help="worlds of each effect that no search offers")

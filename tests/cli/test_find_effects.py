@@ -15,7 +15,8 @@ ACTIONS = ROOT / "launch_configs/models/gallery.csv"
 
 def simulate(folder, *arguments):
     """A bag with an episode of the soft bar, measured with noise."""
-    command = [PROGRAM, "simulate", "--model", MODEL, "--actions", ACTIONS, "--noise", "--seed", "3", "--out", folder / "bag", *arguments]
+    folder.mkdir(exist_ok=True)
+    command = [PROGRAM, "simulate", "--model", MODEL, "--actions", ACTIONS, "--noise", "--out", folder / "bag", *(arguments or ("--seed", "3"))]
     subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=120)
     return folder / "bag"
 
@@ -40,7 +41,28 @@ def test_a_model_that_explains_its_own_episode_has_no_gap(bag, tmp_path):
     assert done.stderr.count("\n") >= 2 and "detect: what is left is noise" in done.stderr
     assert (tmp_path / "found/model.yaml").read_text() == MODEL.read_text()
     page = (tmp_path / "found/report/index.html").read_text()
-    assert "no_gap" in page and page.count("<svg") == 1
+    # The null sets, keypoints with what is predicted, and the parts of the data.
+    assert "no_gap" in page and page.count("<svg") == 3
+
+
+def test_a_hidden_mass_is_named_and_verified_on_an_unseen_episode(tmp_path):
+    bags = [simulate(tmp_path / name, "--effect", "tip_mass_kg=0.006", "--seed", seed) for name, seed in (("fitted", 5), ("unseen", 6))]
+    done = subprocess.run(command(bags[0], tmp_path / "found", "--verify", bags[1], "--json"), capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert ["tip_mass_kg"] in [alike[:1] for alike in said["found"]], said["conclusions"]
+    check = said["verification"]
+    assert check["after"]["rmse_mm"] < check["before"]["rmse_mm"] and said["held_out"] == [{"bag": str(bags[1]), "number": 1}]
+    assert "tip_mass_kg" in (tmp_path / "found/model.yaml").read_text()
+    page = (tmp_path / "found/report/index.html").read_text()
+    assert all(words in page for words in ("noise floor", "held-out episode 0", "what explains it")), page[:500]
+    assert "unseen episodes" in done.stderr
+
+
+def test_vetoes_and_odds_are_read_from_the_model(bag, tmp_path):
+    model = tmp_path / "model.yaml"
+    model.write_text(MODEL.read_text() + "lacking:\n  vetoes: [gremlins]\n")
+    assert "lacking.vetoes" in refusal(bag, tmp_path / "a", model=model) and "gremlins" in refusal(bag, tmp_path / "a", model=model)
 
 
 def test_ctrl_c_ends_a_search(bag, tmp_path):

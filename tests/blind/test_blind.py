@@ -1,0 +1,65 @@
+"""The blind test in small: worlds are drawn and sealed, searched, and scored, each by a program of its own."""
+
+import json
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import numpy
+import pytest
+import score
+
+HERE = pathlib.Path(__file__).parent
+
+
+def run(name, *arguments):
+    return subprocess.run([sys.executable, HERE / name, *map(str, arguments)], capture_output=True, text=True, timeout=900)
+
+
+@pytest.fixture(scope="module")
+def worlds(tmp_path_factory):
+    """One world without an effect and one of each of two, at three detectable sizes; searched."""
+    folder = tmp_path_factory.mktemp("blind")
+    drawing = ("--nulls", 1, "--each", 1, "--effects", "tip_mass_kg,camera_tilt_rad", "--sizes", 3, "--pairs", 0, "--unlisted", 0)
+    for name, arguments in (("draw.py", drawing), ("find.py", ("--null-sets", 19))):
+        done = run(name, "--out", folder, *arguments)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_bags_hold_topics_and_no_answer(worlds):
+    for world in (worlds / "worlds").iterdir():
+        assert sorted(p.name for p in world.iterdir()) == ["bag_0", "bag_1", "model.yaml"]
+        answer = json.loads((worlds / "sealed" / f"{world.name}.json").read_text())
+        told = (world / "model.yaml").read_text()
+        assert all(name not in told for name in answer["hidden"])
+
+
+def test_hidden_effects_are_named_and_nothing_is_where_nothing_was_hidden(worlds):
+    done = run("score.py", "--out", worlds, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["worlds"] == 3 and found["false_alarms"]["share"] == 0.0
+    assert found["sizes"]["3.0"]["detected"]["share"] == 1.0 and found["sizes"]["3.0"]["group"]["share"] == 1.0, found
+    assert found["gap_closed"]["3.0"] > 0.6
+    assert (worlds / "score.png").stat().st_size > 10_000
+
+
+def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(worlds, copy, ignore=shutil.ignore_patterns("bag_*"))
+    answer = next((copy / "sealed").iterdir())
+    answer.write_text(answer.read_text().replace("seven", "eight") + " ")
+    done = run("score.py", "--out", copy)
+    assert done.returncode != 0 and "is not what was sealed" in done.stderr
+
+
+def test_figures_of_the_score_have_closed_forms():
+    low, high = score.wilson(5, 100)
+    assert abs(low - 0.0215) < 5e-4 and abs(high - 0.1118) < 5e-4
+    assert score.wilson(0, 10)[0] == 0.0 and score.wilson(0, 0) == [0.0, 1.0]
+    even = (numpy.arange(100) + 0.5) / 100
+    assert score.kolmogorov_p(even) > 0.99 and score.kolmogorov_p(even**2) < 1e-4
+    row = {"kind": "effect", "probabilities": [(0.9, True)] * 9 + [(0.9, False)]}
+    assert score.calibration([row])[0] < 1e-9
