@@ -53,8 +53,7 @@ impl Agreement {
 }
 
 fn estimates(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Result<Vec<Estimate>, FinderError> {
-    let posterior =
-        Laplace::of(fit).ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+    let posterior = Laplace::of(fit).ok_or_else(FinderError::curvature)?;
     let mut rng = seed::rng(settings.seed, ESTIMATE_STREAM);
     let draws: Vec<Vec<f64>> =
         (0..ESTIMATE_DRAWS).map(|_| problem.unknowns.values(&posterior.draw(&mut rng), 0)).collect();

@@ -82,8 +82,7 @@ pub fn detect(
     stream: u64,
     on_round: OnRound<'_>,
 ) -> Result<Detection, FinderError> {
-    let posterior =
-        Laplace::of(fit).ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+    let posterior = Laplace::of(fit).ok_or_else(FinderError::curvature)?;
     let seeds = seed::derive(settings.seed, STREAM + stream);
     let mut null: Vec<Residue> = Vec::new();
     let mut refusal = String::new();
@@ -121,16 +120,8 @@ fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64, first: u64, 
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
         Start { point: points[b].clone(), tracks: measured }
     };
-    let sets = match problem.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>()) {
-        Ok(sets) => sets.into_iter().enumerate().collect(),
-        // One point that cannot be simulated fails the batch: each is asked for by itself.
-        Err(_) => {
-            let alone = |b: usize| problem.tracks(&[points[b].as_slice()]).map_err(|e| *refusal = e.to_string()).ok();
-            let one = |(b, sets): (usize, Option<Vec<Vec<Track>>>)| Some((b, sets?.pop()?));
-            (0..points.len()).map(alone).enumerate().filter_map(one).collect::<Vec<_>>()
-        }
-    };
-    sets.into_iter().map(|(b, tracks)| set(b, tracks)).collect()
+    let each = problem.tracks_each(points).into_iter().enumerate();
+    each.filter_map(|(b, tracks)| Some(set(b, tracks.map_err(|e| *refusal = e.to_string()).ok()?))).collect()
 }
 
 #[cfg(test)]

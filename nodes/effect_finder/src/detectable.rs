@@ -77,10 +77,6 @@ fn worlds(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Vec<(f64, 
     };
     let magnitudes: Vec<f64> = magnitudes.collect();
     let points: Vec<Vec<f64>> = magnitudes.iter().map(point).collect();
-    let tracks = match with.tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>()) {
-        Ok(tracks) => tracks.into_iter().map(Some).collect(),
-        // One that cannot be simulated fails the batch: each is asked for by itself.
-        Err(_) => points.iter().map(|p| with.tracks(&[p.as_slice()]).ok()?.pop()).collect::<Vec<_>>(),
-    };
+    let tracks = with.tracks_each(&points).into_iter().map(Result::ok);
     magnitudes.into_iter().zip(tracks).collect()
 }

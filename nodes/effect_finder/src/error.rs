@@ -72,3 +72,10 @@ pub enum FinderError {
     #[error("the search was cancelled while it was to {0}")]
     Cancelled(&'static str),
 }
+
+impl FinderError {
+    /// That a fit has no posterior, as what it rests on is no positive matrix.
+    pub(crate) fn curvature() -> Self {
+        Self::NoFit("the fit's curvature is no positive matrix".into())
+    }
+}

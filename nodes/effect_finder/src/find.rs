@@ -205,7 +205,7 @@ struct Best {
     fitness: Fitness,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     fn run(mut self, fit: Fit) -> Result<Outcome, FinderError> {
         let agreement = self.agreement(self.problem, &fit)?;
         self.telling.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
@@ -224,8 +224,7 @@ impl Search<'_> {
                 finding.verdict = Verdict::PriorTooNarrow;
             }
         }
-        let yardstick = Yardstick::new(self.problem.cases, &fit)
-            .ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+        let yardstick = Yardstick::new(self.problem.cases, &fit).ok_or_else(FinderError::curvature)?;
         let base = Hypothesis {
             candidates: Vec::new(),
             unknowns: self.problem.unknowns.clone(),
@@ -298,8 +297,7 @@ impl Search<'_> {
             (Some(yardstick), Some(place)) => Laplace::of(&yardstick.whitening(place).of(&best.fit)),
             _ => Laplace::of(&best.fit),
         };
-        let posterior =
-            posterior.ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+        let posterior = posterior.ok_or_else(FinderError::curvature)?;
         Ok(Some(repaired(self.question.model, best, &posterior)?))
     }
 
@@ -349,13 +347,17 @@ impl Search<'_> {
         unreachable!("the last round returns")
     }
 
+    fn verifier(&self) -> Verifier<'a> {
+        let camera = &self.question.model.camera.view;
+        Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
+    }
+
     /// Whether a further effect predicts the held-out episodes better; where there are none, it is believed.
     fn shrinks_unseen_gap(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
         if self.held_out.is_empty() {
             return Ok(true);
         }
-        let camera = &self.question.model.camera.view;
-        let verifier = Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings };
+        let verifier = self.verifier();
         let mut rmse_mm = |h: &Hypothesis| {
             self.telling.in_rounds(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.score.rmse_mm))
         };
@@ -473,8 +475,7 @@ impl Search<'_> {
             h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
         };
         let wrong = ranking.hypotheses.iter().find(is_wrong);
-        let camera = &self.question.model.camera.view;
-        let verifier = Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings };
+        let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);
         let (verification, [before, after]) =
             self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, on_round))?;
         let draws = before.draws.iter().zip(&after.draws);

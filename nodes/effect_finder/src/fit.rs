@@ -181,24 +181,27 @@ impl Problem<'_> {
         self.cases.iter().enumerate().map(one).collect()
     }
 
+    /// The same of each point by itself: one that cannot be simulated fails a batch, and costs no other its tracks here.
+    pub fn tracks_each(&self, points: &[Vec<f64>]) -> Vec<Result<Vec<Track>, SimulatorError>> {
+        let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+        let none = || SimulatorError::Backend("expected a track, got none".into());
+        let alone = |p: &&[f64]| self.tracks(&[p])?.pop().ok_or_else(none);
+        match self.tracks(&at) {
+            Ok(sets) => sets.into_iter().map(Ok).collect(),
+            Err(_) => at.iter().map(alone).collect(),
+        }
+    }
+
     /// The cost of each point beside one data set, without derivatives; infinite where it cannot be simulated.
     pub fn costs(&self, points: &[Vec<f64>], measured: &[Track]) -> Vec<f64> {
-        let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
         let cost = |tracks: Vec<Track>| -> f64 {
             let own = |track| TrackSensitivities { track, derivatives: Vec::new(), changes: Vec::new() };
             let parts = self.cases.iter().zip(measured).zip(tracks);
             parts.map(|((case, measured), track)| case.compare(measured, &own(track)).0.norm_squared()).sum()
         };
         let pull = |p: &[f64]| self.unknowns.pulls(p).iter().map(|(z, ..)| z * z).sum::<f64>();
-        let costs: Vec<f64> = match self.tracks(&at) {
-            Ok(sets) => sets.into_iter().map(cost).collect(),
-            // One point that cannot be simulated fails the batch: each is asked for by itself.
-            Err(_) => at
-                .iter()
-                .map(|p| self.tracks(&[p]).ok().and_then(|mut s| s.pop()).map_or(f64::INFINITY, cost))
-                .collect(),
-        };
-        costs.into_iter().zip(&at).map(|(cost, p)| cost + pull(p)).collect()
+        let each = self.tracks_each(points).into_iter().zip(points);
+        each.map(|(tracks, p)| tracks.map_or(f64::INFINITY, cost) + pull(p)).collect()
     }
 
     /// The best fit to the measured tracks, from the best `starts` of the points.

@@ -110,8 +110,7 @@ pub(crate) fn fitted(
 
 /// Draws of the fitted episodes with noise, by draw and episode.
 fn predictions(problem: &Problem<'_>, hypothesis: &Hypothesis, seed: u64) -> Result<Vec<Vec<Track>>, FinderError> {
-    let posterior = Laplace::of(&hypothesis.fit)
-        .ok_or_else(|| FinderError::NoFit("the fit's curvature is no positive matrix".into()))?;
+    let posterior = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
     let mut rng = seed::rng(seed, STREAM);
     let points: Vec<Vec<f64>> = (0..PREDICTIONS).map(|_| posterior.draw(&mut rng)).collect();
     let simulated = hypothesis.problem(problem).tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>())?;

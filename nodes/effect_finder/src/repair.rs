@@ -19,8 +19,7 @@ const MARGIN: f64 = 4.0;
 /// [`ModelError`] where the result is no model.
 pub fn repaired(model: &Model, found: &Hypothesis, posterior: &Laplace) -> Result<Model, ModelError> {
     let mut parameters = model.theta.parameters().to_vec();
-    for candidate in &found.candidates {
-        let place = found.candidates.iter().position(|c| c.name == candidate.name).unwrap_or_default();
+    for (place, candidate) in found.candidates.iter().enumerate() {
         let (value, sd) = found.magnitude(place);
         parameters.push(Parameter { name: candidate.name.clone(), prior: prior(candidate, value, sd) });
     }

@@ -191,9 +191,8 @@ impl Verifier<'_> {
         (stream, episode): (u64, usize),
         count: usize,
     ) -> Result<Vec<Track>, FinderError> {
-        let no = || FinderError::NoFit("the fit's curvature is no positive matrix".into());
-        let shared = Laplace::of(&hypothesis.fit).ok_or_else(no)?;
-        let own = Laplace::of(held).ok_or_else(no)?;
+        let shared = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
+        let own = Laplace::of(held).ok_or_else(FinderError::curvature)?;
         let problem = self.problem_of(hypothesis, case);
         let mut rng = seed::rng(seed::derive(self.settings.seed, stream), episode as u64);
         let mut draw = || {
