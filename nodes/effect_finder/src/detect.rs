@@ -4,9 +4,10 @@
 //! simulated from the fitted model's posterior and fitted again, each: the measured data were used for a fit, too.
 
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::fit::{Fit, OnRound, Problem, Simulated};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
+use catenary_core::simulator::SimulatorError;
 use catenary_core::{Track, seed};
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -93,10 +94,10 @@ pub fn detect(
             let count = missing.min(SLICE);
             let drawn = |b: u64| posterior.draw(&mut seed::rng(seeds, 2 * (number + b)));
             let points: Vec<Vec<f64>> = (0..count as u64).map(drawn).collect();
-            let starts = simulate(problem, &points, seeds, number, &mut refusal);
-            if !starts.is_empty() {
+            let sets = simulate(problem, points, seeds, number, &mut refusal);
+            if !sets.is_empty() {
                 let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
-                match problem.fit(starts, on_round) {
+                match problem.refit(fit, sets, on_round) {
                     Ok(fits) => null.extend(fits.into_iter().flatten().map(residue)),
                     Err(FinderError::NoFit(reason)) => refusal = reason,
                     Err(other) => return Err(other),
@@ -113,20 +114,28 @@ pub fn detect(
     Ok(Detection { p_value, statistic: fit.cost, null })
 }
 
-/// Data sets measured at the points, each the start of its own fit; those that cannot be simulated are left out.
-fn simulate(problem: &Problem<'_>, points: &[Vec<f64>], seeds: u64, first: u64, refusal: &mut String) -> Vec<Start> {
-    let set = |b: usize, tracks: Vec<Track>| {
+/// Data sets measured at the points; those that cannot be simulated are left out.
+fn simulate(
+    problem: &Problem<'_>,
+    points: Vec<Vec<f64>>,
+    seeds: u64,
+    first: u64,
+    refusal: &mut String,
+) -> Vec<Simulated> {
+    let each = problem.tracks_each(&points).into_iter().zip(points).enumerate();
+    let mut set = |(b, (tracks, point)): (usize, (Result<Vec<Track>, SimulatorError>, Vec<f64>))| {
+        let tracks = tracks.map_err(|e| *refusal = e.to_string()).ok()?;
         let mut noise = seed::rng(seeds, 2 * (first + b as u64) + 1);
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
-        Start { point: points[b].clone(), tracks: measured }
+        Some(Simulated { point, tracks, measured })
     };
-    let each = problem.tracks_each(points).into_iter().enumerate();
-    each.filter_map(|(b, tracks)| Some(set(b, tracks.map_err(|e| *refusal = e.to_string()).ok()?))).collect()
+    each.filter_map(&mut set).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::Start;
     use crate::toy::{self, Toy};
     use crate::unknowns::Unknowns;
     use std::ops::ControlFlow;

@@ -7,7 +7,7 @@ use crate::detect::{Detection, detect};
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, OnRound, Problem, Start, presses};
-use crate::hypothesis::{Hypothesis, Trial};
+use crate::hypothesis::{Depth, Hypothesis, Trial};
 use crate::laplace::Laplace;
 use crate::localise;
 use crate::name::{Extent, Ranking, groups};
@@ -230,7 +230,7 @@ impl<'a> Search<'a> {
             unknowns: self.problem.unknowns.clone(),
             fit,
             evidence: yardstick.evidence().clone(),
-            is_polished: true,
+            depth: Depth::Polished,
         };
         if is_gap && finding.verdict != Verdict::PriorTooNarrow {
             self.explain(&base, &yardstick, &mut outcome)?;
@@ -304,20 +304,7 @@ impl<'a> Search<'a> {
     /// Models with one effect each, and where the best of them does not close the gap, with more.
     fn name(&mut self, base: &Hypothesis, yardstick: &Yardstick, finding: &mut Finding) -> Result<Named, FinderError> {
         let candidates = self.question.candidates;
-        let mut hypotheses = Vec::new();
-        for (i, candidate) in candidates.iter().enumerate() {
-            let share = i as f64 / candidates.len() as f64;
-            self.telling.report(Stage::Name, share, None)?;
-            let problem = self.problem;
-            let fitted = self.telling.in_rounds(Stage::Name, |on_round| {
-                base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
-            });
-            match fitted {
-                Ok(one) => hypotheses.push(one),
-                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-                Err(error) => finding.left_out.push((candidate.name.clone(), error.to_string())),
-            }
-        }
+        let mut hypotheses = self.singles(base, yardstick, finding)?;
         let mut tested: Option<Best> = None;
         for effects in 1.. {
             let ranking = Ranking::new(self.problem, base, hypotheses, candidates.len(), self.settings)?;
@@ -345,6 +332,45 @@ impl<'a> Search<'a> {
             hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
         }
         unreachable!("the last round returns")
+    }
+
+    /// Models with one effect each: those that promise most are fitted.
+    fn singles(
+        &mut self,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+        finding: &mut Finding,
+    ) -> Result<Vec<Hypothesis>, FinderError> {
+        let (candidates, problem) = (self.question.candidates, self.problem);
+        let mut left_out = |candidate: &Candidate, error: FinderError| match error {
+            cancelled @ FinderError::Cancelled(_) => Err(cancelled),
+            error => {
+                finding.left_out.push((candidate.name.clone(), error.to_string()));
+                Ok(())
+            }
+        };
+        let mut trials = Vec::new();
+        for (i, candidate) in candidates.iter().enumerate() {
+            self.telling.report(Stage::Name, 0.5 * i as f64 / candidates.len() as f64, None)?;
+            match self.telling.in_rounds(Stage::Name, |on_round| base.with(problem, candidate, on_round)) {
+                Ok(trial) => trials.push((candidate, trial)),
+                Err(error) => left_out(candidate, error)?,
+            }
+        }
+        trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
+        let mut hypotheses = Vec::new();
+        for (i, (candidate, trial)) in trials.into_iter().enumerate() {
+            let fitted = if i < self.settings.extensions {
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
+            } else {
+                trial.promised(yardstick)
+            };
+            match fitted {
+                Ok(one) => hypotheses.push(one),
+                Err(error) => left_out(candidate, error)?,
+            }
+        }
+        Ok(hypotheses)
     }
 
     fn verifier(&self) -> Verifier<'a> {
@@ -377,13 +403,38 @@ impl<'a> Search<'a> {
         base: &Hypothesis,
         yardstick: &Yardstick,
     ) -> Result<Ranking, FinderError> {
-        let (problem, settings) = (self.problem, self.settings);
+        let candidates = self.question.candidates.len();
+        while let Some(promised) = ranking.hypotheses.iter().take(PARENTS).position(|h| h.depth == Depth::Promised) {
+            let mut left = ranking.hypotheses;
+            let own = left[promised].problem(self.problem);
+            let start = Start { point: left[promised].fit.point.clone(), tracks: own.measured() };
+            let fits = self.telling.in_rounds(Stage::Name, |on_round| own.fit(vec![start], on_round));
+            let fit = match fits {
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                fits => fits.ok().and_then(|mut fits| fits.pop().flatten()),
+            };
+            match fit.and_then(|fit| Some((yardstick.of(&left[promised].candidates, &fit)?, fit))) {
+                Some((evidence, fit)) => {
+                    left[promised] = Hypothesis { fit, evidence, depth: Depth::Fitted, ..left[promised].clone() };
+                }
+                None => drop(left.remove(promised)),
+            }
+            ranking = Ranking::new(self.problem, base, left, candidates, self.settings)?;
+        }
+        let settings = self.settings;
+        let few = Settings {
+            draws: settings.draws.div_ceil(FEWER),
+            starts: settings.starts.div_ceil(FEWER),
+            ..settings.clone()
+        };
         let mut is_better = false;
-        for hypothesis in ranking.hypotheses.iter_mut().take(PARENTS).filter(|h| !h.is_polished) {
-            let own = hypothesis.problem(problem);
+        let first = ranking.hypotheses.iter_mut().take(PARENTS).enumerate();
+        for (place, hypothesis) in first.filter(|(_, h)| h.depth != Depth::Polished) {
+            let settings = if place == 0 { settings } else { &few };
+            let own = hypothesis.problem(self.problem);
             let known = vec![hypothesis.fit.point.clone()];
             let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
-            hypothesis.is_polished = true;
+            hypothesis.depth = Depth::Polished;
             if found.cost < hypothesis.fit.cost - LEAST_DECREASE
                 && let Some(evidence) = yardstick.of(&hypothesis.candidates, &found)
             {
@@ -391,7 +442,7 @@ impl<'a> Search<'a> {
             }
         }
         match is_better {
-            true => Ranking::new(problem, base, ranking.hypotheses, self.question.candidates.len(), settings),
+            true => Ranking::new(self.problem, base, ranking.hypotheses, candidates, settings),
             false => Ok(ranking),
         }
     }
@@ -553,6 +604,8 @@ const PARENTS: usize = 3;
 /// A value is near an edge of its prior where it lies within as many of its standard deviations, and this share of the prior.
 const NEAR_SDS: f64 = 3.0;
 const NEAR: f64 = 0.1;
+/// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
+const FEWER: usize = 4;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
 const LEAST_SHRINK: f64 = 0.98;
 /// A better fit is one whose cost is less by this: a hundredth of a log Bayes factor.

@@ -12,6 +12,12 @@ use std::ops::ControlFlow;
 
 /// A fit ends where a step lowers the sum of squares by less than this: its own scatter is some ten.
 const DECREASE: f64 = 0.02;
+/// The same of a fit that takes another's derivatives: a two-hundredth of the scatter of what is left.
+const REFIT_DECREASE: f64 = 0.1;
+/// Most steps of such a fit.
+const REFIT_ROUNDS: usize = 10;
+/// Its first damping after a step that found no lower point.
+const REFIT_DAMPING: f64 = 0.1;
 /// First damping, relative to the curvature.
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
@@ -49,6 +55,17 @@ pub struct Start {
     pub point: Vec<f64>,
     /// What was measured, a track an episode.
     pub tracks: Vec<Track>,
+}
+
+/// One data set, and what a simulation without noise is at a point near its best fit.
+#[derive(Debug, Clone)]
+pub struct Simulated {
+    /// The point, in unit coordinates.
+    pub point: Vec<f64>,
+    /// The simulated tracks, one an episode.
+    pub tracks: Vec<Track>,
+    /// What was measured, a track an episode.
+    pub measured: Vec<Track>,
 }
 
 /// A start that could be simulated.
@@ -90,12 +107,25 @@ impl Fit {
         self.jacobian.transpose() * &self.jacobian
     }
 
+    /// Mends these derivatives by how the simulated values changed on the way to `at`, and goes there if its cost is less;
+    /// whether it is.
+    fn take_step(&mut self, at: Self) -> bool {
+        let moved = DVector::from_iterator(at.point.len(), at.point.iter().zip(&self.point).map(|(a, b)| a - b));
+        let changed = &self.residuals - &at.residuals;
+        let missed = changed - &self.jacobian * &moved;
+        self.jacobian += missed * moved.transpose() / moved.norm_squared();
+        let is_less = at.cost < self.cost;
+        if is_less {
+            *self = Self { jacobian: std::mem::take(&mut self.jacobian), ..at };
+        }
+        is_less
+    }
+
     /// Where the cost within the priors' support would be least if the simulator were linear about this point.
     #[must_use]
     pub fn descended(mut self) -> Self {
         for _ in 0..LINEAR_ROUNDS {
-            let step = step(&self, 0.0);
-            let point: Vec<f64> = self.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
+            let point = stepped(&self, 0.0);
             let moved = DVector::from_iterator(point.len(), point.iter().zip(&self.point).map(|(a, b)| a - b));
             let residuals = &self.residuals - &self.jacobian * moved;
             let cost = residuals.norm_squared();
@@ -194,14 +224,29 @@ impl Problem<'_> {
 
     /// The cost of each point beside one data set, without derivatives; infinite where it cannot be simulated.
     pub fn costs(&self, points: &[Vec<f64>], measured: &[Track]) -> Vec<f64> {
-        let cost = |tracks: Vec<Track>| -> f64 {
-            let own = |track| TrackSensitivities { track, derivatives: Vec::new(), changes: Vec::new() };
-            let parts = self.cases.iter().zip(measured).zip(tracks);
-            parts.map(|((case, measured), track)| case.compare(measured, &own(track)).0.norm_squared()).sum()
-        };
-        let pull = |p: &[f64]| self.unknowns.pulls(p).iter().map(|(z, ..)| z * z).sum::<f64>();
         let each = self.tracks_each(points).into_iter().zip(points);
-        each.map(|(tracks, p)| tracks.map_or(f64::INFINITY, cost) + pull(p)).collect()
+        each.map(|(tracks, p)| tracks.map_or(f64::INFINITY, |t| self.residuals(p, measured, &t).norm_squared()))
+            .collect()
+    }
+
+    /// Measured less `tracks`, simulated at `point`, in standard deviations of the noise; then the pulls of Gaussian priors.
+    fn residuals(&self, point: &[f64], measured: &[Track], tracks: &[Track]) -> DVector<f64> {
+        let alone =
+            |track: &Track| TrackSensitivities { track: track.clone(), derivatives: Vec::new(), changes: Vec::new() };
+        let parts = self.cases.iter().zip(measured).zip(tracks).map(|((case, m), t)| case.compare(m, &alone(t)).0);
+        let pulls = self.pulls(point).into_iter().map(|(pull, ..)| pull);
+        let rows: Vec<f64> = parts.flat_map(|part| part.as_slice().to_vec()).chain(pulls).collect();
+        DVector::from_vec(rows)
+    }
+
+    /// Those of Gaussian priors that can be followed: (standard deviations off, column, by the coordinate).
+    fn pulls(&self, point: &[f64]) -> Vec<(f64, usize, f64)> {
+        let mut pulls = self.unknowns.pulls(point);
+        if self.is_shared_held {
+            let held = |column: usize| self.unknowns.scope_of(column) == Scope::Shared;
+            pulls.retain(|p| !held(p.1));
+        }
+        pulls
     }
 
     /// The best fit to the measured tracks, from the best `starts` of the points.
@@ -237,6 +282,69 @@ impl Problem<'_> {
         Ok(is_seen.into_iter().map(|is_seen| if is_seen { fits.next() } else { None }).collect())
     }
 
+    /// The least cost of each data set that was simulated near `about`, without derivatives of its own: those of `about`,
+    /// mended by what each step shows (Broyden 1965), lead to within [`REFIT_DECREASE`] of it; a data set that they do not lead
+    /// there is fitted from where it is. None stands for one that could not be fitted.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn refit(
+        &self,
+        about: &Fit,
+        sets: Vec<Simulated>,
+        on_round: OnRound<'_>,
+    ) -> Result<Vec<Option<Fit>>, FinderError> {
+        let mut fits: Vec<Fit> = sets
+            .iter()
+            .map(|set| self.without_derivatives(about, &set.point, &set.measured, set.tracks.clone()))
+            .collect();
+        let mut dampings = vec![0.0; sets.len()];
+        let mut going: Vec<usize> = (0..sets.len()).collect();
+        let mut lost: Vec<usize> = Vec::new();
+        for _ in 0..REFIT_ROUNDS {
+            let mut trials: Vec<Vec<f64>> = Vec::new();
+            going.retain(|&i| {
+                let trial = stepped(&fits[i], dampings[i]);
+                let promises = predicted_decrease(&fits[i], &trial) > REFIT_DECREASE;
+                trials.extend(promises.then_some(trial));
+                promises
+            });
+            if going.is_empty() {
+                break;
+            }
+            let answers = self.tracks_each(&trials);
+            for ((&i, point), tracks) in going.iter().zip(&trials).zip(answers) {
+                let at = tracks.map(|tracks| self.without_derivatives(about, point, &sets[i].measured, tracks));
+                match at.map(|at| fits[i].take_step(at)) {
+                    Ok(true) => dampings[i] *= 0.1,
+                    Ok(false) => dampings[i] = f64::max(REFIT_DAMPING, 10.0 * dampings[i]),
+                    Err(_) => lost.push(i),
+                }
+            }
+            going.retain(|i| !lost.contains(i));
+            if on_round().is_break() {
+                return Err(FinderError::Cancelled("fit"));
+            }
+        }
+        lost.extend(going);
+        let mut fits: Vec<Option<Fit>> = fits.into_iter().map(Some).collect();
+        if !lost.is_empty() {
+            let mut start = |&i: &usize| Some(Start { point: fits[i].take()?.point, tracks: sets[i].measured.clone() });
+            let starts = lost.iter().filter_map(&mut start).collect();
+            for (i, fit) in lost.into_iter().zip(self.fit(starts, on_round)?) {
+                fits[i] = fit;
+            }
+        }
+        Ok(fits)
+    }
+
+    /// What a simulation says of its point, with the derivatives that those of `about` are.
+    fn without_derivatives(&self, about: &Fit, point: &[f64], measured: &[Track], tracks: Vec<Track>) -> Fit {
+        let residuals = self.residuals(point, measured, &tracks);
+        let cost = residuals.norm_squared();
+        Fit { point: point.to_vec(), cost, residuals, jacobian: about.jacobian.clone(), tracks }
+    }
+
     /// The first round of a fit: what the simulator says of the starts. None stands for one that could not be simulated.
     ///
     /// # Errors
@@ -268,9 +376,19 @@ impl Problem<'_> {
             if at.is_empty() {
                 break;
             }
-            let trials = at.iter().map(|&i| (climbs[i].trial.as_slice(), climbs[i].tracks.as_slice())).collect();
-            for (&i, trial) in at.iter().zip(self.evaluate(trials)) {
-                climbs[i].advance(trial.ok());
+            // Derivatives cost as much as some simulations: they are taken where one has found a lower point.
+            let trials: Vec<Vec<f64>> = at.iter().map(|&i| climbs[i].trial.clone()).collect();
+            let is_lower = |(climb, tracks): (&Climb, Result<Vec<Track>, SimulatorError>)| {
+                let cost = |t: Vec<Track>| self.residuals(&climb.trial, &climb.tracks, &t).norm_squared();
+                tracks.is_ok_and(|t| cost(t) < climb.fit.cost)
+            };
+            let tracks = self.tracks_each(&trials);
+            let lower: Vec<bool> = at.iter().map(|&i| &climbs[i]).zip(tracks).map(is_lower).collect();
+            let on = at.iter().zip(&lower).filter(|(_, lower)| **lower).map(|(&i, _)| &climbs[i]);
+            let mut fits = self.evaluate(on.map(|c| (c.trial.as_slice(), c.tracks.as_slice())).collect()).into_iter();
+            for (i, is_lower) in at.into_iter().zip(lower) {
+                let fit = if is_lower { fits.next() } else { None };
+                climbs[i].advance(fit.and_then(Result::ok));
             }
             if on_round().is_break() {
                 return Err(FinderError::Cancelled("fit"));
@@ -329,12 +447,7 @@ impl Problem<'_> {
             .zip(episodes)
             .map(|((case, measured), s)| case.compare(measured, s))
             .collect();
-        let mut pulls = self.unknowns.pulls(point);
-        if self.is_shared_held {
-            // What is held cannot follow its pull.
-            let held = |column: usize| self.unknowns.scope_of(column) == Scope::Shared;
-            pulls.retain(|p| !held(p.1));
-        }
+        let pulls = self.pulls(point);
         let rows: usize = parts.iter().map(|p| p.0.len()).sum::<usize>() + pulls.len();
         let mut residuals = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, self.unknowns.columns());
@@ -390,8 +503,7 @@ impl Climb {
 
     /// The next trial: a damped step in the coordinates that are free to move.
     fn choose(&mut self) {
-        let step = step(&self.fit, self.damping);
-        self.trial = self.fit.point.iter().zip(step.iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect();
+        self.trial = stepped(&self.fit, self.damping);
         let predicted = predicted_decrease(&self.fit, &self.trial);
         if predicted < 0.1 * DECREASE {
             self.done = true;
@@ -403,6 +515,11 @@ impl Climb {
 fn predicted_decrease(fit: &Fit, trial: &[f64]) -> f64 {
     let moved = DVector::from_iterator(trial.len(), trial.iter().zip(&fit.point).map(|(a, b)| a - b));
     fit.cost - (&fit.residuals - &fit.jacobian * moved).norm_squared()
+}
+
+/// Where a damped step leads to.
+fn stepped(fit: &Fit, damping: f64) -> Vec<f64> {
+    fit.point.iter().zip(step(fit, damping).iter()).map(|(u, d)| (u + d).clamp(0.0, 1.0)).collect()
 }
 
 /// A damped step that does not leave the unit cube from its faces: coordinates at an edge that would go beyond it are held.
@@ -436,6 +553,7 @@ mod tests {
     use super::*;
     use crate::toy::{self, Toy};
     use catenary_core::seed;
+    use rand::RngExt;
 
     fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
         let toy = Toy { gain: 0.3 };
@@ -477,6 +595,41 @@ mod tests {
         let expected = (8 * toy::FRAMES - 2) as f64;
         // The standard deviation of the mean is sqrt(2 N / 200) = 1.3.
         assert!((mean - expected).abs() < 4.0, "{mean} for {expected}");
+    }
+
+    #[test]
+    fn borrowed_derivatives_lead_to_the_same_least_cost() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let problem = Problem {
+            simulator: &toy,
+            unknowns: Unknowns::of(&toy::model(), 1),
+            cases: &cases,
+            rounds: 40,
+            is_shared_held: false,
+        };
+        let about = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
+        let mut rng = seed::rng(12, 0);
+        // Points as far off as some standard deviations of the fit, and some so far that the derivatives are of no use.
+        for reach in [0.02, 0.6] {
+            let sets: Vec<Simulated> = (0..40)
+                .map(|_| {
+                    let off = || reach * (rng.random::<f64>() - 0.5);
+                    let point: Vec<f64> = std::iter::repeat_with(off).zip(&about.point).map(|(o, u)| u + o).collect();
+                    let tracks = problem.tracks(&[&point]).unwrap().remove(0);
+                    let measured = vec![cases[0].measure(&tracks[0], &mut rng)];
+                    Simulated { point, tracks, measured }
+                })
+                .collect();
+            let start = |s: &Simulated| Start { point: s.point.clone(), tracks: s.measured.clone() };
+            let mut go_on = || ControlFlow::Continue(());
+            let exact = problem.fit(sets.iter().map(start).collect(), &mut go_on).unwrap();
+            let quick = problem.refit(&about, sets, &mut go_on).unwrap();
+            for (exact, quick) in exact.into_iter().zip(quick) {
+                let off = quick.unwrap().cost - exact.unwrap().cost;
+                assert!(off.abs() < 2.0 * REFIT_DECREASE, "{reach}: {off}");
+            }
+        }
     }
 
     #[test]

@@ -9,6 +9,17 @@ use crate::unknowns::Unknowns;
 /// Starts from which an effect is fitted, of all that are looked at those that promise most.
 const STARTS: usize = 2;
 
+/// How well the best fit is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Depth {
+    /// As a linear simulator would have it, from where the fit would start.
+    Promised,
+    /// From the most promising starts.
+    Fitted,
+    /// Looked for in the whole support of the priors.
+    Polished,
+}
+
 /// A model with effects more than the present one, fitted.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
@@ -20,8 +31,8 @@ pub struct Hypothesis {
     pub fit: Fit,
     /// Its evidence over the present model's.
     pub evidence: Evidence,
-    /// Whether its best fit was looked for in the whole support of the priors.
-    pub is_polished: bool,
+    /// How well the best fit is known.
+    pub depth: Depth,
 }
 
 /// A hypothesis that was looked at where its fit would start.
@@ -117,17 +128,30 @@ impl Trial {
     /// # Errors
     /// [`FinderError::NoFit`] where there is none to speak of.
     pub fn fitted(
-        self,
+        mut self,
         problem: &Problem<'_>,
         yardstick: &Yardstick,
         on_round: OnRound<'_>,
     ) -> Result<Hypothesis, FinderError> {
-        let Trial { candidates, unknowns, seen, .. } = self;
-        let with = Problem { unknowns: unknowns.clone(), ..*problem };
-        let best = with.climb(seen, on_round)?.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let with = Problem { unknowns: self.unknowns.clone(), ..*problem };
+        let fits = with.climb(std::mem::take(&mut self.seen), on_round)?;
+        self.hypothesis(fits, yardstick, Depth::Fitted)
+    }
+
+    /// What it comes to if the simulator is linear.
+    ///
+    /// # Errors
+    /// As [`Trial::fitted`].
+    pub fn promised(mut self, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
+        let fits = std::mem::take(&mut self.seen).into_iter().map(|s| s.fit.descended()).collect();
+        self.hypothesis(fits, yardstick, Depth::Promised)
+    }
+
+    fn hypothesis(self, fits: Vec<Fit>, yardstick: &Yardstick, depth: Depth) -> Result<Hypothesis, FinderError> {
+        let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
-        let evidence = yardstick.of(&candidates, &fit);
+        let evidence = yardstick.of(&self.candidates, &fit);
         let evidence = evidence.ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
-        Ok(Hypothesis { candidates, unknowns, fit, evidence, is_polished: false })
+        Ok(Hypothesis { candidates: self.candidates, unknowns: self.unknowns, fit, evidence, depth })
     }
 }

@@ -63,6 +63,7 @@ mod tests {
     use super::*;
     use crate::evidence::Evidence;
     use crate::fit::Fit;
+    use crate::hypothesis::Depth;
     use crate::unknowns::Unknowns;
     use nalgebra::{DMatrix, DVector};
 
@@ -92,7 +93,7 @@ mod tests {
         let fit = Fit { point, cost: 0.0, residuals, jacobian, tracks: Vec::new() };
         let posterior = Laplace::of(&fit).unwrap();
         let evidence = Evidence { alone: 0.0, with: Vec::new() };
-        let found = Hypothesis { candidates: vec![candidate], unknowns, fit, evidence, is_polished: true };
+        let found = Hypothesis { candidates: vec![candidate], unknowns, fit, evidence, depth: Depth::Polished };
         model.parameters.insert("table_height_m".into(), 0.0);
         let before = model.theta.parameters()[1].clone();
         let repaired = repaired(&model, &found, &posterior).unwrap();

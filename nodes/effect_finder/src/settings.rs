@@ -26,7 +26,8 @@ pub struct Settings {
     pub further_effect: f64,
     /// Most effects that are looked for together.
     pub most_effects: usize,
-    /// Models with one effect more that are fitted beyond the first, of all the most promising.
+    /// Models with one effect more that are fitted, of all the most promising; the others are judged as if the simulator were
+    /// linear.
     pub extensions: usize,
     /// Share of the squared deviations beyond noise that effects must explain to be named where something is left.
     pub least_share: f64,
