@@ -7,8 +7,7 @@ use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Simulated};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
-use catenary_core::simulator::SimulatorError;
-use catenary_core::{Track, seed};
+use catenary_core::seed;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
@@ -122,14 +121,20 @@ fn simulate(
     first: u64,
     refusal: &mut String,
 ) -> Vec<Simulated> {
-    let each = problem.tracks_each(&points).into_iter().zip(points).enumerate();
-    let mut set = |(b, (tracks, point)): (usize, (Result<Vec<Track>, SimulatorError>, Vec<f64>))| {
-        let tracks = tracks.map_err(|e| *refusal = e.to_string()).ok()?;
+    let mut sets = Vec::with_capacity(points.len());
+    for (b, (tracks, point)) in problem.tracks_each(&points).into_iter().zip(points).enumerate() {
+        let tracks = match tracks {
+            Ok(tracks) => tracks,
+            Err(error) => {
+                *refusal = error.to_string();
+                continue;
+            }
+        };
         let mut noise = seed::rng(seeds, 2 * (first + b as u64) + 1);
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
-        Some(Simulated { point, tracks, measured })
-    };
-    each.filter_map(&mut set).collect()
+        sets.push(Simulated { point, tracks, measured });
+    }
+    sets
 }
 
 #[cfg(test)]

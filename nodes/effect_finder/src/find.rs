@@ -231,6 +231,7 @@ impl<'a> Search<'a> {
             fit,
             evidence: yardstick.evidence().clone(),
             depth: Depth::Polished,
+            spread: Vec::new(),
         };
         if is_gap && finding.verdict != Verdict::PriorTooNarrow {
             self.explain(&base, &yardstick, &mut outcome)?;
@@ -266,6 +267,14 @@ impl<'a> Search<'a> {
             finding.verdict = Verdict::NoneOfThese;
             return self.telling.conclude(Stage::Repair, sentences::refused(&best.fitness));
         }
+        let mut best = best.hypothesis;
+        if is_left {
+            best = self.beside_a_discrepancy(best, yardstick)?;
+            let own = best.magnitudes();
+            let elsewhere = self.let_conditions_differ(&mut best)?;
+            self.telling.conclude(Stage::Repair, sentences::weighed(&own, elsewhere.as_deref(), &best.magnitudes()))?;
+            finding.set_magnitudes(best.magnitudes());
+        }
         finding.found = groups(&alike);
         finding.verdict = match (alike.len() > 1, is_left) {
             (true, _) => Verdict::CannotTellApart,
@@ -273,7 +282,7 @@ impl<'a> Search<'a> {
             (false, false) => Verdict::Named,
         };
         if !self.held_out.is_empty() {
-            let (verification, held_out) = self.verify(base, &best.hypothesis, &ranking)?;
+            let (verification, held_out) = self.verify(base, &best, &ranking)?;
             outcome.shown.extend(held_out);
             self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
             finding.verification = Some(verification);
@@ -285,20 +294,58 @@ impl<'a> Search<'a> {
                 .in_rounds(Stage::Verify, |on_round| separate(model, problem, [first, second], settings, on_round))?;
             self.telling.conclude(Stage::Verify, sentences::separated(finding.separation.as_ref()))?;
         }
-        outcome.model = self.repaired(&best.hypothesis, if is_left { Some(yardstick) } else { None })?;
+        let posterior = Laplace::of(&best.fit).ok_or_else(FinderError::curvature)?;
+        outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
         Ok(())
     }
 
-    /// The repaired model. Where something is left, what is known of its parameters is what a smooth error beside the noise, the
-    /// likeliest one, leaves known of them.
-    fn repaired(&self, best: &Hypothesis, left: Option<&Yardstick>) -> Result<Option<Model>, FinderError> {
-        let place = left.and(best.evidence.likeliest());
-        let posterior = match (left, place) {
-            (Some(yardstick), Some(place)) => Laplace::of(&yardstick.whitening(place).of(&best.fit)),
-            _ => Laplace::of(&best.fit),
+    /// The hypothesis fitted anew beside the likeliest smooth error: what it then is, and how well it is known, counts what is
+    /// left of the data as more than noise.
+    fn beside_a_discrepancy(
+        &mut self,
+        hypothesis: Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<Hypothesis, FinderError> {
+        let Some(place) = hypothesis.evidence.likeliest() else { return Ok(hypothesis) };
+        let (whitening, own) = (yardstick.whitening(place), hypothesis.problem(self.problem));
+        let mut best = whitening.of(&hypothesis.fit);
+        for _ in 0..REWEIGHINGS {
+            let promised = best.clone().descended();
+            if best.cost - promised.cost < LEAST_DECREASE {
+                break;
+            }
+            let start = Start { point: promised.point, tracks: own.measured() };
+            let seen = self.telling.in_rounds(Stage::Repair, |on_round| own.look(vec![start], on_round));
+            match seen.map(|seen| seen.into_iter().flatten().next().map(|seen| whitening.of(&seen.fit))) {
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                Ok(Some(lower)) if lower.cost < best.cost => best = lower,
+                _ => break,
+            }
+        }
+        Ok(Hypothesis { fit: best, ..hypothesis })
+    }
+
+    /// Fits the hypothesis to the held-out episodes alone, and takes what it then is elsewhere for what it may be anywhere: a
+    /// model that leaves something is a little another one in each condition. Returns the values of the effects there.
+    fn let_conditions_differ(&mut self, best: &mut Hypothesis) -> Result<Option<Vec<f64>>, FinderError> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
+        let unknowns = best.unknowns.for_episodes(self.held_out.len());
+        let known = vec![unknowns.shared_from(&best.unknowns, &best.fit.point)];
+        let own = Problem { cases: self.held_out, unknowns, ..*self.problem };
+        let settings = self.settings;
+        let there = match self.telling.in_rounds(Stage::Repair, |on_round| best_fit(&own, known, settings, on_round)) {
+            Err(FinderError::NoFit(_)) => return Ok(None),
+            other => other?.point,
         };
-        let posterior = posterior.ok_or_else(FinderError::curvature)?;
-        Ok(Some(repaired(self.question.model, best, &posterior)?))
+        let effects = best.candidates.len();
+        let places = (0..effects).map(|i| there[own.unknowns.column(own.unknowns.list().len() - effects + i, 0)]);
+        let places: Vec<f64> = places.collect();
+        // Of two draws of one Gaussian, the difference has twice its variance.
+        let apart = |(i, there): (usize, &f64)| (best.fit.point[best.column(i)] - there).abs() / 2f64.sqrt();
+        best.spread = places.iter().enumerate().map(apart).collect();
+        Ok(Some(best.candidates.iter().zip(places).map(|(c, u)| c.search().from_unit(u)).collect()))
     }
 
     /// Models with one effect each, and where the best of them does not close the gap, with more.
@@ -378,10 +425,12 @@ impl<'a> Search<'a> {
         Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
     }
 
-    /// Whether a further effect predicts the held-out episodes better; where there are none, it is believed.
+    /// Whether a further effect predicts the held-out episodes better; where there are none, whether the evidence of it is
+    /// plain.
     fn shrinks_unseen_gap(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
         if self.held_out.is_empty() {
-            return Ok(true);
+            let greatest = |h: &Hypothesis| h.evidence.alone.max(h.evidence.with_any());
+            return Ok(greatest(more) - greatest(less) > self.settings.least_log_bayes_factor);
         }
         let verifier = self.verifier();
         let mut rmse_mm = |h: &Hypothesis| {
@@ -608,6 +657,8 @@ const NEAR: f64 = 0.1;
 const FEWER: usize = 4;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
 const LEAST_SHRINK: f64 = 0.98;
+/// Most steps of a fit beside a discrepancy.
+const REWEIGHINGS: usize = 10;
 /// A better fit is one whose cost is less by this: a hundredth of a log Bayes factor.
 const LEAST_DECREASE: f64 = 0.02;
 

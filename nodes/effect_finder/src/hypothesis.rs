@@ -4,6 +4,7 @@ use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
 use crate::fit::{Fit, OnRound, Problem, Seen, Start};
+use crate::name::Magnitude;
 use crate::unknowns::Unknowns;
 
 /// Starts from which an effect is fitted, of all that are looked at those that promise most.
@@ -33,6 +34,8 @@ pub struct Hypothesis {
     pub evidence: Evidence,
     /// How well the best fit is known.
     pub depth: Depth,
+    /// Standard deviation of each effect between conditions, in unit coordinates; empty where it is not known.
+    pub spread: Vec<f64>,
 }
 
 /// A hypothesis that was looked at where its fit would start.
@@ -71,10 +74,19 @@ impl Hypothesis {
     pub fn magnitude(&self, i: usize) -> (f64, f64) {
         let candidate = &self.candidates[i];
         let cost = Quadratic::of(&self.fit, self.candidates.len());
-        (
-            candidate.search().from_unit(self.fit.point[self.column(i)]),
-            cost.map_or(f64::INFINITY, |c| sd_of(candidate, &c, i)),
-        )
+        let own = cost.map_or(f64::INFINITY, |c| sd_of(candidate, &c, i));
+        let (low, high) = candidate.search().bounds();
+        let value = candidate.search().from_unit(self.fit.point[self.column(i)]);
+        (value, own.hypot((high - low) * self.spread.get(i).copied().unwrap_or(0.0)))
+    }
+
+    /// Each effect with its value and standard deviation.
+    pub fn magnitudes(&self) -> Vec<Magnitude> {
+        let one = |(i, candidate): (usize, &Candidate)| {
+            let (value, sd) = self.magnitude(i);
+            Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
+        };
+        self.candidates.iter().enumerate().map(one).collect()
     }
 
     /// The problem of fitting it.
@@ -152,6 +164,13 @@ impl Trial {
         let fit = best.ok_or_else(|| FinderError::NoFit("no start was left".into()))?;
         let evidence = yardstick.of(&self.candidates, &fit);
         let evidence = evidence.ok_or_else(|| FinderError::NoFit("the curvature is no positive matrix".into()))?;
-        Ok(Hypothesis { candidates: self.candidates, unknowns: self.unknowns, fit, evidence, depth })
+        Ok(Hypothesis {
+            candidates: self.candidates,
+            unknowns: self.unknowns,
+            fit,
+            evidence,
+            depth,
+            spread: Vec::new(),
+        })
     }
 }

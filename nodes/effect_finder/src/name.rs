@@ -100,7 +100,7 @@ impl Ranking {
         let total = log_sum_exp(&all.iter().flatten().copied().chain([none, unknown]).collect::<Vec<_>>());
         let cosines = cosines(problem, &hypotheses)?;
         let explanation = |((h, logs), cosine): ((&Hypothesis, &[f64; 2]), f64)| Explanation {
-            effects: (0..h.candidates.len()).map(|i| magnitude(h, i)).collect(),
+            effects: h.magnitudes(),
             statistic: h.fit.cost,
             log_bayes_factor: h.evidence.alone,
             probability: (logs[0] - total).exp(),
@@ -163,12 +163,6 @@ fn one_for_one(best: &Hypothesis, other: &Hypothesis) -> Option<(usize, usize)> 
         ([i], [j]) => Some((*i, *j)),
         _ => None,
     }
-}
-
-fn magnitude(h: &Hypothesis, i: usize) -> Magnitude {
-    let (value, sd) = h.magnitude(i);
-    let candidate = &h.candidates[i];
-    Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
 }
 
 /// [`Explanation::cosine_with_best`] of each, at the best one's fit.

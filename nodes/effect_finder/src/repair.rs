@@ -13,7 +13,7 @@ const MARGIN: f64 = 4.0;
 
 /// `model` with the hypothesis's effects among the parameters that it infers. What is known of all of them now is their prior: a
 /// Gaussian of the posterior's mean and standard deviation where `posterior` tells them, within where they could lie
-/// before. What the model had fixed of the effects goes.
+/// before; of effects, how much they differ between conditions counts, too. What the model had fixed of the effects goes.
 ///
 /// # Errors
 /// [`ModelError`] where the result is no model.
@@ -28,6 +28,8 @@ pub fn repaired(model: &Model, found: &Hypothesis, posterior: &Laplace) -> Resul
         let column = found.unknowns.column(i, 0);
         let value = unknown.prior.from_unit(found.fit.point[column]);
         let share = posterior.sd(column);
+        let effect = found.candidates.iter().position(|c| c.name == unknown.name);
+        let share = share.hypot(effect.and_then(|i| found.spread.get(i)).copied().unwrap_or(0.0));
         let parameter = parameters.iter_mut().find(|p| p.name == unknown.name);
         if let Some(parameter) = parameter.filter(|_| share < MOST_SHARE) {
             let (low, high) = parameter.prior.bounds();
@@ -93,15 +95,30 @@ mod tests {
         let fit = Fit { point, cost: 0.0, residuals, jacobian, tracks: Vec::new() };
         let posterior = Laplace::of(&fit).unwrap();
         let evidence = Evidence { alone: 0.0, with: Vec::new() };
-        let found = Hypothesis { candidates: vec![candidate], unknowns, fit, evidence, depth: Depth::Polished };
+        let found = Hypothesis {
+            candidates: vec![candidate],
+            unknowns,
+            fit,
+            evidence,
+            depth: Depth::Polished,
+            spread: Vec::new(),
+        };
         model.parameters.insert("table_height_m".into(), 0.0);
         let before = model.theta.parameters()[1].clone();
+        let differing = Hypothesis { spread: vec![0.03], ..found.clone() };
+        let looser = self::repaired(&model, &differing, &posterior).unwrap();
         let repaired = repaired(&model, &found, &posterior).unwrap();
         assert!(!repaired.parameters.contains_key("table_height_m"), "it was fixed before");
         let [length, stiffness, last] = repaired.theta.parameters() else { panic!("three") };
         assert_eq!((last.name.as_str(), stiffness), ("table_height_m", &before));
         let Prior::Normal { mean, sd, .. } = length.prior else { panic!("{length:?}") };
         assert!((mean - 0.25).abs() < 1e-9 && (sd - 0.0011).abs() < 1e-5, "{mean} {sd}");
+        let sd_of = |model: &Model| match model.theta.parameters()[2].prior {
+            Prior::Normal { sd, .. } => sd,
+            ref other => panic!("{other}"),
+        };
+        let (own, ratio) = (posterior.sd(found.column(0)), sd_of(&looser) / sd_of(&repaired));
+        assert!((ratio - own.hypot(0.03) / own).abs() < 1e-9, "{ratio}");
         let (low, high) = last.prior.bounds();
         assert!(low == -0.02 && (high - 0.034).abs() < 1e-3, "{low} to {high}");
         let text = include_str!("../../../launch_configs/models/soft_bar.yaml");

@@ -98,6 +98,18 @@ pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, i
     )
 }
 
+/// What effects come to where something is left beside them: by the episodes that were fitted, by the unseen ones, by both.
+pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude]) -> String {
+    let effects = |list: &[Magnitude]| -> String {
+        let effect = |e: &Magnitude| format!("{} {} +- {}", e.name, short(e.value), short(e.sd));
+        list.iter().map(effect).collect::<Vec<_>>().join(", ")
+    };
+    let words = format!("beside a smooth error of what is left: {}", effects(own));
+    let Some(elsewhere) = elsewhere else { return words };
+    let there = elsewhere.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ");
+    format!("{words}; by the unseen episodes alone {there}, which counts as uncertainty: {}", effects(both))
+}
+
 /// That what is left is too much for anything to be named.
 pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)

@@ -3,7 +3,7 @@
 use crate::detect::Test;
 use crate::discrepancy::Discrepancy;
 use crate::localise::Place;
-use crate::name::{Explanation, Ranking};
+use crate::name::{Explanation, Magnitude, Ranking};
 use crate::separate::Separation;
 use crate::verify::Verification;
 use serde::{Deserialize, Serialize};
@@ -128,6 +128,13 @@ impl Finding {
             discrepancy: None,
             verification: None,
             separation: None,
+        }
+    }
+
+    /// Takes over the sizes of the most probable effects.
+    pub(crate) fn set_magnitudes(&mut self, effects: Vec<Magnitude>) {
+        if let Some(best) = self.explanations.first_mut() {
+            best.effects = effects;
         }
     }
 
