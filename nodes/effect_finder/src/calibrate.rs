@@ -41,9 +41,21 @@ pub struct Agreement {
 impl Agreement {
     /// That of `fit`, seen by `camera`.
     pub fn new(problem: &Problem<'_>, fit: &Fit, camera: &Camera, settings: &Settings) -> Result<Self, FinderError> {
+        let posterior = Laplace::of(fit).ok_or_else(FinderError::curvature)?;
+        Self::with_posterior(problem, fit, &posterior, camera, settings)
+    }
+
+    /// The same where more is known of the uncertainty.
+    pub fn with_posterior(
+        problem: &Problem<'_>,
+        fit: &Fit,
+        posterior: &Laplace,
+        camera: &Camera,
+        settings: &Settings,
+    ) -> Result<Self, FinderError> {
         let offsets = problem.cases.iter().zip(&fit.tracks).flat_map(|(case, track)| case.offsets_mm(track, camera));
         let rmse_mm = crate::case::rmse_mm(offsets.collect::<Vec<_>>().iter());
-        Ok(Self { estimates: estimates(problem, fit, settings)?, rmse_mm })
+        Ok(Self { estimates: estimates(problem, fit, posterior, settings), rmse_mm })
     }
 
     /// With its test.
@@ -52,8 +64,7 @@ impl Agreement {
     }
 }
 
-fn estimates(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Result<Vec<Estimate>, FinderError> {
-    let posterior = Laplace::of(fit).ok_or_else(FinderError::curvature)?;
+fn estimates(problem: &Problem<'_>, fit: &Fit, posterior: &Laplace, settings: &Settings) -> Vec<Estimate> {
     let mut rng = seed::rng(settings.seed, ESTIMATE_STREAM);
     let draws: Vec<Vec<f64>> =
         (0..ESTIMATE_DRAWS).map(|_| problem.unknowns.values(&posterior.draw(&mut rng), 0)).collect();
@@ -65,5 +76,5 @@ fn estimates(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Result<Ve
         let quantile = |q: f64| values[(q * (values.len() - 1) as f64).round() as usize];
         Estimate { name: u.name.clone(), value: best[i], q05: quantile(0.05), q95: quantile(0.95) }
     };
-    Ok(shared.map(estimate).collect())
+    shared.map(estimate).collect()
 }

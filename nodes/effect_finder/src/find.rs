@@ -4,6 +4,7 @@ use crate::calibrate::{Agreement, best_fit};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
+use crate::discrepancy::Whitening;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, OnRound, Problem, Start, presses};
@@ -252,9 +253,9 @@ impl<'a> Search<'a> {
         let finding = &mut outcome.finding;
         let Named { ranking, best } = self.name(base, yardstick, finding)?;
         finding.set_ranking(&ranking);
-        outcome.shown = self.shown(base, best.as_ref().map(|b| &b.hypothesis))?;
         let likeliest = |h: &Hypothesis| h.evidence.likeliest().map(|place| yardstick.discrepancies[place]);
         let Some(best) = best else {
+            outcome.shown = self.shown(base, None)?;
             finding.verdict = Verdict::NoneOfThese;
             finding.discrepancy = likeliest(base);
             return Ok(());
@@ -264,17 +265,24 @@ impl<'a> Search<'a> {
         finding.discrepancy = if is_left { likeliest(&best.hypothesis) } else { None };
         finding.repaired = Some(best.fitness.clone());
         if is_left && !self.is_worth_naming(base, &best.hypothesis) {
+            outcome.shown = self.shown(base, Some(&best.hypothesis))?;
             finding.verdict = Verdict::NoneOfThese;
             return self.telling.conclude(Stage::Repair, sentences::refused(&best.fitness));
         }
-        let mut best = best.hypothesis;
+        let Best { hypothesis: mut best, mut fitness, .. } = best;
         if is_left {
             best = self.beside_a_discrepancy(best, yardstick)?;
             let own = best.magnitudes();
-            let elsewhere = self.let_conditions_differ(&mut best)?;
+            let elsewhere = self.let_conditions_differ(base, &mut best, yardstick)?;
             self.telling.conclude(Stage::Repair, sentences::weighed(&own, elsewhere.as_deref(), &best.magnitudes()))?;
             finding.set_magnitudes(best.magnitudes());
+            let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
+            let (problem, camera) = (best.problem(self.problem), &self.question.model.camera.view);
+            let agreement = Agreement::with_posterior(&problem, &best.fit, &posterior, camera, self.settings)?;
+            (fitness.estimates, fitness.rmse_mm) = (agreement.estimates, agreement.rmse_mm);
         }
+        finding.repaired = Some(fitness);
+        outcome.shown = self.shown(base, Some(&best))?;
         finding.found = groups(&alike);
         finding.verdict = match (alike.len() > 1, is_left) {
             (true, _) => Verdict::CannotTellApart,
@@ -294,7 +302,7 @@ impl<'a> Search<'a> {
                 .in_rounds(Stage::Verify, |on_round| separate(model, problem, [first, second], settings, on_round))?;
             self.telling.conclude(Stage::Verify, sentences::separated(finding.separation.as_ref()))?;
         }
-        let posterior = Laplace::of(&best.fit).ok_or_else(FinderError::curvature)?;
+        let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
         Ok(())
     }
@@ -307,45 +315,68 @@ impl<'a> Search<'a> {
         yardstick: &Yardstick,
     ) -> Result<Hypothesis, FinderError> {
         let Some(place) = hypothesis.evidence.likeliest() else { return Ok(hypothesis) };
-        let (whitening, own) = (yardstick.whitening(place), hypothesis.problem(self.problem));
-        let mut best = whitening.of(&hypothesis.fit);
+        let own = hypothesis.problem(self.problem);
+        let fit = self.weighed(&own, hypothesis.fit, yardstick.whitening(place))?;
+        Ok(Hypothesis { fit, ..hypothesis })
+    }
+
+    /// The best fit as `whitening` sees it, from `fit` on.
+    fn weighed(&mut self, own: &Problem<'_>, fit: Fit, whitening: &Whitening) -> Result<Fit, FinderError> {
+        let mut best = whitening.of(&fit);
+        let mut share = 1.0;
         for _ in 0..REWEIGHINGS {
             let promised = best.clone().descended();
             if best.cost - promised.cost < LEAST_DECREASE {
                 break;
             }
-            let start = Start { point: promised.point, tracks: own.measured() };
+            let point = best.point.iter().zip(&promised.point).map(|(from, to)| from + share * (to - from)).collect();
+            let start = Start { point, tracks: own.measured() };
             let seen = self.telling.in_rounds(Stage::Repair, |on_round| own.look(vec![start], on_round));
             match seen.map(|seen| seen.into_iter().flatten().next().map(|seen| whitening.of(&seen.fit))) {
                 Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-                Ok(Some(lower)) if lower.cost < best.cost => best = lower,
-                _ => break,
+                Ok(Some(lower)) if lower.cost < best.cost => (best, share) = (lower, 1.0),
+                _ => share *= 0.5,
             }
         }
-        Ok(Hypothesis { fit: best, ..hypothesis })
+        Ok(best)
     }
 
-    /// Fits the hypothesis to the held-out episodes alone, and takes what it then is elsewhere for what it may be anywhere: a
-    /// model that leaves something is a little another one in each condition. Returns the values of the effects there.
-    fn let_conditions_differ(&mut self, best: &mut Hypothesis) -> Result<Option<Vec<f64>>, FinderError> {
-        if self.held_out.is_empty() {
-            return Ok(None);
+    /// Fits the hypothesis to the held-out episodes alone, and takes by how much more its effects differ there than the data
+    /// leave open for how much they differ between conditions: a model that leaves something is a little another one in each.
+    /// One difference is all there is to say so. Returns the values of the effects there.
+    fn let_conditions_differ(
+        &mut self,
+        base: &Hypothesis,
+        best: &mut Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<Option<Vec<f64>>, FinderError> {
+        let Some(place) = best.evidence.likeliest().filter(|_| !self.held_out.is_empty()) else { return Ok(None) };
+        let (verifier, settings) = (self.verifier(), self.settings);
+        let mut cases = Vec::new();
+        for case in self.held_out {
+            cases.push(self.telling.in_rounds(Stage::Repair, |on_round| verifier.refined(case, base, on_round))?);
         }
-        let unknowns = best.unknowns.for_episodes(self.held_out.len());
+        let unknowns = best.unknowns.for_episodes(cases.len());
         let known = vec![unknowns.shared_from(&best.unknowns, &best.fit.point)];
-        let own = Problem { cases: self.held_out, unknowns, ..*self.problem };
-        let settings = self.settings;
-        let there = match self.telling.in_rounds(Stage::Repair, |on_round| best_fit(&own, known, settings, on_round)) {
+        let own = Problem { cases: &cases, unknowns, ..*self.problem };
+        let fit = match self.telling.in_rounds(Stage::Repair, |on_round| best_fit(&own, known, settings, on_round)) {
             Err(FinderError::NoFit(_)) => return Ok(None),
-            other => other?.point,
+            other => other?,
         };
-        let effects = best.candidates.len();
-        let places = (0..effects).map(|i| there[own.unknowns.column(own.unknowns.list().len() - effects + i, 0)]);
-        let places: Vec<f64> = places.collect();
-        // Of two draws of one Gaussian, the difference has twice its variance.
-        let apart = |(i, there): (usize, &f64)| (best.fit.point[best.column(i)] - there).abs() / 2f64.sqrt();
-        best.spread = places.iter().enumerate().map(apart).collect();
-        Ok(Some(best.candidates.iter().zip(places).map(|(c, u)| c.search().from_unit(u)).collect()))
+        let whitening = Whitening::new(&cases, yardstick.discrepancies[place]).ok_or_else(FinderError::curvature)?;
+        let fit = self.weighed(&own, fit, &whitening)?;
+        let unknowns = own.unknowns.clone();
+        let there = Hypothesis { unknowns, fit, candidates: best.candidates.clone(), ..best.clone() };
+        let (here, other) = (Laplace::of(&best.fit), Laplace::of(&there.fit));
+        let (here, other) = here.zip(other).ok_or_else(FinderError::curvature)?;
+        let spread = |i: usize| {
+            let (own, far) = (best.column(i), there.column(i));
+            let apart = best.fit.point[own] - there.fit.point[far];
+            // Of two draws of one Gaussian, the difference has twice its variance.
+            (0.5 * (apart.powi(2) - here.sd(own).powi(2) - other.sd(far).powi(2)).max(0.0)).sqrt()
+        };
+        best.spread = (0..best.candidates.len()).map(spread).collect();
+        Ok(Some((0..there.candidates.len()).map(|i| there.magnitude(i).0).collect()))
     }
 
     /// Models with one effect each, and where the best of them does not close the gap, with more.
@@ -360,7 +391,7 @@ impl<'a> Search<'a> {
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
                 if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
-                    && !self.shrinks_unseen_gap(&last.hypothesis, hypothesis)?
+                    && !self.is_plain(&ranking, &last.hypothesis, hypothesis)?
                 {
                     let is_small = |h: &Hypothesis| h.candidates.len() <= last.hypothesis.candidates.len();
                     let left = ranking.hypotheses.into_iter().filter(is_small).collect();
@@ -425,12 +456,15 @@ impl<'a> Search<'a> {
         Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
     }
 
-    /// Whether a further effect predicts the held-out episodes better; where there are none, whether the evidence of it is
-    /// plain.
-    fn shrinks_unseen_gap(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
+    /// Whether a further effect predicts the held-out episodes better; where there are none, whether its probability is plain.
+    fn is_plain(&mut self, ranking: &Ranking, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
         if self.held_out.is_empty() {
-            let greatest = |h: &Hypothesis| h.evidence.alone.max(h.evidence.with_any());
-            return Ok(greatest(more) - greatest(less) > self.settings.least_log_bayes_factor);
+            let behind = ranking.log_odds(more, less);
+            let is_plain = behind > self.settings.least_log_bayes_factor;
+            if !is_plain {
+                self.telling.conclude(Stage::Name, sentences::not_plain(more, behind))?;
+            }
+            return Ok(is_plain);
         }
         let verifier = self.verifier();
         let mut rmse_mm = |h: &Hypothesis| {
@@ -452,47 +486,44 @@ impl<'a> Search<'a> {
         base: &Hypothesis,
         yardstick: &Yardstick,
     ) -> Result<Ranking, FinderError> {
-        let candidates = self.question.candidates.len();
-        while let Some(promised) = ranking.hypotheses.iter().take(PARENTS).position(|h| h.depth == Depth::Promised) {
-            let mut left = ranking.hypotheses;
-            let own = left[promised].problem(self.problem);
-            let start = Start { point: left[promised].fit.point.clone(), tracks: own.measured() };
-            let fits = self.telling.in_rounds(Stage::Name, |on_round| own.fit(vec![start], on_round));
-            let fit = match fits {
-                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-                fits => fits.ok().and_then(|mut fits| fits.pop().flatten()),
+        let (problem, settings) = (self.problem, self.settings);
+        let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
+        let few = Settings { draws, starts, ..settings.clone() };
+        loop {
+            let alike: Vec<Vec<Candidate>> =
+                ranking.alike(settings).into_iter().map(|h| h.candidates.clone()).collect();
+            let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
+                Depth::Promised => place < PARENTS || alike.iter().any(|a| h.is_same(a)),
+                Depth::Fitted => place < PARENTS,
+                Depth::Glanced => place == 0,
+                Depth::Polished => false,
             };
-            match fit.and_then(|fit| Some((yardstick.of(&left[promised].candidates, &fit)?, fit))) {
-                Some((evidence, fit)) => {
-                    left[promised] = Hypothesis { fit, evidence, depth: Depth::Fitted, ..left[promised].clone() };
+            let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
+            let mut all = ranking.hypotheses;
+            let old = &all[place];
+            let fitted = match (old.depth, old.candidates.as_slice()) {
+                (Depth::Promised, [candidate]) => self.telling.in_rounds(Stage::Name, |on_round| {
+                    base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
+                }),
+                _ => {
+                    let (own, known) = (old.problem(problem), vec![old.fit.point.clone()]);
+                    let (how, depth) = if place == 0 { (settings, Depth::Polished) } else { (&few, Depth::Glanced) };
+                    let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, how, on_round));
+                    found.map(|fit| match yardstick.of(&old.candidates, &fit) {
+                        Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
+                            Hypothesis { fit, evidence, depth, ..old.clone() }
+                        }
+                        _ => Hypothesis { depth, ..old.clone() },
+                    })
                 }
-                None => drop(left.remove(promised)),
+            };
+            match fitted {
+                Ok(fitted) => all[place] = fitted,
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                // What promised something cannot be simulated.
+                Err(_) => drop(all.remove(place)),
             }
-            ranking = Ranking::new(self.problem, base, left, candidates, self.settings)?;
-        }
-        let settings = self.settings;
-        let few = Settings {
-            draws: settings.draws.div_ceil(FEWER),
-            starts: settings.starts.div_ceil(FEWER),
-            ..settings.clone()
-        };
-        let mut is_better = false;
-        let first = ranking.hypotheses.iter_mut().take(PARENTS).enumerate();
-        for (place, hypothesis) in first.filter(|(_, h)| h.depth != Depth::Polished) {
-            let settings = if place == 0 { settings } else { &few };
-            let own = hypothesis.problem(self.problem);
-            let known = vec![hypothesis.fit.point.clone()];
-            let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
-            hypothesis.depth = Depth::Polished;
-            if found.cost < hypothesis.fit.cost - LEAST_DECREASE
-                && let Some(evidence) = yardstick.of(&hypothesis.candidates, &found)
-            {
-                (hypothesis.fit, hypothesis.evidence, is_better) = (found, evidence, true);
-            }
-        }
-        match is_better {
-            true => Ranking::new(self.problem, base, ranking.hypotheses, candidates, settings),
-            false => Ok(ranking),
+            ranking = Ranking::new(problem, base, all, self.question.candidates.len(), settings)?;
         }
     }
 
@@ -572,7 +603,7 @@ impl<'a> Search<'a> {
         let alike = ranking.alike(self.settings);
         let is_wrong = |h: &&Hypothesis| {
             let is_other = alike.iter().all(|a| !a.is_same(&h.candidates));
-            h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
+            h.depth != Depth::Promised && h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
         };
         let wrong = ranking.hypotheses.iter().find(is_wrong);
         let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);

@@ -12,8 +12,8 @@ use std::ops::ControlFlow;
 
 /// A fit ends where a step lowers the sum of squares by less than this: its own scatter is some ten.
 const DECREASE: f64 = 0.02;
-/// The same of a fit that takes another's derivatives: a two-hundredth of the scatter of what is left.
-const REFIT_DECREASE: f64 = 0.1;
+/// The same of a fit that takes another's derivatives.
+const REFIT_DECREASE: f64 = DECREASE;
 /// Most steps of such a fit.
 const REFIT_ROUNDS: usize = 10;
 /// Its first damping after a step that found no lower point.
@@ -88,7 +88,7 @@ pub struct Fit {
     pub residuals: DVector<f64>,
     /// How the simulated values change with the coordinates, rows as the residuals, in the same unit.
     pub jacobian: DMatrix<f64>,
-    /// The simulated tracks, one an episode.
+    /// The simulated tracks, one an episode; of a fit that has [`descended`](Fit::descended), those of where it came from.
     pub tracks: Vec<Track>,
 }
 
@@ -294,31 +294,29 @@ impl Problem<'_> {
         sets: Vec<Simulated>,
         on_round: OnRound<'_>,
     ) -> Result<Vec<Option<Fit>>, FinderError> {
-        let mut fits: Vec<Fit> = sets
-            .iter()
-            .map(|set| self.without_derivatives(about, &set.point, &set.measured, set.tracks.clone()))
-            .collect();
+        let first = |set: &Simulated| self.seen_as(about, &set.point, &set.measured, set.tracks.clone());
+        let mut fits: Vec<Option<Fit>> = sets.iter().map(first).collect();
         let mut dampings = vec![0.0; sets.len()];
-        let mut going: Vec<usize> = (0..sets.len()).collect();
+        let mut going: Vec<usize> = (0..sets.len()).filter(|&i| fits[i].is_some()).collect();
         let mut lost: Vec<usize> = Vec::new();
         for _ in 0..REFIT_ROUNDS {
-            let mut trials: Vec<Vec<f64>> = Vec::new();
-            going.retain(|&i| {
-                let trial = stepped(&fits[i], dampings[i]);
-                let promises = predicted_decrease(&fits[i], &trial) > REFIT_DECREASE;
-                trials.extend(promises.then_some(trial));
-                promises
-            });
+            let promising = |&i: &usize| {
+                let fit = fits[i].as_ref()?;
+                let trial = stepped(fit, dampings[i]);
+                (predicted_decrease(fit, &trial) > REFIT_DECREASE).then_some((i, trial))
+            };
+            let trials: Vec<Vec<f64>>;
+            (going, trials) = going.iter().filter_map(promising).unzip();
             if going.is_empty() {
                 break;
             }
             let answers = self.tracks_each(&trials);
             for ((&i, point), tracks) in going.iter().zip(&trials).zip(answers) {
-                let at = tracks.map(|tracks| self.without_derivatives(about, point, &sets[i].measured, tracks));
-                match at.map(|at| fits[i].take_step(at)) {
-                    Ok(true) => dampings[i] *= 0.1,
-                    Ok(false) => dampings[i] = f64::max(REFIT_DAMPING, 10.0 * dampings[i]),
-                    Err(_) => lost.push(i),
+                let at = tracks.ok().and_then(|tracks| self.seen_as(about, point, &sets[i].measured, tracks));
+                match fits[i].as_mut().zip(at).map(|(fit, at)| fit.take_step(at)) {
+                    Some(true) => dampings[i] *= 0.1,
+                    Some(false) => dampings[i] = f64::max(REFIT_DAMPING, 10.0 * dampings[i]),
+                    None => lost.push(i),
                 }
             }
             going.retain(|i| !lost.contains(i));
@@ -327,22 +325,26 @@ impl Problem<'_> {
             }
         }
         lost.extend(going);
-        let mut fits: Vec<Option<Fit>> = fits.into_iter().map(Some).collect();
-        if !lost.is_empty() {
-            let mut start = |&i: &usize| Some(Start { point: fits[i].take()?.point, tracks: sets[i].measured.clone() });
-            let starts = lost.iter().filter_map(&mut start).collect();
-            for (i, fit) in lost.into_iter().zip(self.fit(starts, on_round)?) {
-                fits[i] = fit;
-            }
+        if lost.is_empty() {
+            return Ok(fits);
+        }
+        let mut start = |&i: &usize| Some(Start { point: fits[i].take()?.point, tracks: sets[i].measured.clone() });
+        let starts = lost.iter().filter_map(&mut start).collect();
+        match self.fit(starts, on_round) {
+            Ok(found) => lost.into_iter().zip(found).for_each(|(i, fit)| fits[i] = fit),
+            Err(FinderError::NoFit(_)) if fits.iter().any(Option::is_some) => (),
+            Err(other) => return Err(other),
         }
         Ok(fits)
     }
 
-    /// What a simulation says of its point, with the derivatives that those of `about` are.
-    fn without_derivatives(&self, about: &Fit, point: &[f64], measured: &[Track], tracks: Vec<Track>) -> Fit {
-        let residuals = self.residuals(point, measured, &tracks);
+    /// What simulated tracks say of their point, with the derivatives that those of `about` are; none where they are of no use.
+    fn seen_as(&self, about: &Fit, point: &[f64], measured: &[Track], tracks: Vec<Track>) -> Option<Fit> {
+        let is_whole = tracks.iter().all(|t| !t.frames.is_empty());
+        let residuals = is_whole.then(|| self.residuals(point, measured, &tracks))?;
         let cost = residuals.norm_squared();
-        Fit { point: point.to_vec(), cost, residuals, jacobian: about.jacobian.clone(), tracks }
+        let jacobian = about.jacobian.clone();
+        cost.is_finite().then(|| Fit { point: point.to_vec(), cost, residuals, jacobian, tracks })
     }
 
     /// The first round of a fit: what the simulator says of the starts. None stands for one that could not be simulated.
@@ -627,7 +629,7 @@ mod tests {
             let quick = problem.refit(&about, sets, &mut go_on).unwrap();
             for (exact, quick) in exact.into_iter().zip(quick) {
                 let off = quick.unwrap().cost - exact.unwrap().cost;
-                assert!(off.abs() < 2.0 * REFIT_DECREASE, "{reach}: {off}");
+                assert!(off.abs() < 5.0 * REFIT_DECREASE, "{reach}: {off}");
             }
         }
     }

@@ -4,6 +4,7 @@ use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
 use crate::fit::{Fit, OnRound, Problem, Seen, Start};
+use crate::laplace::Laplace;
 use crate::name::Magnitude;
 use crate::unknowns::Unknowns;
 
@@ -17,6 +18,8 @@ pub enum Depth {
     Promised,
     /// From the most promising starts.
     Fitted,
+    /// From the best of some draws of the priors, too.
+    Glanced,
     /// Looked for in the whole support of the priors.
     Polished,
 }
@@ -70,7 +73,7 @@ impl Hypothesis {
         self.unknowns.columns() - self.candidates.len() + i
     }
 
-    /// Value and standard deviation of effect `i`, all other unknowns free.
+    /// Value and standard deviation of effect `i`, all other unknowns free, with how much it differs between conditions.
     pub fn magnitude(&self, i: usize) -> (f64, f64) {
         let candidate = &self.candidates[i];
         let cost = Quadratic::of(&self.fit, self.candidates.len());
@@ -87,6 +90,11 @@ impl Hypothesis {
             Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
         };
         self.candidates.iter().enumerate().map(one).collect()
+    }
+
+    /// What is known of the unknowns about the fit, what conditions differ in among it; none where the curvature is no number.
+    pub fn posterior(&self) -> Option<Laplace> {
+        Some(Laplace::of(&self.fit)?.widened(self.column(0), &self.spread))
     }
 
     /// The problem of fitting it.

@@ -34,6 +34,21 @@ impl Laplace {
         Self::with_precision(fit, NO_PRECISION)
     }
 
+    /// This, with the variances of `sds` added to those of the coordinates from `first` on; itself where they are none.
+    #[must_use]
+    pub fn widened(self, first: usize, sds: &[f64]) -> Self {
+        if sds.iter().all(|sd| *sd == 0.0) {
+            return self;
+        }
+        let mut covariance = self.precision.inverse();
+        sds.iter().enumerate().for_each(|(i, sd)| covariance[(first + i, first + i)] += sd * sd);
+        let widened = covariance.cholesky().and_then(|c| {
+            let matrix = c.inverse();
+            Some(Self { mean: self.mean.clone(), precision: matrix.clone().cholesky()?, matrix })
+        });
+        widened.unwrap_or(self)
+    }
+
     fn with_precision(fit: &Fit, own: f64) -> Option<Self> {
         let mut matrix = fit.curvature();
         (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += own);
@@ -121,6 +136,19 @@ fn truncated_normal<R: Rng>(mean: f64, sd: f64, rng: &mut R) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn widening_adds_variances_and_leaves_the_rest() {
+        let jacobian = DMatrix::from_row_slice(3, 3, &[40.0, 10.0, 0.0, 0.0, 50.0, 20.0, 5.0, 0.0, 60.0]);
+        let fit = Fit { point: vec![0.5; 3], cost: 0.0, residuals: DVector::zeros(3), jacobian, tracks: Vec::new() };
+        let own = Laplace::of(&fit).unwrap();
+        let before = own.covariance(0..3);
+        let mut expected = before.clone();
+        expected[(2, 2)] += 0.01;
+        let after = own.clone().widened(1, &[0.0, 0.1]).covariance(0..3);
+        assert!((after - expected).amax() < 1e-12);
+        assert!((own.widened(1, &[0.0, 0.0]).covariance(0..3) - before).amax() == 0.0);
+    }
+
     use super::*;
     use catenary_core::seed;
 

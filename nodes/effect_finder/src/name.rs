@@ -22,7 +22,7 @@ pub struct Magnitude {
     pub title: String,
     /// Its value at the best fit, in its unit.
     pub value: f64,
-    /// Standard deviation of it, all other unknowns free.
+    /// Standard deviation of it, all other unknowns free; where something is left, with how much it differs between conditions.
     pub sd: f64,
 }
 
@@ -111,6 +111,16 @@ impl Ranking {
         Ok(Self { hypotheses, explanations, none: (none - total).exp(), unknown: (unknown - total).exp() })
     }
 
+    /// Logarithm of how many times as probable `one` is as `other`, in whole or in part.
+    pub fn log_odds(&self, one: &Hypothesis, other: &Hypothesis) -> f64 {
+        let log = |wanted: &Hypothesis| {
+            let place = self.hypotheses.iter().position(|h| h.is_same(&wanted.candidates));
+            let explanation = place.map(|i| &self.explanations[i]);
+            explanation.map_or(f64::NEG_INFINITY, |e| (e.probability + e.probability_in_part).ln())
+        };
+        log(one) - log(other)
+    }
+
     /// The most probable hypothesis, and whether it explains all; none where that is none of them.
     pub fn best(&self) -> Option<(&Hypothesis, Extent)> {
         let (hypothesis, explanation) = (self.hypotheses.first()?, self.explanations.first()?);
@@ -185,8 +195,13 @@ fn cosines(problem: &Problem<'_>, hypotheses: &[Hypothesis]) -> Result<Vec<f64>,
     }
     let all = Problem { unknowns, ..*problem };
     let start = Start { point, tracks: problem.measured() };
-    let seen = all.look(vec![start], &mut || ControlFlow::Continue(()))?;
-    let Some(seen) = seen.into_iter().flatten().next() else { return Ok(vec![0.0; hypotheses.len()]) };
+    let nothing = Ok(vec![0.0; hypotheses.len()]);
+    let seen = match all.look(vec![start], &mut || ControlFlow::Continue(())) {
+        // Where a linear simulator would have the best fit, there may be nothing that can be simulated.
+        Err(FinderError::NoFit(_)) => return nothing,
+        seen => seen?.into_iter().flatten().next(),
+    };
+    let Some(seen) = seen else { return nothing };
     let jacobian = seen.fit.jacobian;
     let mut next = first;
     let mut of = |(place, swap): (usize, &Option<(usize, usize)>)| {

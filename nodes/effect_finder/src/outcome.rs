@@ -4,7 +4,6 @@ use crate::case::Case;
 use crate::error::FinderError;
 use crate::fit::Problem;
 use crate::hypothesis::Hypothesis;
-use crate::laplace::Laplace;
 use crate::verdict::Finding;
 use catenary_core::{Camera, Model, Track, seed};
 
@@ -110,7 +109,7 @@ pub(crate) fn fitted(
 
 /// Draws of the fitted episodes with noise, by draw and episode.
 fn predictions(problem: &Problem<'_>, hypothesis: &Hypothesis, seed: u64) -> Result<Vec<Vec<Track>>, FinderError> {
-    let posterior = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
+    let posterior = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
     let mut rng = seed::rng(seed, STREAM);
     let points: Vec<Vec<f64>> = (0..PREDICTIONS).map(|_| posterior.draw(&mut rng)).collect();
     let simulated = hypothesis.problem(problem).tracks(&points.iter().map(Vec::as_slice).collect::<Vec<_>>())?;

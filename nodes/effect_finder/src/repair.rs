@@ -28,8 +28,6 @@ pub fn repaired(model: &Model, found: &Hypothesis, posterior: &Laplace) -> Resul
         let column = found.unknowns.column(i, 0);
         let value = unknown.prior.from_unit(found.fit.point[column]);
         let share = posterior.sd(column);
-        let effect = found.candidates.iter().position(|c| c.name == unknown.name);
-        let share = share.hypot(effect.and_then(|i| found.spread.get(i)).copied().unwrap_or(0.0));
         let parameter = parameters.iter_mut().find(|p| p.name == unknown.name);
         if let Some(parameter) = parameter.filter(|_| share < MOST_SHARE) {
             let (low, high) = parameter.prior.bounds();
@@ -106,7 +104,7 @@ mod tests {
         model.parameters.insert("table_height_m".into(), 0.0);
         let before = model.theta.parameters()[1].clone();
         let differing = Hypothesis { spread: vec![0.03], ..found.clone() };
-        let looser = self::repaired(&model, &differing, &posterior).unwrap();
+        let looser = self::repaired(&model, &differing, &differing.posterior().unwrap()).unwrap();
         let repaired = repaired(&model, &found, &posterior).unwrap();
         assert!(!repaired.parameters.contains_key("table_height_m"), "it was fixed before");
         let [length, stiffness, last] = repaired.theta.parameters() else { panic!("three") };

@@ -121,6 +121,12 @@ pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String 
     format!("{last} does not help on unseen episodes, {less_mm:.1} -> {more_mm:.1} mm: it is not added")
 }
 
+/// That a further effect is not plain enough, where no unseen episode could tell.
+pub fn not_plain(hypothesis: &Hypothesis, log_odds: f64) -> String {
+    let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
+    format!("with {last}, too, it is {:.1} times as probable: that is not plain, and it is not added", log_odds.exp())
+}
+
 /// That the priors are too narrow.
 pub fn narrow(pressing: &[String], p_value: f64) -> String {
     format!("{} at the edge of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))

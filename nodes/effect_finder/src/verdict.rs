@@ -133,8 +133,11 @@ impl Finding {
 
     /// Takes over the sizes of the most probable effects.
     pub(crate) fn set_magnitudes(&mut self, effects: Vec<Magnitude>) {
-        if let Some(best) = self.explanations.first_mut() {
-            best.effects = effects;
+        let is_same = |e: &&mut Explanation| {
+            e.effects.len() == effects.len() && effects.iter().all(|own| e.effects.iter().any(|o| o.name == own.name))
+        };
+        if let Some(explanation) = self.explanations.iter_mut().find(is_same) {
+            explanation.effects = effects;
         }
     }
 

@@ -130,7 +130,12 @@ impl Verifier<'_> {
     }
 
     /// The episode, in which simulated tracks are corrected by a finer simulation of its fit.
-    fn refined(&self, case: &Case, hypothesis: &Hypothesis, on_round: OnRound<'_>) -> Result<Case, FinderError> {
+    pub(crate) fn refined(
+        &self,
+        case: &Case,
+        hypothesis: &Hypothesis,
+        on_round: OnRound<'_>,
+    ) -> Result<Case, FinderError> {
         let Some(finer) = self.settings.finer_fidelity else { return Ok(case.clone()) };
         let fit = self.fit(case, hypothesis, on_round)?;
         Ok(self.problem_of(hypothesis, case).refined(&fit.point, finer)?.remove(0))
@@ -191,7 +196,7 @@ impl Verifier<'_> {
         (stream, episode): (u64, usize),
         count: usize,
     ) -> Result<Vec<Track>, FinderError> {
-        let shared = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
+        let shared = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
         let own = Laplace::of(held).ok_or_else(FinderError::curvature)?;
         let problem = self.problem_of(hypothesis, case);
         let mut rng = seed::rng(seed::derive(self.settings.seed, stream), episode as u64);

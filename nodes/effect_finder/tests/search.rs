@@ -118,9 +118,15 @@ fn names(finding: &Finding) -> Vec<String> {
 }
 
 fn find_quickly(question: Question<'_>) -> Outcome {
+    find_with(question, Settings::default().extensions)
+}
+
+/// A search in which so many models of those with as many effects are fitted.
+fn find_with(question: Question<'_>, extensions: usize) -> Outcome {
     let simulator = BeamSimulator::new(question.model, 2).unwrap();
     let settings = Settings {
         null_sets: 19,
+        extensions,
         draws: 100,
         starts: 3,
         seed: 4,
@@ -166,6 +172,44 @@ fn a_tip_mass_is_named_and_recovered_among_effects_that_are_like_it() {
     let repaired = repaired.unwrap();
     assert_eq!(repaired.theta.dimension(), 3);
     assert!(repaired.theta.index_of("tip_mass_kg").is_some());
+}
+
+/// Where one model alone is fitted of those that promise something, what comes to the top is fitted, too.
+#[test]
+fn effects_that_are_not_fitted_at_first_are_where_it_matters() {
+    let model = model();
+    let candidates = some(&model, &["stiffness_gradient", "keypoint_bias", "linear_drag_n_s_m2", "tip_mass_kg"]);
+    let measured = [episode(&[("tip_mass_kg", 0.004)], 2)];
+    let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+    let [few, all] = [1, 10].map(|extensions| find_with(question, extensions).finding);
+    assert_eq!((few.verdict, names(&few)), (all.verdict, names(&all)), "{:?}", few.conclusions);
+    let [few, all] = [few, all].map(|f| f.explanations[0].clone());
+    assert!((few.statistic - all.statistic).abs() < 0.1, "{} and {}", few.statistic, all.statistic);
+    assert!((few.probability - all.probability).abs() < 0.05, "{few:?} and {all:?}");
+}
+
+/// What is hidden is a candidate and something that is none; and in the unseen episode the candidate is greater.
+#[test]
+fn what_is_left_and_what_differs_elsewhere_widen_what_is_said() {
+    let model = model();
+    let candidates = some(&model, &["tip_mass_kg"]);
+    let of = |kg, number| [episode(&[("tip_mass_kg", kg), ("camera_tilt_rad", 0.03)], number)];
+    let (measured, other) = (of(0.010, 21), of(0.016, 22));
+    let search =
+        |held_out| find_quickly(Question { model: &model, measured: &measured, held_out, candidates: &candidates });
+    let (alone, both) = (search(&[]), search(&other));
+    for finding in [&alone.finding, &both.finding] {
+        let found = (finding.verdict, names(finding));
+        assert_eq!(found, (Verdict::NamedInPart, vec!["tip_mass_kg".to_owned()]), "{:?}", finding.conclusions);
+    }
+    let [own, wide] = [&alone, &both].map(|o| o.finding.explanations[0].effects[0].clone());
+    assert!((own.value - wide.value).abs() < 1e-12 && wide.sd > 2.0 * own.sd, "{own:?} {wide:?}");
+    let apart = 0.006 / 2f64.sqrt();
+    assert!((0.5 * apart..1.5 * apart).contains(&wide.sd), "{wide:?}");
+    let repaired = both.model.unwrap();
+    let prior = &repaired.theta.parameters()[repaired.theta.index_of("tip_mass_kg").unwrap()].prior;
+    let Prior::Normal { sd, .. } = prior else { panic!("{prior}") };
+    assert!((sd / wide.sd - 1.0).abs() < 0.2, "{sd} in the model, {} in the finding", wide.sd);
 }
 
 #[test]

@@ -35,11 +35,34 @@ impl Effect for Own {
     }
 }
 
-/// Wind along x: a force per length in N/m.
-struct Wind(f64);
-impl ForceTerm for Wind {
+/// Steady wind along x.
+pub struct SideWind;
+
+/// Its force per length of the object, N/m.
+struct Push(f64);
+
+impl ForceTerm for Push {
     fn force_n(&self, at: &PointState) -> [f64; 2] {
         [self.0 * at.length_m, 0.0]
+    }
+}
+
+impl Effect for SideWind {
+    fn about(&self) -> About {
+        About {
+            name: "side_wind_n_m",
+            title: "side wind",
+            description: "steady force along x per length of the object",
+            unit: "N/m",
+            hook: Hook::Force,
+            prior: Prior::Uniform { low: -0.5, high: 0.5 },
+            range: [-10.0, 10.0],
+        }
+    }
+
+    fn apply(&self, magnitude: f64, world: &mut World) -> Result<(), &'static str> {
+        world.terms.forces.push(Arc::new(Push(magnitude)));
+        Ok(())
     }
 }
 
@@ -79,13 +102,13 @@ impl ObservationTerm for Drift {
 
 fn own() -> Registry {
     let effects = [
-        Own { name: "wind_n_m", hook: Hook::Force, terms: |m, w| w.terms.forces.push(Arc::new(Wind(m))) },
         Own { name: "joint", hook: Hook::Material, terms: |m, w| w.terms.materials.push(Arc::new(Joint(m))) },
         Own { name: "grip_turn_rad_s", hook: Hook::Boundary, terms: |m, w| w.terms.grips.push(Arc::new(Turning(m))) },
         Own { name: "target_gain", hook: Hook::Actuation, terms: |m, w| w.arm.terms.push(Arc::new(Gain(m))) },
         Own { name: "drift", hook: Hook::Observation, terms: |m, w| w.view.terms.push(Arc::new(Drift(m))) },
     ];
-    effects.into_iter().fold(Registry::shipped().clone(), |registry, effect| registry.with(Arc::new(effect)))
+    let first = Registry::shipped().clone().with(Arc::new(SideWind));
+    effects.into_iter().fold(first, |registry, effect| registry.with(Arc::new(effect)))
 }
 
 fn model() -> Model {
@@ -133,7 +156,7 @@ fn wind_is_gravity_along_x() {
     let weight_n_m = 1055.0 * 0.015 * 0.015 * 9.81;
     let tilted = run(still(), &[("gravity_tilt_rad", 0.2)]);
     let factor = 0.2f64.tan();
-    let blown = run(still(), &[("wind_n_m", weight_n_m * factor)]);
+    let blown = run(still(), &[("side_wind_n_m", weight_n_m * factor)]);
     let (a, b) = (tilted.frames[2].dlo[3], blown.frames[2].dlo[3]);
     // Tilted gravity is shorter by cos 0.2 along z: 2 %.
     assert!((a[0] - b[0]).abs() < 0.02 && (a[1] - b[1]).abs() < 0.02, "{a:?} {b:?}");
@@ -149,10 +172,21 @@ fn drift_moves_the_picture_by_what_it_says() {
 
 #[test]
 fn they_act_beside_the_shipped_ones_and_a_name_is_taken_once() {
-    let both = run(moves(), &[("wind_n_m", 0.5), ("arm_lag_s", 0.1)]);
-    assert!(both != run(moves(), &[("wind_n_m", 0.5)]) && both != run(moves(), &[("arm_lag_s", 0.1)]));
+    let both = run(moves(), &[("side_wind_n_m", 0.5), ("arm_lag_s", 0.1)]);
+    assert!(both != run(moves(), &[("side_wind_n_m", 0.5)]) && both != run(moves(), &[("arm_lag_s", 0.1)]));
     let twice = std::panic::catch_unwind(|| {
         own().with(Arc::new(Own { name: "joint", hook: Hook::Material, terms: |_, _| () }))
     });
     assert!(twice.is_err());
+}
+
+#[test]
+fn readme_shows_an_effect_that_works() {
+    let readme = include_str!("../../../README.md");
+    let lines = readme.lines().skip_while(|line| *line != "    /// Steady wind along x.");
+    let block = lines.take_while(|line| line.is_empty() || line.starts_with("    "));
+    let code: Vec<&str> = block.map(|line| line.strip_prefix("    ").unwrap_or(line)).collect();
+    let code = code.join("\n");
+    assert!(code.contains("impl Effect for SideWind"), "README has no example");
+    assert!(include_str!("own_effect.rs").contains(code.trim_end()), "README's example is another one:\n{code}");
 }
