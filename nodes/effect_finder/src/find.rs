@@ -273,7 +273,7 @@ impl<'a> Search<'a> {
         if is_left {
             best = self.beside_a_discrepancy(best, yardstick)?;
             let own = best.magnitudes();
-            let elsewhere = self.let_conditions_differ(base, &mut best, yardstick)?;
+            let elsewhere = self.let_conditions_differ(&mut best, yardstick)?;
             self.telling.conclude(Stage::Repair, sentences::weighed(&own, elsewhere.as_deref(), &best.magnitudes()))?;
             finding.set_magnitudes(best.magnitudes());
             let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
@@ -346,7 +346,6 @@ impl<'a> Search<'a> {
     /// One difference is all there is to say so. Returns the values of the effects there.
     fn let_conditions_differ(
         &mut self,
-        base: &Hypothesis,
         best: &mut Hypothesis,
         yardstick: &Yardstick,
     ) -> Result<Option<Vec<f64>>, FinderError> {
@@ -354,7 +353,7 @@ impl<'a> Search<'a> {
         let (verifier, settings) = (self.verifier(), self.settings);
         let mut cases = Vec::new();
         for case in self.held_out {
-            cases.push(self.telling.in_rounds(Stage::Repair, |on_round| verifier.refined(case, base, on_round))?);
+            cases.push(self.telling.in_rounds(Stage::Repair, |on_round| verifier.refined(case, best, on_round))?);
         }
         let unknowns = best.unknowns.for_episodes(cases.len());
         let known = vec![unknowns.shared_from(&best.unknowns, &best.fit.point)];

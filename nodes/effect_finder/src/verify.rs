@@ -171,9 +171,10 @@ impl Verifier<'_> {
             fits: Vec::new(),
         };
         let mut energies = Vec::new();
+        let known = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
         for (episode, case) in self.held_out.iter().enumerate() {
             let fit = self.fit(case, hypothesis, on_round)?;
-            let draws = self.draws(case, hypothesis, &fit, (STREAMS[0], episode), PREDICTIONS)?;
+            let draws = self.draws(case, hypothesis, &known, &fit, (STREAMS[0], episode), PREDICTIONS)?;
             energies.extend(energy_score_mm(&case.measured, &draws, self.camera));
             prediction.offsets.push(case.offsets_mm(&fit.tracks[0], self.camera));
             prediction.tracks.push(fit.tracks[0].clone());
@@ -187,16 +188,16 @@ impl Verifier<'_> {
         Ok(prediction)
     }
 
-    /// Draws of the predicted episode with noise: what is shared from its posterior, the rest about its fit.
+    /// Draws of the predicted episode with noise: what is shared as in `shared`, the rest about its fit.
     fn draws(
         &self,
         case: &Case,
         hypothesis: &Hypothesis,
+        shared: &Laplace,
         held: &Fit,
         (stream, episode): (u64, usize),
         count: usize,
     ) -> Result<Vec<Track>, FinderError> {
-        let shared = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
         let own = Laplace::of(held).ok_or_else(FinderError::curvature)?;
         let problem = self.problem_of(hypothesis, case);
         let mut rng = seed::rng(seed::derive(self.settings.seed, stream), episode as u64);
@@ -223,9 +224,11 @@ impl Verifier<'_> {
         on_round: OnRound<'_>,
     ) -> Result<f64, FinderError> {
         let mut offsets: Vec<Offset> = Vec::new();
+        // Repeats of one condition: how much others differ is no part of a floor.
+        let known = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
         for (episode, (case, fit)) in self.held_out.iter().zip(&prediction.fits).enumerate() {
             let problem = self.problem_of(hypothesis, case);
-            let repeats = self.draws(case, hypothesis, fit, (STREAMS[1], episode), REPEATS)?;
+            let repeats = self.draws(case, hypothesis, &known, fit, (STREAMS[1], episode), REPEATS)?;
             let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };
             let fits = problem.fit(repeats.iter().map(start).collect(), on_round)?;
             for (repeat, fit) in repeats.iter().zip(fits) {
