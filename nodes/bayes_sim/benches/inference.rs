@@ -67,7 +67,7 @@ fn networks(c: &mut Criterion) {
 fn draws(c: &mut Criterion) {
     let samples = tracks();
     let network = network(&Settings::default(), &samples);
-    let (weights, means, covariances) = network.mixture_parts(&samples.gather(&[0])).expect("the outputs are finite");
+    let (weights, means, covariances) = network.mixture_parts(&samples.gather(&[0]));
     let mixture = Mixture::new(&weights, means, covariances).expect("the parts are a mixture's");
     let unit = |name: &str| Parameter { name: name.to_owned(), prior: Prior::Uniform { low: 0.0, high: 1.0 } };
     let parameters = ParameterSpace::new(vec![unit("x"), unit("y")]).expect("the priors are proper");

@@ -119,10 +119,13 @@ pub fn infer(
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
 }
 
+/// Counts the ways in which networks have been trained: states of another one are begun anew.
+const METHOD: u32 = 2;
+
 /// A number that stands for all that an inference's outcome depends on, but the simulator: a state of it can be told by that.
 pub fn question(model: &Model, measured: &[MeasuredTrack], policy: Option<&Policy>, settings: &Settings) -> u64 {
     let program = env!("CARGO_PKG_VERSION");
-    hash::fnv1a(format!("{program} {model:?} {measured:?} {policy:?} {settings:?}").into_bytes())
+    hash::fnv1a(format!("{program} {METHOD} {model:?} {measured:?} {policy:?} {settings:?}").into_bytes())
 }
 
 /// Each measured track with those that the simulator makes of `thetas`; `tick` may stop it between two parts.

@@ -4,12 +4,14 @@
 //! F x C columns, or their P leading principal components, and X plain numbers. All parameters lie in one vector: the embedding's, then each
 //! layer's weights (outputs x inputs, row-major) and biases, then the weights of the linear path.
 
+pub mod cut;
 mod ensemble;
 pub mod head;
 mod packed;
 mod projection;
 mod restart;
 mod samples;
+mod spread;
 mod standard;
 #[cfg(test)]
 mod tests;
@@ -25,11 +27,15 @@ pub use train::{Epoch, Trained, TrainingError, train};
 use crate::embedding::Embedding;
 use crate::settings::Settings;
 use catenary_core::matrix::{Transpose, gemm};
-use catenary_core::mixture::MixtureError;
-use nalgebra::{DMatrix, DVector};
+use cut::Lattice;
+use head::Parts;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
+
+/// Points at which the mass inside the unit cube is taken of the mixture that is asked for, and of those of held-out tracks.
+const MASS_POINTS: usize = 1024;
+const WATCH_POINTS: usize = 16;
 
 /// Sizes of a network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -307,16 +313,17 @@ impl Network {
         (total, self.backward(x, work, by_raw, gradient))
     }
 
-    /// Weights, means and covariances of the mixture over unit coordinates at the one track in `batch`.
-    #[allow(clippy::type_complexity, reason = "the parts of a mixture, which an ensemble pools")]
-    pub fn mixture_parts(
-        &self,
-        batch: &Samples,
-    ) -> Result<(Vec<f64>, Vec<DVector<f64>>, Vec<DMatrix<f64>>), MixtureError> {
+    /// The mixture over unit coordinates at the one track in `batch`. The sum of the weights is the inverse of its mass inside
+    /// the unit cube, so that a mean over networks is one of truncated densities.
+    pub fn mixture_parts(&self, batch: &Samples) -> Parts {
         let mut work = Activations::default();
         let raw = self.forward(&self.inputs(batch), &mut work);
         let (centre, scale) = self.standard.theta();
-        self.shape.head.parts(raw, centre, scale)
+        let lattice = Lattice::new(MASS_POINTS, self.shape.head.dimension);
+        let (mut weights, means, covariances) = self.shape.head.parts(raw, centre, scale);
+        let mass = self.shape.head.log_mass(raw, &self.standard.support(), &lattice).exp();
+        weights.iter_mut().for_each(|w| *w /= mass);
+        (weights, means, covariances)
     }
 
     fn backward(&self, x: &[f32], work: &Activations, by_raw: Vec<f32>, gradient: &mut [f32]) -> Vec<f32> {
@@ -375,13 +382,25 @@ impl Network {
 
     /// Weighted mean of the negative log density in unit coordinates (nat) at `theta` (B x D) for `x` (B x I).
     pub fn loss(&self, x: &[f32], theta: &[f64], weights: &[f64], work: &mut Activations) -> f64 {
-        self.forward(x, work);
+        let raw = self.forward(x, work);
+        self.mean_loss(raw, theta, weights, |raw, v| self.shape.head.loss(raw, v, 1.0, None))
+    }
+
+    /// The same of the density truncated to the unit cube, for raw outputs of the head (B x outputs).
+    pub fn truncated_loss(&self, raw: &[f32], theta: &[f64], weights: &[f64]) -> f64 {
+        let (head, support) = (self.shape.head, self.standard.support());
+        let lattice = Lattice::new(WATCH_POINTS, head.dimension);
+        let loss = |raw: &[f32], v: &[f64]| head.loss(raw, v, 1.0, None) + head.log_mass(raw, &support, &lattice);
+        self.mean_loss(raw, theta, weights, loss)
+    }
+
+    /// Weighted mean in unit coordinates of `loss`, which is told the raw outputs and the whitened coordinates of each theta.
+    fn mean_loss(&self, raw: &[f32], theta: &[f64], weights: &[f64], loss: impl Fn(&[f32], &[f64]) -> f64) -> f64 {
         let outputs = self.shape.head.outputs();
         let d = self.shape.head.dimension;
         let (mut sum, mut total) = (0.0, 0.0);
-        for (i, raw) in work.raw.chunks_exact(outputs).enumerate() {
-            let v = self.standard.whiten(&theta[i * d..(i + 1) * d]);
-            sum += weights[i] * self.shape.head.loss(raw, &v, 1.0, None);
+        for (i, raw) in raw.chunks_exact(outputs).enumerate() {
+            sum += weights[i] * loss(raw, &self.standard.whiten(&theta[i * d..(i + 1) * d]));
             total += weights[i];
         }
         sum / total + self.standard.log_scale()

@@ -1,5 +1,6 @@
 //! Networks trained side by side on the same samples; the density is the mean of theirs.
 
+use super::spread::{self, Member};
 use super::{Epoch, Network, Samples, Shape, TrainingError, train};
 use crate::settings::Settings;
 use catenary_core::mixture::MixtureError;
@@ -61,8 +62,8 @@ impl Ensemble {
         listen: &mut dyn FnMut(usize, Option<Epoch>) -> ControlFlow<()>,
     ) -> Result<(Self, Outcome), TrainingError> {
         let Training { data, weights, .. } = training;
-        let mut outcome = Outcome { epochs: 0, held_out_loss: 0.0 };
-        let mut networks = Vec::with_capacity(settings.ensemble);
+        let mut epochs = 0;
+        let mut members = Vec::with_capacity(settings.ensemble);
         for member in 0..settings.ensemble {
             let mut rng = seed::rng(training.seed, member as u64);
             let last = before.and_then(|b| b.networks.get(member)).filter(|n| n.shape() == shape);
@@ -74,18 +75,19 @@ impl Ensemble {
             let mut hear = |epoch| listen(member, epoch);
             let trained =
                 train(&mut network, data, &used, &held_out, weights, &settings.schedule, &mut rng, &mut hear)?;
-            outcome.epochs += trained.epochs;
-            outcome.held_out_loss += trained.held_out_loss / settings.ensemble as f64;
-            networks.push(network);
+            epochs += trained.epochs;
+            members.push(Member::new(network, data, weights, &held_out));
         }
-        Ok((Self { networks }, outcome))
+        let mut tick = || listen(settings.ensemble - 1, None);
+        let (networks, held_out_loss) = spread::widened(members, shape.head.dimension, &mut tick)?;
+        Ok((Self { networks }, Outcome { epochs, held_out_loss }))
     }
 
     /// The mean of the networks' mixtures at the one sample in `batch`.
     pub fn mixture(&self, batch: &Samples) -> Result<Mixture, MixtureError> {
         let (mut weights, mut means, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
         for network in &self.networks {
-            let (w, m, c) = network.mixture_parts(batch)?;
+            let (w, m, c) = network.mixture_parts(batch);
             weights.extend(w);
             means.extend(m);
             covariances.extend(c);

@@ -6,6 +6,7 @@
 //! +-[`DIAGONAL_LIMIT`] by `L tanh(raw / L)`, which bounds precisions without ever stopping their gradient.
 //! The coordinates here are whitened ones, `v = (u - centre) / scale`.
 
+use super::cut::{Lattice, Support};
 use catenary_core::Mixture;
 use catenary_core::mixture::{MixtureError, log_sum_exp};
 use nalgebra::{DMatrix, DVector};
@@ -21,6 +22,9 @@ const LEAST_VARIANCE: f64 = 1e-12;
 /// Share of the bound that [`unbend`] goes to: beyond, a small change of what is bent is a great one of what is not.
 const MOST_BENT: f64 = 0.95;
 
+/// Logarithm of the weight of a component below which its mass inside is not asked for: e^-8 is 0.03 %.
+const LEAST_LOG_WEIGHT: f64 = -8.0;
+
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
 /// Shape of the head.
@@ -31,6 +35,9 @@ pub struct MixtureHead {
     /// D.
     pub dimension: usize,
 }
+
+/// Weights, means and covariances of a mixture's components.
+pub type Parts = (Vec<f64>, Vec<DVector<f64>>, Vec<DMatrix<f64>>);
 
 /// One component, read from raw outputs.
 struct Component {
@@ -65,6 +72,26 @@ impl MixtureHead {
         let logits: Vec<f64> = raw[..self.components].iter().map(|&l| f64::from(l)).collect();
         let total = log_sum_exp(&logits);
         logits.iter().map(|l| l - total).collect()
+    }
+
+    /// What each raw output is multiplied by, and what is added to it, for column i of each A to become `scale[i]` (D) times
+    /// itself. The bend of the diagonals is taken as straight about `mean`, what the raw outputs are on average.
+    pub(super) fn scaled(&self, mean: &[f64], scale: &[f64]) -> Vec<(f64, f64)> {
+        let mut changes = vec![(1.0, 0.0); self.outputs()];
+        let [_, diagonals, mut below] = self.offsets();
+        for k in 0..self.components {
+            for i in 0..self.dimension {
+                let at = diagonals + k * self.dimension + i;
+                let to = unbend(bend(mean[at]) + scale[i].ln());
+                let factor = bend_slope(mean[at]) / bend_slope(to);
+                changes[at] = (factor, to - factor * mean[at]);
+                for by in &scale[..i] {
+                    changes[below] = (*by, 0.0);
+                    below += 1;
+                }
+            }
+        }
+        changes
     }
 
     /// The factor A of component `k`, row-major.
@@ -125,13 +152,7 @@ impl MixtureHead {
     }
 
     /// The mixture over `u = centre + scale * v`: log weights, means and covariances.
-    #[allow(clippy::type_complexity, reason = "the parts of a mixture, which an ensemble pools")]
-    pub fn parts(
-        &self,
-        raw: &[f32],
-        centre: &[f64],
-        scale: &[f64],
-    ) -> Result<(Vec<f64>, Vec<DVector<f64>>, Vec<DMatrix<f64>>), MixtureError> {
+    pub fn parts(&self, raw: &[f32], centre: &[f64], scale: &[f64]) -> Parts {
         let d = self.dimension;
         let weights = self.log_weights(raw).iter().map(|w| w.exp()).collect();
         let mut means = Vec::with_capacity(self.components);
@@ -139,35 +160,61 @@ impl MixtureHead {
         for k in 0..self.components {
             let first = self.offsets()[0] + k * d;
             means.push(DVector::from_fn(d, |i, _| centre[i] + scale[i] * f64::from(raw[first + i])));
-            let factor = DMatrix::from_row_slice(d, d, &self.factor(raw, k));
-            let inverse = factor.solve_lower_triangular(&DMatrix::identity(d, d)).ok_or(MixtureError::Component(k))?;
-            let root = DMatrix::from_fn(d, d, |i, j| scale[i] * inverse[(i, j)]);
+            let root = inverse(&self.factor(raw, k), d);
+            let root = DMatrix::from_fn(d, d, |i, j| scale[i] * root[i * d + j]);
             let covariance = &root * root.transpose();
             let floor = LEAST_VARIANCE * covariance.amax();
             covariances.push(covariance + DMatrix::identity(d, d) * floor);
         }
-        Ok((weights, means, covariances))
+        (weights, means, covariances)
+    }
+
+    /// Logarithm of the mass that the mixture of `raw` has inside `support`, by `lattice` where several edges cut a component,
+    /// and [`super::cut::LEAST_INSIDE`] of each at least. Those of next to no weight count as whole.
+    pub fn log_mass(&self, raw: &[f32], support: &Support, lattice: &Lattice) -> f64 {
+        let d = self.dimension;
+        let inside = |(k, weight): (usize, f64)| {
+            if weight < LEAST_LOG_WEIGHT {
+                return weight;
+            }
+            let means = self.offsets()[0] + k * d;
+            let mean: Vec<f64> = raw[means..means + d].iter().map(|&m| f64::from(m)).collect();
+            weight + support.log_mass(&mean, &inverse(&self.factor(raw, k), d), lattice)
+        };
+        log_sum_exp(&self.log_weights(raw).into_iter().enumerate().map(inside).collect::<Vec<_>>())
     }
 
     /// The mixture over `u = centre + scale * v`.
     pub fn mixture(&self, raw: &[f32], centre: &[f64], scale: &[f64]) -> Result<Mixture, MixtureError> {
-        let (weights, means, covariances) = self.parts(raw, centre, scale)?;
+        let (weights, means, covariances) = self.parts(raw, centre, scale);
         Mixture::new(&weights, means, covariances)
     }
 }
 
+/// The inverse of the lower triangular `factor` (D x D, row-major), whose diagonal is positive.
+fn inverse(factor: &[f64], d: usize) -> Vec<f64> {
+    let mut inverse = vec![0.0; d * d];
+    for i in 0..d {
+        for j in 0..=i {
+            let known: f64 = (j..i).map(|l| factor[i * d + l] * inverse[l * d + j]).sum();
+            inverse[i * d + j] = (f64::from(u8::from(i == j)) - known) / factor[i * d + i];
+        }
+    }
+    inverse
+}
+
 /// The bounded logarithm of a diagonal element.
-pub(super) fn bend(raw: f64) -> f64 {
+fn bend(raw: f64) -> f64 {
     DIAGONAL_LIMIT * (raw / DIAGONAL_LIMIT).tanh()
 }
 
 /// Its derivative.
-pub(super) fn bend_slope(raw: f64) -> f64 {
+fn bend_slope(raw: f64) -> f64 {
     1.0 - (raw / DIAGONAL_LIMIT).tanh().powi(2)
 }
 
 /// The raw output whose bounded logarithm is `bent`; for one near the bound or beyond, one inside.
-pub(super) fn unbend(bent: f64) -> f64 {
+fn unbend(bent: f64) -> f64 {
     DIAGONAL_LIMIT * (bent / DIAGONAL_LIMIT).clamp(-MOST_BENT, MOST_BENT).atanh()
 }
 
@@ -223,7 +270,7 @@ mod tests {
         // Logit; means 1, -1; diagonals 2 and 1/2, before the bend; 3 below them: A = [2 0; 3 0.5].
         let raw = |diagonal: f64| unbend(diagonal.ln()) as f32;
         let r = [0.0, 1.0, -1.0, raw(2.0), raw(0.5), 3.0];
-        let (weights, means, covariances) = head.parts(&r, &[10.0, 20.0], &[1.0, 2.0]).unwrap();
+        let (weights, means, covariances) = head.parts(&r, &[10.0, 20.0], &[1.0, 2.0]);
         assert_eq!((weights[0], means[0].as_slice()), (1.0, &[11.0, 18.0][..]));
         // A^-1 = [1/2 0; -3 2], scaled by (1, 2) from the left: L = [1/2 0; -6 4]; L L^T.
         let exact = [0.25, -3.0, -3.0, 52.0];
@@ -268,7 +315,7 @@ mod tests {
     fn precisions_stay_bounded_and_keep_a_gradient() {
         let head = MixtureHead { components: 1, dimension: 1 };
         for (far, bound) in [(40.0, (-DIAGONAL_LIMIT).exp()), (-40.0, DIAGONAL_LIMIT.exp())] {
-            let sd = head.parts(&[0.0, 0.0, far], &[0.0], &[1.0]).unwrap().2[0][(0, 0)].sqrt();
+            let sd = head.parts(&[0.0, 0.0, far], &[0.0], &[1.0]).2[0][(0, 0)].sqrt();
             assert!((sd / bound - 1.0).abs() < 1e-3, "{far}: {sd} against {bound}");
             let mut gradient = [0.0; 3];
             assert!(head.loss(&[0.0, 0.0, far], &[3.0], 1.0, Some(&mut gradient)).is_finite());

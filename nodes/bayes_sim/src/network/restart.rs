@@ -1,7 +1,6 @@
 //! A network that goes on from another one's parameters on other samples: standardised anew, and still the same function
 //! of its raw inputs, so that training begins where it ended.
 
-use super::head::{bend, bend_slope, unbend};
 use super::{Activations, Network, Samples};
 use crate::network::standard::Affine;
 use rand::Rng;
@@ -14,7 +13,9 @@ impl Network {
         let mut next = self.clone();
         next.standardise(samples, weights, rng);
         next.carry_inputs(self);
-        next.carry_outputs(self, &self.mean_outputs(samples, weights));
+        let mut work = Activations::default();
+        let raw = self.forward(&self.inputs(samples), &mut work);
+        next.carry_outputs(self, &self.mean_outputs(raw, weights));
         next
     }
 
@@ -60,12 +61,10 @@ impl Network {
         shifts
     }
 
-    /// The weighted mean of each raw output over `samples`.
-    fn mean_outputs(&self, samples: &Samples, weights: &[f64]) -> Vec<f64> {
+    /// The weighted mean of each of the raw outputs (N x outputs).
+    pub(super) fn mean_outputs(&self, raw: &[f32], weights: &[f64]) -> Vec<f64> {
         let total: f64 = weights.iter().sum();
         let mut mean = vec![0.0; self.shape.head.outputs()];
-        let mut work = Activations::default();
-        let raw = self.forward(&self.inputs(samples), &mut work);
         for (row, weight) in raw.chunks_exact(mean.len()).zip(weights) {
             mean.iter_mut().zip(row).for_each(|(m, v)| *m += weight / total * f64::from(*v));
         }
@@ -79,28 +78,22 @@ impl Network {
         // v = (u - from) / spread = (narrow v' + to - from) / spread.
         let shrink: Vec<f64> = narrow.iter().zip(spread).map(|(n, s)| n / s).collect();
         let shift: Vec<f64> = (0..head.dimension).map(|i| (from[i] - to[i]) / narrow[i]).collect();
-        // Of each raw output, what it is multiplied by and what is added to it.
-        let mut changes = vec![(1.0, 0.0); head.outputs()];
-        let [means, diagonals, belows] = head.offsets();
-        let mut below = belows;
-        for k in 0..head.components {
-            for i in 0..head.dimension {
-                changes[means + k * head.dimension + i] = (1.0 / shrink[i], shift[i]);
-                let at = diagonals + k * head.dimension + i;
-                let to = unbend(bend(mean[at]) + shrink[i].ln());
-                let factor = bend_slope(mean[at]) / bend_slope(to);
-                changes[at] = (factor, to - factor * mean[at]);
-                for by in &shrink[..i] {
-                    changes[below] = (*by, 0.0);
-                    below += 1;
-                }
-            }
+        let mut changes = head.scaled(mean, &shrink);
+        let means = head.offsets()[0];
+        for (i, change) in changes[means..means + head.components * head.dimension].iter_mut().enumerate() {
+            let axis = i % head.dimension;
+            *change = (1.0 / shrink[axis], shift[axis]);
         }
+        self.change_outputs(&changes);
+    }
+
+    /// Has each raw output be multiplied by the first of its `changes`, and the second added to it.
+    pub(super) fn change_outputs(&mut self, changes: &[(f64, f64)]) {
         let last = self.shape.hidden.len();
         let (inputs, outputs) = self.shape.layers()[last];
         let (weights, biases) = self.shape.offsets()[last];
         let skip = self.parameters.len() - self.shape.skip_count();
-        for (output, (factor, term)) in changes.into_iter().enumerate() {
+        for (output, &(factor, term)) in changes.iter().enumerate() {
             let scale = |values: &mut [f32]| values.iter_mut().for_each(|v| *v *= factor as f32);
             scale(&mut self.parameters[weights + output * inputs..weights + (output + 1) * inputs]);
             if self.shape.skip {

@@ -1,5 +1,6 @@
 //! Centres and scales that bring inputs and thetas to about zero and one.
 
+use super::cut::Support;
 use super::{Network, Samples, Shape};
 use crate::embedding::input::{POINT_VALUES, PRESENCE};
 use serde::{Deserialize, Serialize};
@@ -168,6 +169,12 @@ impl Standardisation {
     /// Logarithm of the volume of a unit of whitened coordinates.
     pub fn log_scale(&self) -> f64 {
         self.theta_scale.iter().map(|s| s.ln()).sum()
+    }
+
+    /// The unit cube in whitened coordinates.
+    pub fn support(&self) -> Support {
+        let dimension = self.theta_centre.len();
+        Support { low: self.whiten(&vec![0.0; dimension]), high: self.whiten(&vec![1.0; dimension]) }
     }
 
     /// Centre and scale of whitened coordinates.

@@ -125,7 +125,7 @@ fn the_losses_of_training_and_of_watching_differ_by_the_volume_of_whitening() {
     // And unit coordinates are those of the mixture that a posterior is made of.
     let mut density = 0.0;
     for i in 0..12 {
-        let (w, m, c) = network.mixture_parts(&samples.gather(&[i])).unwrap();
+        let (w, m, c) = network.mixture_parts(&samples.gather(&[i]));
         density += catenary_core::Mixture::new(&w, m, c).unwrap().log_density(samples.theta(i)) / 12.0;
     }
     assert!((unit + density).abs() < 1e-4, "{unit} against {density}");
@@ -282,7 +282,7 @@ fn a_restarted_network_is_the_same_function_in_other_coordinates() {
         let mut worst = [0.0f64; 3];
         for &i in &corner {
             let batch = all.gather(&[i]);
-            let ((w, m, c), (v, n, d)) = (before.mixture_parts(&batch).unwrap(), after.mixture_parts(&batch).unwrap());
+            let ((w, m, c), (v, n, d)) = (before.mixture_parts(&batch), after.mixture_parts(&batch));
             for k in 0..w.len() {
                 worst[0] = worst[0].max((w[k] - v[k]).abs());
                 worst[1] = worst[1].max((&m[k] - &n[k]).amax());
