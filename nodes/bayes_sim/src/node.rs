@@ -18,7 +18,8 @@ use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
 use catenary_shell::{
-    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, ros_home,
+    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, remove_old_states,
+    state_folder,
 };
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -50,7 +51,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &heard, &asked, state_folder(&states.get()).as_deref(), &posteriors),
+        move |handle| serve(&handle, &heard, &asked, state_folder(&states.get(), "bayes_sim").as_deref(), &posteriors),
     )?;
     node.report_diagnostics(move |report| {
         report.value("log", live.summary());
@@ -85,11 +86,6 @@ fn serve(
     }
 }
 
-/// The folder of a parameter's value; none where there is no home either.
-fn state_folder(asked: &str) -> Option<PathBuf> {
-    if asked.is_empty() { Some(ros_home()?.join("catenary/bayes_sim")) } else { Some(PathBuf::from(asked)) }
-}
-
 fn infer_goal(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
@@ -114,7 +110,7 @@ fn infer_goal(
         first.warnings.extend(overridden);
     }
     let asked = question(&model, &measured, policy.as_ref(), &settings);
-    states.inspect(|folder| StateFile::tidy(folder));
+    states.inspect(|folder| remove_old_states(folder, state_file::EXTENSION));
     let file = states.map(|folder| StateFile::in_folder(folder, asked));
     let state = file.as_ref().and_then(StateFile::read);
     if let Some(state) = &state {

@@ -1,13 +1,11 @@
 //! The state of an inference in a file, for a process that may be killed.
 
 use crate::sequential::State;
+use catenary_shell::{remove_state, state_file};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 
-/// States of other inferences that a folder keeps however old they are.
-const KEPT: usize = 8;
-/// Age below which none is removed: it may be that of an inference that runs.
-const YOUNG: Duration = Duration::from_secs(7 * 24 * 3600);
+/// Of the files of a folder of states.
+pub const EXTENSION: &str = "json";
 
 /// A file that holds the state of one inference while it runs.
 #[derive(Debug, Clone)]
@@ -24,7 +22,7 @@ impl StateFile {
 
     /// A file of its own in `folder`.
     pub fn in_folder(folder: &Path, question: u64) -> Self {
-        Self::new(folder.join(format!("{question:016x}.json")), question)
+        Self::new(state_file(folder, question, EXTENSION), question)
     }
 
     /// Where it lies.
@@ -75,40 +73,10 @@ impl StateFile {
         }
     }
 
-    /// Removes old states that inferences left in `folder` which were cancelled and never asked again, but for the newest.
-    pub fn tidy(folder: &Path) {
-        let Ok(entries) = std::fs::read_dir(folder) else { return };
-        let paths = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_state(path));
-        let mut states: Vec<(SystemTime, PathBuf)> =
-            paths.filter_map(|path| Some((path.metadata().ok()?.modified().ok()?, path))).collect();
-        states.sort();
-        let surplus = states.len().saturating_sub(KEPT);
-        let is_old = |at: &SystemTime| at.elapsed().is_ok_and(|age| age > YOUNG);
-        for (_, path) in states.iter().take(surplus).filter(|(at, _)| is_old(at)) {
-            if let Err(error) = std::fs::remove_file(path)
-                && error.kind() != std::io::ErrorKind::NotFound
-            {
-                tracing::warn!("{}: an old state that cannot be removed: {error}", path.display());
-            }
-        }
-    }
-
     /// Removes the file of an inference that has ended.
     pub fn remove(&self) {
-        if let Err(error) = std::fs::remove_file(&self.path)
-            && error.kind() != std::io::ErrorKind::NotFound
-        {
-            tracing::warn!("{}: {error}", self.path.display());
-        }
+        remove_state(&self.path);
     }
-}
-
-/// Whether a file is called as [`StateFile::in_folder`] calls them.
-fn is_state(path: &Path) -> bool {
-    let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-    path.extension().is_some_and(|e| e == "json")
-        && stem.len() == 16
-        && stem.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
 }
 
 #[cfg(test)]
@@ -132,39 +100,6 @@ mod tests {
         file.remove();
         file.remove();
         assert_eq!(file.read(), None);
-        std::fs::remove_dir_all(folder).unwrap();
-    }
-
-    #[test]
-    fn old_states_go_but_for_a_few_and_other_files_are_left_alone() {
-        let folder = std::env::temp_dir().join(format!("catenary_states_{}", std::process::id()));
-        let state = |question| State::new(question, Samples::new(3, 2));
-        std::fs::create_dir_all(&folder).unwrap();
-        let age = |path: &Path, days: u64| {
-            let at = SystemTime::now() - Duration::from_secs(days * 24 * 3600);
-            std::fs::File::options().append(true).open(path).unwrap().set_modified(at).unwrap();
-        };
-        let mine = ["notes.json", "0123456789ABCDEF.json"].map(|name| folder.join(name));
-        for path in &mine {
-            std::fs::write(path, "{}").unwrap();
-            age(path, 100);
-        }
-        // Twelve young ones, and twenty old ones.
-        let file = |question| StateFile::in_folder(&folder, question);
-        for question in 0..32 {
-            file(question).write(&state(question));
-            age(file(question).path(), if question < 12 { question / 2 } else { question });
-        }
-        let left = |of: std::ops::Range<u64>| of.filter(|q| file(*q).path().exists()).count();
-        StateFile::tidy(&folder);
-        assert_eq!((left(0..12), left(12..32)), (12, 0));
-        (0..8).for_each(|question| file(question).remove());
-        (12..32).for_each(|question| file(question).write(&state(question)));
-        (12..32).for_each(|question| age(file(question).path(), question));
-        StateFile::tidy(&folder);
-        assert_eq!((left(8..12), left(12..16), left(16..32)), (4, 4, 0));
-        assert!(mine.iter().all(|path| path.exists()));
-        StateFile::tidy(&folder.join("nowhere"));
         std::fs::remove_dir_all(folder).unwrap();
     }
 }
