@@ -142,7 +142,6 @@ mod tests {
     use super::*;
     use crate::fit::Start;
     use crate::toy::{self, Toy};
-    use crate::unknowns::Unknowns;
     use std::ops::ControlFlow;
 
     /// p-values of worlds of the toy in which an effect has the value `effect`.
@@ -151,13 +150,7 @@ mod tests {
         let world = |i: u64| {
             let case = toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", effect)]);
             let cases = [case.measured_anew(&mut seed::rng(21, i))];
-            let problem = Problem {
-                simulator: &toy,
-                unknowns: Unknowns::of(&toy::model(), 1),
-                cases: &cases,
-                rounds: 40,
-                is_shared_held: false,
-            };
+            let problem = Problem::of(&toy::model(), &cases, &toy, 40);
             let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
             let mut go_on = || ControlFlow::Continue(());
             let fit = problem.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();

@@ -6,7 +6,7 @@ use crate::case::{Case, Channel};
 use crate::error::FinderError;
 use crate::unknowns::{Scope, Unknowns};
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
-use catenary_core::{DifferentiableSimulator, Fidelity, SimulationRequest, Track};
+use catenary_core::{DifferentiableSimulator, Fidelity, Model, SimulationRequest, Track};
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
@@ -151,6 +151,14 @@ struct Climb {
     trial: Vec<f64>,
     damping: f64,
     done: bool,
+}
+
+impl<'a> Problem<'a> {
+    /// The problem of fitting `model` to `cases`.
+    pub fn of(model: &Model, cases: &'a [Case], simulator: &'a dyn DifferentiableSimulator, rounds: usize) -> Self {
+        let unknowns = Unknowns::of(model, cases.len());
+        Problem { simulator, unknowns, cases, rounds, is_shared_held: false }
+    }
 }
 
 impl Problem<'_> {
@@ -559,13 +567,7 @@ mod tests {
 
     fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
         let toy = Toy { gain: 0.3 };
-        let problem = Problem {
-            simulator: &toy,
-            unknowns: Unknowns::of(&toy::model(), 1),
-            cases,
-            rounds: 40,
-            is_shared_held: false,
-        };
+        let problem = Problem::of(&toy::model(), cases, &toy, 40);
         let start = |p: &[f64; 2]| Start { point: p.to_vec(), tracks: problem.measured() };
         problem.fit(points.iter().map(start).collect(), &mut || ControlFlow::Continue(()))
     }
@@ -603,13 +605,7 @@ mod tests {
     fn borrowed_derivatives_lead_to_the_same_least_cost() {
         let toy = Toy { gain: 0.3 };
         let cases = [toy::case(&toy, [0.25, 2e4], &[])];
-        let problem = Problem {
-            simulator: &toy,
-            unknowns: Unknowns::of(&toy::model(), 1),
-            cases: &cases,
-            rounds: 40,
-            is_shared_held: false,
-        };
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
         let about = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
         let mut rng = seed::rng(12, 0);
         // Points as far off as some standard deviations of the fit, and some so far that the derivatives are of no use.
@@ -655,13 +651,7 @@ mod tests {
     fn a_fit_stops_when_it_is_told_to() {
         let toy = Toy { gain: 0.3 };
         let cases = [toy::case(&toy, [0.25, 2e4], &[])];
-        let problem = Problem {
-            simulator: &toy,
-            unknowns: Unknowns::of(&toy::model(), 1),
-            cases: &cases,
-            rounds: 40,
-            is_shared_held: false,
-        };
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
         let stopped = problem.fit(vec![start], &mut || ControlFlow::Break(()));
         assert!(matches!(stopped, Err(FinderError::Cancelled(_))));

@@ -1,0 +1,239 @@
+//! Which effects explain what is left: one, and where the best does not close the gap, more.
+
+use super::{LEAST_DECREASE, Search, Stage};
+use crate::calibrate::best_fit;
+use crate::candidate::Candidate;
+use crate::error::FinderError;
+use crate::evidence::Yardstick;
+use crate::hypothesis::{Depth, Hypothesis, Trial};
+use crate::name::{Extent, Ranking};
+use crate::sentences;
+use crate::settings::Settings;
+use crate::verdict::{Finding, Fitness};
+
+/// Models that are looked at more closely, of all the most probable.
+const PARENTS: usize = 3;
+/// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
+const FEWER: usize = 4;
+/// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
+const LEAST_SHRINK: f64 = 0.98;
+
+/// What naming came to.
+pub(super) struct Named {
+    pub ranking: Ranking,
+    /// The most probable model with its test; none where none of the candidates is.
+    pub best: Option<Best>,
+}
+
+/// The most probable model with effects.
+pub(super) struct Best {
+    pub hypothesis: Hypothesis,
+    pub extent: Extent,
+    pub fitness: Fitness,
+}
+
+impl Search<'_> {
+    /// Models with one effect each, and where the best of them does not close the gap, with more.
+    pub(super) fn name(
+        &mut self,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+        finding: &mut Finding,
+    ) -> Result<Named, FinderError> {
+        let candidates = self.question.candidates;
+        let mut hypotheses = self.singles(base, yardstick, finding)?;
+        let mut tested: Option<Best> = None;
+        for effects in 1.. {
+            let ranking = Ranking::new(self.problem, base, hypotheses, candidates.len(), self.settings)?;
+            let ranking = self.polish(ranking, base, yardstick)?;
+            let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !t.hypothesis.is_same(&best.candidates));
+            self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
+            if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
+                if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
+                    && !self.is_plain(&ranking, &last.hypothesis, hypothesis)?
+                {
+                    let is_small = |h: &Hypothesis| h.candidates.len() <= last.hypothesis.candidates.len();
+                    let left = ranking.hypotheses.into_iter().filter(is_small).collect();
+                    let ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
+                    return Ok(Named { ranking, best: Some(last) });
+                }
+                tested = Some(self.test(hypothesis.clone(), extent, finding, effects)?);
+            }
+            let is_closed = tested.as_ref().is_some_and(|t| t.extent == Extent::Whole);
+            let is_candidate = |c: &&Candidate| finding.left_out.iter().all(|(name, _)| *name != c.name);
+            let usable: Vec<&Candidate> = candidates.iter().filter(is_candidate).collect();
+            if is_closed || effects >= self.settings.most_effects.min(usable.len()) {
+                let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
+                return Ok(Named { ranking, best });
+            }
+            hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
+        }
+        unreachable!("the last round returns")
+    }
+
+    /// Models with one effect each: those that promise most are fitted.
+    fn singles(
+        &mut self,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+        finding: &mut Finding,
+    ) -> Result<Vec<Hypothesis>, FinderError> {
+        let (candidates, problem) = (self.question.candidates, self.problem);
+        let mut left_out = |candidate: &Candidate, error: FinderError| match error {
+            cancelled @ FinderError::Cancelled(_) => Err(cancelled),
+            error => {
+                finding.left_out.push((candidate.name.clone(), error.to_string()));
+                Ok(())
+            }
+        };
+        let mut trials = Vec::new();
+        for (i, candidate) in candidates.iter().enumerate() {
+            self.telling.report(Stage::Name, 0.5 * i as f64 / candidates.len() as f64, None)?;
+            match self.telling.in_rounds(Stage::Name, |on_round| base.with(problem, candidate, on_round)) {
+                Ok(trial) => trials.push((candidate, trial)),
+                Err(error) => left_out(candidate, error)?,
+            }
+        }
+        trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
+        let mut hypotheses = Vec::new();
+        for (i, (candidate, trial)) in trials.into_iter().enumerate() {
+            let fitted = if i < self.settings.extensions {
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
+            } else {
+                trial.promised(yardstick)
+            };
+            match fitted {
+                Ok(one) => hypotheses.push(one),
+                Err(error) => left_out(candidate, error)?,
+            }
+        }
+        Ok(hypotheses)
+    }
+
+    /// Whether a further effect predicts the held-out episodes better; where there are none, whether its probability is plain.
+    fn is_plain(&mut self, ranking: &Ranking, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
+        if self.held_out.is_empty() {
+            let behind = ranking.log_odds(more, less);
+            let is_plain = behind > self.settings.least_log_bayes_factor;
+            if !is_plain {
+                self.telling.conclude(Stage::Name, sentences::not_plain(more, behind))?;
+            }
+            return Ok(is_plain);
+        }
+        let verifier = self.verifier();
+        let mut rmse_mm = |h: &Hypothesis| {
+            self.telling.in_rounds(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.score.rmse_mm))
+        };
+        let (less_mm, more_mm) = (rmse_mm(less)?, rmse_mm(more)?);
+        let shrinks = more_mm < LEAST_SHRINK * less_mm;
+        if !shrinks {
+            self.telling.conclude(Stage::Verify, sentences::no_better(more, less_mm, more_mm))?;
+        }
+        Ok(shrinks)
+    }
+
+    /// Looks for better fits of the most probable hypotheses elsewhere: with an effect more, the best values of all others may
+    /// lie in another valley.
+    fn polish(
+        &mut self,
+        mut ranking: Ranking,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<Ranking, FinderError> {
+        let (problem, settings) = (self.problem, self.settings);
+        let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
+        let few = Settings { draws, starts, ..settings.clone() };
+        loop {
+            let alike: Vec<Vec<Candidate>> =
+                ranking.alike(settings).into_iter().map(|h| h.candidates.clone()).collect();
+            let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
+                Depth::Promised => place < PARENTS || alike.iter().any(|a| h.is_same(a)),
+                Depth::Fitted => place < PARENTS,
+                Depth::Glanced => place == 0,
+                Depth::Polished => false,
+            };
+            let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
+            let mut all = ranking.hypotheses;
+            let old = &all[place];
+            let fitted = match (old.depth, old.candidates.as_slice()) {
+                (Depth::Promised, [candidate]) => self.telling.in_rounds(Stage::Name, |on_round| {
+                    base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
+                }),
+                _ => {
+                    let (own, known) = (old.problem(problem), vec![old.fit.point.clone()]);
+                    let (how, depth) = if place == 0 { (settings, Depth::Polished) } else { (&few, Depth::Glanced) };
+                    let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, how, on_round));
+                    found.map(|fit| match yardstick.of(&old.candidates, &fit) {
+                        Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
+                            Hypothesis { fit, evidence, depth, ..old.clone() }
+                        }
+                        _ => Hypothesis { depth, ..old.clone() },
+                    })
+                }
+            };
+            match fitted {
+                Ok(fitted) => all[place] = fitted,
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                // What promised something cannot be simulated.
+                Err(_) => drop(all.remove(place)),
+            }
+            ranking = Ranking::new(problem, base, all, self.question.candidates.len(), settings)?;
+        }
+    }
+
+    /// The hypotheses, and those with an effect more than `effects` that promise most.
+    fn extended(
+        &mut self,
+        mut hypotheses: Vec<Hypothesis>,
+        effects: usize,
+        candidates: &[&Candidate],
+        yardstick: &Yardstick,
+    ) -> Result<Vec<Hypothesis>, FinderError> {
+        let parents: Vec<&Hypothesis> =
+            hypotheses.iter().filter(|h| h.candidates.len() == effects).take(PARENTS).collect();
+        let problem = self.problem;
+        let mut trials: Vec<Trial> = Vec::new();
+        for (i, parent) in parents.iter().enumerate() {
+            for candidate in candidates.iter().filter(|c| !parent.has(&c.name)) {
+                let is_known = |t: &Trial| parent.names().iter().all(|n| t.has(n)) && t.has(&candidate.name);
+                if trials.iter().any(is_known) {
+                    continue;
+                }
+                self.telling.report(Stage::Name, i as f64 / parents.len() as f64, None)?;
+                match self.telling.in_rounds(Stage::Name, |on_round| parent.with(problem, candidate, on_round)) {
+                    Ok(trial) => trials.push(trial),
+                    Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                    // What cannot be simulated beside the others explains nothing.
+                    Err(_) => (),
+                }
+            }
+        }
+        trials.sort_by(|a, b| a.promise.total_cmp(&b.promise));
+        trials.truncate(self.settings.extensions);
+        for trial in trials {
+            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round)) {
+                Ok(one) => hypotheses.push(one),
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                Err(_) => (),
+            }
+        }
+        Ok(hypotheses)
+    }
+
+    /// The test of a model with effects: where it fails plainly, something is left.
+    fn test(
+        &mut self,
+        hypothesis: Hypothesis,
+        extent: Extent,
+        finding: &Finding,
+        stream: usize,
+    ) -> Result<Best, FinderError> {
+        let with = hypothesis.problem(self.problem);
+        let detection = self.detect(&with, &hypothesis.fit, stream as u64, Stage::Repair)?;
+        let fitness = self.agreement(&with, &hypothesis.fit)?.with(&detection);
+        let closes = extent == Extent::Whole && fitness.test.p_value > self.settings.repaired_level;
+        let extent = if closes { Extent::Whole } else { Extent::Part };
+        self.telling.conclude(Stage::Repair, sentences::repaired(&hypothesis, &finding.present, &fitness, !closes))?;
+        Ok(Best { hypothesis, extent, fitness })
+    }
+}
