@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import re
 import signal
 import subprocess
 import time
@@ -65,13 +66,39 @@ def test_vetoes_and_odds_are_read_from_the_model(bag, tmp_path):
     assert "lacking.vetoes" in refusal(bag, tmp_path / "a", model=model) and "gremlins" in refusal(bag, tmp_path / "a", model=model)
 
 
+def started(bag, out):
+    """A search that has kept some of what was simulated."""
+    child = subprocess.Popen(command(bag, out), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    journal, deadline = out / "search.journal", time.monotonic() + 60
+    while not journal.exists() or journal.stat().st_size < 200_000:
+        assert child.poll() is None and time.monotonic() < deadline
+        time.sleep(0.01)
+    return child, journal
+
+
 def test_ctrl_c_ends_a_search(bag, tmp_path):
-    child = subprocess.Popen(command(bag, tmp_path / "found"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(1.0)
+    child, journal = started(bag, tmp_path / "found")
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    assert child.returncode == 130 and "interrupted" in err and out == ""
-    assert not (tmp_path / "found/verdict.json").exists()
+    assert child.returncode == 130 and "the same command goes on from there" in err and out == ""
+    assert journal.exists() and not (tmp_path / "found/verdict.json").exists()
+
+
+def test_a_killed_search_goes_on_and_ends_with_the_same_bits(bag, tmp_path):
+    def finish(out):
+        done = subprocess.run(command(bag, out, "--json"), capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0 and not (out / "search.journal").exists(), done.stderr
+        return {key: value for key, value in json.loads(done.stdout).items() if key != "wall_s"}, done.stderr
+
+    whole, err = finish(tmp_path / "whole")
+    assert "goes on" not in err
+    child, journal = started(bag, tmp_path / "cut")
+    child.kill()
+    child.communicate()
+    with journal.open("ab") as file:
+        file.write(b"half an answer")
+    rest, err = finish(tmp_path / "cut")
+    assert int(re.search(r"goes on with (\d+) answers", err)[1]) > 0 and rest == whole
 
 
 def refusal(*arguments, model=MODEL):

@@ -1,5 +1,7 @@
 """What `find_effects.launch.xml` starts: a search in bags and on topics, with the same outcome."""
 
+import json
+
 from catenary_msgs.action import FindEffects
 from rclpy.action import ActionClient
 from test_train_launch import result_of
@@ -31,3 +33,23 @@ def test_a_search_on_topics_comes_to_what_one_in_the_bag_does(session):
     of_topics = session.ros.result(result, 120, "the search on topics").result
     assert (of_topics.verdict, of_topics.message) == (of_bag.verdict, of_bag.message)
     assert list(of_topics.found) == list(of_bag.found) == []
+
+
+def test_a_search_in_the_graph_holds_its_repair_against_unseen_episodes(session):
+    """The same through the command as through the goal, and a state that the node leaves behind."""
+    model_file, actions = session.root / MODEL, session.root / "launch_configs/models/gallery.csv"
+    for name, seed in (("fitted", 5), ("unseen", 6)):
+        arguments = ["--model", model_file, "--actions", actions, "--noise", "--effect", "tip_mass_kg=0.006", "--seed", seed, "--out", name]
+        done = session.run("simulate", *arguments)
+        assert done.returncode == 0, done.stderr
+    session.launch("null_sets:=19", file="find_effects.launch.xml", nodes={"effect_finder"})
+    files = ["--bag", session.folder / "fitted", "--verify", session.folder / "unseen", "--model", model_file]
+    done = session.run("find-effects", "--node", *files, "--out", "found", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert any("tip_mass_kg" in alike.split("|") for alike in said["found"]), said
+    assert any("on 1 unseen episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]
+    model = (session.folder / "found/model.yaml").read_text()
+    assert "tip_mass_kg" in model
+    told_apart = said["verdict"] != "cannot_tell_apart"
+    assert told_apart != (session.folder / "found/separating_motion.csv").exists()

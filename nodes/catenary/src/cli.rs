@@ -181,12 +181,12 @@ pub struct FindEffectsArgs {
     #[arg(long, required = true)]
     pub bag: Vec<PathBuf>,
     /// Bag whose episodes no fit sees, by which the repair is judged; several may be given; none: the last third of the episodes
-    #[arg(long, conflicts_with = "node")]
+    #[arg(long)]
     pub verify: Vec<PathBuf>,
     /// Model file
     #[arg(long)]
     pub model: PathBuf,
-    /// Folder for verdict.json, model.yaml and report/index.html; with --node for model.yaml alone
+    /// Folder for verdict.json, model.yaml and report/index.html; with --node without verdict and report
     #[arg(long)]
     pub out: PathBuf,
     /// Data sets without a gap that each test is held against; with --node, the node's parameter says how many

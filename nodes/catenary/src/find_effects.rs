@@ -10,7 +10,9 @@ use anyhow::{Context, Result};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 use catenary_shell::Shutdown;
-use effect_finder::{FinderError, Finding, Outcome, Question, Settings, convert, find, node::episodes_of};
+use effect_finder::node::journal::{self, Journal};
+use effect_finder::node::{episodes_of, hold_out};
+use effect_finder::{FinderError, Finding, Outcome, Question, Settings, convert, find};
 use indicatif::{ProgressBar, ProgressStyle};
 use page::page;
 use serde::Serialize;
@@ -23,8 +25,8 @@ use std::time::Instant;
 const MOTION: &str = "separating_motion.csv";
 /// What a search writes: the verdict, the model to go on with, pictures.
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
-/// Of how many episodes one is held out, where nobody says which.
-const HELD_OUT: usize = 3;
+/// What the simulator has answered, until a search has ended.
+const JOURNAL: &str = "search.journal";
 /// Steps of the progress bar.
 const STEPS: f64 = 1000.0;
 
@@ -61,10 +63,7 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     settings.check().context("--null-sets")?;
     let mut fitted = episodes(&arguments.bag, &model)?;
     let held_out = match arguments.verify.as_slice() {
-        [] => {
-            let kept = fitted.len() - fitted.len() / HELD_OUT;
-            fitted.split_off(kept)
-        }
+        [] => hold_out(&mut fitted),
         bags => episodes(bags, &model)?,
     };
     for name in FILES {
@@ -75,7 +74,7 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     let started = Instant::now();
     let tracks = |list: &[(Looked, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
     let Outcome { finding, model: repaired, shown } =
-        search(&model, [&tracks(&fitted), &tracks(&held_out)], &settings, &shutdown)?;
+        search(&model, [&tracks(&fitted), &tracks(&held_out)], &settings, &arguments.out.join(JOURNAL), &shutdown)?;
     let text = match repaired {
         Some(model) => model.rewrite(&text)?,
         None => text,
@@ -90,8 +89,7 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         finding,
     };
     if let Some(separation) = &report.finding.separation {
-        let path = arguments.out.join(MOTION);
-        std::fs::write(&path, actions::written(&separation.actions)).with_context(|| path.display().to_string())?;
+        write_motion(&arguments.out, &separation.actions)?;
     }
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &shown)?])?;
     output::result(&arguments.output, &report, words)
@@ -107,19 +105,25 @@ fn episodes(bags: &[PathBuf], model: &Model) -> Result<Vec<(Looked, MeasuredTrac
     Ok(all)
 }
 
-/// Searches in this process with a bar; conclusions are told as they come.
+/// Searches in this process with a bar; conclusions are told as they come. What was simulated is kept in `journal` until the search
+/// has ended.
 fn search(
     model: &Model,
     [measured, held_out]: [&[MeasuredTrack]; 2],
     settings: &Settings,
+    journal: &Path,
     shutdown: &Shutdown,
 ) -> Result<Outcome> {
     let simulator = BeamSimulator::new(model, workers::available())?;
+    let journal = Journal::open(journal.to_owned(), journal::question(model), &simulator);
+    if !journal.is_empty() {
+        output::tell(&format!("goes on with {} answers of the simulator, which an earlier search left", journal.len()));
+    }
     let candidates = convert::candidates(Registry::shipped(), model)?;
     let bar = ProgressBar::new(STEPS as u64);
     bar.set_style(ProgressStyle::with_template("{msg:<10} [{bar:30}] {percent} %")?.progress_chars("=> "));
     let question = Question { model, measured, held_out, candidates: &candidates };
-    let found = find(question, &simulator, settings, &mut |progress| {
+    let found = find(question, &journal, settings, &mut |progress| {
         bar.set_message(progress.stage.name());
         bar.set_position((STEPS * progress.progress) as u64);
         if let Some(conclusion) = &progress.conclusion {
@@ -129,9 +133,22 @@ fn search(
     });
     bar.finish_and_clear();
     match found {
-        Err(FinderError::Cancelled(stage)) => Err(Interrupted(format!(" while it was to {stage}")).into()),
-        other => Ok(other?),
+        Err(FinderError::Cancelled(stage)) => {
+            let words = format!(" while it was to {stage}; the same command goes on from there");
+            Err(Interrupted(words).into())
+        }
+        Err(error) => Err(error.into()),
+        Ok(outcome) => {
+            journal.remove();
+            Ok(outcome)
+        }
     }
+}
+
+/// Writes the actions that would tell alike effects apart.
+pub fn write_motion(folder: &Path, of_steps: &[[f64; 2]]) -> Result<()> {
+    let path = folder.join(MOTION);
+    std::fs::write(&path, actions::written(of_steps)).with_context(|| path.display().to_string())
 }
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {

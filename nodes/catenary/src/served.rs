@@ -1,6 +1,7 @@
 //! `catenary infer --node`, `train --node` and `find-effects --node`: the same work, done by the nodes of a running graph.
 
 use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
+use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
 use crate::infer::{iteration_words, marginal_words};
 use crate::output;
@@ -144,6 +145,7 @@ fn absolute(bag: &PathBuf) -> Result<String> {
 pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> {
     let goal = FindEffectsGoal {
         bags: arguments.bag.iter().map(absolute).collect::<Result<_>>()?,
+        verify: arguments.verify.iter().map(absolute).collect::<Result<_>>()?,
         model_yaml: text(&arguments.model)?,
         seed: arguments.seed,
     };
@@ -158,6 +160,10 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     })?;
     ensure!(result.success, "{name}: {}", result.message);
     std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
+    let (actions, _) = result.separating_actions.as_chunks();
+    if !actions.is_empty() {
+        write_motion(&arguments.out, actions)?;
+    }
     let found = Found {
         bags: arguments.bag.clone(),
         wall_s,

@@ -57,5 +57,6 @@ pub fn result(finding: &Finding, model_yaml: String) -> FindEffectsResult {
         effects: finding.presence.iter().map(|p| p.name.clone()).collect(),
         probabilities: finding.presence.iter().map(|p| p.probability).collect(),
         model_yaml,
+        separating_actions: finding.separation.iter().flat_map(|s| s.actions.as_flattened()).copied().collect(),
     }
 }

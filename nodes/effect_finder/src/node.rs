@@ -1,15 +1,21 @@
 //! The node: an action that searches in bags, or in the last episode on the topics.
-#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name")]
+#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name, and keeps journals")]
 
+pub mod journal;
+
+use self::journal::Journal;
 use crate::error::FinderError;
 use crate::settings::Settings;
 use crate::{Question, convert, find};
 use anyhow::{Context, Result, bail};
 use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
-use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::{DifferentiableSimulator, Model};
 use catenary_msgs::action::{FindEffects, FindEffectsResult};
-use catenary_shell::{Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract};
+use catenary_shell::{
+    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract, remove_old_states, state_file,
+    state_folder,
+};
 use simulator_pool::{BeamSimulator, Registry, model_text, workers};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -24,6 +30,15 @@ pub fn main(args: Vec<String>) -> ExitCode {
 struct Parameters {
     workers: Param<i64>,
     null_sets: Param<i64>,
+    states: Param<String>,
+}
+
+/// Of how many episodes one is held out, where nobody says which.
+const HELD_OUT: usize = 3;
+
+/// Takes those out of `episodes` that no fit sees, where nobody says which: the last third.
+pub fn hold_out<T>(episodes: &mut Vec<T>) -> Vec<T> {
+    episodes.split_off(episodes.len() - episodes.len() / HELD_OUT)
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
@@ -32,9 +47,13 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let null_sets = ParamSpec::new(
         "Data sets without a gap that each test is held against (B). The least p-value is 1 / (1 + B); the time of a search grows with it.",
     );
+    let states = ParamSpec::new(
+        "Where a search keeps what was simulated while it runs, to go on from after a kill; none: catenary/effect_finder in ROS_HOME or ~/.ros.",
+    );
     let parameters = Parameters {
         workers: builder.declare_i64("workers", 0, workers.integer_range(0..=1024))?,
         null_sets: builder.declare_i64("null_sets", 199, null_sets.integer_range(19..=99_999))?,
+        states: builder.declare_string("state_folder", "", states)?,
     };
     let node = builder.build()?;
     let live = std::sync::Arc::new(LiveEpisodes::listen(&node)?);
@@ -69,13 +88,22 @@ fn serve(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Par
 fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Parameters) -> Result<FindEffectsResult> {
     let goal = handle.goal();
     let model = model_text::read(&goal.model_yaml).context("model_yaml")?;
-    let measured = measured(handle, live, &model)?;
+    let (measured, held_out) = measured(handle, live, &model)?;
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
     let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
+    let journal = state_folder(&parameters.states.get(), "effect_finder").map(|folder| {
+        remove_old_states(&folder, journal::EXTENSION);
+        let asked = journal::question(&model);
+        Journal::open(state_file(&folder, asked, journal::EXTENSION), asked, &simulator)
+    });
+    if let Some(known) = journal.as_ref().map(Journal::len).filter(|known| *known > 0) {
+        tracing::info!("goes on with {known} answers of the simulator, which an earlier process left");
+    }
+    let asked: &dyn DifferentiableSimulator = journal.as_ref().map_or(&simulator, |journal| journal);
     let candidates = convert::candidates(Registry::shipped(), &model)?;
-    let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
-    let found = find(question, &simulator, &settings, &mut |progress| {
+    let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
+    let found = find(question, asked, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
         if let Some(conclusion) = &progress.conclusion {
             tracing::info!("{}: {conclusion}", progress.stage.name());
@@ -90,23 +118,32 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
                 Some(model) => model.rewrite(&goal.model_yaml)?,
                 None => goal.model_yaml.clone(),
             };
+            journal.into_iter().for_each(Journal::remove);
             Ok(convert::result(&finding, text))
         }
     }
 }
 
-/// The episodes that the goal names: all of its bags, or the last one on the topics, which is waited for.
-fn measured(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, model: &Model) -> Result<Vec<MeasuredTrack>> {
-    let bags = &handle.goal().bags;
-    if bags.is_empty() {
+/// The episodes that the goal names: all of its bags, or the last one on the topics, which is waited for; and those that it holds
+/// out.
+fn measured(
+    handle: &GoalHandle<FindEffects>,
+    live: &LiveEpisodes,
+    model: &Model,
+) -> Result<(Vec<MeasuredTrack>, Vec<MeasuredTrack>)> {
+    let goal = handle.goal();
+    let of_bags = |bags: &[String]| -> Result<Vec<MeasuredTrack>> {
+        let episodes = bags.iter().map(|bag| episodes_of(Path::new(bag), model)).collect::<Result<Vec<_>>>()?;
+        Ok(episodes.into_iter().flatten().map(|(_, measured)| measured).collect())
+    };
+    let held_out = of_bags(&goal.verify)?;
+    if goal.bags.is_empty() {
         let episode = live.wait(handle).context("cancelled while waiting for an episode")?;
-        return Ok(vec![episode.measured(model)?]);
+        return Ok((vec![episode.measured(model)?], held_out));
     }
-    let mut all = Vec::new();
-    for bag in bags {
-        all.extend(episodes_of(Path::new(bag), model)?.into_iter().map(|(_, measured)| measured));
-    }
-    Ok(all)
+    let mut measured = of_bags(&goal.bags)?;
+    let held_out = if goal.verify.is_empty() { hold_out(&mut measured) } else { held_out };
+    Ok((measured, held_out))
 }
 
 /// Every complete episode of a bag that the model can be held against, with its number in the bag. The others are left out,
@@ -137,5 +174,23 @@ pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)
     match refused {
         Some(error) if episodes.is_empty() => Err(error).with_context(named),
         _ => Ok(episodes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_third_is_held_out_and_nothing_of_one_or_two() {
+        let split = |count: usize| {
+            let mut fitted: Vec<usize> = (0..count).collect();
+            let held_out = hold_out(&mut fitted);
+            (fitted, held_out)
+        };
+        assert_eq!(split(1), (vec![0], vec![]));
+        assert_eq!(split(2), (vec![0, 1], vec![]));
+        assert_eq!(split(3), (vec![0, 1], vec![2]));
+        assert_eq!(split(7), (vec![0, 1, 2, 3, 4], vec![5, 6]));
     }
 }

@@ -1,0 +1,305 @@
+//! What a simulator has answered, in a file, for a search whose process may be killed: a search is told the same bits for the same
+//! questions, so one that begins again asks the same, and what was answered before it need not be simulated.
+
+use catenary_core::hash::fnv1a;
+use catenary_core::simulator::TrackSensitivities;
+use catenary_core::{DifferentiableSimulator, Model, SimulationRequest, Simulator, SimulatorError, Track};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{Result as IoResult, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Of the files of a folder of journals.
+pub const EXTENSION: &str = "journal";
+
+/// Bytes before an answer: what was asked, the answer's length, and a number that stands for its bytes.
+const HEAD: usize = 24;
+
+/// A simulator that looks up what another one was asked before, and writes down what that answers.
+pub struct Journal<'a> {
+    simulator: &'a dyn DifferentiableSimulator,
+    path: PathBuf,
+    kept: Mutex<Kept>,
+}
+
+/// Where the answers are.
+struct Kept {
+    /// None once writing has failed.
+    file: Option<File>,
+    /// By what was asked: place and length.
+    answers: HashMap<u64, (u64, usize)>,
+    /// Where the next one goes.
+    end: u64,
+}
+
+/// A number that stands for what answers depend on beside the request: the program and the model.
+pub fn question(model: &Model) -> u64 {
+    let build = std::env::current_exe().and_then(|program| program.metadata()).map(|m| (m.len(), m.modified().ok()));
+    fnv1a(format!("{} {:?} {model:?}", env!("CARGO_PKG_VERSION"), build.ok()).into_bytes())
+}
+
+impl<'a> Journal<'a> {
+    /// Goes on with the file at `path` where it is one of `question`, and begins it anew else. What fails is said, and the search
+    /// goes on without.
+    pub fn open(path: PathBuf, question: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
+        let kept = Kept::open(&path, question).unwrap_or_else(|error| {
+            warn(&path, &error);
+            Kept { file: None, answers: HashMap::new(), end: 0 }
+        });
+        Self { simulator, path, kept: Mutex::new(kept) }
+    }
+
+    /// Number of answers that it holds.
+    pub fn len(&self) -> usize {
+        self.lock().answers.len()
+    }
+
+    /// Whether it holds none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The file of a search that has ended.
+    pub fn remove(self) {
+        catenary_shell::remove_state(&self.path);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The answer to what `asked` stands for: the one written down, or that of `ask`, which is then.
+    fn answer<T: Serialize + DeserializeOwned>(
+        &self,
+        asked: u64,
+        ask: impl FnOnce() -> Result<T, SimulatorError>,
+    ) -> Result<T, SimulatorError> {
+        if let Some(known) = self.lock().find(asked) {
+            return Ok(known);
+        }
+        let answer = ask()?;
+        let mut kept = self.lock();
+        if let Err(error) = kept.keep(asked, &answer) {
+            warn(&self.path, &error);
+            kept.file = None;
+        }
+        Ok(answer)
+    }
+}
+
+fn warn(path: &Path, error: &dyn std::error::Error) {
+    tracing::warn!("{}: {error}; the search cannot go on from here if its process dies", path.display());
+}
+
+impl Kept {
+    fn open(path: &Path, question: u64) -> IoResult<Self> {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder)?;
+        }
+        let file = File::options().read(true).write(true).create(true).truncate(false).open(path)?;
+        file.try_lock().map_err(|_| std::io::Error::other("another search has it"))?;
+        let mut kept = Self { file: None, answers: HashMap::new(), end: 8 };
+        let mut asked = [0; 8];
+        if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == question {
+            kept.read(&file)?;
+        } else {
+            file.set_len(0)?;
+            file.write_all_at(&question.to_le_bytes(), 0)?;
+        }
+        // What a killed process was about to write.
+        file.set_len(kept.end)?;
+        kept.file = Some(file);
+        Ok(kept)
+    }
+
+    /// Finds the whole answers of a file, in order.
+    fn read(&mut self, file: &File) -> IoResult<()> {
+        let length = file.metadata()?.len();
+        let mut head = [0; HEAD];
+        while self.end + HEAD as u64 <= length {
+            file.read_exact_at(&mut head, self.end)?;
+            let [asked, count, sum] = [0, 8, 16].map(|at| number(&head[at..at + 8]));
+            let from = self.end + HEAD as u64;
+            if count > length - from {
+                break;
+            }
+            let mut bytes = vec![0; count as usize];
+            file.read_exact_at(&mut bytes, from)?;
+            if fnv1a(bytes) != sum {
+                break;
+            }
+            self.answers.insert(asked, (from, count as usize));
+            self.end = from + count;
+        }
+        Ok(())
+    }
+
+    fn find<T: DeserializeOwned>(&self, asked: u64) -> Option<T> {
+        let (from, count) = *self.answers.get(&asked)?;
+        let mut bytes = vec![0; count];
+        self.file.as_ref()?.read_exact_at(&mut bytes, from).ok()?;
+        postcard::from_bytes(&bytes).ok()
+    }
+
+    fn keep<T: Serialize>(&mut self, asked: u64, answer: &T) -> IoResult<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        let bytes = postcard::to_stdvec(answer).map_err(std::io::Error::other)?;
+        let count = bytes.len();
+        let mut record = Vec::with_capacity(HEAD + count);
+        for value in [asked, count as u64, fnv1a(bytes.iter().copied())] {
+            record.write_all(&value.to_le_bytes())?;
+        }
+        record.extend(bytes);
+        file.write_all_at(&record, self.end)?;
+        self.answers.insert(asked, (self.end + HEAD as u64, count));
+        self.end += record.len() as u64;
+        Ok(())
+    }
+}
+
+/// The number in eight bytes, the least first.
+fn number(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
+}
+
+impl Simulator for Journal<'_> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        self.answer(fnv1a(format!("{request:?}").into_bytes()), || self.simulator.simulate(request))
+    }
+}
+
+impl DifferentiableSimulator for Journal<'_> {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let asked = fnv1a(format!("{names:?} {request:?}").into_bytes());
+        self.answer(asked, || self.simulator.sensitivities(request, names))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Toy};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Counts how often it is asked.
+    struct Counted {
+        toy: Toy,
+        times: AtomicUsize,
+    }
+
+    impl Counted {
+        fn new() -> Self {
+            Self { toy: Toy { gain: 1.0 }, times: AtomicUsize::new(0) }
+        }
+
+        fn times(&self) -> usize {
+            self.times.load(Ordering::Relaxed)
+        }
+    }
+
+    impl Simulator for Counted {
+        fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            self.times.fetch_add(1, Ordering::Relaxed);
+            self.toy.simulate(request)
+        }
+    }
+
+    impl DifferentiableSimulator for Counted {
+        fn sensitivities(
+            &self,
+            request: &SimulationRequest,
+            names: &[&str],
+        ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+            self.times.fetch_add(1, Ordering::Relaxed);
+            self.toy.sensitivities(request, names)
+        }
+    }
+
+    fn request(lengths_m: &[f64]) -> SimulationRequest {
+        let thetas = lengths_m.iter().map(|l| vec![*l, 9e3]).collect();
+        SimulationRequest { thetas, ..toy::case(&Toy { gain: 1.0 }, [0.25, 9e3], &[]).template }
+    }
+
+    fn path(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("catenary_journal_{}/{name}.{EXTENSION}", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        path
+    }
+
+    #[test]
+    fn what_was_answered_before_is_told_again_to_the_bit_and_not_asked() {
+        let path = path("again");
+        let simulator = Counted::new();
+        let ask = |journal: &Journal<'_>| {
+            let tracks = [&[0.3, 0.31][..], &[0.1 + 0.2]].map(|l| journal.simulate(&request(l)).unwrap());
+            let names = [&["length_m"][..], &["length_m", "tip_mass_kg"]];
+            (tracks, names.map(|n| journal.sensitivities(&request(&[0.3]), n).unwrap()))
+        };
+        let first = ask(&Journal::open(path.clone(), 7, &simulator));
+        assert_eq!(simulator.times(), 4);
+        let again = Journal::open(path.clone(), 7, &simulator);
+        assert_eq!((again.len(), ask(&again) == first, simulator.times()), (4, true, 4));
+        drop(again);
+        let other = Journal::open(path.clone(), 8, &simulator);
+        assert!(other.is_empty(), "of another model");
+        assert!(ask(&other) == first && simulator.times() == 8);
+        other.remove();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_killed_process_costs_its_last_answer_at_most() {
+        let path = path("torn");
+        let simulator = Counted::new();
+        let journal = Journal::open(path.clone(), 7, &simulator);
+        for length in [0.3, 0.31, 0.32] {
+            journal.simulate(&request(&[length])).unwrap();
+        }
+        drop(journal);
+        let whole = std::fs::read(&path).unwrap();
+        let third = 8 + (whole.len() - 8) / 3 * 2;
+        for end in [third, third + 1, third + HEAD, whole.len() - 1] {
+            std::fs::write(&path, &whole[..end]).unwrap();
+            assert_eq!(Journal::open(path.clone(), 7, &simulator).len(), 2, "{end} bytes");
+        }
+        let mut wrong = whole.clone();
+        wrong[third + HEAD + 5] ^= 1;
+        std::fs::write(&path, &wrong).unwrap();
+        let journal = Journal::open(path.clone(), 7, &simulator);
+        assert_eq!(journal.len(), 2, "a byte that is not what was written");
+        journal.simulate(&request(&[0.32])).unwrap();
+        drop(journal);
+        assert_eq!(std::fs::read(&path).unwrap(), whole);
+        // A header alone, and less than that.
+        for end in [0, 5, 8] {
+            std::fs::write(&path, &whole[..end]).unwrap();
+            assert!(Journal::open(path.clone(), 7, &simulator).is_empty(), "{end} bytes");
+        }
+    }
+
+    #[test]
+    fn errors_are_not_kept_and_a_journal_that_cannot_be_written_harms_nothing() {
+        let simulator = Counted::new();
+        let journal = Journal::open(path("errors"), 7, &simulator);
+        for _ in 0..2 {
+            journal.simulate(&request(&[0.1])).unwrap_err();
+        }
+        assert_eq!((simulator.times(), journal.len()), (2, 0));
+        // Another process has it.
+        let second = Journal::open(path("errors"), 7, &simulator);
+        let taken = Journal::open(second.path.clone(), 7, &simulator);
+        for journal in [&taken, &Journal::open(PathBuf::from("/dev/null/journal"), 7, &simulator)] {
+            let before = simulator.times();
+            (0..2).for_each(|_| assert_eq!(journal.simulate(&request(&[0.3])).unwrap().len(), 1));
+            assert_eq!((simulator.times() - before, journal.len()), (2, 0));
+        }
+    }
+}
