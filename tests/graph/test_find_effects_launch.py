@@ -1,6 +1,8 @@
 """What `find_effects.launch.xml` starts: a search in bags and on topics, with the same outcome."""
 
 import json
+import re
+import signal
 
 from catenary_msgs.action import FindEffects
 from rclpy.action import ActionClient
@@ -35,8 +37,7 @@ def test_a_search_on_topics_comes_to_what_one_in_the_bag_does(session):
     assert list(of_topics.found) == list(of_bag.found) == []
 
 
-def test_a_search_in_the_graph_holds_its_repair_against_unseen_episodes(session):
-    """The same through the command as through the goal, and a state that the node leaves behind."""
+def test_a_search_in_the_graph_goes_on_after_a_cancel_and_is_judged_by_unseen_episodes(session):
     model_file, actions = session.root / MODEL, session.root / "launch_configs/models/gallery.csv"
     for name, seed in (("fitted", 5), ("unseen", 6)):
         arguments = ["--model", model_file, "--actions", actions, "--noise", "--effect", "tip_mass_kg=0.006", "--seed", seed, "--out", name]
@@ -44,8 +45,18 @@ def test_a_search_in_the_graph_holds_its_repair_against_unseen_episodes(session)
         assert done.returncode == 0, done.stderr
     session.launch("null_sets:=19", file="find_effects.launch.xml", nodes={"effect_finder"})
     files = ["--bag", session.folder / "fitted", "--verify", session.folder / "unseen", "--model", model_file]
-    done = session.run("find-effects", "--node", *files, "--out", "found", "--json")
+    command = ["find-effects", "--node", *files, "--out", "found", "--json"]
+
+    journals = lambda: list((session.folder / "catenary/effect_finder").glob("*.journal"))
+    cancelled = session.start(*command, name="cancelled")
+    session.ros.wait_for(lambda: any(path.stat().st_size > 200_000 for path in journals()), 60, "some of a search")
+    cancelled.send_signal(signal.SIGINT)
+    assert cancelled.wait(20) == 130 and len(journals()) == 1
+
+    done = session.run(*command)
     assert done.returncode == 0, done.stderr
+    logs = "".join(path.read_text() for path in session.folder.glob("*.err"))
+    assert re.search(r"goes on with \d+ answers", logs) and journals() == []
     said = json.loads(done.stdout)
     assert any("tip_mass_kg" in alike.split("|") for alike in said["found"]), said
     assert any("on 1 unseen episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]

@@ -35,7 +35,8 @@ pub struct Iteration {
     pub tracks: usize,
     /// Thetas so far with an unusable track.
     pub unusable: usize,
-    /// Held-out negative log density in nat, unit coordinates; mean over the networks.
+    /// Held-out negative log density in nat, unit coordinates, of the widened mixtures truncated to the prior's support; mean over the
+    /// networks.
     pub loss: f64,
     /// Effective sample size of the importance weights.
     pub effective_sample_size: f64,

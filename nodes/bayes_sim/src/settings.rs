@@ -72,7 +72,7 @@ impl Default for Settings {
         Self {
             iterations: 15,
             simulations: 100,
-            proposal: ProposalKind::Truncated { tail: 3e-4, least_shrink: 0.25 },
+            proposal: ProposalKind::Truncated { tail: 5e-4, least_shrink: 0.25 },
             embedding: Embedding { frequencies: 32, fourier: Fourier::CosOnly },
             length_scale: 1.0,
             projection: Some(32),

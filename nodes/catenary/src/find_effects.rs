@@ -73,8 +73,24 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     let tracks = |list: &[(Looked, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
-    let Outcome { finding, model: repaired, shown } =
-        search(&model, [&tracks(&fitted), &tracks(&held_out)], &settings, &arguments.out.join(JOURNAL), &shutdown)?;
+    let (measured, unseen) = (tracks(&fitted), tracks(&held_out));
+    let candidates = convert::candidates(Registry::shipped(), &model)?;
+    let question = Question { model: &model, measured: &measured, held_out: &unseen, candidates: &candidates };
+    let simulator = BeamSimulator::new(&model, workers::available())?;
+    let number = journal::number_of(&question, &settings);
+    let journal = Journal::open(arguments.out.join(JOURNAL), number, &simulator);
+    let outcome = match search(question, &journal, &settings, &shutdown) {
+        Err(FinderError::Cancelled(stage)) => {
+            let rest = if journal.is_kept() { "; the same command goes on from there" } else { "" };
+            return Err(Interrupted(format!(" while it was to {stage}{rest}")).into());
+        }
+        Err(error) => {
+            journal.remove();
+            return Err(error.into());
+        }
+        Ok(outcome) => outcome,
+    };
+    let Outcome { finding, model: repaired, shown } = outcome;
     let text = match repaired {
         Some(model) => model.rewrite(&text)?,
         None => text,
@@ -88,10 +104,9 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         wall_s: started.elapsed().as_secs_f64(),
         finding,
     };
-    if let Some(separation) = &report.finding.separation {
-        write_motion(&arguments.out, &separation.actions)?;
-    }
+    write_motion(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &shown)?])?;
+    journal.remove();
     output::result(&arguments.output, &report, words)
 }
 
@@ -105,25 +120,20 @@ fn episodes(bags: &[PathBuf], model: &Model) -> Result<Vec<(Looked, MeasuredTrac
     Ok(all)
 }
 
-/// Searches in this process with a bar; conclusions are told as they come. What was simulated is kept in `journal` until the search
-/// has ended.
+/// Searches in this process with a bar; conclusions are told as they come.
 fn search(
-    model: &Model,
-    [measured, held_out]: [&[MeasuredTrack]; 2],
+    question: Question<'_>,
+    journal: &Journal<'_>,
     settings: &Settings,
-    journal: &Path,
     shutdown: &Shutdown,
-) -> Result<Outcome> {
-    let simulator = BeamSimulator::new(model, workers::available())?;
-    let journal = Journal::open(journal.to_owned(), journal::question(model), &simulator);
+) -> Result<Outcome, FinderError> {
     if !journal.is_empty() {
         output::tell(&format!("goes on with {} answers of the simulator, which an earlier search left", journal.len()));
     }
-    let candidates = convert::candidates(Registry::shipped(), model)?;
     let bar = ProgressBar::new(STEPS as u64);
-    bar.set_style(ProgressStyle::with_template("{msg:<10} [{bar:30}] {percent} %")?.progress_chars("=> "));
-    let question = Question { model, measured, held_out, candidates: &candidates };
-    let found = find(question, &journal, settings, &mut |progress| {
+    let style = ProgressStyle::with_template("{msg:<10} [{bar:30}] {percent} %");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
+    let found = find(question, journal, settings, &mut |progress| {
         bar.set_message(progress.stage.name());
         bar.set_position((STEPS * progress.progress) as u64);
         if let Some(conclusion) = &progress.conclusion {
@@ -132,23 +142,18 @@ fn search(
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();
-    match found {
-        Err(FinderError::Cancelled(stage)) => {
-            let words = format!(" while it was to {stage}; the same command goes on from there");
-            Err(Interrupted(words).into())
-        }
-        Err(error) => Err(error.into()),
-        Ok(outcome) => {
-            journal.remove();
-            Ok(outcome)
-        }
-    }
+    found
 }
 
-/// Writes the actions that would tell alike effects apart.
+/// Writes the actions that would tell alike effects apart, in the place of those of an earlier search; none: there is no such file.
 pub fn write_motion(folder: &Path, of_steps: &[[f64; 2]]) -> Result<()> {
     let path = folder.join(MOTION);
-    std::fs::write(&path, actions::written(of_steps)).with_context(|| path.display().to_string())
+    let done = match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ if of_steps.is_empty() => Ok(()),
+        _ => std::fs::write(&path, actions::written(of_steps)),
+    };
+    done.with_context(|| path.display().to_string())
 }
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {

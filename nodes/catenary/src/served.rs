@@ -161,9 +161,7 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     ensure!(result.success, "{name}: {}", result.message);
     std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
     let (actions, _) = result.separating_actions.as_chunks();
-    if !actions.is_empty() {
-        write_motion(&arguments.out, actions)?;
-    }
+    write_motion(&arguments.out, actions)?;
     let found = Found {
         bags: arguments.bag.clone(),
         wall_s,

@@ -92,17 +92,17 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
     let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
+    let candidates = convert::candidates(Registry::shipped(), &model)?;
+    let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
     let journal = state_folder(&parameters.states.get(), "effect_finder").map(|folder| {
         remove_old_states(&folder, journal::EXTENSION);
-        let asked = journal::question(&model);
-        Journal::open(state_file(&folder, asked, journal::EXTENSION), asked, &simulator)
+        let number = journal::number_of(&question, &settings);
+        Journal::open(state_file(&folder, number, journal::EXTENSION), number, &simulator)
     });
     if let Some(known) = journal.as_ref().map(Journal::len).filter(|known| *known > 0) {
         tracing::info!("goes on with {known} answers of the simulator, which an earlier process left");
     }
     let asked: &dyn DifferentiableSimulator = journal.as_ref().map_or(&simulator, |journal| journal);
-    let candidates = convert::candidates(Registry::shipped(), &model)?;
-    let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
     let found = find(question, asked, &settings, &mut |progress| {
         handle.feedback(convert::feedback(progress));
         if let Some(conclusion) = &progress.conclusion {
@@ -110,6 +110,9 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
+    if !matches!(found, Err(FinderError::Cancelled(_))) {
+        journal.into_iter().for_each(Journal::remove);
+    }
     match found {
         Err(FinderError::Cancelled(_)) => bail!("cancelled"),
         Err(other) => Err(other.into()),
@@ -118,7 +121,6 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
                 Some(model) => model.rewrite(&goal.model_yaml)?,
                 None => goal.model_yaml.clone(),
             };
-            journal.into_iter().for_each(Journal::remove);
             Ok(convert::result(&finding, text))
         }
     }

@@ -36,7 +36,8 @@ pub struct Training<'a> {
 pub struct Outcome {
     /// Passes over the samples, summed over the networks.
     pub epochs: usize,
-    /// Held-out negative log density in nat, unit coordinates; mean over the networks.
+    /// Held-out negative log density in nat, unit coordinates, of the widened mixtures truncated to the prior's support; mean over the
+    /// networks.
     pub held_out_loss: f64,
 }
 

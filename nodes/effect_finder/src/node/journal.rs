@@ -1,9 +1,10 @@
 //! What a simulator has answered, in a file, for a search whose process may be killed: a search is told the same bits for the same
 //! questions, so one that begins again asks the same, and what was answered before it need not be simulated.
 
+use crate::{Question, Settings};
 use catenary_core::hash::fnv1a;
 use catenary_core::simulator::TrackSensitivities;
-use catenary_core::{DifferentiableSimulator, Model, SimulationRequest, Simulator, SimulatorError, Track};
+use catenary_core::{DifferentiableSimulator, SimulationRequest, Simulator, SimulatorError, Track};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::HashMap;
@@ -36,17 +37,23 @@ struct Kept {
     end: u64,
 }
 
-/// A number that stands for what answers depend on beside the request: the program and the model.
-pub fn question(model: &Model) -> u64 {
+/// A number that stands for a search: what is asked, and what else the simulator's answers depend on, which are the program and the
+/// machine's arithmetic.
+pub fn number_of(question: &Question<'_>, settings: &Settings) -> u64 {
     let build = std::env::current_exe().and_then(|program| program.metadata()).map(|m| (m.len(), m.modified().ok()));
-    fnv1a(format!("{} {:?} {model:?}", env!("CARGO_PKG_VERSION"), build.ok()).into_bytes())
+    let Question { model, measured, held_out, candidates } = question;
+    let machine = simulator_pool::fingerprint(model);
+    fnv1a(
+        format!("{:?} {machine:?} {model:?} {measured:?} {held_out:?} {candidates:?} {settings:?}", build.ok())
+            .into_bytes(),
+    )
 }
 
 impl<'a> Journal<'a> {
-    /// Goes on with the file at `path` where it is one of `question`, and begins it anew else. What fails is said, and the search
+    /// Goes on with the file at `path` where it is one of the search that `number` stands for, and begins it anew else. What fails is said, and the search
     /// goes on without.
-    pub fn open(path: PathBuf, question: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
-        let kept = Kept::open(&path, question).unwrap_or_else(|error| {
+    pub fn open(path: PathBuf, number: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
+        let kept = Kept::open(&path, number).unwrap_or_else(|error| {
             warn(&path, &error);
             Kept { file: None, answers: HashMap::new(), end: 0 }
         });
@@ -63,9 +70,16 @@ impl<'a> Journal<'a> {
         self.len() == 0
     }
 
-    /// The file of a search that has ended.
+    /// Whether a search whose process dies could go on from here.
+    pub fn is_kept(&self) -> bool {
+        self.lock().file.is_some()
+    }
+
+    /// Removes the file of a search that has ended, if it is this one's.
     pub fn remove(self) {
-        catenary_shell::remove_state(&self.path);
+        if self.is_kept() {
+            catenary_shell::remove_state(&self.path);
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Kept> {
@@ -96,7 +110,7 @@ fn warn(path: &Path, error: &dyn std::error::Error) {
 }
 
 impl Kept {
-    fn open(path: &Path, question: u64) -> IoResult<Self> {
+    fn open(path: &Path, number: u64) -> IoResult<Self> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
@@ -104,11 +118,11 @@ impl Kept {
         file.try_lock().map_err(|_| std::io::Error::other("another search has it"))?;
         let mut kept = Self { file: None, answers: HashMap::new(), end: 8 };
         let mut asked = [0; 8];
-        if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == question {
+        if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == number {
             kept.read(&file)?;
         } else {
             file.set_len(0)?;
-            file.write_all_at(&question.to_le_bytes(), 0)?;
+            file.write_all_at(&number.to_le_bytes(), 0)?;
         }
         // What a killed process was about to write.
         file.set_len(kept.end)?;
@@ -122,7 +136,7 @@ impl Kept {
         let mut head = [0; HEAD];
         while self.end + HEAD as u64 <= length {
             file.read_exact_at(&mut head, self.end)?;
-            let [asked, count, sum] = [0, 8, 16].map(|at| number(&head[at..at + 8]));
+            let [asked, count, sum] = [0, 8, 16].map(|at| value(&head[at..at + 8]));
             let from = self.end + HEAD as u64;
             if count > length - from {
                 break;
@@ -162,8 +176,8 @@ impl Kept {
 }
 
 /// The number in eight bytes, the least first.
-fn number(bytes: &[u8]) -> u64 {
-    bytes.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
+fn value(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
 }
 
 impl Simulator for Journal<'_> {
@@ -249,7 +263,7 @@ mod tests {
         assert_eq!((again.len(), ask(&again) == first, simulator.times()), (4, true, 4));
         drop(again);
         let other = Journal::open(path.clone(), 8, &simulator);
-        assert!(other.is_empty(), "of another model");
+        assert!(other.is_empty(), "of another search");
         assert!(ask(&other) == first && simulator.times() == 8);
         other.remove();
         assert!(!path.exists());
@@ -283,6 +297,7 @@ mod tests {
             std::fs::write(&path, &whole[..end]).unwrap();
             assert!(Journal::open(path.clone(), 7, &simulator).is_empty(), "{end} bytes");
         }
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]
@@ -299,7 +314,10 @@ mod tests {
         for journal in [&taken, &Journal::open(PathBuf::from("/dev/null/journal"), 7, &simulator)] {
             let before = simulator.times();
             (0..2).for_each(|_| assert_eq!(journal.simulate(&request(&[0.3])).unwrap().len(), 1));
-            assert_eq!((simulator.times() - before, journal.len()), (2, 0));
+            assert_eq!((simulator.times() - before, journal.len(), journal.is_kept()), (2, 0, false));
         }
+        taken.remove();
+        assert!(second.is_kept() && second.path.exists(), "it is another's");
+        second.remove();
     }
 }
