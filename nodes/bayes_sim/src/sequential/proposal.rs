@@ -4,7 +4,7 @@ use super::region::{MOST_DRAWS, Region};
 use crate::error::InferenceError;
 use crate::settings::ProposalKind;
 use catenary_core::Mixture;
-use catenary_core::mixture::in_unit_cube;
+use catenary_core::mixture::{MixtureError, in_unit_cube};
 use rand::{Rng, RngExt};
 
 /// Mixture draws behind the mass inside the unit cube.
@@ -29,7 +29,8 @@ pub enum Proposal {
 }
 
 impl Proposal {
-    /// The proposal of `kind` for the posterior `mixture`; `last` is the proposal before.
+    /// The proposal of `kind` for the posterior `mixture`; `last` is the proposal before, which stays where none of the mixture is
+    /// inside the prior's support: networks of few tracks may say so of one that they learnt nothing like.
     pub fn next<R: Rng>(
         kind: ProposalKind,
         mixture: &Mixture,
@@ -40,12 +41,17 @@ impl Proposal {
         match kind {
             ProposalKind::Truncated { tail, least_shrink } => {
                 let volume = if let Proposal::Region(region) = last { region.volume() } else { 1.0 };
-                let region = Region::new(mixture, tail, least_shrink * volume, rng)
-                    .map_err(|source| InferenceError::Posterior { iteration, source })?;
-                Ok(Proposal::Region(Box::new(region)))
+                match Region::new(mixture, tail, least_shrink * volume, rng) {
+                    Err(MixtureError::OutsideSupport) => Ok(last.clone()),
+                    Err(source) => Err(InferenceError::Posterior { iteration, source }),
+                    Ok(region) => Ok(Proposal::Region(Box::new(region))),
+                }
             }
             ProposalKind::Posterior { prior_share } => {
                 let inside = 1.0 - mixture.mass_outside(MASS_DRAWS, rng);
+                if inside <= 0.0 {
+                    return Ok(last.clone());
+                }
                 Ok(Proposal::Mixture { mixture: Box::new(mixture.clone()), inside, prior_share })
             }
         }
@@ -226,5 +232,22 @@ mod tests {
         assert_eq!(effective_sample_size(&[5.0, 0.0, 0.0]), 1.0);
         assert_eq!(effective_sample_size(&[3.0, 1.0]), 1.6);
         assert_eq!(effective_sample_size(&[]), 0.0);
+    }
+
+    #[test]
+    fn where_nothing_is_inside_the_last_proposal_stays() {
+        let far = DMatrix::from_diagonal_element(2, 2, 1e-4);
+        let outside = Mixture::new(&[1.0], vec![DVector::from_element(2, 9.0)], vec![far]).unwrap();
+        let kinds =
+            [ProposalKind::Truncated { tail: 1e-3, least_shrink: 0.25 }, ProposalKind::Posterior { prior_share: 0.2 }];
+        for kind in kinds {
+            let mut rng = seed::rng(59, 0);
+            let first = Proposal::next(kind, &outside, &Proposal::Prior, 2, &mut rng).unwrap();
+            assert!(matches!(first, Proposal::Prior), "{first:?}");
+            let narrow = Proposal::next(kind, &posterior(), &Proposal::Prior, 2, &mut rng).unwrap();
+            let next = Proposal::next(kind, &outside, &narrow, 3, &mut rng).unwrap();
+            let at = |p: &Proposal| [[0.3, 0.35], [0.99, 0.01]].map(|u| p.density(&u));
+            assert_eq!(at(&next), at(&narrow));
+        }
     }
 }
