@@ -7,7 +7,8 @@ import pytest
 from conftest import PROGRAM, ROOT
 
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
-SIZES = ["--iterations", "6", "--simulations", "100"]
+# How much sharper differs from seed to seed; over many, tests beside the code look at it.
+SIZES = ["--iterations", "15", "--simulations", "100", "--seed", "2"]
 
 
 def run(*arguments):
