@@ -107,7 +107,7 @@ fn rounds_sharpen_the_posterior_about_the_exact_one() {
     let rounds = |iterations| inferences(8, &Settings { iterations, ensemble: 2, ..Settings::default() });
     let (first, last) = (rounds(1), rounds(6));
     assert!(last.mean_error() < 1.1, "mean off by {} sd, {last:?}", last.mean_error());
-    assert!((0.9..1.8).contains(&last.sd_ratio()), "sd ratio {}, {last:?}", last.sd_ratio());
+    assert!((0.9..1.6).contains(&last.sd_ratio()), "sd ratio {}, {last:?}", last.sd_ratio());
     assert!(last.mean_error() < 0.6 * first.mean_error(), "{} after {}", last.mean_error(), first.mean_error());
     assert!(last.log_scores > first.log_scores, "{last:?} after {first:?}");
     assert!(last.covered[1] >= 5.0, "90 % regions hold {} of 8 truths", last.covered[1]);
@@ -140,9 +140,9 @@ fn two_episodes_sharpen_the_posterior_as_they_should() {
             comparison.add(&truth, &posterior, &exact);
         }
     }
-    // The bounds of one episode, above.
+    // The bounds of one episode, above, but that of the width: it came to 1.64.
     assert!(pooled.mean_error() < 1.1, "mean off by {} sd, {pooled:?}", pooled.mean_error());
-    assert!((0.9..1.8).contains(&pooled.sd_ratio()), "sd ratio {}, {pooled:?}", pooled.sd_ratio());
+    assert!((0.9..1.7).contains(&pooled.sd_ratio()), "sd ratio {}, {pooled:?}", pooled.sd_ratio());
     assert!(pooled.covered[1] >= 5.0, "90 % regions hold {} of 8 truths", pooled.covered[1]);
     let sharpened = pooled.sd_ratio() / alone.sd_ratio();
     assert!((0.6..0.85).contains(&sharpened), "{sharpened} of one episode's, {pooled:?}, {alone:?}");
