@@ -2,6 +2,10 @@
 //!
 //! Many data sets of the same episodes are fitted in step, so that each round is one batch for the simulator.
 
+mod refit;
+
+pub use refit::Simulated;
+
 use crate::case::{Case, Channel};
 use crate::error::FinderError;
 use crate::unknowns::{Scope, Unknowns};
@@ -12,12 +16,6 @@ use std::ops::ControlFlow;
 
 /// A fit ends where a step lowers the sum of squares by less than this: its own scatter is some ten.
 const DECREASE: f64 = 0.02;
-/// The same of a fit that takes another's derivatives.
-const REFIT_DECREASE: f64 = DECREASE;
-/// Most steps of such a fit.
-const REFIT_ROUNDS: usize = 10;
-/// Its first damping after a step that found no lower point.
-const REFIT_DAMPING: f64 = 0.1;
 /// First damping, relative to the curvature.
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
@@ -55,17 +53,6 @@ pub struct Start {
     pub point: Vec<f64>,
     /// What was measured, a track an episode.
     pub tracks: Vec<Track>,
-}
-
-/// One data set, and what a simulation without noise is at a point near its best fit.
-#[derive(Debug, Clone)]
-pub struct Simulated {
-    /// The point, in unit coordinates.
-    pub point: Vec<f64>,
-    /// The simulated tracks, one an episode.
-    pub tracks: Vec<Track>,
-    /// What was measured, a track an episode.
-    pub measured: Vec<Track>,
 }
 
 /// A start that could be simulated.
@@ -107,18 +94,9 @@ impl Fit {
         self.jacobian.transpose() * &self.jacobian
     }
 
-    /// Mends these derivatives by how the simulated values changed on the way to `at`, and goes there if its cost is less;
-    /// whether it is.
-    fn take_step(&mut self, at: Self) -> bool {
-        let moved = DVector::from_iterator(at.point.len(), at.point.iter().zip(&self.point).map(|(a, b)| a - b));
-        let changed = &self.residuals - &at.residuals;
-        let missed = changed - &self.jacobian * &moved;
-        self.jacobian += missed * moved.transpose() / moved.norm_squared();
-        let is_less = at.cost < self.cost;
-        if is_less {
-            *self = Self { jacobian: std::mem::take(&mut self.jacobian), ..at };
-        }
-        is_less
+    /// The way from here to `point`.
+    fn way_to(&self, point: &[f64]) -> DVector<f64> {
+        DVector::from_iterator(point.len(), point.iter().zip(&self.point).map(|(a, b)| a - b))
     }
 
     /// Where the cost within the priors' support would be least if the simulator were linear about this point.
@@ -126,8 +104,7 @@ impl Fit {
     pub fn descended(mut self) -> Self {
         for _ in 0..LINEAR_ROUNDS {
             let point = stepped(&self, 0.0);
-            let moved = DVector::from_iterator(point.len(), point.iter().zip(&self.point).map(|(a, b)| a - b));
-            let residuals = &self.residuals - &self.jacobian * moved;
+            let residuals = &self.residuals - &self.jacobian * self.way_to(&point);
             let cost = residuals.norm_squared();
             if self.cost - cost <= LINEAR_DECREASE * self.cost {
                 break;
@@ -288,71 +265,6 @@ impl Problem<'_> {
         let is_seen: Vec<bool> = seen.iter().map(Option::is_some).collect();
         let mut fits = self.climb(seen.into_iter().flatten().collect(), on_round)?.into_iter();
         Ok(is_seen.into_iter().map(|is_seen| if is_seen { fits.next() } else { None }).collect())
-    }
-
-    /// The least cost of each data set that was simulated near `about`, without derivatives of its own: those of `about`,
-    /// mended by what each step shows (Broyden 1965), lead to within [`REFIT_DECREASE`] of it; a data set that they do not lead
-    /// there is fitted from where it is. None stands for one that could not be fitted.
-    ///
-    /// # Errors
-    /// As [`Problem::fit`].
-    pub fn refit(
-        &self,
-        about: &Fit,
-        sets: Vec<Simulated>,
-        on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<Fit>>, FinderError> {
-        let first = |set: &Simulated| self.seen_as(about, &set.point, &set.measured, set.tracks.clone());
-        let mut fits: Vec<Option<Fit>> = sets.iter().map(first).collect();
-        let mut dampings = vec![0.0; sets.len()];
-        let mut going: Vec<usize> = (0..sets.len()).filter(|&i| fits[i].is_some()).collect();
-        let mut lost: Vec<usize> = Vec::new();
-        for _ in 0..REFIT_ROUNDS {
-            let promising = |&i: &usize| {
-                let fit = fits[i].as_ref()?;
-                let trial = stepped(fit, dampings[i]);
-                (predicted_decrease(fit, &trial) > REFIT_DECREASE).then_some((i, trial))
-            };
-            let trials: Vec<Vec<f64>>;
-            (going, trials) = going.iter().filter_map(promising).unzip();
-            if going.is_empty() {
-                break;
-            }
-            let answers = self.tracks_each(&trials);
-            for ((&i, point), tracks) in going.iter().zip(&trials).zip(answers) {
-                let at = tracks.ok().and_then(|tracks| self.seen_as(about, point, &sets[i].measured, tracks));
-                match fits[i].as_mut().zip(at).map(|(fit, at)| fit.take_step(at)) {
-                    Some(true) => dampings[i] *= 0.1,
-                    Some(false) => dampings[i] = f64::max(REFIT_DAMPING, 10.0 * dampings[i]),
-                    None => lost.push(i),
-                }
-            }
-            going.retain(|i| !lost.contains(i));
-            if on_round().is_break() {
-                return Err(FinderError::Cancelled("fit"));
-            }
-        }
-        lost.extend(going);
-        if lost.is_empty() {
-            return Ok(fits);
-        }
-        let mut start = |&i: &usize| Some(Start { point: fits[i].take()?.point, tracks: sets[i].measured.clone() });
-        let starts = lost.iter().filter_map(&mut start).collect();
-        match self.fit(starts, on_round) {
-            Ok(found) => lost.into_iter().zip(found).for_each(|(i, fit)| fits[i] = fit),
-            Err(FinderError::NoFit(_)) if fits.iter().any(Option::is_some) => (),
-            Err(other) => return Err(other),
-        }
-        Ok(fits)
-    }
-
-    /// What simulated tracks say of their point, with the derivatives that those of `about` are; none where they are of no use.
-    fn seen_as(&self, about: &Fit, point: &[f64], measured: &[Track], tracks: Vec<Track>) -> Option<Fit> {
-        let is_whole = tracks.iter().all(|t| !t.frames.is_empty());
-        let residuals = is_whole.then(|| self.residuals(point, measured, &tracks))?;
-        let cost = residuals.norm_squared();
-        let jacobian = about.jacobian.clone();
-        cost.is_finite().then(|| Fit { point: point.to_vec(), cost, residuals, jacobian, tracks })
     }
 
     /// The first round of a fit: what the simulator says of the starts. None stands for one that could not be simulated.
@@ -523,8 +435,7 @@ impl Climb {
 
 /// How much lower the cost would be at `trial` if the simulator were linear.
 fn predicted_decrease(fit: &Fit, trial: &[f64]) -> f64 {
-    let moved = DVector::from_iterator(trial.len(), trial.iter().zip(&fit.point).map(|(a, b)| a - b));
-    fit.cost - (&fit.residuals - &fit.jacobian * moved).norm_squared()
+    fit.cost - (&fit.residuals - &fit.jacobian * fit.way_to(trial)).norm_squared()
 }
 
 /// Where a damped step leads to.
@@ -563,7 +474,6 @@ mod tests {
     use super::*;
     use crate::toy::{self, Toy};
     use catenary_core::seed;
-    use rand::RngExt;
 
     fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
         let toy = Toy { gain: 0.3 };
@@ -599,35 +509,6 @@ mod tests {
         let expected = (8 * toy::FRAMES - 2) as f64;
         // The standard deviation of the mean is sqrt(2 N / 200) = 1.3.
         assert!((mean - expected).abs() < 4.0, "{mean} for {expected}");
-    }
-
-    #[test]
-    fn borrowed_derivatives_lead_to_the_same_least_cost() {
-        let toy = Toy { gain: 0.3 };
-        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
-        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
-        let about = fit(&cases, &[[0.5, 0.5]]).unwrap().remove(0).unwrap();
-        let mut rng = seed::rng(12, 0);
-        // Points as far off as some standard deviations of the fit, and some so far that the derivatives are of no use.
-        for reach in [0.02, 0.6] {
-            let sets: Vec<Simulated> = (0..40)
-                .map(|_| {
-                    let off = || reach * (rng.random::<f64>() - 0.5);
-                    let point: Vec<f64> = std::iter::repeat_with(off).zip(&about.point).map(|(o, u)| u + o).collect();
-                    let tracks = problem.tracks(&[&point]).unwrap().remove(0);
-                    let measured = vec![cases[0].measure(&tracks[0], &mut rng)];
-                    Simulated { point, tracks, measured }
-                })
-                .collect();
-            let start = |s: &Simulated| Start { point: s.point.clone(), tracks: s.measured.clone() };
-            let mut go_on = || ControlFlow::Continue(());
-            let exact = problem.fit(sets.iter().map(start).collect(), &mut go_on).unwrap();
-            let quick = problem.refit(&about, sets, &mut go_on).unwrap();
-            for (exact, quick) in exact.into_iter().zip(quick) {
-                let off = quick.unwrap().cost - exact.unwrap().cost;
-                assert!(off.abs() < 5.0 * REFIT_DECREASE, "{reach}: {off}");
-            }
-        }
     }
 
     #[test]

@@ -136,19 +136,6 @@ fn truncated_normal<R: Rng>(mean: f64, sd: f64, rng: &mut R) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #[test]
-    fn widening_adds_variances_and_leaves_the_rest() {
-        let jacobian = DMatrix::from_row_slice(3, 3, &[40.0, 10.0, 0.0, 0.0, 50.0, 20.0, 5.0, 0.0, 60.0]);
-        let fit = Fit { point: vec![0.5; 3], cost: 0.0, residuals: DVector::zeros(3), jacobian, tracks: Vec::new() };
-        let own = Laplace::of(&fit).unwrap();
-        let before = own.covariance(0..3);
-        let mut expected = before.clone();
-        expected[(2, 2)] += 0.01;
-        let after = own.clone().widened(1, &[0.0, 0.1]).covariance(0..3);
-        assert!((after - expected).amax() < 1e-12);
-        assert!((own.widened(1, &[0.0, 0.0]).covariance(0..3) - before).amax() == 0.0);
-    }
-
     use super::*;
     use catenary_core::seed;
 
@@ -161,6 +148,19 @@ mod tests {
         let n = draws.len() as f64;
         let mean = draws.iter().sum::<f64>() / n;
         (mean, (draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n).sqrt())
+    }
+
+    #[test]
+    fn widening_adds_variances_and_leaves_the_rest() {
+        let jacobian = DMatrix::from_row_slice(3, 3, &[40.0, 10.0, 0.0, 0.0, 50.0, 20.0, 5.0, 0.0, 60.0]);
+        let fit = Fit { point: vec![0.5; 3], cost: 0.0, residuals: DVector::zeros(3), jacobian, tracks: Vec::new() };
+        let own = Laplace::of(&fit).unwrap();
+        let before = own.covariance(0..3);
+        let mut expected = before.clone();
+        expected[(2, 2)] += 0.01;
+        let after = own.clone().widened(1, &[0.0, 0.1]).covariance(0..3);
+        assert!((after - expected).amax() < 1e-12);
+        assert!((own.widened(1, &[0.0, 0.0]).covariance(0..3) - before).amax() == 0.0);
     }
 
     #[test]

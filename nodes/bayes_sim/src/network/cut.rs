@@ -33,7 +33,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// `points` points of D coordinates: 32 are good for masses to 0.02 in four dimensions.
+    /// `points` points of D coordinates: 32 are good for the logarithm of a mass to 0.05 in three dimensions.
     pub fn new(points: usize, dimension: usize) -> Self {
         let base = (0..32).fold(2.0, |x: f64, _| (1.0 + x).powf(1.0 / (dimension as f64 + 1.0)));
         let steps: Vec<f64> = (0..dimension).map(|axis| base.powi(-(axis as i32) - 1)).collect();
