@@ -119,6 +119,20 @@ def test_a_wrong_value_is_named_with_those_that_are_right(tmp_path, arguments, s
     refused(tmp_path, *arguments, says=says, code=1)
 
 
+def test_an_evaluation_without_sense_is_refused_before_it_begins(tmp_path):
+    run(tmp_path, "train", "--model", MODEL, "--out", "policy", "--steps", 512)
+    text = MODEL.read_text()
+    (tmp_path / "quick.yaml").write_text(text.replace("step_period_s: 0.5", "step_period_s: 0.2"))
+    (tmp_path / "idle.yaml").write_text(text[: text.index("task:")])
+    wanted = ("evaluate", "--policy", "policy", "--model")
+    refused(tmp_path, *wanted, "quick.yaml", says=("policy: ", "step_period_s", "0.5", "0.2"))
+    refused(tmp_path, *wanted, "idle.yaml", says=("has no task",))
+    refused(tmp_path, *wanted, MODEL, "--theta", "lenght_m=0.2", says=("--theta lenght_m", "length_m, youngs_modulus_pa"))
+    refused(tmp_path, *wanted, MODEL, "--effect", "length_m=0.2", says=("it is inferred: expected --theta length_m=0.2",))
+    refused(tmp_path, *wanted, MODEL, "--effect", "wind=1", says=("`wind`: unknown", "linear_drag_n_s_m2"))
+    refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, standard or reference", "best"))
+
+
 def test_a_deployment_that_waits_for_nothing_is_refused_before_it_begins(tmp_path):
     run(tmp_path, "train", "--model", MODEL, "--out", "policy", "--steps", 512)
     refused(tmp_path, "deploy", "--policy", "policy", "--wait-s", 0, says=("--wait-s", "positive"), code=1)

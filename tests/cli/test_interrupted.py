@@ -57,3 +57,11 @@ def test_a_training_that_was_interrupted_says_so_and_keeps_the_policy(tmp_path):
     assert report["interrupted"] is True and 0 < report["steps"] < 10_000_000
     assert err == f"catenary: interrupted after {report['steps']} of 10000000 steps; policy holds the policy so far\n"
     assert (tmp_path / "policy").stat().st_size > 1000
+
+
+def test_an_evaluation_ends_within_some_episodes(tmp_path):
+    subprocess.run([PROGRAM, "train", "--model", MODEL, "--out", "policy", "--steps", "512"], cwd=tmp_path, check=True, capture_output=True)
+    arguments = ("--model", MODEL, "--policy", "policy", "--episodes", 100_000)
+    code, out, err = interrupt(tmp_path, "evaluate", *arguments, after_s=2)
+    assert (code, out) == (INTERRUPTED, "")
+    assert err.startswith("catenary: interrupted after ") and err.endswith(" of 100000 episodes\n"), err

@@ -12,7 +12,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 BAG = ROOT / "bags/swing"
-COMMANDS = "demo launch status node infer train deploy record replay import-track simulate report bench doctor".split()
+COMMANDS = "demo launch status node infer train evaluate deploy record replay import-track simulate report bench doctor".split()
 TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
 
 
@@ -84,6 +84,24 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):
         reports.append(json.loads(run(tmp_path, "train", *arguments)))
     assert reports[0]["steps"] >= 512 and reports[0]["interrupted"] is False and reports[0]["curve"] == reports[1]["curve"]
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_an_evaluation_holds_policies_against_the_first_on_the_same_episodes(tmp_path):
+    for name, steps in (("a", 512), ("b", 2048)):
+        run(tmp_path, "train", "--model", MODEL, "--out", name, "--steps", steps)
+    wanted = ("--policy", "a", "--policy", "a", "--policy", "b", "--episodes", 20, "--fidelity", "fast")
+    evaluate = lambda *more: json.loads(run(tmp_path, "evaluate", "--model", MODEL, *wanted, "--json", *more))["policies"]
+    first, again, other = evaluate()
+    assert len(first["returns"]) == 20 and first["mean_return_gained"] is None
+    assert again["returns"] == first["returns"] and again["mean_return_gained"] == {"value": 0.0, "low": 0.0, "high": 0.0}
+    pairs = zip(other["returns"], first["returns"])
+    assert other["mean_return_gained"]["value"] == pytest.approx(sum(own - base for own, base in pairs) / 20)
+    assert other["mean_return"]["low"] < other["mean_return"]["value"] < other["mean_return"]["high"]
+    assert 0 <= other["success_rate"]["low"] <= other["success_rate"]["value"] <= 1
+    # What hangs on the tip is in the way of every policy, and longer bars come nearer by another path.
+    heavy, long = evaluate("--effect", "tip_mass_kg=0.2")[2], evaluate("--theta", "length_m=0.3")[2]
+    assert heavy["mean_best_reward"]["value"] < other["mean_best_reward"]["value"] and long["returns"] != other["returns"]
+    assert run(tmp_path, "evaluate", "--model", MODEL, *wanted).count("more than the first") == 2
 
 
 def test_an_import_is_json(tmp_path):

@@ -36,6 +36,8 @@ pub enum Command {
     FindEffects(FindEffectsArgs),
     /// Train a policy in simulation over a distribution of the model's parameters
     Train(TrainArgs),
+    /// Run policies on simulated episodes of a model, and compare them
+    Evaluate(EvaluateArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),
     /// Record topics to a bag: those of the contract, or others of the graph
@@ -227,6 +229,38 @@ pub struct TrainArgs {
     /// Who does it
     #[command(flatten)]
     pub served: Served,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Policy file (safetensors); several run the same episodes, and are held against the first
+    #[arg(long, required = true)]
+    pub policy: Vec<PathBuf>,
+    /// Model file of the cell that they run on
+    #[arg(long)]
+    pub model: PathBuf,
+    /// posterior.json to draw the object's parameters from; none: the model's prior
+    #[arg(long)]
+    pub posterior: Option<PathBuf>,
+    /// An inferred parameter's value in every episode, as NAME=VALUE
+    #[arg(long, value_parser = assignment)]
+    pub theta: Vec<(String, f64)>,
+    /// Another parameter's value in every episode, as NAME=VALUE; effects of the model that nobody gives are drawn
+    #[arg(long, value_parser = assignment)]
+    pub effect: Vec<(String, f64)>,
+    /// Episodes of each policy
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=100_000))]
+    pub episodes: u64,
+    /// Fidelity: fast, standard or reference
+    #[arg(long, default_value = "reference")]
+    pub fidelity: String,
+    /// Seed of what is drawn
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

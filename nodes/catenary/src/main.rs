@@ -11,6 +11,7 @@ mod demo;
 mod deploy;
 mod doctor;
 mod effects;
+mod evaluate;
 mod figures;
 mod find_effects;
 mod goal;
@@ -115,6 +116,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Infer(arguments) => infer::run(arguments),
         Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::ImportTrack(arguments) => import::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

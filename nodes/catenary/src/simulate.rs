@@ -34,8 +34,7 @@ const IMAGE_NOISE: f64 = 3.0;
 /// Plays the episode of each model and writes what was asked for; Ctrl-C ends it and leaves no file.
 pub fn run(arguments: &SimulateArgs) -> Result<()> {
     let models = arguments.model.iter().map(|path| model_file::read(path)).collect::<Result<Vec<Model>>>()?;
-    let fidelity = Fidelity::from_name(&arguments.fidelity)
-        .with_context(|| format!("--fidelity: expected fast, standard or reference, got `{}`", arguments.fidelity))?;
+    let fidelity = fidelity(&arguments.fidelity)?;
     let single = [("out", &arguments.out), ("video", &arguments.video)].into_iter().find(|(_, path)| path.is_some());
     if let (Some((option, _)), true) = (single, models.len() > 1) {
         bail!("--{option}: expected one --model, got {}: several go into a --picture", models.len());
@@ -119,26 +118,38 @@ fn last_measured(bag: PathBuf, model: &Model) -> Result<MeasuredTrack> {
     Ok(catenary_bag::read_measured(&[bag], &[], model)?.remove(0))
 }
 
+/// Which of the model's inferred parameters `--theta` names.
+pub fn place_of(name: &str, model: &Model) -> Result<usize> {
+    let names = || model.theta.parameters().iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+    let place = model.theta.index_of(name);
+    place.with_context(|| format!("--theta {name}: expected one of {} of model `{}`", names(), model.name))
+}
+
+/// Refuses `--effect` of what the model infers.
+pub fn ensure_not_inferred(name: &str, value: f64, model: &Model) -> Result<()> {
+    let is_inferred = model.theta.index_of(name).is_some();
+    ensure!(!is_inferred, "--effect {name}: it is inferred: expected --theta {name}={value}");
+    Ok(())
+}
+
+/// The fidelity that `--fidelity` names.
+pub fn fidelity(name: &str) -> Result<Fidelity> {
+    Fidelity::from_name(name).with_context(|| format!("--fidelity: expected fast, standard or reference, got `{name}`"))
+}
+
 /// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,
 /// effects that nobody gives are drawn.
 fn setting(arguments: &SimulateArgs, model: &Model) -> Result<Setting> {
     let mut theta = model.nominal_theta();
     for (name, value) in &arguments.theta {
-        let names = || model.theta.parameters().iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
-        let place = model.theta.index_of(name);
-        let place =
-            place.with_context(|| format!("--theta {name}: expected one of {} of model `{}`", names(), model.name))?;
-        theta[place] = *value;
+        theta[place_of(name, model)?] = *value;
     }
     let usual =
         |e: &Effect| model.nominal.get(&e.name).copied().or((!arguments.noise).then(|| e.distribution.from_unit(0.5)));
     let mut given: Vec<(String, f64)> =
         model.effects.iter().filter_map(|e| Some((e.name.clone(), usual(e)?))).collect();
     for (name, value) in &arguments.effect {
-        ensure!(
-            model.theta.index_of(name).is_none(),
-            "--effect {name}: it is inferred: expected --theta {name}={value}"
-        );
+        ensure_not_inferred(name, *value, model)?;
         given.retain(|(known, _)| known != name);
         given.push((name.clone(), *value));
     }

@@ -55,6 +55,14 @@ pub fn read_posterior(path: &Path, model: &Model) -> Result<Posterior> {
     Ok(posterior)
 }
 
+/// Of the posterior in a file, or of the model's prior.
+pub fn domains(posterior: Option<&Path>, model: &Model) -> Result<Domains> {
+    Ok(match posterior {
+        None => Domains::Prior(model.theta.clone()),
+        Some(path) => Domains::Mixture(read_posterior(path, model)?),
+    })
+}
+
 /// Trains and writes the policy; Ctrl-C ends the training and keeps what was learned.
 pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
@@ -63,10 +71,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     if let Some(namespace) = &arguments.served.node {
         return served::train(arguments, &model, namespace);
     }
-    let domains = match &arguments.posterior {
-        None => Domains::Prior(model.theta.clone()),
-        Some(path) => Domains::Mixture(read_posterior(path, &model)?),
-    };
+    let domains = domains(arguments.posterior.as_deref(), &model)?;
     output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
