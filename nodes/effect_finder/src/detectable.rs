@@ -44,21 +44,24 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
     let Some(first) = worlds.iter().position(|(_, m)| m.as_ref().is_some_and(|m| linear(m) >= needed)) else {
         return Ok(None);
     };
-    let mut before: Option<(f64, f64)> = None;
+    let mut before: Option<(f64, Fit)> = None;
     for (magnitude, measured) in worlds.into_iter().skip(first.saturating_sub(1)) {
         let Some(tracks) = measured else { break };
-        // The present model's best answer to a data set that has the effect and no noise.
-        let start = Start { point: u.to_vec(), tracks };
-        let Some(fit) = problem.fit(vec![start], &mut || ControlFlow::Continue(()))?.pop().flatten() else { break };
+        // The present model's best answer to a data set that has the effect and no noise: near the point, or near the answer
+        // to less of the effect, which may have moved far from it.
+        let known = std::iter::once(u).chain(before.iter().map(|(_, fit)| fit.point.as_slice()));
+        let starts = known.map(|point| Start { point: point.to_vec(), tracks: tracks.clone() }).collect();
+        let fits = problem.fit(starts, &mut || ControlFlow::Continue(()))?.into_iter().flatten();
+        let Some(fit) = fits.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { break };
         if fit.cost >= needed {
             return Ok(Some(match before {
-                Some((smaller, less)) if less > 0.0 => {
-                    smaller * (magnitude / smaller).powf((needed / less).ln() / (fit.cost / less).ln())
+                Some((smaller, less)) if less.cost > 0.0 => {
+                    smaller * (magnitude / smaller).powf((needed / less.cost).ln() / (fit.cost / less.cost).ln())
                 }
                 _ => magnitude,
             }));
         }
-        before = Some((magnitude, fit.cost));
+        before = Some((magnitude, fit));
     }
     Ok(None)
 }
