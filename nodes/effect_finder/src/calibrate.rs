@@ -1,13 +1,14 @@
 //! The best fit of a model to the measured episodes, and what it says.
 
+use crate::case::Case;
 use crate::detect::Detection;
 use crate::error::FinderError;
-use crate::fit::{Fit, OnRound, Problem};
+use crate::fit::{Fit, OnRound, Problem, Start};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::{Scope, Unknown};
 use crate::verdict::{Estimate, Fitness};
-use catenary_core::{Camera, seed};
+use catenary_core::{Camera, Fidelity, seed};
 use rand::RngExt;
 
 /// Random streams, beyond those of the null sets.
@@ -28,6 +29,30 @@ pub fn best_fit(
     let draws = (0..settings.draws).map(|_| (0..columns).map(|_| rng.random::<f64>()).collect());
     let points = [vec![0.5; columns]].into_iter().chain(known).chain(draws).collect();
     problem.best_of(points, settings.starts, on_round)
+}
+
+/// Rounds of correcting simulated tracks by a finer simulation of the best fit, and fitting again.
+const REFINEMENTS: usize = 2;
+
+/// The episodes, in which simulated tracks are corrected by what a finer simulation of the best fit shows otherwise, and the best
+/// fit to them, from `fit` on.
+pub fn refined(
+    problem: &Problem<'_>,
+    mut fit: Fit,
+    finer: Fidelity,
+    on_round: OnRound<'_>,
+) -> Result<(Vec<Case>, Fit), FinderError> {
+    let mut cases = problem.cases.to_vec();
+    for _ in 0..REFINEMENTS {
+        let of = |cases| Problem { cases, unknowns: problem.unknowns.clone(), ..*problem };
+        let corrected = of(&cases).refined(&fit.point, finer)?;
+        let own = of(&corrected);
+        let start = Start { point: fit.point, tracks: own.measured() };
+        let fits = own.fit(vec![start], on_round)?.into_iter().flatten();
+        fit = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+        cases = corrected;
+    }
+    Ok((cases, fit))
 }
 
 /// How well a fit agrees with the data, before it is tested.
@@ -77,4 +102,33 @@ fn estimates(problem: &Problem<'_>, fit: &Fit, posterior: &Laplace, settings: &S
         Estimate { name: u.name.clone(), value: best[i], q05: quantile(0.05), q95: quantile(0.95) }
     };
     shared.map(estimate).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Coarse, Toy};
+    use std::ops::ControlFlow;
+
+    #[test]
+    fn a_refined_fit_does_not_feel_the_errors_of_a_coarse_simulation() {
+        let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
+        let cases = [toy::case(&toy, theta, &[])];
+        let coarse = Coarse { toy, error: 0.3 };
+        let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
+        let mut go_on = || ControlFlow::Continue(());
+        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
+        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let (corrected, fit) = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        let apart = |fit: &Fit| (problem.unknowns.values(&fit.point, 0)[0] - theta[0]).abs();
+        assert!(apart(&fit) < 0.1 * apart(&rough), "{} after {}", apart(&fit), apart(&rough));
+        assert!(rough.cost > 10.0 && fit.cost < 0.1 * rough.cost, "{} after {}", fit.cost, rough.cost);
+        let none = Coarse { toy: Toy { gain: 0.3 }, error: 0.0 };
+        let exact = Problem { simulator: &none, unknowns: problem.unknowns.clone(), ..problem };
+        let track =
+            |p: &Problem<'_>, cases| Problem { cases, unknowns: p.unknowns.clone(), ..*p }.tracks(&[&fit.point]);
+        let there = |p: &Problem<'_>, cases| track(p, cases).unwrap()[0][0].frames[3].dlo[0][0];
+        let left = (there(&problem, &corrected) - there(&exact, &cases)).abs();
+        assert!(left < 1e-2 * coarse.error * theta[0], "{left}");
+    }
 }

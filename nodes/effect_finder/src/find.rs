@@ -1,17 +1,18 @@
 //! The whole search: calibrate, detect, localise, name, repair, again, verify.
 
+mod contenders;
 mod in_part;
 mod naming;
 
 use naming::{Best, Named};
 
-use crate::calibrate::{Agreement, best_fit};
+use crate::calibrate::{Agreement, best_fit, refined};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
-use crate::fit::{Fit, OnRound, Problem, Start, presses};
+use crate::fit::{Fit, OnRound, Problem, presses};
 use crate::hypothesis::{Depth, Hypothesis};
 use crate::laplace::Laplace;
 use crate::localise;
@@ -125,27 +126,19 @@ pub fn find(
 /// The best fit of the present model, and the episodes with what a finer simulation of it shows otherwise.
 fn calibrate(
     model: &Model,
-    mut cases: Vec<Case>,
+    cases: Vec<Case>,
     simulator: &dyn DifferentiableSimulator,
     settings: &Settings,
     telling: &mut Telling<'_>,
 ) -> Result<(Vec<Case>, Fit), FinderError> {
     telling.report(Stage::Calibrate, 0.0, None)?;
     let first = Problem::of(model, &cases, simulator, settings.rounds);
-    let mut fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, Vec::new(), settings, on_round))?;
-    for _ in 0..REFINEMENTS {
-        let Some(finer) = settings.finer_fidelity else { break };
-        cases = Problem::of(model, &cases, simulator, settings.rounds).refined(&fit.point, finer)?;
-        let refined = Problem::of(model, &cases, simulator, settings.rounds);
-        let start = Start { point: fit.point, tracks: refined.measured() };
-        let fits = telling.in_rounds(Stage::Calibrate, |on_round| refined.fit(vec![start], on_round))?;
-        fit = fits.into_iter().flatten().next().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+    let fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, Vec::new(), settings, on_round))?;
+    match settings.finer_fidelity {
+        None => Ok((cases, fit)),
+        Some(finer) => telling.in_rounds(Stage::Calibrate, |on_round| refined(&first, fit, finer, on_round)),
     }
-    Ok((cases, fit))
 }
-
-/// Rounds of correcting simulated tracks by a finer simulation of the best fit, and fitting again.
-const REFINEMENTS: usize = 2;
 
 /// Who is told of progress, and what was concluded.
 struct Telling<'a> {
@@ -209,6 +202,7 @@ impl<'a> Search<'a> {
             unknowns: self.problem.unknowns.clone(),
             fit,
             evidence: yardstick.evidence().clone(),
+            cases: None,
             depth: Depth::Polished,
             spread: Vec::new(),
         };

@@ -1,12 +1,14 @@
 //! A model with effects more than the present one, fitted.
 
 use crate::candidate::Candidate;
+use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
 use crate::fit::{Fit, OnRound, Problem, Seen, Start};
 use crate::laplace::Laplace;
 use crate::name::Magnitude;
 use crate::unknowns::Unknowns;
+use std::sync::Arc;
 
 /// Starts from which an effect is fitted, of all that are looked at those that promise most.
 const STARTS: usize = 2;
@@ -31,6 +33,9 @@ pub struct Hypothesis {
     pub candidates: Vec<Candidate>,
     /// The unknowns with them: one each, the last.
     pub unknowns: Unknowns,
+    /// The fitted episodes, in which simulated tracks are corrected by what a finer simulation of this very hypothesis shows
+    /// otherwise; none: as one of the present model shows.
+    pub cases: Option<Arc<[Case]>>,
     /// The best fit.
     pub fit: Fit,
     /// Its evidence over the present model's.
@@ -49,6 +54,7 @@ pub struct Trial {
     /// The cost that it would come to if the simulator were linear.
     pub promise: f64,
     unknowns: Unknowns,
+    cases: Option<Arc<[Case]>>,
     seen: Vec<Seen>,
 }
 
@@ -77,8 +83,10 @@ impl Hypothesis {
     pub fn magnitude(&self, i: usize) -> (f64, f64) {
         let candidate = &self.candidates[i];
         let cost = Quadratic::of(&self.fit, self.candidates.len());
-        let own = cost.map_or(f64::INFINITY, |c| sd_of(candidate, &c, i));
         let (low, high) = candidate.search().bounds();
+        // Where the data say next to nothing, it lies anywhere that a search looks at.
+        let most = (high - low) / 12f64.sqrt();
+        let own = cost.map_or(most, |c| sd_of(candidate, &c, i).min(most));
         let value = candidate.search().from_unit(self.fit.point[self.column(i)]);
         (value, own.hypot((high - low) * self.spread.get(i).copied().unwrap_or(0.0)))
     }
@@ -92,14 +100,37 @@ impl Hypothesis {
         self.candidates.iter().enumerate().map(one).collect()
     }
 
+    /// Points to fit this hypothesis from where `other` fits: what both have is as there, and of its own effects each in turn at
+    /// the values at which fits start. A fit from elsewhere may have come to rest in another valley.
+    pub fn where_fits(&self, other: &Hypothesis) -> Vec<Vec<f64>> {
+        let there = self.unknowns.point_from(&other.unknowns, &other.fit.point);
+        let own = |i: &usize| !other.has(&self.candidates[*i].name);
+        let mut settled = there;
+        for i in (0..self.candidates.len()).filter(own) {
+            settled[self.column(i)] = self.fit.point[self.column(i)];
+        }
+        let moved = |i: usize| {
+            let (column, candidate, settled) = (self.column(i), &self.candidates[i], &settled);
+            candidate.starts().into_iter().map(move |value| {
+                let mut point = settled.clone();
+                point[column] = candidate.search().to_unit(value).clamp(0.0, 1.0);
+                point
+            })
+        };
+        let mut points: Vec<Vec<f64>> = (0..self.candidates.len()).filter(own).flat_map(moved).collect();
+        points.push(settled);
+        points
+    }
+
     /// What is known of the unknowns about the fit, what conditions differ in among it; none where the curvature is no number.
     pub fn posterior(&self) -> Option<Laplace> {
         Some(Laplace::of(&self.fit)?.widened(self.column(0), &self.spread))
     }
 
     /// The problem of fitting it.
-    pub fn problem<'a>(&self, problem: &Problem<'a>) -> Problem<'a> {
-        Problem { unknowns: self.unknowns.clone(), ..*problem }
+    pub fn problem<'a>(&'a self, problem: &Problem<'a>) -> Problem<'a> {
+        let cases = self.cases.as_deref().unwrap_or(problem.cases);
+        Problem { unknowns: self.unknowns.clone(), cases, ..*problem }
     }
 
     /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior.
@@ -114,7 +145,7 @@ impl Hypothesis {
         on_round: OnRound<'_>,
     ) -> Result<Trial, FinderError> {
         let unknowns = self.unknowns.with(candidate);
-        let with = Problem { unknowns: unknowns.clone(), ..*problem };
+        let with = Problem { unknowns: unknowns.clone(), ..self.problem(problem) };
         let column = unknowns.columns() - 1;
         let search = candidate.search();
         let from = |value: f64| {
@@ -133,7 +164,7 @@ impl Hypothesis {
         let promise = ranked.first().map_or(f64::INFINITY, |r| r.0);
         let seen = ranked.into_iter().map(|r| r.1).collect();
         let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
-        Ok(Trial { candidates, promise, unknowns, seen })
+        Ok(Trial { candidates, promise, unknowns, cases: self.cases.clone(), seen })
     }
 }
 
@@ -153,8 +184,9 @@ impl Trial {
         yardstick: &Yardstick,
         on_round: OnRound<'_>,
     ) -> Result<Hypothesis, FinderError> {
-        let with = Problem { unknowns: self.unknowns.clone(), ..*problem };
-        let fits = with.climb(std::mem::take(&mut self.seen), on_round)?;
+        let seen = std::mem::take(&mut self.seen);
+        let cases = self.cases.as_deref().unwrap_or(problem.cases);
+        let fits = Problem { unknowns: self.unknowns.clone(), cases, ..*problem }.climb(seen, on_round)?;
         self.hypothesis(fits, yardstick, Depth::Fitted)
     }
 
@@ -175,10 +207,76 @@ impl Trial {
         Ok(Hypothesis {
             candidates: self.candidates,
             unknowns: self.unknowns,
+            cases: self.cases,
             fit,
             evidence,
             depth,
             spread: Vec::new(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Toy};
+    use catenary_core::Prior;
+    use std::ops::ControlFlow;
+
+    fn candidate(name: &str) -> Candidate {
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
+        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+    }
+
+    /// The hypothesis of one effect, fitted to data with a tip mass of 0.05 from one start.
+    fn fitted(problem: &Problem<'_>, name: &str, start: f64) -> Hypothesis {
+        let candidate = candidate(name);
+        let unknowns = problem.unknowns.with(&candidate);
+        let with = Problem { unknowns: unknowns.clone(), ..*problem };
+        let start = Start { point: vec![start; unknowns.columns()], tracks: problem.measured() };
+        let fit = with.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
+        let evidence = Evidence { alone: 0.0, with: Vec::new() };
+        Hypothesis {
+            candidates: vec![candidate],
+            unknowns,
+            cases: None,
+            fit,
+            evidence,
+            depth: Depth::Fitted,
+            spread: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_fit_from_where_another_fits_begins_with_its_theta_and_all_values_of_the_own_effect() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let (other, own) = (fitted(&problem, "tip_mass_kg", 0.5), fitted(&problem, "linear_drag_n_s_m2", 0.4));
+        let points = own.where_fits(&other);
+        assert_eq!(points.len(), own.candidates[0].starts().len() + 1);
+        for point in &points {
+            let pairs = point[..2].iter().zip(&other.fit.point);
+            assert!(pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) < 1e-9, "{point:?}");
+        }
+        assert_ne!(own.fit.point[..2], other.fit.point[..2], "the wrong effect bends theta");
+        let search = own.candidates[0].search();
+        let mut values: Vec<f64> = points.iter().map(|p| search.from_unit(p[2])).collect();
+        let settled = values.pop().unwrap();
+        assert!((settled - own.magnitude(0).0).abs() < 1e-9);
+        assert!(values.iter().zip(own.candidates[0].starts()).all(|(a, b)| (a - b).abs() < 1e-9), "{values:?}");
+        // Where the other has the effect, too, its value there is known.
+        let [point] = own.where_fits(&own).try_into().unwrap();
+        assert!(point.iter().zip(&own.fit.point).all(|(a, b)| (a - b).abs() < 1e-9), "{point:?}");
+    }
+
+    #[test]
+    fn what_the_data_do_not_tell_is_no_less_certain_than_the_range_of_the_search() {
+        let toy = Toy { gain: 1e-9 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let (_, sd) = fitted(&problem, "tip_mass_kg", 0.5).magnitude(0);
+        // The search goes to three times the prior.
+        assert!((sd - 0.3 / 12f64.sqrt()).abs() < 1e-9, "{sd}");
     }
 }

@@ -96,6 +96,7 @@ mod tests {
         let found = Hypothesis {
             candidates: vec![candidate],
             unknowns,
+            cases: None,
             fit,
             evidence,
             depth: Depth::Polished,

@@ -5,7 +5,9 @@ use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::{FrameDerivative, SimulatorError, StartShape, TrackSensitivities};
 use catenary_core::track::End;
-use catenary_core::{DifferentiableSimulator, Frame, GripTrajectory, Model, SimulationRequest, Simulator, Track};
+use catenary_core::{
+    DifferentiableSimulator, Fidelity, Frame, GripTrajectory, Model, SimulationRequest, Simulator, Track,
+};
 
 /// Frames of a track.
 pub const FRAMES: usize = 20;
@@ -84,6 +86,41 @@ impl DifferentiableSimulator for Toy {
         let whole =
             |track| TrackSensitivities { track, derivatives: derivatives.clone(), changes: vec![1.0; names.len()] };
         Ok(tracks.into_iter().map(whole).collect())
+    }
+}
+
+/// The toy, which below reference fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
+pub struct Coarse {
+    pub toy: Toy,
+    pub error: f64,
+}
+
+impl Coarse {
+    fn shift(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
+        if request.fidelity != Fidelity::Reference {
+            let by = self.error * request.thetas[episode][0];
+            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
+        }
+    }
+}
+
+impl Simulator for Coarse {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let mut tracks = self.toy.simulate(request)?;
+        tracks.iter_mut().enumerate().for_each(|(i, track)| self.shift(track, request, i));
+        Ok(tracks)
+    }
+}
+
+impl DifferentiableSimulator for Coarse {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut all = self.toy.sensitivities(request, names)?;
+        all.iter_mut().enumerate().for_each(|(i, one)| self.shift(&mut one.track, request, i));
+        Ok(all)
     }
 }
 

@@ -22,7 +22,7 @@ impl Search<'_> {
     ) -> Result<Hypothesis, FinderError> {
         let Some(place) = hypothesis.evidence.likeliest() else { return Ok(hypothesis) };
         let own = hypothesis.problem(self.problem);
-        let fit = self.weighed(&own, hypothesis.fit, yardstick.whitening(place))?;
+        let fit = self.weighed(&own, hypothesis.fit.clone(), yardstick.whitening(place))?;
         Ok(Hypothesis { fit, ..hypothesis })
     }
 

@@ -1,20 +1,16 @@
 //! Which effects explain what is left: one, and where the best does not close the gap, more.
 
-use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::best_fit;
+use super::{Search, Stage};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
-use crate::hypothesis::{Depth, Hypothesis, Trial};
+use crate::hypothesis::{Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
-use crate::settings::Settings;
 use crate::verdict::{Finding, Fitness};
 
 /// Models that are looked at more closely, of all the most probable.
-const PARENTS: usize = 3;
-/// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
-const FEWER: usize = 4;
+pub(super) const PARENTS: usize = 3;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
 const LEAST_SHRINK: f64 = 0.98;
 
@@ -130,55 +126,6 @@ impl Search<'_> {
             self.telling.conclude(Stage::Verify, sentences::no_better(more, less_mm, more_mm))?;
         }
         Ok(shrinks)
-    }
-
-    /// Looks for better fits of the most probable hypotheses elsewhere: with an effect more, the best values of all others may
-    /// lie in another valley.
-    fn polish(
-        &mut self,
-        mut ranking: Ranking,
-        base: &Hypothesis,
-        yardstick: &Yardstick,
-    ) -> Result<Ranking, FinderError> {
-        let (problem, settings) = (self.problem, self.settings);
-        let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
-        let few = Settings { draws, starts, ..settings.clone() };
-        loop {
-            let alike: Vec<Vec<Candidate>> =
-                ranking.alike(settings).into_iter().map(|h| h.candidates.clone()).collect();
-            let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
-                Depth::Promised => place < PARENTS || alike.iter().any(|a| h.is_same(a)),
-                Depth::Fitted => place < PARENTS,
-                Depth::Glanced => place == 0,
-                Depth::Polished => false,
-            };
-            let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
-            let mut all = ranking.hypotheses;
-            let old = &all[place];
-            let fitted = match (old.depth, old.candidates.as_slice()) {
-                (Depth::Promised, [candidate]) => self.telling.in_rounds(Stage::Name, |on_round| {
-                    base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
-                }),
-                _ => {
-                    let (own, known) = (old.problem(problem), vec![old.fit.point.clone()]);
-                    let (how, depth) = if place == 0 { (settings, Depth::Polished) } else { (&few, Depth::Glanced) };
-                    let found = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, how, on_round));
-                    found.map(|fit| match yardstick.of(&old.candidates, &fit) {
-                        Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
-                            Hypothesis { fit, evidence, depth, ..old.clone() }
-                        }
-                        _ => Hypothesis { depth, ..old.clone() },
-                    })
-                }
-            };
-            match fitted {
-                Ok(fitted) => all[place] = fitted,
-                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-                // What promised something cannot be simulated.
-                Err(_) => drop(all.remove(place)),
-            }
-            ranking = Ranking::new(problem, base, all, self.question.candidates.len(), settings)?;
-        }
     }
 
     /// The hypotheses, and those with an effect more than `effects` that promise most.
