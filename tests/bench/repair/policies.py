@@ -1,0 +1,123 @@
+"""Policies trained on a repaired model beside such of the unrepaired one, on the cell whose effect was hidden from both.
+
+    source .venv/ros.env; .venv/bin/python tests/bench/repair/policies.py --out DIR [--hide tip_mass_kg=0.05 ...] [--seeds 5] [--json]
+
+For each hidden effect: three episodes are measured in a cell at `reference` fidelity; `catenary find-effects` searches two of them
+and keeps the third unseen; the repaired policies learn over the posterior in the model.yaml that it writes, the unrepaired ones over
+the posterior that `catenary infer` gives for the three episodes and the model that knows nothing of the effect. `catenary evaluate`
+runs all of them on the same episodes of the cell. What is in DIR already is not done again.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import shutil
+import sys
+
+import numpy
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "tests/blind"))
+import draw  # noqa: E402
+
+HIDDEN = ["tip_mass_kg=0.05", "arm_standing_error_m=0.02", "camera_offset_z_m=0.03"]
+OBJECT = ["length_m=0.25", "youngs_modulus_pa=8000"]
+EPISODES = 3
+# Quantile of a two-sided interval of 95 % after Student, for two seeds and more.
+STUDENT = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262]
+
+
+def once(path, work):
+    """Lets `work` make the file or folder at `path`, which appears when it is whole."""
+    if not path.exists():
+        half = path.with_name("half_" + path.name)
+        shutil.rmtree(half, ignore_errors=True)
+        work(half)
+        half.rename(path)
+    return path
+
+
+def measured(folder, model, hidden):
+    """Bags of the cell that hides an effect."""
+
+    def episode(number):
+        rows, table = draw.actions(numpy.random.default_rng(number)), folder / "actions.csv"
+        draw.write_actions(table, rows)
+        truth = [a for value in OBJECT for a in ("--theta", value)] + ["--effect", hidden]
+        asked = ("--model", model, "--actions", table, *truth, "--noise", "--seed", number, "--fidelity", "reference")
+        return once(folder / f"bag_{number}", lambda half: draw.program("simulate", *asked, "--out", half))
+
+    return [episode(number) for number in range(EPISODES)]
+
+
+def interval(values):
+    """Mean over seeds with its interval of 95 %."""
+    mean, n = float(numpy.mean(values)), len(values)
+    half = STUDENT[n - 2] * float(numpy.std(values, ddof=1)) / n**0.5
+    return {"mean": mean, "low": mean - half, "high": mean + half}
+
+
+def study(folder, hidden, seeds, episodes, steps):
+    """Searches, trains and evaluates for one hidden effect."""
+    folder.mkdir(parents=True, exist_ok=True)
+    model = folder / "model.yaml"
+    model.write_text(draw.MODEL.read_text().replace(draw.GRIP, draw.ACTIONS))
+    bags = measured(folder, model, hidden)
+    asked = ("--bag", bags[0], "--bag", bags[1], "--verify", bags[2])
+    found = once(folder / "found", lambda half: draw.program("find-effects", "--model", model, *asked, "--out", half))
+    verdict = json.loads((found / "verdict.json").read_text())
+    every = [a for bag in bags for a in ("--bag", bag)]
+    inferred = once(folder / "inferred", lambda half: draw.program("infer", "--model", model, *every, "--out", half))
+    over = {
+        "unrepaired": ("--model", model, "--posterior", inferred / "posterior.json"),
+        "repaired": ("--model", found / "model.yaml"),
+    }
+    wanted = ("--steps", steps) if steps else ()
+    train = lambda side, seed: once(
+        folder / f"{side}_{seed}.safetensors",
+        lambda half: draw.program("train", *over[side], *wanted, "--seed", seed, "--out", half),
+    )
+    policies = [(side, train(side, seed)) for side in over for seed in range(1, seeds + 1)]
+    given = [a for _, path in policies for a in ("--policy", path)]
+    given += [a for value in OBJECT for a in ("--theta", value)] + ["--effect", hidden]
+    fared = json.loads(draw.program("evaluate", "--model", model, *given, "--episodes", episodes, "--json"))["policies"]
+    row = {"hidden": hidden, "verdict": verdict["verdict"], "found": verdict["found"], "repaired": verdict["repaired"]}
+    row["marginals"] = json.loads((inferred / "inference.json").read_text())["marginals"]
+    values = lambda side, key: numpy.array([e[key]["value"] for (s, _), e in zip(policies, fared) if s == side])
+    for key in ("mean_return", "success_rate"):
+        row[key] = {side: interval(values(side, key)) for side in over}
+        row[key]["gained"] = interval(values("repaired", key) - values("unrepaired", key))
+    return row
+
+
+def text(rows):
+    show = lambda e, scale, digits: f"{scale * e['mean']:.{digits}f} ({scale * e['low']:.{digits}f} to {scale * e['high']:.{digits}f})"
+    lines = []
+    for row in rows:
+        named = ", ".join(" or ".join(alike) for alike in row["found"]) or "nothing"
+        lines.append(f"{row['hidden']}: {row['verdict']}, {named}")
+        for key, scale, digits in (("mean_return", 1, 2), ("success_rate", 100, 0)):
+            parts = (f"{side} {show(row[key][side], scale, digits)}" for side in ("unrepaired", "repaired", "gained"))
+            lines.append(f"  {key.replace('_', ' ')}{' in %' if scale == 100 else ''}: " + ", ".join(parts))
+    return "\n".join(lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=pathlib.Path, required=True)
+    parser.add_argument("--hide", action="append", help="an effect's value, as NAME=VALUE; none: " + " ".join(HIDDEN))
+    parser.add_argument("--seeds", type=int, default=5, choices=range(2, 11), metavar="2..10", help="trainings of each side")
+    parser.add_argument("--episodes", type=int, default=100, help="of each policy")
+    parser.add_argument("--steps", type=int, help="of each training; none: the preset's")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    rows = []
+    for hidden in arguments.hide or HIDDEN:
+        print(hidden, file=sys.stderr)
+        rows.append(study(arguments.out / hidden, hidden, arguments.seeds, arguments.episodes, arguments.steps))
+    print(json.dumps(rows) if arguments.json else text(rows))
+
+
+if __name__ == "__main__":
+    main()
