@@ -6,17 +6,70 @@ use crate::calibrate::{best_fit, refined};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
+use crate::fit::Start;
 use crate::hypothesis::{Depth, Hypothesis};
 use crate::name::Ranking;
 use crate::settings::Settings;
 
 /// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
 const FEWER: usize = 4;
+/// By how much the log evidence of a model must rise where it is fitted from where a larger one fits.
+const LEAST_GAIN: f64 = 1.0;
 
 impl Search<'_> {
+    /// Looks closer at the most probable hypotheses, and where the best has several effects at those with one fewer: what a
+    /// further effect seemed to explain may lie in another valley, into which it led. Says whether one of those got better.
+    pub(super) fn settled(
+        &mut self,
+        ranking: Ranking,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<(Ranking, bool), FinderError> {
+        let mut ranking = self.polished(ranking, base, yardstick)?;
+        let mut is_back = false;
+        while let Some(better) = self.stepped_back(&ranking.hypotheses, yardstick)? {
+            let again = Ranking::new(self.problem, base, better, self.question.candidates.len(), self.settings)?;
+            ranking = self.polished(again, base, yardstick)?;
+            is_back = true;
+        }
+        Ok((ranking, is_back))
+    }
+
+    /// The hypotheses, those with one effect fewer than the first fitted from where it fits; none where no fit is better.
+    fn stepped_back(
+        &mut self,
+        all: &[Hypothesis],
+        yardstick: &Yardstick,
+    ) -> Result<Option<Vec<Hypothesis>>, FinderError> {
+        let Some(best) = all.first() else { return Ok(None) };
+        let is_part = |h: &Hypothesis| {
+            h.candidates.len() + 1 == best.candidates.len() && h.candidates.iter().all(|c| best.has(&c.name))
+        };
+        let mut better = None;
+        for (place, part) in all.iter().enumerate().filter(|(_, h)| is_part(h)) {
+            let there = Hypothesis { cases: best.cases.clone(), ..part.clone() };
+            let own = there.problem(self.problem);
+            let start = |point| Start { point, tracks: own.measured() };
+            let starts = there.where_fits(best).into_iter().map(start).collect();
+            let fits = match self.telling.in_rounds(Stage::Name, |on_round| own.fit(starts, on_round)) {
+                Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+                // Without the effect there may be nothing that can be simulated.
+                Err(_) => continue,
+                Ok(fits) => fits.into_iter().flatten(),
+            };
+            let Some(fit) = fits.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
+            let Some(evidence) = yardstick.of(&part.candidates, &fit) else { continue };
+            if evidence.alone > part.evidence.alone + LEAST_GAIN {
+                let better: &mut Vec<Hypothesis> = better.get_or_insert_with(|| all.to_vec());
+                better[place] = Hypothesis { fit, evidence, depth: Depth::Fitted, ..there };
+            }
+        }
+        Ok(better)
+    }
+
     /// Looks closer at the most probable hypotheses. With an effect more, the best values of all others may lie in another valley;
     /// and a coarse simulation may suit one effect by its errors, which are another one's than the present model's.
-    pub(super) fn polish(
+    fn polished(
         &mut self,
         mut ranking: Ranking,
         base: &Hypothesis,

@@ -1,6 +1,6 @@
 //! Which effects explain what is left: one, and where the best does not close the gap, more.
 
-use super::{Search, Stage};
+use super::{LEAST_DECREASE, Search, Stage};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
@@ -11,6 +11,8 @@ use crate::verdict::{Finding, Fitness};
 
 /// Models that are looked at more closely, of all the most probable.
 pub(super) const PARENTS: usize = 3;
+/// Tests after which no smaller model is gone back to.
+const MOST_TESTS: usize = 6;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
 const LEAST_SHRINK: f64 = 0.98;
 
@@ -39,10 +41,22 @@ impl Search<'_> {
         let candidates = self.question.candidates;
         let mut hypotheses = self.singles(base, yardstick, finding)?;
         let mut tested: Option<Best> = None;
-        for effects in 1.. {
+        let mut effects = 0;
+        for test in 1.. {
+            effects += 1;
             let ranking = Ranking::new(self.problem, base, hypotheses, candidates.len(), self.settings)?;
-            let ranking = self.polish(ranking, base, yardstick)?;
-            let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !t.hypothesis.is_same(&best.candidates));
+            let (mut ranking, is_back) = self.settled(ranking, base, yardstick)?;
+            // A smaller model fits better than it was known to: from it on, larger ones are looked for anew.
+            let fewer = ranking.hypotheses.first().map_or(effects, |best| best.candidates.len());
+            if is_back && fewer < effects && test <= MOST_TESTS {
+                effects = fewer;
+                let left = ranking.hypotheses.into_iter().filter(|h| h.candidates.len() <= fewer).collect();
+                ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
+            }
+            let is_known = |t: &Best, best: &Hypothesis| {
+                t.hypothesis.is_same(&best.candidates) && t.hypothesis.fit.cost - best.fit.cost < LEAST_DECREASE
+            };
+            let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
                 if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
@@ -53,7 +67,7 @@ impl Search<'_> {
                     let ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
                     return Ok(Named { ranking, best: Some(last) });
                 }
-                tested = Some(self.test(hypothesis.clone(), extent, finding, effects)?);
+                tested = Some(self.test(hypothesis.clone(), extent, finding, test)?);
             }
             let is_closed = tested.as_ref().is_some_and(|t| t.extent == Extent::Whole);
             let is_candidate = |c: &&Candidate| finding.left_out.iter().all(|(name, _)| *name != c.name);
