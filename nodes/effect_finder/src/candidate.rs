@@ -53,6 +53,15 @@ impl Candidate {
         self.prior.density(magnitude) / signs
     }
 
+    /// The value at a quantile of the prior, over all signs that a change may have.
+    pub fn drawn(&self, u: f64) -> f64 {
+        let signs = self.signs();
+        let scaled = u.clamp(0.0, 1.0) * signs.len() as f64;
+        let place = (scaled as usize).min(signs.len() - 1);
+        let value = self.base + signs[place] * self.prior.from_unit(scaled - place as f64);
+        value.clamp(self.range[0], self.range[1])
+    }
+
     /// Values at which a fit starts: quantiles of the prior.
     pub fn starts(&self) -> Vec<f64> {
         let [least, greatest] = self.range;
@@ -85,6 +94,16 @@ mod tests {
             Candidate { prior: Prior::Uniform { low: -0.1, high: 0.1 }, range: [-0.2, 1.5], base: 0.05, ..drag() };
         let Prior::Uniform { low, high } = tilt.search() else { panic!("linear") };
         assert!((low + 0.2).abs() < 1e-12 && (high - 0.35).abs() < 1e-12, "{low} to {high}");
+    }
+
+    #[test]
+    fn draws_are_of_the_prior_and_of_each_sign() {
+        let quantiles: Vec<f64> = [0.0, 0.5, 1.0].map(|u| drag().drawn(u)).into();
+        assert!((quantiles[0] - 1e-3).abs() < 1e-12 && (quantiles[2] - 0.3).abs() < 1e-12, "{quantiles:?}");
+        assert!((quantiles[1] - (1e-3f64 * 0.3).sqrt()).abs() < 1e-9, "{quantiles:?}");
+        let fixed = Candidate { base: 0.5, ..drag() };
+        let (more, less) = (fixed.drawn(0.25), fixed.drawn(0.75));
+        assert!((more - 0.5 - quantiles[1]).abs() < 1e-9 && (0.5 - less - quantiles[1]).abs() < 1e-9, "{more} {less}");
     }
 
     #[test]

@@ -158,17 +158,58 @@ impl Hypothesis {
         if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
-        let mut ranked: Vec<(f64, Seen)> = seen.into_iter().map(|s| (s.fit.clone().descended().cost, s)).collect();
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(STARTS);
-        let promise = ranked.first().map_or(f64::INFINITY, |r| r.0);
-        let seen = ranked.into_iter().map(|r| r.1).collect();
         let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
-        Ok(Trial { candidates, promise, unknowns, cases: self.cases.clone(), seen })
+        let trial = Trial { candidates, promise: f64::INFINITY, unknowns, cases: self.cases.clone(), seen };
+        Ok(trial.ranked())
     }
 }
 
 impl Trial {
+    /// The most promising starts.
+    fn ranked(mut self) -> Self {
+        let mut ranked: Vec<(f64, Seen)> = self.seen.into_iter().map(|s| (s.fit.clone().descended().cost, s)).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(STARTS);
+        self.promise = ranked.first().map_or(f64::INFINITY, |r| r.0);
+        self.seen = ranked.into_iter().map(|r| r.1).collect();
+        self
+    }
+
+    /// Looks at the best of `draws`, too: rows of a quantile of each unknown's prior, of the last effect's magnitude the last.
+    ///
+    /// # Errors
+    /// [`FinderError::Cancelled`] where `on_round` asked to stop.
+    pub fn elsewhere(
+        mut self,
+        problem: &Problem<'_>,
+        draws: &[Vec<f64>],
+        on_round: OnRound<'_>,
+    ) -> Result<Self, FinderError> {
+        let Some(candidate) = self.candidates.last() else { return Ok(self) };
+        let cases = self.cases.as_deref().unwrap_or(problem.cases);
+        let with = Problem { unknowns: self.unknowns.clone(), cases, ..*problem };
+        let at = |draw: &Vec<f64>| {
+            let mut point = draw.clone();
+            point.iter_mut().last().into_iter().for_each(|u| *u = candidate.search().to_unit(candidate.drawn(*u)));
+            point
+        };
+        let points: Vec<Vec<f64>> = draws.iter().map(at).collect();
+        let measured = problem.measured();
+        let mut ranked: Vec<(f64, Vec<f64>)> = with.costs(&points, &measured).into_iter().zip(points).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(STARTS);
+        let start = |(_, point)| Start { point, tracks: measured.clone() };
+        match with.look(ranked.into_iter().map(start).collect(), on_round) {
+            // None of the draws can be simulated.
+            Err(FinderError::NoFit(_)) => Ok(self),
+            Err(other) => Err(other),
+            Ok(seen) => {
+                self.seen.extend(seen.into_iter().flatten());
+                Ok(self.ranked())
+            }
+        }
+    }
+
     /// Whether an effect is among its own.
     pub fn has(&self, name: &str) -> bool {
         self.candidates.iter().any(|c| c.name == name)

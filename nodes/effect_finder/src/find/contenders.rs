@@ -108,9 +108,10 @@ impl Search<'_> {
         let (problem, settings) = (self.problem, self.settings);
         let old = &all[place];
         match (old.depth, old.candidates.as_slice()) {
-            (Depth::Promised, [candidate]) => self.telling.in_rounds(Stage::Name, |on_round| {
-                base.with(problem, candidate, on_round)?.fitted(problem, yardstick, on_round)
-            }),
+            (Depth::Promised, [candidate]) => {
+                let trial = self.trial(base, candidate)?;
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
+            }
             (Depth::Glanced | Depth::Polished, _)
                 if old.cases.is_none() && (place > 0 || old.depth == Depth::Polished) =>
             {

@@ -8,9 +8,16 @@ use crate::hypothesis::{Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
 use crate::verdict::{Finding, Fitness};
+use catenary_core::seed;
+use rand::RngExt;
 
 /// Models that are looked at more closely, of all the most probable.
 pub(super) const PARENTS: usize = 3;
+/// Squared deviations for each coordinate from which on effects are looked for far from the present model's fit, too, how many times
+/// fewer draws than those of a whole fit do so, and their random stream.
+const MUCH: f64 = 3.0;
+const ELSEWHERE: usize = 6;
+const ELSEWHERE_STREAM: u64 = 2207;
 /// Tests after which no smaller model is gone back to.
 const MOST_TESTS: usize = 6;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
@@ -99,7 +106,7 @@ impl Search<'_> {
         let mut trials = Vec::new();
         for (i, candidate) in candidates.iter().enumerate() {
             self.telling.report(Stage::Name, 0.5 * i as f64 / candidates.len() as f64, None)?;
-            match self.telling.in_rounds(Stage::Name, |on_round| base.with(problem, candidate, on_round)) {
+            match self.trial(base, candidate) {
                 Ok(trial) => trials.push((candidate, trial)),
                 Err(error) => left_out(candidate, error)?,
             }
@@ -118,6 +125,21 @@ impl Search<'_> {
             }
         }
         Ok(hypotheses)
+    }
+
+    /// A look at the present model with one effect. Where much is left, its fit has been bent far to make up for what it lacks,
+    /// and the effect's own valley may not be in sight from there.
+    pub(super) fn trial(&mut self, base: &Hypothesis, candidate: &Candidate) -> Result<Trial, FinderError> {
+        let (problem, settings) = (self.problem, self.settings);
+        let is_far = base.fit.cost > MUCH * base.fit.residuals.len() as f64;
+        let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
+        let mut draw = |_| (0..=base.unknowns.columns()).map(|_| rng.random()).collect();
+        let draws: Vec<Vec<f64>> =
+            (0..if is_far { settings.draws.div_ceil(ELSEWHERE) } else { 0 }).map(&mut draw).collect();
+        self.telling.in_rounds(Stage::Name, |on_round| {
+            let trial = base.with(problem, candidate, on_round)?;
+            if is_far { trial.elsewhere(problem, &draws, on_round) } else { Ok(trial) }
+        })
     }
 
     /// Whether a further effect predicts the held-out episodes better; where there are none, whether its probability is plain.
