@@ -35,24 +35,29 @@ pub fn best_fit(
 const REFINEMENTS: usize = 2;
 
 /// The episodes, in which simulated tracks are corrected by what a finer simulation of the best fit shows otherwise, and the best
-/// fit to them, from `fit` on.
+/// fit to them, from `fit` on. Where an object folds this way or that, the finer simulation may do the other and fit worse: then
+/// the correction and the fit stay as they were.
 pub fn refined(
     problem: &Problem<'_>,
-    mut fit: Fit,
+    fit: Fit,
     finer: Fidelity,
     on_round: OnRound<'_>,
 ) -> Result<(Vec<Case>, Fit), FinderError> {
-    let mut cases = problem.cases.to_vec();
+    let (mut cases, mut last) = (problem.cases.to_vec(), fit.clone());
+    let mut best = (cases.clone(), fit);
     for _ in 0..REFINEMENTS {
         let of = |cases| Problem { cases, unknowns: problem.unknowns.clone(), ..*problem };
-        let corrected = of(&cases).refined(&fit.point, finer)?;
+        let corrected = of(&cases).refined(&last.point, finer)?;
         let own = of(&corrected);
-        let start = Start { point: fit.point, tracks: own.measured() };
+        let start = Start { point: last.point, tracks: own.measured() };
         let fits = own.fit(vec![start], on_round)?.into_iter().flatten();
-        fit = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+        last = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
         cases = corrected;
+        if last.cost < best.1.cost {
+            best = (cases.clone(), last.clone());
+        }
     }
-    Ok((cases, fit))
+    Ok(best)
 }
 
 /// How well a fit agrees with the data, before it is tested.
@@ -130,5 +135,22 @@ mod tests {
         let there = |p: &Problem<'_>, cases| track(p, cases).unwrap()[0][0].frames[3].dlo[0][0];
         let left = (there(&problem, &corrected) - there(&exact, &cases)).abs();
         assert!(left < 1e-2 * coarse.error * theta[0], "{left}");
+    }
+    #[test]
+    fn a_finer_simulation_that_fits_worse_changes_nothing() {
+        let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
+        let mut case = toy::case(&toy, theta, &[]);
+        let coarse = Coarse { toy, error: 0.3 };
+        // What was measured is what the coarse simulation shows.
+        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
+        let cases = [case];
+        let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
+        let mut go_on = || ControlFlow::Continue(());
+        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
+        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let (same, fit) = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        assert_eq!((&fit.point, fit.cost), (&rough.point, rough.cost));
+        let own = Problem { cases: &same, unknowns: problem.unknowns.clone(), ..problem };
+        assert_eq!(own.tracks(&[&fit.point]).unwrap(), problem.tracks(&[&fit.point]).unwrap());
     }
 }

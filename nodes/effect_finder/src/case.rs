@@ -175,6 +175,12 @@ impl Case {
         Self { correction: fine.frames.iter().zip(&coarse.frames).map(difference).collect(), ..self.clone() }
     }
 
+    /// The same without correction.
+    #[must_use]
+    pub fn uncorrected(&self) -> Self {
+        Self { correction: Vec::new(), ..self.clone() }
+    }
+
     /// A simulated track with the case's correction.
     #[must_use]
     pub fn corrected(&self, mut track: Track) -> Track {

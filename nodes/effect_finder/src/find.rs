@@ -203,6 +203,7 @@ impl<'a> Search<'a> {
             fit,
             evidence: yardstick.evidence().clone(),
             cases: None,
+            is_fine: true,
             depth: Depth::Polished,
             spread: Vec::new(),
         };

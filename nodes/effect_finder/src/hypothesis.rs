@@ -33,9 +33,10 @@ pub struct Hypothesis {
     pub candidates: Vec<Candidate>,
     /// The unknowns with them: one each, the last.
     pub unknowns: Unknowns,
-    /// The fitted episodes, in which simulated tracks are corrected by what a finer simulation of this very hypothesis shows
-    /// otherwise; none: as one of the present model shows.
+    /// The fitted episodes, with the correction of simulated tracks that the fit is to; none: the search's, by the present model.
     pub cases: Option<Arc<[Case]>>,
+    /// Whether that correction is what a finer simulation of this very hypothesis shows otherwise.
+    pub is_fine: bool,
     /// The best fit.
     pub fit: Fit,
     /// Its evidence over the present model's.
@@ -249,6 +250,7 @@ impl Trial {
             candidates: self.candidates,
             unknowns: self.unknowns,
             cases: self.cases,
+            is_fine: false,
             fit,
             evidence,
             depth,
@@ -281,6 +283,7 @@ mod tests {
             candidates: vec![candidate],
             unknowns,
             cases: None,
+            is_fine: false,
             fit,
             evidence,
             depth: Depth::Fitted,

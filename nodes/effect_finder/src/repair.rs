@@ -97,6 +97,7 @@ mod tests {
             candidates: vec![candidate],
             unknowns,
             cases: None,
+            is_fine: false,
             fit,
             evidence,
             depth: Depth::Polished,

@@ -47,7 +47,7 @@ impl Search<'_> {
         };
         let mut better = None;
         for (place, part) in all.iter().enumerate().filter(|(_, h)| is_part(h)) {
-            let there = Hypothesis { cases: best.cases.clone(), ..part.clone() };
+            let there = Hypothesis { cases: best.cases.clone(), is_fine: best.is_fine, ..part.clone() };
             let own = there.problem(self.problem);
             let start = |point| Start { point, tracks: own.measured() };
             let starts = there.where_fits(best).into_iter().map(start).collect();
@@ -78,7 +78,7 @@ impl Search<'_> {
         loop {
             let alike: Vec<Vec<Candidate>> =
                 ranking.alike(self.settings).into_iter().map(|h| h.candidates.clone()).collect();
-            let is_coarse = |h: &Hypothesis| h.cases.is_none() && self.settings.finer_fidelity.is_some();
+            let is_coarse = |h: &Hypothesis| !h.is_fine && self.settings.finer_fidelity.is_some();
             let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
                 Depth::Promised => place < PARENTS || alike.iter().any(|a| h.is_same(a)),
                 Depth::Fitted => place < PARENTS,
@@ -112,9 +112,7 @@ impl Search<'_> {
                 let trial = self.trial(base, candidate)?;
                 self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
             }
-            (Depth::Glanced | Depth::Polished, _)
-                if old.cases.is_none() && (place > 0 || old.depth == Depth::Polished) =>
-            {
+            (Depth::Glanced | Depth::Polished, _) if !old.is_fine && (place > 0 || old.depth == Depth::Polished) => {
                 self.finer(old, yardstick)
             }
             _ => {
@@ -148,6 +146,6 @@ impl Search<'_> {
             Ok(done) => done,
         };
         let evidence = yardstick.of(&old.candidates, &fit).ok_or_else(FinderError::curvature)?;
-        Ok(Hypothesis { cases: Some(cases.into()), fit, evidence, ..old.clone() })
+        Ok(Hypothesis { cases: Some(cases.into()), is_fine: true, fit, evidence, ..old.clone() })
     }
 }

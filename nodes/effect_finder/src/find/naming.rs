@@ -2,6 +2,7 @@
 
 use super::{LEAST_DECREASE, Search, Stage};
 use crate::candidate::Candidate;
+use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::hypothesis::{Hypothesis, Trial};
@@ -13,9 +14,9 @@ use rand::RngExt;
 
 /// Models that are looked at more closely, of all the most probable.
 pub(super) const PARENTS: usize = 3;
-/// Squared deviations for each coordinate from which on effects are looked for far from the present model's fit, too, how many times
-/// fewer draws than those of a whole fit do so, and their random stream.
+/// Squared deviations for each coordinate from which on much is left.
 const MUCH: f64 = 3.0;
+/// How many times fewer draws than those of a whole fit look for an effect elsewhere, and their random stream.
 const ELSEWHERE: usize = 6;
 const ELSEWHERE_STREAM: u64 = 2207;
 /// Tests after which no smaller model is gone back to.
@@ -127,18 +128,28 @@ impl Search<'_> {
         Ok(hypotheses)
     }
 
-    /// A look at the present model with one effect. Where much is left, its fit has been bent far to make up for what it lacks,
-    /// and the effect's own valley may not be in sight from there.
+    /// A look at the present model with one effect. Where much is left, what a finer simulation of the present model shows otherwise
+    /// says nothing of other places; and where its fit has been bent to the end of a prior, too, the effect's own valley may not
+    /// be in sight from there, and is looked for elsewhere.
     pub(super) fn trial(&mut self, base: &Hypothesis, candidate: &Candidate) -> Result<Trial, FinderError> {
         let (problem, settings) = (self.problem, self.settings);
-        let is_far = base.fit.cost > MUCH * base.fit.residuals.len() as f64;
+        if base.fit.cost <= MUCH * base.fit.residuals.len() as f64 {
+            return self.telling.in_rounds(Stage::Name, |on_round| base.with(problem, candidate, on_round));
+        }
+        let cases: Vec<Case> = problem.cases.iter().map(Case::uncorrected).collect();
+        let plain = Hypothesis { cases: Some(cases.into()), ..base.clone() };
+        let is_bent = !self.pressing(&base.fit).is_empty();
         let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
         let mut draw = |_| (0..=base.unknowns.columns()).map(|_| rng.random()).collect();
-        let draws: Vec<Vec<f64>> =
-            (0..if is_far { settings.draws.div_ceil(ELSEWHERE) } else { 0 }).map(&mut draw).collect();
         self.telling.in_rounds(Stage::Name, |on_round| {
-            let trial = base.with(problem, candidate, on_round)?;
-            if is_far { trial.elsewhere(problem, &draws, on_round) } else { Ok(trial) }
+            let trial = plain.with(problem, candidate, on_round)?;
+            match is_bent {
+                false => Ok(trial),
+                true => {
+                    let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
+                    trial.elsewhere(problem, &draws, on_round)
+                }
+            }
         })
     }
 
