@@ -35,7 +35,7 @@ pub struct Hypothesis {
     pub unknowns: Unknowns,
     /// The fitted episodes, with the correction of simulated tracks that the fit is to; none: the search's, by the present model.
     pub cases: Option<Arc<[Case]>>,
-    /// Whether that correction is what a finer simulation of this very hypothesis shows otherwise.
+    /// Whether a finer simulation of this very hypothesis was asked for its correction, which holds where it fits better.
     pub is_fine: bool,
     /// The best fit.
     pub fit: Fit,

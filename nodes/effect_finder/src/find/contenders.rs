@@ -134,18 +134,20 @@ impl Search<'_> {
         }
     }
 
-    /// The hypothesis, fitted with what a finer simulation of itself shows otherwise. One that cannot be simulated finer
-    /// stays with what the present model's shows.
+    /// The hypothesis, fitted with what a finer simulation of itself shows otherwise, where that fits better.
     fn finer(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
         let own = old.problem(self.problem);
         let finer = self.settings.finer_fidelity.unwrap_or(self.settings.fidelity);
         let done = self.telling.in_rounds(Stage::Name, |on_round| refined(&own, old.fit.clone(), finer, on_round));
-        let (cases, fit) = match done {
-            Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-            Err(_) => (own.cases.to_vec(), old.fit.clone()),
-            Ok(done) => done,
-        };
-        let evidence = yardstick.of(&old.candidates, &fit).ok_or_else(FinderError::curvature)?;
-        Ok(Hypothesis { cases: Some(cases.into()), is_fine: true, fit, evidence, ..old.clone() })
+        let unchanged = Hypothesis { is_fine: true, ..old.clone() };
+        match done {
+            Err(cancelled @ FinderError::Cancelled(_)) => Err(cancelled),
+            // It cannot be simulated finer.
+            Err(_) => Ok(unchanged),
+            Ok((cases, fit)) => Ok(match yardstick.of(&old.candidates, &fit) {
+                Some(evidence) => Hypothesis { cases: Some(cases.into()), fit, evidence, ..unchanged },
+                None => unchanged,
+            }),
+        }
     }
 }
