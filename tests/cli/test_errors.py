@@ -126,11 +126,14 @@ def test_an_evaluation_without_sense_is_refused_before_it_begins(tmp_path):
     (tmp_path / "idle.yaml").write_text(text[: text.index("task:")])
     wanted = ("evaluate", "--policy", "policy", "--model")
     refused(tmp_path, *wanted, "quick.yaml", says=("policy: ", "step_period_s", "0.5", "0.2"))
+    (tmp_path / "long.yaml").write_text(text.replace("  steps: 16", "  steps: 20"))
+    refused(tmp_path, *wanted, "long.yaml", says=("policy: ", "`steps` is 16, the task has 20"))
     refused(tmp_path, *wanted, "idle.yaml", says=("has no task",))
     refused(tmp_path, *wanted, MODEL, "--theta", "lenght_m=0.2", says=("--theta lenght_m", "length_m, youngs_modulus_pa"))
     refused(tmp_path, *wanted, MODEL, "--effect", "length_m=0.2", says=("it is inferred: expected --theta length_m=0.2",))
     refused(tmp_path, *wanted, MODEL, "--effect", "wind=1", says=("`wind`: unknown", "linear_drag_n_s_m2"))
     refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, standard or reference", "best"))
+    refused(tmp_path, *wanted, MODEL, "--episodes", 5, says=("--episodes", "30"))
 
 
 def test_a_deployment_that_waits_for_nothing_is_refused_before_it_begins(tmp_path):

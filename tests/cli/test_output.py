@@ -89,13 +89,13 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(tmp_path):
 def test_an_evaluation_holds_policies_against_the_first_on_the_same_episodes(tmp_path):
     for name, steps in (("a", 512), ("b", 2048)):
         run(tmp_path, "train", "--model", MODEL, "--out", name, "--steps", steps)
-    wanted = ("--policy", "a", "--policy", "a", "--policy", "b", "--episodes", 20, "--fidelity", "fast")
+    wanted = ("--policy", "a", "--policy", "a", "--policy", "b", "--episodes", 30, "--fidelity", "fast")
     evaluate = lambda *more: json.loads(run(tmp_path, "evaluate", "--model", MODEL, *wanted, "--json", *more))["policies"]
     first, again, other = evaluate()
-    assert len(first["returns"]) == 20 and first["mean_return_gained"] is None
+    assert len(first["returns"]) == 30 and first["mean_return_gained"] is None
     assert again["returns"] == first["returns"] and again["mean_return_gained"] == {"value": 0.0, "low": 0.0, "high": 0.0}
     pairs = zip(other["returns"], first["returns"])
-    assert other["mean_return_gained"]["value"] == pytest.approx(sum(own - base for own, base in pairs) / 20)
+    assert other["mean_return_gained"]["value"] == pytest.approx(sum(own - base for own, base in pairs) / 30)
     assert other["mean_return"]["low"] < other["mean_return"]["value"] < other["mean_return"]["high"]
     assert 0 <= other["success_rate"]["low"] <= other["success_rate"]["value"] <= 1
     # What hangs on the tip is in the way of every policy, and longer bars come nearer by another path.

@@ -253,7 +253,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_parser = assignment)]
     pub effect: Vec<(String, f64)>,
     /// Episodes of each policy
-    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=100_000))]
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(30..=100_000))]
     pub episodes: u64,
     /// Fidelity: fast, standard or reference
     #[arg(long, default_value = "reference")]

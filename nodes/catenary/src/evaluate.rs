@@ -7,7 +7,7 @@ use crate::{model_file, output, train};
 use anyhow::{Context, Result, ensure};
 use catenary_core::simulator::StartShape;
 use catenary_core::track::End;
-use catenary_core::{Drive, Model, Policy, SimulationRequest, Simulator, Track};
+use catenary_core::{Drive, Model, Policy, SimulationRequest, Simulator, Track, seed};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use policy_runner::Runner;
@@ -15,10 +15,13 @@ use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
 use std::path::{Path, PathBuf};
 
-/// A reward that no position has: episodes go on to the step limit, so that all returns are sums over as many steps.
+/// A reward that no position has: success ends no episode, so that returns are sums over as many steps. Leaving the workspace
+/// does end one.
 const OUT_OF_REACH: f64 = 2.0;
 /// Episodes between two moves of the bar.
 const BATCH: usize = 16;
+/// Random stream of the parameters: that of trainings is another, so that no policy meets the very ones it learnt on.
+const STREAM: u64 = 2301;
 /// Standard normal quantile of a two-sided interval of 95 %.
 const Z: f64 = 1.959_964;
 
@@ -131,6 +134,13 @@ fn read(path: &Path, model: &Model) -> Result<Policy> {
     if let Some(task) = model.task {
         Runner::new(policy.clone(), task, policy_runner::Settings::default())
             .with_context(|| path.display().to_string())?;
+        let (steps, most) = (policy.steps, task.steps);
+        ensure!(
+            steps == most,
+            "{}: policy `{}`: `steps` is {steps}, the task has {most}: returns are held against one another over as many steps",
+            path.display(),
+            policy.name
+        );
     }
     Ok(policy)
 }
@@ -138,7 +148,8 @@ fn read(path: &Path, model: &Model) -> Result<Policy> {
 /// The episodes, with nothing yet that drives them.
 fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest> {
     let n = arguments.episodes as usize;
-    let mut thetas = train::domains(arguments.posterior.as_deref(), model)?.rows(n, arguments.seed)?;
+    let mut thetas =
+        train::domains(arguments.posterior.as_deref(), model)?.rows(n, seed::derive(arguments.seed, STREAM))?;
     thetas.truncate(n);
     for (name, value) in &arguments.theta {
         let place = place_of(name, model)?;
@@ -192,11 +203,12 @@ fn words(report: &Report) -> String {
             .as_ref()
             .map_or(String::new(), |g| format!(", {} more than the first", with(g, 1.0, 2)));
         format!(
-            "{}: return {}{gained}, success {} %, best reward {}",
+            "{}: return {}{gained}, success {} %, best reward {}, {:.0} % left the workspace",
             e.policy.display(),
             with(&e.mean_return, 1.0, 2),
             with(&e.success_rate, 100.0, 0),
-            with(&e.mean_best_reward, 1.0, 3)
+            with(&e.mean_best_reward, 1.0, 3),
+            100.0 * e.left_workspace
         )
     };
     let mut lines: Vec<String> = report.policies.iter().map(line).collect();
