@@ -3,9 +3,10 @@
     source .venv/ros.env; .venv/bin/python tests/bench/repair/policies.py --out DIR [--hide tip_mass_kg=0.05 ...] [--seeds 5] [--json]
 
 For each hidden effect: three episodes are measured in a cell at `reference` fidelity; `catenary find-effects` searches two of them
-and keeps the third unseen; the repaired policies learn over the posterior in the model.yaml that it writes, the unrepaired ones over
-the posterior that `catenary infer` gives for the three episodes and the model that knows nothing of the effect. `catenary evaluate`
-runs all of them on the same episodes of the cell. What is in DIR already is not done again.
+and keeps the third unseen. All policies learn over posteriors of `catenary infer`, which have seen the three: of the model that knows
+nothing of the effect from all of them; of the repaired one, whose priors are what was learnt of two, from the third. `catenary
+evaluate` runs all of them on the same episodes of the cell. Where nothing was repaired, nothing is gained. What is in DIR already
+is not done again.
 """
 
 import argparse
@@ -67,12 +68,15 @@ def study(folder, hidden, seeds, episodes, steps):
     asked = ("--bag", bags[0], "--bag", bags[1], "--verify", bags[2])
     found = once(folder / "found", lambda half: draw.program("find-effects", "--model", model, *asked, "--out", half))
     verdict = json.loads((found / "verdict.json").read_text())
-    every = [a for bag in bags for a in ("--bag", bag)]
-    inferred = once(folder / "inferred", lambda half: draw.program("infer", "--model", model, *every, "--out", half))
-    over = {
-        "unrepaired": ("--model", model, "--posterior", inferred / "posterior.json"),
-        "repaired": ("--model", found / "model.yaml"),
-    }
+    row = {"hidden": hidden, "verdict": verdict["verdict"], "found": verdict["found"]}
+    if not verdict["found"]:
+        return row
+    posteriors, over = {}, {}
+    for side, known, own in (("unrepaired", model, bags), ("repaired", found / "model.yaml", bags[2:])):
+        given = [a for bag in own for a in ("--bag", bag)]
+        infer = lambda half, known=known, given=given: draw.program("infer", "--model", known, *given, "--out", half)
+        posteriors[side] = once(folder / f"inferred_{side}", infer)
+        over[side] = ("--model", known, "--posterior", posteriors[side] / "posterior.json")
     wanted = ("--steps", steps) if steps else ()
     train = lambda side, seed: once(
         folder / f"{side}_{seed}.safetensors",
@@ -82,8 +86,8 @@ def study(folder, hidden, seeds, episodes, steps):
     given = [a for _, path in policies for a in ("--policy", path)]
     given += [a for value in OBJECT for a in ("--theta", value)] + ["--effect", hidden]
     fared = json.loads(draw.program("evaluate", "--model", model, *given, "--episodes", episodes, "--json"))["policies"]
-    row = {"hidden": hidden, "verdict": verdict["verdict"], "found": verdict["found"], "repaired": verdict["repaired"]}
-    row["marginals"] = json.loads((inferred / "inference.json").read_text())["marginals"]
+    read = lambda folder: json.loads((folder / "inference.json").read_text())["marginals"]
+    row["marginals"] = {side: read(posterior) for side, posterior in posteriors.items()}
     values = lambda side, key: numpy.array([e[key]["value"] for (s, _), e in zip(policies, fared) if s == side])
     for key in ("mean_return", "success_rate"):
         row[key] = {side: interval(values(side, key)) for side in over}
@@ -97,6 +101,8 @@ def text(rows):
     for row in rows:
         named = ", ".join(" or ".join(alike) for alike in row["found"]) or "nothing"
         lines.append(f"{row['hidden']}: {row['verdict']}, {named}")
+        if "marginals" not in row:
+            continue
         for key, scale, digits in (("mean_return", 1, 2), ("success_rate", 100, 0)):
             parts = (f"{side} {show(row[key][side], scale, digits)}" for side in ("unrepaired", "repaired", "gained"))
             lines.append(f"  {key.replace('_', ' ')}{' in %' if scale == 100 else ''}: " + ", ".join(parts))
