@@ -4,6 +4,7 @@ use crate::case::Case;
 use crate::detect::Detection;
 use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Start};
+use crate::hypothesis::Grain;
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::{Scope, Unknown};
@@ -33,31 +34,61 @@ pub fn best_fit(
 
 /// Rounds of correcting simulated tracks by a finer simulation of the best fit, and fitting again.
 const REFINEMENTS: usize = 2;
+/// Standard deviations of noise by which a fit to a finer simulation may be worse than that to the coarse one.
+const WORSE_SDS: f64 = 3.0;
+
+/// A fit that a finer simulation was asked for.
+pub struct Refined {
+    /// The episodes that the fit is to.
+    pub cases: Vec<Case>,
+    /// The fit.
+    pub fit: Fit,
+    /// Whether the finer simulation's word is in it.
+    pub grain: Grain,
+}
 
 /// The episodes, in which simulated tracks are corrected by what a finer simulation of the best fit shows otherwise, and the best
-/// fit to them, from `fit` on. Where an object folds this way or that, the finer simulation may do the other and fit worse: then
-/// the correction and the fit stay as they were.
+/// fit to them, from `fit` on. Where an object folds this way or that by a hair, the finer simulation may do the other and fit
+/// worse by more than noise: then, and where it fails, all stays as it was.
+///
+/// # Errors
+/// [`FinderError::Cancelled`] where `on_round` asked to stop.
 pub fn refined(
     problem: &Problem<'_>,
     fit: Fit,
     finer: Fidelity,
     on_round: OnRound<'_>,
-) -> Result<(Vec<Case>, Fit), FinderError> {
-    let (mut cases, mut last) = (problem.cases.to_vec(), fit.clone());
-    let mut best = (cases.clone(), fit);
+) -> Result<Refined, FinderError> {
+    let worst = fit.cost + WORSE_SDS * (2.0 * fit.residuals.len() as f64).sqrt();
+    let mut best = Refined { cases: problem.cases.to_vec(), fit, grain: Grain::Coarse };
     for _ in 0..REFINEMENTS {
-        let of = |cases| Problem { cases, unknowns: problem.unknowns.clone(), ..*problem };
-        let corrected = of(&cases).refined(&last.point, finer)?;
-        let own = of(&corrected);
-        let start = Start { point: last.point, tracks: own.measured() };
-        let fits = own.fit(vec![start], on_round)?.into_iter().flatten();
-        last = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
-        cases = corrected;
-        if last.cost < best.1.cost {
-            best = (cases.clone(), last.clone());
+        let next = match next_refined(problem, &best, finer, on_round) {
+            Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+            Err(_) => break,
+            Ok(next) => next,
+        };
+        if next.fit.cost > worst {
+            break;
         }
+        best = next;
     }
     Ok(best)
+}
+
+/// One round of it.
+fn next_refined(
+    problem: &Problem<'_>,
+    last: &Refined,
+    finer: Fidelity,
+    on_round: OnRound<'_>,
+) -> Result<Refined, FinderError> {
+    let of = |cases| Problem { cases, unknowns: problem.unknowns.clone(), ..*problem };
+    let cases = of(&last.cases).refined(&last.fit.point, finer)?;
+    let own = of(&cases);
+    let start = Start { point: last.fit.point.clone(), tracks: own.measured() };
+    let fits = own.fit(vec![start], on_round)?.into_iter().flatten();
+    let fit = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+    Ok(Refined { cases, fit, grain: Grain::Fine })
 }
 
 /// How well a fit agrees with the data, before it is tested.
@@ -124,7 +155,9 @@ mod tests {
         let mut go_on = || ControlFlow::Continue(());
         let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
         let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
-        let (corrected, fit) = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        let Refined { cases: corrected, fit, grain } =
+            refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        assert_eq!(grain, Grain::Fine);
         let apart = |fit: &Fit| (problem.unknowns.values(&fit.point, 0)[0] - theta[0]).abs();
         assert!(apart(&fit) < 0.1 * apart(&rough), "{} after {}", apart(&fit), apart(&rough));
         assert!(rough.cost > 10.0 && fit.cost < 0.1 * rough.cost, "{} after {}", fit.cost, rough.cost);
@@ -137,7 +170,7 @@ mod tests {
         assert!(left < 1e-2 * coarse.error * theta[0], "{left}");
     }
     #[test]
-    fn a_finer_simulation_that_fits_worse_changes_nothing() {
+    fn a_finer_simulation_that_fits_worse_by_more_than_noise_changes_nothing() {
         let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
         let mut case = toy::case(&toy, theta, &[]);
         let coarse = Coarse { toy, error: 0.3 };
@@ -148,9 +181,40 @@ mod tests {
         let mut go_on = || ControlFlow::Continue(());
         let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
         let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
-        let (same, fit) = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
-        assert_eq!((&fit.point, fit.cost), (&rough.point, rough.cost));
+        let Refined { cases: same, fit, grain } =
+            refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        assert_eq!((&fit.point, fit.cost, grain), (&rough.point, rough.cost, Grain::Coarse));
         let own = Problem { cases: &same, unknowns: problem.unknowns.clone(), ..problem };
         assert_eq!(own.tracks(&[&fit.point]).unwrap(), problem.tracks(&[&fit.point]).unwrap());
+    }
+
+    #[test]
+    fn a_finer_simulation_that_fits_worse_by_less_than_noise_is_taken_all_the_same() {
+        let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
+        let mut case = toy::case(&toy, theta, &[]);
+        let coarse = Coarse { toy, error: 2e-3 };
+        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
+        let cases = [case];
+        let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
+        let mut go_on = || ControlFlow::Continue(());
+        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
+        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let taken = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        assert!(taken.grain == Grain::Fine && taken.fit.cost > rough.cost, "{} after {}", taken.fit.cost, rough.cost);
+    }
+
+    #[test]
+    fn a_finer_simulation_that_fails_changes_nothing() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let coarse = Coarse { toy, error: f64::NAN };
+        let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
+        let exact = Toy { gain: 0.3 };
+        let rough = Problem { simulator: &exact, unknowns: problem.unknowns.clone(), ..problem };
+        let mut go_on = || ControlFlow::Continue(());
+        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
+        let rough = best_fit(&rough, Vec::new(), &settings, &mut go_on).unwrap();
+        let same = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
+        assert_eq!((same.fit.point, same.grain), (rough.point, Grain::Coarse));
     }
 }

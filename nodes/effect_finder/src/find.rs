@@ -6,21 +6,21 @@ mod naming;
 
 use naming::{Best, Named};
 
-use crate::calibrate::{Agreement, best_fit, refined};
+use crate::calibrate::{Agreement, Refined, best_fit, refined};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, OnRound, Problem, presses};
-use crate::hypothesis::{Depth, Hypothesis};
+use crate::hypothesis::{Depth, Grain, Hypothesis};
 use crate::laplace::Laplace;
 use crate::localise;
 use crate::name::{Extent, Ranking, groups};
 use crate::outcome::{self, Outcome, Shown};
 use crate::repair::repaired;
 use crate::sentences;
-use crate::separate::separate;
+use crate::separate::{Separation, separate};
 use crate::settings::Settings;
 use crate::verdict::{Finding, Verdict};
 use crate::verify::{Verification, Verifier};
@@ -118,9 +118,9 @@ pub fn find(
     };
     let (cases, held_out) = (cases(question.measured)?, cases(question.held_out)?);
     let mut telling = Telling { on_progress, conclusions: Vec::new() };
-    let (cases, fit) = calibrate(question.model, cases, simulator, settings, &mut telling)?;
+    let Refined { cases, fit, grain } = calibrate(question.model, cases, simulator, settings, &mut telling)?;
     let problem = Problem::of(question.model, &cases, simulator, settings.rounds);
-    Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit)
+    Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit, grain)
 }
 
 /// The best fit of the present model, and the episodes with what a finer simulation of it shows otherwise.
@@ -130,12 +130,12 @@ fn calibrate(
     simulator: &dyn DifferentiableSimulator,
     settings: &Settings,
     telling: &mut Telling<'_>,
-) -> Result<(Vec<Case>, Fit), FinderError> {
+) -> Result<Refined, FinderError> {
     telling.report(Stage::Calibrate, 0.0, None)?;
     let first = Problem::of(model, &cases, simulator, settings.rounds);
     let fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, Vec::new(), settings, on_round))?;
     match settings.finer_fidelity {
-        None => Ok((cases, fit)),
+        None => Ok(Refined { cases, fit, grain: Grain::Coarse }),
         Some(finer) => telling.in_rounds(Stage::Calibrate, |on_round| refined(&first, fit, finer, on_round)),
     }
 }
@@ -178,7 +178,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn run(mut self, fit: Fit) -> Result<Outcome, FinderError> {
+    fn run(mut self, fit: Fit, grain: Grain) -> Result<Outcome, FinderError> {
         let agreement = self.agreement(self.problem, &fit)?;
         self.telling.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
         let pressing = self.pressing(&fit);
@@ -203,7 +203,7 @@ impl<'a> Search<'a> {
             fit,
             evidence: yardstick.evidence().clone(),
             cases: None,
-            is_fine: true,
+            grain,
             depth: Depth::Polished,
             spread: Vec::new(),
         };
@@ -271,10 +271,11 @@ impl<'a> Search<'a> {
         }
         if let [first, second, ..] = alike.as_slice() {
             let (model, problem, settings) = (self.question.model, self.problem, self.settings);
-            finding.separation = self
+            let separation = self
                 .telling
                 .in_rounds(Stage::Verify, |on_round| separate(model, problem, [first, second], settings, on_round))?;
-            self.telling.conclude(Stage::Verify, sentences::separated(finding.separation.as_ref()))?;
+            self.telling.conclude(Stage::Verify, sentences::separated(separation.as_ref()))?;
+            finding.separation = separation.filter(Separation::tells);
         }
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);

@@ -26,6 +26,17 @@ pub enum Depth {
     Polished,
 }
 
+/// Whether a fit counts what a finer simulation of its own model shows otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Grain {
+    /// None was asked for yet.
+    Unasked,
+    /// It does.
+    Fine,
+    /// The finer simulation does not fit, or there is none.
+    Coarse,
+}
+
 /// A model with effects more than the present one, fitted.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
@@ -35,8 +46,8 @@ pub struct Hypothesis {
     pub unknowns: Unknowns,
     /// The fitted episodes, with the correction of simulated tracks that the fit is to; none: the search's, by the present model.
     pub cases: Option<Arc<[Case]>>,
-    /// Whether a finer simulation of this very hypothesis was asked for its correction, which holds where it fits better.
-    pub is_fine: bool,
+    /// Whether that correction is its own.
+    pub grain: Grain,
     /// The best fit.
     pub fit: Fit,
     /// Its evidence over the present model's.
@@ -250,7 +261,7 @@ impl Trial {
             candidates: self.candidates,
             unknowns: self.unknowns,
             cases: self.cases,
-            is_fine: false,
+            grain: Grain::Unasked,
             fit,
             evidence,
             depth,
@@ -283,7 +294,7 @@ mod tests {
             candidates: vec![candidate],
             unknowns,
             cases: None,
-            is_fine: false,
+            grain: Grain::Unasked,
             fit,
             evidence,
             depth: Depth::Fitted,
@@ -322,5 +333,31 @@ mod tests {
         let (_, sd) = fitted(&problem, "tip_mass_kg", 0.5).magnitude(0);
         // The search goes to three times the prior.
         assert!((sd - 0.3 / 12f64.sqrt()).abs() < 1e-9, "{sd}");
+    }
+
+    #[test]
+    fn a_look_elsewhere_is_at_the_best_of_draws_that_can_be_simulated() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let candidate = candidate("tip_mass_kg");
+        let unknowns = problem.unknowns.with(&candidate);
+        let truth = problem.unknowns.list()[1].prior.to_unit(2e4);
+        let mut go_on = || ControlFlow::Continue(());
+        let empty = Trial {
+            candidates: vec![candidate.clone()],
+            promise: f64::INFINITY,
+            unknowns,
+            cases: None,
+            seen: Vec::new(),
+        };
+        // Lengths begin at 0.195 m; the toy has none under 0.2 m.
+        let (short, long) = (vec![0.0, truth, 0.5], vec![0.5, truth, 0.8]);
+        let seen = empty.clone().elsewhere(&problem, &[short.clone(), long.clone()], &mut go_on).unwrap();
+        assert_eq!(seen.seen.len(), 1);
+        let value = candidate.search().from_unit(seen.seen[0].fit.point[2]);
+        assert!((value - candidate.drawn(0.8)).abs() < 1e-12 && seen.promise < 1e-6, "{value} {}", seen.promise);
+        let nothing = empty.elsewhere(&problem, &[short], &mut go_on).unwrap();
+        assert!(nothing.seen.is_empty() && nothing.promise == f64::INFINITY);
     }
 }

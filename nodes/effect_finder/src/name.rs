@@ -73,7 +73,27 @@ pub enum Extent {
     Part,
 }
 
+/// Logarithm of how probable a hypothesis is as all there is, and with something besides that no candidate is; over a constant.
+fn logs(h: &Hypothesis, candidates: usize, settings: &Settings) -> [f64; 2] {
+    let further = (settings.further_effect / candidates.max(1) as f64).ln();
+    let odds: f64 = h.candidates.iter().map(|c| c.odds.ln()).sum();
+    let prior = odds + further * h.candidates.len().saturating_sub(1) as f64;
+    let share = settings.discrepancy_share;
+    [h.evidence.alone + (1.0 - share).ln(), h.evidence.with_any() + share.ln()].map(|log| prior + log)
+}
+
+/// By how much `new` is more probable than `old`, two fits of one hypothesis, in nats.
+pub fn gain(old: &Hypothesis, new: &Hypothesis, settings: &Settings) -> f64 {
+    log_sum_exp(&logs(new, 1, settings)) - log_sum_exp(&logs(old, 1, settings))
+}
+
 impl Ranking {
+    /// How far the hypothesis at `place` is behind the most probable one, in nats.
+    pub fn behind(&self, place: usize) -> f64 {
+        let log = |e: &Explanation| (e.probability + e.probability_in_part).ln();
+        log(&self.explanations[0]) - log(&self.explanations[place])
+    }
+
     /// Puts hypotheses in order. Beforehand, none and each candidate alone are as likely by their odds; further effects and
     /// discrepancies as the settings say.
     ///
@@ -86,13 +106,7 @@ impl Ranking {
         candidates: usize,
         settings: &Settings,
     ) -> Result<Self, FinderError> {
-        let logs = |h: &Hypothesis| {
-            let further = (settings.further_effect / candidates.max(1) as f64).ln();
-            let odds: f64 = h.candidates.iter().map(|c| c.odds.ln()).sum();
-            let prior = odds + further * h.candidates.len().saturating_sub(1) as f64;
-            let share = settings.discrepancy_share;
-            [h.evidence.alone + (1.0 - share).ln(), h.evidence.with_any() + share.ln()].map(|log| prior + log)
-        };
+        let logs = |h: &Hypothesis| logs(h, candidates, settings);
         let greater = |h: &Hypothesis| log_sum_exp(&logs(h));
         hypotheses.sort_by(|a, b| greater(b).total_cmp(&greater(a)));
         let [none, unknown] = logs(base);

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
     use crate::evidence::Evidence;
     use crate::fit::Fit;
-    use crate::hypothesis::Depth;
+    use crate::hypothesis::{Depth, Grain};
     use crate::unknowns::Unknowns;
     use nalgebra::{DMatrix, DVector};
 
@@ -97,7 +97,7 @@ mod tests {
             candidates: vec![candidate],
             unknowns,
             cases: None,
-            is_fine: false,
+            grain: Grain::Unasked,
             fit,
             evidence,
             depth: Depth::Polished,

@@ -153,15 +153,12 @@ pub fn verified(v: &Verification) -> String {
     words
 }
 
-/// Squared deviations under which a motion tells nothing apart: three standard deviations of one coordinate.
-const LEAST_DEVIATIONS: f64 = 9.0;
-
 /// Which motion would tell apart what these data do not.
 pub fn separated(separation: Option<&Separation>) -> String {
     match separation {
         None => "no motion was found that would tell them apart: the model has no task that says what a motion may be"
             .into(),
-        Some(s) if s.deviations < LEAST_DEVIATIONS => format!(
+        Some(s) if !s.tells() => format!(
             "none of the motions that were tried would tell {} from {}: {:.1} squared deviations at most",
             s.between[0], s.between[1], s.deviations
         ),

@@ -31,6 +31,16 @@ pub struct Separation {
     pub usual_deviations: f64,
 }
 
+/// Squared deviations under which a motion tells nothing apart: three standard deviations of one coordinate.
+const LEAST_DEVIATIONS: f64 = 9.0;
+
+impl Separation {
+    /// Whether the motion tells them apart.
+    pub fn tells(&self) -> bool {
+        self.deviations >= LEAST_DEVIATIONS
+    }
+}
+
 /// Looks for the motion under which `second` differs most from `first`; none where the model has no task, which says what a
 /// motion may be, or no motion can be simulated.
 ///
@@ -108,6 +118,23 @@ fn deviations(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_motion_of_some_deviations_tells_and_one_of_next_to_none_does_not() {
+        let between = ["a".to_owned(), "b".to_owned()];
+        let of = |deviations| Separation {
+            between: between.clone(),
+            actions: Vec::new(),
+            deviations,
+            usual_deviations: 0.0,
+        };
+        assert!(of(9.5).tells() && !of(0.4).tells());
+        let (some, none) = (crate::sentences::separated(Some(&of(9.5))), crate::sentences::separated(Some(&of(0.4))));
+        assert!(
+            some.starts_with("a motion that would tell a from b") && none.starts_with("none of the motions"),
+            "{none}"
+        );
+    }
 
     #[test]
     fn motions_stay_in_the_workspace_and_differ() {

@@ -124,17 +124,70 @@ impl DifferentiableSimulator for Coarse {
     }
 }
 
-/// An episode with these values of theta and effects, without noise.
-pub fn case(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> Case {
-    let measured = MeasuredTrack {
+/// The toy, which below reference fidelity shows less of one effect's pattern the more there is of another effect.
+pub struct Mimic {
+    pub toy: Toy,
+    pub error: f64,
+    pub of: &'static str,
+    pub as_if: &'static str,
+}
+
+impl Mimic {
+    /// The request in which the second effect stands for the error of the first.
+    fn mimicked(&self, request: &SimulationRequest) -> SimulationRequest {
+        let own = request.effects.iter().find(|(name, _)| *name == self.of);
+        let mut mimicked = request.clone();
+        if let Some((_, values)) = own.filter(|_| request.fidelity != Fidelity::Reference) {
+            mimicked.effects.push((self.as_if.to_owned(), values.iter().map(|v| -self.error * v).collect()));
+        }
+        mimicked
+    }
+}
+
+impl Simulator for Mimic {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        self.toy.simulate(&self.mimicked(request))
+    }
+}
+
+impl DifferentiableSimulator for Mimic {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut all = self.toy.sensitivities(&self.mimicked(request), names)?;
+        let Some(place) = names.iter().position(|n| *n == self.of) else { return Ok(all) };
+        if request.fidelity != Fidelity::Reference {
+            for (i, by) in all.iter_mut().flat_map(|one| one.derivatives[place].iter_mut().enumerate()) {
+                let other = pattern(self.as_if, i).dlo;
+                let pairs = by.dlo.iter_mut().flatten().zip(other.iter().flatten());
+                pairs.for_each(|(own, other)| *own -= self.error * self.toy.gain * other);
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// What is measured, without noise, where theta and effects have these values.
+pub fn measured(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> MeasuredTrack {
+    MeasuredTrack { track: case(toy, theta, effects).measured, ..unmeasured() }
+}
+
+fn unmeasured() -> MeasuredTrack {
+    MeasuredTrack {
         track: Track { frames: vec![Frame { time_s: 0.0, ..EMPTY }; FRAMES], end: End::Complete },
         grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).unwrap(),
         actions: Vec::new(),
         start: StartShape::HangingAtRest,
         target_m: None,
         warnings: Vec::new(),
-    };
-    let mut case = Case::new(&model(), &measured, 0, &Settings::default()).unwrap();
+    }
+}
+
+/// An episode with these values of theta and effects, without noise.
+pub fn case(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> Case {
+    let mut case = Case::new(&model(), &unmeasured(), 0, &Settings::default()).unwrap();
     let request = SimulationRequest {
         thetas: vec![theta.to_vec()],
         effects: effects.iter().map(|(n, v)| ((*n).to_owned(), vec![*v])).collect(),

@@ -4,10 +4,11 @@
 //! repaired model would leave of episodes that it explains: repeats that are simulated from it, and treated the same.
 
 use crate::black_box::BlackBox;
+use crate::calibrate::refined;
 use crate::case::{Case, Offset, offsets_mm, rmse_mm};
 use crate::error::FinderError;
 use crate::fit::{Fit, OnRound, Problem, Start};
-use crate::hypothesis::Hypothesis;
+use crate::hypothesis::{Grain, Hypothesis};
 use crate::laplace::Laplace;
 use crate::settings::Settings;
 use crate::unknowns::Scope;
@@ -83,6 +84,8 @@ pub struct Prediction {
     /// What they come to.
     pub score: Score,
     fits: Vec<Fit>,
+    /// The episodes that those are to.
+    cases: Vec<Case>,
 }
 
 impl Verifier<'_> {
@@ -97,18 +100,13 @@ impl Verifier<'_> {
         wrong: Option<&Hypothesis>,
         on_round: OnRound<'_>,
     ) -> Result<(Verification, [Prediction; 2]), FinderError> {
-        let mut refined = Vec::new();
-        for case in self.held_out {
-            refined.push(self.refined(case, before, on_round)?);
-        }
-        let own = Verifier { held_out: &refined, ..*self };
-        let first = own.predict(before, on_round)?;
-        let second = own.predict(after, on_round)?;
+        let first = self.predict(before, on_round)?;
+        let second = self.predict(after, on_round)?;
         let wrong_effect = match wrong {
-            Some(wrong) => Some((wrong.names().join(" + "), own.predict(wrong, on_round)?.score)),
+            Some(wrong) => Some((wrong.names().join(" + "), self.predict(wrong, on_round)?.score)),
             None => None,
         };
-        let floor_mm = own.floor(after, &second, on_round)?;
+        let floor_mm = self.floor(after, &second, on_round)?;
         let closed = |before: f64, after: f64| (before - after) / (before - floor_mm).max(f64::MIN_POSITIVE);
         let verification = Verification {
             episodes: self.held_out.len(),
@@ -129,16 +127,22 @@ impl Verifier<'_> {
         Problem { cases: std::slice::from_ref(case), unknowns, is_shared_held: true, ..*self.problem }
     }
 
-    /// The episode, in which simulated tracks are corrected by a finer simulation of its fit.
-    pub(crate) fn refined(
+    /// The episode with its fit: where the hypothesis counts what a finer simulation of it shows otherwise, to that.
+    pub(crate) fn fitted(
         &self,
         case: &Case,
         hypothesis: &Hypothesis,
         on_round: OnRound<'_>,
-    ) -> Result<Case, FinderError> {
-        let Some(finer) = self.settings.finer_fidelity else { return Ok(case.clone()) };
+    ) -> Result<(Case, Fit), FinderError> {
         let fit = self.fit(case, hypothesis, on_round)?;
-        Ok(self.problem_of(hypothesis, case).refined(&fit.point, finer)?.remove(0))
+        match self.settings.finer_fidelity {
+            Some(finer) if hypothesis.grain == Grain::Fine => {
+                let own = refined(&self.problem_of(hypothesis, case), fit, finer, on_round)?;
+                let case = own.cases.into_iter().next();
+                Ok((case.ok_or_else(|| FinderError::NoFit("no episode was left".into()))?, own.fit))
+            }
+            _ => Ok((case.clone(), fit)),
+        }
     }
 
     /// The best fit of what is drawn anew for the episode to what was measured.
@@ -169,17 +173,19 @@ impl Verifier<'_> {
             draws: Vec::new(),
             score: Score { rmse_mm: 0.0, energy_mm: 0.0 },
             fits: Vec::new(),
+            cases: Vec::new(),
         };
         let mut energies = Vec::new();
         let known = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
         for (episode, case) in self.held_out.iter().enumerate() {
-            let fit = self.fit(case, hypothesis, on_round)?;
-            let draws = self.draws(case, hypothesis, &known, &fit, (STREAMS[0], episode), PREDICTIONS)?;
+            let (case, fit) = self.fitted(case, hypothesis, on_round)?;
+            let draws = self.draws(&case, hypothesis, &known, &fit, (STREAMS[0], episode), PREDICTIONS)?;
             energies.extend(energy_score_mm(&case.measured, &draws, self.camera));
             prediction.offsets.push(case.offsets_mm(&fit.tracks[0], self.camera));
             prediction.tracks.push(fit.tracks[0].clone());
             prediction.draws.push(draws);
             prediction.fits.push(fit);
+            prediction.cases.push(case);
         }
         prediction.score = Score {
             rmse_mm: rmse_mm(prediction.offsets.iter().flatten()),
@@ -226,7 +232,7 @@ impl Verifier<'_> {
         let mut offsets: Vec<Offset> = Vec::new();
         // Repeats of one condition: how much others differ is no part of a floor.
         let known = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
-        for (episode, (case, fit)) in self.held_out.iter().zip(&prediction.fits).enumerate() {
+        for (episode, (case, fit)) in prediction.cases.iter().zip(&prediction.fits).enumerate() {
             let problem = self.problem_of(hypothesis, case);
             let repeats = self.draws(case, hypothesis, &known, fit, (STREAMS[1], episode), REPEATS)?;
             let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };

@@ -2,19 +2,22 @@
 
 use super::naming::PARENTS;
 use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::{best_fit, refined};
+use crate::calibrate::{Refined, best_fit, refined};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::Start;
-use crate::hypothesis::{Depth, Hypothesis};
-use crate::name::Ranking;
+use crate::hypothesis::{Depth, Grain, Hypothesis};
+use crate::name::{Ranking, gain};
 use crate::settings::Settings;
 
 /// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
 const FEWER: usize = 4;
 /// By how much the log evidence of a model must rise where it is fitted from where a larger one fits.
 const LEAST_GAIN: f64 = 1.0;
+/// What errors of coarse simulations may be worth, as a share of the log Bayes factor of the best, and at most, in nats.
+const ERRING: f64 = 0.1;
+const MOST_ERRING: f64 = 20.0;
 
 impl Search<'_> {
     /// Looks closer at the most probable hypotheses, and where the best has several effects at those with one fewer: what a
@@ -27,7 +30,9 @@ impl Search<'_> {
     ) -> Result<(Ranking, bool), FinderError> {
         let mut ranking = self.polished(ranking, base, yardstick)?;
         let mut is_back = false;
-        while let Some(better) = self.stepped_back(&ranking.hypotheses, yardstick)? {
+        // Each way back takes an effect away.
+        for _ in 1..self.settings.most_effects {
+            let Some(better) = self.stepped_back(&ranking.hypotheses, yardstick)? else { break };
             let again = Ranking::new(self.problem, base, better, self.question.candidates.len(), self.settings)?;
             ranking = self.polished(again, base, yardstick)?;
             is_back = true;
@@ -47,7 +52,7 @@ impl Search<'_> {
         };
         let mut better = None;
         for (place, part) in all.iter().enumerate().filter(|(_, h)| is_part(h)) {
-            let there = Hypothesis { cases: best.cases.clone(), is_fine: best.is_fine, ..part.clone() };
+            let there = Hypothesis { cases: best.cases.clone(), grain: Grain::Unasked, ..part.clone() };
             let own = there.problem(self.problem);
             let start = |point| Start { point, tracks: own.measured() };
             let starts = there.where_fits(best).into_iter().map(start).collect();
@@ -55,13 +60,14 @@ impl Search<'_> {
                 Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
                 // Without the effect there may be nothing that can be simulated.
                 Err(_) => continue,
-                Ok(fits) => fits.into_iter().flatten(),
+                Ok(fits) => fits,
             };
-            let Some(fit) = fits.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
+            let Some(fit) = fits.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
             let Some(evidence) = yardstick.of(&part.candidates, &fit) else { continue };
-            if evidence.alone > part.evidence.alone + LEAST_GAIN {
+            let new = Hypothesis { fit, evidence, depth: Depth::Fitted, ..there };
+            if new.fit.cost < part.fit.cost - LEAST_DECREASE && gain(part, &new, self.settings) > LEAST_GAIN {
                 let better: &mut Vec<Hypothesis> = better.get_or_insert_with(|| all.to_vec());
-                better[place] = Hypothesis { fit, evidence, depth: Depth::Fitted, ..there };
+                better[place] = new;
             }
         }
         Ok(better)
@@ -78,12 +84,17 @@ impl Search<'_> {
         loop {
             let alike: Vec<Vec<Candidate>> =
                 ranking.alike(self.settings).into_iter().map(|h| h.candidates.clone()).collect();
-            let is_coarse = |h: &Hypothesis| !h.is_fine && self.settings.finer_fidelity.is_some();
+            let is_coarse = |h: &Hypothesis| h.grain == Grain::Unasked && self.settings.finer_fidelity.is_some();
+            // What the errors of coarse simulations may have put behind.
+            let explained = ranking.explanations.first().map_or(0.0, |e| e.log_bayes_factor);
+            let near = (ERRING * explained).clamp(self.settings.least_log_bayes_factor, MOST_ERRING);
+            let is_near =
+                |place: usize, h: &Hypothesis| ranking.behind(place) < near || alike.iter().any(|a| h.is_same(a));
             let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
-                Depth::Promised => place < PARENTS || alike.iter().any(|a| h.is_same(a)),
-                Depth::Fitted => place < PARENTS,
-                Depth::Glanced => place == 0 || place < PARENTS && is_coarse(h),
-                Depth::Polished => place < PARENTS && is_coarse(h),
+                Depth::Promised => place < PARENTS || is_near(place, h),
+                Depth::Fitted => place < PARENTS || is_near(place, h) && is_coarse(h),
+                Depth::Glanced => place == 0 || (place < PARENTS || is_near(place, h)) && is_coarse(h),
+                Depth::Polished => (place < PARENTS || is_near(place, h)) && is_coarse(h),
             };
             let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
             let mut all = ranking.hypotheses;
@@ -112,9 +123,9 @@ impl Search<'_> {
                 let trial = self.trial(base, candidate)?;
                 self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
             }
-            (Depth::Glanced | Depth::Polished, _) if !old.is_fine && (place > 0 || old.depth == Depth::Polished) => {
-                self.finer(old, yardstick)
-            }
+            (Depth::Glanced, _) if place > 0 && old.grain == Grain::Unasked => self.finer(old, yardstick),
+            (Depth::Polished, _) => self.finer(old, yardstick),
+            (Depth::Fitted, _) if place >= PARENTS => self.finer(old, yardstick),
             _ => {
                 let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
                 let few = Settings { draws, starts, ..settings.clone() };
@@ -134,20 +145,87 @@ impl Search<'_> {
         }
     }
 
-    /// The hypothesis, fitted with what a finer simulation of itself shows otherwise, where that fits better.
+    /// The hypothesis, fitted with what a finer simulation of itself shows otherwise, where that fits.
     fn finer(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
         let own = old.problem(self.problem);
         let finer = self.settings.finer_fidelity.unwrap_or(self.settings.fidelity);
-        let done = self.telling.in_rounds(Stage::Name, |on_round| refined(&own, old.fit.clone(), finer, on_round));
-        let unchanged = Hypothesis { is_fine: true, ..old.clone() };
-        match done {
-            Err(cancelled @ FinderError::Cancelled(_)) => Err(cancelled),
-            // It cannot be simulated finer.
-            Err(_) => Ok(unchanged),
-            Ok((cases, fit)) => Ok(match yardstick.of(&old.candidates, &fit) {
-                Some(evidence) => Hypothesis { cases: Some(cases.into()), fit, evidence, ..unchanged },
-                None => unchanged,
-            }),
-        }
+        let done = self.telling.in_rounds(Stage::Name, |on_round| refined(&own, old.fit.clone(), finer, on_round))?;
+        let (Refined { cases, fit, grain }, coarse) = (done, Hypothesis { grain: Grain::Coarse, ..old.clone() });
+        Ok(match yardstick.of(&old.candidates, &fit).filter(|_| grain == Grain::Fine) {
+            Some(evidence) => Hypothesis { cases: Some(cases.into()), grain, fit, evidence, ..coarse },
+            None => coarse,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Progress, Question, Telling, find};
+    use super::*;
+    use crate::fit::Problem;
+    use crate::toy::{self, Mimic, Toy};
+    use catenary_core::{Fidelity, Prior};
+    use std::ops::ControlFlow;
+
+    const TRUTH: [f64; 2] = [0.25, 2e4];
+
+    fn candidate(name: &str) -> Candidate {
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
+        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+    }
+
+    fn settings() -> Settings {
+        Settings { draws: 40, starts: 2, null_sets: 19, ..Settings::default() }
+    }
+
+    #[test]
+    fn errors_of_a_coarse_simulation_are_no_second_effect() {
+        let [hidden, other] = ["tip_mass_kg", "linear_drag_n_s_m2"];
+        let simulator = Mimic { toy: Toy { gain: 3.0 }, error: 0.9, of: hidden, as_if: other };
+        let measured = [toy::measured(&simulator.toy, TRUTH, &[(hidden, 0.05)])];
+        let candidates = [candidate(hidden), candidate(other)];
+        let model = toy::model();
+        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let found = |finer_fidelity| {
+            let settings = Settings { finer_fidelity, ..settings() };
+            let outcome = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
+            outcome.finding.found
+        };
+        assert_eq!(found(Some(Fidelity::Reference)), [[hidden]]);
+        assert_eq!(found(None).len(), 2, "without the finer simulation the test would test nothing");
+    }
+
+    #[test]
+    fn where_a_larger_model_fits_smaller_ones_are_fitted_from() {
+        let toy = Toy { gain: 3.0 };
+        let cases = [toy::case(&toy, TRUTH, &[("tip_mass_kg", 0.05)])];
+        let (model, settings) = (toy::model(), settings());
+        let problem = Problem::of(&model, &cases, &toy, 40);
+        let mut go_on = || ControlFlow::Continue(());
+        let base = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let yardstick = Yardstick::new(&cases, &base).unwrap();
+        let hypothesis = |names: &[&str], rounds: usize| {
+            let candidates: Vec<Candidate> = names.iter().map(|n| candidate(n)).collect();
+            let unknowns = candidates.iter().fold(problem.unknowns.clone(), |all, c| all.with(c));
+            let own = Problem { unknowns: unknowns.clone(), rounds, ..problem };
+            let start = Start { point: vec![0.4; unknowns.columns()], tracks: own.measured() };
+            let fit = own.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
+            let evidence = yardstick.of(&candidates, &fit).unwrap();
+            let (cases, depth, spread) = (None, Depth::Fitted, Vec::new());
+            Hypothesis { candidates, unknowns, cases, grain: Grain::Fine, fit, evidence, depth, spread }
+        };
+        // The smaller model has not been fitted at all.
+        let (pair, single) = (hypothesis(&["tip_mass_kg", "linear_drag_n_s_m2"], 40), hypothesis(&["tip_mass_kg"], 0));
+        assert!(pair.fit.cost < 1e-3 && single.fit.cost > 100.0, "{} {}", pair.fit.cost, single.fit.cost);
+        let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+        let mut listen = |_: &Progress| ControlFlow::Continue(());
+        let telling = Telling { on_progress: &mut listen, conclusions: Vec::new() };
+        let mut search = Search { question, problem: &problem, held_out: &[], settings: &settings, telling };
+        let better = search.stepped_back(&[pair.clone(), single], &yardstick).unwrap().expect("it fits better");
+        assert!(better[1].fit.cost < 1e-3 && better[1].grain == Grain::Unasked, "{}", better[1].fit.cost);
+        assert!((better[1].magnitude(0).0 - 0.05).abs() < 1e-4);
+        assert!(search.stepped_back(&better, &yardstick).unwrap().is_none(), "it fits no better twice");
+        let other = hypothesis(&["table_adhesion_n_m"], 0);
+        assert!(search.stepped_back(&[pair, other], &yardstick).unwrap().is_none(), "it is no part of the pair");
     }
 }

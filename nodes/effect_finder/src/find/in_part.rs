@@ -59,7 +59,7 @@ impl Search<'_> {
         let (verifier, settings) = (self.verifier(), self.settings);
         let mut cases = Vec::new();
         for case in self.held_out {
-            cases.push(self.telling.in_rounds(Stage::Repair, |on_round| verifier.refined(case, best, on_round))?);
+            cases.push(self.telling.in_rounds(Stage::Repair, |on_round| verifier.fitted(case, best, on_round))?.0);
         }
         let unknowns = best.unknowns.for_episodes(cases.len());
         let known = vec![unknowns.shared_from(&best.unknowns, &best.fit.point)];

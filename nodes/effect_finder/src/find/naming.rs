@@ -62,7 +62,7 @@ impl Search<'_> {
                 ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
             }
             let is_known = |t: &Best, best: &Hypothesis| {
-                t.hypothesis.is_same(&best.candidates) && t.hypothesis.fit.cost - best.fit.cost < LEAST_DECREASE
+                t.hypothesis.is_same(&best.candidates) && (t.hypothesis.fit.cost - best.fit.cost).abs() < LEAST_DECREASE
             };
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
