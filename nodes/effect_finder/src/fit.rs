@@ -20,6 +20,8 @@ const DECREASE: f64 = 0.02;
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
 const GREATEST_DAMPING: f64 = 1e6;
+/// Rounds of a race after which the worse half gives up.
+const HEAT: usize = 4;
 /// Points that are simulated between two chances to stop.
 const BATCH: usize = 64;
 /// Most rounds of a linear descent: each takes a coordinate to its edge, or ends it.
@@ -252,7 +254,8 @@ impl Problem<'_> {
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         ranked.truncate(starts);
         let start = |(_, point)| Start { point, tracks: measured.clone() };
-        let fits = self.fit(ranked.into_iter().map(start).collect(), on_round)?.into_iter().flatten();
+        let seen = self.look(ranked.into_iter().map(start).collect(), on_round)?.into_iter().flatten().collect();
+        let fits = self.climb_on(seen, true, on_round)?.into_iter();
         fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
     }
 
@@ -292,8 +295,16 @@ impl Problem<'_> {
     /// # Errors
     /// [`FinderError::Cancelled`] where `on_round` asked to stop.
     pub fn climb(&self, seen: Vec<Seen>, on_round: OnRound<'_>) -> Result<Vec<Fit>, FinderError> {
+        self.climb_on(seen, false, on_round)
+    }
+
+    /// The same. In a `race` for the best of one data set, the worse half of those that are left gives up now and then.
+    fn climb_on(&self, seen: Vec<Seen>, race: bool, on_round: OnRound<'_>) -> Result<Vec<Fit>, FinderError> {
         let mut climbs: Vec<Climb> = seen.into_iter().map(Climb::new).collect();
-        for _ in 1..self.rounds {
+        for round in 1..self.rounds {
+            if race && round % HEAT == 0 {
+                give_up(&mut climbs);
+            }
             let at: Vec<usize> = (0..climbs.len()).filter(|&i| !climbs[i].done).collect();
             if at.is_empty() {
                 break;
@@ -395,6 +406,13 @@ impl Problem<'_> {
         let tracks = episodes.iter().map(|s| s.track.clone()).collect();
         Fit { point: point.to_vec(), cost, residuals, jacobian, tracks }
     }
+}
+
+/// The worse half of the climbs that are left, by their cost so far, is done; the best goes on.
+fn give_up(climbs: &mut [Climb]) {
+    let mut left: Vec<usize> = (0..climbs.len()).filter(|&i| !climbs[i].done).collect();
+    left.sort_by(|&a, &b| climbs[a].fit.cost.total_cmp(&climbs[b].fit.cost));
+    left.iter().skip(left.len().div_ceil(2)).for_each(|&i| climbs[i].done = true);
 }
 
 impl Climb {
@@ -536,5 +554,26 @@ mod tests {
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
         let stopped = problem.fit(vec![start], &mut || ControlFlow::Break(()));
         assert!(matches!(stopped, Err(FinderError::Cancelled(_))));
+    }
+
+    #[test]
+    fn in_a_race_the_worse_half_gives_up_and_the_best_goes_on() {
+        let fit = |cost| Fit {
+            point: vec![0.5],
+            cost,
+            residuals: DVector::zeros(1),
+            jacobian: DMatrix::zeros(1, 1),
+            tracks: Vec::new(),
+        };
+        let climb = |cost, done| Climb { tracks: Vec::new(), fit: fit(cost), trial: vec![0.5], damping: DAMPING, done };
+        let mut climbs =
+            [climb(5.0, false), climb(1.0, false), climb(0.5, true), climb(3.0, false), climb(f64::NAN, false)];
+        let mut heat = || {
+            give_up(&mut climbs);
+            climbs.each_ref().map(|c| c.done)
+        };
+        assert_eq!(heat(), [true, false, true, false, true]);
+        assert_eq!(heat(), [true, false, true, true, true]);
+        assert_eq!(heat(), [true, false, true, true, true], "the last one left has nobody to give up for");
     }
 }
