@@ -332,16 +332,28 @@ fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
     assert_eq!(shown, [false, true]);
 }
 
-/// What tells a late camera from a long exposure is told as actions that can be run.
+/// What tells a drag that grows with the speed from one with its square is told as actions that can be run.
 #[test]
 fn a_group_comes_with_a_motion_that_would_separate_it() {
     let model = model();
-    let candidates = some(&model, &["frame_delay_s", "exposure_s"]);
-    let (finding, _) = search(&model, &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
+    let candidates = some(&model, &["linear_drag_n_s_m2", "quadratic_drag_n_s2_m3"]);
+    let (finding, _) = search(&model, &[episode(&[("quadratic_drag_n_s2_m3", 0.3)], 6)], &candidates);
+    assert_eq!(finding.verdict, Verdict::CannotTellApart);
     let separation = finding.separation.unwrap();
     assert_eq!(separation.actions.len(), model.task.unwrap().steps);
     assert!(separation.deviations > separation.usual_deviations, "{separation:?}");
     let mut between = separation.between;
     between.sort_unstable();
-    assert_eq!(between, ["exposure_s", "frame_delay_s"]);
+    assert_eq!(between, ["linear_drag_n_s_m2", "quadratic_drag_n_s2_m3"]);
+}
+
+/// No motion tells a late camera from a long exposure of twice the time: none is made up.
+#[test]
+fn a_group_that_no_motion_would_separate_comes_without_one() {
+    let model = model();
+    let candidates = some(&model, &["frame_delay_s", "exposure_s"]);
+    let (finding, _) = search(&model, &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
+    assert_eq!((finding.verdict, finding.separation), (Verdict::CannotTellApart, None));
+    let last = finding.conclusions.last().unwrap();
+    assert!(last.starts_with("none of the motions that were tried would tell"), "{last}");
 }
