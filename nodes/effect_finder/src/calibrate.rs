@@ -146,15 +146,29 @@ mod tests {
     use crate::toy::{self, Coarse, Toy};
     use std::ops::ControlFlow;
 
+    fn go_on() -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn rough(problem: &Problem<'_>) -> Fit {
+        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
+        best_fit(problem, Vec::new(), &settings, &mut go_on).unwrap()
+    }
+
+    /// An episode, of which the coarse simulation's tracks were measured.
+    fn measured_as(coarse: &Coarse, theta: [f64; 2]) -> Case {
+        let mut case = toy::case(&coarse.toy, theta, &[]);
+        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
+        case
+    }
+
     #[test]
     fn a_refined_fit_does_not_feel_the_errors_of_a_coarse_simulation() {
         let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
         let cases = [toy::case(&toy, theta, &[])];
         let coarse = Coarse { toy, error: 0.3 };
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
-        let mut go_on = || ControlFlow::Continue(());
-        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
-        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let rough = rough(&problem);
         let Refined { cases: corrected, fit, grain } =
             refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
         assert_eq!(grain, Grain::Fine);
@@ -169,18 +183,13 @@ mod tests {
         let left = (there(&problem, &corrected) - there(&exact, &cases)).abs();
         assert!(left < 1e-2 * coarse.error * theta[0], "{left}");
     }
+
     #[test]
     fn a_finer_simulation_that_fits_worse_by_more_than_noise_changes_nothing() {
-        let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
-        let mut case = toy::case(&toy, theta, &[]);
-        let coarse = Coarse { toy, error: 0.3 };
-        // What was measured is what the coarse simulation shows.
-        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
-        let cases = [case];
+        let coarse = Coarse { toy: Toy { gain: 0.3 }, error: 0.3 };
+        let cases = [measured_as(&coarse, [0.25, 2e4])];
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
-        let mut go_on = || ControlFlow::Continue(());
-        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
-        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let rough = rough(&problem);
         let Refined { cases: same, fit, grain } =
             refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
         assert_eq!((&fit.point, fit.cost, grain), (&rough.point, rough.cost, Grain::Coarse));
@@ -190,15 +199,10 @@ mod tests {
 
     #[test]
     fn a_finer_simulation_that_fits_worse_by_less_than_noise_is_taken_all_the_same() {
-        let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
-        let mut case = toy::case(&toy, theta, &[]);
-        let coarse = Coarse { toy, error: 2e-3 };
-        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
-        let cases = [case];
+        let coarse = Coarse { toy: Toy { gain: 0.3 }, error: 2e-3 };
+        let cases = [measured_as(&coarse, [0.25, 2e4])];
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
-        let mut go_on = || ControlFlow::Continue(());
-        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
-        let rough = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let rough = rough(&problem);
         let taken = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
         assert!(taken.grain == Grain::Fine && taken.fit.cost > rough.cost, "{} after {}", taken.fit.cost, rough.cost);
     }
@@ -210,10 +214,7 @@ mod tests {
         let coarse = Coarse { toy, error: f64::NAN };
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
         let exact = Toy { gain: 0.3 };
-        let rough = Problem { simulator: &exact, unknowns: problem.unknowns.clone(), ..problem };
-        let mut go_on = || ControlFlow::Continue(());
-        let settings = Settings { draws: 10, starts: 2, ..Settings::default() };
-        let rough = best_fit(&rough, Vec::new(), &settings, &mut go_on).unwrap();
+        let rough = rough(&Problem { simulator: &exact, unknowns: problem.unknowns.clone(), ..problem });
         let same = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
         assert_eq!((same.fit.point, same.grain), (rough.point, Grain::Coarse));
     }

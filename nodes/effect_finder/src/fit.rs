@@ -241,6 +241,22 @@ impl Problem<'_> {
     /// # Errors
     /// As [`Problem::fit`].
     pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+        let starts = self.cheapest(points, starts, on_round)?;
+        let seen = self.look(starts, on_round)?.into_iter().flatten().collect();
+        let fits = self.climb_on(seen, true, on_round)?.into_iter();
+        fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
+    }
+
+    /// Fits of what was measured that begin at the `count` of `points` that cost least.
+    ///
+    /// # Errors
+    /// [`FinderError::Cancelled`] where `on_round` asked to stop.
+    pub fn cheapest(
+        &self,
+        points: Vec<Vec<f64>>,
+        count: usize,
+        on_round: OnRound<'_>,
+    ) -> Result<Vec<Start>, FinderError> {
         let measured = self.measured();
         let mut ranked: Vec<(f64, Vec<f64>)> = Vec::new();
         let mut rest = points.into_iter().peekable();
@@ -252,11 +268,8 @@ impl Problem<'_> {
             }
         }
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(starts);
-        let start = |(_, point)| Start { point, tracks: measured.clone() };
-        let seen = self.look(ranked.into_iter().map(start).collect(), on_round)?.into_iter().flatten().collect();
-        let fits = self.climb_on(seen, true, on_round)?.into_iter();
-        fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
+        ranked.truncate(count);
+        Ok(ranked.into_iter().map(|(_, point)| Start { point, tracks: measured.clone() }).collect())
     }
 
     /// Fits each data set from its start. None stands for one whose start could not be simulated.

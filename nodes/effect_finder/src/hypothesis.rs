@@ -141,8 +141,7 @@ impl Hypothesis {
 
     /// The problem of fitting it.
     pub fn problem<'a>(&'a self, problem: &Problem<'a>) -> Problem<'a> {
-        let cases = self.cases.as_deref().unwrap_or(problem.cases);
-        Problem { unknowns: self.unknowns.clone(), cases, ..*problem }
+        with_own(problem, &self.unknowns, self.cases.as_deref())
     }
 
     /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior.
@@ -176,7 +175,16 @@ impl Hypothesis {
     }
 }
 
+/// The problem with these unknowns, and these cases where there are any.
+fn with_own<'a>(problem: &Problem<'a>, unknowns: &Unknowns, cases: Option<&'a [Case]>) -> Problem<'a> {
+    Problem { unknowns: unknowns.clone(), cases: cases.unwrap_or(problem.cases), ..*problem }
+}
+
 impl Trial {
+    fn problem<'a>(&'a self, problem: &Problem<'a>) -> Problem<'a> {
+        with_own(problem, &self.unknowns, self.cases.as_deref())
+    }
+
     /// The most promising starts.
     fn ranked(mut self) -> Self {
         let mut ranked: Vec<(f64, Seen)> = self.seen.into_iter().map(|s| (s.fit.clone().descended().cost, s)).collect();
@@ -198,20 +206,14 @@ impl Trial {
         on_round: OnRound<'_>,
     ) -> Result<Self, FinderError> {
         let Some(candidate) = self.candidates.last() else { return Ok(self) };
-        let cases = self.cases.as_deref().unwrap_or(problem.cases);
-        let with = Problem { unknowns: self.unknowns.clone(), cases, ..*problem };
+        let with = self.problem(problem);
         let at = |draw: &Vec<f64>| {
             let mut point = draw.clone();
             point.iter_mut().last().into_iter().for_each(|u| *u = candidate.search().to_unit(candidate.drawn(*u)));
             point
         };
-        let points: Vec<Vec<f64>> = draws.iter().map(at).collect();
-        let measured = problem.measured();
-        let mut ranked: Vec<(f64, Vec<f64>)> = with.costs(&points, &measured).into_iter().zip(points).collect();
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(STARTS);
-        let start = |(_, point)| Start { point, tracks: measured.clone() };
-        match with.look(ranked.into_iter().map(start).collect(), on_round) {
+        let starts = with.cheapest(draws.iter().map(at).collect(), STARTS, on_round)?;
+        match with.look(starts, on_round) {
             // None of the draws can be simulated.
             Err(FinderError::NoFit(_)) => Ok(self),
             Err(other) => Err(other),
@@ -238,8 +240,7 @@ impl Trial {
         on_round: OnRound<'_>,
     ) -> Result<Hypothesis, FinderError> {
         let seen = std::mem::take(&mut self.seen);
-        let cases = self.cases.as_deref().unwrap_or(problem.cases);
-        let fits = Problem { unknowns: self.unknowns.clone(), cases, ..*problem }.climb(seen, on_round)?;
+        let fits = self.problem(problem).climb(seen, on_round)?;
         self.hypothesis(fits, yardstick, Depth::Fitted)
     }
 

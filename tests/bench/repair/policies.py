@@ -11,7 +11,6 @@ is not done again.
 
 import argparse
 import json
-import os
 import pathlib
 import shutil
 import sys
