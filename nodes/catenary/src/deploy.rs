@@ -2,9 +2,8 @@
 
 use crate::cli::DeployArgs;
 use crate::goal::{self, follow};
-use crate::output;
-use anyhow::{Context, Result, ensure};
-use catenary_core::Policy;
+use crate::{output, policy_file};
+use anyhow::{Result, ensure};
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
 use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown};
 use indicatif::ProgressBar;
@@ -21,9 +20,7 @@ struct Deployed {
 
 /// Runs the episode; Ctrl-C cancels it, which stops the arm.
 pub fn run(arguments: &DeployArgs) -> Result<()> {
-    let path = &arguments.policy;
-    let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
-    let policy = Policy::from_bytes(&bytes).with_context(|| format!("{}", path.display()))?;
+    let (policy, bytes) = policy_file::read(&arguments.policy)?;
     let wait = goal::wait(arguments.wait_s)?;
     // Not the node's own shutdown: a node that has ended can cancel nothing.
     let interrupted = Shutdown::new();

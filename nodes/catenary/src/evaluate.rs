@@ -3,11 +3,11 @@
 use crate::cli::EvaluateArgs;
 use crate::interrupted::Interrupted;
 use crate::simulate::{ensure_not_inferred, fidelity, place_of};
-use crate::{model_file, output, train};
+use crate::{model_file, output, policy_file, train};
 use anyhow::{Context, Result, ensure};
 use catenary_core::simulator::StartShape;
 use catenary_core::track::End;
-use catenary_core::{Drive, Model, Policy, SimulationRequest, Simulator, Track, seed};
+use catenary_core::{Drive, Model, Policy, SimulationRequest, Simulator, Task, Track, seed};
 use catenary_shell::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use policy_runner::Runner;
@@ -88,7 +88,7 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
     let mut task = model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name))?;
     let goal = task.success_reward;
-    let policies = arguments.policy.iter().map(|path| read(path, &model)).collect::<Result<Vec<Policy>>>()?;
+    let policies = arguments.policy.iter().map(|path| read(path, task)).collect::<Result<Vec<Policy>>>()?;
     let requested = request(arguments, &model)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
@@ -127,21 +127,18 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     output::result(&arguments.output, &report, words)
 }
 
-/// The policy of a file, which must have been trained for the model's task.
-fn read(path: &Path, model: &Model) -> Result<Policy> {
-    let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
-    let policy = Policy::from_bytes(&bytes).with_context(|| path.display().to_string())?;
-    if let Some(task) = model.task {
-        Runner::new(policy.clone(), task, policy_runner::Settings::default())
-            .with_context(|| path.display().to_string())?;
-        let (steps, most) = (policy.steps, task.steps);
-        ensure!(
-            steps == most,
-            "{}: policy `{}`: `steps` is {steps}, the task has {most}: returns are held against one another over as many steps",
-            path.display(),
-            policy.name
-        );
-    }
+/// The policy of a file, which must have been trained for the task.
+fn read(path: &Path, task: Task) -> Result<Policy> {
+    let (policy, _) = policy_file::read(path)?;
+    let (steps, most) = (policy.steps, task.steps);
+    Runner::new(policy.clone(), task, policy_runner::Settings::default())
+        .with_context(|| path.display().to_string())?;
+    ensure!(
+        steps == most,
+        "{}: policy `{}`: `steps` is {steps}, the task has {most}: returns are held against one another over as many steps",
+        path.display(),
+        policy.name
+    );
     Ok(policy)
 }
 

@@ -3,7 +3,7 @@
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{figures::figures, model_file, output, served};
+use crate::{figures::figures, model_file, output, policy_file, served};
 use anyhow::{Context, Result};
 use bayes_sim::infer::question;
 use bayes_sim::node::StateFile;
@@ -77,13 +77,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         return served::infer(arguments, &model, namespace);
     }
     let measured = read_measured(&arguments.bag, &arguments.episode, &model)?;
-    let policy = match &arguments.policy {
-        None => None,
-        Some(path) => {
-            let bytes = std::fs::read(path).with_context(|| format!("policy {}", path.display()))?;
-            Some(Policy::from_bytes(&bytes).with_context(|| path.display().to_string())?)
-        }
-    };
+    let policy = arguments.policy.as_deref().map(policy_file::read).transpose()?.map(|(policy, _)| policy);
     let mut settings = match arguments.preset {
         Preset::Default => Settings::default(),
         Preset::Paper => Settings::paper(),

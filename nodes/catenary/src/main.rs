@@ -23,6 +23,7 @@ mod launch;
 mod model_file;
 mod nodes;
 mod output;
+mod policy_file;
 mod report;
 mod served;
 mod simulate;

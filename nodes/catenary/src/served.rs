@@ -4,8 +4,8 @@ use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
 use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
 use crate::infer::{iteration_words, marginal_words};
-use crate::output;
 use crate::train::{Report, read_posterior};
+use crate::{output, policy_file};
 use anyhow::{Context, Result, ensure};
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior};
@@ -36,7 +36,7 @@ struct Inferred {
 /// Has the inference node infer from a bag, which must lie where it sees it; Ctrl-C cancels that.
 pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()> {
     let policy = match &arguments.policy {
-        Some(path) => policy(std::fs::read(path).with_context(|| format!("policy {}", path.display()))?, path)?,
+        Some(path) => policy_file::read(path)?.1,
         None => Vec::new(),
     };
     let size = |n: Option<usize>, option: &str| {
@@ -109,8 +109,8 @@ pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()
         *told.lock().unwrap_or_else(PoisonError::into_inner) = feedback.success_rate;
     })?;
     ensure!(result.success, "{name}: {}", result.message);
-    let bytes = policy(result.policy, Path::new(&name))?;
-    std::fs::write(&arguments.out, bytes).with_context(|| arguments.out.display().to_string())?;
+    Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
+    std::fs::write(&arguments.out, result.policy).with_context(|| arguments.out.display().to_string())?;
     let report = Report {
         policy: arguments.out.clone(),
         steps: result.curve_steps.last().copied().unwrap_or(0),
@@ -235,10 +235,4 @@ fn bar(what: &str, count: &str) -> Result<ProgressBar> {
 
 fn text(file: &Path) -> Result<String> {
     std::fs::read_to_string(file).with_context(|| file.display().to_string())
-}
-
-/// The bytes of a policy, once they are known to be one.
-fn policy(bytes: Vec<u8>, whence: &Path) -> Result<Vec<u8>> {
-    Policy::from_bytes(&bytes).with_context(|| whence.display().to_string())?;
-    Ok(bytes)
 }
