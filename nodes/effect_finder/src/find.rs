@@ -369,13 +369,15 @@ impl<'a> Search<'a> {
         stream: u64,
         stage: Stage,
     ) -> Result<Detection, FinderError> {
+        // Where something is left is asked of the present model alone, and its null sets tell.
+        let enough = (stage == Stage::Repair).then_some(ENOUGH);
         self.telling.report(stage, 0.0, None)?;
         let mut rounds = 0.0;
         let mut on_round = || {
             rounds += 1.0;
             told(self.telling.on_progress, stage, rounds / (rounds + 4.0), None)
         };
-        detect(problem, fit, self.settings, stream, &mut on_round).map_err(|e| in_stage(e, stage))
+        detect(problem, fit, self.settings, stream, enough, &mut on_round).map_err(|e| in_stage(e, stage))
     }
 
     fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
@@ -386,6 +388,8 @@ impl<'a> Search<'a> {
 /// A value is near an edge of its prior where it lies within as many of its standard deviations, and this share of the prior.
 const NEAR_SDS: f64 = 3.0;
 const NEAR: f64 = 0.1;
+/// Null sets with at least the measured T that end the test of a repaired model: whether it is refused is settled long before.
+const ENOUGH: usize = 20;
 /// A better fit is one whose cost is less by this: a hundredth of a log Bayes factor.
 const LEAST_DECREASE: f64 = 0.02;
 
