@@ -20,6 +20,8 @@ const DECREASE: f64 = 0.02;
 const DAMPING: f64 = 1e-3;
 /// Damping at which a fit that finds no lower point ends.
 const GREATEST_DAMPING: f64 = 1e6;
+/// The same of a fit that lies above what others came to, as a share of by how much.
+const BEHIND_DECREASE: f64 = 0.01;
 /// Rounds of a race after which the worse half gives up.
 const HEAT: usize = 4;
 /// Points that are simulated between two chances to stop.
@@ -46,6 +48,10 @@ pub struct Problem<'a> {
     pub rounds: usize,
     /// Whether what all episodes share stays where a fit starts, and only the rest is changed.
     pub is_shared_held: bool,
+    /// A fit ends where a step lowers the cost by less than this.
+    pub decrease: f64,
+    /// Cost that another model came to: a fit that lies far above it ends sooner. Infinite: there is none.
+    pub aim: f64,
 }
 
 /// One data set, and where its fit starts.
@@ -136,7 +142,8 @@ impl<'a> Problem<'a> {
     /// The problem of fitting `model` to `cases`.
     pub fn of(model: &Model, cases: &'a [Case], simulator: &'a dyn DifferentiableSimulator, rounds: usize) -> Self {
         let unknowns = Unknowns::of(model, cases.len());
-        Problem { simulator, unknowns, cases, rounds, is_shared_held: false }
+        let (is_shared_held, decrease, aim) = (false, DECREASE, f64::INFINITY);
+        Problem { simulator, unknowns, cases, rounds, is_shared_held, decrease, aim }
     }
 }
 
@@ -243,6 +250,14 @@ impl Problem<'_> {
     pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
         let starts = self.cheapest(points, starts, on_round)?;
         let seen = self.look(starts, on_round)?.into_iter().flatten().collect();
+        self.race(seen, on_round)
+    }
+
+    /// The best of the fits of one data set from all these starts: the worse half of those that are left gives up now and then.
+    ///
+    /// # Errors
+    /// As [`Problem::climb`]; [`FinderError::NoFit`] where there is no start.
+    pub fn race(&self, seen: Vec<Seen>, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
         let fits = self.climb_on(seen, true, on_round)?.into_iter();
         fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
     }
@@ -288,8 +303,31 @@ impl Problem<'_> {
     /// # Errors
     /// As [`Problem::fit`].
     pub fn look(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Seen>>, FinderError> {
+        self.look_with(starts, None, on_round)
+    }
+
+    /// The same at a fraction of its cost: derivatives are by the last unknown alone, those by the others are `known`, from a
+    /// fit without it.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn glance(
+        &self,
+        starts: Vec<Start>,
+        known: &DMatrix<f64>,
+        on_round: OnRound<'_>,
+    ) -> Result<Vec<Option<Seen>>, FinderError> {
+        self.look_with(starts, Some(known), on_round)
+    }
+
+    fn look_with(
+        &self,
+        starts: Vec<Start>,
+        known: Option<&DMatrix<f64>>,
+        on_round: OnRound<'_>,
+    ) -> Result<Vec<Option<Seen>>, FinderError> {
         let at = starts.iter().map(|s| (s.point.as_slice(), s.tracks.as_slice())).collect();
-        let fits = self.evaluate(at);
+        let fits = self.evaluate(at, known);
         if on_round().is_break() {
             return Err(FinderError::Cancelled("fit"));
         }
@@ -311,9 +349,9 @@ impl Problem<'_> {
         self.climb_on(seen, false, on_round)
     }
 
-    /// The same. In a `race` for the best of one data set, the worse half of those that are left gives up now and then.
+    /// The same, in a race or each by itself.
     fn climb_on(&self, seen: Vec<Seen>, race: bool, on_round: OnRound<'_>) -> Result<Vec<Fit>, FinderError> {
-        let mut climbs: Vec<Climb> = seen.into_iter().map(Climb::new).collect();
+        let mut climbs: Vec<Climb> = seen.into_iter().map(|seen| Climb::new(seen, self)).collect();
         for round in 1..self.rounds {
             if race && round % HEAT == 0 {
                 give_up(&mut climbs);
@@ -331,10 +369,11 @@ impl Problem<'_> {
             let tracks = self.tracks_each(&trials);
             let lower: Vec<bool> = at.iter().map(|&i| &climbs[i]).zip(tracks).map(is_lower).collect();
             let on = at.iter().zip(&lower).filter(|(_, lower)| **lower).map(|(&i, _)| &climbs[i]);
-            let mut fits = self.evaluate(on.map(|c| (c.trial.as_slice(), c.tracks.as_slice())).collect()).into_iter();
+            let mut fits =
+                self.evaluate(on.map(|c| (c.trial.as_slice(), c.tracks.as_slice())).collect(), None).into_iter();
             for (i, is_lower) in at.into_iter().zip(lower) {
                 let fit = if is_lower { fits.next() } else { None };
-                climbs[i].advance(fit.and_then(Result::ok));
+                climbs[i].advance(fit.and_then(Result::ok), self);
             }
             if on_round().is_break() {
                 return Err(FinderError::Cancelled("fit"));
@@ -343,33 +382,61 @@ impl Problem<'_> {
         Ok(climbs.into_iter().map(|c| c.fit).collect())
     }
 
+    /// The decrease of a fit's last step, whose cost is `cost`.
+    fn last_decrease(&self, cost: f64) -> f64 {
+        self.decrease.max(BEHIND_DECREASE * (cost - self.aim))
+    }
+
+    /// The unknowns by which derivatives are taken.
+    fn by(&self, known: Option<&DMatrix<f64>>) -> impl Iterator<Item = usize> {
+        let list = self.unknowns.list();
+        let first = known.map_or(0, |_| list.len() - 1);
+        (first..list.len()).filter(|&i| !(self.is_shared_held && list[i].scope == Scope::Shared))
+    }
+
     /// What the simulator says of the points, beside their data sets, or why that is of no use.
-    fn evaluate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, String>> {
+    fn evaluate(&self, trials: Vec<(&[f64], &[Track])>, known: Option<&DMatrix<f64>>) -> Vec<Result<Fit, String>> {
         let finite = |fit: Result<Fit, SimulatorError>| match fit {
             Ok(fit) if fit.is_finite() => Ok(fit),
             Ok(_) => Err("the simulated track or its derivatives are not finite".to_owned()),
             Err(error) => Err(error.to_string()),
         };
-        self.simulate(trials).into_iter().map(finite).collect()
+        self.simulate(trials, known).into_iter().map(finite).collect()
     }
 
-    fn simulate(&self, trials: Vec<(&[f64], &[Track])>) -> Vec<Result<Fit, SimulatorError>> {
+    fn simulate(
+        &self,
+        trials: Vec<(&[f64], &[Track])>,
+        known: Option<&DMatrix<f64>>,
+    ) -> Vec<Result<Fit, SimulatorError>> {
         let points: Vec<&[f64]> = trials.iter().map(|t| t.0).collect();
-        let episodes: Result<Vec<_>, _> = (0..self.cases.len()).map(|e| self.sensitivities(&points, e)).collect();
+        let mut names: Vec<&str> = self.by(known).map(|i| self.unknowns.list()[i].name.as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        let episodes: Result<Vec<_>, _> =
+            (0..self.cases.len()).map(|e| self.sensitivities(&points, e, &names)).collect();
         match episodes {
             Ok(episodes) => {
                 let of = |member: usize| episodes.iter().map(|e| &e[member]).collect::<Vec<_>>();
-                trials.iter().enumerate().map(|(i, (point, tracks))| Ok(self.assemble(point, tracks, &of(i)))).collect()
+                trials
+                    .iter()
+                    .enumerate()
+                    .map(|(i, (point, tracks))| Ok(self.assemble(point, tracks, &of(i), &names, known)))
+                    .collect()
             }
             // One point that cannot be simulated fails the batch: each is asked for by itself.
             Err(error) if trials.len() == 1 => vec![Err(error)],
-            Err(_) => trials.into_iter().flat_map(|trial| self.simulate(vec![trial])).collect(),
+            Err(_) => trials.into_iter().flat_map(|trial| self.simulate(vec![trial], known)).collect(),
         }
     }
 
-    fn sensitivities(&self, points: &[&[f64]], episode: usize) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let names = self.unknowns.names();
-        let mut answer = self.simulator.sensitivities(&self.request(points, episode), &names)?;
+    fn sensitivities(
+        &self,
+        points: &[&[f64]],
+        episode: usize,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut answer = self.simulator.sensitivities(&self.request(points, episode), names)?;
         let is_whole = |s: &TrackSensitivities| s.derivatives.len() == names.len() && !s.track.frames.is_empty();
         if answer.len() != points.len() || !answer.iter().all(is_whole) {
             return Err(SimulatorError::Backend(format!(
@@ -385,7 +452,14 @@ impl Problem<'_> {
         Ok(answer)
     }
 
-    fn assemble(&self, point: &[f64], tracks: &[Track], episodes: &[&TrackSensitivities]) -> Fit {
+    fn assemble(
+        &self,
+        point: &[f64],
+        tracks: &[Track],
+        episodes: &[&TrackSensitivities],
+        names: &[&str],
+        known: Option<&DMatrix<f64>>,
+    ) -> Fit {
         let parts: Vec<_> = self
             .cases
             .iter()
@@ -397,16 +471,17 @@ impl Problem<'_> {
         let rows: usize = parts.iter().map(|p| p.0.len()).sum::<usize>() + pulls.len();
         let mut residuals = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, self.unknowns.columns());
+        if let Some(known) = known {
+            jacobian.columns_mut(0, known.ncols()).copy_from(known);
+        }
         let mut from = 0;
         for (episode, (r, j)) in parts.iter().enumerate() {
             residuals.rows_mut(from, r.len()).copy_from(r);
             let values = self.unknowns.values(point, episode);
-            for (i, (value, by)) in values.iter().zip(self.unknowns.places()).enumerate() {
-                if self.is_shared_held && self.unknowns.list()[i].scope == Scope::Shared {
-                    continue;
-                }
-                let column = self.unknowns.column(i, episode);
-                let scaled = j.column(by) * self.unknowns.slope(i, *value);
+            for i in self.by(known) {
+                let (unknown, column) = (&self.unknowns.list()[i], self.unknowns.column(i, episode));
+                let by = names.iter().position(|name| *name == unknown.name).expect("it was asked for");
+                let scaled = j.column(by) * self.unknowns.slope(i, values[i]);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
             from += r.len();
@@ -429,18 +504,18 @@ fn give_up(climbs: &mut [Climb]) {
 }
 
 impl Climb {
-    fn new(seen: Seen) -> Self {
+    fn new(seen: Seen, problem: &Problem<'_>) -> Self {
         let Seen { tracks, fit } = seen;
         let mut climb = Self { tracks, trial: fit.point.clone(), fit, damping: DAMPING, done: false };
-        climb.choose();
+        climb.choose(problem);
         climb
     }
 
     /// Takes the trial or leaves it, and chooses the next.
-    fn advance(&mut self, trial: Option<Fit>) {
+    fn advance(&mut self, trial: Option<Fit>, problem: &Problem<'_>) {
         match trial {
             Some(new) if new.cost < self.fit.cost => {
-                self.done = self.fit.cost - new.cost < DECREASE;
+                self.done = self.fit.cost - new.cost < problem.last_decrease(new.cost);
                 self.damping = (self.damping * 0.1).max(1e-9);
                 self.fit = new;
             }
@@ -450,15 +525,15 @@ impl Climb {
             }
         }
         if !self.done {
-            self.choose();
+            self.choose(problem);
         }
     }
 
     /// The next trial: a damped step in the coordinates that are free to move.
-    fn choose(&mut self) {
+    fn choose(&mut self, problem: &Problem<'_>) {
         self.trial = stepped(&self.fit, self.damping);
         let predicted = predicted_decrease(&self.fit, &self.trial);
-        if predicted < 0.1 * DECREASE {
+        if predicted < 0.1 * problem.last_decrease(self.fit.cost) {
             self.done = true;
         }
     }

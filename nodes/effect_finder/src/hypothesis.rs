@@ -144,7 +144,8 @@ impl Hypothesis {
         with_own(problem, &self.unknowns, self.cases.as_deref())
     }
 
-    /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior.
+    /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior. What the other unknowns
+    /// change is as it is without it.
     ///
     /// # Errors
     /// [`FinderError::NoFit`] where the model has nothing for the effect to act on, or it changes nothing in these data: an
@@ -165,7 +166,7 @@ impl Hypothesis {
             Start { point, tracks: problem.measured() }
         };
         let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
-        let seen: Vec<Seen> = with.look(starts, on_round)?.into_iter().flatten().collect();
+        let seen: Vec<Seen> = with.glance(starts, &self.fit.jacobian, on_round)?.into_iter().flatten().collect();
         if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
@@ -229,19 +230,23 @@ impl Trial {
         self.candidates.iter().any(|c| c.name == name)
     }
 
-    /// Fits it from all starts.
+    /// Fits it from all starts, the less carefully the further it lies above `aim`, the cost that another came to.
     ///
     /// # Errors
     /// [`FinderError::NoFit`] where there is none to speak of.
     pub fn fitted(
         mut self,
         problem: &Problem<'_>,
+        aim: f64,
         yardstick: &Yardstick,
         on_round: OnRound<'_>,
     ) -> Result<Hypothesis, FinderError> {
-        let seen = std::mem::take(&mut self.seen);
-        let fits = self.problem(problem).climb(seen, on_round)?;
-        self.hypothesis(fits, yardstick, Depth::Fitted)
+        let start = |seen: Seen| Start { point: seen.fit.point, tracks: seen.tracks };
+        let starts = std::mem::take(&mut self.seen).into_iter().map(start).collect();
+        let own = Problem { aim, ..self.problem(problem) };
+        let seen = own.look(starts, on_round)?.into_iter().flatten().collect();
+        let fit = own.race(seen, on_round)?;
+        self.hypothesis(vec![fit], yardstick, Depth::Fitted)
     }
 
     /// What it comes to if the simulator is linear.

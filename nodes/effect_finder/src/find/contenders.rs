@@ -1,12 +1,12 @@
 //! Closer looks at the most probable models, until their order rests on fits that are as good as they get.
 
-use super::naming::PARENTS;
+use super::naming::{PARENTS, lowest};
 use super::{LEAST_DECREASE, Search, Stage};
 use crate::calibrate::{Refined, best_fit, refined};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
-use crate::fit::Start;
+use crate::fit::{Problem, Start};
 use crate::hypothesis::{Depth, Grain, Hypothesis};
 use crate::name::{Ranking, gain};
 use crate::settings::Settings;
@@ -93,8 +93,8 @@ impl Search<'_> {
             let wants = |(place, h): (usize, &Hypothesis)| match h.depth {
                 Depth::Promised => place < PARENTS || is_near(place, h),
                 Depth::Fitted => place < PARENTS || is_near(place, h) && is_coarse(h),
-                Depth::Glanced => place == 0 || (place < PARENTS || is_near(place, h)) && is_coarse(h),
-                Depth::Polished => (place < PARENTS || is_near(place, h)) && is_coarse(h),
+                Depth::Glanced => place == 0 || is_near(place, h) && is_coarse(h),
+                Depth::Polished => is_near(place, h) && is_coarse(h),
             };
             let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
             let mut all = ranking.hypotheses;
@@ -121,7 +121,7 @@ impl Search<'_> {
         match (old.depth, old.candidates.as_slice()) {
             (Depth::Promised, [candidate]) => {
                 let trial = self.trial(base, candidate)?;
-                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, lowest(all), yardstick, on_round))
             }
             (Depth::Glanced, _) if place > 0 && old.grain == Grain::Unasked => self.finer(old, yardstick),
             (Depth::Polished, _) => self.finer(old, yardstick),
@@ -129,11 +129,11 @@ impl Search<'_> {
             _ => {
                 let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
                 let few = Settings { draws, starts, ..settings.clone() };
-                let own = old.problem(problem);
-                let (known, how, depth) = match place {
-                    0 => (vec![old.fit.point.clone()], settings, Depth::Polished),
-                    _ => (old.where_fits(&all[0]), &few, Depth::Glanced),
+                let (known, how, depth, aim) = match place {
+                    0 => (vec![old.fit.point.clone()], settings, Depth::Polished, f64::INFINITY),
+                    _ => (old.where_fits(&all[0]), &few, Depth::Glanced, all[0].fit.cost),
                 };
+                let own = Problem { aim, ..old.problem(problem) };
                 let fit = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, how, on_round))?;
                 Ok(match yardstick.of(&old.candidates, &fit) {
                     Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
@@ -162,7 +162,6 @@ impl Search<'_> {
 mod tests {
     use super::super::{Progress, Question, Telling, find};
     use super::*;
-    use crate::fit::Problem;
     use crate::toy::{self, Mimic, Toy};
     use catenary_core::{Fidelity, Prior};
     use std::ops::ControlFlow;

@@ -5,7 +5,7 @@ use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
-use crate::hypothesis::{Hypothesis, Trial};
+use crate::hypothesis::{Depth, Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
 use crate::verdict::{Finding, Fitness};
@@ -113,10 +113,11 @@ impl Search<'_> {
             }
         }
         trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
-        let mut hypotheses = Vec::new();
+        let mut hypotheses: Vec<Hypothesis> = Vec::new();
         for (i, (candidate, trial)) in trials.into_iter().enumerate() {
             let fitted = if i < self.settings.extensions {
-                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round))
+                let aim = lowest(&hypotheses);
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round))
             } else {
                 trial.promised(yardstick)
             };
@@ -205,7 +206,8 @@ impl Search<'_> {
         trials.sort_by(|a, b| a.promise.total_cmp(&b.promise));
         trials.truncate(self.settings.extensions);
         for trial in trials {
-            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, yardstick, on_round)) {
+            let aim = lowest(&hypotheses);
+            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round)) {
                 Ok(one) => hypotheses.push(one),
                 Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
                 Err(_) => (),
@@ -230,4 +232,9 @@ impl Search<'_> {
         self.telling.conclude(Stage::Repair, sentences::repaired(&hypothesis, &finding.present, &fitness, !closes))?;
         Ok(Best { hypothesis, extent, fitness })
     }
+}
+
+/// The least cost of all that were fitted.
+pub(super) fn lowest(all: &[Hypothesis]) -> f64 {
+    all.iter().filter(|h| h.depth != Depth::Promised).map(|h| h.fit.cost).fold(f64::INFINITY, f64::min)
 }

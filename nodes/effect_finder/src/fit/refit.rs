@@ -1,11 +1,12 @@
 //! Fits of many data sets that were simulated near one: they borrow its derivatives.
 
-use super::{DECREASE, Fit, OnRound, Problem, Start, predicted_decrease, stepped};
+use super::{Fit, OnRound, Problem, Start, predicted_decrease, stepped};
 use crate::error::FinderError;
 use catenary_core::Track;
 
-/// The same of a fit that takes another's derivatives.
-const REFIT_DECREASE: f64 = DECREASE;
+/// A fit that takes another's derivatives ends where a step lowers the sum of squares by less than this. It is one of many,
+/// which scatter by some twenty.
+const REFIT_DECREASE: f64 = 0.2;
 /// Most steps of such a fit.
 const REFIT_ROUNDS: usize = 10;
 /// Its first damping after a step that found no lower point.
@@ -87,7 +88,8 @@ impl Problem<'_> {
         }
         let mut start = |&i: &usize| Some(Start { point: fits[i].take()?.point, tracks: sets[i].measured.clone() });
         let starts = lost.iter().filter_map(&mut start).collect();
-        match self.fit(starts, on_round) {
+        let own = Problem { unknowns: self.unknowns.clone(), decrease: REFIT_DECREASE, ..*self };
+        match own.fit(starts, on_round) {
             Ok(found) => lost.into_iter().zip(found).for_each(|(i, fit)| fits[i] = fit),
             Err(FinderError::NoFit(_)) if fits.iter().any(Option::is_some) => (),
             Err(other) => return Err(other),
