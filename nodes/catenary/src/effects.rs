@@ -96,8 +96,7 @@ fn sized(
         point[unknowns.column(place, 0)] = u;
     }
     let simulator = BeamSimulator::with_effects(model, registry, workers::available())?;
-    let rounds = settings.rounds;
-    let problem = Problem { simulator: &simulator, unknowns, cases: &cases, rounds, is_shared_held: false };
+    let problem = Problem::of(model, &cases, &simulator, settings.rounds);
     let candidates = convert::candidates(registry, model)?;
     let row = |about: About| {
         // A measured path tells what the arm has done, whatever it was asked for.
