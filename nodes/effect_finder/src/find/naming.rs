@@ -21,6 +21,8 @@ const ELSEWHERE: usize = 6;
 const ELSEWHERE_STREAM: u64 = 2207;
 /// Tests after which no smaller model is gone back to.
 const MOST_TESTS: usize = 6;
+/// By how much a further effect must promise to lower the cost to be fitted.
+const LEAST_PROMISE: f64 = 1.0;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
 const LEAST_SHRINK: f64 = 0.98;
 
@@ -80,7 +82,9 @@ impl Search<'_> {
             let is_closed = tested.as_ref().is_some_and(|t| t.extent == Extent::Whole);
             let is_candidate = |c: &&Candidate| finding.left_out.iter().all(|(name, _)| *name != c.name);
             let usable: Vec<&Candidate> = candidates.iter().filter(is_candidate).collect();
-            if is_closed || effects >= self.settings.most_effects.min(usable.len()) {
+            // Where the last effect has brought nothing, a further one is not looked for.
+            let is_over = ranking.hypotheses.first().is_none_or(|first| first.candidates.len() < effects);
+            if is_closed || is_over || effects >= self.settings.most_effects.min(usable.len()) {
                 let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
                 return Ok(Named { ranking, best });
             }
@@ -196,9 +200,10 @@ impl Search<'_> {
                 }
                 self.telling.report(Stage::Name, i as f64 / parents.len() as f64, None)?;
                 match self.telling.in_rounds(Stage::Name, |on_round| parent.with(problem, candidate, on_round)) {
-                    Ok(trial) => trials.push(trial),
+                    Ok(trial) if trial.promise < parent.fit.cost - LEAST_PROMISE => trials.push(trial),
+                    Ok(_) => (),
                     Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
-                    // What cannot be simulated beside the others explains nothing.
+                    // Nor does what cannot be simulated beside the others explain anything.
                     Err(_) => (),
                 }
             }
