@@ -9,6 +9,10 @@ const WIDTH: u32 = 720;
 const BAR_PX: u32 = 26;
 /// Share of a picture's width that labels of bars have.
 const LABEL_PX: u32 = 230;
+/// Share of what a picture shows that is left free for its legend: beside bars, above a histogram and above a panel.
+const BESIDE: f64 = 0.4;
+const ABOVE_CELLS: f64 = 0.3;
+const ABOVE_LINES: f64 = 0.6;
 
 /// One bar, in parts that follow one another.
 pub struct Bar {
@@ -21,7 +25,9 @@ pub struct Bar {
 /// Horizontal bars with a line across all of them, where there is one. `names` are those of the parts.
 pub fn bars(title: &str, x_label: &str, names: &[&str], bars: &[Bar], line: Option<(&str, f64)>) -> Result<String> {
     let longest = bars.iter().map(|b| b.parts.iter().sum::<f64>()).chain(line.map(|l| l.1)).fold(0.0, f64::max);
-    let right = if longest > 0.0 && longest.is_finite() { 1.08 * longest } else { 1.0 };
+    let has_legend = names.len() + usize::from(line.is_some()) > 1;
+    let room = if has_legend { 1.0 + BESIDE } else { 1.08 };
+    let right = if longest > 0.0 && longest.is_finite() { room * longest } else { 1.0 };
     let count = bars.len().max(1);
     draw_sized((WIDTH, 120 + BAR_PX * count as u32), |root| {
         let mut chart = ChartBuilder::on(root)
@@ -66,7 +72,7 @@ pub fn bars(title: &str, x_label: &str, names: &[&str], bars: &[Bar], line: Opti
                 .map_err(plot_error)?;
             drawn.label(name).legend(|(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], BLACK.stroke_width(2)));
         }
-        if names.len() + usize::from(line.is_some()) < 2 {
+        if !has_legend {
             return Ok(());
         }
         let mut legend = chart.configure_series_labels();
@@ -91,7 +97,7 @@ pub fn histogram(title: &str, x_label: &str, values: &[f64], (name, mark): (&str
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(56)
-            .build_cartesian_2d(x0..x1, 0.0..1.05 * most)
+            .build_cartesian_2d(x0..x1, 0.0..(1.0 + ABOVE_CELLS) * most)
             .map_err(plot_error)?;
         chart
             .configure_mesh()
@@ -188,7 +194,10 @@ pub fn panels(title: &str, times_s: &[f64], panels: &[Panel]) -> Result<String> 
         let (t0, t1) = range(times_s.iter().copied());
         for (place, (area, panel)) in root.split_evenly((rows, 2)).iter().zip(panels).enumerate() {
             let all = panel.ribbons.iter().flat_map(|r| r.values.iter().flatten());
-            let (y0, y1) = range(all.chain(&panel.measured).copied());
+            let (y0, mut y1) = range(all.chain(&panel.measured).copied());
+            if place == 0 {
+                y1 += ABOVE_LINES * (y1 - y0);
+            }
             let mut chart = ChartBuilder::on(area)
                 .margin(6)
                 .x_label_area_size(28)
