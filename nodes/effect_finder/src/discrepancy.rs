@@ -107,7 +107,7 @@ impl Whitening {
         }
     }
 
-    /// The fit as noise and discrepancy together see it: at the same point, in their standard deviations. Without tracks.
+    /// The fit as noise and discrepancy together see it: at the same point, in their standard deviations.
     pub fn of(&self, fit: &Fit) -> Fit {
         let columns = fit.jacobian.ncols();
         let mut rows = fit.jacobian.clone().insert_column(columns, 0.0);
@@ -115,7 +115,13 @@ impl Whitening {
         self.apply(&mut rows);
         let residuals: DVector<f64> = rows.column(columns).into_owned();
         let jacobian = rows.remove_column(columns);
-        Fit { point: fit.point.clone(), cost: residuals.norm_squared(), residuals, jacobian, tracks: Vec::new() }
+        Fit {
+            point: fit.point.clone(),
+            cost: residuals.norm_squared(),
+            residuals,
+            jacobian,
+            tracks: fit.tracks.clone(),
+        }
     }
 
     /// A draw of noise and discrepancy together in standard deviations of the noise, rows as those of residuals.

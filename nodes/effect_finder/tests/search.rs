@@ -201,6 +201,8 @@ fn what_is_left_and_what_differs_elsewhere_widen_what_is_said() {
     for finding in [&alone.finding, &both.finding] {
         let found = (finding.verdict, names(finding));
         assert_eq!(found, (Verdict::NamedInPart, vec!["tip_mass_kg".to_owned()]), "{:?}", finding.conclusions);
+        let left_mm = finding.repaired.as_ref().unwrap().rmse_mm;
+        assert!(left_mm < finding.present.rmse_mm, "{left_mm} of {}", finding.present.rmse_mm);
     }
     let [own, wide] = [&alone, &both].map(|o| o.finding.explanations[0].effects[0].clone());
     assert!((own.value - wide.value).abs() < 1e-12 && wide.sd > 2.0 * own.sd, "{own:?} {wide:?}");
