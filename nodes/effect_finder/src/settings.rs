@@ -35,7 +35,7 @@ pub struct Settings {
     pub repaired_level: f64,
     /// Rounds of a fit.
     pub rounds: usize,
-    /// Fidelity of the simulations.
+    /// Fidelity of the simulations. Coarse ones will do where a finer one corrects them.
     pub fidelity: Fidelity,
     /// Finer fidelity, by which the error of the simulations' division of time and object is taken out; none: it is not.
     pub finer_fidelity: Option<Fidelity>,
@@ -59,7 +59,7 @@ impl Default for Settings {
             least_share: 0.5,
             repaired_level: 0.01,
             rounds: 40,
-            fidelity: Fidelity::Standard,
+            fidelity: Fidelity::Fast,
             finer_fidelity: Some(Fidelity::Reference),
             seed: 0,
         }
