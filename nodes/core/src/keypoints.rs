@@ -1,5 +1,6 @@
 //! Keypoints of one label mask.
 
+use crate::model::DriveKind;
 use serde::{Deserialize, Serialize};
 
 /// Keypoints of the deformable object and of the target in one mask.
@@ -41,5 +42,88 @@ impl Keypoints {
     /// Whether all four keypoints of the object were seen.
     pub fn dlo_seen(&self) -> bool {
         self.scores.iter().all(|&s| s > 0.0)
+    }
+}
+
+/// What is known of the order of a frame's four keypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KeypointOrder {
+    /// Along the object, from one end or the other, as trackers follow it.
+    Along,
+    /// Nothing: a policy's observation has them sorted by where they lie in the image.
+    Unknown,
+}
+
+impl KeypointOrder {
+    /// That of the frames of an episode that a model drives in this way.
+    pub fn of(drive: DriveKind) -> Self {
+        match drive {
+            DriveKind::Grip => KeypointOrder::Along,
+            DriveKind::Actions | DriveKind::Policy => KeypointOrder::Unknown,
+        }
+    }
+
+    /// The place of each predicted keypoint, which are in order from the grip on, among the `seen` ones: of all orders that may
+    /// be, the one with the least sum of squared distances.
+    pub fn closest(self, seen: &[[f64; 2]; 4], predicted: &[[f64; 2]; 4]) -> [usize; 4] {
+        let all: &[[usize; 4]] = match self {
+            KeypointOrder::Along => &[[0, 1, 2, 3], [3, 2, 1, 0]],
+            KeypointOrder::Unknown => &ORDERS,
+        };
+        let squares: [[f64; 4]; 4] = predicted.map(|p| seen.map(|q| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2)));
+        let distance = |order: &[usize; 4]| -> f64 { (0..4).map(|k| squares[k][order[k]]).sum() };
+        let mut best = (all[0], distance(&all[0]));
+        for order in &all[1..] {
+            let there = distance(order);
+            if there < best.1 {
+                best = (*order, there);
+            }
+        }
+        best.0
+    }
+}
+
+/// All orders of four things.
+const ORDERS: [[usize; 4]; 24] = orders();
+
+const fn orders() -> [[usize; 4]; 24] {
+    let mut all = [[0; 4]; 24];
+    let (mut number, mut code) = (0, 0);
+    while code < 256 {
+        let order = [code / 64, code / 16 % 4, code / 4 % 4, code % 4];
+        if (1 << order[0]) | (1 << order[1]) | (1 << order[2]) | (1 << order[3]) == 0b1111 {
+            all[number] = order;
+            number += 1;
+        }
+        code += 1;
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FOLDED: [[f64; 2]; 4] = [[0.0, 0.4], [0.1, 0.0], [0.2, 0.01], [0.1, 0.02]];
+
+    #[test]
+    fn keypoints_that_were_sorted_find_their_places_again() {
+        let order = KeypointOrder::of(DriveKind::Actions);
+        for shuffled in ORDERS {
+            let seen = shuffled.map(|k| [FOLDED[k][0] + 0.002, FOLDED[k][1] - 0.001]);
+            let places = order.closest(&seen, &FOLDED);
+            assert_eq!(places.map(|place| shuffled[place]), [0, 1, 2, 3], "{shuffled:?}");
+        }
+    }
+
+    #[test]
+    fn a_tracker_begins_at_either_end_and_leaves_nothing_out() {
+        let order = KeypointOrder::of(DriveKind::Grip);
+        let mut seen = FOLDED;
+        assert_eq!(order.closest(&seen, &FOLDED), [0, 1, 2, 3]);
+        seen.reverse();
+        assert_eq!(order.closest(&seen, &FOLDED), [3, 2, 1, 0]);
+        seen.swap(0, 2);
+        assert_eq!(order.closest(&seen, &FOLDED), [3, 2, 1, 0], "points that crossed are an error of the model");
     }
 }

@@ -30,7 +30,7 @@ pub use env::{Env, EnvError, Transition};
 pub use episode::{Episode, EpisodeLog};
 pub use grip::{GripPose, GripTrajectory};
 pub use image::{LabelMask, RgbImage, RgbView};
-pub use keypoints::Keypoints;
+pub use keypoints::{KeypointOrder, Keypoints};
 pub use mixture::Mixture;
 pub use mlp::Mlp;
 pub use model::{Model, ModelError};

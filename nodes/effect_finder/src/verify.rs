@@ -182,7 +182,7 @@ impl Verifier<'_> {
         for (episode, case) in self.held_out.iter().enumerate() {
             let (case, fit) = self.fitted(case, hypothesis, on_round)?;
             let draws = self.draws(&case, hypothesis, &known, &fit, (STREAMS[0], episode), PREDICTIONS)?;
-            energies.extend(energy_score_mm(&case.measured, &draws, self.camera));
+            energies.extend(energy_score_mm(&case, &draws, self.camera));
             prediction.offsets.push(case.offsets_mm(&fit.tracks[0], self.camera));
             prediction.tracks.push(fit.tracks[0].clone());
             prediction.draws.push(draws);
@@ -240,7 +240,7 @@ impl Verifier<'_> {
             let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };
             let fits = problem.fit(repeats.iter().map(start).collect(), on_round)?;
             for (repeat, fit) in repeats.iter().zip(fits) {
-                offsets.extend(fit.into_iter().flat_map(|f| offsets_mm(repeat, &f.tracks[0], self.camera)));
+                offsets.extend(fit.into_iter().flat_map(|f| offsets_mm(repeat, &f.tracks[0], case.order, self.camera)));
             }
         }
         Ok(rmse_mm(offsets.iter()))
@@ -299,20 +299,20 @@ impl Verifier<'_> {
 }
 
 /// Energy score of each frame: the mean distance of predictions from what was measured, less half of that between them.
-fn energy_score_mm(measured: &Track, predictions: &[Track], camera: &Camera) -> Vec<f64> {
+fn energy_score_mm(case: &Case, predictions: &[Track], camera: &Camera) -> Vec<f64> {
     let distance = |o: &Offset| o.map(|o| o.iter().map(|v| v * v).sum::<f64>().sqrt());
     let n = predictions.len() as f64;
-    let mut scores = vec![Some(0.0); measured.frames.len()];
+    let mut scores = vec![Some(0.0); case.measured.frames.len()];
     let mut add = |offsets: &[Offset], weight: f64| {
         for (score, offset) in scores.iter_mut().zip(offsets) {
             *score = score.zip(distance(offset)).map(|(s, d)| s + weight * d);
         }
     };
     for (i, a) in predictions.iter().enumerate() {
-        add(&offsets_mm(measured, a, camera), 1.0 / n);
+        add(&case.offsets_mm(a, camera), 1.0 / n);
         for b in &predictions[..i] {
             // Each pair counts twice in the mean over all ordered pairs of different draws.
-            add(&offsets_mm(a, b, camera), -1.0 / (n * (n - 1.0)));
+            add(&offsets_mm(a, b, case.order, camera), -1.0 / (n * (n - 1.0)));
         }
     }
     scores.into_iter().flatten().collect()

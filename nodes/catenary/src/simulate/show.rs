@@ -10,7 +10,7 @@ use super::video::Video;
 use crate::cli::SimulateArgs;
 use anyhow::Result;
 use catenary_core::camera::Pinhole;
-use catenary_core::{Keypoints, Model};
+use catenary_core::{KeypointOrder, Keypoints, Model};
 use simulator_pool::render::Renderer;
 
 /// Everything that an episode is written to.
@@ -128,7 +128,8 @@ impl<'a> Show<'a> {
         let Motion::Measured(m) = self.motion else { return };
         let measured = m.track.frames[frame].dlo.map(|p| self.model.camera.view.plane_from_scaled(p));
         let simulated = self.player.keypoints();
-        self.episode.compare(self.player.plane_m(&simulated), measured);
+        let order = KeypointOrder::of(self.model.observation.drive);
+        self.episode.compare(self.player.plane_m(&simulated), measured, order);
     }
 
     /// The end of the episode.

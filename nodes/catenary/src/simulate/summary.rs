@@ -2,7 +2,7 @@
 
 use super::player::Setting;
 use crate::figures::figures;
-use catenary_core::{Fidelity, Model};
+use catenary_core::{Fidelity, KeypointOrder, Model};
 use serde::Serialize;
 use simulator_pool::beam::Counters;
 use std::collections::BTreeMap;
@@ -84,16 +84,14 @@ impl Episode {
         }
     }
 
-    /// Keypoints as simulated and as measured, (x, z) in m; the measured ones may come from either end.
-    pub fn compare(&mut self, simulated: [[f64; 2]; 4], measured: [Option<[f64; 2]>; 4]) {
-        let distance = |order: [usize; 4]| -> f64 {
-            let squares = simulated.iter().zip(order).map(|(a, i)| {
-                let b = measured[i].unwrap_or([f64::NAN; 2]);
-                (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
-            });
-            squares.sum::<f64>() / 4.0
-        };
-        let least = distance([0, 1, 2, 3]).min(distance([3, 2, 1, 0]));
+    /// Keypoints as simulated and as measured, (x, z) in m; `order` is what is known of that of the measured ones.
+    pub fn compare(&mut self, simulated: [[f64; 2]; 4], measured: [Option<[f64; 2]>; 4], order: KeypointOrder) {
+        let measured = measured.map(|p| p.unwrap_or([f64::NAN; 2]));
+        let squares = simulated.iter().zip(order.closest(&measured, &simulated)).map(|(a, i)| {
+            let b = measured[i];
+            (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
+        });
+        let least = squares.sum::<f64>() / 4.0;
         if least.is_finite() {
             self.squares.push(least);
         }
@@ -155,11 +153,11 @@ mod tests {
         let mut episode = Episode::new(&model, &setting, Fidelity::Fast);
         let points = [[0.0, 0.4], [0.0, 0.3], [0.0, 0.2], [0.0, 0.1]];
         let mut measured = points.map(|[x, z]| Some([x + 0.003, z + 0.004]));
-        episode.compare(points, measured);
+        episode.compare(points, measured, KeypointOrder::Along);
         measured.reverse();
-        episode.compare(points, measured);
+        episode.compare(points, measured, KeypointOrder::Along);
         measured[2] = None;
-        episode.compare(points, measured);
+        episode.compare(points, measured, KeypointOrder::Along);
         episode.finish(1.0, Counters::default());
         assert!((episode.rmse_mm.unwrap() - 5.0).abs() < 1e-9, "{:?}", episode.rmse_mm);
     }
