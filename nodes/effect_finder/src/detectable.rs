@@ -1,10 +1,14 @@
 //! How large an effect must be to show.
 
+use crate::calibrate::best_fit;
 use crate::candidate::Candidate;
+use crate::case::Case;
 use crate::error::FinderError;
 use crate::fit::{Fit, Problem, Start};
-use catenary_core::Track;
+use crate::settings::Settings;
 use catenary_core::simulator::TrackSensitivities;
+use catenary_core::{Track, seed};
+use rand::RngExt;
 use std::ops::ControlFlow;
 
 /// Quantile of the normal distribution at which a test of 5 % rejects.
@@ -13,10 +17,18 @@ const REJECTED_FROM: f64 = 1.645;
 const MAGNITUDES: usize = 24;
 /// The least of them, over the greatest that a search looks at.
 const LEAST: f64 = 1e-4;
+/// Next larger magnitudes, up to three times the first, at which it must show again.
+const AGAIN: usize = 3;
+/// Draws of the priors, and the best of them from which fits start, that look for the present model's best answer.
+const DRAWS: usize = 200;
+const STARTS: usize = 4;
+/// As many more are drawn near what is known, within a distance from the first to the second, and their random stream.
+const REACH: [f64; 2] = [1e-3, 0.1];
+const STREAM: u64 = 2301;
 
-/// The magnitude of `candidate` from which the present model, whatever values its unknowns take, is rejected at 5 % in one of
-/// two data sets as those of `problem`, in which the unknowns have the values of the point `u`. None where the
-/// effect stays smaller than that up to the greatest magnitude that a search looks at, or cannot act.
+/// The magnitude of `candidate` from which, and up to three times which, the present model, whatever values its unknowns take, is
+/// rejected at 5 % in one of two data sets as those of `problem`, in which the unknowns have the values of the point `u`. None
+/// where the effect stays smaller than that up to the greatest magnitude that a search looks at, or cannot act.
 ///
 /// The sum of squares of N coordinates with d fitted unknowns has the standard deviation sqrt(2 (N - d)); an effect that adds
 /// 1.645 of them moves its median to where the test rejects.
@@ -45,25 +57,53 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
         return Ok(None);
     };
     let mut before: Option<(f64, Fit)> = None;
+    let mut shown: Vec<(f64, Fit)> = Vec::new();
     for (magnitude, measured) in worlds.into_iter().skip(first.saturating_sub(1)) {
         let Some(tracks) = measured else { break };
-        // The present model's best answer to a data set that has the effect and no noise: near the point, or near the answer
-        // to less of the effect, which may have moved far from it.
-        let known = std::iter::once(u).chain(before.iter().map(|(_, fit)| fit.point.as_slice()));
-        let starts = known.map(|point| Start { point: point.to_vec(), tracks: tracks.clone() }).collect();
-        let fits = problem.fit(starts, &mut || ControlFlow::Continue(()))?.into_iter().flatten();
-        let Some(fit) = fits.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { break };
-        if fit.cost >= needed {
-            return Ok(Some(match before {
-                Some((smaller, less)) if less.cost > 0.0 => {
-                    smaller * (magnitude / smaller).powf((needed / less.cost).ln() / (fit.cost / less.cost).ln())
-                }
-                _ => magnitude,
-            }));
+        let last = shown.last().or(before.as_ref()).map(|(_, fit)| fit.point.as_slice());
+        let fit = answer(problem, &tracks, [u].into_iter().chain(last).collect(), needed)?;
+        if fit.cost < needed {
+            (before, shown) = (Some((magnitude, fit)), Vec::new());
+        } else {
+            shown.push((magnitude, fit));
+            if shown.len() > AGAIN {
+                break;
+            }
         }
-        before = Some((magnitude, fit));
     }
-    Ok(None)
+    let Some((magnitude, fit)) = shown.into_iter().next() else { return Ok(None) };
+    Ok(Some(match before {
+        Some((smaller, less)) if less.cost > 0.0 => {
+            smaller * (magnitude / smaller).powf((needed / less.cost).ln() / (fit.cost / less.cost).ln())
+        }
+        _ => magnitude,
+    }))
+}
+
+/// The present model's best answer to a data set that has the effect and no noise: near points that are known, or if that leaves
+/// more than `enough`, anywhere. A little more of an effect may fold the object another way, and the answer be far off.
+fn answer(problem: &Problem<'_>, tracks: &[Track], known: Vec<&[f64]>, enough: f64) -> Result<Fit, FinderError> {
+    let with = |(case, track): (&Case, &Track)| case.with_measured(track.clone());
+    let cases: Vec<Case> = problem.cases.iter().zip(tracks).map(with).collect();
+    let own = Problem { cases: &cases, unknowns: problem.unknowns.clone(), ..*problem };
+    let known: Vec<Vec<f64>> = known.into_iter().map(<[f64]>::to_vec).collect();
+    let mut go_on = || ControlFlow::Continue(());
+    let near = own.best_of(known.clone(), known.len(), &mut go_on)?;
+    if near.cost < enough {
+        return Ok(near);
+    }
+    let settings = Settings { draws: DRAWS, starts: STARTS, ..Settings::default() };
+    // Where it folds by a hair, costs near a point are as rough as far from it.
+    let mut rng = seed::rng(settings.seed, STREAM);
+    let mut beside = |i: usize| -> Vec<f64> {
+        let about = if i.is_multiple_of(2) { &near.point } else { &known[0] };
+        let reach = REACH[0] * (REACH[1] / REACH[0]).powf(rng.random());
+        about.iter().map(|u| (u + reach * (2.0 * rng.random::<f64>() - 1.0)).clamp(0.0, 1.0)).collect()
+    };
+    let mut points: Vec<Vec<f64>> = (0..DRAWS).map(&mut beside).collect();
+    points.extend([near.point.clone()].into_iter().chain(known));
+    let far = best_fit(&own, points, &settings, &mut go_on)?;
+    Ok(if far.cost < near.cost { far } else { near })
 }
 
 /// Magnitudes that a search looks at, in increasing order, with the tracks of episodes in which the effect has them; none
@@ -82,4 +122,49 @@ fn worlds(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Vec<(f64, 
     let points: Vec<Vec<f64>> = magnitudes.iter().map(point).collect();
     let tracks = with.tracks_each(&points).into_iter().map(Result::ok);
     magnitudes.into_iter().zip(tracks).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Folding, Toy};
+    use catenary_core::{DifferentiableSimulator, Prior};
+
+    const TRUTH: [f64; 2] = [0.25, 2e4];
+
+    /// The size of a tip mass, and the problem's answer to it.
+    fn size(simulator: &dyn DifferentiableSimulator, gain: f64) -> Option<f64> {
+        let cases = [toy::case(&Toy { gain }, TRUTH, &[])];
+        let problem = Problem::of(&toy::model(), &cases, simulator, 40);
+        let u = problem.unknowns.list().iter().zip(TRUTH).map(|(unknown, value)| unknown.prior.to_unit(value));
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.3 };
+        let name = "tip_mass_kg".to_owned();
+        let candidate = Candidate { title: name.clone(), name, prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 };
+        detectable_size(&problem, &u.collect::<Vec<_>>(), &candidate).unwrap()
+    }
+
+    /// What theta cannot explain of an effect of size m is proportional to m: at twice the gain half the size shows.
+    #[test]
+    fn the_size_of_a_linear_effect_is_that_whose_remainder_has_the_needed_square() {
+        let toy = Toy { gain: 0.3 };
+        let found = size(&toy, 0.3).unwrap();
+        let cases = [toy::case(&toy, TRUTH, &[("tip_mass_kg", found)])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let fits = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap();
+        let needed = 1.645 * (2.0 * (8 * toy::FRAMES - 2) as f64).sqrt();
+        let left = fits[0].as_ref().unwrap().cost;
+        assert!((left / needed - 1.0).abs() < 0.05, "{left} of {needed}");
+        let half = size(&Toy { gain: 0.6 }, 0.6).unwrap();
+        assert!((found / half - 2.0).abs() < 0.1, "{found} {half}");
+    }
+
+    /// The object folds another way for a hair's breadth of the effect, and for as much less length: that explains it.
+    #[test]
+    fn what_another_fold_of_the_present_model_explains_does_not_show() {
+        let gain = 0.3;
+        let (linear, folding) = (size(&Toy { gain }, gain), size(&Folding { toy: Toy { gain }, at: 0.2498 }, gain));
+        let (linear, folding) = (linear.unwrap(), folding.unwrap());
+        assert!(linear > 1e-3 && (folding / linear - 1.0).abs() < 0.2, "{folding}, and without folds {linear}");
+    }
 }

@@ -124,6 +124,42 @@ impl DifferentiableSimulator for Coarse {
     }
 }
 
+/// The toy, whose object folds another way where theta's first parameter less the effects is under `at`: keypoints are moved by
+/// 1 in the picture, and no derivative says so.
+pub struct Folding {
+    pub toy: Toy,
+    pub at: f64,
+}
+
+impl Folding {
+    fn fold(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
+        let effects: f64 = request.effects.iter().map(|(_, values)| values[episode]).sum();
+        if request.thetas[episode][0] - effects < self.at {
+            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += 1.0);
+        }
+    }
+}
+
+impl Simulator for Folding {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let mut tracks = self.toy.simulate(request)?;
+        tracks.iter_mut().enumerate().for_each(|(i, track)| self.fold(track, request, i));
+        Ok(tracks)
+    }
+}
+
+impl DifferentiableSimulator for Folding {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut all = self.toy.sensitivities(request, names)?;
+        all.iter_mut().enumerate().for_each(|(i, one)| self.fold(&mut one.track, request, i));
+        Ok(all)
+    }
+}
+
 /// The toy, which below reference fidelity shows less of one effect's pattern the more there is of another effect.
 pub struct Mimic {
     pub toy: Toy,
