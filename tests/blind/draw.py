@@ -2,6 +2,8 @@
 
     source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--effects NAMES] [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
 
+The worlds of an effect are those of --each objects and motions, each with the effect at every size, measured anew.
+
 Each world is a folder of DIR/worlds with the bags of some episodes, which hold topics and nothing else, and the model that a lab
 would begin with. They are simulated at the finer `reference` fidelity, by another arm than the model's where the model follows the
 measured path of the hand. What was drawn lies in DIR/sealed; DIR/seals.txt, written before any search, holds the SHA-256 of each.
@@ -19,6 +21,7 @@ import secrets
 import shutil
 import subprocess
 import sys
+import tempfile
 
 import numpy
 
@@ -34,6 +37,8 @@ HARD_PAIRS = [("arm_lag_s", "grip_compliance_rad_n_m"), ("camera_scale_change", 
 NEVER = {"dropped_frames", "keypoint_noise_px"}
 UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
+# Random stream of what a world is measured with, beside that of its object and motions.
+MEASURED = 1_000_003
 STEPS = 16
 # The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
 LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.30, 0.20]), numpy.array([0.58, 0.48]), numpy.array([0.40, 0.42]), 0.06
@@ -64,90 +69,105 @@ def write_actions(path, rows):
 
 
 def plan(arguments, effects):
-    """What each world hides: a list of (kind, size, names)."""
+    """What each world hides: a list of (kind, size, names, stream). Worlds of one stream have object and motions in common."""
     offered = [e["name"] for e in effects if e["name"] not in NEVER]
     if arguments.effects:
         offered = [name for name in offered if name in arguments.effects.split(",")]
-    sizes = [float(s) for s in arguments.sizes.split(",")]
-    kinds = [("none", 0.0, [])] * arguments.nulls
-    kinds += [("effect", size, [name]) for name in offered for size in sizes for _ in range(arguments.each)]
     rng = numpy.random.default_rng(arguments.seed)
     every = list(itertools.combinations(offered, 2))
     drawn = [HARD_PAIRS[i % 2] if i < arguments.pairs // 2 else every[rng.integers(len(every))] for i in range(arguments.pairs)]
-    kinds += [("pair", 3.0, list(pair)) for pair in drawn]
-    kinds += [("unlisted", 3.0, [name]) for name in UNLISTED for _ in range(arguments.unlisted)]
+    settings = [("none", [0.0], [])] * arguments.nulls
+    settings += [("effect", sizes(arguments), [name]) for name in offered for _ in range(arguments.each)]
+    settings += [("pair", [3.0], list(pair)) for pair in drawn]
+    settings += [("unlisted", [3.0], [name]) for name in UNLISTED for _ in range(arguments.unlisted)]
+    kinds = [(kind, size, names, stream) for stream, (kind, some, names) in enumerate(settings) for size in some]
     return [kinds[i] for i in rng.permutation(len(kinds))]
+
+
+def sizes(arguments):
+    return [float(s) for s in arguments.sizes.split(",")]
 
 
 def is_of_the_arm(names, effects):
     return any(e["name"] in names and e["hook"] == "actuation" for e in effects)
 
 
-def drawn_world(number, kind, size, names, effects, arguments, folder):
-    """The world as drawn, or none where an effect cannot show in it; its bags and its model."""
-    rng = numpy.random.default_rng([arguments.seed, number])
+def drawn_setting(rng, greatest, names, effects, folder):
+    """An object and motions, with the sizes from which the effects show, signed; none where one of them, `greatest` times as large,
+    is more than its prior says, or makes no sense."""
     acts = is_of_the_arm(names, effects) or rng.uniform() < 0.25
-    text = MODEL.read_text()
     model = folder / "model.yaml"
-    model.write_text(text.replace(GRIP, ACTIONS) if acts else text)
-    world = folder / "world.yaml"
-    world.write_text(model.read_text() if acts else text.replace(LAG, IMPEDANCE))
+    write_model(model, acts)
     theta = {"length_m": rng.uniform(0.2, 0.3), "youngs_modulus_pa": float(numpy.exp(rng.uniform(numpy.log(2e3), numpy.log(4e4))))}
     motions = [actions(rng) for _ in range(EPISODES)]
-    write_actions(folder / "actions.csv", motions[0])
-    hidden = {}
+    unit = {}
     if names:
+        write_actions(folder / "actions.csv", motions[0])
         values = [a for item in theta.items() for a in ("--value", "{}={}".format(*item))]
         asked = [a for name in names for a in ("--name", name)]
         sized = json.loads(program("effects", "--model", model, "--actions", folder / "actions.csv", *asked, *values, "--json"))
         for name in names:
             about = next(e for e in sized if e["name"] == name)
             shows = about.get("detectable")
-            # No larger than its prior says, nor than makes sense.
             ((_, bounds),) = about["prior"].items()
             (low, high), most = about["range"], bounds["high"]
             # Where next to nothing shows, the object folds this way or that by chance.
             least = max(bounds["low"], 1e-3 * most)
             sign = rng.choice([-1.0, 1.0]) if about["sign"] == "signed" else 1.0
-            if shows is None or not least <= shows <= most / size or not low <= sign * size * shows <= high:
+            if shows is None or not least <= shows <= most / greatest or not low <= sign * greatest * shows <= high:
                 return None
-            hidden[name] = float(sign * size * shows)
-    given = [a for item in theta.items() for a in ("--theta", "{}={}".format(*item))]
+            unit[name] = float(sign * shows)
+    return {"acts": bool(acts), "theta": theta, "motions": motions, "unit": unit}
+
+
+def write_model(path, acts):
+    text = MODEL.read_text()
+    path.write_text(text.replace(GRIP, ACTIONS) if acts else text)
+
+
+def setting_of(stream, greatest, names, effects, arguments, folder):
+    """The first object and motions in which the effects can show; none where none of many does."""
+    for attempt in range(20):
+        rng = numpy.random.default_rng([arguments.seed, stream, attempt])
+        try:
+            if setting := drawn_setting(rng, greatest, names, effects, folder):
+                return setting
+        except RuntimeError as refused:
+            print(f"{names}: {refused}", file=sys.stderr)
+    return None
+
+
+def measured_world(number, size, setting, arguments, folder):
+    """Writes the bags and the model; returns what is hidden in them."""
+    rng = numpy.random.default_rng([arguments.seed, number, MEASURED])
+    write_model(folder / "model.yaml", setting["acts"])
+    world = folder / "world.yaml"
+    world.write_text((folder / "model.yaml").read_text() if setting["acts"] else MODEL.read_text().replace(LAG, IMPEDANCE))
+    hidden = {name: size * value for name, value in setting["unit"].items()}
+    given = [a for item in setting["theta"].items() for a in ("--theta", "{}={}".format(*item))]
     given += [a for item in hidden.items() for a in ("--effect", "{}={}".format(*item))]
-    for episode, rows in enumerate(motions):
+    for episode, rows in enumerate(setting["motions"]):
         write_actions(folder / "actions.csv", rows)
         seed = int(rng.integers(2**31))
         program("simulate", "--model", world, "--actions", folder / "actions.csv", *given, "--noise", "--seed", seed, "--fidelity", "reference", "--out", folder / f"bag_{episode}")
     for left in ("world.yaml", "actions.csv"):
         (folder / left).unlink()
-    return {"number": number, "kind": kind, "size": size, "hidden": hidden, "theta": theta, "drive": "actions" if acts else "grip", "salt": secrets.token_hex(16)}
+    return hidden
 
 
-def draw(number, kind, size, names, effects, arguments):
-    """Draws the world until its effect can show; says what was sealed."""
+def draw(number, kind, size, names, setting, arguments):
+    """Draws the world, and seals what it hides."""
     folder, sealed = arguments.out / "worlds" / f"{number:05}", arguments.out / "sealed" / f"{number:05}.json"
-    if sealed.exists():
-        return sealed
     half = folder.with_suffix(".half")
-    for attempt in range(20):
-        shutil.rmtree(half, ignore_errors=True)
-        half.mkdir(parents=True)
-        try:
-            answer = drawn_world(number + 1_000_000 * attempt, kind, size, names, effects, arguments, half)
-        except RuntimeError as refused:
-            print(f"world {number}: {refused}", file=sys.stderr)
-            continue
-        if answer:
-            break
-    else:
-        print(f"world {number}: {names} never shows: left out", file=sys.stderr)
-        shutil.rmtree(half, ignore_errors=True)
-        return None
+    shutil.rmtree(half, ignore_errors=True)
+    half.mkdir(parents=True)
+    hidden = measured_world(number, size, setting, arguments, half)
+    answer = {"number": number, "kind": kind, "size": size, "hidden": hidden, "theta": setting["theta"]}
+    answer |= {"drive": "actions" if setting["acts"] else "grip", "salt": secrets.token_hex(16)}
     shutil.rmtree(folder, ignore_errors=True)
     half.rename(folder)
     sealed.parent.mkdir(parents=True, exist_ok=True)
     sealed.write_text(json.dumps(answer, indent=1))
-    return sealed
 
 
 def main():
@@ -163,11 +183,24 @@ def main():
     arguments = parser.parse_args()
     effects = json.loads(program("effects", "--json"))
     worlds = plan(arguments, effects)
-    seals = {}
-    for number, (kind, size, names) in enumerate(worlds):
+    seals, settings = {}, {}
+    for number, (kind, size, names, stream) in enumerate(worlds):
         print(f"world {number + 1} of {len(worlds)}", file=sys.stderr)
-        if sealed := draw(number, kind, size, names, effects, arguments):
-            seals[number] = hashlib.sha256(sealed.read_bytes()).hexdigest()
+        sealed = arguments.out / "sealed" / f"{number:05}.json"
+        if not sealed.exists():
+            if stream not in settings:
+                greatest = max(sizes(arguments)) if kind == "effect" else size
+                with tempfile.TemporaryDirectory() as folder:
+                    settings[stream] = setting_of(stream, greatest, names, effects, arguments, pathlib.Path(folder))
+            if settings[stream] is None:
+                print(f"world {number}: {names} never shows: left out", file=sys.stderr)
+                continue
+            try:
+                draw(number, kind, size, names, settings[stream], arguments)
+            except RuntimeError as refused:
+                print(f"world {number}: left out: {refused}", file=sys.stderr)
+                continue
+        seals[number] = hashlib.sha256(sealed.read_bytes()).hexdigest()
     (arguments.out / "seals.txt").write_text("".join(f"{seal}  {number:05}.json\n" for number, seal in seals.items()))
 
 

@@ -135,15 +135,16 @@ pub fn narrow(pressing: &[String], p_value: f64) -> String {
 /// What held-out episodes say.
 pub fn verified(v: &Verification) -> String {
     let mut words = format!(
-        "RMSE on {} unseen episodes {:.1} -> {:.1} mm, noise floor {:.1} mm: {:.0} % of the gap closed ({:.0} to {:.0} %)",
-        v.episodes,
-        v.before.rmse_mm,
-        v.after.rmse_mm,
-        v.floor_mm,
-        100.0 * v.gap_closed,
-        100.0 * v.interval[0],
-        100.0 * v.interval[1]
+        "RMSE on {} unseen episodes {:.1} -> {:.1} mm, noise floor {:.1} mm",
+        v.episodes, v.before.rmse_mm, v.after.rmse_mm, v.floor_mm,
     );
+    words += &match v.gap_closed.zip(v.interval) {
+        Some((closed, interval)) => {
+            let [low, high] = interval.map(|end| 100.0 * end);
+            format!(": {:.0} % of the gap closed ({low:.0} to {high:.0} %)", 100.0 * closed)
+        }
+        None => ": they show no gap".into(),
+    };
     if let Some((name, score)) = &v.wrong_effect {
         words += &format!("; with {name} in its place {:.1} mm", score.rmse_mm);
     }

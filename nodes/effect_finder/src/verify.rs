@@ -51,10 +51,11 @@ pub struct Verification {
     pub after: Score,
     /// What the repaired model leaves of repeats that are simulated from it, root mean square distance in mm.
     pub floor_mm: f64,
-    /// (before - after) / (before - floor), of root mean square distances.
-    pub gap_closed: f64,
+    /// (before - after) / (before - floor), of root mean square distances; none where the present model leaves no more than the
+    /// floor.
+    pub gap_closed: Option<f64>,
     /// 5 and 95 % of it over draws of blocks of frames, the same for both models.
-    pub interval: [f64; 2],
+    pub interval: Option<[f64; 2]>,
     /// A wrong effect, repaired the same way: its name and what it comes to.
     pub wrong_effect: Option<(String, Score)>,
     /// The present model with a regression of what it left of the fitted episodes on shape and speed, root mean square
@@ -110,13 +111,14 @@ impl Verifier<'_> {
         };
         let floor_mm = self.floor(after, &second, on_round)?;
         let closed = |before: f64, after: f64| (before - after) / (before - floor_mm).max(f64::MIN_POSITIVE);
+        let is_gap = first.score.rmse_mm > floor_mm;
         let verification = Verification {
             episodes: self.held_out.len(),
             before: first.score,
             after: second.score,
             floor_mm,
-            gap_closed: closed(first.score.rmse_mm, second.score.rmse_mm),
-            interval: self.interval(&first.offsets, &second.offsets, &closed),
+            gap_closed: is_gap.then(|| closed(first.score.rmse_mm, second.score.rmse_mm)),
+            interval: is_gap.then(|| self.interval(&first.offsets, &second.offsets, &closed)),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),
         };

@@ -326,7 +326,7 @@ fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
     assert_eq!((finding.verdict, found), (Verdict::Named, vec!["camera_tilt_rad".into(), "tip_mass_kg".into()]));
     assert_eq!(outcome.model.unwrap().theta.dimension(), 4);
     let v = finding.verification.unwrap();
-    assert!(v.gap_closed > 0.8 && v.interval[0] > 0.6, "{v:?}");
+    assert!(v.gap_closed.unwrap() > 0.8 && v.interval.unwrap()[0] > 0.6, "{v:?}");
     assert!(v.after.rmse_mm < 1.3 * v.floor_mm && v.after.energy_mm < v.before.energy_mm, "{v:?}");
     let (wrong, score) = v.wrong_effect.unwrap();
     assert!(score.rmse_mm > v.after.rmse_mm, "{wrong} {score:?}");
