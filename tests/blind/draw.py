@@ -37,6 +37,8 @@ HARD_PAIRS = [("arm_lag_s", "grip_compliance_rad_n_m"), ("camera_scale_change", 
 NEVER = {"dropped_frames", "keypoint_noise_px"}
 UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
+# Objects and motions among which one is looked for in which the effects show.
+ATTEMPTS = 8
 # Random stream of what a world is measured with, beside that of its object and motions.
 MEASURED = 1_000_003
 STEPS = 16
@@ -127,7 +129,7 @@ def write_model(path, acts):
 
 def setting_of(stream, greatest, names, effects, arguments, folder):
     """The first object and motions in which the effects can show; none where none of many does."""
-    for attempt in range(20):
+    for attempt in range(ATTEMPTS):
         rng = numpy.random.default_rng([arguments.seed, stream, attempt])
         try:
             if setting := drawn_setting(rng, greatest, names, effects, folder):

@@ -185,6 +185,17 @@ impl Case {
         Self { correction: Vec::new(), ..self.clone() }
     }
 
+    /// The first of its frames, that share of them.
+    #[must_use]
+    pub fn beginning(&self, share: f64) -> Self {
+        let count = (share * self.measured.frames.len() as f64).ceil() as usize;
+        let mut first = self.clone();
+        first.measured.frames.truncate(count);
+        // Of a path that was measured no more is driven; a policy's frames are as many as its actions.
+        first.template.frame_times_s.truncate(count);
+        first
+    }
+
     /// A simulated track with the case's correction.
     #[must_use]
     pub fn corrected(&self, mut track: Track) -> Track {
@@ -359,6 +370,17 @@ mod tests {
         let (sorted, followed) = (case(DriveKind::Actions), case(DriveKind::Grip));
         let cost = |case: &Case| case.compare(&measured, &simulated(predicted.clone(), 0)).0.norm_squared();
         assert!(cost(&sorted) < 0.1 && cost(&followed) > 1000.0, "{} {}", cost(&sorted), cost(&followed));
+    }
+
+    #[test]
+    fn a_beginning_has_the_first_frames_of_what_was_measured_and_drives_no_more() {
+        let case = case(DriveKind::Grip);
+        let first = case.beginning(0.5);
+        assert_eq!(
+            (first.measured.frames.len(), first.template.frame_times_s.as_slice()),
+            (3, [0.0, 1.0, 2.0].as_slice())
+        );
+        assert_eq!(case.beginning(1.0).measured, case.measured);
     }
 
     #[test]

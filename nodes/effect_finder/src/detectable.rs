@@ -6,9 +6,8 @@ use crate::case::Case;
 use crate::error::FinderError;
 use crate::fit::{Fit, Problem, Start};
 use crate::settings::Settings;
+use catenary_core::Track;
 use catenary_core::simulator::TrackSensitivities;
-use catenary_core::{Track, seed};
-use rand::RngExt;
 use std::ops::ControlFlow;
 
 /// Quantile of the normal distribution at which a test of 5 % rejects.
@@ -20,11 +19,8 @@ const LEAST: f64 = 1e-4;
 /// Next larger magnitudes, up to three times the first, at which it must show again.
 const AGAIN: usize = 3;
 /// Draws of the priors, and the best of them from which fits start, that look for the present model's best answer.
-const DRAWS: usize = 200;
+const DRAWS: usize = 400;
 const STARTS: usize = 4;
-/// As many more are drawn near what is known, within a distance from the first to the second, and their random stream.
-const REACH: [f64; 2] = [1e-3, 0.1];
-const STREAM: u64 = 2301;
 
 /// The magnitude of `candidate` from which, and up to three times which, the present model, whatever values its unknowns take, is
 /// rejected at 5 % in one of two data sets as those of `problem`, in which the unknowns have the values of the point `u`. None
@@ -93,15 +89,7 @@ fn answer(problem: &Problem<'_>, tracks: &[Track], known: Vec<&[f64]>, enough: f
         return Ok(near);
     }
     let settings = Settings { draws: DRAWS, starts: STARTS, ..Settings::default() };
-    // Where it folds by a hair, costs near a point are as rough as far from it.
-    let mut rng = seed::rng(settings.seed, STREAM);
-    let mut beside = |i: usize| -> Vec<f64> {
-        let about = if i.is_multiple_of(2) { &near.point } else { &known[0] };
-        let reach = REACH[0] * (REACH[1] / REACH[0]).powf(rng.random());
-        about.iter().map(|u| (u + reach * (2.0 * rng.random::<f64>() - 1.0)).clamp(0.0, 1.0)).collect()
-    };
-    let mut points: Vec<Vec<f64>> = (0..DRAWS).map(&mut beside).collect();
-    points.extend([near.point.clone()].into_iter().chain(known));
+    let points = [near.point.clone()].into_iter().chain(known).collect();
     let far = best_fit(&own, points, &settings, &mut go_on)?;
     Ok(if far.cost < near.cost { far } else { near })
 }

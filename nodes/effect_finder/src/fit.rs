@@ -33,6 +33,10 @@ const LINEAR_DECREASE: f64 = 1e-9;
 /// Share of the coordinates' range that is added to the curvature of directions that change nothing.
 const RIDGE: f64 = 1e-6;
 
+/// Derivatives by a whole range of values, in standard deviations of the noise, from which on a point is on the crest between
+/// folds: they say nothing of what lies around.
+const STEEPEST: f64 = 1e6;
+
 /// Asked after each round of a fit, whether to go on.
 pub type OnRound<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
 
@@ -88,8 +92,9 @@ pub struct Fit {
 }
 
 impl Fit {
-    fn is_finite(&self) -> bool {
-        self.cost.is_finite() && self.jacobian.iter().all(|v| v.is_finite())
+    /// Whether the cost is a number, and the derivatives are of use.
+    fn is_usable(&self) -> bool {
+        self.cost.is_finite() && self.jacobian.iter().all(|v| v.abs() < STEEPEST)
     }
 
     /// Half the gradient of the cost by the coordinates.
@@ -396,12 +401,12 @@ impl Problem<'_> {
 
     /// What the simulator says of the points, beside their data sets, or why that is of no use.
     fn evaluate(&self, trials: Vec<(&[f64], &[Track])>, known: Option<&DMatrix<f64>>) -> Vec<Result<Fit, String>> {
-        let finite = |fit: Result<Fit, SimulatorError>| match fit {
-            Ok(fit) if fit.is_finite() => Ok(fit),
-            Ok(_) => Err("the simulated track or its derivatives are not finite".to_owned()),
+        let usable = |fit: Result<Fit, SimulatorError>| match fit {
+            Ok(fit) if fit.is_usable() => Ok(fit),
+            Ok(_) => Err("the simulated track or its derivatives are not finite, or too steep".to_owned()),
             Err(error) => Err(error.to_string()),
         };
-        self.simulate(trials, known).into_iter().map(finite).collect()
+        self.simulate(trials, known).into_iter().map(usable).collect()
     }
 
     fn simulate(
@@ -632,6 +637,16 @@ mod tests {
         assert!(fits[0].as_ref().is_some_and(|f| f.cost < 0.1) && fits[1].is_none());
         let refusal = fit(&cases, &[[0.0, 0.5]]).unwrap_err().to_string();
         assert!(refusal.contains("length_m: expected at least 0.2"), "{refusal}");
+    }
+
+    #[test]
+    fn on_the_crest_between_folds_no_fit_starts() {
+        let steep = Toy { gain: 1e9 };
+        let cases = [toy::case(&steep, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &steep, 40);
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let refusal = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap_err().to_string();
+        assert!(refusal.contains("too steep"), "{refusal}");
     }
 
     #[test]

@@ -144,6 +144,13 @@ impl Hypothesis {
         with_own(problem, &self.unknowns, self.cases.as_deref())
     }
 
+    /// This hypothesis with `candidate` added, not looked at anywhere yet.
+    pub fn aside(&self, candidate: &Candidate) -> Trial {
+        let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
+        let (unknowns, cases) = (self.unknowns.with(candidate), self.cases.clone());
+        Trial { candidates, promise: f64::INFINITY, unknowns, cases, seen: Vec::new() }
+    }
+
     /// Looks at this hypothesis with `candidate` added: at its base, and at some values of its prior. What the other unknowns
     /// change is as it is without it.
     ///
@@ -156,8 +163,8 @@ impl Hypothesis {
         candidate: &Candidate,
         on_round: OnRound<'_>,
     ) -> Result<Trial, FinderError> {
-        let unknowns = self.unknowns.with(candidate);
-        let with = Problem { unknowns: unknowns.clone(), ..self.problem(problem) };
+        let trial = self.aside(candidate);
+        let (with, unknowns) = (trial.problem(problem), &trial.unknowns);
         let column = unknowns.columns() - 1;
         let search = candidate.search();
         let from = |value: f64| {
@@ -170,9 +177,7 @@ impl Hypothesis {
         if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
-        let candidates = self.candidates.iter().chain([candidate]).cloned().collect();
-        let trial = Trial { candidates, promise: f64::INFINITY, unknowns, cases: self.cases.clone(), seen };
-        Ok(trial.ranked())
+        Ok(Trial { seen, ..trial }.ranked())
     }
 }
 
@@ -196,33 +201,21 @@ impl Trial {
         self
     }
 
-    /// Looks at the best of `draws`, too: rows of a quantile of each unknown's prior, of the last effect's magnitude the last.
+    /// Looks at the best of `draws`, rows of a quantile of each unknown's prior.
     ///
     /// # Errors
-    /// [`FinderError::Cancelled`] where `on_round` asked to stop.
+    /// [`FinderError::NoFit`] where none of them can be simulated; [`FinderError::Cancelled`] where `on_round` asked to stop.
     pub fn elsewhere(
         mut self,
         problem: &Problem<'_>,
         draws: &[Vec<f64>],
         on_round: OnRound<'_>,
     ) -> Result<Self, FinderError> {
-        let Some(candidate) = self.candidates.last() else { return Ok(self) };
         let with = self.problem(problem);
-        let at = |draw: &Vec<f64>| {
-            let mut point = draw.clone();
-            point.iter_mut().last().into_iter().for_each(|u| *u = candidate.search().to_unit(candidate.drawn(*u)));
-            point
-        };
-        let starts = with.cheapest(draws.iter().map(at).collect(), STARTS, on_round)?;
-        match with.look(starts, on_round) {
-            // None of the draws can be simulated.
-            Err(FinderError::NoFit(_)) => Ok(self),
-            Err(other) => Err(other),
-            Ok(seen) => {
-                self.seen.extend(seen.into_iter().flatten());
-                Ok(self.ranked())
-            }
-        }
+        let points = draws.iter().map(|d| self.unknowns.drawn(d.clone())).collect();
+        let starts = with.cheapest(points, STARTS, on_round)?;
+        self.seen = with.look(starts, on_round)?.into_iter().flatten().collect();
+        Ok(self.ranked())
     }
 
     /// Whether an effect is among its own.
@@ -363,7 +356,6 @@ mod tests {
         assert_eq!(seen.seen.len(), 1);
         let value = candidate.search().from_unit(seen.seen[0].fit.point[2]);
         assert!((value - candidate.drawn(0.8)).abs() < 1e-12 && seen.promise < 1e-6, "{value} {}", seen.promise);
-        let nothing = empty.elsewhere(&problem, &[short], &mut go_on).unwrap();
-        assert!(nothing.seen.is_empty() && nothing.promise == f64::INFINITY);
+        assert!(matches!(empty.elsewhere(&problem, &[short], &mut go_on), Err(FinderError::NoFit(_))));
     }
 }

@@ -160,6 +160,56 @@ impl DifferentiableSimulator for Folding {
     }
 }
 
+/// The toy, whose object folds in the second half of its frames unless theta's first parameter is within `by` of `about`: there
+/// keypoints move with it so that what was measured without a fold draws fits away.
+pub struct FoldingLate {
+    pub toy: Toy,
+    pub about: f64,
+    pub by: f64,
+}
+
+impl FoldingLate {
+    const SLOPE: f64 = 5.0;
+
+    fn folds(&self, request: &SimulationRequest, episode: usize) -> bool {
+        (request.thetas[episode][0] - self.about).abs() > self.by
+    }
+
+    fn fold(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
+        if self.folds(request, episode) {
+            let by = Self::SLOPE * (request.thetas[episode][0] - 0.2) + 0.5;
+            track.frames[FRAMES / 2..].iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
+        }
+    }
+}
+
+impl Simulator for FoldingLate {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let mut tracks = self.toy.simulate(request)?;
+        tracks.iter_mut().enumerate().for_each(|(i, track)| self.fold(track, request, i));
+        Ok(tracks)
+    }
+}
+
+impl DifferentiableSimulator for FoldingLate {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut all = self.toy.sensitivities(request, names)?;
+        let length = names.iter().position(|n| *n == "length_m");
+        for (i, one) in all.iter_mut().enumerate() {
+            self.fold(&mut one.track, request, i);
+            if let Some(length) = length.filter(|_| self.folds(request, i)) {
+                let late = &mut one.derivatives[length][FRAMES / 2..];
+                late.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += Self::SLOPE);
+            }
+        }
+        Ok(all)
+    }
+}
+
 /// The toy, which below reference fidelity shows less of one effect's pattern the more there is of another effect.
 pub struct Mimic {
     pub toy: Toy,

@@ -24,6 +24,8 @@ pub struct Unknown {
     pub gaussian: Option<[f64; 2]>,
     /// Whether it is the same in all episodes.
     pub scope: Scope,
+    /// The candidate that it is; `prior` is then uniform on what a search looks at.
+    pub candidate: Option<Candidate>,
 }
 
 /// Reach of the coordinate of a Gaussian prior, in its standard deviations.
@@ -35,9 +37,9 @@ impl Unknown {
         match prior {
             Prior::Normal { mean, sd, low, high } => {
                 let prior = Prior::Uniform { low: low.max(mean - REACH * sd), high: high.min(mean + REACH * sd) };
-                Self { name, prior, scope, gaussian: Some([mean, sd]) }
+                Self { name, prior, scope, gaussian: Some([mean, sd]), candidate: None }
             }
-            prior => Self { name, prior, scope, gaussian: None },
+            prior => Self { name, prior, scope, gaussian: None, candidate: None },
         }
     }
 }
@@ -71,7 +73,8 @@ impl Unknowns {
     #[must_use]
     pub fn with(&self, candidate: &Candidate) -> Self {
         let mut list = self.list.clone();
-        list.push(Unknown::new(&candidate.name, candidate.search(), Scope::Shared));
+        let unknown = Unknown::new(&candidate.name, candidate.search(), Scope::Shared);
+        list.push(Unknown { candidate: Some(candidate.clone()), ..unknown });
         Self { list, ..*self }
     }
 
@@ -185,6 +188,16 @@ impl Unknowns {
         self.list.iter().enumerate().map(value).collect()
     }
 
+    /// The point at a quantile of each unknown's prior: of candidates' own, which are narrower than what a search looks at.
+    pub fn drawn(&self, mut quantiles: Vec<f64>) -> Vec<f64> {
+        for (i, unknown) in self.list.iter().enumerate() {
+            let Some(candidate) = &unknown.candidate else { continue };
+            let u = &mut quantiles[self.column(i, 0)];
+            *u = unknown.prior.to_unit(candidate.drawn(*u));
+        }
+        quantiles
+    }
+
     /// The pull of Gaussian priors at the point `u`: for each, how far the mean lies above the value in standard deviations, the
     /// column that it pulls, and how the value in standard deviations changes with that coordinate.
     pub fn pulls(&self, u: &[f64]) -> Vec<(f64, usize, f64)> {
@@ -272,6 +285,14 @@ mod tests {
         assert!((first - 0.3).abs() < 1e-12 && (second - 0.3 - half).abs() < 1e-12, "{first} {second}");
         let tilt = base.with(&candidate("gravity_tilt_rad"));
         assert_eq!((tilt.list().len(), tilt.columns()), (6, base.columns() + 1));
+    }
+
+    #[test]
+    fn a_candidate_is_drawn_from_its_prior_and_not_from_all_that_a_search_looks_at() {
+        let with = Unknowns::of(&model(), 1).with(&candidate("gravity_tilt_rad"));
+        let point = with.drawn(vec![0.9; with.columns()]);
+        // The search goes from -0.3 to 0.3; what is 0.9 of the way from -0.1 to 0.1 is 0.08.
+        assert!((point[with.columns() - 1] - 0.38 / 0.6).abs() < 1e-12 && point[0] == 0.9, "{point:?}");
     }
 
     #[test]

@@ -110,7 +110,10 @@ impl Verifier<'_> {
             None => None,
         };
         let floor_mm = self.floor(after, &second, on_round)?;
-        let closed = |before: f64, after: f64| (before - after) / (before - floor_mm).max(f64::MIN_POSITIVE);
+        // Where there is no gap, none is left.
+        let closed = |before: f64, after: f64| {
+            if before > floor_mm { (before - after) / (before - floor_mm) } else { 1.0 }
+        };
         let is_gap = first.score.rmse_mm > floor_mm;
         let verification = Verification {
             episodes: self.held_out.len(),

@@ -1,10 +1,12 @@
 //! Which effects explain what is left: one, and where the best does not close the gap, more.
 
 use super::{LEAST_DECREASE, Search, Stage};
+use crate::calibrate::leaves_much;
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
+use crate::fit::OnRound;
 use crate::hypothesis::{Depth, Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
@@ -14,8 +16,6 @@ use rand::RngExt;
 
 /// Models that are looked at more closely, of all the most probable.
 pub(super) const PARENTS: usize = 3;
-/// Squared deviations for each coordinate from which on much is left.
-const MUCH: f64 = 3.0;
 /// How many times fewer draws than those of a whole fit look for an effect elsewhere, and their random stream.
 const ELSEWHERE: usize = 6;
 const ELSEWHERE_STREAM: u64 = 2207;
@@ -130,32 +130,62 @@ impl Search<'_> {
                 Err(error) => left_out(candidate, error)?,
             }
         }
+        let is_found = hypotheses.iter().any(|h| h.depth == Depth::Fitted && !leaves_much(&h.fit));
+        if !is_found && leaves_much(&base.fit) {
+            self.found_elsewhere(&mut hypotheses, base, yardstick)?;
+        }
         Ok(hypotheses)
     }
 
-    /// A look at the present model with one effect. Where much is left, what a finer simulation of the present model shows otherwise
-    /// says nothing of other places; and where its fit has been bent to the end of a prior, too, the effect's own valley may not
-    /// be in sight from there, and is looked for elsewhere.
-    pub(super) fn trial(&mut self, base: &Hypothesis, candidate: &Candidate) -> Result<Trial, FinderError> {
-        let (problem, settings) = (self.problem, self.settings);
-        if base.fit.cost <= MUCH * base.fit.residuals.len() as f64 {
-            return self.telling.in_rounds(Stage::Name, |on_round| base.with(problem, candidate, on_round));
-        }
-        let cases: Vec<Case> = problem.cases.iter().map(Case::uncorrected).collect();
-        let plain = Hypothesis { cases: Some(cases.into()), ..base.clone() };
-        let is_bent = !self.pressing(&base.fit).is_empty();
+    /// Models with one effect each, where they fit better far from where the present model fits: an effect's own valley may not be
+    /// in sight from there.
+    fn found_elsewhere(
+        &mut self,
+        hypotheses: &mut [Hypothesis],
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+    ) -> Result<(), FinderError> {
+        let (problem, settings, count) = (self.problem, self.settings, hypotheses.len());
         let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
-        let mut draw = |_| (0..=base.unknowns.columns()).map(|_| rng.random()).collect();
-        self.telling.in_rounds(Stage::Name, |on_round| {
-            let trial = plain.with(problem, candidate, on_round)?;
-            match is_bent {
-                false => Ok(trial),
-                true => {
-                    let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
-                    trial.elsewhere(problem, &draws, on_round)
-                }
+        let mut trials: Vec<(usize, Trial)> = Vec::new();
+        for (place, known) in hypotheses.iter().enumerate() {
+            self.telling.report(Stage::Name, 0.5 * place as f64 / count as f64, None)?;
+            let mut draw = |_| (0..known.unknowns.columns()).map(|_| rng.random()).collect();
+            let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
+            let [candidate] = known.candidates.as_slice() else { continue };
+            let there = self.plain(base).aside(candidate);
+            let seen = |on_round: OnRound<'_>| there.elsewhere(problem, &draws, on_round);
+            match self.telling.in_rounds(Stage::Name, seen) {
+                Ok(trial) if trial.promise < known.fit.cost - LEAST_PROMISE => trials.push((place, trial)),
+                // None of the draws can be simulated, or promises more than is known.
+                Ok(_) | Err(FinderError::NoFit(_)) => (),
+                Err(other) => return Err(other),
             }
-        })
+        }
+        trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
+        trials.truncate(settings.extensions);
+        for (place, trial) in trials {
+            let aim = lowest(hypotheses);
+            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round)) {
+                Ok(one) if one.fit.cost < hypotheses[place].fit.cost - LEAST_DECREASE => hypotheses[place] = one,
+                Ok(_) | Err(FinderError::NoFit(_)) => (),
+                Err(other) => return Err(other),
+            }
+        }
+        Ok(())
+    }
+
+    /// The present model without what a finer simulation of it shows otherwise: that says nothing of other places.
+    fn plain(&self, base: &Hypothesis) -> Hypothesis {
+        let cases: Vec<Case> = self.problem.cases.iter().map(Case::uncorrected).collect();
+        Hypothesis { cases: Some(cases.into()), ..base.clone() }
+    }
+
+    /// A look at the present model with one effect.
+    pub(super) fn trial(&mut self, base: &Hypothesis, candidate: &Candidate) -> Result<Trial, FinderError> {
+        let problem = self.problem;
+        let from = if leaves_much(&base.fit) { &self.plain(base) } else { base };
+        self.telling.in_rounds(Stage::Name, |on_round| from.with(problem, candidate, on_round))
     }
 
     /// Whether a further effect predicts the held-out episodes better; where there are none, whether its probability is plain.
