@@ -190,21 +190,28 @@ fn report(model: &Model, lines: &[Line]) -> Report {
     let names: Vec<&str> = parameters.iter().map(String::as_str).collect();
     let checks: Vec<Check> = lines.iter().map(|l| l.check.clone()).collect();
     let checks = summaries(&names, &checks);
-    let least = checks.iter().map(|s| s.p_value).fold(1.0, f64::min);
-    let all = (least * checks.len() as f64).min(1.0);
-    let density = checks.iter().find(|s| s.name == "density").map_or(0.0, |s| s.coverage[2]);
-    let verdict = if all >= LEVEL {
-        format!("calibrated: no check of {} refutes it (p = {all:.2}, corrected for their number)", checks.len())
-    } else if density < LEVELS[2] {
-        format!("overconfident: regions of 90 % hold {:.0} % of the truths (p = {all:.1e})", 100.0 * density)
-    } else {
-        format!(
-            "not calibrated, and cautious: regions of 90 % hold {:.0} % of the truths (p = {all:.1e})",
-            100.0 * density
-        )
-    };
+    let verdict = verdict(&checks);
     let wall_s_each = lines.iter().map(|l| l.wall_s).sum::<f64>() / lines.len().max(1) as f64;
     Report { model: model.name.clone(), parameters, truths: lines.len(), wall_s_each, checks, verdict }
+}
+
+/// Which checks say that posteriors are too narrow, and which that they are too wide, at the level of all of them together.
+fn verdict(checks: &[Summary]) -> String {
+    let p = |s: &Summary| (s.p_value * checks.len() as f64).min(1.0);
+    let refuted = |is_few: bool| {
+        let says = |s: &&Summary| p(s) < LEVEL && (s.coverage[2] < LEVELS[2]) == is_few;
+        let one = |s: &Summary| format!("{} ({:.0} %, p = {:.1e})", s.name, 100.0 * s.coverage[2], p(s));
+        checks.iter().filter(says).map(one).collect::<Vec<_>>().join(", ")
+    };
+    let least = checks.iter().map(p).fold(1.0, f64::min);
+    match (refuted(true).as_str(), refuted(false).as_str()) {
+        ("", "") => {
+            format!("calibrated: no check of {} refutes it (p = {least:.2}, corrected for their number)", checks.len())
+        }
+        (few, "") => format!("overconfident: 90 % hold too few truths by {few}"),
+        ("", many) => format!("not calibrated, and cautious: 90 % hold too many truths by {many}"),
+        (few, many) => format!("overconfident: 90 % hold too few truths by {few}; and too many by {many}"),
+    }
 }
 
 fn rows(report: &Report) -> Vec<Vec<String>> {
@@ -255,6 +262,26 @@ fn page(report: &Report) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_verdict_names_what_is_too_narrow_and_what_is_too_wide() {
+        let check = |name: &str, p_value: f64, at_90: f64| Summary {
+            name: name.into(),
+            values: Vec::new(),
+            coverage: [0.5, 0.8, at_90, 0.95],
+            p_value,
+        };
+        let (fine, few, many) = (check("fine", 0.5, 0.88), check("few", 1e-4, 0.8), check("many", 1e-5, 0.97));
+        let near = check("near", 0.03, 0.85);
+        assert!(verdict(&[fine.clone(), near]).starts_with("calibrated: no check of 2 refutes it (p = 0.06"));
+        assert_eq!(
+            verdict(&[fine.clone(), few.clone()]),
+            "overconfident: 90 % hold too few truths by few (80 %, p = 2.0e-4)"
+        );
+        let cautious = "not calibrated, and cautious: 90 % hold too many truths by many (97 %, p = 2.0e-5)";
+        assert_eq!(verdict(&[fine, many.clone()]), cautious);
+        assert!(verdict(&[few, many]).ends_with("by few (80 %, p = 2.0e-4); and too many by many (97 %, p = 2.0e-5)"));
+    }
 
     #[test]
     fn work_on_all_cores_is_kept_in_order_up_to_the_first_error() {

@@ -8,12 +8,13 @@ use catenary_core::Posterior;
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (720, 420);
-const PALETTE: [RGBColor; 6] = [
+const PALETTE: [RGBColor; 7] = [
     RGBColor(31, 119, 180),
     RGBColor(214, 39, 40),
     RGBColor(44, 160, 44),
     RGBColor(148, 103, 189),
     RGBColor(255, 127, 14),
+    RGBColor(140, 86, 75),
     RGBColor(90, 90, 90),
 ];
 /// Cells of a heatmap along each axis.
