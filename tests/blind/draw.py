@@ -7,7 +7,7 @@ The worlds of an effect are those of --each objects and motions, each with the e
 Each world is a folder of DIR/worlds with the bags of some episodes, which hold topics and nothing else, and the model that a lab
 would begin with. They are simulated at the finer `reference` fidelity, by another arm than the model's where the model follows the
 measured path of the hand. What was drawn lies in DIR/sealed; DIR/seals.txt, written before any search, holds the SHA-256 of each.
-What is in DIR already is not drawn again.
+DIR/left_out.txt says which worlds could not be drawn, and why. What is in DIR already is not drawn again.
 """
 
 import argparse
@@ -39,8 +39,8 @@ UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
 # Objects and motions among which one is looked for in which the effects show.
 ATTEMPTS = 8
-# Random stream of what a world is measured with, beside that of its object and motions.
-MEASURED = 1_000_003
+# Random streams: of an object and its motions, and of what a world is measured with.
+SETTING, MEASURED = 1, 2
 STEPS = 16
 # The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
 LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.30, 0.20]), numpy.array([0.58, 0.48]), numpy.array([0.40, 0.42]), 0.06
@@ -130,7 +130,7 @@ def write_model(path, acts):
 def setting_of(stream, greatest, names, effects, arguments, folder):
     """The first object and motions in which the effects can show; none where none of many does."""
     for attempt in range(ATTEMPTS):
-        rng = numpy.random.default_rng([arguments.seed, stream, attempt])
+        rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
         try:
             if setting := drawn_setting(rng, greatest, names, effects, folder):
                 return setting
@@ -141,7 +141,7 @@ def setting_of(stream, greatest, names, effects, arguments, folder):
 
 def measured_world(number, size, setting, arguments, folder):
     """Writes the bags and the model; returns what is hidden in them."""
-    rng = numpy.random.default_rng([arguments.seed, number, MEASURED])
+    rng = numpy.random.default_rng([arguments.seed, MEASURED, number])
     write_model(folder / "model.yaml", setting["acts"])
     world = folder / "world.yaml"
     world.write_text((folder / "model.yaml").read_text() if setting["acts"] else MODEL.read_text().replace(LAG, IMPEDANCE))
@@ -163,7 +163,11 @@ def draw(number, kind, size, names, setting, arguments):
     half = folder.with_suffix(".half")
     shutil.rmtree(half, ignore_errors=True)
     half.mkdir(parents=True)
-    hidden = measured_world(number, size, setting, arguments, half)
+    try:
+        hidden = measured_world(number, size, setting, arguments, half)
+    except RuntimeError:
+        shutil.rmtree(half)
+        raise
     answer = {"number": number, "kind": kind, "size": size, "hidden": hidden, "theta": setting["theta"]}
     answer |= {"drive": "actions" if setting["acts"] else "grip", "salt": secrets.token_hex(16)}
     shutil.rmtree(folder, ignore_errors=True)
@@ -185,7 +189,7 @@ def main():
     arguments = parser.parse_args()
     effects = json.loads(program("effects", "--json"))
     worlds = plan(arguments, effects)
-    seals, settings = {}, {}
+    seals, settings, left_out = {}, {}, []
     for number, (kind, size, names, stream) in enumerate(worlds):
         print(f"world {number + 1} of {len(worlds)}", file=sys.stderr)
         sealed = arguments.out / "sealed" / f"{number:05}.json"
@@ -194,15 +198,16 @@ def main():
                 greatest = max(sizes(arguments)) if kind == "effect" else size
                 with tempfile.TemporaryDirectory() as folder:
                     settings[stream] = setting_of(stream, greatest, names, effects, arguments, pathlib.Path(folder))
-            if settings[stream] is None:
-                print(f"world {number}: {names} never shows: left out", file=sys.stderr)
-                continue
             try:
+                if settings[stream] is None:
+                    raise RuntimeError("shows in none of the objects and motions that were tried")
                 draw(number, kind, size, names, settings[stream], arguments)
             except RuntimeError as refused:
-                print(f"world {number}: left out: {refused}", file=sys.stderr)
+                left_out.append(f"{number:05} {' '.join(names)} {size:g} x: {refused}\n")
+                print(f"left out: {left_out[-1]}", end="", file=sys.stderr)
                 continue
         seals[number] = hashlib.sha256(sealed.read_bytes()).hexdigest()
+    (arguments.out / "left_out.txt").write_text("".join(left_out))
     (arguments.out / "seals.txt").write_text("".join(f"{seal}  {number:05}.json\n" for number, seal in seals.items()))
 
 

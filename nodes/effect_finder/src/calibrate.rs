@@ -21,6 +21,9 @@ const ESTIMATE_DRAWS: usize = 1000;
 /// Distances from a known point, as shares of what is looked at, within which half of the draws lie: the least and the greatest.
 const REACH: [f64; 2] = [1e-3, 0.1];
 
+/// One of so many draws is of all that a search looks at, and not of the priors: an effect may be larger than anyone expected.
+const BEYOND: usize = 4;
+
 /// Squared deviations for each coordinate from which on much is left.
 pub const MUCH: f64 = 3.0;
 /// Most further times that a best fit is looked for, and what each must leave of what the last one left for another to follow.
@@ -30,26 +33,27 @@ const LEFT: f64 = 0.9;
 const BEGINNINGS: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 const FEW_ROUNDS: usize = 12;
 
-/// The best fit: from the best of `known` points and of many draws of the priors. Where that leaves much, from where ever more of
-/// the beginning of the episodes is followed; and while that leaves much and brings something, from the best of draws of which
-/// half lie beside it.
+/// The best fit: that [among draws](fit_among_draws); where it leaves much, from where ever more of the beginning of the episodes
+/// is followed; and while that leaves much and brings something, from the best of draws of which half lie beside it. Where
+/// further draws cannot be simulated it stays as it is.
+///
+/// # Errors
+/// As [`Problem::best_of`].
 pub fn best_fit(
     problem: &Problem<'_>,
     known: Vec<Vec<f64>>,
     settings: &Settings,
     on_round: OnRound<'_>,
 ) -> Result<Fit, FinderError> {
-    let rng = |search| seed::rng(seed::derive(settings.seed, START_STREAM), search);
-    let points = draws(problem, &known, settings, &mut rng(0)).into_iter().chain(known).collect();
-    let mut best = problem.best_of(points, settings.starts, on_round)?;
+    let mut best = fit_among_draws(problem, known, settings, on_round)?;
     for search in 1..=SEARCHES {
         if !leaves_much(&best) {
             break;
         }
-        let known = vec![best.point.clone()];
-        let drawn = draws(problem, &known, settings, &mut rng(search));
-        let points = if search == 1 { followed(problem, drawn, settings, on_round)? } else { drawn };
-        let fit = problem.best_of(points.into_iter().chain(known).collect(), settings.starts, on_round)?;
+        let fit = match searched(problem, &best.point, settings, search, on_round) {
+            Err(FinderError::NoFit(_)) => continue,
+            other => other?,
+        };
         let is_less = fit.cost < LEFT * best.cost;
         best = if fit.cost < best.cost { fit } else { best };
         if search > 1 && !is_less {
@@ -59,21 +63,61 @@ pub fn best_fit(
     Ok(best)
 }
 
-/// Where fits of ever more of the beginning of the episodes lead to: an object that folds this way or that late in them has not
-/// yet in their beginning.
-fn followed(
+/// The best fit from the best of `known` points and of many draws of the priors.
+///
+/// # Errors
+/// As [`Problem::best_of`].
+pub fn fit_among_draws(
     problem: &Problem<'_>,
-    mut points: Vec<Vec<f64>>,
+    known: Vec<Vec<f64>>,
     settings: &Settings,
     on_round: OnRound<'_>,
+) -> Result<Fit, FinderError> {
+    let points = draws(problem, &known, settings, &mut search_rng(settings, 0)).into_iter().chain(known).collect();
+    problem.best_of(points, settings.starts, on_round)
+}
+
+/// A further look for the best fit, of which `best` is known: the first follows the beginnings of the episodes.
+fn searched(
+    problem: &Problem<'_>,
+    best: &[f64],
+    settings: &Settings,
+    search: u64,
+    on_round: OnRound<'_>,
+) -> Result<Fit, FinderError> {
+    let (known, mut rng) = (vec![best.to_vec()], search_rng(settings, search));
+    let mut points = match search {
+        1 => followed(problem, known.clone(), settings, &mut rng, on_round)?,
+        _ => draws(problem, &known, settings, &mut rng),
+    };
+    points.extend(known);
+    problem.best_of(points, settings.starts, on_round)
+}
+
+/// Randomness of a look for the best fit.
+fn search_rng(settings: &Settings, search: u64) -> impl Rng + use<> {
+    seed::rng(seed::derive(settings.seed, START_STREAM), search)
+}
+
+/// Where fits of ever more of the beginning of the episodes lead to, from `known` points and draws: an object that folds this way or
+/// that late in them has not yet in their beginning. Draws are made anew for each share, as what fits the beginning may end in
+/// no fold that was measured.
+fn followed(
+    problem: &Problem<'_>,
+    known: Vec<Vec<f64>>,
+    settings: &Settings,
+    rng: &mut impl Rng,
+    on_round: OnRound<'_>,
 ) -> Result<Vec<Vec<f64>>, FinderError> {
+    let mut reached = known;
     for share in BEGINNINGS {
         let cases: Vec<Case> = problem.cases.iter().map(|c| c.beginning(share)).collect();
         let own = Problem { cases: &cases, unknowns: problem.unknowns.clone(), rounds: FEW_ROUNDS, ..*problem };
+        let points = draws(problem, &reached, settings, rng).into_iter().chain(reached).collect();
         let starts = own.cheapest(points, settings.starts, on_round)?;
-        points = own.fit(starts, on_round)?.into_iter().flatten().map(|fit| fit.point).collect();
+        reached = own.fit(starts, on_round)?.into_iter().flatten().map(|fit| fit.point).collect();
     }
-    Ok(points)
+    Ok(reached)
 }
 
 /// Whether a fit leaves much more than noise.
@@ -81,8 +125,9 @@ pub fn leaves_much(fit: &Fit) -> bool {
     fit.cost > MUCH * fit.residuals.len() as f64
 }
 
-/// The middle of the priors and draws of them, or where points are known, half as many and as many beside those. Where an object
-/// folds this way or that by a hair, costs near a point are as rough as far from it.
+/// The middle of the priors and draws of them, or where points are known, half as many and as many beside those; of the draws of
+/// the priors some are of all that a search looks at. Where an object folds this way or that by a hair, costs near a point are
+/// as rough as far from it.
 fn draws(problem: &Problem<'_>, known: &[Vec<f64>], settings: &Settings, rng: &mut impl Rng) -> Vec<Vec<f64>> {
     let columns = problem.unknowns.columns();
     let near = if known.is_empty() { 0 } else { settings.draws / 2 };
@@ -92,7 +137,10 @@ fn draws(problem: &Problem<'_>, known: &[Vec<f64>], settings: &Settings, rng: &m
         let moved = about.iter().map(|u| (u + reach * (2.0 * rng.random::<f64>() - 1.0)).clamp(0.0, 1.0));
         points.push(moved.collect());
     }
-    let anywhere = |_| problem.unknowns.drawn((0..columns).map(|_| rng.random()).collect());
+    let anywhere = |number: usize| {
+        let u: Vec<f64> = (0..columns).map(|_| rng.random()).collect();
+        if number.is_multiple_of(BEYOND) { u } else { problem.unknowns.drawn(u) }
+    };
     points.extend((near..settings.draws).map(anywhere));
     points
 }

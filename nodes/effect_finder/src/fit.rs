@@ -8,6 +8,7 @@ pub use refit::Simulated;
 
 use crate::case::{Case, Channel};
 use crate::error::FinderError;
+use crate::laplace::Laplace;
 use crate::unknowns::{Scope, Unknowns};
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
 use catenary_core::{DifferentiableSimulator, Fidelity, Model, SimulationRequest, Track};
@@ -32,10 +33,8 @@ const LINEAR_ROUNDS: usize = 50;
 const LINEAR_DECREASE: f64 = 1e-9;
 /// Share of the coordinates' range that is added to the curvature of directions that change nothing.
 const RIDGE: f64 = 1e-6;
-
-/// Derivatives by a whole range of values, in standard deviations of the noise, from which on a point is on the crest between
-/// folds: they say nothing of what lies around.
-const STEEPEST: f64 = 1e6;
+/// How many times as many starts are tried where the best cannot be followed.
+const TRIES: usize = 4;
 
 /// Asked after each round of a fit, whether to go on.
 pub type OnRound<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
@@ -92,9 +91,10 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Whether the cost is a number, and the derivatives are of use.
+    /// Whether the cost is a number, and the derivatives are of use: on the crest between folds they may be so large that no
+    /// curvature comes of them.
     fn is_usable(&self) -> bool {
-        self.cost.is_finite() && self.jacobian.iter().all(|v| v.abs() < STEEPEST)
+        self.cost.is_finite() && self.jacobian.iter().all(|v| v.is_finite()) && Laplace::of(self).is_some()
     }
 
     /// Half the gradient of the cost by the coordinates.
@@ -248,14 +248,22 @@ impl Problem<'_> {
         pulls
     }
 
-    /// The best fit to the measured tracks, from the best `starts` of the points.
+    /// The best fit to the measured tracks, from the best `starts` of the points, or where none of these can be followed, from
+    /// the next.
     ///
     /// # Errors
     /// As [`Problem::fit`].
     pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
-        let starts = self.cheapest(points, starts, on_round)?;
-        let seen = self.look(starts, on_round)?.into_iter().flatten().collect();
-        self.race(seen, on_round)
+        let ranked = self.cheapest(points, TRIES * starts, on_round)?;
+        let mut refusal = FinderError::NoFit("no start was given".into());
+        for part in ranked.chunks(starts.max(1)) {
+            match self.look(part.to_vec(), on_round) {
+                Ok(seen) => return self.race(seen.into_iter().flatten().collect(), on_round),
+                Err(none @ FinderError::NoFit(_)) => refusal = none,
+                Err(other) => return Err(other),
+            }
+        }
+        Err(refusal)
     }
 
     /// The best of the fits of one data set from all these starts: the worse half of those that are left gives up now and then.
@@ -641,12 +649,26 @@ mod tests {
 
     #[test]
     fn on_the_crest_between_folds_no_fit_starts() {
-        let steep = Toy { gain: 1e9 };
-        let cases = [toy::case(&steep, [0.25, 2e4], &[])];
+        let (steep, theta) = (Toy { gain: 1e200 }, [0.25, 2e4]);
+        let cases = [toy::case(&steep, theta, &[])];
         let problem = Problem::of(&toy::model(), &cases, &steep, 40);
-        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let point: Vec<f64> = problem.unknowns.list().iter().zip(theta).map(|(u, v)| u.prior.to_unit(v)).collect();
+        let start = Start { point, tracks: problem.measured() };
         let refusal = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap_err().to_string();
         assert!(refusal.contains("too steep"), "{refusal}");
+    }
+
+    #[test]
+    fn where_the_best_points_cannot_be_followed_the_next_are() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        // Lengths begin at 0.195 m; the toy has none under 0.2 m.
+        let points = vec![vec![0.0, 0.5], vec![0.01, 0.5], vec![0.5, 0.5]];
+        let best = problem.best_of(points.clone(), 1, &mut || ControlFlow::Continue(())).unwrap();
+        assert!(best.cost < 0.1, "{}", best.cost);
+        let none = problem.best_of(points[..2].to_vec(), 1, &mut || ControlFlow::Continue(()));
+        assert!(matches!(none, Err(FinderError::NoFit(_))));
     }
 
     #[test]

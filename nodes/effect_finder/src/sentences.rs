@@ -138,12 +138,13 @@ pub fn verified(v: &Verification) -> String {
         "RMSE on {} unseen episodes {:.1} -> {:.1} mm, noise floor {:.1} mm",
         v.episodes, v.before.rmse_mm, v.after.rmse_mm, v.floor_mm,
     );
-    words += &match v.gap_closed.zip(v.interval) {
-        Some((closed, interval)) => {
+    words += &match (v.gap_closed, v.interval) {
+        (Some(closed), Some(interval)) => {
             let [low, high] = interval.map(|end| 100.0 * end);
             format!(": {:.0} % of the gap closed ({low:.0} to {high:.0} %)", 100.0 * closed)
         }
-        None => ": they show no gap".into(),
+        (Some(_), None) => ": too small a gap to say how much of it is closed".into(),
+        (None, _) => ": they show no gap".into(),
     };
     if let Some((name, score)) = &v.wrong_effect {
         words += &format!("; with {name} in its place {:.1} mm", score.rmse_mm);

@@ -42,6 +42,18 @@ impl Unknown {
             prior => Self { name, prior, scope, gaussian: None, candidate: None },
         }
     }
+
+    /// The coordinate at a quantile of the prior: of a candidate's own, which is narrower than what a search looks at.
+    fn drawn(&self, u: f64) -> f64 {
+        match (&self.candidate, self.gaussian) {
+            (Some(candidate), _) => self.prior.to_unit(candidate.drawn(u)),
+            (None, Some([mean, sd])) => {
+                let (low, high) = self.prior.bounds();
+                self.prior.to_unit(Prior::Normal { mean, sd, low, high }.from_unit(u))
+            }
+            (None, None) => u,
+        }
+    }
 }
 
 /// The unknowns of E episodes: the model's theta first, then what is drawn anew for each episode, then candidates.
@@ -188,12 +200,13 @@ impl Unknowns {
         self.list.iter().enumerate().map(value).collect()
     }
 
-    /// The point at a quantile of each unknown's prior: of candidates' own, which are narrower than what a search looks at.
+    /// The point at a quantile of each unknown's prior, a number a column.
     pub fn drawn(&self, mut quantiles: Vec<f64>) -> Vec<f64> {
         for (i, unknown) in self.list.iter().enumerate() {
-            let Some(candidate) = &unknown.candidate else { continue };
-            let u = &mut quantiles[self.column(i, 0)];
-            *u = unknown.prior.to_unit(candidate.drawn(*u));
+            for episode in 0..self.width(unknown) {
+                let u = &mut quantiles[self.column(i, episode)];
+                *u = unknown.drawn(*u);
+            }
         }
         quantiles
     }
@@ -326,6 +339,10 @@ mod tests {
         assert!((pulls[0].0 + 1.5).abs() < 1e-9, "{pulls:?}");
         let width = 2.0 * REACH * 0.004;
         assert!((pulls[0].2 - width / 0.004).abs() < 1e-9, "{pulls:?}");
+        // 84.1 % of a Gaussian lie below its mean and a standard deviation.
+        u[0] = 0.841345;
+        let drawn = unknowns.values(&unknowns.drawn(u.clone()), 0)[0];
+        assert!((drawn - 0.254).abs() < 1e-6, "{drawn}");
         assert!(unknowns.opened().pulls(&u).is_empty());
     }
 

@@ -30,6 +30,8 @@ const REPEATS: usize = 8;
 const BLOCKS: usize = 8;
 /// Draws of blocks.
 const RESAMPLES: usize = 1000;
+/// Those of them that must show a gap for it to be said how much of it is closed.
+const LEAST_WITH_GAP: usize = 900;
 
 /// How far predictions lie from what was measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -54,7 +56,7 @@ pub struct Verification {
     /// (before - after) / (before - floor), of root mean square distances; none where the present model leaves no more than the
     /// floor.
     pub gap_closed: Option<f64>,
-    /// 5 and 95 % of it over draws of blocks of frames, the same for both models.
+    /// 5 and 95 % of it over draws of blocks of frames, the same for both models; none where too many of the draws show no gap.
     pub interval: Option<[f64; 2]>,
     /// A wrong effect, repaired the same way: its name and what it comes to.
     pub wrong_effect: Option<(String, Score)>,
@@ -110,18 +112,15 @@ impl Verifier<'_> {
             None => None,
         };
         let floor_mm = self.floor(after, &second, on_round)?;
-        // Where there is no gap, none is left.
-        let closed = |before: f64, after: f64| {
-            if before > floor_mm { (before - after) / (before - floor_mm) } else { 1.0 }
-        };
-        let is_gap = first.score.rmse_mm > floor_mm;
+        let closed = |before: f64, after: f64| (before > floor_mm).then(|| (before - after) / (before - floor_mm));
+        let gap_closed = closed(first.score.rmse_mm, second.score.rmse_mm);
         let verification = Verification {
             episodes: self.held_out.len(),
             before: first.score,
             after: second.score,
             floor_mm,
-            gap_closed: is_gap.then(|| closed(first.score.rmse_mm, second.score.rmse_mm)),
-            interval: is_gap.then(|| self.interval(&first.offsets, &second.offsets, &closed)),
+            gap_closed,
+            interval: gap_closed.and_then(|_| self.interval(&first.offsets, &second.offsets, &closed)),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),
         };
@@ -251,7 +250,13 @@ impl Verifier<'_> {
         Ok(rmse_mm(offsets.iter()))
     }
 
-    fn interval(&self, before: &[Vec<Offset>], after: &[Vec<Offset>], closed: &dyn Fn(f64, f64) -> f64) -> [f64; 2] {
+    /// [`Verification::interval`].
+    fn interval(
+        &self,
+        before: &[Vec<Offset>],
+        after: &[Vec<Offset>],
+        closed: &dyn Fn(f64, f64) -> Option<f64>,
+    ) -> Option<[f64; 2]> {
         let blocks: Vec<(usize, std::ops::Range<usize>)> = before
             .iter()
             .enumerate()
@@ -261,11 +266,11 @@ impl Verifier<'_> {
             })
             .collect();
         if blocks.is_empty() {
-            return [f64::NAN; 2];
+            return None;
         }
         let mut rng = seed::rng(self.settings.seed, STREAMS[2]);
         let mut values: Vec<f64> = (0..RESAMPLES)
-            .map(|_| {
+            .filter_map(|_| {
                 let drawn: Vec<_> = (0..blocks.len()).map(|_| &blocks[rng.random_range(0..blocks.len())]).collect();
                 let of = |all: &[Vec<Offset>]| {
                     rmse_mm(drawn.iter().flat_map(|(episode, frames)| &all[*episode][frames.clone()]))
@@ -273,8 +278,11 @@ impl Verifier<'_> {
                 closed(of(before), of(after))
             })
             .collect();
+        if values.len() < LEAST_WITH_GAP {
+            return None;
+        }
         values.sort_by(f64::total_cmp);
-        [0.05, 0.95].map(|q| values[(q * (RESAMPLES - 1) as f64) as usize])
+        Some([0.05, 0.95].map(|q| values[(q * (values.len() - 1) as f64) as usize]))
     }
 
     fn black_box(&self, before: &Hypothesis, prediction: &Prediction) -> Option<f64> {

@@ -195,12 +195,16 @@ fn report(model: &Model, lines: &[Line]) -> Report {
     Report { model: model.name.clone(), parameters, truths: lines.len(), wall_s_each, checks, verdict }
 }
 
-/// Which checks say that posteriors are too narrow, and which that they are too wide, at the level of all of them together.
+/// Which checks say that too few truths are held, and which that too many are, each by where it is furthest off, at the level of all of
+/// them together.
 fn verdict(checks: &[Summary]) -> String {
     let p = |s: &Summary| (s.p_value * checks.len() as f64).min(1.0);
     let refuted = |is_few: bool| {
-        let says = |s: &&Summary| p(s) < LEVEL && (s.coverage[2] < LEVELS[2]) == is_few;
-        let one = |s: &Summary| format!("{} ({:.0} %, p = {:.1e})", s.name, 100.0 * s.coverage[2], p(s));
+        let says = |s: &&Summary| p(s) < LEVEL && (furthest_off(s).1 < furthest_off(s).0) == is_few;
+        let one = |s: &Summary| {
+            let (nominal, held) = furthest_off(s);
+            format!("{} ({:.0} % in {:.0} %, p = {:.1e})", s.name, 100.0 * held, 100.0 * nominal, p(s))
+        };
         checks.iter().filter(says).map(one).collect::<Vec<_>>().join(", ")
     };
     let least = checks.iter().map(p).fold(1.0, f64::min);
@@ -208,10 +212,17 @@ fn verdict(checks: &[Summary]) -> String {
         ("", "") => {
             format!("calibrated: no check of {} refutes it (p = {least:.2}, corrected for their number)", checks.len())
         }
-        (few, "") => format!("overconfident: 90 % hold too few truths by {few}"),
-        ("", many) => format!("not calibrated, and cautious: 90 % hold too many truths by {many}"),
-        (few, many) => format!("overconfident: 90 % hold too few truths by {few}; and too many by {many}"),
+        (few, "") => format!("not calibrated: too few truths are held by {few}"),
+        ("", many) => format!("not calibrated, and cautious: more truths are held than should be by {many}"),
+        (few, many) => format!("not calibrated: too few truths are held by {few}; and more than should be by {many}"),
     }
+}
+
+/// A nominal share and the share of truths that it holds, where the two are furthest apart in standard deviations.
+fn furthest_off(s: &Summary) -> (f64, f64) {
+    let pairs = LEVELS.into_iter().zip(s.coverage);
+    let off = |(nominal, held): &(f64, f64)| (held - nominal).abs() / (nominal * (1.0 - nominal)).sqrt();
+    pairs.max_by(|a, b| off(a).total_cmp(&off(b))).expect("there are levels")
 }
 
 fn rows(report: &Report) -> Vec<Vec<String>> {
@@ -265,22 +276,27 @@ mod tests {
 
     #[test]
     fn a_verdict_names_what_is_too_narrow_and_what_is_too_wide() {
-        let check = |name: &str, p_value: f64, at_90: f64| Summary {
+        let check = |name: &str, p_value: f64, coverage: [f64; 4]| Summary {
             name: name.into(),
             values: Vec::new(),
-            coverage: [0.5, 0.8, at_90, 0.95],
+            coverage,
             p_value,
         };
-        let (fine, few, many) = (check("fine", 0.5, 0.88), check("few", 1e-4, 0.8), check("many", 1e-5, 0.97));
-        let near = check("near", 0.03, 0.85);
+        let fine = check("fine", 0.5, [0.5, 0.8, 0.88, 0.95]);
+        let few = check("few", 1e-4, [0.45, 0.75, 0.8, 0.93]);
+        // Half of the truths should lie within, and two thirds do, while those without are as far off as they should be.
+        let many = check("many", 1e-5, [0.67, 0.85, 0.89, 0.95]);
+        let near = check("near", 0.03, [0.5, 0.8, 0.85, 0.95]);
         assert!(verdict(&[fine.clone(), near]).starts_with("calibrated: no check of 2 refutes it (p = 0.06"));
         assert_eq!(
             verdict(&[fine.clone(), few.clone()]),
-            "overconfident: 90 % hold too few truths by few (80 %, p = 2.0e-4)"
+            "not calibrated: too few truths are held by few (80 % in 90 %, p = 2.0e-4)"
         );
-        let cautious = "not calibrated, and cautious: 90 % hold too many truths by many (97 %, p = 2.0e-5)";
+        let cautious =
+            "not calibrated, and cautious: more truths are held than should be by many (67 % in 50 %, p = 2.0e-5)";
         assert_eq!(verdict(&[fine, many.clone()]), cautious);
-        assert!(verdict(&[few, many]).ends_with("by few (80 %, p = 2.0e-4); and too many by many (97 %, p = 2.0e-5)"));
+        let both = verdict(&[few, many]);
+        assert!(both.ends_with("; and more than should be by many (67 % in 50 %, p = 2.0e-5)"), "{both}");
     }
 
     #[test]

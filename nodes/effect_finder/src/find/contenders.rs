@@ -2,7 +2,7 @@
 
 use super::naming::{PARENTS, lowest};
 use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::{Refined, best_fit, refined};
+use crate::calibrate::{Refined, best_fit, fit_among_draws, refined};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
@@ -129,12 +129,15 @@ impl Search<'_> {
             _ => {
                 let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
                 let few = Settings { draws, starts, ..settings.clone() };
-                let (known, how, depth, aim) = match place {
-                    0 => (vec![old.fit.point.clone()], settings, Depth::Polished, f64::INFINITY),
-                    _ => (old.where_fits(&all[0]), &few, Depth::Glanced, all[0].fit.cost),
+                let (depth, aim) = match place {
+                    0 => (Depth::Polished, f64::INFINITY),
+                    _ => (Depth::Glanced, all[0].fit.cost),
                 };
                 let own = Problem { aim, ..old.problem(problem) };
-                let fit = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, how, on_round))?;
+                let fit = self.telling.in_rounds(Stage::Name, |on_round| match place {
+                    0 => best_fit(&own, vec![old.fit.point.clone()], settings, on_round),
+                    _ => fit_among_draws(&own, old.where_fits(&all[0]), &few, on_round),
+                })?;
                 Ok(match yardstick.of(&old.candidates, &fit) {
                     Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
                         Hypothesis { fit, evidence, depth, ..old.clone() }

@@ -133,30 +133,37 @@ impl Search<'_> {
         let is_found = hypotheses.iter().any(|h| h.depth == Depth::Fitted && !leaves_much(&h.fit));
         if !is_found && leaves_much(&base.fit) {
             self.found_elsewhere(&mut hypotheses, base, yardstick)?;
+            finding.left_out.retain(|(name, _)| hypotheses.iter().all(|h| !h.has(name)));
         }
         Ok(hypotheses)
     }
 
     /// Models with one effect each, where they fit better far from where the present model fits: an effect's own valley may not be
-    /// in sight from there.
+    /// in sight from there, nor may it change anything there.
     fn found_elsewhere(
         &mut self,
-        hypotheses: &mut [Hypothesis],
+        hypotheses: &mut Vec<Hypothesis>,
         base: &Hypothesis,
         yardstick: &Yardstick,
     ) -> Result<(), FinderError> {
-        let (problem, settings, count) = (self.problem, self.settings, hypotheses.len());
+        let (problem, settings, candidates) = (self.problem, self.settings, self.question.candidates);
         let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
-        let mut trials: Vec<(usize, Trial)> = Vec::new();
-        for (place, known) in hypotheses.iter().enumerate() {
-            self.telling.report(Stage::Name, 0.5 * place as f64 / count as f64, None)?;
-            let mut draw = |_| (0..known.unknowns.columns()).map(|_| rng.random()).collect();
-            let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
-            let [candidate] = known.candidates.as_slice() else { continue };
+        // What was not fitted has no cost that another could be less than.
+        let known_cost = |all: &[Hypothesis], candidate: &Candidate| {
+            let is_known = |h: &&Hypothesis| h.depth != Depth::Promised && h.has(&candidate.name);
+            all.iter().find(is_known).map_or(base.fit.cost, |h| h.fit.cost)
+        };
+        let mut trials: Vec<(&Candidate, Trial)> = Vec::new();
+        for (place, candidate) in candidates.iter().enumerate() {
+            self.telling.report(Stage::Name, 0.5 * place as f64 / candidates.len() as f64, None)?;
             let there = self.plain(base).aside(candidate);
+            let mut draw = |_| (0..base.unknowns.columns() + 1).map(|_| rng.random()).collect();
+            let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
             let seen = |on_round: OnRound<'_>| there.elsewhere(problem, &draws, on_round);
             match self.telling.in_rounds(Stage::Name, seen) {
-                Ok(trial) if trial.promise < known.fit.cost - LEAST_PROMISE => trials.push((place, trial)),
+                Ok(trial) if trial.promise < known_cost(hypotheses, candidate) - LEAST_PROMISE => {
+                    trials.push((candidate, trial));
+                }
                 // None of the draws can be simulated, or promises more than is known.
                 Ok(_) | Err(FinderError::NoFit(_)) => (),
                 Err(other) => return Err(other),
@@ -164,10 +171,13 @@ impl Search<'_> {
         }
         trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
         trials.truncate(settings.extensions);
-        for (place, trial) in trials {
+        for (candidate, trial) in trials {
             let aim = lowest(hypotheses);
             match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round)) {
-                Ok(one) if one.fit.cost < hypotheses[place].fit.cost - LEAST_DECREASE => hypotheses[place] = one,
+                Ok(one) if one.fit.cost < known_cost(hypotheses, candidate) - LEAST_DECREASE => {
+                    hypotheses.retain(|h| !h.has(&candidate.name));
+                    hypotheses.push(one);
+                }
                 Ok(_) | Err(FinderError::NoFit(_)) => (),
                 Err(other) => return Err(other),
             }
