@@ -90,8 +90,8 @@ def row_of(answer, finding):
         "detected": finding["verdict"] != "no_gap",
         "top_1": named and first == hidden,
         "top_3": bool(hidden) and hidden <= set(ranks_of(finding)[: 2 + len(hidden)]),
-        # All that was hidden is among what cannot be told apart, and there is no effect too many.
-        "group": named and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
+        # All that was hidden is among what cannot be told apart, if only from values beyond a prior, and there is no effect too many.
+        "group": (named or finding["verdict"] == "prior_too_narrow") and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
         "closed": check["gap_closed"] if check else None,
         "wall_s": finding["wall_s"],
         "probabilities": [(p["probability"], p["name"] in hidden) for p in finding["presence"]],

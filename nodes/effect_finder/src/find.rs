@@ -189,12 +189,10 @@ impl<'a> Search<'a> {
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
         let mut outcome =
             Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
-        let finding = &mut outcome.finding;
+        let mut is_narrow = false;
         if is_gap {
-            self.telling.conclude(Stage::Localise, sentences::located(&finding.places, self.settings.level))?;
-            if self.closes_with_open_priors(&fit, finding, &detection)? {
-                finding.verdict = Verdict::PriorTooNarrow;
-            }
+            self.telling.conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;
+            is_narrow = self.closes_with_open_priors(&fit, &outcome.finding, &detection)?;
         }
         let yardstick = Yardstick::new(self.problem.cases, &fit).ok_or_else(FinderError::curvature)?;
         let base = Hypothesis {
@@ -207,10 +205,14 @@ impl<'a> Search<'a> {
             depth: Depth::Polished,
             spread: Vec::new(),
         };
-        if is_gap && finding.verdict != Verdict::PriorTooNarrow {
+        if is_gap {
             self.explain(&base, &yardstick, &mut outcome)?;
         } else {
             outcome.shown = self.shown(&base, None)?;
+        }
+        if is_narrow {
+            outcome.is_at_the_edge();
+            self.telling.conclude(Stage::Repair, sentences::at_the_edge(&outcome.finding))?;
         }
         outcome.finding.conclusions = std::mem::take(&mut self.telling.conclusions);
         Ok(outcome)

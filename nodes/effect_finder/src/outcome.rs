@@ -4,7 +4,7 @@ use crate::case::Case;
 use crate::error::FinderError;
 use crate::fit::Problem;
 use crate::hypothesis::Hypothesis;
-use crate::verdict::Finding;
+use crate::verdict::{Finding, Verdict};
 use catenary_core::{Camera, Model, Track, seed};
 
 /// Random stream of the predictions in pictures.
@@ -21,6 +21,18 @@ pub struct Outcome {
     pub model: Option<Model>,
     /// What pictures show, an entry an episode: those that models were fitted to, then the held-out ones.
     pub shown: Vec<Shown>,
+}
+
+impl Outcome {
+    /// Takes over that the gap closes beyond the edge of a prior, too: which effects close it within says nothing more of them
+    /// than that they are alternatives.
+    pub(crate) fn is_at_the_edge(&mut self) {
+        let is_closed = matches!(self.finding.verdict, Verdict::Named | Verdict::CannotTellApart);
+        if !is_closed {
+            self.finding.found.clear();
+        }
+        (self.finding.verdict, self.model) = (Verdict::PriorTooNarrow, None);
+    }
 }
 
 /// Keypoints of an episode in the plane of motion, m: (x, z) by frame and keypoint; NaN where a line of sight misses it.

@@ -6,7 +6,7 @@ use crate::localise::{self, Part, Place};
 use crate::name::{Magnitude, Ranking};
 use crate::separate::Separation;
 use crate::settings::Settings;
-use crate::verdict::{Estimate, Fitness};
+use crate::verdict::{Estimate, Finding, Fitness};
 use crate::verify::Verification;
 
 /// A number with four figures.
@@ -130,6 +130,21 @@ pub fn not_plain(hypothesis: &Hypothesis, log_odds: f64) -> String {
 /// That the priors are too narrow.
 pub fn narrow(pressing: &[String], p_value: f64) -> String {
     format!("{} at the edge of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))
+}
+
+/// What else closes a gap that closes beyond the edge of a prior.
+pub fn at_the_edge(finding: &Finding) -> String {
+    let pressing = finding.pressing.join(", ");
+    match finding.found.as_slice() {
+        [] => format!("no effect closes it with the prior of {pressing} as it is: open the prior, and search again"),
+        found => {
+            let groups: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
+            format!(
+                "either {pressing} lies beyond its prior, or the model lacks {}: measure it, or open the prior",
+                groups.join(" and ")
+            )
+        }
+    }
 }
 
 /// What held-out episodes say.

@@ -22,7 +22,8 @@ pub enum Verdict {
     NamedInPart,
     /// There is a gap, and no candidate closes it.
     NoneOfThese,
-    /// The parameters press on the edges of their priors, and the gap closes where these are opened.
+    /// The parameters press on the edges of their priors, and the gap closes where these are opened. Effects that close it with
+    /// the priors as they are, if there are any, are what else it may be.
     PriorTooNarrow,
 }
 
@@ -87,7 +88,7 @@ pub struct Finding {
     pub probability_of_none: f64,
     /// Probability that it lacks something that no candidate is.
     pub probability_of_unknown: f64,
-    /// The effects that the verdict names: for each, first the most probable, then those that cannot be told from it. Several
+    /// The effects that the verdict names, or that it leaves open beside priors that are too narrow: for each, first the most probable, then those that cannot be told from it. Several
     /// effects that stand for it only together are joined by " + ".
     pub found: Vec<Vec<String>>,
     /// The model with the most probable effects.

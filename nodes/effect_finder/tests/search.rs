@@ -234,6 +234,21 @@ fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
     let (finding, repaired) = search(&narrow, &[episode(&[], 5)], &candidates);
     assert_eq!((finding.verdict, repaired.is_none()), (Verdict::PriorTooNarrow, true), "{:?}", finding.conclusions);
     assert_eq!(finding.pressing, ["length_m"]);
+    assert!(finding.found.is_empty() && !finding.explanations.is_empty(), "{:?}", finding.conclusions);
+}
+
+/// Where the grip holds the bar further in, what hangs is shorter than the prior says; so it is where the bar is.
+#[test]
+fn an_effect_that_is_like_a_value_beyond_the_prior_is_the_other_thing_it_may_be() {
+    let mut narrow = model();
+    let mut parameters = narrow.theta.parameters().to_vec();
+    parameters[0].prior = Prior::Uniform { low: 0.25, high: 0.305 };
+    narrow.theta = ParameterSpace::new(parameters).unwrap();
+    let candidates = some(&narrow, &["tip_mass_kg", "overhang_m"]);
+    let (finding, repaired) = search(&narrow, &[episode(&[("overhang_m", 0.02)], 5)], &candidates);
+    assert_eq!((finding.verdict, repaired.is_none()), (Verdict::PriorTooNarrow, true), "{:?}", finding.conclusions);
+    assert_eq!(names(&finding), ["overhang_m"], "{:?}", finding.conclusions);
+    assert!(finding.conclusions.last().unwrap().starts_with("either length_m"), "{:?}", finding.conclusions);
 }
 
 /// A camera that is late, and one that averages over its exposure, show the bar where it was.
