@@ -58,6 +58,15 @@ def test_a_hidden_mass_is_named_and_verified_on_an_unseen_episode(tmp_path):
     page = (tmp_path / "found/report/index.html").read_text()
     assert all(words in page for words in ("noise floor", "held-out episode 0", "what explains it")), page[:500]
     assert "unseen episodes" in done.stderr
+    told = (ROOT / "nodes/effect_finder/VERDICT.md").read_text()
+    untold = {key for key in fields({k: v for k, v in said.items() if k != "settings"}) if f"`{key}`" not in told}
+    assert not untold, untold
+
+
+def fields(value):
+    """Names of all fields of a JSON document."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else []
+    return set(value if isinstance(value, dict) else ()).union(*map(fields, inner))
 
 
 def test_vetoes_and_odds_are_read_from_the_model(bag, tmp_path):

@@ -236,26 +236,27 @@ impl<'a> Search<'a> {
             return Ok(());
         };
         let alike = ranking.alike(self.settings);
-        let is_left = best.extent == Extent::Part;
-        finding.discrepancy = if is_left { likeliest(&best.hypothesis) } else { None };
-        if is_left && !self.is_worth_naming(base, &best.hypothesis) {
-            outcome.shown = self.shown(base, Some(&best.hypothesis))?;
-            finding.verdict = Verdict::NoneOfThese;
-            let sentence = sentences::refused(&best.fitness);
-            finding.repaired = Some(best.fitness);
+        let Best { hypothesis: mut best, mut fitness, extent } = best;
+        if extent == Extent::Part && !self.is_worth_naming(base, &best) {
+            outcome.shown = self.shown(base, Some(&best))?;
+            finding.discrepancy = likeliest(&best);
+            finding.refute();
+            let sentence = sentences::refused(&fitness);
+            finding.repaired = Some(fitness);
             return self.telling.conclude(Stage::Repair, sentence);
         }
-        let Best { hypothesis: mut best, mut fitness, .. } = best;
+        // What closes the gap of the fitted episodes may leave one in those that no fit has seen.
+        let mut verified = match extent {
+            Extent::Whole => self.verified(base, &best, &ranking)?,
+            Extent::Part => None,
+        };
+        let leaves_one = |v: &(Verification, Vec<Shown>)| v.0.p_value <= self.settings.repaired_level;
+        let is_left = extent == Extent::Part || verified.as_ref().is_some_and(leaves_one);
         if is_left {
-            best = self.beside_a_discrepancy(best, yardstick)?;
-            let own = best.magnitudes();
-            let elsewhere = self.let_conditions_differ(&mut best, yardstick)?;
-            self.telling.conclude(Stage::Repair, sentences::weighed(&own, elsewhere.as_deref(), &best.magnitudes()))?;
+            finding.discrepancy = likeliest(&best);
+            best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
-            let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
-            let (problem, camera) = (best.problem(self.problem), &self.question.model.camera.view);
-            let agreement = Agreement::with_posterior(&problem, &best.fit, &posterior, camera, self.settings)?;
-            (fitness.estimates, fitness.rmse_mm) = (agreement.estimates, agreement.rmse_mm);
+            verified = self.verified(base, &best, &ranking)?;
         }
         finding.repaired = Some(fitness);
         outcome.shown = self.shown(base, Some(&best))?;
@@ -265,11 +266,15 @@ impl<'a> Search<'a> {
             (false, true) => Verdict::NamedInPart,
             (false, false) => Verdict::Named,
         };
-        if !self.held_out.is_empty() {
-            let (verification, held_out) = self.verify(base, &best, &ranking)?;
+        if let Some((verification, held_out)) = verified {
             outcome.shown.extend(held_out);
             self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
+            let share = verification.share_explained.filter(|share| is_left && *share < self.settings.least_share);
             finding.verification = Some(verification);
+            if let Some(share) = share {
+                finding.refute();
+                return self.telling.conclude(Stage::Verify, sentences::refuted(share));
+            }
         }
         if let [first, second, ..] = alike.as_slice() {
             let (model, problem, settings) = (self.question.model, self.problem, self.settings);
@@ -298,13 +303,16 @@ impl<'a> Search<'a> {
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
     }
 
-    /// What the repair is worth on the held-out episodes, and what pictures show of them.
-    fn verify(
+    /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes.
+    fn verified(
         &mut self,
         base: &Hypothesis,
         best: &Hypothesis,
         ranking: &Ranking,
-    ) -> Result<(Verification, Vec<Shown>), FinderError> {
+    ) -> Result<Option<(Verification, Vec<Shown>)>, FinderError> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
         self.telling.report(Stage::Verify, 0.0, None)?;
         let alike = ranking.alike(self.settings);
         let is_wrong = |h: &&Hypothesis| {
@@ -317,7 +325,7 @@ impl<'a> Search<'a> {
             self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, on_round))?;
         let draws = before.draws.iter().zip(&after.draws);
         let shown = self.held_out.iter().zip(draws).map(|(case, (b, a))| Shown::held_out(case, b, a, camera));
-        Ok((verification, shown.collect()))
+        Ok(Some((verification, shown.collect())))
     }
 
     /// Whether the data are explained where theta's priors are opened, and were not for the priors' edges alone.

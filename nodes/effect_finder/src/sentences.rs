@@ -115,6 +115,14 @@ pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
 }
 
+/// That unseen episodes refute what was named.
+pub fn refuted(share: f64) -> String {
+    format!(
+        "none of these: of what is more than noise in unseen episodes {:.0} % are explained",
+        100.0 * share.max(0.0)
+    )
+}
+
 /// That a further effect is not believed.
 pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String {
     let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
@@ -161,6 +169,7 @@ pub fn verified(v: &Verification) -> String {
         (Some(_), None) => ": too small a gap to say how much of it is closed".into(),
         (None, _) => ": they show no gap".into(),
     };
+    words += &format!("; what is left of them is noise with p = {:.3}", v.p_value);
     if let Some((name, score)) = &v.wrong_effect {
         words += &format!("; with {name} in its place {:.1} mm", score.rmse_mm);
     }

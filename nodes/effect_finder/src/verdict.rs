@@ -142,6 +142,14 @@ impl Finding {
         }
     }
 
+    /// Takes over that no candidate explains what there is, though some seemed to.
+    pub(crate) fn refute(&mut self) {
+        (self.verdict, self.probability_of_unknown, self.probability_of_none) = (Verdict::NoneOfThese, 1.0, 0.0);
+        self.presence.iter_mut().for_each(|p| p.probability = 0.0);
+        self.explanations.iter_mut().for_each(|e| (e.probability, e.probability_in_part) = (0.0, 0.0));
+        self.found.clear();
+    }
+
     /// Takes over how probable everything is.
     pub(crate) fn set_ranking(&mut self, ranking: &Ranking) {
         self.explanations.clone_from(&ranking.explanations);

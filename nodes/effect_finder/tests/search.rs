@@ -224,6 +224,20 @@ fn an_effect_that_no_candidate_is_like_is_none_of_these() {
     assert!(p <= 0.05, "the best of them leaves a gap: {p}");
 }
 
+/// The one episode has a tip mass; in the other the camera is tilted, and a tip mass explains next to nothing.
+#[test]
+fn what_explains_little_of_unseen_episodes_is_none_of_these() {
+    let model = model();
+    let candidates = some(&model, &["tip_mass_kg"]);
+    let (measured, other) = ([episode(&[("tip_mass_kg", 0.004)], 31)], [episode(&[("camera_tilt_rad", 0.05)], 32)]);
+    let question = Question { model: &model, measured: &measured, held_out: &other, candidates: &candidates };
+    let Outcome { finding, model: repaired, .. } = find_quickly(question);
+    assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
+    let v = finding.verification.unwrap();
+    assert!(v.share_explained.unwrap() < 0.5, "{v:?}");
+    assert!(finding.found.is_empty() && finding.probability_of_unknown == 1.0, "{:?}", finding.presence);
+}
+
 #[test]
 fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
     let mut narrow = model();
@@ -342,6 +356,7 @@ fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
     assert_eq!(outcome.model.unwrap().theta.dimension(), 4);
     let v = finding.verification.unwrap();
     assert!(v.gap_closed.unwrap() > 0.8 && v.interval.unwrap()[0] > 0.6, "{v:?}");
+    assert!(v.p_value > 0.01 && v.share_explained.unwrap() > 0.9, "{v:?}");
     assert!(v.after.rmse_mm < 1.3 * v.floor_mm && v.after.energy_mm < v.before.energy_mm, "{v:?}");
     let (wrong, score) = v.wrong_effect.unwrap();
     assert!(score.rmse_mm > v.after.rmse_mm, "{wrong} {score:?}");

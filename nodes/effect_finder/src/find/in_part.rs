@@ -1,21 +1,42 @@
 //! Effects that leave something: how large they are, and how well that is known, where what is left counts as more than noise.
 
 use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::best_fit;
+use crate::calibrate::{Agreement, best_fit};
 use crate::discrepancy::Whitening;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, Problem, Start};
 use crate::hypothesis::Hypothesis;
 use crate::laplace::Laplace;
+use crate::sentences;
+use crate::verdict::Fitness;
 
 /// Most steps of a fit beside a discrepancy.
 const REWEIGHINGS: usize = 10;
 
 impl Search<'_> {
+    /// The hypothesis with values that count what is left, in the fitted episodes and in others, as more than noise; how it fits
+    /// is put into `fitness`.
+    pub(super) fn weighed_in_part(
+        &mut self,
+        hypothesis: Hypothesis,
+        fitness: &mut Fitness,
+        yardstick: &Yardstick,
+    ) -> Result<Hypothesis, FinderError> {
+        let mut best = self.beside_a_discrepancy(hypothesis, yardstick)?;
+        let own = best.magnitudes();
+        let elsewhere = self.let_conditions_differ(&mut best, yardstick)?;
+        self.telling.conclude(Stage::Repair, sentences::weighed(&own, elsewhere.as_deref(), &best.magnitudes()))?;
+        let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
+        let (problem, camera) = (best.problem(self.problem), &self.question.model.camera.view);
+        let agreement = Agreement::with_posterior(&problem, &best.fit, &posterior, camera, self.settings)?;
+        (fitness.estimates, fitness.rmse_mm) = (agreement.estimates, agreement.rmse_mm);
+        Ok(best)
+    }
+
     /// The hypothesis fitted anew beside the likeliest smooth error: what it then is, and how well it is known, counts what is
     /// left of the data as more than noise.
-    pub(super) fn beside_a_discrepancy(
+    fn beside_a_discrepancy(
         &mut self,
         hypothesis: Hypothesis,
         yardstick: &Yardstick,
@@ -50,7 +71,7 @@ impl Search<'_> {
     /// Fits the hypothesis to the held-out episodes alone, and takes by how much more its effects differ there than the data
     /// leave open for how much they differ between conditions: a model that leaves something is a little another one in each.
     /// One difference is all there is to say so. Returns the values of the effects there.
-    pub(super) fn let_conditions_differ(
+    fn let_conditions_differ(
         &mut self,
         best: &mut Hypothesis,
         yardstick: &Yardstick,
