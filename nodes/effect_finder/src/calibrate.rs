@@ -26,6 +26,8 @@ const BEYOND: usize = 4;
 
 /// Squared deviations for each coordinate from which on much is left.
 pub const MUCH: f64 = 3.0;
+/// Standard deviations of the sum of squares by which a fit may exceed the coordinates' number without being looked for further.
+const USUAL_SDS: f64 = 1.0;
 /// Most further times that a best fit is looked for, and what each must leave of what the last one left for another to follow.
 const SEARCHES: u64 = 5;
 const LEFT: f64 = 0.9;
@@ -33,9 +35,9 @@ const LEFT: f64 = 0.9;
 const BEGINNINGS: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 const FEW_ROUNDS: usize = 12;
 
-/// The best fit: that [among draws](fit_among_draws); where it leaves much, from where ever more of the beginning of the episodes
-/// is followed; and while that leaves much and brings something, from the best of draws of which half lie beside it. Where
-/// further draws cannot be simulated it stays as it is.
+/// The best fit: that [among draws](fit_among_draws); where it leaves more than noise, from where ever more of the beginning of the
+/// episodes is followed; and while that leaves more and brings something, from the best of draws of which half lie beside it.
+/// Where further draws cannot be simulated it stays as it is.
 ///
 /// # Errors
 /// As [`Problem::best_of`].
@@ -47,7 +49,7 @@ pub fn best_fit(
 ) -> Result<Fit, FinderError> {
     let mut best = fit_among_draws(problem, known, settings, on_round)?;
     for search in 1..=SEARCHES {
-        if !leaves_much(&best) {
+        if !leaves_more_than_noise(&best) {
             break;
         }
         let fit = match searched(problem, &best.point, settings, search, on_round) {
@@ -118,6 +120,13 @@ fn followed(
         reached = own.fit(starts, on_round)?.into_iter().flatten().map(|fit| fit.point).collect();
     }
     Ok(reached)
+}
+
+/// Whether a fit leaves more than is usual of noise: a soft object that lies on a table may be taken for another one with the same
+/// end, which leaves but little more.
+fn leaves_more_than_noise(fit: &Fit) -> bool {
+    let coordinates = fit.residuals.len() as f64;
+    fit.cost > coordinates + USUAL_SDS * (2.0 * coordinates).sqrt()
 }
 
 /// Whether a fit leaves much more than noise.
