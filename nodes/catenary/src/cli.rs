@@ -255,7 +255,7 @@ pub struct EvaluateArgs {
     /// Episodes of each policy
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(30..=100_000))]
     pub episodes: u64,
-    /// Fidelity: fast, standard or reference
+    /// Fidelity: fast, fine_mesh, standard or reference
     #[arg(long, default_value = "reference")]
     pub fidelity: String,
     /// Seed of what is drawn
@@ -339,7 +339,7 @@ pub struct SimulateArgs {
     /// Another parameter's value, as NAME=VALUE; effects that nobody gives are at their medians, with --noise drawn
     #[arg(long, value_parser = assignment)]
     pub effect: Vec<(String, f64)>,
-    /// Fidelity: fast, standard or reference
+    /// Fidelity: fast, fine_mesh, standard or reference
     #[arg(long, default_value = "standard")]
     pub fidelity: String,
     /// Seed of what is drawn

@@ -134,7 +134,8 @@ pub fn ensure_not_inferred(name: &str, value: f64, model: &Model) -> Result<()> 
 
 /// The fidelity that `--fidelity` names.
 pub fn fidelity(name: &str) -> Result<Fidelity> {
-    Fidelity::from_name(name).with_context(|| format!("--fidelity: expected fast, standard or reference, got `{name}`"))
+    Fidelity::from_name(name)
+        .with_context(|| format!("--fidelity: expected fast, fine_mesh, standard or reference, got `{name}`"))
 }
 
 /// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,

@@ -11,6 +11,8 @@ use thiserror::Error;
 pub enum Fidelity {
     /// Coarse time steps, for training.
     Fast,
+    /// The mesh of `Reference` in the time steps of `Fast`, for soft objects that fold or lie down.
+    FineMesh,
     /// For inference.
     #[default]
     Standard,
@@ -19,10 +21,14 @@ pub enum Fidelity {
 }
 
 impl Fidelity {
+    /// All of them.
+    pub const ALL: [Fidelity; 4] = [Fidelity::Fast, Fidelity::FineMesh, Fidelity::Standard, Fidelity::Reference];
+
     /// The name used in files, messages and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Fidelity::Fast => "fast",
+            Fidelity::FineMesh => "fine_mesh",
             Fidelity::Standard => "standard",
             Fidelity::Reference => "reference",
         }
@@ -30,7 +36,7 @@ impl Fidelity {
 
     /// The fidelity that is called `name`.
     pub fn from_name(name: &str) -> Option<Fidelity> {
-        [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference].into_iter().find(|f| f.name() == name)
+        Self::ALL.into_iter().find(|f| f.name() == name)
     }
 }
 

@@ -159,6 +159,9 @@ const REFINEMENTS: usize = 2;
 /// Standard deviations of noise by which a fit to a finer simulation may be worse than that to the coarse one.
 const WORSE_SDS: f64 = 3.0;
 
+/// Error of a coarse simulation that is plain in the data, in variances of the noise for each coordinate.
+const PLAIN: f64 = 0.2;
+
 /// A fit that a finer simulation was asked for.
 pub struct Refined {
     /// The episodes that the fit is to.
@@ -195,6 +198,15 @@ pub fn refined(
         best = next;
     }
     Ok(best)
+}
+
+impl Refined {
+    /// Whether the error of the coarse simulation is plain in the data: the finer one does not fit, or what it shows otherwise at
+    /// the best fit is no small part of the noise.
+    pub fn is_too_coarse(&self) -> bool {
+        let squares: f64 = self.cases.iter().map(Case::corrected_squares).sum();
+        self.grain == Grain::Coarse || squares > PLAIN * self.fit.residuals.len() as f64
+    }
 }
 
 /// One round of it.

@@ -6,7 +6,7 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::simulator::{FrameDerivative, StartShape, TrackSensitivities};
 use catenary_core::track::End;
-use catenary_core::{Camera, Drive, Frame, KeypointOrder, Model, SimulationRequest, Track};
+use catenary_core::{Camera, Drive, Fidelity, Frame, KeypointOrder, Model, SimulationRequest, Track};
 use nalgebra::{DMatrix, DVector};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -177,6 +177,21 @@ impl Case {
             eef: std::array::from_fn(|i| f.eef[i] - c.eef[i]),
         };
         Self { correction: fine.frames.iter().zip(&coarse.frames).map(difference).collect(), ..self.clone() }
+    }
+
+    /// The same at another fidelity, without correction.
+    #[must_use]
+    pub fn at(&self, fidelity: Fidelity) -> Self {
+        let mut other = self.uncorrected();
+        other.template.fidelity = fidelity;
+        other
+    }
+
+    /// Sum of the squares of what simulated tracks are corrected by, in variances of the noise.
+    pub fn corrected_squares(&self) -> f64 {
+        let eef = |c: &Correction| self.pose_sd_m.map_or(0.0, |sd| c.eef.iter().map(|v| (v / sd).powi(2)).sum());
+        let dlo = |c: &Correction| c.dlo.iter().flatten().map(|v| (v / self.keypoint_sd).powi(2)).sum::<f64>();
+        self.correction.iter().map(|c| dlo(c) + eef(c)).sum()
     }
 
     /// The same without correction.

@@ -116,24 +116,32 @@ pub fn find(
     let cases = |measured: &[MeasuredTrack]| -> Result<Vec<Case>, FinderError> {
         measured.iter().enumerate().map(|(i, m)| Case::new(question.model, m, i, settings)).collect()
     };
-    let (cases, held_out) = (cases(question.measured)?, cases(question.held_out)?);
+    let (cases, mut held_out) = (cases(question.measured)?, cases(question.held_out)?);
     let mut telling = Telling { on_progress, conclusions: Vec::new() };
-    let Refined { cases, fit, grain } = calibrate(question.model, cases, simulator, settings, &mut telling)?;
+    let mut present = calibrate(question.model, cases, simulator, Vec::new(), settings, &mut telling)?;
+    if let Some(finer) = settings.in_need.filter(|_| settings.finer_fidelity.is_some() && present.is_too_coarse()) {
+        let at = |cases: &[Case]| -> Vec<Case> { cases.iter().map(|c| c.at(finer)).collect() };
+        held_out = at(&held_out);
+        let known = vec![present.fit.point];
+        present = calibrate(question.model, at(&present.cases), simulator, known, settings, &mut telling)?;
+    }
+    let Refined { cases, fit, grain } = present;
     let problem = Problem::of(question.model, &cases, simulator, settings.rounds);
     Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit, grain)
 }
 
-/// The best fit of the present model, and the episodes with what a finer simulation of it shows otherwise.
+/// The best fit of the present model, from `known` points and others, and the episodes with what a finer simulation of it shows otherwise.
 fn calibrate(
     model: &Model,
     cases: Vec<Case>,
     simulator: &dyn DifferentiableSimulator,
+    known: Vec<Vec<f64>>,
     settings: &Settings,
     telling: &mut Telling<'_>,
 ) -> Result<Refined, FinderError> {
     telling.report(Stage::Calibrate, 0.0, None)?;
     let first = Problem::of(model, &cases, simulator, settings.rounds);
-    let fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, Vec::new(), settings, on_round))?;
+    let fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, known, settings, on_round))?;
     match settings.finer_fidelity {
         None => Ok(Refined { cases, fit, grain: Grain::Coarse }),
         Some(finer) => telling.in_rounds(Stage::Calibrate, |on_round| refined(&first, fit, finer, on_round)),
@@ -417,5 +425,28 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
     match error {
         FinderError::Cancelled(_) => FinderError::Cancelled(stage.name()),
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Coarse, Toy};
+    use catenary_core::Fidelity;
+
+    /// What was measured is what the coarse simulation makes by its errors: it hides a gap.
+    #[test]
+    fn where_coarse_simulations_err_plainly_finer_ones_are_searched_with() {
+        let (theta, simulator) = ([0.25, 2e4], Coarse { toy: Toy { gain: 0.3 }, error: 0.3 });
+        let mut measured = [toy::measured(&simulator.toy, theta, &[])];
+        let points = measured[0].track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut());
+        points.for_each(|p| p[0] += simulator.error * theta[0]);
+        let model = toy::model();
+        let found = |in_need: Option<Fidelity>| {
+            let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+            let settings = Settings { in_need, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
+            find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
+        };
+        assert_eq!([None, Some(Fidelity::FineMesh)].map(found), [Verdict::NoGap, Verdict::NoneOfThese]);
     }
 }

@@ -37,6 +37,9 @@ pub struct Settings {
     pub rounds: usize,
     /// Fidelity of the simulations. Coarse ones will do where a finer one corrects them.
     pub fidelity: Fidelity,
+    /// Fidelity in its place where its error at the best fit would be plain in the data: where it is more than a correction can
+    /// take out; none: there is no other.
+    pub in_need: Option<Fidelity>,
     /// Finer fidelity, by which the error of the simulations' division of time and object is taken out; none: it is not.
     pub finer_fidelity: Option<Fidelity>,
     /// Seed of everything drawn.
@@ -60,6 +63,7 @@ impl Default for Settings {
             repaired_level: 0.01,
             rounds: 40,
             fidelity: Fidelity::Fast,
+            in_need: Some(Fidelity::FineMesh),
             finer_fidelity: Some(Fidelity::Reference),
             seed: 0,
         }

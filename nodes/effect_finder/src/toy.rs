@@ -89,7 +89,7 @@ impl DifferentiableSimulator for Toy {
     }
 }
 
-/// The toy, which below reference fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
+/// The toy, which at fast fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
 pub struct Coarse {
     pub toy: Toy,
     pub error: f64,
@@ -97,7 +97,7 @@ pub struct Coarse {
 
 impl Coarse {
     fn shift(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
-        if request.fidelity != Fidelity::Reference {
+        if request.fidelity == Fidelity::Fast {
             let by = self.error * request.thetas[episode][0];
             track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
         }

@@ -114,6 +114,7 @@ fn prior_from_msg(message: &PriorPart) -> Result<Prior, ConvertError> {
 pub fn fidelity_to_msg(fidelity: Fidelity) -> u8 {
     match fidelity {
         Fidelity::Fast => SimulateRequest::FIDELITY_FAST,
+        Fidelity::FineMesh => SimulateRequest::FIDELITY_FINE_MESH,
         Fidelity::Standard => SimulateRequest::FIDELITY_STANDARD,
         Fidelity::Reference => SimulateRequest::FIDELITY_REFERENCE,
     }
@@ -124,7 +125,7 @@ pub fn fidelity_to_msg(fidelity: Fidelity) -> u8 {
 /// # Errors
 /// [`ConvertError`] for any other number.
 pub fn fidelity_from_msg(number: u8) -> Result<Fidelity, ConvertError> {
-    [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference]
+    Fidelity::ALL
         .into_iter()
         .find(|f| fidelity_to_msg(*f) == number)
         .ok_or_else(|| error("fidelity", "one of FIDELITY_*", number))

@@ -34,7 +34,7 @@ struct Level {
 /// bound is missed.
 pub fn run(arguments: &FidelityArgs) -> Result<()> {
     let workers = workers::available();
-    let levels = [Fidelity::Fast, Fidelity::Standard, Fidelity::Reference]
+    let levels = Fidelity::ALL
         .into_iter()
         .map(|f| Ok(Level { fidelity: f.name(), rows: verification::table(f, workers)? }))
         .collect::<Result<Vec<_>>>()?;

@@ -24,10 +24,12 @@ pub struct FemDivision {
 }
 
 impl FemDivision {
-    /// The division that belongs to a fidelity level: fast and standard 14 cubes in a row, reference 27 rows of 2 x 2.
+    /// The division that belongs to a fidelity level: fast and standard 14 cubes in a row, fine mesh and reference 27
+    /// rows of 2 x 2.
     pub fn of(fidelity: Fidelity) -> Self {
         let (cells_along, cells_across, time_step_s, substeps) = match fidelity {
             Fidelity::Fast => (14, 1, 4e-3, 1),
+            Fidelity::FineMesh => (27, 2, 4e-3, 1),
             Fidelity::Standard => (14, 1, 4e-3, 4),
             Fidelity::Reference => (27, 2, 2e-3, 4),
         };

@@ -141,10 +141,10 @@ const fn case(name: &'static str, compare: Compare) -> Case {
 }
 
 /// The promised distance of a ratio from one: 1 % at `standard`, 0.2 % at `reference`, 2 % where friction decides, and
-/// nothing at `fast`.
+/// nothing at `fast` and `fine_mesh`.
 fn promise(fidelity: Fidelity, friction: bool) -> Option<f64> {
     match (fidelity, friction) {
-        (Fidelity::Fast, _) => None,
+        (Fidelity::Fast | Fidelity::FineMesh, _) => None,
         (_, true) => Some(0.02),
         (Fidelity::Standard, false) => Some(0.01),
         (Fidelity::Reference, false) => Some(0.002),
