@@ -208,7 +208,7 @@ def confusion(axes, rows):
 
 
 def what_of(row):
-    return " + ".join(alike[0] for alike in row["found"]) or row["verdict"]
+    return " + ".join(alike[0] for alike in row["found"]) if row["verdict"] in NAMED else row["verdict"]
 
 
 def main():

@@ -132,7 +132,7 @@ def test_an_evaluation_without_sense_is_refused_before_it_begins(tmp_path):
     refused(tmp_path, *wanted, MODEL, "--theta", "lenght_m=0.2", says=("--theta lenght_m", "length_m, youngs_modulus_pa"))
     refused(tmp_path, *wanted, MODEL, "--effect", "length_m=0.2", says=("it is inferred: expected --theta length_m=0.2",))
     refused(tmp_path, *wanted, MODEL, "--effect", "wind=1", says=("`wind`: unknown", "linear_drag_n_s_m2"))
-    refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, standard or reference", "best"))
+    refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, fine_mesh, standard or reference", "best"))
     refused(tmp_path, *wanted, MODEL, "--episodes", 5, says=("--episodes", "30"))
 
 

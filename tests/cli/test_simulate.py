@@ -195,7 +195,7 @@ def test_the_real_ffmpeg_makes_a_video_of_every_frame(folder, size):
         ((*ONE, "--theta", "length_m=-1"), ("length_m", "0.01 to 10", "-1")),
         ((*ONE, "--effect", "length_m=0.2"), ("--effect length_m", "--theta")),
         ((*ONE, "--effect", "drag=0.2"), ("`drag`", "linear_drag_n_s_m2")),
-        ((*EPISODE, "--fidelity", "finest"), ("fast, standard or reference", "finest")),
+        ((*EPISODE, "--fidelity", "finest"), ("fast, fine_mesh, standard or reference", "finest")),
         ((*ONE, "--video", "bar.avi"), ("bar.avi", ".gif or .mp4")),
         ((*ONE, "--video", "bar.gif", "--video-rate", 100), ("--video-rate", "0.1 to 50", "100")),
         ((*ONE, "--out", "actions.csv"), ("--out actions.csv", "does not exist yet")),

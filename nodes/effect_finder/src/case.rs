@@ -189,9 +189,9 @@ impl Case {
 
     /// Sum of the squares of what simulated tracks are corrected by, in variances of the noise.
     pub fn corrected_squares(&self) -> f64 {
-        let eef = |c: &Correction| self.pose_sd_m.map_or(0.0, |sd| c.eef.iter().map(|v| (v / sd).powi(2)).sum());
-        let dlo = |c: &Correction| c.dlo.iter().flatten().map(|v| (v / self.keypoint_sd).powi(2)).sum::<f64>();
-        self.correction.iter().map(|c| dlo(c) + eef(c)).sum()
+        let frame =
+            |c: &Correction| -> f64 { self.quantities().map(|q| (q.of(&c.dlo, &c.eef) / self.sd(q)).powi(2)).sum() };
+        self.correction.iter().map(frame).sum()
     }
 
     /// The same without correction.

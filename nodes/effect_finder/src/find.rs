@@ -122,6 +122,7 @@ pub fn find(
     if let Some(finer) = settings.in_need.filter(|_| settings.finer_fidelity.is_some() && present.is_too_coarse()) {
         let at = |cases: &[Case]| -> Vec<Case> { cases.iter().map(|c| c.at(finer)).collect() };
         held_out = at(&held_out);
+        telling.conclude(Stage::Calibrate, sentences::finer(finer))?;
         let known = vec![present.fit.point];
         present = calibrate(question.model, at(&present.cases), simulator, known, settings, &mut telling)?;
     }
@@ -258,13 +259,17 @@ impl<'a> Search<'a> {
             Extent::Whole => self.verified(base, &best, &ranking)?,
             Extent::Part => None,
         };
-        let leaves_one = |v: &(Verification, Vec<Shown>)| v.0.p_value <= self.settings.repaired_level;
-        let is_left = extent == Extent::Part || verified.as_ref().is_some_and(leaves_one);
+        let unseen = verified.as_ref().and_then(|v| v.0.p_value);
+        let is_left = extent == Extent::Part || unseen.is_some_and(|p| p <= self.settings.repaired_level);
         if is_left {
             finding.discrepancy = likeliest(&best);
             best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
             verified = self.verified(base, &best, &ranking)?;
+            // The first look at the unseen episodes is what speaks against the model: now it has been weighed by them.
+            if let Some((verification, _)) = &mut verified {
+                verification.p_value = unseen.or(verification.p_value);
+            }
         }
         finding.repaired = Some(fitness);
         outcome.shown = self.shown(base, Some(&best))?;

@@ -8,6 +8,7 @@ use crate::fit::{Fit, OnRound, Problem, Seen, Start};
 use crate::laplace::Laplace;
 use crate::name::Magnitude;
 use crate::unknowns::Unknowns;
+use nalgebra::DMatrix;
 use std::sync::Arc;
 
 /// Starts from which an effect is fitted, of all that are looked at those that promise most.
@@ -174,7 +175,7 @@ impl Hypothesis {
         };
         let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
         let seen: Vec<Seen> = with.glance(starts, &self.fit.jacobian, on_round)?.into_iter().flatten().collect();
-        if seen.iter().all(|seen| seen.fit.jacobian.column(column).iter().all(|v| *v == 0.0)) {
+        if changes_nothing(&seen) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
         Ok(Trial { seen, ..trial }.ranked())
@@ -184,6 +185,12 @@ impl Hypothesis {
 /// The problem with these unknowns, and these cases where there are any.
 fn with_own<'a>(problem: &Problem<'a>, unknowns: &Unknowns, cases: Option<&'a [Case]>) -> Problem<'a> {
     Problem { unknowns: unknowns.clone(), cases: cases.unwrap_or(problem.cases), ..*problem }
+}
+
+/// Whether the last unknown changes nothing at any of these.
+fn changes_nothing(seen: &[Seen]) -> bool {
+    let is_zero = |j: &DMatrix<f64>| j.column(j.ncols() - 1).iter().all(|v| *v == 0.0);
+    seen.iter().all(|seen| is_zero(&seen.fit.jacobian))
 }
 
 impl Trial {
@@ -215,6 +222,9 @@ impl Trial {
         let points = draws.iter().map(|d| self.unknowns.drawn(d.clone())).collect();
         let starts = with.cheapest(points, STARTS, on_round)?;
         self.seen = with.look(starts, on_round)?.into_iter().flatten().collect();
+        if let Some(candidate) = self.candidates.last().filter(|_| changes_nothing(&self.seen)) {
+            return Err(FinderError::NoFit(format!("{} changes nothing there", candidate.title)));
+        }
         Ok(self.ranked())
     }
 

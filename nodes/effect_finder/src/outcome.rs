@@ -27,7 +27,9 @@ impl Outcome {
     /// Takes over that the gap closes beyond the edge of a prior, too: which effects close it within says nothing more of them
     /// than that they are alternatives.
     pub(crate) fn is_at_the_edge(&mut self) {
-        let is_closed = matches!(self.finding.verdict, Verdict::Named | Verdict::CannotTellApart);
+        let is_named = matches!(self.finding.verdict, Verdict::Named | Verdict::CannotTellApart);
+        // Where something is left, a smooth error is said for it.
+        let is_closed = is_named && self.finding.discrepancy.is_none();
         if !is_closed {
             self.finding.found.clear();
         }

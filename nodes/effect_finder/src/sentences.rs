@@ -8,6 +8,7 @@ use crate::separate::Separation;
 use crate::settings::Settings;
 use crate::verdict::{Estimate, Finding, Fitness};
 use crate::verify::Verification;
+use catenary_core::Fidelity;
 
 /// A number with four figures.
 fn short(value: f64) -> String {
@@ -115,6 +116,11 @@ pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
 }
 
+/// That simulations of another fidelity are used from here on.
+pub fn finer(fidelity: Fidelity) -> String {
+    format!("coarse simulations err plainly here: all that follows is simulated at {} fidelity", fidelity.name())
+}
+
 /// That unseen episodes refute what was named.
 pub fn refuted(share: f64) -> String {
     format!(
@@ -169,7 +175,9 @@ pub fn verified(v: &Verification) -> String {
         (Some(_), None) => ": too small a gap to say how much of it is closed".into(),
         (None, _) => ": they show no gap".into(),
     };
-    words += &format!("; what is left of them is noise with p = {:.3}", v.p_value);
+    if let Some(p_value) = v.p_value {
+        words += &format!("; that the rest of them is noise has p = {p_value:.3}");
+    }
     if let Some((name, score)) = &v.wrong_effect {
         words += &format!("; with {name} in its place {:.1} mm", score.rmse_mm);
     }

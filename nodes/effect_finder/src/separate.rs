@@ -97,7 +97,8 @@ fn deviations(
     actions: &[[f64; 2]],
     settings: &Settings,
 ) -> Option<f64> {
-    let planned = Case::planned(model, actions, settings);
+    let fidelity = problem.cases.first().map_or(settings.fidelity, |c| c.template.fidelity);
+    let planned = Case::planned(model, actions, settings).at(fidelity);
     let own = |h: &Hypothesis| {
         let unknowns = h.unknowns.for_episodes(1);
         let point = unknowns.from_first_episode(&h.unknowns, &h.fit.point);

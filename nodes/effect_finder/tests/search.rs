@@ -356,7 +356,7 @@ fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
     assert_eq!(outcome.model.unwrap().theta.dimension(), 4);
     let v = finding.verification.unwrap();
     assert!(v.gap_closed.unwrap() > 0.8 && v.interval.unwrap()[0] > 0.6, "{v:?}");
-    assert!(v.p_value > 0.01 && v.share_explained.unwrap() > 0.9, "{v:?}");
+    assert!(v.p_value.unwrap() > 0.01 && v.share_explained.unwrap() > 0.9, "{v:?}");
     assert!(v.after.rmse_mm < 1.3 * v.floor_mm && v.after.energy_mm < v.before.energy_mm, "{v:?}");
     let (wrong, score) = v.wrong_effect.unwrap();
     assert!(score.rmse_mm > v.after.rmse_mm, "{wrong} {score:?}");

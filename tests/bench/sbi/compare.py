@@ -80,7 +80,7 @@ def known(path: Path | None) -> dict[tuple, dict]:
 
 def variant(args: argparse.Namespace, estimator: str) -> str:
     """What else a result depends on, as part of its file's name: ours on the settings and the program."""
-    told = [args.observations]
+    told = [args.observations, "processor's seconds"]
     if estimator == "catenary":
         told += [args.settings, hashlib.sha256(args.program.read_bytes()).hexdigest()]
     return "_" + hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:8]
@@ -110,6 +110,8 @@ def table(results: list[dict]) -> str:
 
 def main() -> None:
     args = arguments()
+    if args.measured and (args.settings or args.observations != 10):
+        sys.exit("--measured: such a file holds results of the usual settings and of all 10 observations")
     torch.set_num_threads(1)
     args.out.mkdir(parents=True, exist_ok=True)
     for name in set(SETTINGS) - set(args.settings):
