@@ -131,7 +131,8 @@ pub fn find(
     Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit, grain)
 }
 
-/// The best fit of the present model, from `known` points and others, and the episodes with what a finer simulation of it shows otherwise.
+/// The best fit of the present model, from `known` points and others, and the episodes with what a finer simulation of it shows
+/// otherwise.
 fn calibrate(
     model: &Model,
     cases: Vec<Case>,
@@ -256,7 +257,7 @@ impl<'a> Search<'a> {
         }
         // What closes the gap of the fitted episodes may leave one in those that no fit has seen.
         let mut verified = match extent {
-            Extent::Whole => self.verified(base, &best, &ranking)?,
+            Extent::Whole => self.verified(base, &best, &ranking, None)?,
             Extent::Part => None,
         };
         let unseen = verified.as_ref().and_then(|v| v.0.p_value);
@@ -265,11 +266,8 @@ impl<'a> Search<'a> {
             finding.discrepancy = likeliest(&best);
             best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
-            verified = self.verified(base, &best, &ranking)?;
             // The first look at the unseen episodes is what speaks against the model: now it has been weighed by them.
-            if let Some((verification, _)) = &mut verified {
-                verification.p_value = unseen.or(verification.p_value);
-            }
+            verified = self.verified(base, &best, &ranking, unseen)?;
         }
         finding.repaired = Some(fitness);
         outcome.shown = self.shown(base, Some(&best))?;
@@ -316,12 +314,14 @@ impl<'a> Search<'a> {
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
     }
 
-    /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes.
+    /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes. Their
+    /// p-value is asked for unless it is `known`.
     fn verified(
         &mut self,
         base: &Hypothesis,
         best: &Hypothesis,
         ranking: &Ranking,
+        known: Option<f64>,
     ) -> Result<Option<(Verification, Vec<Shown>)>, FinderError> {
         if self.held_out.is_empty() {
             return Ok(None);
@@ -335,7 +335,7 @@ impl<'a> Search<'a> {
         let wrong = ranking.hypotheses.iter().find(is_wrong);
         let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);
         let (verification, [before, after]) =
-            self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, on_round))?;
+            self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, known, on_round))?;
         let draws = before.draws.iter().zip(&after.draws);
         let shown = self.held_out.iter().zip(draws).map(|(case, (b, a))| Shown::held_out(case, b, a, camera));
         Ok(Some((verification, shown.collect())))

@@ -88,8 +88,8 @@ pub struct Finding {
     pub probability_of_none: f64,
     /// Probability that it lacks something that no candidate is.
     pub probability_of_unknown: f64,
-    /// The effects that the verdict names, or that it leaves open beside priors that are too narrow: for each, first the most probable, then those that cannot be told from it. Several
-    /// effects that stand for it only together are joined by " + ".
+    /// The effects that the verdict names, or that it leaves open beside priors that are too narrow: for each, first the most
+    /// probable, then those that cannot be told from it. Several effects that stand for it only together are joined by " + ".
     pub found: Vec<Vec<String>>,
     /// The model with the most probable effects.
     pub repaired: Option<Fitness>,

@@ -109,7 +109,8 @@ pub struct Prediction {
 }
 
 impl Verifier<'_> {
-    /// Holds the models against each other on the held-out episodes; with what the first and the second predict.
+    /// Holds the models against each other on the held-out episodes; with what the first and the second predict. The p-value is
+    /// the `known` one, if there is one.
     ///
     /// # Errors
     /// [`FinderError`] of the simulator, or of a cancelled search.
@@ -118,6 +119,7 @@ impl Verifier<'_> {
         before: &Hypothesis,
         after: &Hypothesis,
         wrong: Option<&Hypothesis>,
+        known: Option<f64>,
         on_round: OnRound<'_>,
     ) -> Result<(Verification, [Prediction; 2]), FinderError> {
         let first = self.predict(before, on_round)?;
@@ -128,6 +130,10 @@ impl Verifier<'_> {
         };
         let floor_mm = self.floor(after, &second, on_round)?;
         let closed = |before: f64, after: f64| (before > floor_mm).then(|| (before - after) / (before - floor_mm));
+        let p_value = match known {
+            Some(known) => Some(known),
+            None => self.p_value(after, &second, on_round)?,
+        };
         let gap_closed = closed(first.score.rmse_mm, second.score.rmse_mm);
         let verification = Verification {
             episodes: self.held_out.len(),
@@ -136,7 +142,7 @@ impl Verifier<'_> {
             floor_mm,
             gap_closed,
             interval: gap_closed.and_then(|_| self.interval(&first.offsets, &second.offsets, &closed)),
-            p_value: self.p_value(after, &second, on_round)?,
+            p_value,
             share_explained: share_explained(&first.fits, &second.fits),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),

@@ -153,11 +153,12 @@ impl Search<'_> {
             let is_known = |h: &&Hypothesis| h.depth != Depth::Promised && h.has(&candidate.name);
             all.iter().find(is_known).map_or(base.fit.cost, |h| h.fit.cost)
         };
+        let plain = self.plain(base);
         let mut trials: Vec<(&Candidate, Trial)> = Vec::new();
         for (place, candidate) in candidates.iter().enumerate() {
             self.telling.report(Stage::Name, 0.5 * place as f64 / candidates.len() as f64, None)?;
-            let there = self.plain(base).aside(candidate);
-            let mut draw = |_| (0..base.unknowns.columns() + 1).map(|_| rng.random()).collect();
+            let there = plain.aside(candidate);
+            let mut draw = |_| (0..=base.unknowns.columns()).map(|_| rng.random()).collect();
             let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
             let seen = |on_round: OnRound<'_>| there.elsewhere(problem, &draws, on_round);
             match self.telling.in_rounds(Stage::Name, seen) {
