@@ -51,22 +51,23 @@ def measure(args: argparse.Namespace, references: References, name: str, size: i
     numbers = range(1, args.observations + 1)
     data = estimators.Data(
         thetas,
-        task.simulator(thetas, rng),
+        task.simulate(thetas, rng),
         np.array([references.observation(name, i) for i in numbers]),
-        np.array([references.truth(name, i) for i in numbers]),
+        np.array([task.estimated(references.truth(name, i)) for i in numbers]),
     )
     if estimator == "catenary":
         estimate = estimators.catenary(args.program, task, data, 10_000, seed, args.settings)
     else:
         estimate = estimators.sbi(estimator, task, data, 10_000, seed)
-    scores = side_by_side([(references.posterior(name, i), draws) for i, draws in zip(numbers, estimate.draws)])
+    pairs = [(references.posterior(name, i), task.published(draws)) for i, draws in zip(numbers, estimate.draws)]
+    volumes = [task.log_volume(truth) for truth in data.truths]
     return {
         "task": name,
         "simulations": size,
         "seed": seed,
         "estimator": estimator,
-        "c2st": scores,
-        "log_probability": estimate.log_probabilities,
+        "c2st": side_by_side(pairs),
+        "log_probability": [log - volume for log, volume in zip(estimate.log_probabilities, volumes)],
         "train_s": estimate.train_s,
     }
 

@@ -83,8 +83,8 @@ def sbi(model: str, task: Task, data: Data, draws: int, seed: int) -> Estimate:
     if task.bound is not None:
         prior = BoxUniform(-task.bound * torch.ones(task.dimension), task.bound * torch.ones(task.dimension))
     else:
-        covariance = task.sd**2 * torch.eye(task.dimension)
-        prior = torch.distributions.MultivariateNormal(torch.zeros(task.dimension), covariance)
+        covariance = torch.diag(torch.tensor(task.sd) ** 2)
+        prior = torch.distributions.MultivariateNormal(torch.tensor(task.mean), covariance)
     tensor = lambda a: torch.tensor(a, dtype=torch.float32)
     warm_up(model)
     torch.manual_seed(seed)
