@@ -22,6 +22,7 @@ use crate::repair::repaired;
 use crate::sentences;
 use crate::separate::{Separation, separate};
 use crate::settings::Settings;
+use crate::trade_off::trade_offs;
 use crate::verdict::{Finding, Verdict};
 use crate::verify::{Verification, Verifier};
 use catenary_core::episode::MeasuredTrack;
@@ -271,6 +272,10 @@ impl<'a> Search<'a> {
         }
         finding.repaired = Some(fitness);
         outcome.shown = self.shown(base, Some(&best))?;
+        finding.trade_offs = trade_offs(&best);
+        for trade_off in &finding.trade_offs {
+            self.telling.conclude(Stage::Repair, sentences::traded(trade_off))?;
+        }
         finding.found = groups(&alike);
         finding.verdict = match (alike.len() > 1, is_left) {
             (true, _) => Verdict::CannotTellApart,

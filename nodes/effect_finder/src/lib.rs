@@ -31,6 +31,7 @@ pub mod separate;
 pub mod settings;
 #[cfg(test)]
 mod toy;
+pub mod trade_off;
 pub mod unknowns;
 pub mod verdict;
 pub mod verify;

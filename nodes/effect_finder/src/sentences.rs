@@ -6,6 +6,7 @@ use crate::localise::{self, Part, Place};
 use crate::name::{Magnitude, Ranking};
 use crate::separate::Separation;
 use crate::settings::Settings;
+use crate::trade_off::TradeOff;
 use crate::verdict::{Estimate, Finding, Fitness};
 use crate::verify::Verification;
 use catenary_core::Fidelity;
@@ -109,6 +110,16 @@ pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude])
     let Some(elsewhere) = elsewhere else { return words };
     let there = elsewhere.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ");
     format!("{words}; by the unseen episodes alone {there}, which counts as uncertainty: {}", effects(both))
+}
+
+/// That data tell an effect only together with something else.
+pub fn traded(trade_off: &TradeOff) -> String {
+    let [effect, other] = &trade_off.between;
+    let (correlation, worth) = (trade_off.correlation, 100.0 * trade_off.worth());
+    format!(
+        "{effect} and {other} trade off (correlation {correlation:.2}): who measures one of them takes {worth:.0} % off the \
+         other's uncertainty"
+    )
 }
 
 /// That what is left is too much for anything to be named.

@@ -5,6 +5,7 @@ use crate::discrepancy::Discrepancy;
 use crate::localise::Place;
 use crate::name::{Explanation, Magnitude, Ranking};
 use crate::separate::Separation;
+use crate::trade_off::TradeOff;
 use crate::verify::Verification;
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +94,8 @@ pub struct Finding {
     pub found: Vec<Vec<String>>,
     /// The model with the most probable effects.
     pub repaired: Option<Fitness>,
+    /// What makes up for changes of the most probable effects.
+    pub trade_offs: Vec<TradeOff>,
     /// What no candidate explains, where something is left: a smooth error of the repaired model, or of the present one.
     pub discrepancy: Option<Discrepancy>,
     /// What the repair is worth on episodes that no fit has seen.
@@ -126,6 +129,7 @@ impl Finding {
             probability_of_unknown: 0.0,
             found: Vec::new(),
             repaired: None,
+            trade_offs: Vec::new(),
             discrepancy: None,
             verification: None,
             separation: None,
