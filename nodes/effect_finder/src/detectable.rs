@@ -10,8 +10,9 @@ use catenary_core::Track;
 use catenary_core::simulator::TrackSensitivities;
 use std::ops::ControlFlow;
 
-/// Quantile of the normal distribution at which a test of 5 % rejects.
+/// Quantiles of the normal distribution: that at which a test of 5 % rejects, and that over which four of five draws lie.
 const REJECTED_FROM: f64 = 1.645;
+const IN_FOUR_OF_FIVE: f64 = 0.842;
 /// Magnitudes that are looked at, from the first to the last evenly in the logarithm.
 const MAGNITUDES: usize = 24;
 /// The least of them, over the greatest that a search looks at.
@@ -19,15 +20,13 @@ const LEAST: f64 = 1e-4;
 /// Next larger magnitudes, up to three times the first, at which it must show again.
 const AGAIN: usize = 3;
 /// Draws of the priors, and the best of them from which fits start, that look for the present model's best answer.
-const DRAWS: usize = 400;
+const DRAWS: usize = 200;
 const STARTS: usize = 4;
 
 /// The magnitude of `candidate` from which, and up to three times which, the present model, whatever values its unknowns take, is
-/// rejected at 5 % in one of two data sets as those of `problem`, in which the unknowns have the values of the point `u`. None
-/// where the effect stays smaller than that up to the greatest magnitude that a search looks at, or cannot act.
-///
-/// The sum of squares of N coordinates with d fitted unknowns has the standard deviation sqrt(2 (N - d)); an effect that adds
-/// 1.645 of them moves its median to where the test rejects.
+/// rejected at 5 % in four of five data sets as those of `problem`, in which the unknowns have the values of the point `u`: the
+/// usual power of what is called detectable. None where the effect stays smaller than that up to the greatest magnitude that a
+/// search looks at, or cannot act.
 ///
 /// # Errors
 /// [`FinderError::NoFit`] where the present model cannot be simulated at `u`.
@@ -37,7 +36,7 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
     let start = Start { point: u.to_vec(), tracks: tracks.clone() };
     let seen = problem.look(vec![start], &mut || ControlFlow::Continue(()))?;
     let Some(base) = seen.into_iter().flatten().next().map(|s| s.fit) else { return Ok(None) };
-    let needed = REJECTED_FROM * (2.0 * base.residuals.len().saturating_sub(u.len()).max(1) as f64).sqrt();
+    let needed = needed(base.residuals.len().saturating_sub(u.len()).max(1) as f64);
     let worlds = worlds(problem, u, candidate);
     // If the simulator were linear, from here on the effect would show.
     let linear = |measured: &[Track]| {
@@ -57,12 +56,15 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
     for (magnitude, measured) in worlds.into_iter().skip(first.saturating_sub(1)) {
         let Some(tracks) = measured else { break };
         let last = shown.last().or(before.as_ref()).map(|(_, fit)| fit.point.as_slice());
-        let fit = answer(problem, &tracks, [u].into_iter().chain(last).collect(), needed)?;
+        // The first and the last that show are looked at everywhere, those between near what is known.
+        let is_last = shown.len() == AGAIN;
+        let known = [u].into_iter().chain(last).collect();
+        let fit = answer(problem, &tracks, known, if shown.is_empty() || is_last { needed } else { f64::INFINITY })?;
         if fit.cost < needed {
             (before, shown) = (Some((magnitude, fit)), Vec::new());
         } else {
             shown.push((magnitude, fit));
-            if shown.len() > AGAIN {
+            if is_last {
                 break;
             }
         }
@@ -74,6 +76,15 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
         }
         _ => magnitude,
     }))
+}
+
+/// What an effect has to add to the sum of squares of `n` coordinates beyond the fitted unknowns' number. With it, that is a
+/// noncentral chi-square: the mean is n + x, the variance 2 n + 4 x. Without, the test rejects from n + 1.645 sqrt(2 n) on.
+fn needed(n: f64) -> f64 {
+    let rejected = REJECTED_FROM * (2.0 * n).sqrt();
+    let square = IN_FOUR_OF_FIVE.powi(2);
+    // The greater root of (x - rejected)^2 = square (2 n + 4 x).
+    rejected + 2.0 * square + (4.0 * square * (rejected + square) + 2.0 * n * square).sqrt()
 }
 
 /// The present model's best answer to a data set that has the effect and no noise: near points that are known, or if that leaves
@@ -116,7 +127,8 @@ fn worlds(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Vec<(f64, 
 mod tests {
     use super::*;
     use crate::toy::{self, Folding, Toy};
-    use catenary_core::{DifferentiableSimulator, Prior};
+    use catenary_core::{DifferentiableSimulator, Prior, seed};
+    use rand_distr::{Distribution, StandardNormal};
 
     const TRUTH: [f64; 2] = [0.25, 2e4];
 
@@ -140,11 +152,26 @@ mod tests {
         let problem = Problem::of(&toy::model(), &cases, &toy, 40);
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
         let fits = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap();
-        let needed = 1.645 * (2.0 * (8 * toy::FRAMES - 2) as f64).sqrt();
+        let needed = needed((8 * toy::FRAMES - 2) as f64);
         let left = fits[0].as_ref().unwrap().cost;
         assert!((left / needed - 1.0).abs() < 0.05, "{left} of {needed}");
         let half = size(&Toy { gain: 0.6 }, 0.6).unwrap();
         assert!((found / half - 2.0).abs() < 0.1, "{found} {half}");
+    }
+
+    #[test]
+    fn what_is_needed_is_rejected_in_four_of_five_draws() {
+        let (n, draws) = (100, 4000);
+        let (mut rng, limit) = (seed::rng(1, 1), n as f64 + REJECTED_FROM * (2.0 * n as f64).sqrt());
+        let each = (needed(n as f64) / n as f64).sqrt();
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut square = |by: f64| (0..n).map(|_| (by + normal()).powi(2)).sum::<f64>();
+        let share = |by: f64, square: &mut dyn FnMut(f64) -> f64| {
+            (0..draws).filter(|_| square(by) > limit).count() as f64 / draws as f64
+        };
+        // Standard errors are 0.0034 and 0.0063; the chi-square is a little skew.
+        let (alarm, power) = (share(0.0, &mut square), share(each, &mut square));
+        assert!((0.04..0.07).contains(&alarm) && (0.77..0.83).contains(&power), "{alarm} {power}");
     }
 
     /// The object folds another way for a hair's breadth of the effect, and for as much less length: that explains it.
