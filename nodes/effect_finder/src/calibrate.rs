@@ -47,7 +47,20 @@ pub fn best_fit(
     settings: &Settings,
     on_round: OnRound<'_>,
 ) -> Result<Fit, FinderError> {
-    let mut best = fit_among_draws(problem, known, settings, on_round)?;
+    let first = fit_among_draws(problem, known, settings, on_round)?;
+    looked_further(problem, first, settings, on_round)
+}
+
+/// The best fit where `best` is that among draws.
+///
+/// # Errors
+/// [`FinderError::Cancelled`] where `on_round` asked to stop.
+pub fn looked_further(
+    problem: &Problem<'_>,
+    mut best: Fit,
+    settings: &Settings,
+    on_round: OnRound<'_>,
+) -> Result<Fit, FinderError> {
     for search in 1..=SEARCHES {
         if !leaves_more_than_noise(&best) {
             break;
@@ -124,7 +137,7 @@ fn followed(
 
 /// Whether a fit leaves more than is usual of noise: a soft object that lies on a table may be taken for another one with the same
 /// end, which leaves but little more.
-fn leaves_more_than_noise(fit: &Fit) -> bool {
+pub fn leaves_more_than_noise(fit: &Fit) -> bool {
     let coordinates = fit.residuals.len() as f64;
     fit.cost > coordinates + USUAL_SDS * (2.0 * coordinates).sqrt()
 }

@@ -6,7 +6,9 @@ mod naming;
 
 use naming::{Best, Named};
 
-use crate::calibrate::{Agreement, Refined, best_fit, refined};
+use crate::calibrate::{
+    Agreement, Refined, best_fit, fit_among_draws, leaves_more_than_noise, looked_further, refined,
+};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
@@ -119,12 +121,14 @@ pub fn find(
     };
     let (cases, mut held_out) = (cases(question.measured)?, cases(question.held_out)?);
     let mut telling = Telling { on_progress, conclusions: Vec::new() };
+    let in_need = settings.in_need.filter(|_| settings.finer_fidelity.is_some());
     let mut present = calibrate(question.model, cases, simulator, Vec::new(), settings, &mut telling)?;
-    if let Some(finer) = settings.in_need.filter(|_| settings.finer_fidelity.is_some() && present.is_too_coarse()) {
+    if let Some(finer) = in_need.filter(|_| present.is_too_coarse()) {
         let at = |cases: &[Case]| -> Vec<Case> { cases.iter().map(|c| c.at(finer)).collect() };
         held_out = at(&held_out);
         telling.conclude(Stage::Calibrate, sentences::finer(finer))?;
         let known = vec![present.fit.point];
+        let settings = &Settings { in_need: None, ..settings.clone() };
         present = calibrate(question.model, at(&present.cases), simulator, known, settings, &mut telling)?;
     }
     let Refined { cases, fit, grain } = present;
@@ -133,7 +137,7 @@ pub fn find(
 }
 
 /// The best fit of the present model, from `known` points and others, and the episodes with what a finer simulation of it shows
-/// otherwise.
+/// otherwise. Where another fidelity will be in need, it is no better fit than shows that.
 fn calibrate(
     model: &Model,
     cases: Vec<Case>,
@@ -144,7 +148,15 @@ fn calibrate(
 ) -> Result<Refined, FinderError> {
     telling.report(Stage::Calibrate, 0.0, None)?;
     let first = Problem::of(model, &cases, simulator, settings.rounds);
-    let fit = telling.in_rounds(Stage::Calibrate, |on_round| best_fit(&first, known, settings, on_round))?;
+    let fit = telling.in_rounds(Stage::Calibrate, |on_round| fit_among_draws(&first, known, settings, on_round))?;
+    if let Some(finer) = settings.finer_fidelity.filter(|_| settings.in_need.is_some() && leaves_more_than_noise(&fit))
+    {
+        let coarse = telling.in_rounds(Stage::Calibrate, |on_round| refined(&first, fit.clone(), finer, on_round))?;
+        if coarse.is_too_coarse() {
+            return Ok(coarse);
+        }
+    }
+    let fit = telling.in_rounds(Stage::Calibrate, |on_round| looked_further(&first, fit, settings, on_round))?;
     match settings.finer_fidelity {
         None => Ok(Refined { cases, fit, grain: Grain::Coarse }),
         Some(finer) => telling.in_rounds(Stage::Calibrate, |on_round| refined(&first, fit, finer, on_round)),
