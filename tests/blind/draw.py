@@ -11,6 +11,7 @@ DIR/left_out.txt says which worlds could not be drawn, and why. What is in DIR a
 """
 
 import argparse
+import collections
 import csv
 import hashlib
 import itertools
@@ -31,14 +32,17 @@ MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 LAG = "law: {lag: {time_constant_s: 0.16, max_speed_m_s: 0.5}}"
 IMPEDANCE = "law: {impedance: {}}"
 GRIP, ACTIONS = "drive: grip ", "drive: actions "
-# Two effects at once that are known to hide each other, beside pairs drawn at random.
-HARD_PAIRS = [("arm_lag_s", "grip_compliance_rad_n_m"), ("camera_scale_change", "overhang_m")]
+# Two effects at once that are known to hide each other, beside pairs drawn at random. Camera scale and length are another such pair:
+# every world has a length that the search does not know.
+HARD_PAIR = ("arm_lag_s", "grip_compliance_rad_n_m")
 # No fit can find what acts at random, and no episode of this object shows these.
 NEVER = {"dropped_frames", "keypoint_noise_px"}
 UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
-# Objects and motions among which one is looked for in which the effects show.
+# Objects and motions for each of the effects, among which one is looked for in which they show.
 ATTEMPTS = 8
+# Settings of one effect that were looked for in vain before no more are.
+IN_VAIN = 3
 # Random streams: of an object and its motions, and of what a world is measured with.
 SETTING, MEASURED = 1, 2
 STEPS = 16
@@ -77,7 +81,7 @@ def plan(arguments, effects):
         offered = [name for name in offered if name in arguments.effects.split(",")]
     rng = numpy.random.default_rng(arguments.seed)
     every = list(itertools.combinations(offered, 2))
-    drawn = [HARD_PAIRS[i % 2] if i < arguments.pairs // 2 else every[rng.integers(len(every))] for i in range(arguments.pairs)]
+    drawn = [HARD_PAIR if i < arguments.pairs // 2 else every[rng.integers(len(every))] for i in range(arguments.pairs)]
     settings = [("none", [0.0], [])] * arguments.nulls
     settings += [("effect", sizes(arguments), [name]) for name in offered for _ in range(arguments.each)]
     settings += [("pair", [3.0], list(pair)) for pair in drawn]
@@ -94,15 +98,15 @@ def is_of_the_arm(names, effects):
     return any(e["name"] in names and e["hook"] == "actuation" for e in effects)
 
 
-def drawn_setting(rng, greatest, names, effects, folder):
-    """An object and motions, with the sizes from which the effects show, signed; none where one of them, `greatest` times as large,
-    is more than its prior says, or makes no sense."""
+def drawn_setting(rng, names, effects, folder):
+    """An object and motions, with the sizes from which the effects show, signed, and how many times as large all of them may be by
+    their priors; none where one does not show."""
     acts = is_of_the_arm(names, effects) or rng.uniform() < 0.25
     model = folder / "model.yaml"
     write_model(model, acts)
     theta = {"length_m": rng.uniform(0.2, 0.3), "youngs_modulus_pa": float(numpy.exp(rng.uniform(numpy.log(2e3), numpy.log(4e4))))}
     motions = [actions(rng) for _ in range(EPISODES)]
-    unit = {}
+    unit, reach = {}, []
     if names:
         write_actions(folder / "actions.csv", motions[0])
         values = [a for item in theta.items() for a in ("--value", "{}={}".format(*item))]
@@ -116,10 +120,11 @@ def drawn_setting(rng, greatest, names, effects, folder):
             # Where next to nothing shows, the object folds this way or that by chance.
             least = max(bounds["low"], 1e-3 * most)
             sign = rng.choice([-1.0, 1.0]) if about["sign"] == "signed" else 1.0
-            if shows is None or not least <= shows <= most / greatest or not low <= sign * greatest * shows <= high:
+            if shows is None or shows < least:
                 return None
             unit[name] = float(sign * shows)
-    return {"acts": bool(acts), "theta": theta, "motions": motions, "unit": unit}
+            reach.append(min(most, high if sign > 0 else -low) / shows)
+    return {"acts": bool(acts), "theta": theta, "motions": motions, "unit": unit, "reach": min(reach, default=0.0)}
 
 
 def write_model(path, acts):
@@ -128,15 +133,21 @@ def write_model(path, acts):
 
 
 def setting_of(stream, greatest, names, effects, arguments, folder):
-    """The first object and motions in which the effects can show; none where none of many does."""
-    for attempt in range(ATTEMPTS):
+    """The first object and motions in which the effects can be `greatest` times as large as they must be to show, or where none is
+    such, those in which they can be largest; none where they never show."""
+    best = None
+    for attempt in range(ATTEMPTS * max(len(names), 1)):
         rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
         try:
-            if setting := drawn_setting(rng, greatest, names, effects, folder):
-                return setting
+            setting = drawn_setting(rng, names, effects, folder)
         except RuntimeError as refused:
             print(f"{names}: {refused}", file=sys.stderr)
-    return None
+            continue
+        if setting and (best is None or setting["reach"] > best["reach"]):
+            best = setting
+        if best and best["reach"] >= greatest:
+            break
+    return best
 
 
 def measured_world(number, size, setting, arguments, folder):
@@ -168,7 +179,7 @@ def draw(number, kind, size, names, setting, arguments):
     except RuntimeError:
         shutil.rmtree(half)
         raise
-    answer = {"number": number, "kind": kind, "size": size, "hidden": hidden, "theta": setting["theta"]}
+    answer = {"seed": arguments.seed, "number": number, "kind": kind, "size": size, "hidden": hidden, "theta": setting["theta"]}
     answer |= {"drive": "actions" if setting["acts"] else "grip", "salt": secrets.token_hex(16)}
     shutil.rmtree(folder, ignore_errors=True)
     half.rename(folder)
@@ -189,7 +200,7 @@ def main():
     arguments = parser.parse_args()
     effects = json.loads(program("effects", "--json"))
     worlds = plan(arguments, effects)
-    seals, settings, left_out = {}, {}, []
+    seals, settings, left_out, in_vain = {}, {}, [], collections.Counter()
     for number, (kind, size, names, stream) in enumerate(worlds):
         print(f"world {number + 1} of {len(worlds)}", file=sys.stderr)
         sealed = arguments.out / "sealed" / f"{number:05}.json"
@@ -197,10 +208,14 @@ def main():
             if stream not in settings:
                 greatest = max(sizes(arguments)) if kind == "effect" else size
                 with tempfile.TemporaryDirectory() as folder:
-                    settings[stream] = setting_of(stream, greatest, names, effects, arguments, pathlib.Path(folder))
+                    is_tried = in_vain[tuple(names)] < IN_VAIN
+                    settings[stream] = setting_of(stream, greatest, names, effects, arguments, pathlib.Path(folder)) if is_tried else None
+                in_vain[tuple(names)] += settings[stream] is None
             try:
                 if settings[stream] is None:
                     raise RuntimeError("shows in none of the objects and motions that were tried")
+                if size > settings[stream]["reach"]:
+                    raise RuntimeError("is more than the prior says, in all objects and motions that were tried")
                 draw(number, kind, size, names, settings[stream], arguments)
             except RuntimeError as refused:
                 left_out.append(f"{number:05} {' '.join(names)} {size:g} x: {refused}\n")

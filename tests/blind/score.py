@@ -1,9 +1,10 @@
 """Opens the sealed answers, checks their seals, and holds the findings against them: a table, and pictures.
 
-    source .venv/ros.env; .venv/bin/python tests/blind/score.py --out DIR [--json]
+    source .venv/ros.env; .venv/bin/python tests/blind/score.py --out DIR [--measured ROWS.jsonl] [--json | --rows]
 
 Writes DIR/score.json, and DIR/score.png with the confusion matrix, the power, the null worlds' p-values and the calibration of
-the probabilities.
+the probabilities. --rows prints what was found of each world, a line each; such a file's worlds count, too, with --measured: what
+takes days can be looked at in parts, each drawn with a seed of its own.
 """
 
 import argparse
@@ -15,6 +16,8 @@ import sys
 
 import numpy
 
+# Probabilities that nobody would call possible: thousands of effects at 0 would hide all else.
+IMPOSSIBLE = 0.01
 # Standard normal quantile of a two-sided interval of 95 %.
 Z = 1.959964
 BINS = 10
@@ -79,6 +82,8 @@ def row_of(answer, finding):
     named = finding["verdict"] in NAMED
     check = finding["verification"]
     return {
+        "seed": answer["seed"],
+        "number": answer["number"],
         "kind": answer["kind"],
         "size": answer["size"],
         "hidden": sorted(hidden),
@@ -92,16 +97,30 @@ def row_of(answer, finding):
         "top_3": bool(hidden) and hidden <= set(ranks_of(finding)[: 2 + len(hidden)]),
         # All that was hidden is among what cannot be told apart, if only from values beyond a prior, and there is no effect too many.
         "group": (named or finding["verdict"] == "prior_too_narrow") and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
-        "closed": check["gap_closed"] if check else None,
-        "wall_s": finding["wall_s"],
-        "probabilities": [(p["probability"], p["name"] in hidden) for p in finding["presence"]],
+        "held": [held(finding[fit], answer["theta"]) for fit in ("present", "repaired")],
+        "closed": check["gap_closed"] and round(check["gap_closed"], 4) if check else None,
+        "wall_s": round(finding["wall_s"], 1),
+        "probabilities": [(round(p["probability"], 4), p["name"] in hidden) for p in finding["presence"] if p["probability"] > IMPOSSIBLE],
     }
 
 
+def held(fit, theta):
+    """Whether all true values of the object lie within 5 to 95 % of what a fit says of them; none where there is no fit."""
+    said = {e["name"]: e for e in fit["estimates"]} if fit else {}
+    return all(said[name]["q05"] <= value <= said[name]["q95"] for name, value in theta.items()) if fit else None
+
+
+def together(rows, measured):
+    """The rows, with those of a file whose worlds are others."""
+    lines = measured.read_text().splitlines() if measured else []
+    of = lambda row: (row["seed"], row["number"])
+    all_rows = {of(row): row for row in [*map(json.loads, lines), *rows]}
+    return [all_rows[key] for key in sorted(all_rows)]
+
+
 def calibration(rows):
-    """Expected calibration error of the probabilities of presence, weighted by how many lie in each bin, and the bins. What
-    nobody would call possible is left out: thousands of effects at 0 would hide all else."""
-    pairs = [pair for row in rows if row["kind"] != "none" for pair in row["probabilities"] if pair[0] > 0.01]
+    """Expected calibration error of the probabilities of presence, weighted by how many lie in each bin, and the bins."""
+    pairs = [pair for row in rows if row["kind"] != "none" for pair in row["probabilities"]]
     if not pairs:
         return None, []
     said, true = numpy.array([p for p, _ in pairs]), numpy.array([float(t) for _, t in pairs])
@@ -137,6 +156,7 @@ def summary(rows):
         "p_uniform": kolmogorov_p(spread([row["p"] for row in nulls], nulls[0]["null_sets"])) if nulls else None,
         "sizes": {str(s): {key: share([r for r in effects if r["size"] == s], key) for key in ("detected", "top_1", "top_3", "group")} for s in sizes},
         "effects": by_effect,
+        "held": {str(s): shares_held([r for r in effects if r["size"] == s and r["top_1"]]) for s in sizes},
         "pairs": {key: share(of(kind="pair"), key) for key in ("detected", "top_1", "group")},
         "none_of_these": share(unlisted, "none_of_these"),
         "calibration_error": error,
@@ -151,6 +171,7 @@ def text(found):
     lines = [f"false alarms  {percent(found['false_alarms'])}, p-values uniform: p = {found['p_uniform']}"]
     for size, row in found["sizes"].items():
         lines.append(f"{size} x  detected {percent(row['detected'])}, top-1 {percent(row['top_1'])}, top-3 {percent(row['top_3'])}, group {percent(row['group'])}, gap closed {found['gap_closed'][size]}")
+        lines.append(f"{size} x, named  object held by the present model {percent(found['held'][size][0])}, by the repaired one {percent(found['held'][size][1])}")
     lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
     lines.append(f"none of these  {percent(found['none_of_these'])}")
     lines.append(f"calibration error  {found['calibration_error']}")
@@ -159,6 +180,11 @@ def text(found):
         lines.append(f"{name:<26} detected, top-1, group  " + "   ".join(cells))
     lines.append(f"{found['worlds']} worlds, {found['wall_s']:.0f} s each")
     return "\n".join(lines)
+
+
+def shares_held(rows):
+    """Shares of worlds whose object the present and the repaired model hold within 5 to 95 % of each of its values."""
+    return [share([{"held": row["held"][i]} for row in rows if row["held"][1] is not None], "held") for i in (0, 1)]
 
 
 def draw(rows, found, path):
@@ -177,8 +203,8 @@ def draw(rows, found, path):
         x, power, named = zip(*shares)
         axes[0][1].plot(x, power, "o-", label="detected")
         axes[0][1].plot(x, named, "s-", label="named, groups counting as theirs")
+        axes[0][1].legend()
     axes[0][1].set(xlabel="magnitude, detectable sizes", ylabel="share of worlds", ylim=(-0.02, 1.02), title="power")
-    axes[0][1].legend()
     p = numpy.sort([row["p"] for row in rows if row["kind"] == "none"])
     axes[1][0].plot((numpy.arange(len(p)) + 0.5) / max(len(p), 1), p, ".")
     axes[1][0].plot([0, 1], [0, 1], color="0.6")
@@ -214,9 +240,16 @@ def what_of(row):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=pathlib.Path, required=True)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--measured", type=pathlib.Path, help="what was found of other worlds, as --rows prints it")
+    printed = parser.add_mutually_exclusive_group()
+    printed.add_argument("--json", action="store_true", help="print the table as JSON")
+    printed.add_argument("--rows", action="store_true", help="print what was found of each world, a line each")
     arguments = parser.parse_args()
     rows = [row_of(*pair) for pair in opened(arguments.out)]
+    rows = together(rows, arguments.measured)
+    if arguments.rows:
+        print("\n".join(map(json.dumps, rows)))
+        return
     found = summary(rows)
     (arguments.out / "score.json").write_text(json.dumps({"summary": found, "rows": rows}))
     draw(rows, found, arguments.out / "score.png")

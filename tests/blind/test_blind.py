@@ -46,6 +46,18 @@ def test_hidden_effects_are_named_and_nothing_is_where_nothing_was_hidden(worlds
     assert (worlds / "score.png").stat().st_size > 10_000
 
 
+def test_rows_of_other_worlds_count_too(worlds, tmp_path):
+    rows = run("score.py", "--out", worlds, "--rows")
+    assert rows.returncode == 0, rows.stderr
+    first, *_ = lines = [json.loads(line) for line in rows.stdout.splitlines()]
+    assert len(lines) == 3 and len({line["number"] for line in lines}) == 3
+    others = tmp_path / "rows.jsonl"
+    others.write_text("".join(json.dumps(row) + "\n" for row in (first, first | {"seed": first["seed"] + 1})))
+    done = run("score.py", "--out", worlds, "--measured", others, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["worlds"] == 4
+
+
 def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(worlds, copy, ignore=shutil.ignore_patterns("bag_*"))
