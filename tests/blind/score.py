@@ -57,7 +57,8 @@ def spread(p_values, null_sets):
 
 def opened(folder):
     """(answer, finding) of each world that was searched; a broken seal ends everything."""
-    seals = dict(line.split()[::-1] for line in (folder / "seals.txt").read_text().splitlines())
+    seals = folder / "seals.txt"
+    seals = dict(line.split()[::-1] for line in seals.read_text().splitlines()) if seals.exists() else {}
     pairs = []
     for name, seal in sorted(seals.items()):
         text = (folder / "sealed" / name).read_bytes()
@@ -175,11 +176,17 @@ def text(found):
     lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
     lines.append(f"none of these  {percent(found['none_of_these'])}")
     lines.append(f"calibration error  {found['calibration_error']}")
-    for name, sizes in found["effects"].items():
-        cells = (f"{size} x: {row['detected']['share']:.0%} {row['top_1']['share']:.0%} {row['group']['share']:.0%}" for size, row in sizes.items() if row["top_1"]["of"])
-        lines.append(f"{name:<26} detected, top-1, group  " + "   ".join(cells))
+    lines += ["", *table_of_effects(found["effects"]), ""]
     lines.append(f"{found['worlds']} worlds, {found['wall_s']:.0f} s each")
     return "\n".join(lines)
+
+
+def table_of_effects(effects):
+    """A table in Markdown: of the worlds with each effect, how many were detected, named, and named or in a group that holds it."""
+    sizes = list(next(iter(effects.values()), {}))
+    percent = lambda row: " / ".join(f"{row[key]['share']:.0%}" for key in ("detected", "top_1", "group")) + f" of {row['top_1']['of']}"
+    lines = ["| effect | " + " | ".join(f"{size} x" for size in sizes) + " |", "|---" * (1 + len(sizes)) + "|"]
+    return lines + [f"| {name} | " + " | ".join(percent(row) if row["top_1"]["of"] else "-" for row in of.values()) + " |" for name, of in effects.items()]
 
 
 def shares_held(rows):
@@ -245,8 +252,10 @@ def main():
     printed.add_argument("--json", action="store_true", help="print the table as JSON")
     printed.add_argument("--rows", action="store_true", help="print what was found of each world, a line each")
     arguments = parser.parse_args()
-    rows = [row_of(*pair) for pair in opened(arguments.out)]
-    rows = together(rows, arguments.measured)
+    if not arguments.measured and not (arguments.out / "seals.txt").exists():
+        sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of worlds that were drawn, or --measured ROWS.jsonl")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    rows = together([row_of(*pair) for pair in opened(arguments.out)], arguments.measured)
     if arguments.rows:
         print("\n".join(map(json.dumps, rows)))
         return
