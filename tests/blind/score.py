@@ -256,6 +256,8 @@ def main():
         sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of worlds that were drawn, or --measured ROWS.jsonl")
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = together([row_of(*pair) for pair in opened(arguments.out)], arguments.measured)
+    if not rows:
+        sys.exit(f"{arguments.measured or arguments.out}: expected what was found of one world at least")
     if arguments.rows:
         print("\n".join(map(json.dumps, rows)))
         return
