@@ -242,15 +242,16 @@ mod tests {
         SimulationRequest { thetas, ..toy::case(&Toy { gain: 1.0 }, [0.25, 9e3], &[]).template }
     }
 
-    fn path(name: &str) -> PathBuf {
-        let path = std::env::temp_dir().join(format!("catenary_journal_{}/{name}.{EXTENSION}", std::process::id()));
-        let _ = std::fs::remove_file(&path);
-        path
+    /// A folder that goes with the test, and a journal's path in it, of a folder that is not there yet.
+    fn path() -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(format!("journals/search.{EXTENSION}"));
+        (folder, path)
     }
 
     #[test]
     fn what_was_answered_before_is_told_again_to_the_bit_and_not_asked() {
-        let path = path("again");
+        let (_folder, path) = path();
         let simulator = Counted::new();
         let ask = |journal: &Journal<'_>| {
             let tracks = [&[0.3, 0.31][..], &[0.1 + 0.2]].map(|l| journal.simulate(&request(l)).unwrap());
@@ -271,7 +272,7 @@ mod tests {
 
     #[test]
     fn a_killed_process_costs_its_last_answer_at_most() {
-        let path = path("torn");
+        let (_folder, path) = path();
         let simulator = Counted::new();
         let journal = Journal::open(path.clone(), 7, &simulator);
         for length in [0.3, 0.31, 0.32] {
@@ -297,19 +298,20 @@ mod tests {
             std::fs::write(&path, &whole[..end]).unwrap();
             assert!(Journal::open(path.clone(), 7, &simulator).is_empty(), "{end} bytes");
         }
-        std::fs::remove_file(path).unwrap();
     }
 
     #[test]
     fn errors_are_not_kept_and_a_journal_that_cannot_be_written_harms_nothing() {
         let simulator = Counted::new();
-        let journal = Journal::open(path("errors"), 7, &simulator);
+        let (_folder, path) = path();
+        let journal = Journal::open(path.clone(), 7, &simulator);
         for _ in 0..2 {
             journal.simulate(&request(&[0.1])).unwrap_err();
         }
         assert_eq!((simulator.times(), journal.len()), (2, 0));
+        drop(journal);
         // Another process has it.
-        let second = Journal::open(path("errors"), 7, &simulator);
+        let second = Journal::open(path, 7, &simulator);
         let taken = Journal::open(second.path.clone(), 7, &simulator);
         for journal in [&taken, &Journal::open(PathBuf::from("/dev/null/journal"), 7, &simulator)] {
             let before = simulator.times();
