@@ -26,7 +26,7 @@ struct Row {
     sign: Sign,
     prior: Prior,
     range: [f64; 2],
-    /// How large it must be to show in one of two episodes as the one asked about, at 5 %; none where nobody asked, the model
+    /// How large it must be to show, at 5 %, in four of five episodes like the one asked about; none where nobody asked, the model
     /// has the effect itself, or it stays hidden however large it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     detectable: Option<f64>,

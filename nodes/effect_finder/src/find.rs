@@ -471,4 +471,20 @@ mod tests {
         };
         assert_eq!([None, Some(Fidelity::FineMesh)].map(found), [Verdict::NoGap, Verdict::NoneOfThese]);
     }
+
+    /// The first fit shows it, and no better one is looked for before the finer ones take their place.
+    #[test]
+    fn what_coarse_simulations_cannot_explain_finer_ones_do() {
+        let (theta, simulator) = ([0.25, 2e4], Coarse { toy: Toy { gain: 0.3 }, error: 0.3 });
+        let measured = [toy::measured(&simulator.toy, theta, &[])];
+        let model = toy::model();
+        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+        let settings =
+            Settings { in_need: Some(Fidelity::FineMesh), draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
+        let found = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding;
+        assert_eq!(
+            (found.verdict, found.conclusions[0].clone()),
+            (Verdict::NoGap, sentences::finer(Fidelity::FineMesh))
+        );
+    }
 }

@@ -117,8 +117,8 @@ pub fn traded(trade_off: &TradeOff) -> String {
     let [effect, other] = &trade_off.between;
     let (correlation, worth) = (trade_off.correlation, 100.0 * trade_off.worth());
     format!(
-        "{effect} and {other} trade off (correlation {correlation:.2}): who measures one of them takes {worth:.0} % off the \
-         other's uncertainty"
+        "{effect} and {other} trade off (correlation {correlation:.2}): who measures one of them takes {worth:.0} % off what \
+         these episodes leave open of the other"
     )
 }
 

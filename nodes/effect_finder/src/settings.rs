@@ -37,8 +37,8 @@ pub struct Settings {
     pub rounds: usize,
     /// Fidelity of the simulations. Coarse ones will do where a finer one corrects them.
     pub fidelity: Fidelity,
-    /// Fidelity in its place where its error at the best fit would be plain in the data: where it is more than a correction can
-    /// take out; none: there is no other.
+    /// Fidelity in its place where its error at the best fit that was found would be plain in the data: where it is more than a
+    /// correction can take out; none: there is no other.
     pub in_need: Option<Fidelity>,
     /// Finer fidelity, by which the error of the simulations' division of time and object is taken out; none: it is not.
     pub finer_fidelity: Option<Fidelity>,

@@ -18,7 +18,7 @@ pub struct TradeOff {
 }
 
 impl TradeOff {
-    /// Share of the uncertainty of one that knowing the other would take away.
+    /// Share of what the fitted episodes leave open of one that knowing the other would take away.
     pub fn worth(&self) -> f64 {
         1.0 - (1.0 - self.correlation.powi(2)).max(0.0).sqrt()
     }
