@@ -5,11 +5,12 @@
 The bare cable's two motions are searched, each with the other held out, with the model of `launch_configs/models/measured_cable.yaml`
 less rest curvature, all that damps it (in bending, between the strands, in the air) and its markers' mass. The motions with a mass at the tip are searched
 with the model that the bare swing's repair left, again each with the other held out; then once more with that model, whose bending
-stiffness may be anything that it could be at first: mass makes up for stiffness, and the search has to say so. --data holds the measured tracks. What is in
---out already is not done again.
+stiffness may be anything that it could be at first: mass makes up for stiffness, and the search has to say so. --data holds the measured tracks. A search
+that is in --out already, by the same model and null sets, is not done again, and one that was cut off goes on.
 """
 
 import argparse
+import hashlib
 import json
 import pathlib
 import shutil
@@ -20,6 +21,7 @@ import yaml
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests/blind"))
 import draw  # noqa: E402
+import score  # noqa: E402
 
 MODEL = ROOT / "launch_configs/models/measured_cable.yaml"
 LACKING = {"kelvin_voigt_time_s", "rest_curvature_per_m", "sticking_stiffness_n_m2", "slip_moment_n_m", "linear_drag_n_s_m2"}
@@ -58,11 +60,11 @@ def imported(arguments, model, state, motion):
 
 def search(arguments, model, state, motion, other):
     """Searches one recording, with the other motion unseen; the folder of what was found."""
-    found = arguments.out / f"{model.stem}_{motion}_{state}"
+    asked_for = hashlib.sha256(model.read_bytes() + str(arguments.null_sets).encode()).hexdigest()
+    found = arguments.out / f"{model.stem}_{motion}_{state}_{asked_for[:8]}"
     if not found.exists():
         print(found.name, file=sys.stderr)
         half = found.with_name("half_" + found.name)
-        shutil.rmtree(half, ignore_errors=True)
         bags = [imported(arguments, model, state, m) for m in (motion, other)]
         asked = ("--model", model, "--bag", bags[0], "--verify", bags[1], "--null-sets", arguments.null_sets)
         draw.program("find-effects", *asked, "--out", half)
@@ -81,6 +83,7 @@ def row_of(model, state, motion, verdict):
         "found": verdict["found"],
         "values": [{key: e[key] for key in ("name", "value", "sd")} for one in first for e in one["effects"]],
         "p_value": verdict["present"]["test"]["p_value"],
+        "null_sets": len(verdict["present"]["test"]["null"]),
         "rmse_mm": [verdict[fit]["rmse_mm"] if verdict[fit] else None for fit in ("present", "repaired")],
         "unseen_mm": [unseen[side]["rmse_mm"] for side in ("before", "after")] if unseen else None,
         "floor_mm": unseen["floor_mm"] if unseen else None,
@@ -116,6 +119,8 @@ def main():
             row = row_of(model.stem, state, motion, json.loads((found / "verdict.json").read_text()))
             print(json.dumps(row) if arguments.json else text(row), flush=True)
             if (model, motion) == (straight, SWING):
+                if row["verdict"] not in score.NAMED:
+                    sys.exit(f"{found}: the verdict is {row['verdict']}, so there is no repaired model to search with")
                 shutil.copy(found / "model.yaml", repaired)
                 loosened(free, repaired)
 
