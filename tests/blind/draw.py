@@ -7,7 +7,7 @@ The worlds of an effect are those of --each objects and motions, each with the e
 Each world is a folder of DIR/worlds with the bags of some episodes, which hold topics and nothing else, and the model that a lab
 would begin with. They are simulated at the finer `reference` fidelity, by another arm than the model's where the model follows the
 measured path of the hand. What was drawn lies in DIR/sealed; DIR/seals.txt, written before any search, holds the SHA-256 of each.
-DIR/left_out.txt says which worlds could not be drawn, and why. What is in DIR already is not drawn again.
+DIR/left_out.jsonl says which worlds could not be drawn, and why. What is in DIR already is not drawn again.
 """
 
 import argparse
@@ -32,16 +32,20 @@ MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 LAG = "law: {lag: {time_constant_s: 0.16, max_speed_m_s: 0.5}}"
 IMPEDANCE = "law: {impedance: {}}"
 GRIP, ACTIONS = "drive: grip ", "drive: actions "
+PRIOR = "low: 1.0e+3, high: 5.0e+4"
+# The model's prior of Young's modulus, and from what to what objects are drawn, Pa: silicone as the model has it, and a stiff rubber,
+# which pulls at the grip enough to show what gives way there.
+OBJECTS = [(PRIOR, 2e3, 4e4), ("low: 5.0e+4, high: 5.0e+6", 1e5, 2e6)]
 # Two effects at once that are known to hide each other, beside pairs drawn at random. Camera scale and length are another such pair:
 # every world has a length that the search does not know.
 HARD_PAIR = ("arm_lag_s", "grip_compliance_rad_n_m")
-# No fit can find what acts at random, and no episode of this object shows these.
+# No fit can find what acts at random.
 NEVER = {"dropped_frames", "keypoint_noise_px"}
 UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
-# Objects and motions for each of the effects, among which one is looked for in which they show.
+# Bars and motions of each kind of object, among which some are looked for in which the effects show.
 ATTEMPTS = 8
-# Settings of one effect that were looked for in vain before no more are.
+# Settings of one effect that are looked for in vain before no more are, where it showed in none.
 IN_VAIN = 3
 # Random streams: of an object and its motions, and of what a world is measured with.
 SETTING, MEASURED = 1, 2
@@ -98,13 +102,14 @@ def is_of_the_arm(names, effects):
     return any(e["name"] in names and e["hook"] == "actuation" for e in effects)
 
 
-def drawn_setting(rng, names, effects, folder):
-    """An object and motions, with the sizes from which the effects show, signed, and how many times as large all of them may be by
+def drawn_setting(rng, names, effects, kind, folder):
+    """An object of the kind and motions, with the sizes from which the effects show, signed, and how many times as large all of them may be by
     their priors; none where one does not show."""
     acts = is_of_the_arm(names, effects) or rng.uniform() < 0.25
     model = folder / "model.yaml"
-    write_model(model, acts)
-    theta = {"length_m": rng.uniform(0.2, 0.3), "youngs_modulus_pa": float(numpy.exp(rng.uniform(numpy.log(2e3), numpy.log(4e4))))}
+    model.write_text(model_of(kind, acts))
+    _, softest, stiffest = OBJECTS[kind]
+    theta = {"length_m": rng.uniform(0.2, 0.3), "youngs_modulus_pa": float(numpy.exp(rng.uniform(numpy.log(softest), numpy.log(stiffest))))}
     motions = [actions(rng) for _ in range(EPISODES)]
     unit, reach = {}, []
     if names:
@@ -124,22 +129,29 @@ def drawn_setting(rng, names, effects, folder):
                 return None
             unit[name] = float(sign * shows)
             reach.append(min(most, high if sign > 0 else -low) / shows)
-    return {"acts": bool(acts), "theta": theta, "motions": motions, "unit": unit, "reach": min(reach, default=0.0)}
+    return {"object": kind, "acts": bool(acts), "theta": theta, "motions": motions, "unit": unit, "reach": min(reach, default=0.0)}
 
 
-def write_model(path, acts):
-    text = MODEL.read_text()
-    path.write_text(text.replace(GRIP, ACTIONS) if acts else text)
+def model_of(kind, acts):
+    """The text of the model that a lab would begin with."""
+    text = changed(MODEL.read_text(), PRIOR, OBJECTS[kind][0])
+    return changed(text, GRIP, ACTIONS) if acts else text
+
+
+def changed(model, part, other):
+    if part not in model:
+        sys.exit(f"{MODEL}: expected {part!r} in it, for {other!r} in its place")
+    return model.replace(part, other)
 
 
 def setting_of(stream, greatest, names, effects, arguments, folder):
     """The first object and motions in which the effects can be `greatest` times as large as they must be to show, or where none is
     such, those in which they can be largest; none where they never show."""
     best = None
-    for attempt in range(ATTEMPTS * max(len(names), 1)):
+    for attempt in range(ATTEMPTS * len(OBJECTS)):
         rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
         try:
-            setting = drawn_setting(rng, names, effects, folder)
+            setting = drawn_setting(rng, names, effects, attempt // ATTEMPTS, folder)
         except RuntimeError as refused:
             print(f"{names}: {refused}", file=sys.stderr)
             continue
@@ -153,9 +165,10 @@ def setting_of(stream, greatest, names, effects, arguments, folder):
 def measured_world(number, size, setting, arguments, folder):
     """Writes the bags and the model; returns what is hidden in them."""
     rng = numpy.random.default_rng([arguments.seed, MEASURED, number])
-    write_model(folder / "model.yaml", setting["acts"])
+    model = model_of(setting["object"], setting["acts"])
+    (folder / "model.yaml").write_text(model)
     world = folder / "world.yaml"
-    world.write_text((folder / "model.yaml").read_text() if setting["acts"] else MODEL.read_text().replace(LAG, IMPEDANCE))
+    world.write_text(model if setting["acts"] else changed(model, LAG, IMPEDANCE))
     hidden = {name: size * value for name, value in setting["unit"].items()}
     given = [a for item in setting["theta"].items() for a in ("--theta", "{}={}".format(*item))]
     given += [a for item in hidden.items() for a in ("--effect", "{}={}".format(*item))]
@@ -200,29 +213,32 @@ def main():
     arguments = parser.parse_args()
     effects = json.loads(program("effects", "--json"))
     worlds = plan(arguments, effects)
-    seals, settings, left_out, in_vain = {}, {}, [], collections.Counter()
+    seals, settings, left_out, in_vain, shown = {}, {}, [], collections.Counter(), set()
     for number, (kind, size, names, stream) in enumerate(worlds):
         print(f"world {number + 1} of {len(worlds)}", file=sys.stderr)
         sealed = arguments.out / "sealed" / f"{number:05}.json"
         if not sealed.exists():
             if stream not in settings:
-                greatest = max(sizes(arguments)) if kind == "effect" else size
+                greatest, key = max(sizes(arguments)) if kind == "effect" else size, tuple(names)
                 with tempfile.TemporaryDirectory() as folder:
-                    is_tried = in_vain[tuple(names)] < IN_VAIN
+                    is_tried = key in shown or in_vain[key] < IN_VAIN
                     settings[stream] = setting_of(stream, greatest, names, effects, arguments, pathlib.Path(folder)) if is_tried else None
-                in_vain[tuple(names)] += settings[stream] is None
+                if settings[stream]:
+                    shown.add(key)
+                else:
+                    in_vain[key] += 1
             try:
                 if settings[stream] is None:
-                    raise RuntimeError("shows in none of the objects and motions that were tried")
+                    raise RuntimeError(f"shows in none of {ATTEMPTS * len(OBJECTS)} objects and motions, or in none of {IN_VAIN} times as many before")
                 if size > settings[stream]["reach"]:
                     raise RuntimeError("is more than the prior says, in all objects and motions that were tried")
                 draw(number, kind, size, names, settings[stream], arguments)
             except RuntimeError as refused:
-                left_out.append(f"{number:05} {' '.join(names)} {size:g} x: {refused}\n")
-                print(f"left out: {left_out[-1]}", end="", file=sys.stderr)
+                left_out.append({"seed": arguments.seed, "number": number, "kind": "left_out", "size": size, "hidden": sorted(names), "why": str(refused)})
+                print(f"left out: {left_out[-1]}", file=sys.stderr)
                 continue
         seals[number] = hashlib.sha256(sealed.read_bytes()).hexdigest()
-    (arguments.out / "left_out.txt").write_text("".join(left_out))
+    (arguments.out / "left_out.jsonl").write_text("".join(json.dumps(one) + "\n" for one in left_out))
     (arguments.out / "seals.txt").write_text("".join(f"{seal}  {number:05}.json\n" for number, seal in seals.items()))
 
 

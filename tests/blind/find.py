@@ -2,13 +2,12 @@
 
     source .venv/ros.env; .venv/bin/python tests/blind/find.py --out DIR [--null-sets 99]
 
-What was found already is not searched again.
+What was found already is not searched again, and a search that was cut off goes on.
 """
 
 import argparse
 import os
 import pathlib
-import shutil
 import subprocess
 import sys
 
@@ -19,7 +18,6 @@ PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 def search(world, found, null_sets):
     """Searches, and puts the finding in its place once it is whole."""
     half = found.with_suffix(".half")
-    shutil.rmtree(half, ignore_errors=True)
     first, *others = sorted(world.glob("bag_*"))
     held_out = [a for bag in others for a in ("--verify", bag)]
     command = [PROGRAM, "find-effects", "--model", world / "model.yaml", "--bag", first, *held_out, "--out", half, "--null-sets", null_sets]

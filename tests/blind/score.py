@@ -3,11 +3,12 @@
     source .venv/ros.env; .venv/bin/python tests/blind/score.py --out DIR [--measured ROWS.jsonl] [--json | --rows]
 
 Writes DIR/score.json, and DIR/score.png with the confusion matrix, the power, the null worlds' p-values and the calibration of
-the probabilities. --rows prints what was found of each world, a line each; such a file's worlds count, too, with --measured: what
+the probabilities. --rows prints what was found of each world, a line each, and which could not be drawn; such a file's worlds count, too, with --measured: what
 takes days can be looked at in parts, each drawn with a seed of its own.
 """
 
 import argparse
+import collections
 import hashlib
 import json
 import math
@@ -48,11 +49,10 @@ def kolmogorov_p(values):
     return float(min(1.0, max(0.0, 2 * sum((-1) ** (k - 1) * math.exp(-2 * (k * scaled) ** 2) for k in range(1, 101)))))
 
 
-def spread(p_values, null_sets):
+def spread(rows):
     """p-values of a test by simulation come in steps of 1 / (1 + B): spread evenly over their step they are uniform on 0 to 1."""
     rng = numpy.random.default_rng(0)
-    step = 1.0 / (1 + null_sets)
-    return [p - step * rng.uniform() for p in p_values]
+    return [row["p"] - rng.uniform() / (1 + row["null_sets"]) for row in rows]
 
 
 def opened(folder):
@@ -67,7 +67,15 @@ def opened(folder):
         verdict = folder / "found" / pathlib.Path(name).stem / "verdict.json"
         if verdict.exists():
             pairs.append((json.loads(text), json.loads(verdict.read_text())))
+    if len(pairs) < len(seals):
+        print(f"{folder}: {len(seals) - len(pairs)} of {len(seals)} worlds are not searched", file=sys.stderr)
     return pairs
+
+
+def left_out(folder):
+    """Rows of the worlds that could not be drawn."""
+    path = folder / "left_out.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def ranks_of(finding):
@@ -136,7 +144,8 @@ def share(rows, key):
     return {"share": hits / len(rows) if rows else None, "interval": wilson(hits, len(rows)), "of": len(rows)}
 
 
-def summary(rows):
+def summary(all_rows):
+    rows, missing = [[row for row in all_rows if (row["kind"] == "left_out") == out] for out in (False, True)]
     nulls = [row for row in rows if row["kind"] == "none"]
     effects = [row for row in rows if row["kind"] == "effect"]
     of = lambda **wanted: [row for row in rows if all(row[k] == v for k, v in wanted.items())]
@@ -149,12 +158,15 @@ def summary(rows):
         row["none_of_these"] = row["verdict"] == "none_of_these"
     by_effect = {}
     for name in sorted({row["hidden"][0] for row in effects}):
-        own = [row for row in effects if row["hidden"] == [name]]
+        own, none = [[row for row in some if row["hidden"] == [name]] for some in (effects, missing)]
         by_effect[name] = {str(size): {key: share([r for r in own if r["size"] == size], key) for key in ("detected", "top_1", "top_3", "group")} for size in sizes}
+        for size in sizes:
+            by_effect[name][str(size)]["left_out"] = sum(row["size"] == size for row in none)
     return {
         "worlds": len(rows),
+        "left_out": dict(collections.Counter(" + ".join(row["hidden"]) for row in missing)),
         "false_alarms": share(nulls, "detected"),
-        "p_uniform": kolmogorov_p(spread([row["p"] for row in nulls], nulls[0]["null_sets"])) if nulls else None,
+        "p_uniform": kolmogorov_p(spread(nulls)) if nulls else None,
         "sizes": {str(s): {key: share([r for r in effects if r["size"] == s], key) for key in ("detected", "top_1", "top_3", "group")} for s in sizes},
         "effects": by_effect,
         "held": {str(s): shares_held([r for r in effects if r["size"] == s and r["top_1"]]) for s in sizes},
@@ -177,16 +189,19 @@ def text(found):
     lines.append(f"none of these  {percent(found['none_of_these'])}")
     lines.append(f"calibration error  {found['calibration_error']}")
     lines += ["", *table_of_effects(found["effects"]), ""]
+    lines.append("could not be drawn: " + (", ".join(f"{name} {n}" for name, n in found["left_out"].items()) or "none"))
     lines.append(f"{found['worlds']} worlds, {found['wall_s']:.0f} s each")
     return "\n".join(lines)
 
 
 def table_of_effects(effects):
-    """A table in Markdown: of the worlds with each effect, how many were detected, named, and named or in a group that holds it."""
+    """A table in Markdown: of the worlds with each effect, how many were detected, named, and named or in a group that holds it;
+    and how many could not be drawn, where there are such."""
     sizes = list(next(iter(effects.values()), {}))
     percent = lambda row: " / ".join(f"{row[key]['share']:.0%}" for key in ("detected", "top_1", "group")) + f" of {row['top_1']['of']}"
+    cell = lambda row: (percent(row) if row["top_1"]["of"] else "-") + (f", {row['left_out']} left out" if row["left_out"] else "")
     lines = ["| effect | " + " | ".join(f"{size} x" for size in sizes) + " |", "|---" * (1 + len(sizes)) + "|"]
-    return lines + [f"| {name} | " + " | ".join(percent(row) if row["top_1"]["of"] else "-" for row in of.values()) + " |" for name, of in effects.items()]
+    return lines + [f"| {name} | " + " | ".join(map(cell, of.values())) + " |" for name, of in effects.items()]
 
 
 def shares_held(rows):
@@ -255,8 +270,8 @@ def main():
     if not arguments.measured and not (arguments.out / "seals.txt").exists():
         sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of worlds that were drawn, or --measured ROWS.jsonl")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    rows = together([row_of(*pair) for pair in opened(arguments.out)], arguments.measured)
-    if not rows:
+    rows = together([row_of(*pair) for pair in opened(arguments.out)] + left_out(arguments.out), arguments.measured)
+    if all(row["kind"] == "left_out" for row in rows):
         sys.exit(f"{arguments.measured or arguments.out}: expected what was found of one world at least")
     if arguments.rows:
         print("\n".join(map(json.dumps, rows)))

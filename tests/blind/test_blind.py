@@ -52,10 +52,13 @@ def test_rows_of_other_worlds_count_too(worlds, tmp_path):
     first, *_ = lines = [json.loads(line) for line in rows.stdout.splitlines()]
     assert len(lines) == 3 and len({line["number"] for line in lines}) == 3
     others = tmp_path / "rows.jsonl"
-    others.write_text("".join(json.dumps(row) + "\n" for row in (first, first | {"seed": first["seed"] + 1})))
+    missing = {"seed": 7, "number": 0, "kind": "left_out", "size": 3.0, "hidden": ["tip_mass_kg"], "why": "shows nowhere"}
+    others.write_text("".join(json.dumps(row) + "\n" for row in (first, first | {"seed": first["seed"] + 1}, missing)))
     done = run("score.py", "--out", worlds, "--measured", others, "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["worlds"] == 4
+    found = json.loads(done.stdout)
+    assert found["worlds"] == 4 and found["left_out"] == {"tip_mass_kg": 1}
+    assert found["effects"]["tip_mass_kg"]["3.0"]["left_out"] == 1
 
 
 def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_path):
@@ -73,5 +76,9 @@ def test_figures_of_the_score_have_closed_forms():
     assert score.wilson(0, 10)[0] == 0.0 and score.wilson(0, 0) == [0.0, 1.0]
     even = (numpy.arange(100) + 0.5) / 100
     assert score.kolmogorov_p(even) > 0.99 and score.kolmogorov_p(even**2) < 1e-4
+    # Of 200 p-values of a uniform test each is one of 1 / 200 to 1, and of 20 one of 1 / 20 to 1.
+    tests = [{"p": (i + 1) / (n + 1), "null_sets": n} for n in (19, 199) for i in range(n + 1)]
+    assert all(0.0 <= p <= row["p"] and row["p"] - p <= 1 / (1 + row["null_sets"]) for p, row in zip(score.spread(tests), tests, strict=True))
+    assert score.kolmogorov_p(score.spread(tests)) > 0.99
     row = {"kind": "effect", "probabilities": [(0.9, True)] * 9 + [(0.9, False)]}
     assert score.calibration([row])[0] < 1e-9
