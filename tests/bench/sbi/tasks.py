@@ -87,7 +87,7 @@ def linear(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def sir(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The infected among 1,000 tested every 17th day of an epidemic: contact and recovery rate, a million people, one ill at
-    first. Runge-Kutta of the fourth order, eight steps a day: exact to 2e-6 of the people for all rates that the prior gives."""
+    first. Runge-Kutta of the fourth order, eight steps a day: exact to 2e-5 of the people for all rates that the prior gives."""
     contact, recovery = theta.T
     steps, step = 8, 1.0 / 8.0
 
