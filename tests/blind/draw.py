@@ -151,7 +151,7 @@ def setting_of(stream, greatest, names, effects, arguments, folder):
     for attempt in range(ATTEMPTS * len(OBJECTS)):
         rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
         try:
-            setting = drawn_setting(rng, names, effects, attempt // ATTEMPTS, folder)
+            setting = drawn_setting(rng, names, effects, attempt % len(OBJECTS), folder)
         except RuntimeError as refused:
             print(f"{names}: {refused}", file=sys.stderr)
             continue
