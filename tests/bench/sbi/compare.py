@@ -103,7 +103,8 @@ def table(results: list[dict]) -> str:
                 row += " - | - | - |"
                 continue
             mean = lambda key: np.mean([np.mean(r[key]) for r in found])
-            spread = np.std([np.mean(r["c2st"]) for r in found])
+            # Between seeds, of which one alone says nothing.
+            spread = np.std([np.mean(r["c2st"]) for r in found], ddof=1) if len(found) > 1 else np.nan
             row += f" {mean('c2st'):.3f} +- {spread:.3f} | {mean('log_probability'):.2f} | {mean('train_s'):.1f} |"
         lines.append(row)
     return "\n".join(lines)
