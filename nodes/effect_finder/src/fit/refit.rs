@@ -1,6 +1,7 @@
 //! Fits of many data sets that were simulated near one: they borrow its derivatives.
 
-use super::{Fit, OnRound, Problem, Start, predicted_decrease, stepped};
+use super::step::{predicted_decrease, stepped};
+use super::{Fit, OnRound, Problem, Start};
 use crate::error::FinderError;
 use catenary_core::Track;
 
