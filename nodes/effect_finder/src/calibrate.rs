@@ -15,6 +15,7 @@ use rand::{Rng, RngExt};
 /// Random streams, beyond those of the null sets.
 const START_STREAM: u64 = 1;
 const ESTIMATE_STREAM: u64 = 2;
+const VALLEY_STREAM: u64 = 3;
 /// Draws behind the quantiles of an estimate.
 const ESTIMATE_DRAWS: usize = 1000;
 
@@ -34,6 +35,10 @@ const LEFT: f64 = 0.9;
 /// Shares of the episodes that are followed one after the other, and rounds of each fit.
 const BEGINNINGS: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 const FEW_ROUNDS: usize = 12;
+/// Draws from which other valleys are looked for, how many are taken, and how far apart they lie in one coordinate at least.
+const VALLEY_STARTS: usize = 24;
+const VALLEYS: usize = 4;
+const APART: f64 = 0.05;
 
 /// The best fit: that [among draws](fit_among_draws); where it leaves more than noise, from where ever more of the beginning of the
 /// episodes is followed; and while that leaves more and brings something, from the best of draws of which half lie beside it.
@@ -138,8 +143,13 @@ fn followed(
 /// Whether a fit leaves more than is usual of noise: a soft object that lies on a table may be taken for another one with the same
 /// end, which leaves but little more.
 pub fn leaves_more_than_noise(fit: &Fit) -> bool {
+    is_beyond_noise(fit, USUAL_SDS)
+}
+
+/// Whether the sum of squares exceeds the number of coordinates by more than so many standard deviations of noise.
+pub fn is_beyond_noise(fit: &Fit, sds: f64) -> bool {
     let coordinates = fit.residuals.len() as f64;
-    fit.cost > coordinates + USUAL_SDS * (2.0 * coordinates).sqrt()
+    fit.cost > coordinates + sds * (2.0 * coordinates).sqrt()
 }
 
 /// Whether a fit leaves much more than noise.
@@ -165,6 +175,37 @@ fn draws(problem: &Problem<'_>, known: &[Vec<f64>], settings: &Settings, rng: &m
     };
     points.extend((near..settings.draws).map(anywhere));
     points
+}
+
+/// Other valleys of the cost than that in which `best` lies, the lowest first: where fits from the best of draws come to, each
+/// apart from all others.
+///
+/// # Errors
+/// [`FinderError::Cancelled`] where `on_round` asked to stop.
+pub fn other_valleys(
+    problem: &Problem<'_>,
+    best: &[f64],
+    settings: &Settings,
+    on_round: OnRound<'_>,
+) -> Result<Vec<Fit>, FinderError> {
+    let points = draws(problem, &[], settings, &mut seed::rng(settings.seed, VALLEY_STREAM));
+    let starts = problem.cheapest(points, VALLEY_STARTS, on_round)?;
+    let own = Problem { unknowns: problem.unknowns.clone(), rounds: FEW_ROUNDS, ..*problem };
+    let mut fits: Vec<Fit> = match own.fit(starts, on_round) {
+        Err(FinderError::NoFit(_)) => return Ok(Vec::new()),
+        fits => fits?.into_iter().flatten().collect(),
+    };
+    fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let theta = problem.unknowns.theta();
+    let is_apart = |a: &[f64], b: &[f64]| a.iter().zip(b).take(theta).any(|(a, b)| (a - b).abs() > APART);
+    let mut valleys: Vec<Fit> = Vec::new();
+    for fit in fits {
+        if is_apart(&fit.point, best) && valleys.iter().all(|v| is_apart(&fit.point, &v.point)) {
+            valleys.push(fit);
+        }
+    }
+    valleys.truncate(VALLEYS);
+    Ok(valleys)
 }
 
 /// Rounds of correcting simulated tracks by a finer simulation of the best fit, and fitting again.
@@ -290,7 +331,7 @@ fn estimates(problem: &Problem<'_>, fit: &Fit, posterior: &Laplace, settings: &S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Coarse, FoldingLate, Toy};
+    use crate::toy::{self, FoldingLate, Toy, coarse, misleading};
     use std::ops::ControlFlow;
 
     fn go_on() -> ControlFlow<()> {
@@ -318,6 +359,21 @@ mod tests {
     }
 
     #[test]
+    fn another_valley_than_that_of_the_best_fit_is_seen_once() {
+        let (hidden, by) = ("tip_mass_kg", 0.05);
+        let simulator = misleading(Toy { gain: 3.0 }, 0.25, hidden, by);
+        // With the effect and the fold that undoes it the object looks like one that does not fold.
+        let cases = [toy::case(&simulator.toy, [0.24, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &simulator, 40);
+        let best = best_fit(&problem, Vec::new(), &Settings::default(), &mut go_on).unwrap();
+        let length = |fit: &Fit| problem.unknowns.values(&fit.point, 0)[0];
+        assert!(length(&best) >= 0.25, "{}", length(&best));
+        let valleys = other_valleys(&problem, &best.point, &Settings::default(), &mut go_on).unwrap();
+        let folded: Vec<f64> = valleys.iter().map(length).filter(|l| *l < 0.25).collect();
+        assert!(folded.len() == 1 && valleys.len() <= VALLEYS, "{:?}", valleys.iter().map(length).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn half_of_the_draws_lie_beside_what_is_known() {
         let cases = [toy::case(&Toy { gain: 0.3 }, [0.25, 2e4], &[])];
         let toy = Toy { gain: 0.3 };
@@ -333,10 +389,10 @@ mod tests {
         assert!(none < 20 && (100..120).contains(&half), "{none} {half}");
     }
 
-    /// An episode, of which the coarse simulation's tracks were measured.
-    fn measured_as(coarse: &Coarse, theta: [f64; 2]) -> Case {
-        let mut case = toy::case(&coarse.toy, theta, &[]);
-        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += coarse.error * theta[0]);
+    /// An episode, of which the tracks of a coarse simulation with that error were measured.
+    fn measured_as(toy: &Toy, error: f64, theta: [f64; 2]) -> Case {
+        let mut case = toy::case(toy, theta, &[]);
+        case.measured.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += error * theta[0]);
         case
     }
 
@@ -344,7 +400,8 @@ mod tests {
     fn a_refined_fit_does_not_feel_the_errors_of_a_coarse_simulation() {
         let (toy, theta) = (Toy { gain: 0.3 }, [0.25, 2e4]);
         let cases = [toy::case(&toy, theta, &[])];
-        let coarse = Coarse { toy, error: 0.3 };
+        let error = 0.3;
+        let coarse = coarse(toy, error);
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
         let rough = rough(&problem);
         let Refined { cases: corrected, fit, grain } =
@@ -353,19 +410,19 @@ mod tests {
         let apart = |fit: &Fit| (problem.unknowns.values(&fit.point, 0)[0] - theta[0]).abs();
         assert!(apart(&fit) < 0.1 * apart(&rough), "{} after {}", apart(&fit), apart(&rough));
         assert!(rough.cost > 10.0 && fit.cost < 0.1 * rough.cost, "{} after {}", fit.cost, rough.cost);
-        let none = Coarse { toy: Toy { gain: 0.3 }, error: 0.0 };
+        let none = toy::coarse(Toy { gain: 0.3 }, 0.0);
         let exact = Problem { simulator: &none, unknowns: problem.unknowns.clone(), ..problem };
         let track =
             |p: &Problem<'_>, cases| Problem { cases, unknowns: p.unknowns.clone(), ..*p }.tracks(&[&fit.point]);
         let there = |p: &Problem<'_>, cases| track(p, cases).unwrap()[0][0].frames[3].dlo[0][0];
         let left = (there(&problem, &corrected) - there(&exact, &cases)).abs();
-        assert!(left < 2e-2 * coarse.error * theta[0], "{left}");
+        assert!(left < 2e-2 * error * theta[0], "{left}");
     }
 
     #[test]
     fn a_finer_simulation_that_fits_worse_by_more_than_noise_changes_nothing() {
-        let coarse = Coarse { toy: Toy { gain: 0.3 }, error: 0.3 };
-        let cases = [measured_as(&coarse, [0.25, 2e4])];
+        let coarse = coarse(Toy { gain: 0.3 }, 0.3);
+        let cases = [measured_as(&coarse.toy, 0.3, [0.25, 2e4])];
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
         let rough = rough(&problem);
         let Refined { cases: same, fit, grain } =
@@ -377,8 +434,8 @@ mod tests {
 
     #[test]
     fn a_finer_simulation_that_fits_worse_by_less_than_noise_is_taken_all_the_same() {
-        let coarse = Coarse { toy: Toy { gain: 0.3 }, error: 2e-3 };
-        let cases = [measured_as(&coarse, [0.25, 2e4])];
+        let coarse = coarse(Toy { gain: 0.3 }, 2e-3);
+        let cases = [measured_as(&coarse.toy, 2e-3, [0.25, 2e4])];
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
         let rough = rough(&problem);
         let taken = refined(&problem, rough.clone(), Fidelity::Reference, &mut go_on).unwrap();
@@ -389,7 +446,7 @@ mod tests {
     fn a_finer_simulation_that_fails_changes_nothing() {
         let toy = Toy { gain: 0.3 };
         let cases = [toy::case(&toy, [0.25, 2e4], &[])];
-        let coarse = Coarse { toy, error: f64::NAN };
+        let coarse = coarse(toy, f64::NAN);
         let problem = Problem::of(&toy::model(), &cases, &coarse, 40);
         let exact = Toy { gain: 0.3 };
         let rough = rough(&Problem { simulator: &exact, unknowns: problem.unknowns.clone(), ..problem });

@@ -126,7 +126,7 @@ fn worlds(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) -> Vec<(f64, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Folding, Toy};
+    use crate::toy::{self, Toy, folding};
     use catenary_core::{DifferentiableSimulator, Prior, seed};
     use rand_distr::{Distribution, StandardNormal};
 
@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn what_another_fold_of_the_present_model_explains_does_not_show() {
         let gain = 0.3;
-        let (linear, folding) = (size(&Toy { gain }, gain), size(&Folding { toy: Toy { gain }, at: 0.2498 }, gain));
+        let (linear, folding) = (size(&Toy { gain }, gain), size(&folding(Toy { gain }, 0.2498), gain));
         let (linear, folding) = (linear.unwrap(), folding.unwrap());
         assert!(linear > 1e-3 && (folding / linear - 1.0).abs() < 0.2, "{folding}, and without folds {linear}");
     }

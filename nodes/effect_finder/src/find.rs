@@ -453,16 +453,17 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Coarse, Toy};
+    use crate::toy::{self, Toy, coarse};
     use catenary_core::Fidelity;
 
     /// What was measured is what the coarse simulation makes by its errors: it hides a gap.
     #[test]
     fn where_coarse_simulations_err_plainly_finer_ones_are_searched_with() {
-        let (theta, simulator) = ([0.25, 2e4], Coarse { toy: Toy { gain: 0.3 }, error: 0.3 });
+        let (theta, error) = ([0.25, 2e4], 0.3);
+        let simulator = coarse(Toy { gain: 0.3 }, error);
         let mut measured = [toy::measured(&simulator.toy, theta, &[])];
         let points = measured[0].track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut());
-        points.for_each(|p| p[0] += simulator.error * theta[0]);
+        points.for_each(|p| p[0] += error * theta[0]);
         let model = toy::model();
         let found = |in_need: Option<Fidelity>| {
             let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
@@ -475,7 +476,7 @@ mod tests {
     /// The first fit shows it, and no better one is looked for before the finer ones take their place.
     #[test]
     fn what_coarse_simulations_cannot_explain_finer_ones_do() {
-        let (theta, simulator) = ([0.25, 2e4], Coarse { toy: Toy { gain: 0.3 }, error: 0.3 });
+        let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
         let measured = [toy::measured(&simulator.toy, theta, &[])];
         let model = toy::model();
         let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };

@@ -89,73 +89,71 @@ impl DifferentiableSimulator for Toy {
     }
 }
 
-/// The toy, which at fast fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
-pub struct Coarse {
+/// The toy, whose tracks are changed in a way that no derivative tells of.
+pub struct Twisted<F> {
     pub toy: Toy,
-    pub error: f64,
+    /// Changes a track of the request, given its episode's number.
+    twist: F,
 }
 
-impl Coarse {
-    fn shift(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
+/// The toy, which at fast fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
+pub fn coarse(toy: Toy, error: f64) -> Twisted<impl Twist> {
+    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
         if request.fidelity == Fidelity::Fast {
-            let by = self.error * request.thetas[episode][0];
+            let by = error * request.thetas[episode][0];
             track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
         }
-    }
-}
-
-impl Simulator for Coarse {
-    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        let mut tracks = self.toy.simulate(request)?;
-        tracks.iter_mut().enumerate().for_each(|(i, track)| self.shift(track, request, i));
-        Ok(tracks)
-    }
-}
-
-impl DifferentiableSimulator for Coarse {
-    fn sensitivities(
-        &self,
-        request: &SimulationRequest,
-        names: &[&str],
-    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let mut all = self.toy.sensitivities(request, names)?;
-        all.iter_mut().enumerate().for_each(|(i, one)| self.shift(&mut one.track, request, i));
-        Ok(all)
-    }
+    };
+    Twisted { toy, twist }
 }
 
 /// The toy, whose object folds another way where theta's first parameter less the effects is under `at`: keypoints are moved by
-/// 1 in the picture, and no derivative says so.
-pub struct Folding {
-    pub toy: Toy,
-    pub at: f64,
-}
-
-impl Folding {
-    fn fold(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
+/// 1 in the picture.
+pub fn folding(toy: Toy, at: f64) -> Twisted<impl Twist> {
+    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
         let effects: f64 = request.effects.iter().map(|(_, values)| values[episode]).sum();
-        if request.thetas[episode][0] - effects < self.at {
+        if request.thetas[episode][0] - effects < at {
             track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += 1.0);
         }
-    }
+    };
+    Twisted { toy, twist }
 }
 
-impl Simulator for Folding {
+/// The toy, whose object folds where theta's first parameter is under `at`, by what undoes `by` of that effect.
+pub fn misleading(toy: Toy, at: f64, effect: &'static str, by: f64) -> Twisted<impl Twist> {
+    let size = toy.gain * by;
+    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
+        if request.thetas[episode][0] < at {
+            for (i, frame) in track.frames.iter_mut().enumerate() {
+                let (undone, places) = (pattern(effect, i).dlo, frame.dlo.iter_mut().flatten());
+                places.zip(undone.iter().flatten()).for_each(|(place, one)| *place -= size * one);
+            }
+        }
+    };
+    Twisted { toy, twist }
+}
+
+/// What changes a track.
+pub trait Twist: Fn(&mut Track, &SimulationRequest, usize) + Send + Sync {}
+
+impl<F: Fn(&mut Track, &SimulationRequest, usize) + Send + Sync> Twist for F {}
+
+impl<F: Twist> Simulator for Twisted<F> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
         let mut tracks = self.toy.simulate(request)?;
-        tracks.iter_mut().enumerate().for_each(|(i, track)| self.fold(track, request, i));
+        tracks.iter_mut().enumerate().for_each(|(i, track)| (self.twist)(track, request, i));
         Ok(tracks)
     }
 }
 
-impl DifferentiableSimulator for Folding {
+impl<F: Twist> DifferentiableSimulator for Twisted<F> {
     fn sensitivities(
         &self,
         request: &SimulationRequest,
         names: &[&str],
     ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
         let mut all = self.toy.sensitivities(request, names)?;
-        all.iter_mut().enumerate().for_each(|(i, one)| self.fold(&mut one.track, request, i));
+        all.iter_mut().enumerate().for_each(|(i, one)| (self.twist)(&mut one.track, request, i));
         Ok(all)
     }
 }

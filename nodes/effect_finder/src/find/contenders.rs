@@ -1,18 +1,20 @@
 //! Closer looks at the most probable models, until their order rests on fits that are as good as they get.
 
-use super::naming::{PARENTS, lowest};
+use super::naming::{FOUND_SDS, PARENTS, lowest};
 use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::{Refined, best_fit, fit_among_draws, refined};
+use crate::calibrate::{Refined, best_fit, fit_among_draws, is_beyond_noise, refined};
 use crate::candidate::Candidate;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
-use crate::fit::{Problem, Start};
+use crate::fit::{Fit, Problem, Start};
 use crate::hypothesis::{Depth, Grain, Hypothesis};
 use crate::name::{Ranking, gain};
 use crate::settings::Settings;
 
 /// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
 const FEWER: usize = 4;
+/// Models with one effect that are looked for everywhere where the best of them leaves more than noise.
+const WIDE: usize = 6;
 /// By how much the log evidence of a model must rise where it is fitted from where a larger one fits.
 const LEAST_GAIN: f64 = 1.0;
 /// What errors of coarse simulations may be worth, as a share of the log Bayes factor of the best, and at most, in nats.
@@ -75,6 +77,7 @@ impl Search<'_> {
 
     /// Looks closer at the most probable hypotheses. With an effect more, the best values of all others may lie in another valley;
     /// and a coarse simulation may suit one effect by its errors, which are another one's than the present model's.
+    /// Where none of them is in doubt and all leave more than noise, looks at those that are [`overlooked`].
     fn polished(
         &mut self,
         mut ranking: Ranking,
@@ -96,9 +99,15 @@ impl Search<'_> {
                 Depth::Glanced => place == 0 || is_near(place, h) && is_coarse(h),
                 Depth::Polished => is_near(place, h) && is_coarse(h),
             };
-            let Some(place) = ranking.hypotheses.iter().enumerate().position(wants) else { return Ok(ranking) };
+            let (place, closer) = match ranking.hypotheses.iter().enumerate().position(wants) {
+                Some(place) => (place, self.closer(place, &ranking.hypotheses, base, yardstick)),
+                None => match overlooked(&ranking.hypotheses) {
+                    Some(place) => (place, self.best(&ranking.hypotheses[place], yardstick)),
+                    None => return Ok(ranking),
+                },
+            };
             let mut all = ranking.hypotheses;
-            match self.closer(place, &all, base, yardstick) {
+            match closer {
                 Ok(closer) => all[place] = closer,
                 Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
                 // What promised something cannot be simulated.
@@ -126,26 +135,24 @@ impl Search<'_> {
             (Depth::Glanced, _) if place > 0 && old.grain == Grain::Unasked => self.finer(old, yardstick),
             (Depth::Polished, _) => self.finer(old, yardstick),
             (Depth::Fitted, _) if place >= PARENTS => self.finer(old, yardstick),
+            _ if place == 0 => self.best(old, yardstick),
             _ => {
                 let (draws, starts) = (settings.draws.div_ceil(FEWER), settings.starts.div_ceil(FEWER));
                 let few = Settings { draws, starts, ..settings.clone() };
-                let (depth, aim) = match place {
-                    0 => (Depth::Polished, f64::INFINITY),
-                    _ => (Depth::Glanced, all[0].fit.cost),
-                };
-                let own = Problem { aim, ..old.problem(problem) };
-                let fit = self.telling.in_rounds(Stage::Name, |on_round| match place {
-                    0 => best_fit(&own, vec![old.fit.point.clone()], settings, on_round),
-                    _ => fit_among_draws(&own, old.where_fits(&all[0]), &few, on_round),
-                })?;
-                Ok(match yardstick.of(&old.candidates, &fit) {
-                    Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
-                        Hypothesis { fit, evidence, depth, ..old.clone() }
-                    }
-                    _ => Hypothesis { depth, ..old.clone() },
-                })
+                let own = Problem { aim: all[0].fit.cost, ..old.problem(problem) };
+                let known = old.where_fits(&all[0]);
+                let fit =
+                    self.telling.in_rounds(Stage::Name, |on_round| fit_among_draws(&own, known, &few, on_round))?;
+                Ok(or_fitted(old, fit, Depth::Glanced, yardstick))
             }
         }
+    }
+
+    /// The hypothesis, fitted as well as it can be.
+    fn best(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
+        let (own, settings, known) = (old.problem(self.problem), self.settings, vec![old.fit.point.clone()]);
+        let fit = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
+        Ok(or_fitted(old, fit, Depth::Polished, yardstick))
     }
 
     /// The hypothesis, fitted with what a finer simulation of itself shows otherwise, where that fits.
@@ -158,6 +165,25 @@ impl Search<'_> {
             Some(evidence) => Hypothesis { cases: Some(cases.into()), grain, fit, evidence, ..coarse },
             None => coarse,
         })
+    }
+}
+
+/// Where the best model with one effect leaves more than noise: the next that was not looked for in the whole support of the priors.
+/// Its best fit may lie in a valley that no look from the others' has reached.
+fn overlooked(all: &[Hypothesis]) -> Option<usize> {
+    let is_single = |h: &Hypothesis| h.candidates.len() == 1;
+    all.first().filter(|best| is_single(best) && is_beyond_noise(&best.fit, FOUND_SDS))?;
+    let is_overlooked = |h: &Hypothesis| is_single(h) && matches!(h.depth, Depth::Fitted | Depth::Glanced);
+    all.iter().take(WIDE).position(is_overlooked)
+}
+
+/// The hypothesis with that fit where it is better, looked at that closely in any case.
+fn or_fitted(old: &Hypothesis, fit: Fit, depth: Depth, yardstick: &Yardstick) -> Hypothesis {
+    match yardstick.of(&old.candidates, &fit) {
+        Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
+            Hypothesis { fit, evidence, depth, ..old.clone() }
+        }
+        _ => Hypothesis { depth, ..old.clone() },
     }
 }
 
@@ -195,6 +221,50 @@ mod tests {
         };
         assert_eq!(found(Some(Fidelity::Reference)), [[hidden]]);
         assert_eq!(found(None).len(), 2, "without the finer simulation the test would test nothing");
+    }
+
+    #[test]
+    fn an_effect_whose_valley_the_present_model_does_not_lie_in_is_found() {
+        let [hidden, other] = ["tip_mass_kg", "linear_drag_n_s_m2"];
+        let simulator = toy::misleading(Toy { gain: 3.0 }, 0.23, hidden, 0.03);
+        // What folds and has the effect at 0.05 looks as if it did not fold and had it at 0.02.
+        let measured = [toy::measured(&simulator.toy, [0.22, 2e4], &[(hidden, 0.02)])];
+        let candidates = [candidate(hidden), candidate(other)];
+        let model = toy::model();
+        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let finding = find(question, &simulator, &settings(), &mut |_| ControlFlow::Continue(())).unwrap().finding;
+        assert_eq!(finding.found, [[hidden]]);
+        let value = finding.explanations[0].effects[0].value;
+        assert!((value - 0.05).abs() < 5e-3, "{value}");
+    }
+
+    #[test]
+    fn of_models_that_leave_more_than_noise_some_are_looked_for_everywhere() {
+        let toy = Toy { gain: 3.0 };
+        let cases = [toy::case(&toy, TRUTH, &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let fit = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
+        assert!(is_beyond_noise(&fit, FOUND_SDS), "{}", fit.cost);
+        let single = |depth| Hypothesis {
+            candidates: vec![candidate("linear_drag_n_s_m2")],
+            unknowns: problem.unknowns.clone(),
+            cases: None,
+            grain: Grain::Fine,
+            fit: fit.clone(),
+            evidence: Yardstick::new(&cases, &fit).unwrap().evidence().clone(),
+            depth,
+            spread: Vec::new(),
+        };
+        let [polished, glanced, promised] = [Depth::Polished, Depth::Glanced, Depth::Promised].map(single);
+        let all = [polished.clone(), promised.clone(), glanced.clone()];
+        assert_eq!(overlooked(&all), Some(2));
+        assert_eq!(overlooked(&[vec![polished.clone(); WIDE], vec![glanced.clone()]].concat()), None);
+        let mut closing = polished.clone();
+        closing.fit.cost = closing.fit.residuals.len() as f64;
+        assert_eq!(overlooked(&[closing, glanced.clone()]), None, "it leaves noise");
+        let two = vec![candidate("tip_mass_kg"), candidate("linear_drag_n_s_m2")];
+        assert_eq!(overlooked(&[Hypothesis { candidates: two, ..polished }, glanced]), None);
     }
 
     #[test]

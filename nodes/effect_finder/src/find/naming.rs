@@ -1,7 +1,7 @@
 //! Which effects explain what is left: one, and where the best does not close the gap, more.
 
 use super::{LEAST_DECREASE, Search, Stage};
-use crate::calibrate::leaves_much;
+use crate::calibrate::{is_beyond_noise, leaves_much, other_valleys};
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::error::FinderError;
@@ -21,6 +21,8 @@ const ELSEWHERE: usize = 6;
 const ELSEWHERE_STREAM: u64 = 2207;
 /// Tests after which no smaller model is gone back to.
 const MOST_TESTS: usize = 6;
+/// Standard deviations of noise that a model with one effect may leave beyond what is usual, so that none is looked for elsewhere.
+pub(super) const FOUND_SDS: f64 = 2.0;
 /// By how much a further effect must promise to lower the cost to be fitted.
 const LEAST_PROMISE: f64 = 1.0;
 /// What a further effect leaves of held-out episodes, over what is left without it, is at most this.
@@ -40,7 +42,7 @@ pub(super) struct Best {
     pub fitness: Fitness,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// Models with one effect each, and where the best of them does not close the gap, with more.
     pub(super) fn name(
         &mut self,
@@ -130,8 +132,8 @@ impl Search<'_> {
                 Err(error) => left_out(candidate, error)?,
             }
         }
-        let is_found = hypotheses.iter().any(|h| h.depth == Depth::Fitted && !leaves_much(&h.fit));
-        if !is_found && leaves_much(&base.fit) {
+        let is_found = hypotheses.iter().any(|h| h.depth == Depth::Fitted && !is_beyond_noise(&h.fit, FOUND_SDS));
+        if !is_found {
             self.found_elsewhere(&mut hypotheses, base, yardstick)?;
             finding.left_out.retain(|(name, _)| hypotheses.iter().all(|h| !h.has(name)));
         }
@@ -146,32 +148,20 @@ impl Search<'_> {
         base: &Hypothesis,
         yardstick: &Yardstick,
     ) -> Result<(), FinderError> {
-        let (problem, settings, candidates) = (self.problem, self.settings, self.question.candidates);
-        let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
         // What was not fitted has no cost that another could be less than.
         let known_cost = |all: &[Hypothesis], candidate: &Candidate| {
             let is_known = |h: &&Hypothesis| h.depth != Depth::Promised && h.has(&candidate.name);
             all.iter().find(is_known).map_or(base.fit.cost, |h| h.fit.cost)
         };
         let plain = self.plain(base);
-        let mut trials: Vec<(&Candidate, Trial)> = Vec::new();
-        for (place, candidate) in candidates.iter().enumerate() {
-            self.telling.report(Stage::Name, 0.5 * place as f64 / candidates.len() as f64, None)?;
-            let there = plain.aside(candidate);
-            let mut draw = |_| (0..=base.unknowns.columns()).map(|_| rng.random()).collect();
-            let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
-            let seen = |on_round: OnRound<'_>| there.elsewhere(problem, &draws, on_round);
-            match self.telling.in_rounds(Stage::Name, seen) {
-                Ok(trial) if trial.promise < known_cost(hypotheses, candidate) - LEAST_PROMISE => {
-                    trials.push((candidate, trial));
-                }
-                // None of the draws can be simulated, or promises more than is known.
-                Ok(_) | Err(FinderError::NoFit(_)) => (),
-                Err(other) => return Err(other),
-            }
+        let mut trials = self.in_other_valleys(&plain)?;
+        if leaves_much(&base.fit) {
+            trials.extend(self.among_draws(&plain)?);
         }
+        trials.retain(|(candidate, trial)| trial.promise < known_cost(hypotheses, candidate) - LEAST_PROMISE);
         trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
-        trials.truncate(settings.extensions);
+        trials.truncate(self.settings.extensions);
+        let problem = self.problem;
         for (candidate, trial) in trials {
             let aim = lowest(hypotheses);
             match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round)) {
@@ -184,6 +174,50 @@ impl Search<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Looks at each candidate in the other valleys of the present model's cost: what it lacks may have led its fit into the wrong one.
+    fn in_other_valleys(&mut self, plain: &Hypothesis) -> Result<Vec<(&'a Candidate, Trial)>, FinderError> {
+        let (problem, settings) = (self.problem, self.settings);
+        let own = plain.problem(problem);
+        let valleys = self
+            .telling
+            .in_rounds(Stage::Name, |on_round| other_valleys(&own, &plain.fit.point, settings, on_round))?;
+        let mut trials = Vec::new();
+        for fit in valleys {
+            let there = Hypothesis { fit, ..plain.clone() };
+            trials.extend(self.each_seen(|candidate, on_round| there.with(problem, candidate, on_round))?);
+        }
+        Ok(trials)
+    }
+
+    /// Looks at each candidate where the best of some draws of all priors lie.
+    fn among_draws(&mut self, plain: &Hypothesis) -> Result<Vec<(&'a Candidate, Trial)>, FinderError> {
+        let (problem, settings) = (self.problem, self.settings);
+        let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
+        self.each_seen(|candidate, on_round| {
+            let mut draw = |_| (0..=plain.unknowns.columns()).map(|_| rng.random()).collect();
+            let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
+            plain.aside(candidate).elsewhere(problem, &draws, on_round)
+        })
+    }
+
+    /// Looks at each candidate as `look` does; those that cannot be simulated there are not among what is seen.
+    fn each_seen(
+        &mut self,
+        mut look: impl FnMut(&Candidate, OnRound<'_>) -> Result<Trial, FinderError>,
+    ) -> Result<Vec<(&'a Candidate, Trial)>, FinderError> {
+        let candidates = self.question.candidates;
+        let mut trials = Vec::new();
+        for (place, candidate) in candidates.iter().enumerate() {
+            self.telling.report(Stage::Name, 0.5 * place as f64 / candidates.len() as f64, None)?;
+            match self.telling.in_rounds(Stage::Name, |on_round| look(candidate, on_round)) {
+                Ok(trial) => trials.push((candidate, trial)),
+                Err(FinderError::NoFit(_)) => (),
+                Err(other) => return Err(other),
+            }
+        }
+        Ok(trials)
     }
 
     /// The present model without what a finer simulation of it shows otherwise: that says nothing of other places.
