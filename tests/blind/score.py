@@ -159,9 +159,14 @@ def summary(all_rows):
     by_effect = {}
     for name in sorted({row["hidden"][0] for row in effects}):
         own, none = [[row for row in some if row["hidden"] == [name]] for some in (effects, missing)]
-        by_effect[name] = {str(size): {key: share([r for r in own if r["size"] == size], key) for key in ("detected", "top_1", "top_3", "group")} for size in sizes}
+        by_effect[name] = {}
         for size in sizes:
-            by_effect[name][str(size)]["left_out"] = sum(row["size"] == size for row in none)
+            some = [row for row in own if row["size"] == size]
+            by_effect[name][str(size)] = {key: share(some, key) for key in ("detected", "top_1", "top_3", "group")} | {
+                "left_out": sum(row["size"] == size for row in none),
+                "held": shares_held([row for row in some if row["top_1"]]),
+                "instead": instead([row for row in some if not row["top_1"]]),
+            }
     return {
         "worlds": len(rows),
         "left_out": dict(collections.Counter(" + ".join(row["hidden"]) for row in missing)),
@@ -171,12 +176,27 @@ def summary(all_rows):
         "effects": by_effect,
         "held": {str(s): shares_held([r for r in effects if r["size"] == s and r["top_1"]]) for s in sizes},
         "pairs": {key: share(of(kind="pair"), key) for key in ("detected", "top_1", "group")},
+        "each_pair": each(of(kind="pair"), "top_1"),
         "none_of_these": share(unlisted, "none_of_these"),
+        "each_unlisted": each(unlisted, "none_of_these"),
         "calibration_error": error,
         "bins": bins,
         "gap_closed": {str(s): median(closed([r for r in effects if r["size"] == s])) for s in sizes},
         "wall_s": float(numpy.mean([row["wall_s"] for row in rows])) if rows else None,
     }
+
+
+def each(rows, key):
+    """Of the worlds with each effect, or with several: the share of rows."""
+    of = collections.defaultdict(list)
+    for row in rows:
+        of[" + ".join(row["hidden"])].append(row)
+    return {name: share(of[name], key) | {"instead": instead([row for row in of[name] if not row[key]])} for name in sorted(of)}
+
+
+def instead(rows):
+    """What was said of the rows, and how often."""
+    return dict(collections.Counter(map(what_of, rows)).most_common())
 
 
 def text(found):
@@ -186,20 +206,28 @@ def text(found):
         lines.append(f"{size} x  detected {percent(row['detected'])}, top-1 {percent(row['top_1'])}, top-3 {percent(row['top_3'])}, group {percent(row['group'])}, gap closed {found['gap_closed'][size]}")
         lines.append(f"{size} x, named  object held by the present model {percent(found['held'][size][0])}, by the repaired one {percent(found['held'][size][1])}")
     lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
+    lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_pair"].items()]
     lines.append(f"none of these  {percent(found['none_of_these'])}")
+    lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_unlisted"].items()]
     lines.append(f"calibration error  {found['calibration_error']}")
+    lines += [f"  said {said:.2f}: present {true:.2f} of {n}" for said, true, n in found["bins"]]
     lines += ["", *table_of_effects(found["effects"]), ""]
     lines.append("could not be drawn: " + (", ".join(f"{name} {n}" for name, n in found["left_out"].items()) or "none"))
     lines.append(f"{found['worlds']} worlds, {found['wall_s']:.0f} s each")
     return "\n".join(lines)
 
 
+def counted(instead):
+    """What was said where it should not have been, most often first."""
+    return "".join(f", {what} {n}" for what, n in instead.items())
+
+
 def table_of_effects(effects):
     """A table in Markdown: of the worlds with each effect, how many were detected, named, and named or in a group that holds it;
-    and how many could not be drawn, where there are such."""
+    what was said instead; and how many could not be drawn, where there are such."""
     sizes = list(next(iter(effects.values()), {}))
     percent = lambda row: " / ".join(f"{row[key]['share']:.0%}" for key in ("detected", "top_1", "group")) + f" of {row['top_1']['of']}"
-    cell = lambda row: (percent(row) if row["top_1"]["of"] else "-") + (f", {row['left_out']} left out" if row["left_out"] else "")
+    cell = lambda row: (percent(row) if row["top_1"]["of"] else "-") + counted(row["instead"] | ({"left out": row["left_out"]} if row["left_out"] else {}))
     lines = ["| effect | " + " | ".join(f"{size} x" for size in sizes) + " |", "|---" * (1 + len(sizes)) + "|"]
     return lines + [f"| {name} | " + " | ".join(map(cell, of.values())) + " |" for name, of in effects.items()]
 

@@ -61,6 +61,21 @@ def test_rows_of_other_worlds_count_too(worlds, tmp_path):
     assert found["effects"]["tip_mass_kg"]["3.0"]["left_out"] == 1
 
 
+def test_what_is_said_instead_of_what_was_hidden_is_counted(worlds, tmp_path):
+    rows = [json.loads(line) for line in run("score.py", "--out", worlds, "--rows").stdout.splitlines()]
+    row = next(row for row in rows if row["hidden"] == ["tip_mass_kg"])
+    wrong = {"verdict": "named", "found": [["density_change"]], "top_1": False}
+    missed = {"verdict": "no_gap", "found": [], "top_1": False}
+    others = [row, row | wrong, row | wrong, row | missed, row | wrong | {"kind": "unlisted", "hidden": ["soft_joint"]}, row | missed | {"kind": "pair"}]
+    path = tmp_path / "rows.jsonl"
+    path.write_text("".join(json.dumps(one | {"seed": 8, "number": i}) + "\n" for i, one in enumerate(others)))
+    done = run("score.py", "--out", tmp_path, "--measured", path)
+    assert done.returncode == 0, done.stderr
+    assert "of 4, density_change 2, no_gap 1 |" in done.stdout and "soft_joint  0% of 1 (0% to 79%), density_change 1" in done.stdout
+    found = json.loads((tmp_path / "score.json").read_text())["summary"]
+    assert found["each_pair"]["tip_mass_kg"]["instead"] == {"no_gap": 1} and found["effects"]["tip_mass_kg"]["3.0"]["held"][1]["of"] == 1
+
+
 def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(worlds, copy, ignore=shutil.ignore_patterns("bag_*"))
