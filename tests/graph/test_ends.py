@@ -7,6 +7,7 @@ import time
 from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import EefDelta, Keypoints
+from geometry_msgs.msg import PoseStamped
 from policy import policy_file
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
@@ -177,6 +178,10 @@ def test_an_interrupted_launch_ends_in_order(session):
     recorder = session.start("record", "--out", bag)
     session.wait_for(bag.exists, 30, "the recorder's bag")
     keep_busy(session)
+    poses = session.ros.listen(PoseStamped, "/panda/current_pose")
+    keypoints = session.ros.listen(Keypoints, "/dlo/keypoints")
+    # How much flows while the graph gets busy is the machine's affair.
+    session.ros.wait_for(lambda: len(poses) > 100 and len(keypoints) > 30, 30, "poses and keypoints")
     launch.send_signal(signal.SIGINT)
     assert launch.wait(8) in (0, 130)
     assert list(session.processes()) == [recorder.pid], "a node outlived the launch"
