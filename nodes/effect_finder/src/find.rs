@@ -297,11 +297,11 @@ impl<'a> Search<'a> {
         if let Some((verification, held_out)) = verified {
             outcome.shown.extend(held_out);
             self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
-            let share = verification.share_explained.filter(|share| is_left && *share < self.settings.least_share);
+            let refusal = self.refusal(&verification, is_left);
             finding.verification = Some(verification);
-            if let Some(share) = share {
+            if let Some(sentence) = refusal {
                 finding.refute();
-                return self.telling.conclude(Stage::Verify, sentences::refuted(share));
+                return self.telling.conclude(Stage::Verify, sentence);
             }
         }
         if let [first, second, ..] = alike.as_slice() {
@@ -329,6 +329,16 @@ impl<'a> Search<'a> {
         let share = 1.0 - (best.fit.cost - coordinates).max(0.0) / (base.fit.cost - coordinates).max(f64::MIN_POSITIVE);
         let gain = best.evidence.with_any() - base.evidence.with_any();
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
+    }
+
+    /// Why what unseen episodes say refutes a repair, where they do: they are less likely with it, or where it leaves something,
+    /// it explains but a small part of what there is.
+    fn refusal(&self, verification: &Verification, is_left: bool) -> Option<String> {
+        let (share, loss) = (verification.share_explained, -verification.log_likelihood_gain);
+        match share.filter(|share| is_left && *share < self.settings.least_share) {
+            Some(share) => Some(sentences::refuted(share)),
+            None => (loss >= self.settings.least_log_bayes_factor).then(|| sentences::less_likely(loss)),
+        }
     }
 
     /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes. Their

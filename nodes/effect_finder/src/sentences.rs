@@ -140,6 +140,11 @@ pub fn refuted(share: f64) -> String {
     )
 }
 
+/// That unseen episodes are less likely with what was named than without.
+pub fn less_likely(loss: f64) -> String {
+    format!("none of these: unseen episodes are less likely with them, by {loss:.1} nats")
+}
+
 /// That a further effect is not believed.
 pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String {
     let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());

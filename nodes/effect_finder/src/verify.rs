@@ -73,6 +73,8 @@ pub struct Verification {
     /// Share of the squared deviations beyond noise which the present model leaves and the repaired one does not: 0 where the
     /// repaired one alone leaves some, none where neither does.
     pub share_explained: Option<f64>,
+    /// What the repair adds to the log likelihood of the episodes, nats; below 0 where they speak against it.
+    pub log_likelihood_gain: f64,
     /// A wrong effect, repaired the same way: its name and what it comes to.
     pub wrong_effect: Option<(String, Score)>,
     /// The present model with a regression of what it left of the fitted episodes on shape and speed, root mean square
@@ -144,6 +146,7 @@ impl Verifier<'_> {
             interval: gap_closed.and_then(|_| self.interval(&first.offsets, &second.offsets, &closed)),
             p_value,
             share_explained: share_explained(&first.fits, &second.fits),
+            log_likelihood_gain: 0.5 * (cost(&first.fits) - cost(&second.fits)),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),
         };
@@ -286,7 +289,7 @@ impl Verifier<'_> {
         }
         let null: Vec<f64> = null.into_iter().flatten().collect();
         let is_enough = 2 * null.len() >= TESTED;
-        Ok(is_enough.then(|| p_value(prediction.fits.iter().map(|f| f.cost).sum(), null.into_iter())))
+        Ok(is_enough.then(|| p_value(cost(&prediction.fits), null.into_iter())))
     }
 
     /// Root mean square distance that is left of repeats simulated from the model, once they are fitted as the measured ones.
@@ -403,10 +406,15 @@ fn refitted(
     Ok(is_there.into_iter().map(cost).collect())
 }
 
+/// Sum of squared residuals of all episodes, in variances of the noise.
+fn cost(fits: &[Fit]) -> f64 {
+    fits.iter().map(|f| f.cost).sum()
+}
+
 /// [`Verification::share_explained`].
 fn share_explained(before: &[Fit], after: &[Fit]) -> Option<f64> {
     let coordinates: f64 = before.iter().map(|f| f.residuals.len() as f64).sum();
-    let beyond = |fits: &[Fit]| fits.iter().map(|f| f.cost).sum::<f64>() - coordinates;
+    let beyond = |fits: &[Fit]| cost(fits) - coordinates;
     let is_gap = |fits: &[Fit]| beyond(fits) > GAP_SDS * (2.0 * coordinates).sqrt();
     match (is_gap(before), is_gap(after)) {
         (true, _) => Some(1.0 - beyond(after).max(0.0) / beyond(before)),

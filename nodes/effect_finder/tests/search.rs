@@ -118,23 +118,25 @@ fn names(finding: &Finding) -> Vec<String> {
 }
 
 fn find_quickly(question: Question<'_>) -> Outcome {
-    find_with(question, Settings::default().extensions)
+    find_with(question, &quick())
 }
 
-/// A search in which so many models of those with as many effects are fitted.
-fn find_with(question: Question<'_>, extensions: usize) -> Outcome {
-    let simulator = BeamSimulator::new(question.model, 2).unwrap();
-    let settings = Settings {
+/// Settings of a search that takes seconds.
+fn quick() -> Settings {
+    Settings {
         null_sets: 19,
-        extensions,
         draws: 100,
         starts: 3,
         seed: 4,
         fidelity: Fidelity::Fast,
         finer_fidelity: None,
         ..Settings::default()
-    };
-    let outcome = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
+    }
+}
+
+fn find_with(question: Question<'_>, settings: &Settings) -> Outcome {
+    let simulator = BeamSimulator::new(question.model, 2).unwrap();
+    let outcome = find(question, &simulator, settings, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(outcome.shown.len() >= question.measured.len());
     outcome
 }
@@ -181,7 +183,7 @@ fn effects_that_are_not_fitted_at_first_are_where_it_matters() {
     let candidates = some(&model, &["stiffness_gradient", "keypoint_bias", "linear_drag_n_s_m2", "tip_mass_kg"]);
     let measured = [episode(&[("tip_mass_kg", 0.004)], 2)];
     let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
-    let [few, all] = [1, 10].map(|extensions| find_with(question, extensions).finding);
+    let [few, all] = [1, 10].map(|extensions| find_with(question, &Settings { extensions, ..quick() }).finding);
     assert_eq!((few.verdict, names(&few)), (all.verdict, names(&all)), "{:?}", few.conclusions);
     let [few, all] = [few, all].map(|f| f.explanations[0].clone());
     assert!((few.statistic - all.statistic).abs() < 0.1, "{} and {}", few.statistic, all.statistic);
@@ -236,6 +238,21 @@ fn what_explains_little_of_unseen_episodes_is_none_of_these() {
     let v = finding.verification.unwrap();
     assert!(v.share_explained.unwrap() < 0.5, "{v:?}");
     assert!(finding.found.is_empty() && finding.probability_of_unknown == 1.0, "{:?}", finding.presence);
+}
+
+/// The one episode has a tip mass; the other has none, and the test of what is left there is set so that it rejects nothing.
+#[test]
+fn what_makes_unseen_episodes_less_likely_is_none_of_these() {
+    let model = model();
+    let candidates = some(&model, &["tip_mass_kg"]);
+    let (measured, other) = ([episode(&[("tip_mass_kg", 0.003)], 31)], [episode(&[], 32)]);
+    let question = Question { model: &model, measured: &measured, held_out: &other, candidates: &candidates };
+    let settings = Settings { repaired_level: 1e-3, ..quick() };
+    let Outcome { finding, model: repaired, .. } = find_with(question, &settings);
+    assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
+    let loss = -finding.verification.unwrap().log_likelihood_gain;
+    let said = format!("none of these: unseen episodes are less likely with them, by {loss:.1} nats");
+    assert!(loss > 3.0 && finding.conclusions.last() == Some(&said), "{:?}", finding.conclusions);
 }
 
 #[test]
