@@ -289,9 +289,9 @@ impl<'a> Search<'a> {
             self.telling.conclude(Stage::Repair, sentences::traded(trade_off))?;
         }
         finding.found = groups(&alike);
-        finding.verdict = match (alike.len() > 1, is_left) {
-            (true, _) => Verdict::CannotTellApart,
-            (false, true) => Verdict::NamedInPart,
+        finding.verdict = match (is_left, alike.len() > 1) {
+            (true, _) => Verdict::NamedInPart,
+            (false, true) => Verdict::CannotTellApart,
             (false, false) => Verdict::Named,
         };
         if let Some((verification, held_out)) = verified {

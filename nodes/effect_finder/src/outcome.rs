@@ -27,10 +27,7 @@ impl Outcome {
     /// Takes over that the gap closes beyond the edge of a prior, too: which effects close it within says nothing more of them
     /// than that they are alternatives.
     pub(crate) fn is_at_the_edge(&mut self) {
-        let is_named = matches!(self.finding.verdict, Verdict::Named | Verdict::CannotTellApart);
-        // Where something is left, a smooth error is said for it.
-        let is_closed = is_named && self.finding.discrepancy.is_none();
-        if !is_closed {
+        if !matches!(self.finding.verdict, Verdict::Named | Verdict::CannotTellApart) {
             self.finding.found.clear();
         }
         (self.finding.verdict, self.model) = (Verdict::PriorTooNarrow, None);

@@ -17,9 +17,10 @@ pub enum Verdict {
     NoGap,
     /// One effect, or several together, explain what the model did not.
     Named,
-    /// Different effects would explain it, and the data do not tell them apart.
+    /// Different effects would explain all of it, and the data do not tell them apart.
     CannotTellApart,
-    /// One effect, or several together, explain the greater part of it; something is left that no candidate explains.
+    /// One effect, or several together, explain the greater part of it, and others may do so nearly as well; something is left
+    /// that no candidate explains.
     NamedInPart,
     /// There is a gap, and no candidate closes it.
     NoneOfThese,

@@ -294,6 +294,16 @@ fn effects_that_change_the_same_are_a_group() {
     assert_eq!(effects, ["exposure_s", "frame_delay_s"]);
 }
 
+/// That something is left says more than that either of two effects explains the greater part.
+#[test]
+fn a_group_that_leaves_something_is_named_in_part() {
+    let candidates = some(&model(), &["frame_delay_s", "exposure_s"]);
+    let measured = [episode(&[("frame_delay_s", 0.02), ("camera_tilt_rad", 0.02)], 6)];
+    let (finding, _) = search(&model(), &measured, &candidates);
+    assert_eq!((finding.verdict, names(&finding).len()), (Verdict::NamedInPart, 2), "{:?}", finding.conclusions);
+    assert!(finding.discrepancy.is_some());
+}
+
 /// The arm's own path tells a late arm from a late camera.
 #[test]
 fn proprioception_tells_a_late_arm_from_a_late_camera() {
