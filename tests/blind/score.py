@@ -107,6 +107,8 @@ def row_of(answer, finding):
         # All that was hidden is among what cannot be told apart, if only from values beyond a prior, and there is no effect too many.
         "group": (named or finding["verdict"] == "prior_too_narrow") and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
         "held": [held(finding[fit], answer["theta"]) for fit in ("present", "repaired")],
+        # The best of what was looked at leaves something that no effect is.
+        "left": finding["verdict"] == "none_of_these" or finding["discrepancy"] is not None,
         "closed": check["gap_closed"] and round(check["gap_closed"], 4) if check else None,
         "wall_s": round(finding["wall_s"], 1),
         "probabilities": [(round(p["probability"], 4), p["name"] in hidden) for p in finding["presence"] if p["probability"] > IMPOSSIBLE],
@@ -156,6 +158,7 @@ def summary(all_rows):
     unlisted = of(kind="unlisted")
     for row in unlisted:
         row["none_of_these"] = row["verdict"] == "none_of_these"
+        row["left"] = row.get("left", row["none_of_these"])
     by_effect = {}
     for name in sorted({row["hidden"][0] for row in effects}):
         own, none = [[row for row in some if row["hidden"] == [name]] for some in (effects, missing)]
@@ -178,6 +181,7 @@ def summary(all_rows):
         "pairs": {key: share(of(kind="pair"), key) for key in ("detected", "top_1", "group")},
         "each_pair": each(of(kind="pair"), "top_1"),
         "none_of_these": share(unlisted, "none_of_these"),
+        "left_of_unlisted": share(unlisted, "left"),
         "each_unlisted": each(unlisted, "none_of_these"),
         "calibration_error": error,
         "bins": bins,
@@ -207,7 +211,7 @@ def text(found):
         lines.append(f"{size} x, named  object held by the present model {percent(found['held'][size][0])}, by the repaired one {percent(found['held'][size][1])}")
     lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_pair"].items()]
-    lines.append(f"none of these  {percent(found['none_of_these'])}")
+    lines.append(f"none of these  {percent(found['none_of_these'])}, or something is left that is none of these {percent(found['left_of_unlisted'])}")
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_unlisted"].items()]
     lines.append(f"calibration error  {found['calibration_error']}")
     lines += [f"  said {said:.2f}: present {true:.2f} of {n}" for said, true, n in found["bins"]]
