@@ -158,7 +158,7 @@ def summary(all_rows):
     unlisted = of(kind="unlisted")
     for row in unlisted:
         row["none_of_these"] = row["verdict"] == "none_of_these"
-        row["left"] = row.get("left", row["none_of_these"])
+        row["left"] = row.get("left", row["verdict"] in ("none_of_these", "named_in_part"))
     by_effect = {}
     for name in sorted({row["hidden"][0] for row in effects}):
         own, none = [[row for row in some if row["hidden"] == [name]] for some in (effects, missing)]

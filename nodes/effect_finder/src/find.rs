@@ -3,8 +3,10 @@
 mod contenders;
 mod in_part;
 mod naming;
+mod unseen;
 
 use naming::{Best, Named};
+use unseen::Refusal;
 
 use crate::calibrate::{
     Agreement, Refined, best_fit, fit_among_draws, leaves_more_than_noise, looked_further, refined,
@@ -18,7 +20,7 @@ use crate::fit::{Fit, OnRound, Problem, presses};
 use crate::hypothesis::{Depth, Grain, Hypothesis};
 use crate::laplace::Laplace;
 use crate::localise;
-use crate::name::{Extent, Ranking, groups};
+use crate::name::{Extent, groups};
 use crate::outcome::{self, Outcome, Shown};
 use crate::repair::repaired;
 use crate::sentences;
@@ -26,7 +28,6 @@ use crate::separate::{Separation, separate};
 use crate::settings::Settings;
 use crate::trade_off::trade_offs;
 use crate::verdict::{Finding, Verdict};
-use crate::verify::{Verification, Verifier};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
 use std::ops::ControlFlow;
@@ -297,11 +298,19 @@ impl<'a> Search<'a> {
         if let Some((verification, held_out)) = verified {
             outcome.shown.extend(held_out);
             self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
-            let refusal = self.refusal(&verification, is_left);
+            let refusal = self.refusal(&verification, is_left, [base, &best], &alike)?;
             finding.verification = Some(verification);
-            if let Some(sentence) = refusal {
-                finding.refute();
-                return self.telling.conclude(Stage::Verify, sentence);
+            match refusal {
+                None => (),
+                Some(Refusal::ExplainsLittle(share)) => {
+                    finding.refute();
+                    return self.telling.conclude(Stage::Verify, sentences::refuted(share));
+                }
+                Some(Refusal::LessLikely(loss)) => {
+                    finding.withdraw();
+                    finding.discrepancy = likeliest(base);
+                    return self.telling.conclude(Stage::Verify, sentences::less_likely(loss));
+                }
             }
         }
         if let [first, second, ..] = alike.as_slice() {
@@ -315,57 +324,6 @@ impl<'a> Search<'a> {
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
         Ok(())
-    }
-
-    fn verifier(&self) -> Verifier<'a> {
-        let camera = &self.question.model.camera.view;
-        Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
-    }
-
-    /// Whether effects that leave something explain enough to be named: more than a smooth error does by itself, and the
-    /// greater part of what there is.
-    fn is_worth_naming(&self, base: &Hypothesis, best: &Hypothesis) -> bool {
-        let coordinates = base.fit.residuals.len() as f64;
-        let share = 1.0 - (best.fit.cost - coordinates).max(0.0) / (base.fit.cost - coordinates).max(f64::MIN_POSITIVE);
-        let gain = best.evidence.with_any() - base.evidence.with_any();
-        share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
-    }
-
-    /// Why what unseen episodes say refutes a repair, where they do: they are less likely with it, or where it leaves something,
-    /// it explains but a small part of what there is.
-    fn refusal(&self, verification: &Verification, is_left: bool) -> Option<String> {
-        let (share, loss) = (verification.share_explained, -verification.log_likelihood_gain);
-        match share.filter(|share| is_left && *share < self.settings.least_share) {
-            Some(share) => Some(sentences::refuted(share)),
-            None => (loss >= self.settings.least_log_bayes_factor).then(|| sentences::less_likely(loss)),
-        }
-    }
-
-    /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes. Their
-    /// p-value is asked for unless it is `known`.
-    fn verified(
-        &mut self,
-        base: &Hypothesis,
-        best: &Hypothesis,
-        ranking: &Ranking,
-        known: Option<f64>,
-    ) -> Result<Option<(Verification, Vec<Shown>)>, FinderError> {
-        if self.held_out.is_empty() {
-            return Ok(None);
-        }
-        self.telling.report(Stage::Verify, 0.0, None)?;
-        let alike = ranking.alike(self.settings);
-        let is_wrong = |h: &&Hypothesis| {
-            let is_other = alike.iter().all(|a| !a.is_same(&h.candidates));
-            h.depth != Depth::Promised && h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
-        };
-        let wrong = ranking.hypotheses.iter().find(is_wrong);
-        let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);
-        let (verification, [before, after]) =
-            self.telling.in_rounds(Stage::Verify, |on_round| verifier.verify(base, best, wrong, known, on_round))?;
-        let draws = before.draws.iter().zip(&after.draws);
-        let shown = self.held_out.iter().zip(draws).map(|(case, (b, a))| Shown::held_out(case, b, a, camera));
-        Ok(Some((verification, shown.collect())))
     }
 
     /// Whether the data are explained where theta's priors are opened, and were not for the priors' edges alone.

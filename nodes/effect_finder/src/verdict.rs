@@ -22,7 +22,7 @@ pub enum Verdict {
     /// One effect, or several together, explain the greater part of it, and others may do so nearly as well; something is left
     /// that no candidate explains.
     NamedInPart,
-    /// There is a gap, and no candidate closes it.
+    /// There is a gap, and no candidate closes it, or unseen episodes speak against those that do.
     NoneOfThese,
     /// The parameters press on the edges of their priors, and the gap closes where these are opened. Effects that close it with
     /// the priors as they are, if there are any, are what else it may be.
@@ -153,6 +153,16 @@ impl Finding {
         self.presence.iter_mut().for_each(|p| p.probability = 0.0);
         self.explanations.iter_mut().for_each(|e| (e.probability, e.probability_in_part) = (0.0, 0.0));
         self.found.clear();
+    }
+
+    /// Takes over that the candidates do worse than nothing: how probable the rest is remains as it was.
+    pub(crate) fn withdraw(&mut self) {
+        let (none, unknown) = (self.probability_of_none, self.probability_of_unknown);
+        self.refute();
+        if none + unknown > 0.0 {
+            (self.probability_of_none, self.probability_of_unknown) =
+                (none / (none + unknown), unknown / (none + unknown));
+        }
     }
 
     /// Takes over how probable everything is.

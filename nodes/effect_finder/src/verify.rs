@@ -73,7 +73,8 @@ pub struct Verification {
     /// Share of the squared deviations beyond noise which the present model leaves and the repaired one does not: 0 where the
     /// repaired one alone leaves some, none where neither does.
     pub share_explained: Option<f64>,
-    /// What the repair adds to the log likelihood of the episodes, nats; below 0 where they speak against it.
+    /// What the repair adds to the log likelihood of the episodes, nats, each model at its best fit of what is drawn anew for each
+    /// episode; below 0 where they speak against it.
     pub log_likelihood_gain: f64,
     /// A wrong effect, repaired the same way: its name and what it comes to.
     pub wrong_effect: Option<(String, Score)>,
@@ -108,6 +109,13 @@ pub struct Prediction {
     fits: Vec<Fit>,
     /// The episodes that those are to.
     cases: Vec<Case>,
+}
+
+impl Prediction {
+    /// Sum of squared residuals of all episodes, in variances of the noise.
+    pub fn cost(&self) -> f64 {
+        cost(&self.fits)
+    }
 }
 
 impl Verifier<'_> {
@@ -146,7 +154,7 @@ impl Verifier<'_> {
             interval: gap_closed.and_then(|_| self.interval(&first.offsets, &second.offsets, &closed)),
             p_value,
             share_explained: share_explained(&first.fits, &second.fits),
-            log_likelihood_gain: 0.5 * (cost(&first.fits) - cost(&second.fits)),
+            log_likelihood_gain: 0.5 * (first.cost() - second.cost()),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),
         };
@@ -289,7 +297,7 @@ impl Verifier<'_> {
         }
         let null: Vec<f64> = null.into_iter().flatten().collect();
         let is_enough = 2 * null.len() >= TESTED;
-        Ok(is_enough.then(|| p_value(cost(&prediction.fits), null.into_iter())))
+        Ok(is_enough.then(|| p_value(prediction.cost(), null.into_iter())))
     }
 
     /// Root mean square distance that is left of repeats simulated from the model, once they are fitted as the measured ones.
