@@ -35,10 +35,9 @@ const LEFT: f64 = 0.9;
 /// Shares of the episodes that are followed one after the other, and rounds of each fit.
 const BEGINNINGS: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 const FEW_ROUNDS: usize = 12;
-/// Draws from which other valleys are looked for, how many are taken, and how far apart they lie in one coordinate at least.
+/// Draws from which other valleys are looked for, and how many are taken.
 const VALLEY_STARTS: usize = 24;
 const VALLEYS: usize = 4;
-const APART: f64 = 0.05;
 
 /// The best fit: that [among draws](fit_among_draws); where it leaves more than noise, from where ever more of the beginning of the
 /// episodes is followed; and while that leaves more and brings something, from the best of draws of which half lie beside it.
@@ -178,7 +177,7 @@ fn draws(problem: &Problem<'_>, known: &[Vec<f64>], settings: &Settings, rng: &m
 }
 
 /// Other valleys of the cost than that in which `best` lies, the lowest first: where fits from the best of draws come to, each
-/// apart from all others.
+/// behind a ridge from all others.
 ///
 /// # Errors
 /// [`FinderError::Cancelled`] where `on_round` asked to stop.
@@ -196,15 +195,27 @@ pub fn other_valleys(
         fits => fits?.into_iter().flatten().collect(),
     };
     fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    let theta = problem.unknowns.theta();
-    let is_apart = |a: &[f64], b: &[f64]| a.iter().zip(b).take(theta).any(|(a, b)| (a - b).abs() > APART);
+    let measured = problem.measured();
+    let mut known = vec![(best.to_vec(), problem.costs(&[best.to_vec()], &measured)[0])];
     let mut valleys: Vec<Fit> = Vec::new();
     for fit in fits {
-        if is_apart(&fit.point, best) && valleys.iter().all(|v| is_apart(&fit.point, &v.point)) {
+        if valleys.len() == VALLEYS {
+            break;
+        }
+        if known.iter().any(|(point, _)| !problem.unknowns.are_apart(&fit.point, point)) {
+            continue;
+        }
+        let middle = |(point, _): &(Vec<f64>, f64)| point.iter().zip(&fit.point).map(|(a, b)| 0.5 * (a + b)).collect();
+        let middles = problem.costs(&known.iter().map(middle).collect::<Vec<_>>(), &measured);
+        // Along what the data do not tell a valley is long, and its fits end anywhere in it.
+        if middles.iter().zip(&known).all(|(middle, (_, end))| *middle > end.max(fit.cost) + problem.decrease) {
+            known.push((fit.point.clone(), fit.cost));
             valleys.push(fit);
         }
+        if on_round().is_break() {
+            return Err(FinderError::Cancelled("fit"));
+        }
     }
-    valleys.truncate(VALLEYS);
     Ok(valleys)
 }
 
@@ -370,7 +381,20 @@ mod tests {
         assert!(length(&best) >= 0.25, "{}", length(&best));
         let valleys = other_valleys(&problem, &best.point, &Settings::default(), &mut go_on).unwrap();
         let folded: Vec<f64> = valleys.iter().map(length).filter(|l| *l < 0.25).collect();
-        assert!(folded.len() == 1 && valleys.len() <= VALLEYS, "{:?}", valleys.iter().map(length).collect::<Vec<_>>());
+        assert_eq!(folded.len(), 1, "{:?}", valleys.iter().map(length).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_valley_along_what_the_data_do_not_tell_is_one() {
+        let toy = Toy { gain: 1e-6 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let best = best_fit(&problem, Vec::new(), &Settings::default(), &mut go_on).unwrap();
+        let ends = draws(&problem, &[], &Settings::default(), &mut seed::rng(1, 1));
+        let far = ends.iter().filter(|end| problem.unknowns.are_apart(end, &best.point)).count();
+        assert!(far > ends.len() / 2, "{far} of {}", ends.len());
+        let valleys = other_valleys(&problem, &best.point, &Settings::default(), &mut go_on).unwrap();
+        assert!(valleys.is_empty(), "{:?}", valleys.iter().map(|v| &v.point).collect::<Vec<_>>());
     }
 
     #[test]

@@ -31,6 +31,9 @@ pub struct Unknown {
 /// Reach of the coordinate of a Gaussian prior, in its standard deviations.
 const REACH: f64 = 6.0;
 
+/// By how much points differ in one coordinate that are far from each other.
+const APART: f64 = 0.05;
+
 impl Unknown {
     fn new(name: &str, prior: Prior, scope: Scope) -> Self {
         let name = name.to_owned();
@@ -192,6 +195,12 @@ impl Unknowns {
     pub fn scope_of(&self, column: usize) -> Scope {
         let owner = (0..self.list.len()).rev().find(|&i| self.column(i, 0) <= column);
         owner.map_or(Scope::Shared, |i| self.list[i].scope)
+    }
+
+    /// Whether two points lie far from each other in a coordinate of what all episodes share.
+    pub fn are_apart(&self, a: &[f64], b: &[f64]) -> bool {
+        let is_far = |column: usize| self.scope_of(column) == Scope::Shared && (a[column] - b[column]).abs() > APART;
+        (0..self.columns()).any(is_far)
     }
 
     /// The values of all unknowns in an episode at the point `u`.
