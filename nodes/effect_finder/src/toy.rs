@@ -119,6 +119,17 @@ pub fn folding(toy: Toy, at: f64) -> Twisted<impl Twist> {
     Twisted { toy, twist }
 }
 
+/// The toy, whose object folds where theta's first parameter is under `at`, but at fast fidelity: keypoints are moved by 1 in the
+/// picture.
+pub fn folding_when_fine(toy: Toy, at: f64) -> Twisted<impl Twist> {
+    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
+        if request.fidelity != Fidelity::Fast && request.thetas[episode][0] < at {
+            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += 1.0);
+        }
+    };
+    Twisted { toy, twist }
+}
+
 /// The toy, whose object folds where theta's first parameter is under `at`, by what undoes `by` of that effect.
 pub fn misleading(toy: Toy, at: f64, effect: &'static str, by: f64) -> Twisted<impl Twist> {
     let size = toy.gain * by;

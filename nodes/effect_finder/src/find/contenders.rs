@@ -13,7 +13,7 @@ use crate::settings::Settings;
 
 /// How many times fewer draws and starts look for the best fit of a model that is not the most probable.
 const FEWER: usize = 4;
-/// Models with one effect that are looked for everywhere where the best of them leaves more than noise.
+/// Models among which those with one effect are looked for everywhere where the best of all leaves more than noise.
 const WIDE: usize = 6;
 /// By how much the log evidence of a model must rise where it is fitted from where a larger one fits.
 const LEAST_GAIN: f64 = 1.0;
@@ -77,7 +77,7 @@ impl Search<'_> {
 
     /// Looks closer at the most probable hypotheses. With an effect more, the best values of all others may lie in another valley;
     /// and a coarse simulation may suit one effect by its errors, which are another one's than the present model's.
-    /// Where none of them is in doubt and all leave more than noise, looks at those that are [`overlooked`].
+    /// Where none of them is in doubt, looks at those that are [`overlooked`].
     fn polished(
         &mut self,
         mut ranking: Ranking,
@@ -143,7 +143,7 @@ impl Search<'_> {
                 let known = old.where_fits(&all[0]);
                 let fit =
                     self.telling.in_rounds(Stage::Name, |on_round| fit_among_draws(&own, known, &few, on_round))?;
-                Ok(or_fitted(old, fit, Depth::Glanced, yardstick))
+                self.or_fitted(old, fit, Depth::Glanced, yardstick)
             }
         }
     }
@@ -152,11 +152,34 @@ impl Search<'_> {
     fn best(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
         let (own, settings, known) = (old.problem(self.problem), self.settings, vec![old.fit.point.clone()]);
         let fit = self.telling.in_rounds(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
-        Ok(or_fitted(old, fit, Depth::Polished, yardstick))
+        self.or_fitted(old, fit, Depth::Polished, yardstick)
+    }
+
+    /// The hypothesis with that fit where it is better, looked at that closely in any case. Far from where it was, what a finer
+    /// simulation shows otherwise is another thing: a fit that this confirmed gives way to none that it refutes.
+    fn or_fitted(
+        &mut self,
+        old: &Hypothesis,
+        fit: Fit,
+        depth: Depth,
+        yardstick: &Yardstick,
+    ) -> Result<Hypothesis, FinderError> {
+        let kept = Hypothesis { depth, ..old.clone() };
+        let is_better = |fit: &Fit| fit.cost < old.fit.cost - LEAST_DECREASE;
+        let evidence = yardstick.of(&old.candidates, &fit).filter(|_| is_better(&fit));
+        let Some(evidence) = evidence else { return Ok(kept) };
+        let is_far = old.unknowns.are_apart(&fit.point, &old.fit.point);
+        let grain = if is_far { Grain::Unasked } else { old.grain };
+        let new = Hypothesis { fit, evidence, grain, ..kept.clone() };
+        if !is_far || old.grain != Grain::Fine {
+            return Ok(new);
+        }
+        let asked = self.finer(&new, yardstick)?;
+        Ok(if asked.grain == Grain::Fine && is_better(&asked.fit) { asked } else { kept })
     }
 
     /// The hypothesis, fitted with what a finer simulation of itself shows otherwise, where that fits.
-    fn finer(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
+    pub(super) fn finer(&mut self, old: &Hypothesis, yardstick: &Yardstick) -> Result<Hypothesis, FinderError> {
         let own = old.problem(self.problem);
         let finer = self.settings.finer_fidelity.unwrap_or(self.settings.fidelity);
         let done = self.telling.in_rounds(Stage::Name, |on_round| refined(&own, old.fit.clone(), finer, on_round))?;
@@ -168,23 +191,13 @@ impl Search<'_> {
     }
 }
 
-/// Where the best model with one effect leaves more than noise: the next that was not looked for in the whole support of the priors.
+/// Where the best model has one effect and leaves more than noise: the next such that was not looked for in the whole support of the priors.
 /// Its best fit may lie in a valley that no look from the others' has reached.
 fn overlooked(all: &[Hypothesis]) -> Option<usize> {
     let is_single = |h: &Hypothesis| h.candidates.len() == 1;
     all.first().filter(|best| is_single(best) && is_beyond_noise(&best.fit, FOUND_SDS))?;
     let is_overlooked = |h: &Hypothesis| is_single(h) && matches!(h.depth, Depth::Fitted | Depth::Glanced);
     all.iter().take(WIDE).position(is_overlooked)
-}
-
-/// The hypothesis with that fit where it is better, looked at that closely in any case.
-fn or_fitted(old: &Hypothesis, fit: Fit, depth: Depth, yardstick: &Yardstick) -> Hypothesis {
-    match yardstick.of(&old.candidates, &fit) {
-        Some(evidence) if fit.cost < old.fit.cost - LEAST_DECREASE => {
-            Hypothesis { fit, evidence, depth, ..old.clone() }
-        }
-        _ => Hypothesis { depth, ..old.clone() },
-    }
 }
 
 #[cfg(test)]
@@ -299,5 +312,39 @@ mod tests {
         assert!(search.stepped_back(&better, &yardstick).unwrap().is_none(), "it fits no better twice");
         let other = hypothesis(&["table_adhesion_n_m"], 0);
         assert!(search.stepped_back(&[pair, other], &yardstick).unwrap().is_none(), "it is no part of the pair");
+    }
+
+    /// The coarse simulation fits where the object is short; the finer one folds it there.
+    #[test]
+    fn a_fit_that_the_finer_simulation_refutes_takes_the_place_of_none_that_it_confirms() {
+        let toy = || Toy { gain: 3.0 };
+        let cases = [toy::case(&toy(), [0.22, 2e4], &[("tip_mass_kg", 0.05)])];
+        let (model, settings, effect) = (toy::model(), settings(), candidate("tip_mass_kg"));
+        let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+        let taken = |simulator: &dyn catenary_core::DifferentiableSimulator| {
+            let problem = Problem::of(&model, &cases, simulator, 40);
+            let unknowns = problem.unknowns.with(&effect);
+            let own = Problem { unknowns: unknowns.clone(), ..problem };
+            let fit = |rounds: usize| {
+                let start = Start { point: vec![0.5; unknowns.columns()], tracks: own.measured() };
+                let own = Problem { unknowns: unknowns.clone(), rounds, ..own };
+                own.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap()
+            };
+            let (far, best) = (fit(0), fit(40));
+            assert!(best.cost < 1e-3 && far.cost > 100.0, "{} {}", best.cost, far.cost);
+            let yardstick = Yardstick::new(&cases, &far).unwrap();
+            let candidates = vec![effect.clone()];
+            let evidence = yardstick.of(&candidates, &far).unwrap();
+            let (depth, grain, spread) = (Depth::Fitted, Grain::Fine, Vec::new());
+            let old = Hypothesis { candidates, unknowns, cases: None, grain, fit: far, evidence, depth, spread };
+            let mut listen = |_: &Progress| ControlFlow::Continue(());
+            let telling = Telling { on_progress: &mut listen, conclusions: Vec::new() };
+            let mut search = Search { question, problem: &problem, held_out: &[], settings: &settings, telling };
+            let new = search.or_fitted(&old, best, Depth::Polished, &yardstick).unwrap();
+            assert_eq!((new.depth, new.grain), (Depth::Polished, Grain::Fine));
+            new.fit.cost
+        };
+        assert!(taken(&toy()) < 1e-3, "it confirms it");
+        assert!(taken(&toy::folding_when_fine(toy(), 0.23)) > 100.0, "it refutes it");
     }
 }

@@ -7,7 +7,7 @@ use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::OnRound;
-use crate::hypothesis::{Depth, Hypothesis, Trial};
+use crate::hypothesis::{Depth, Grain, Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
 use crate::verdict::{Finding, Fitness};
@@ -19,6 +19,8 @@ pub(super) const PARENTS: usize = 3;
 /// How many times fewer draws than those of a whole fit look for an effect elsewhere, and their random stream.
 const ELSEWHERE: usize = 6;
 const ELSEWHERE_STREAM: u64 = 2207;
+/// Places of the same effect from which it is fitted.
+const MOST_TRIALS: usize = 2;
 /// Tests after which no smaller model is gone back to.
 const MOST_TESTS: usize = 6;
 /// Standard deviations of noise that a model with one effect may leave beyond what is usual, so that none is looked for elsewhere.
@@ -153,24 +155,43 @@ impl<'a> Search<'a> {
             let is_known = |h: &&Hypothesis| h.depth != Depth::Promised && h.has(&candidate.name);
             all.iter().find(is_known).map_or(base.fit.cost, |h| h.fit.cost)
         };
+        // Beside a large gap what a finer simulation shows otherwise is next to nothing.
+        let is_coarse_told = base.grain == Grain::Fine && !leaves_much(&base.fit);
         let plain = self.plain(base);
         let mut trials = self.in_other_valleys(&plain)?;
         if leaves_much(&base.fit) {
             trials.extend(self.among_draws(&plain)?);
         }
-        trials.retain(|(candidate, trial)| trial.promise < known_cost(hypotheses, candidate) - LEAST_PROMISE);
+        let promises = |all: &[Hypothesis], candidate: &Candidate, trial: &Trial| {
+            trial.promise < known_cost(all, candidate) - LEAST_PROMISE
+        };
+        trials.retain(|(candidate, trial)| promises(hypotheses, candidate, trial));
         trials.sort_by(|(_, a), (_, b)| a.promise.total_cmp(&b.promise));
+        let mut seen: Vec<&str> = Vec::new();
+        trials.retain(|(candidate, _)| {
+            seen.push(&candidate.name);
+            seen.iter().filter(|name| **name == candidate.name).count() <= MOST_TRIALS
+        });
         trials.truncate(self.settings.extensions);
-        let problem = self.problem;
         for (candidate, trial) in trials {
-            let aim = lowest(hypotheses);
-            match self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round)) {
-                Ok(one) if one.fit.cost < known_cost(hypotheses, candidate) - LEAST_DECREASE => {
-                    hypotheses.retain(|h| !h.has(&candidate.name));
-                    hypotheses.push(one);
+            if !promises(hypotheses, candidate, &trial) {
+                continue;
+            }
+            let (aim, problem) = (lowest(hypotheses), self.problem);
+            let is_less = |h: &Hypothesis| h.fit.cost < known_cost(hypotheses, candidate) - LEAST_DECREASE;
+            let fitted =
+                self.telling.in_rounds(Stage::Name, |on_round| trial.fitted(problem, aim, yardstick, on_round));
+            let found = match fitted {
+                Ok(one) if is_less(&one) && is_coarse_told => {
+                    Some(self.finer(&one, yardstick)?).filter(|h| h.grain == Grain::Fine && is_less(h))
                 }
-                Ok(_) | Err(FinderError::NoFit(_)) => (),
+                Ok(one) => Some(one).filter(is_less),
+                Err(FinderError::NoFit(_)) => None,
                 Err(other) => return Err(other),
+            };
+            if let Some(found) = found {
+                hypotheses.retain(|h| !h.has(&candidate.name));
+                hypotheses.push(found);
             }
         }
         Ok(())
