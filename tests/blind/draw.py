@@ -25,6 +25,7 @@ import sys
 import tempfile
 
 import numpy
+from alone import alone
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
@@ -211,6 +212,7 @@ def main():
     parser.add_argument("--unlisted", type=int, default=20, help="worlds of each effect that no search offers")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
+    arguments.lock = alone(arguments.out)
     effects = json.loads(program("effects", "--json"))
     worlds = plan(arguments, effects)
     seals, settings, left_out, in_vain, shown = {}, {}, [], collections.Counter(), set()

@@ -11,6 +11,8 @@ import pathlib
 import subprocess
 import sys
 
+from alone import alone
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 
@@ -35,6 +37,7 @@ def main():
     arguments = parser.parse_args()
     if not (arguments.out / "seals.txt").exists():
         sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of all worlds, which draw.py writes last")
+    arguments.lock = alone(arguments.out)
     (arguments.out / "found").mkdir(exist_ok=True)
     worlds = sorted(w for w in (arguments.out / "worlds").iterdir() if w.is_dir() and not w.suffix)
     for number, world in enumerate(worlds):

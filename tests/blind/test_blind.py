@@ -9,6 +9,7 @@ import sys
 import numpy
 import pytest
 import score
+from alone import alone
 
 HERE = pathlib.Path(__file__).parent
 
@@ -74,6 +75,17 @@ def test_what_is_said_instead_of_what_was_hidden_is_counted(worlds, tmp_path):
     assert "of 4, density_change 2, no_gap 1 |" in done.stdout and "soft_joint  0% of 1 (0% to 79%), density_change 1" in done.stdout
     found = json.loads((tmp_path / "score.json").read_text())["summary"]
     assert found["each_pair"]["tip_mass_kg"]["instead"] == {"no_gap": 1} and found["effects"]["tip_mass_kg"]["3.0"]["held"][1]["of"] == 1
+
+
+def test_two_programs_do_not_work_in_one_folder(worlds, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(worlds, copy, ignore=shutil.ignore_patterns("bag_*"))
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    with alone(copy):
+        for name in ("draw.py", "find.py"):
+            done = run(name, "--out", copy)
+            assert done.returncode == 1 and f"{copy}: expected to be alone there" in done.stderr
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
 
 
 def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_path):
