@@ -97,8 +97,8 @@ class Session:
     def launch(self, *arguments, file="sim.launch.xml", nodes=NODES):
         """Starts the nodes of a launch file, and a node of rclpy that sees all of its nodes.
 
-        A participant of Fast DDS that begins in the same half second as one of RustDDS 0.15.1 may miss endpoints of it for
-        good, so rclpy begins when the nodes are there, and begins anew where it missed some all the same.
+        A participant of Fast DDS that begins while nodes on RustDDS 0.15.1 make their endpoints may miss some for good (see
+        `settle.rs`), so rclpy begins when the nodes are there, and begins anew where it missed some all the same.
         """
         launch = self.start("launch", ROOT / "launch_configs" / file, "--log", self.folder / "log", *arguments)
 

@@ -9,6 +9,7 @@ use crate::names;
 use crate::node::{Inner, Node};
 use crate::params::{Param, ParamKind, ParamSpec, Params};
 use crate::participant::{Discovery, Participation};
+use crate::settle::settle;
 use crate::shutdown::Shutdown;
 use crate::spinner;
 use crate::threads::Threads;
@@ -136,6 +137,7 @@ impl NodeBuilder {
             None => Participation::from_environment(&|name| std::env::var(name).ok())?,
         };
         let participant = participation.join()?;
+        settle(&participant);
         let context = ros2_client::Context::from_domain_participant(participant)
             .map_err(|error| ShellError::create("ROS 2 context", error))?;
         let ros_name = ros2_client::NodeName::new(&self.namespace, &self.name)

@@ -51,6 +51,7 @@ mod raw;
 mod ros_home;
 mod run;
 mod service;
+mod settle;
 mod shutdown;
 mod spinner;
 pub mod stamp;

@@ -13,6 +13,7 @@ use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::{
     CallError, Concurrency, Decision, Discovery, Node, NodeBuilder, Outcome, ParamSpec, Qos, RosArgs, Status, Value,
 };
+use rustdds::{DomainParticipantBuilder, DomainParticipantStatusEvent, RTPSEntity, StatusEvented};
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
@@ -55,6 +56,35 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
     assert_eq!(receiver.publisher_count("target").unwrap(), 1);
     assert_eq!(receiver.other_publisher_count("target").unwrap(), 1);
     assert_eq!(sender.other_publisher_count("target").unwrap(), 0);
+}
+
+/// See `settle.rs`: what is announced before the others have met the node is at times not taken in by Fast DDS.
+#[test]
+fn a_node_has_no_endpoints_before_others_have_met_it() {
+    let networks = [std::net::Ipv4Addr::LOCALHOST];
+    let other = DomainParticipantBuilder::new(116).with_only_networks(networks).build().unwrap();
+    let watcher = std::thread::spawn(move || {
+        let (listener, start, mut met) = (other.status_listener(), Instant::now(), None);
+        while start.elapsed() < SOON {
+            match listener.try_recv_status() {
+                Some(DomainParticipantStatusEvent::ParticipantDiscovered { dpd }) if dpd.guid != other.guid() => {
+                    met = Some((dpd.guid.prefix, Instant::now()));
+                }
+                Some(
+                    DomainParticipantStatusEvent::ReaderDetected { reader: endpoint }
+                    | DomainParticipantStatusEvent::WriterDetected { writer: endpoint },
+                ) if met.is_some_and(|(prefix, _)| prefix == endpoint.guid.prefix) => {
+                    return met.map(|(_, at)| at.elapsed());
+                }
+                Some(_) => {}
+                None => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+        None
+    });
+    let node = node("late", 116);
+    let between = watcher.join().unwrap().unwrap();
+    assert!(between > Duration::from_millis(100), "{} announced an endpoint after {between:?}", node.name());
 }
 
 #[test]
