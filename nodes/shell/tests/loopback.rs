@@ -62,7 +62,7 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
 #[test]
 fn a_node_has_no_endpoints_before_others_have_met_it() {
     let networks = [std::net::Ipv4Addr::LOCALHOST];
-    let other = DomainParticipantBuilder::new(116).with_only_networks(networks).build().unwrap();
+    let other = DomainParticipantBuilder::new(117).with_only_networks(networks).build().unwrap();
     let watcher = std::thread::spawn(move || {
         let (listener, start, mut met) = (other.status_listener(), Instant::now(), None);
         while start.elapsed() < SOON {
@@ -82,7 +82,7 @@ fn a_node_has_no_endpoints_before_others_have_met_it() {
         }
         None
     });
-    let node = node("late", 116);
+    let node = node("late", 117);
     let between = watcher.join().unwrap().unwrap();
     assert!(between > Duration::from_millis(100), "{} announced an endpoint after {between:?}", node.name());
 }
