@@ -30,12 +30,10 @@ fn due(joined: Instant, met: Option<Instant>) -> Instant {
 pub(crate) fn settle(participant: &DomainParticipant) {
     let listener = participant.status_listener();
     let mut events = listener.as_async_status_stream();
-    let (joined, own) = (Instant::now(), rustdds::RTPSEntity::guid(participant).prefix);
-    let mut met = None;
+    let (joined, mut met) = (Instant::now(), None);
     while let Some(Some(event)) = block_until(events.next(), Some(due(joined, met))) {
-        if let DomainParticipantStatusEvent::ParticipantDiscovered { dpd } = event
-            && dpd.guid.prefix != own
-        {
+        // Its own discovery of itself is not among them.
+        if matches!(event, DomainParticipantStatusEvent::ParticipantDiscovered { .. }) {
             met = Some(Instant::now());
         }
     }
