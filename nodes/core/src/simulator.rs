@@ -1,6 +1,6 @@
 //! The batch simulator, as inference sees it.
 
-use crate::{GripTrajectory, Policy, Track};
+use crate::{Frame, GripTrajectory, Policy, Track};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use thiserror::Error;
@@ -120,10 +120,33 @@ pub enum SimulatorError {
     Backend(String),
 }
 
+/// What is asked of a place of a batch and the frames of its episode so far, the newest last: whether that is enough of it.
+pub type IsEnough<'a> = &'a (dyn Fn(usize, &[Frame]) -> bool + Sync);
+
+/// Until when the episodes of a batch are asked for.
+#[derive(Clone, Copy)]
+pub struct Until<'a> {
+    /// Asked after each frame. The same frames must have the same answer.
+    pub is_enough: IsEnough<'a>,
+    /// A number that stands for it where answers are kept: two that may say different things have different ones.
+    pub number: u64,
+}
+
 /// Simulates batches of episodes of the model it was made for.
 pub trait Simulator {
     /// Simulates the batch. Returns one track a theta, in order; the same request gives the same bits.
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError>;
+
+    /// As [`Self::simulate`], but an episode may end at a frame from which on nobody asks for it: its frames are then the first of
+    /// those that it would have had, without an action after the last, and its end says nothing. A simulator that cannot end sooner
+    /// gives the whole.
+    ///
+    /// # Errors
+    /// As [`Self::simulate`].
+    fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+        let _ = until;
+        self.simulate(request)
+    }
 }
 
 /// How a frame changes with a parameter, per unit of it.

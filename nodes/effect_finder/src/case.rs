@@ -3,6 +3,7 @@
 use crate::error::FinderError;
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::hash::fnv1a;
 use catenary_core::model::DriveKind;
 use catenary_core::simulator::{FrameDerivative, StartShape, TrackSensitivities};
 use catenary_core::track::End;
@@ -16,6 +17,9 @@ use serde::{Deserialize, Serialize};
 const HALF_MASK_PX: f64 = 128.0;
 /// Lever by which an angle of the end effector is compared with its place, m.
 const LEVER_M: f64 = 0.1;
+
+/// Most times that the cost of an episode is looked at while it is simulated.
+const LOOKS: usize = 20;
 
 /// What a row of residuals is a difference of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -206,8 +210,11 @@ impl Case {
         let count = (share * self.measured.frames.len() as f64).ceil() as usize;
         let mut first = self.clone();
         first.measured.frames.truncate(count);
-        // Of a path that was measured no more is driven; a policy's frames are as many as its actions.
+        // Of a path that was measured no more is driven; of actions, those before the last frame.
         first.template.frame_times_s.truncate(count);
+        if let Drive::Actions(actions) = &mut first.template.drive {
+            actions.truncate(count.saturating_sub(1));
+        }
         first
     }
 
@@ -277,6 +284,35 @@ impl Case {
             }
         }
         (residuals, jacobian)
+    }
+
+    /// The residuals of [`Self::compare`] alone.
+    pub fn residuals(&self, measured: &Track, simulated: &Track) -> DVector<f64> {
+        let plain = TrackSensitivities { track: simulated.clone(), derivatives: Vec::new(), changes: Vec::new() };
+        self.compare(measured, &plain).0
+    }
+
+    /// Sum of their squares.
+    pub fn cost(&self, measured: &Track, simulated: &Track) -> f64 {
+        self.residuals(measured, simulated).norm_squared()
+    }
+
+    /// Whether the first frames of a simulated track, in which nothing is corrected yet, cost more than `most` by themselves, or
+    /// none that was measured is left. What they cost is looked at some times in an episode, so that this costs next to nothing.
+    pub fn is_enough(&self, measured: &Track, frames: &[Frame], most: f64) -> bool {
+        let count = measured.frames.len();
+        if frames.len() >= count {
+            return true;
+        }
+        let beginning = |of: &[Frame]| Track { frames: of[..frames.len()].to_vec(), end: End::Complete };
+        frames.len().is_multiple_of(count.div_ceil(LOOKS))
+            && self.cost(&beginning(&measured.frames), &self.corrected(beginning(frames))) > most
+    }
+
+    /// A number that stands for what [`Self::is_enough`] says, where each of some tracks may cost that much.
+    pub fn number_of(&self, measured: &Track, most: &[f64]) -> u64 {
+        let Self { order, keypoint_sd, pose_sd_m, correction, .. } = self;
+        fnv1a(format!("{measured:?} {order:?} {keypoint_sd} {pose_sd_m:?} {correction:?} {most:?}").into_bytes())
     }
 
     /// A simulated track as it would have been measured: with noise, and cut or held to the measured frames.
@@ -396,6 +432,44 @@ mod tests {
             (3, [0.0, 1.0, 2.0].as_slice())
         );
         assert_eq!(case.beginning(1.0).measured, case.measured);
+        let acted = self::case(DriveKind::Actions);
+        let driven = |case: &Case| match &case.template.drive {
+            Drive::Actions(actions) => actions.len(),
+            _ => panic!("actions drive it"),
+        };
+        assert_eq!([driven(&acted), driven(&acted.beginning(0.5)), driven(&acted.beginning(0.1))], [4, 2, 0]);
+    }
+
+    #[test]
+    fn the_first_frames_are_enough_where_they_cost_more_with_their_correction() {
+        let case = case(DriveKind::Grip);
+        let mut track = case.measured.clone();
+        track.frames.iter_mut().for_each(|f| f.dlo[0][0] += 1.0 / 128.0);
+        let cost = |case: &Case, count: usize| {
+            let within = |most: f64| !case.is_enough(&case.measured, &track.frames[..count], most);
+            (0..).map(|i| 0.1 * f64::from(i)).find(|most| within(*most)).unwrap()
+        };
+        // A pixel is 1 / 0.7 standard deviations.
+        assert!((cost(&case, 2) - 2.0 / 0.49).abs() < 0.1 && (cost(&case, 4) - 4.0 / 0.49).abs() < 0.1);
+        assert!(case.is_enough(&case.measured, &track.frames, f64::INFINITY), "no frame is left");
+        let corrected = case.corrected_by(&case.measured, &track);
+        assert_eq!(cost(&corrected, 4), 0.0);
+        let number = case.number_of(&case.measured, &[3.0]);
+        assert_ne!(number, corrected.number_of(&case.measured, &[3.0]));
+        assert_ne!(number, case.number_of(&case.measured, &[4.0]));
+        assert_ne!(number, case.number_of(&track, &[3.0]));
+        assert_eq!(number, case.number_of(&case.measured.clone(), &[3.0]));
+    }
+
+    #[test]
+    fn long_episodes_are_looked_at_no_more_often_than_short_ones() {
+        let mut case = case(DriveKind::Grip);
+        case.measured.frames = (0..101).map(|i| frame(f64::from(i))).collect();
+        let mut track = case.measured.clone();
+        track.frames.iter_mut().for_each(|f| f.dlo[0][0] += 0.1);
+        let looks: Vec<usize> =
+            (1..101).filter(|count| case.is_enough(&case.measured, &track.frames[..*count], 0.0)).collect();
+        assert_eq!(looks, (1..=16).map(|i| 6 * i).collect::<Vec<_>>());
     }
 
     #[test]

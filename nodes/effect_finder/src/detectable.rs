@@ -7,7 +7,6 @@ use crate::error::FinderError;
 use crate::fit::{Fit, Problem, Start};
 use crate::settings::Settings;
 use catenary_core::Track;
-use catenary_core::simulator::TrackSensitivities;
 use std::ops::ControlFlow;
 
 /// Quantiles of the normal distribution: that at which a test of 5 % rejects, and that over which four of five draws lie.
@@ -40,10 +39,7 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
     let worlds = worlds(problem, u, candidate);
     // If the simulator were linear, from here on the effect would show.
     let linear = |measured: &[Track]| {
-        let parts = problem.cases.iter().zip(measured).zip(&tracks).map(|((case, measured), own)| {
-            let own = TrackSensitivities { track: own.clone(), derivatives: Vec::new(), changes: Vec::new() };
-            case.compare(measured, &own).0
-        });
+        let parts = problem.cases.iter().zip(measured).zip(&tracks).map(|((case, m), own)| case.residuals(m, own));
         let mut residuals = base.residuals.clone();
         parts.flat_map(|r| r.data.as_vec().clone()).enumerate().for_each(|(i, r)| residuals[i] = r);
         Fit { cost: residuals.norm_squared(), residuals, ..base.clone() }.descended().cost

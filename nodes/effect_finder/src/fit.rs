@@ -20,8 +20,8 @@ use std::ops::ControlFlow;
 
 /// A fit ends where a step lowers the sum of squares by less than this: its own scatter is some ten.
 const DECREASE: f64 = 0.02;
-/// Points that are simulated between two chances to stop.
-const BATCH: usize = 64;
+/// Points that are simulated between two chances to stop, and to learn what the best of them cost.
+const BATCH: usize = 32;
 /// How many times as many starts are tried where the best cannot be followed.
 const TRIES: usize = 4;
 
@@ -155,13 +155,15 @@ impl Problem<'_> {
         let mut rest = points.into_iter().peekable();
         while rest.peek().is_some() {
             let part: Vec<Vec<f64>> = rest.by_ref().take(BATCH).collect();
-            ranked.extend(self.costs(&part, &measured).into_iter().zip(part));
+            // What costs more than that many others is none of those that are asked for, however much more it is.
+            let most = count.checked_sub(1).and_then(|last| ranked.get(last)).map_or(f64::INFINITY, |worst| worst.0);
+            ranked.extend(self.costs_to(&part, &measured, most).into_iter().zip(part));
+            ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+            ranked.truncate(count);
             if on_round().is_break() {
                 return Err(FinderError::Cancelled("fit"));
             }
         }
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(count);
         Ok(ranked.into_iter().map(|(_, point)| Start { point, tracks: measured.clone() }).collect())
     }
 
@@ -224,7 +226,10 @@ impl Problem<'_> {
 mod tests {
     use super::*;
     use crate::toy::{self, Toy};
-    use catenary_core::seed;
+    use catenary_core::simulator::{SimulatorError, TrackSensitivities, Until};
+    use catenary_core::{SimulationRequest, Simulator, seed};
+    use rand::RngExt;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn fit(cases: &[Case], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
         let toy = Toy { gain: 0.3 };
@@ -301,6 +306,71 @@ mod tests {
         assert!(best.cost < 0.1, "{}", best.cost);
         let none = problem.best_of(points[..2].to_vec(), 1, &mut || ControlFlow::Continue(()));
         assert!(matches!(none, Err(FinderError::NoFit(_))));
+    }
+
+    /// The toy, whose episodes end where nobody asks for more; it counts frames.
+    struct Ending {
+        toy: Toy,
+        frames: AtomicUsize,
+    }
+
+    impl Simulator for Ending {
+        fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            self.toy.simulate(request)
+        }
+
+        fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+            let mut tracks = self.toy.simulate(request)?;
+            for (place, track) in tracks.iter_mut().enumerate() {
+                let is_enough = |count: &usize| (until.is_enough)(place, &track.frames[..*count]);
+                let count = (1..track.frames.len()).find(is_enough).unwrap_or(track.frames.len());
+                track.frames.truncate(count);
+                self.frames.fetch_add(count, Ordering::Relaxed);
+            }
+            Ok(tracks)
+        }
+    }
+
+    impl DifferentiableSimulator for Ending {
+        fn sensitivities(
+            &self,
+            request: &SimulationRequest,
+            names: &[&str],
+        ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+            self.toy.sensitivities(request, names)
+        }
+    }
+
+    #[test]
+    fn the_cheapest_points_are_found_without_the_end_of_what_costs_more() {
+        let (toy, ending) = (Toy { gain: 0.3 }, Ending { toy: Toy { gain: 0.3 }, frames: AtomicUsize::new(0) });
+        let noisy = |i| toy::case(&toy, [0.25, 2e4], &[]).measured_anew(&mut seed::rng(13, i));
+        let cases = [noisy(0), noisy(1)];
+        let mut rng = seed::rng(14, 0);
+        // Some lie near what was measured, and some cannot be simulated.
+        let near = |i: usize| if i.is_multiple_of(5) { 0.1 } else { 1.0 };
+        let points: Vec<Vec<f64>> = (0..200)
+            .map(|i| (0..2).map(|_| (0.5 + near(i) * (rng.random::<f64>() - 0.5)).clamp(0.0, 1.0)).collect())
+            .collect();
+        let found = |simulator: &dyn DifferentiableSimulator, count: usize| {
+            let problem = Problem::of(&toy::model(), &cases, simulator, 40);
+            let starts = problem.cheapest(points.clone(), count, &mut || ControlFlow::Continue(())).unwrap();
+            starts.into_iter().map(|s| s.point).collect::<Vec<_>>()
+        };
+        let mut known: Vec<Vec<f64>> = points.clone();
+        let costs = Problem::of(&toy::model(), &cases, &toy, 40);
+        let cost = |p: &Vec<f64>| costs.costs(std::slice::from_ref(p), &costs.measured())[0];
+        known.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+        for count in [0, 1, 8, 32, 199, 200, 300] {
+            assert_eq!(found(&ending, count), known[..count.min(200)], "{count}");
+        }
+        ending.frames.store(0, Ordering::Relaxed);
+        found(&ending, 8);
+        let refused: Vec<f64> = costs.costs(&[vec![0.0, 0.5], vec![0.5, f64::NAN]], &costs.measured());
+        assert_eq!(refused, [f64::INFINITY; 2], "what cannot be simulated, and what is no number");
+        let whole = (points.len() - BATCH) * cases.len() * toy::FRAMES;
+        let share = ending.frames.load(Ordering::Relaxed) as f64 / whole as f64;
+        assert!(share < 0.6, "{share} of the frames");
     }
 
     #[test]

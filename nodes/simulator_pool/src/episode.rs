@@ -238,16 +238,23 @@ impl Stage {
         frame(time_s, dlo, self.target_scaled, grip)
     }
 
-    /// Runs an episode along a measured path, looking at `frame_times_s`.
-    pub fn follow(&mut self, path: &GripTrajectory, start: &StartShape, frame_times_s: &[f64]) -> Track {
+    /// Runs an episode along a measured path, looking at `frame_times_s` until that [is enough](Enough).
+    pub fn follow(
+        &mut self,
+        path: &GripTrajectory,
+        start: &StartShape,
+        frame_times_s: &[f64],
+        is_enough: Enough<'_>,
+    ) -> Track {
         self.start_on(path, start);
-        let frames = frame_times_s
-            .iter()
-            .map(|&t| {
-                self.advance(t, |t| path.at(t));
-                self.frame(t, path.at(t))
-            })
-            .collect();
+        let mut frames = Vec::with_capacity(frame_times_s.len());
+        for &t in frame_times_s {
+            self.advance(t, |t| path.at(t));
+            frames.push(self.frame(t, path.at(t)));
+            if is_enough(&frames) {
+                break;
+            }
+        }
         Track { frames, end: End::Complete }
     }
 
@@ -276,12 +283,13 @@ impl Stage {
     }
 
     /// Runs an episode of actions from the model's start pose. `choose` gives the action after an observation; none ends
-    /// the episode as complete. With `ends`, success and leaving the workspace end it too. Frames are looked at at each
-    /// step, and after the last.
+    /// the episode as complete, as do frames that [are enough](Enough). With `ends`, success and leaving the workspace end it too.
+    /// Frames are looked at at each step, and after the last.
     pub fn act(
         &mut self,
         task: &Task,
         ends: bool,
+        is_enough: Enough<'_>,
         mut choose: impl FnMut(usize, &Observation) -> Option<[f64; 2]>,
     ) -> Track {
         let start = self.model.arm.start;
@@ -291,7 +299,11 @@ impl Stage {
             self.advance(time_s, path);
             self.frame(time_s, path(time_s))
         };
-        execute(task, start.pitch_rad, arm, look, |step, arm, frame| {
+        execute(task, start.pitch_rad, arm, look, |step, arm, frames| {
+            if is_enough(frames) {
+                return ControlFlow::Break(End::Complete);
+            }
+            let frame = &frames[step];
             let observation = Observation::new([frame.eef[0], frame.eef[1]], &frame.dlo, frame.target);
             let end = if step > 0 && ends { judge(task, arm, &observation).1 } else { None };
             end.map_or_else(|| or_complete(choose(step, &observation)), ControlFlow::Break)
@@ -299,32 +311,38 @@ impl Stage {
     }
 }
 
+/// Whether the frames of an episode so far, the newest last, are all that is asked for.
+pub type Enough<'a> = &'a dyn Fn(&[Frame]) -> bool;
+
+/// Every frame is asked for.
+pub fn whole(_: &[Frame]) -> bool {
+    false
+}
+
 /// Where the grip is as a function of time in s.
 pub(crate) type Path<'a> = &'a dyn Fn(f64) -> GripPose;
 
 /// Lets `arm`, whose hand keeps its pitch, execute actions, one each step of the task. `look` moves the object on to a time
-/// along the path of the grip and takes the frame there; `choose` gives the action after it, or the episode's end.
+/// along the path of the grip and takes the frame there; `choose` gives the action after the last of the frames so far, or the
+/// episode's end.
 pub(crate) fn execute(
     task: &Task,
     pitch_rad: f64,
     mut arm: ArmModel,
     mut look: impl FnMut(f64, Path<'_>) -> Frame,
-    mut choose: impl FnMut(usize, &ArmModel, &Frame) -> ControlFlow<End, [f64; 2]>,
+    mut choose: impl FnMut(usize, &ArmModel, &[Frame]) -> ControlFlow<End, [f64; 2]>,
 ) -> Track {
     let mut frames: Vec<Frame> = Vec::new();
     for step in 0.. {
         let time_s = step as f64 * task.step_period_s;
         arm.run_to(time_s);
-        let frame = look(time_s, &|t| arm.grip(t, pitch_rad));
-        match choose(step, &arm, &frame) {
+        frames.push(look(time_s, &|t| arm.grip(t, pitch_rad)));
+        match choose(step, &arm, &frames) {
             ControlFlow::Continue(action) => {
-                frames.push(Frame { action, ..frame });
+                frames[step].action = action;
                 arm.set_delta(time_s, action);
             }
-            ControlFlow::Break(end) => {
-                frames.push(frame);
-                return Track { frames, end };
-            }
+            ControlFlow::Break(end) => return Track { frames, end },
         }
     }
     unreachable!("the loop over steps has no end of its own")
@@ -365,19 +383,25 @@ pub fn jittered_target(task: &Task, episode_seed: u64) -> [f64; 2] {
 }
 
 /// Runs one episode of a request: `drive` moves the grip, `frame_times_s` says when it is looked at (with actions and
-/// policies: at every step).
-pub fn run(stage: &mut Stage, drive: &Drive, start: &StartShape, frame_times_s: &[f64]) -> Result<Track, String> {
+/// policies: at every step), until that [is enough](Enough).
+pub fn run(
+    stage: &mut Stage,
+    drive: &Drive,
+    start: &StartShape,
+    frame_times_s: &[f64],
+    is_enough: Enough<'_>,
+) -> Result<Track, String> {
     let task = stage.model.task;
     let need_task = || task.ok_or_else(|| format!("model `{}`: actions and policies need a task", stage.model.name));
     match drive {
-        Drive::Grip(path) => Ok(stage.follow(path, start, frame_times_s)),
+        Drive::Grip(path) => Ok(stage.follow(path, start, frame_times_s, is_enough)),
         Drive::Actions(actions) => {
             let task = need_task()?;
-            Ok(stage.act(&task, false, |step, _| actions.get(step).copied()))
+            Ok(stage.act(&task, false, is_enough, |step, _| actions.get(step).copied()))
         }
         Drive::Policy(policy) => {
             let task = need_task()?;
-            let mut track = stage.act(&task, true, |step, o| (step < task.steps).then(|| policy.act(o)));
+            let mut track = stage.act(&task, true, is_enough, |step, o| (step < task.steps).then(|| policy.act(o)));
             if track.end == End::Complete {
                 track.end = End::StepLimit;
             }

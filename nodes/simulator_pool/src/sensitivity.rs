@@ -56,7 +56,7 @@ pub fn differentiate(
         } else {
             *change = large_change(first, *change)?;
             prepare_changed(stage, conditions, change)?;
-            alone.push(Some(episode::run(stage, drive, start, frame_times_s)?));
+            alone.push(Some(episode::run(stage, drive, start, frame_times_s, &episode::whole)?));
         }
     }
     let mut group = Group { first, others: together };

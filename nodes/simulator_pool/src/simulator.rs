@@ -2,10 +2,10 @@
 
 use crate::beam::Discretisation;
 use crate::effects::Registry;
-use crate::episode::{self, Conditions, Stage, effects_of};
+use crate::episode::{self, Conditions, Enough, Stage, effects_of};
 use crate::parameters::{ParameterError, known};
 use crate::{sensitivity, workers};
-use catenary_core::simulator::{DifferentiableSimulator, Drive, SimulatorError, TrackSensitivities};
+use catenary_core::simulator::{DifferentiableSimulator, Drive, IsEnough, SimulatorError, TrackSensitivities, Until};
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -79,13 +79,30 @@ impl BeamSimulator {
         }
     }
 
-    fn simulate_one(&self, request: &SimulationRequest, index: usize) -> Result<Track, SimulatorError> {
+    /// The tracks of a batch, each until that is enough.
+    fn simulate_each(
+        &self,
+        request: &SimulationRequest,
+        is_enough: IsEnough<'_>,
+    ) -> Result<Vec<Track>, SimulatorError> {
+        check(&self.model, request).map_err(SimulatorError::Input)?;
+        let episodes: Vec<usize> = (0..request.thetas.len()).collect();
+        let one = |_, index| self.simulate_one(request, index, &|frames| is_enough(index, frames));
+        workers::map(episodes, self.workers, one).into_iter().collect()
+    }
+
+    fn simulate_one(
+        &self,
+        request: &SimulationRequest,
+        index: usize,
+        is_enough: Enough<'_>,
+    ) -> Result<Track, SimulatorError> {
         let input = |e: &dyn std::fmt::Display| SimulatorError::Input(format!("episode {index}: {e}"));
         let effects = effects_of(request, index);
         let mut stage = self.take_stage(request.fidelity).map_err(|e| input(&e))?;
         stage.prepare(&Conditions::of(request, index, &effects)).map_err(|e| input(&e))?;
-        let track =
-            episode::run(&mut stage, &request.drive, &request.start, &request.frame_times_s).map_err(|e| input(&e))?;
+        let SimulationRequest { drive, start, frame_times_s, .. } = request;
+        let track = episode::run(&mut stage, drive, start, frame_times_s, is_enough).map_err(|e| input(&e))?;
         self.count(&stage);
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push((request.fidelity, stage));
         Ok(track)
@@ -149,9 +166,11 @@ pub(crate) fn check(model: &Model, request: &SimulationRequest) -> Result<(), St
 
 impl Simulator for BeamSimulator {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        check(&self.model, request).map_err(SimulatorError::Input)?;
-        let episodes: Vec<usize> = (0..request.thetas.len()).collect();
-        workers::map(episodes, self.workers, |_, index| self.simulate_one(request, index)).into_iter().collect()
+        self.simulate_each(request, &|_, frames| episode::whole(frames))
+    }
+
+    fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+        self.simulate_each(request, until.is_enough)
     }
 }
 
@@ -201,7 +220,7 @@ mod tests {
     use crate::parameters::tests::{cable, soft_bar};
     use catenary_core::simulator::StartShape;
     use catenary_core::track::End;
-    use catenary_core::{GripPose, GripTrajectory};
+    use catenary_core::{Frame, GripPose, GripTrajectory};
 
     fn request(drive: Drive, n: usize) -> SimulationRequest {
         SimulationRequest {
@@ -238,6 +257,41 @@ mod tests {
         let all = simulator.simulate(&request(Drive::Actions(vec![[0.03, -0.04]; 2]), 3)).unwrap();
         let again = simulator.simulate(&request(Drive::Actions(vec![[0.03, -0.04]; 2]), 3)).unwrap();
         assert_eq!(all, again);
+    }
+
+    #[test]
+    fn an_episode_that_ends_where_it_is_enough_is_the_beginning_of_the_whole() {
+        let poses =
+            vec![GripPose { x_m: 0.4, z_m: 0.42, pitch_rad: 0.0 }, GripPose { x_m: 0.5, z_m: 0.4, pitch_rad: 0.1 }];
+        let mut path = request(Drive::Grip(GripTrajectory::new(vec![0.0, 1.0], poses).unwrap()), 4);
+        path.frame_times_s = vec![0.0, 0.3, 0.5, 0.9, 1.2];
+        let acted = request(Drive::Actions(vec![[0.03, -0.04]; 4]), 4);
+        for request in [path, acted] {
+            let whole = BeamSimulator::new(&soft_bar(), 1).unwrap().simulate(&request).unwrap();
+            assert!(whole.iter().all(|t| t.frames.len() == 5));
+            // The first three end after that many frames and one; the last goes to its end.
+            let until = Until { is_enough: &|place, frames| place < 3 && frames.len() > place, number: 1 };
+            for workers in [1, 2] {
+                let simulator = BeamSimulator::new(&soft_bar(), workers).unwrap();
+                let tracks = simulator.simulate_until(&request, until).unwrap();
+                for (place, (track, whole)) in tracks.iter().zip(&whole).enumerate() {
+                    let count = if place < 3 { place + 1 } else { 5 };
+                    let mut first = whole.frames[..count].to_vec();
+                    first[count - 1].action = track.frames[count - 1].action;
+                    assert_eq!(track.frames, first, "{place}");
+                }
+                assert_eq!(simulator.simulate(&request).unwrap(), whole, "on stages of episodes that ended sooner");
+            }
+            if let Drive::Actions(actions) = &request.drive {
+                let fewer = SimulationRequest { drive: Drive::Actions(actions[..2].to_vec()), ..request.clone() };
+                for (track, whole) in
+                    BeamSimulator::new(&soft_bar(), 1).unwrap().simulate(&fewer).unwrap().iter().zip(&whole)
+                {
+                    assert_eq!(track.frames[..2], whole.frames[..2]);
+                    assert_eq!(track.frames[2], Frame { action: [0.0; 2], ..whole.frames[2] });
+                }
+            }
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use simulator_pool::Registry;
 use simulator_pool::arm::ArmModel;
 use simulator_pool::beam::Counters;
 use simulator_pool::cell::HandWrench;
-use simulator_pool::episode::{Conditions, Stage};
+use simulator_pool::episode::{Conditions, Stage, whole};
 use simulator_pool::render::Renderer;
 use simulator_pool::scene::Scene;
 
@@ -92,7 +92,7 @@ impl<'a> Player<'a> {
         match motion {
             Motion::Actions { .. } => player.stage.hang(start),
             Motion::Measured(m) => {
-                player.stage.follow(&m.grip, &m.start, &[0.0]);
+                player.stage.follow(&m.grip, &m.start, &[0.0], &whole);
             }
         }
         Ok(player)

@@ -3,9 +3,19 @@
 use super::{Fit, Problem};
 use crate::case::Case;
 use crate::unknowns::Scope;
-use catenary_core::simulator::{SimulatorError, TrackSensitivities};
+use catenary_core::simulator::{SimulatorError, TrackSensitivities, Until};
 use catenary_core::{Fidelity, SimulationRequest, Track};
 use nalgebra::{DMatrix, DVector};
+
+/// Of points that cost more than `most` beside a data set nobody asks how much more.
+#[derive(Clone, Copy)]
+struct Limit<'a> {
+    measured: &'a [Track],
+    most: f64,
+}
+
+/// Sums of squares differ by less than this share where they are summed in another order.
+const ROUNDING: f64 = 1e-9;
 
 impl Problem<'_> {
     /// The request for episode `episode` at the points.
@@ -25,15 +35,41 @@ impl Problem<'_> {
     /// # Errors
     /// [`SimulatorError`], where one of the points cannot be simulated.
     pub fn tracks(&self, points: &[&[f64]]) -> Result<Vec<Vec<Track>>, SimulatorError> {
+        self.tracks_within(points, None)
+    }
+
+    /// The same, where a track may end as soon as its point costs more than the limit.
+    fn tracks_within(&self, points: &[&[f64]], limit: Option<Limit<'_>>) -> Result<Vec<Vec<Track>>, SimulatorError> {
         let mut sets = vec![Vec::new(); points.len()];
+        let pulled = |p: &&[f64]| self.pulls(p).iter().map(|(pull, ..)| pull * pull).sum();
+        // What each point costs so far.
+        let mut spent: Vec<f64> = limit.map_or(Vec::new(), |_| points.iter().map(pulled).collect());
         for episode in 0..self.cases.len() {
-            let tracks = self.simulator.simulate(&self.request(points, episode))?;
+            let request = self.request(points, episode);
+            let case = &self.cases[episode];
+            let tracks = match limit {
+                None => self.simulator.simulate(&request),
+                Some(Limit { measured, most }) => {
+                    let (measured, most) = (&measured[episode], (1.0 + ROUNDING) * most);
+                    let left: Vec<f64> = spent.iter().map(|spent| most - spent).collect();
+                    let until = Until {
+                        is_enough: &|place, frames| case.is_enough(measured, frames, left[place]),
+                        number: case.number_of(measured, &left),
+                    };
+                    self.simulator.simulate_until(&request, until)
+                }
+            }?;
             if tracks.len() != points.len() {
                 let (expected, got) = (points.len(), tracks.len());
                 return Err(SimulatorError::Backend(format!("expected {expected} tracks, got {got}")));
             }
-            let case = &self.cases[episode];
-            sets.iter_mut().zip(tracks).for_each(|(set, track)| set.push(case.corrected(track)));
+            for (place, (set, track)) in sets.iter_mut().zip(tracks).enumerate() {
+                let track = case.corrected(track);
+                if let Some(Limit { measured, .. }) = limit {
+                    spent[place] += case.cost(&measured[episode], &track);
+                }
+                set.push(track);
+            }
         }
         Ok(sets)
     }
@@ -57,10 +93,18 @@ impl Problem<'_> {
 
     /// The [tracks](Self::tracks) of each point by itself: one that cannot be simulated fails a batch, and costs no other its tracks here.
     pub fn tracks_each(&self, points: &[Vec<f64>]) -> Vec<Result<Vec<Track>, SimulatorError>> {
+        self.tracks_each_within(points, None)
+    }
+
+    fn tracks_each_within(
+        &self,
+        points: &[Vec<f64>],
+        limit: Option<Limit<'_>>,
+    ) -> Vec<Result<Vec<Track>, SimulatorError>> {
         let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
         let none = || SimulatorError::Backend("expected a track, got none".into());
-        let alone = |p: &&[f64]| self.tracks(&[p])?.pop().ok_or_else(none);
-        match self.tracks(&at) {
+        let alone = |p: &&[f64]| self.tracks_within(&[p], limit)?.pop().ok_or_else(none);
+        match self.tracks_within(&at, limit) {
             Ok(sets) => sets.into_iter().map(Ok).collect(),
             Err(_) => at.iter().map(alone).collect(),
         }
@@ -68,16 +112,22 @@ impl Problem<'_> {
 
     /// The cost of each point beside one data set, without derivatives; infinite where it cannot be simulated.
     pub fn costs(&self, points: &[Vec<f64>], measured: &[Track]) -> Vec<f64> {
-        let each = self.tracks_each(points).into_iter().zip(points);
-        each.map(|(tracks, p)| tracks.map_or(f64::INFINITY, |t| self.residuals(p, measured, &t).norm_squared()))
-            .collect()
+        self.costs_to(points, measured, f64::INFINITY)
+    }
+
+    /// The same up to `most`; of what costs more, some number above that. Many points cost more long before their episodes end.
+    pub fn costs_to(&self, points: &[Vec<f64>], measured: &[Track], most: f64) -> Vec<f64> {
+        let limit = most.is_finite().then_some(Limit { measured, most });
+        let cost = |(tracks, p): (Result<Vec<Track>, _>, &Vec<f64>)| {
+            let cost = tracks.map_or(f64::INFINITY, |t| self.residuals(p, measured, &t).norm_squared());
+            if cost.is_nan() { f64::INFINITY } else { cost }
+        };
+        self.tracks_each_within(points, limit).into_iter().zip(points).map(cost).collect()
     }
 
     /// Measured less `tracks`, simulated at `point`, in standard deviations of the noise; then the pulls of Gaussian priors.
     pub(super) fn residuals(&self, point: &[f64], measured: &[Track], tracks: &[Track]) -> DVector<f64> {
-        let alone =
-            |track: &Track| TrackSensitivities { track: track.clone(), derivatives: Vec::new(), changes: Vec::new() };
-        let parts = self.cases.iter().zip(measured).zip(tracks).map(|((case, m), t)| case.compare(m, &alone(t)).0);
+        let parts = self.cases.iter().zip(measured).zip(tracks).map(|((case, m), t)| case.residuals(m, t));
         let pulls = self.pulls(point).into_iter().map(|(pull, ..)| pull);
         let rows: Vec<f64> = parts.flat_map(|part| part.as_slice().to_vec()).chain(pulls).collect();
         DVector::from_vec(rows)

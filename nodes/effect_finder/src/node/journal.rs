@@ -3,7 +3,7 @@
 
 use crate::{Question, Settings};
 use catenary_core::hash::fnv1a;
-use catenary_core::simulator::TrackSensitivities;
+use catenary_core::simulator::{TrackSensitivities, Until};
 use catenary_core::{DifferentiableSimulator, SimulationRequest, Simulator, SimulatorError, Track};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -184,6 +184,11 @@ impl Simulator for Journal<'_> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
         self.answer(fnv1a(format!("{request:?}").into_bytes()), || self.simulator.simulate(request))
     }
+
+    fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+        let asked = fnv1a(format!("{} {request:?}", until.number).into_bytes());
+        self.answer(asked, || self.simulator.simulate_until(request, until))
+    }
 }
 
 impl DifferentiableSimulator for Journal<'_> {
@@ -268,6 +273,19 @@ mod tests {
         assert!(ask(&other) == first && simulator.times() == 8);
         other.remove();
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn what_may_end_sooner_is_another_question() {
+        let (_folder, path) = path();
+        let simulator = Counted::new();
+        let journal = Journal::open(path, 7, &simulator);
+        let until = |number| Until { is_enough: &|_, _| false, number };
+        journal.simulate(&request(&[0.3])).unwrap();
+        for (number, times) in [(1, 2), (2, 3), (1, 3)] {
+            journal.simulate_until(&request(&[0.3]), until(number)).unwrap();
+            assert_eq!(simulator.times(), times);
+        }
     }
 
     #[test]
