@@ -47,6 +47,11 @@ def test_hidden_effects_are_named_and_nothing_is_where_nothing_was_hidden(worlds
     assert (worlds / "score.png").stat().st_size > 10_000
 
 
+def test_searches_draw_noise_of_their_own(worlds):
+    tests = [json.loads(path.read_text())["settings"]["seed"] for path in (worlds / "found").glob("*/verdict.json")]
+    assert len(tests) == 3 and len(set(tests)) == 3, tests
+
+
 def test_rows_of_other_worlds_count_too(worlds, tmp_path):
     rows = run("score.py", "--out", worlds, "--rows")
     assert rows.returncode == 0, rows.stderr
