@@ -45,6 +45,19 @@ impl Candidate {
         Prior::Uniform { low: from.max(self.range[0]), high: to.min(self.range[1]) }
     }
 
+    /// The end of what makes sense at which the coordinate `u` of a search lies; none where the search ends for another reason, or
+    /// begins.
+    pub fn limit_at(&self, u: f64) -> Option<f64> {
+        let (from, to) = self.search().bounds();
+        let [least, greatest] = self.range;
+        let limit = match u {
+            u if u <= 0.0 && from <= least => Some(least),
+            u if u >= 1.0 && to >= greatest => Some(greatest),
+            _ => None,
+        };
+        limit.filter(|limit| *limit != self.base)
+    }
+
     /// Density of the prior at the value `value`, per unit of it; each sign of a change is as likely.
     pub fn density(&self, value: f64) -> f64 {
         let change = value - self.base;
@@ -94,6 +107,14 @@ mod tests {
             Candidate { prior: Prior::Uniform { low: -0.1, high: 0.1 }, range: [-0.2, 1.5], base: 0.05, ..drag() };
         let Prior::Uniform { low, high } = tilt.search() else { panic!("linear") };
         assert!((low + 0.2).abs() < 1e-12 && (high - 0.35).abs() < 1e-12, "{low} to {high}");
+    }
+
+    #[test]
+    fn a_search_has_a_limit_where_it_ends_for_what_makes_sense_and_not_for_the_prior() {
+        let tilt = Candidate { prior: Prior::Uniform { low: -0.1, high: 0.1 }, range: [-0.2, 1.5], ..drag() };
+        assert_eq!([0.0, 0.5, 1.0].map(|u| tilt.limit_at(u)), [Some(-0.2), None, None]);
+        assert_eq!([0.0, 1.0].map(|u| drag().limit_at(u)), [None; 2]);
+        assert_eq!(Candidate { base: 0.1, ..drag() }.limit_at(0.0), Some(0.0));
     }
 
     #[test]

@@ -261,14 +261,6 @@ impl<'a> Search<'a> {
         };
         let alike = ranking.alike(self.settings);
         let Best { hypothesis: mut best, mut fitness, extent } = best;
-        if extent == Extent::Part && !self.is_worth_naming(base, &best) {
-            outcome.shown = self.shown(base, Some(&best))?;
-            finding.discrepancy = likeliest(&best);
-            finding.refute();
-            let sentence = sentences::refused(&fitness);
-            finding.repaired = Some(fitness);
-            return self.telling.conclude(Stage::Repair, sentence);
-        }
         // What closes the gap of the fitted episodes may leave one in those that no fit has seen.
         let mut verified = match extent {
             Extent::Whole => self.verified(base, &best, &ranking, None)?,
@@ -278,6 +270,17 @@ impl<'a> Search<'a> {
         let is_left = extent == Extent::Part || unseen.is_some_and(|p| p <= self.settings.repaired_level);
         if is_left {
             finding.discrepancy = likeliest(&best);
+            if let Some(objection) = self.objection(base, &best, extent, &fitness) {
+                outcome.shown = self.shown(base, Some(&best))?;
+                finding.refute();
+                finding.repaired = Some(fitness);
+                if let Some((verification, held_out)) = verified {
+                    outcome.shown.extend(held_out);
+                    self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
+                    finding.verification = Some(verification);
+                }
+                return self.telling.conclude(Stage::Repair, objection);
+            }
             best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
             // The first look at the unseen episodes is what speaks against the model: now it has been weighed by them.
@@ -422,7 +425,7 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
 mod tests {
     use super::*;
     use crate::toy::{self, Toy, coarse};
-    use catenary_core::Fidelity;
+    use catenary_core::{Fidelity, Prior};
 
     /// What was measured is what the coarse simulation makes by its errors: it hides a gap.
     #[test]
@@ -455,5 +458,51 @@ mod tests {
             (found.verdict, found.conclusions[0].clone()),
             (Verdict::NoGap, sentences::finer(Fidelity::FineMesh))
         );
+    }
+
+    /// What a search finds in data of an object with these effects, where no tip mass above 0.03 makes sense, and no drag above
+    /// `most`.
+    fn with_limits(hidden: &[(&str, f64)], most: f64) -> Finding {
+        let (simulator, model) = (Toy { gain: 3.0 }, toy::model());
+        let candidate = |name: &str, most: f64| Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior: Prior::LogUniform { low: 1e-3, high: 0.05 },
+            range: [0.0, most],
+            base: 0.0,
+            odds: 1.0,
+        };
+        let candidates = [candidate("tip_mass_kg", 0.03), candidate("linear_drag_n_s_m2", most)];
+        let measured = [toy::measured(&simulator, [0.25, 2e4], hidden)];
+        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let settings = Settings {
+            in_need: None,
+            finer_fidelity: None,
+            draws: 40,
+            starts: 2,
+            null_sets: 19,
+            ..Settings::default()
+        };
+        find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding
+    }
+
+    /// What makes sense ends at 0.1, or only what was expected does, at 0.15.
+    #[test]
+    fn an_effect_as_large_as_makes_sense_that_leaves_something_is_not_named() {
+        let found = |most: f64| with_limits(&[("linear_drag_n_s_m2", 0.2)], most);
+        let (limited, open) = (found(0.1), found(1e3));
+        assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
+        let is_told = |s: &String| s.contains("goes as far as makes sense (linear_drag_n_s_m2 0.1000)");
+        assert!(limited.conclusions.last().is_some_and(is_told), "{:?}", limited.conclusions);
+        assert!(limited.probability_of_unknown == 1.0 && limited.repaired.is_some());
+        assert_eq!((open.verdict, open.found), (Verdict::NamedInPart, vec![vec!["linear_drag_n_s_m2".to_owned()]]));
+    }
+
+    #[test]
+    fn what_takes_the_place_of_something_else_is_not_added_to_what_is_named() {
+        let found = with_limits(&[("linear_drag_n_s_m2", 0.12), ("tip_mass_kg", 0.06)], 1e3);
+        let told = found.conclusions.iter().find(|s| s.contains("goes as far as makes sense (tip_mass_kg 0.03000)"));
+        assert!(told.is_some(), "{:?}", found.conclusions);
+        assert_eq!((found.verdict, found.found), (Verdict::NamedInPart, vec![vec!["linear_drag_n_s_m2".to_owned()]]));
     }
 }

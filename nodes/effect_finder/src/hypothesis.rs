@@ -4,7 +4,7 @@ use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::error::FinderError;
 use crate::evidence::{Evidence, Quadratic, Yardstick, sd_of};
-use crate::fit::{Fit, OnRound, Problem, Seen, Start};
+use crate::fit::{Fit, OnRound, Problem, Seen, Start, presses};
 use crate::laplace::Laplace;
 use crate::name::Magnitude;
 use crate::unknowns::Unknowns;
@@ -111,6 +111,16 @@ impl Hypothesis {
             Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
         };
         self.candidates.iter().enumerate().map(one).collect()
+    }
+
+    /// An effect at the end of what makes sense, which would fit better beyond it, and its value.
+    pub fn at_its_limit(&self) -> Option<(&Candidate, f64)> {
+        let gradient = self.fit.gradient();
+        self.candidates.iter().enumerate().find_map(|(i, candidate)| {
+            let column = self.column(i);
+            let u = self.fit.point[column];
+            candidate.limit_at(u).filter(|_| presses(u, gradient[column])).map(|limit| (candidate, limit))
+        })
     }
 
     /// Points to fit this hypothesis from where `other` fits: what both have is as there, and of its own effects each in turn at

@@ -1,5 +1,6 @@
 //! The conclusions of a search, in words.
 
+use crate::candidate::Candidate;
 use crate::case::Quantity;
 use crate::hypothesis::Hypothesis;
 use crate::localise::{self, Part, Place};
@@ -125,6 +126,14 @@ pub fn traded(trade_off: &TradeOff) -> String {
 /// That what is left is too much for anything to be named.
 pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
+}
+
+/// That an effect at the end of what makes sense, `limit`, leaves something.
+pub fn at_its_limit(effect: &Candidate, limit: f64) -> String {
+    let (title, name, limit) = (&effect.title, &effect.name, short(limit));
+    format!(
+        "{title} goes as far as makes sense ({name} {limit}) and leaves more than noise: it takes the place of something else"
+    )
 }
 
 /// That simulations of another fidelity are used from here on.

@@ -44,6 +44,17 @@ pub(super) struct Best {
     pub fitness: Fitness,
 }
 
+impl Best {
+    /// The effect that takes the place of something else, and its value: at the end of what makes sense something is left with it.
+    fn stand_in(&self) -> Option<(&Candidate, f64)> {
+        self.hypothesis.at_its_limit().filter(|_| self.extent == Extent::Part)
+    }
+
+    fn is_smaller(&self, other: &Hypothesis) -> bool {
+        self.hypothesis.candidates.len() < other.candidates.len()
+    }
+}
+
 impl<'a> Search<'a> {
     /// Models with one effect each, and where the best of them does not close the gap, with more.
     pub(super) fn name(
@@ -55,6 +66,8 @@ impl<'a> Search<'a> {
         let candidates = self.question.candidates;
         let mut hypotheses = self.singles(base, yardstick, finding)?;
         let mut tested: Option<Best> = None;
+        // The last that was tested with fewer effects, none of which takes the place of something else.
+        let mut sound: Option<Best> = None;
         let mut effects = 0;
         for test in 1.. {
             effects += 1;
@@ -73,13 +86,11 @@ impl<'a> Search<'a> {
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
-                if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
-                    && !self.is_plain(&ranking, &last.hypothesis, hypothesis)?
-                {
-                    let is_small = |h: &Hypothesis| h.candidates.len() <= last.hypothesis.candidates.len();
-                    let left = ranking.hypotheses.into_iter().filter(is_small).collect();
-                    let ranking = Ranking::new(self.problem, base, left, candidates.len(), self.settings)?;
-                    return Ok(Named { ranking, best: Some(last) });
+                if let Some(last) = tested.take_if(|t| t.is_smaller(hypothesis)) {
+                    if !self.is_plain(&ranking, &last.hypothesis, hypothesis)? {
+                        return self.gone_back(ranking, last, base);
+                    }
+                    sound = Some(last).filter(|last| last.stand_in().is_none()).or(sound);
                 }
                 tested = Some(self.test(hypothesis.clone(), extent, finding, test)?);
             }
@@ -90,11 +101,31 @@ impl<'a> Search<'a> {
             let is_over = ranking.hypotheses.first().is_none_or(|first| first.candidates.len() < effects);
             if is_closed || is_over || effects >= self.settings.most_effects.min(usable.len()) {
                 let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
-                return Ok(Named { ranking, best });
+                return self.without_stand_in(Named { ranking, best }, sound, base);
             }
             hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
         }
         unreachable!("the last round returns")
+    }
+
+    /// What is named; where one of its effects takes the place of something else, the `sound` model of fewer effects.
+    fn without_stand_in(&mut self, named: Named, sound: Option<Best>, base: &Hypothesis) -> Result<Named, FinderError> {
+        let Some(best) = &named.best else { return Ok(named) };
+        match (best.stand_in(), sound.filter(|sound| sound.is_smaller(&best.hypothesis))) {
+            (Some((effect, limit)), Some(sound)) => {
+                self.telling.conclude(Stage::Repair, sentences::at_its_limit(effect, limit))?;
+                self.gone_back(named.ranking, sound, base)
+            }
+            _ => Ok(named),
+        }
+    }
+
+    /// The model of fewer effects, among those that have no more.
+    fn gone_back(&self, ranking: Ranking, best: Best, base: &Hypothesis) -> Result<Named, FinderError> {
+        let is_small = |h: &Hypothesis| h.candidates.len() <= best.hypothesis.candidates.len();
+        let left = ranking.hypotheses.into_iter().filter(is_small).collect();
+        let ranking = Ranking::new(self.problem, base, left, self.question.candidates.len(), self.settings)?;
+        Ok(Named { ranking, best: Some(best) })
     }
 
     /// Models with one effect each: those that promise most are fitted.

@@ -3,8 +3,10 @@
 use super::{Search, Stage};
 use crate::error::FinderError;
 use crate::hypothesis::{Depth, Grain, Hypothesis};
-use crate::name::Ranking;
+use crate::name::{Extent, Ranking};
 use crate::outcome::Shown;
+use crate::sentences;
+use crate::verdict::Fitness;
 use crate::verify::{Verification, Verifier};
 
 /// Why unseen episodes refute a repair.
@@ -23,11 +25,25 @@ impl<'a> Search<'a> {
 
     /// Whether effects that leave something explain enough to be named: more than a smooth error does by itself, and the
     /// greater part of what there is.
-    pub(super) fn is_worth_naming(&self, base: &Hypothesis, best: &Hypothesis) -> bool {
+    fn is_worth_naming(&self, base: &Hypothesis, best: &Hypothesis) -> bool {
         let coordinates = base.fit.residuals.len() as f64;
         let share = 1.0 - (best.fit.cost - coordinates).max(0.0) / (base.fit.cost - coordinates).max(f64::MIN_POSITIVE);
         let gain = best.evidence.with_any() - base.evidence.with_any();
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
+    }
+
+    /// Why effects that leave something are not to be named, whatever unseen episodes say.
+    pub(super) fn objection(
+        &self,
+        base: &Hypothesis,
+        best: &Hypothesis,
+        extent: Extent,
+        fitness: &Fitness,
+    ) -> Option<String> {
+        if extent == Extent::Part && !self.is_worth_naming(base, best) {
+            return Some(sentences::refused(fitness));
+        }
+        best.at_its_limit().map(|(effect, limit)| sentences::at_its_limit(effect, limit))
     }
 
     /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes. Their
