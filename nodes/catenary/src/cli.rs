@@ -194,7 +194,7 @@ pub struct FindEffectsArgs {
     /// Data sets without a gap that each test is held against; with --node, the node's parameter says how many
     #[arg(long, default_value_t = 199, conflicts_with = "node")]
     pub null_sets: usize,
-    /// Seed
+    /// Seed. Searches of one seed draw the same noise: where many p-values are looked at together, each needs a seed of its own
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Who does it
