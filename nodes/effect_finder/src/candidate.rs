@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 /// How far beyond its prior a fit may take an effect's magnitude: an effect that is larger than anyone expected should show
 /// itself as that, and not as an effect of another kind.
 const ROOM: f64 = 3.0;
+/// Ends of ranges that differ by less than this share of the range are the same.
+const ROUNDING: f64 = 1e-9;
 
 /// An effect that may be what the model lacks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,23 +41,28 @@ impl Candidate {
     /// The values among which a fit looks for the effect's magnitude: on all sides of the base that it may be changed to,
     /// beyond the prior.
     pub fn search(&self) -> Prior {
-        let (low, high) = self.prior.bounds();
-        let down = if self.signs().len() > 1 { -high } else { low.min(0.0) };
-        let (from, to) = (self.base + ROOM * down, self.base + ROOM * high);
+        let [down, up] = self.reach();
+        let (from, to) = (self.base + ROOM * down, self.base + ROOM * up);
         Prior::Uniform { low: from.max(self.range[0]), high: to.min(self.range[1]) }
     }
 
-    /// The end of what makes sense at which the coordinate `u` of a search lies; none where the search ends for another reason, or
-    /// begins.
+    /// How far the prior lets it change, to either side.
+    fn reach(&self) -> [f64; 2] {
+        let (low, high) = self.prior.bounds();
+        [if self.signs().len() > 1 { -high } else { low.min(0.0) }, high]
+    }
+
+    /// The end of the range where the coordinate `u` of a search lies, if it lies beyond the prior: there is nothing to be but less
+    /// than anyone expected. Not where a search ends by itself: what lies there may only be larger than expected.
     pub fn limit_at(&self, u: f64) -> Option<f64> {
-        let (from, to) = self.search().bounds();
-        let [least, greatest] = self.range;
-        let limit = match u {
-            u if u <= 0.0 && from <= least => Some(least),
-            u if u >= 1.0 && to >= greatest => Some(greatest),
-            _ => None,
+        let value = match u {
+            u if u <= 0.0 => self.search().bounds().0,
+            u if u >= 1.0 => self.search().bounds().1,
+            _ => return None,
         };
-        limit.filter(|limit| *limit != self.base)
+        let is_end = self.range.iter().any(|end| (value - end).abs() <= ROUNDING * (self.range[1] - self.range[0]));
+        let [down, up] = self.reach();
+        (is_end && !(down..=up).contains(&(value - self.base))).then_some(value)
     }
 
     /// Density of the prior at the value `value`, per unit of it; each sign of a change is as likely.
@@ -110,11 +117,19 @@ mod tests {
     }
 
     #[test]
-    fn a_search_has_a_limit_where_it_ends_for_what_makes_sense_and_not_for_the_prior() {
+    fn a_search_has_a_limit_where_the_range_ends_beyond_the_prior() {
         let tilt = Candidate { prior: Prior::Uniform { low: -0.1, high: 0.1 }, range: [-0.2, 1.5], ..drag() };
         assert_eq!([0.0, 0.5, 1.0].map(|u| tilt.limit_at(u)), [Some(-0.2), None, None]);
-        assert_eq!([0.0, 1.0].map(|u| drag().limit_at(u)), [None; 2]);
-        assert_eq!(Candidate { base: 0.1, ..drag() }.limit_at(0.0), Some(0.0));
+        // A law that may hold as a whole; an effect that may not be there, though the model has it; next to nothing.
+        let switch = Candidate { prior: Prior::Uniform { low: 0.0, high: 1.0 }, range: [0.0, 1.0], ..drag() };
+        let fixed = Candidate { base: 0.1, ..drag() };
+        assert_eq!([switch.limit_at(1.0), fixed.limit_at(0.0), drag().limit_at(0.0)], [None; 3]);
+        assert_eq!(drag().limit_at(1.0), None, "a search ends there, and the range does not");
+        let density = Candidate { prior: Prior::Uniform { low: -0.3, high: 0.3 }, range: [-0.9, 10.0], ..drag() };
+        assert!(
+            density.limit_at(0.0).is_some_and(|limit| (limit + 0.9).abs() < 1e-9),
+            "by rounding, 3 times 0.3 is less"
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod naming;
 mod unseen;
 
 use naming::{Best, Named};
-use unseen::Refusal;
+use unseen::{Looked, Refusal};
 
 use crate::calibrate::{
     Agreement, Refined, best_fit, fit_among_draws, leaves_more_than_noise, looked_further, refined,
@@ -20,7 +20,7 @@ use crate::fit::{Fit, OnRound, Problem, presses};
 use crate::hypothesis::{Depth, Grain, Hypothesis};
 use crate::laplace::Laplace;
 use crate::localise;
-use crate::name::{Extent, groups};
+use crate::name::groups;
 use crate::outcome::{self, Outcome, Shown};
 use crate::repair::repaired;
 use crate::sentences;
@@ -250,7 +250,13 @@ impl<'a> Search<'a> {
     /// Names, repairs and verifies.
     fn explain(&mut self, base: &Hypothesis, yardstick: &Yardstick, outcome: &mut Outcome) -> Result<(), FinderError> {
         let finding = &mut outcome.finding;
-        let Named { ranking, best } = self.name(base, yardstick, finding)?;
+        let mut named = self.name(base, yardstick, finding)?;
+        let mut looked = self.looked_at_unseen(&named, base)?;
+        if looked.is_left && self.without_stand_in(&mut named, base, yardstick, finding)? {
+            looked = self.looked_at_unseen(&named, base)?;
+        }
+        let Named { ranking, best, .. } = named;
+        let Looked { mut verified, is_left } = looked;
         finding.set_ranking(&ranking);
         let likeliest = |h: &Hypothesis| h.evidence.likeliest().map(|place| yardstick.discrepancies[place]);
         let Some(best) = best else {
@@ -259,15 +265,8 @@ impl<'a> Search<'a> {
             finding.discrepancy = likeliest(base);
             return Ok(());
         };
-        let alike = ranking.alike(self.settings);
+        let mut alike = ranking.alike(self.settings);
         let Best { hypothesis: mut best, mut fitness, extent } = best;
-        // What closes the gap of the fitted episodes may leave one in those that no fit has seen.
-        let mut verified = match extent {
-            Extent::Whole => self.verified(base, &best, &ranking, None)?,
-            Extent::Part => None,
-        };
-        let unseen = verified.as_ref().and_then(|v| v.0.p_value);
-        let is_left = extent == Extent::Part || unseen.is_some_and(|p| p <= self.settings.repaired_level);
         if is_left {
             finding.discrepancy = likeliest(&best);
             if let Some(objection) = self.objection(base, &best, extent, &fitness) {
@@ -279,8 +278,11 @@ impl<'a> Search<'a> {
                     self.telling.conclude(Stage::Verify, sentences::verified(&verification))?;
                     finding.verification = Some(verification);
                 }
-                return self.telling.conclude(Stage::Repair, objection);
+                let stage = if finding.verification.is_some() { Stage::Verify } else { Stage::Repair };
+                return self.telling.conclude(stage, objection);
             }
+            alike.retain(|h| h.at_its_limit().is_none());
+            let unseen = verified.as_ref().and_then(|v| v.0.p_value);
             best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
             // The first look at the unseen episodes is what speaks against the model: now it has been weighed by them.
@@ -425,7 +427,7 @@ fn in_stage(error: FinderError, stage: Stage) -> FinderError {
 mod tests {
     use super::*;
     use crate::toy::{self, Toy, coarse};
-    use catenary_core::{Fidelity, Prior};
+    use catenary_core::{Fidelity, Prior, seed};
 
     /// What was measured is what the coarse simulation makes by its errors: it hides a gap.
     #[test]
@@ -461,48 +463,74 @@ mod tests {
     }
 
     /// What a search finds in data of an object with these effects, where no tip mass above 0.03 makes sense, and no drag above
-    /// `most`.
-    fn with_limits(hidden: &[(&str, f64)], most: f64) -> Finding {
+    /// `most`, or is expected above `expected`; other episodes, which no fit sees, hide something else.
+    fn with_limits(hidden: &[(&str, f64)], unseen: &[&[(&str, f64)]], [expected, most]: [f64; 2]) -> Outcome {
         let (simulator, model) = (Toy { gain: 3.0 }, toy::model());
-        let candidate = |name: &str, most: f64| Candidate {
+        let candidate = |name: &str, high: f64, most: f64| Candidate {
             name: name.into(),
             title: name.into(),
-            prior: Prior::LogUniform { low: 1e-3, high: 0.05 },
+            prior: Prior::LogUniform { low: 1e-3, high },
             range: [0.0, most],
             base: 0.0,
             odds: 1.0,
         };
-        let candidates = [candidate("tip_mass_kg", 0.03), candidate("linear_drag_n_s_m2", most)];
-        let measured = [toy::measured(&simulator, [0.25, 2e4], hidden)];
-        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let candidates = [candidate(MASS, 0.02, 0.03), candidate(DRAG, expected, most)];
+        let theta = [0.25, 2e4];
+        let measured = |(stream, effects): (u64, &[(&str, f64)])| {
+            let noisy = toy::case(&simulator, theta, effects).measured_anew(&mut seed::rng(9, stream));
+            MeasuredTrack { track: noisy.measured, ..toy::measured(&simulator, theta, effects) }
+        };
+        let fitted = [measured((0, hidden))];
+        let held_out: Vec<MeasuredTrack> = (1..).zip(unseen.iter().copied()).map(measured).collect();
+        let question = Question { model: &model, measured: &fitted, held_out: &held_out, candidates: &candidates };
         let settings = Settings {
             in_need: None,
             finer_fidelity: None,
             draws: 40,
             starts: 2,
-            null_sets: 19,
+            null_sets: 99,
             ..Settings::default()
         };
-        find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding
+        find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
     }
 
-    /// What makes sense ends at 0.1, or only what was expected does, at 0.15.
+    const MASS: &str = "tip_mass_kg";
+    const DRAG: &str = "linear_drag_n_s_m2";
+
+    fn named_in_part(name: &str) -> (Verdict, Vec<Vec<String>>) {
+        (Verdict::NamedInPart, vec![vec![name.to_owned()]])
+    }
+
+    /// The range ends at 0.04, or only the search does, at 0.06.
     #[test]
-    fn an_effect_as_large_as_makes_sense_that_leaves_something_is_not_named() {
-        let found = |most: f64| with_limits(&[("linear_drag_n_s_m2", 0.2)], most);
-        let (limited, open) = (found(0.1), found(1e3));
+    fn an_effect_that_leaves_something_at_the_end_of_its_range_is_none_of_these() {
+        let found = |most: f64| with_limits(&[(DRAG, 0.08)], &[], [0.02, most]).finding;
+        let (limited, open) = (found(0.04), found(1e3));
         assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
-        let is_told = |s: &String| s.contains("goes as far as makes sense (linear_drag_n_s_m2 0.1000)");
+        let is_told = |s: &String| s.contains("goes to the end of its range (linear_drag_n_s_m2 0.04000)");
         assert!(limited.conclusions.last().is_some_and(is_told), "{:?}", limited.conclusions);
         assert!(limited.probability_of_unknown == 1.0 && limited.repaired.is_some());
-        assert_eq!((open.verdict, open.found), (Verdict::NamedInPart, vec![vec!["linear_drag_n_s_m2".to_owned()]]));
+        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
     }
 
     #[test]
-    fn what_takes_the_place_of_something_else_is_not_added_to_what_is_named() {
-        let found = with_limits(&[("linear_drag_n_s_m2", 0.12), ("tip_mass_kg", 0.06)], 1e3);
-        let told = found.conclusions.iter().find(|s| s.contains("goes as far as makes sense (tip_mass_kg 0.03000)"));
-        assert!(told.is_some(), "{:?}", found.conclusions);
-        assert_eq!((found.verdict, found.found), (Verdict::NamedInPart, vec![vec!["linear_drag_n_s_m2".to_owned()]]));
+    fn nor_is_it_named_where_it_leaves_something_of_unseen_episodes_alone() {
+        let found = |most: f64| with_limits(&[(DRAG, 0.0403)], &[&[(DRAG, 0.05)]], [0.0399, most]).finding;
+        let (limited, open) = (found(0.04), found(1e3));
+        assert!(limited.repaired.as_ref().is_some_and(|r| r.test.p_value > 0.05), "the fitted episode is closed");
+        assert!(limited.verification.as_ref().is_some_and(|v| v.p_value.is_some_and(|p| p <= 0.01)));
+        assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
+        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
+    }
+
+    #[test]
+    fn what_stands_in_for_something_else_is_not_added_to_what_is_named() {
+        let outcome = with_limits(&[(DRAG, 0.05), (MASS, 0.04)], &[], [0.02, 1e3]);
+        let (found, model) = (outcome.finding, outcome.model.unwrap());
+        let told = "goes to the end of its range (tip_mass_kg 0.03000) and leaves more than noise: it is not added";
+        assert!(found.conclusions.iter().any(|s| s.contains(told)), "{:?}", found.conclusions);
+        assert!(model.theta.index_of(DRAG).is_some() && model.theta.index_of(MASS).is_none());
+        assert_eq!(found.explanations[0].names(), DRAG);
+        assert_eq!((found.verdict, found.found), named_in_part(DRAG));
     }
 }

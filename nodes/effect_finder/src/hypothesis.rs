@@ -113,7 +113,7 @@ impl Hypothesis {
         self.candidates.iter().enumerate().map(one).collect()
     }
 
-    /// An effect at the end of what makes sense, which would fit better beyond it, and its value.
+    /// An effect at the [limit](Candidate::limit_at) of its range, which would fit better beyond it, and its value.
     pub fn at_its_limit(&self) -> Option<(&Candidate, f64)> {
         let gradient = self.fit.gradient();
         self.candidates.iter().enumerate().find_map(|(i, candidate)| {

@@ -128,11 +128,22 @@ pub fn refused(fitness: &Fitness) -> String {
     format!("none of these: with the best of them {:.1} mm are left, and that is too much to name it", fitness.rmse_mm)
 }
 
-/// That an effect at the end of what makes sense, `limit`, leaves something.
-pub fn at_its_limit(effect: &Candidate, limit: f64) -> String {
-    let (title, name, limit) = (&effect.title, &effect.name, short(limit));
+/// That an effect which leaves something at the end of its range is nothing to name.
+pub fn stands_in(effect: &Candidate, limit: f64) -> String {
+    format!("none of these: {}, so that it stands in for something else", at_its_limit(effect, limit))
+}
+
+/// That it is not added to what is named.
+pub fn not_added(effect: &Candidate, limit: f64) -> String {
+    format!("{}: it is not added", at_its_limit(effect, limit))
+}
+
+fn at_its_limit(effect: &Candidate, limit: f64) -> String {
     format!(
-        "{title} goes as far as makes sense ({name} {limit}) and leaves more than noise: it takes the place of something else"
+        "{} goes to the end of its range ({} {}) and leaves more than noise",
+        effect.title,
+        effect.name,
+        short(limit)
     )
 }
 

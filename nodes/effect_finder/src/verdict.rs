@@ -22,7 +22,7 @@ pub enum Verdict {
     /// One effect, or several together, explain the greater part of it, and others may do so nearly as well; something is left
     /// that no candidate explains.
     NamedInPart,
-    /// There is a gap, and no candidate closes it, also as large as makes sense, or unseen episodes speak against those that do.
+    /// There is a gap, and no candidate closes it, or what does stands in for something else, or unseen episodes speak against it.
     NoneOfThese,
     /// The parameters press on the edges of their priors, and the gap closes where these are opened. Effects that close it with
     /// the priors as they are, if there are any, are what else it may be.

@@ -23,6 +23,8 @@ const ELSEWHERE_STREAM: u64 = 2207;
 const MOST_TRIALS: usize = 2;
 /// Tests after which no smaller model is gone back to.
 const MOST_TESTS: usize = 6;
+/// Number of the test of what is gone back to in the end, beyond those of all others.
+const LAST_TEST: usize = 100;
 /// Standard deviations of noise that a model with one effect may leave beyond what is usual, so that none is looked for elsewhere.
 pub(super) const FOUND_SDS: f64 = 2.0;
 /// By how much a further effect must promise to lower the cost to be fitted.
@@ -35,6 +37,8 @@ pub(super) struct Named {
     pub ranking: Ranking,
     /// The most probable model with its test; none where none of the candidates is.
     pub best: Option<Best>,
+    /// How many effects the last model had that was tested with fewer, and with none at the end of its range.
+    pub sound: usize,
 }
 
 /// The most probable model with effects.
@@ -42,17 +46,6 @@ pub(super) struct Best {
     pub hypothesis: Hypothesis,
     pub extent: Extent,
     pub fitness: Fitness,
-}
-
-impl Best {
-    /// The effect that takes the place of something else, and its value: at the end of what makes sense something is left with it.
-    fn stand_in(&self) -> Option<(&Candidate, f64)> {
-        self.hypothesis.at_its_limit().filter(|_| self.extent == Extent::Part)
-    }
-
-    fn is_smaller(&self, other: &Hypothesis) -> bool {
-        self.hypothesis.candidates.len() < other.candidates.len()
-    }
 }
 
 impl<'a> Search<'a> {
@@ -66,8 +59,7 @@ impl<'a> Search<'a> {
         let candidates = self.question.candidates;
         let mut hypotheses = self.singles(base, yardstick, finding)?;
         let mut tested: Option<Best> = None;
-        // The last that was tested with fewer effects, none of which takes the place of something else.
-        let mut sound: Option<Best> = None;
+        let mut sound = 0;
         let mut effects = 0;
         for test in 1.. {
             effects += 1;
@@ -86,11 +78,16 @@ impl<'a> Search<'a> {
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
-                if let Some(last) = tested.take_if(|t| t.is_smaller(hypothesis)) {
+                let is_smaller = |t: &mut Best| t.hypothesis.candidates.len() < hypothesis.candidates.len();
+                if let Some(last) = tested.take_if(is_smaller) {
+                    let own = last.hypothesis.candidates.len();
                     if !self.is_plain(&ranking, &last.hypothesis, hypothesis)? {
-                        return self.gone_back(ranking, last, base);
+                        let ranking = self.gone_back(&ranking, own, base)?;
+                        return Ok(Named { ranking, best: Some(last), sound });
                     }
-                    sound = Some(last).filter(|last| last.stand_in().is_none()).or(sound);
+                    if last.hypothesis.at_its_limit().is_none() {
+                        sound = own;
+                    }
                 }
                 tested = Some(self.test(hypothesis.clone(), extent, finding, test)?);
             }
@@ -101,31 +98,41 @@ impl<'a> Search<'a> {
             let is_over = ranking.hypotheses.first().is_none_or(|first| first.candidates.len() < effects);
             if is_closed || is_over || effects >= self.settings.most_effects.min(usable.len()) {
                 let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
-                return self.without_stand_in(Named { ranking, best }, sound, base);
+                return Ok(Named { ranking, best, sound });
             }
             hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
         }
         unreachable!("the last round returns")
     }
 
-    /// What is named; where one of its effects takes the place of something else, the `sound` model of fewer effects.
-    fn without_stand_in(&mut self, named: Named, sound: Option<Best>, base: &Hypothesis) -> Result<Named, FinderError> {
-        let Some(best) = &named.best else { return Ok(named) };
-        match (best.stand_in(), sound.filter(|sound| sound.is_smaller(&best.hypothesis))) {
-            (Some((effect, limit)), Some(sound)) => {
-                self.telling.conclude(Stage::Repair, sentences::at_its_limit(effect, limit))?;
-                self.gone_back(named.ranking, sound, base)
-            }
-            _ => Ok(named),
-        }
+    /// The ranking of the models with so many effects at most.
+    fn gone_back(&self, ranking: &Ranking, effects: usize, base: &Hypothesis) -> Result<Ranking, FinderError> {
+        let left = ranking.hypotheses.iter().filter(|h| h.candidates.len() <= effects).cloned().collect();
+        Ranking::new(self.problem, base, left, self.question.candidates.len(), self.settings)
     }
 
-    /// The model of fewer effects, among those that have no more.
-    fn gone_back(&self, ranking: Ranking, best: Best, base: &Hypothesis) -> Result<Named, FinderError> {
-        let is_small = |h: &Hypothesis| h.candidates.len() <= best.hypothesis.candidates.len();
-        let left = ranking.hypotheses.into_iter().filter(is_small).collect();
-        let ranking = Ranking::new(self.problem, base, left, self.question.candidates.len(), self.settings)?;
-        Ok(Named { ranking, best: Some(best) })
+    /// Takes the place of `named`, whose best model leaves something with an effect at the end of its range, by the best of the
+    /// models that were sound without it; says whether there is one.
+    pub(super) fn without_stand_in(
+        &mut self,
+        named: &mut Named,
+        base: &Hypothesis,
+        yardstick: &Yardstick,
+        finding: &Finding,
+    ) -> Result<bool, FinderError> {
+        let Some(best) = &named.best else { return Ok(false) };
+        let Some((effect, limit)) = best.hypothesis.at_its_limit() else { return Ok(false) };
+        if named.sound == 0 || named.sound >= best.hypothesis.candidates.len() {
+            return Ok(false);
+        }
+        let ranking = self.gone_back(&named.ranking, named.sound, base)?;
+        let ranking = self.settled(ranking, base, yardstick)?.0;
+        let is_sound = |h: &Hypothesis| !h.has(&effect.name) && h.at_its_limit().is_none();
+        let Some((smaller, extent)) = ranking.best().filter(|(h, _)| is_sound(h)) else { return Ok(false) };
+        self.telling.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
+        let best = self.test(smaller.clone(), extent, finding, LAST_TEST)?;
+        *named = Named { ranking, best: Some(best), sound: 0 };
+        Ok(true)
     }
 
     /// Models with one effect each: those that promise most are fitted.

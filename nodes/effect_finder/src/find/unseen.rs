@@ -1,5 +1,6 @@
 //! What episodes that no fit has seen say of a repair.
 
+use super::naming::Named;
 use super::{Search, Stage};
 use crate::error::FinderError;
 use crate::hypothesis::{Depth, Grain, Hypothesis};
@@ -17,6 +18,14 @@ pub(super) enum Refusal {
     LessLikely(f64),
 }
 
+/// What unseen episodes say of what is named.
+pub(super) struct Looked {
+    /// What it is worth on them; none where something is left of the fitted episodes already.
+    pub verified: Option<(Verification, Vec<Shown>)>,
+    /// Whether something is left, in either.
+    pub is_left: bool,
+}
+
 impl<'a> Search<'a> {
     pub(super) fn verifier(&self) -> Verifier<'a> {
         let camera = &self.question.model.camera.view;
@@ -32,7 +41,20 @@ impl<'a> Search<'a> {
         share >= self.settings.least_share && gain >= self.settings.least_log_bayes_factor
     }
 
-    /// Why effects that leave something are not to be named, whatever unseen episodes say.
+    /// Looks at the unseen episodes, where the fitted ones are closed: a gap may be left in those that no fit has seen.
+    pub(super) fn looked_at_unseen(&mut self, named: &Named, base: &Hypothesis) -> Result<Looked, FinderError> {
+        let verified = match &named.best {
+            Some(best) if best.extent == Extent::Whole => {
+                self.verified(base, &best.hypothesis, &named.ranking, None)?
+            }
+            _ => None,
+        };
+        let is_part = named.best.as_ref().is_some_and(|best| best.extent == Extent::Part);
+        let p_value = verified.as_ref().and_then(|v| v.0.p_value);
+        Ok(Looked { verified, is_left: is_part || p_value.is_some_and(|p| p <= self.settings.repaired_level) })
+    }
+
+    /// Why effects that leave something are not to be named.
     pub(super) fn objection(
         &self,
         base: &Hypothesis,
@@ -43,7 +65,7 @@ impl<'a> Search<'a> {
         if extent == Extent::Part && !self.is_worth_naming(base, best) {
             return Some(sentences::refused(fitness));
         }
-        best.at_its_limit().map(|(effect, limit)| sentences::at_its_limit(effect, limit))
+        best.at_its_limit().map(|(effect, limit)| sentences::stands_in(effect, limit))
     }
 
     /// What the repair is worth on the held-out episodes, and what pictures show of them; none where there are no episodes. Their
