@@ -52,12 +52,14 @@ impl Candidate {
         [if self.signs().len() > 1 { -high } else { low.min(0.0) }, high]
     }
 
-    /// The end of the range where the coordinate `u` of a search lies, if it lies beyond the prior: there is nothing to be but less
-    /// than anyone expected. Not where a search ends by itself: what lies there may only be larger than expected.
+    /// The end of the range where the coordinate `u` of a search lies, if it lies beyond the prior: whatever is there is more than
+    /// anyone expected, and more cannot be. Not where a search ends by itself: what lies there may only be larger than expected. Nor
+    /// where the effect that the model has is not there.
     pub fn limit_at(&self, u: f64) -> Option<f64> {
+        let (from, to) = self.search().bounds();
         let value = match u {
-            u if u <= 0.0 => self.search().bounds().0,
-            u if u >= 1.0 => self.search().bounds().1,
+            u if u <= 0.0 && self.signs().len() == 1 => from,
+            u if u >= 1.0 => to,
             _ => return None,
         };
         let is_end = self.range.iter().any(|end| (value - end).abs() <= ROUNDING * (self.range[1] - self.range[0]));
@@ -122,8 +124,8 @@ mod tests {
         assert_eq!([0.0, 0.5, 1.0].map(|u| tilt.limit_at(u)), [Some(-0.2), None, None]);
         // A law that may hold as a whole; an effect that may not be there, though the model has it; next to nothing.
         let switch = Candidate { prior: Prior::Uniform { low: 0.0, high: 1.0 }, range: [0.0, 1.0], ..drag() };
-        let fixed = Candidate { base: 0.1, ..drag() };
-        assert_eq!([switch.limit_at(1.0), fixed.limit_at(0.0), drag().limit_at(0.0)], [None; 3]);
+        let fixed = |base: f64| Candidate { base, ..drag() }.limit_at(0.0);
+        assert_eq!([switch.limit_at(1.0), fixed(0.1), fixed(0.5), drag().limit_at(0.0)], [None; 4]);
         assert_eq!(drag().limit_at(1.0), None, "a search ends there, and the range does not");
         let density = Candidate { prior: Prior::Uniform { low: -0.3, high: 0.3 }, range: [-0.9, 10.0], ..drag() };
         assert!(

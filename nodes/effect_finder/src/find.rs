@@ -80,7 +80,7 @@ impl Stage {
 pub struct Progress {
     /// The present stage.
     pub stage: Stage,
-    /// Share of the whole search that is done, roughly; it falls back where the search begins again with further effects.
+    /// Share of the whole search that is done, roughly; it falls back where the search begins again with other effects.
     pub progress: f64,
     /// What the stage came to, once it has come to it.
     pub conclusion: Option<String>,
@@ -252,10 +252,11 @@ impl<'a> Search<'a> {
         let finding = &mut outcome.finding;
         let mut named = self.name(base, yardstick, finding)?;
         let mut looked = self.looked_at_unseen(&named, base)?;
-        if looked.is_left && self.without_stand_in(&mut named, base, yardstick, finding)? {
+        let verified = looked.verified.as_ref().map(|v| &v.0);
+        if looked.is_left && self.without_stand_in(&mut named, verified, base, yardstick, finding)? {
             looked = self.looked_at_unseen(&named, base)?;
         }
-        let Named { ranking, best, .. } = named;
+        let Named { ranking, best } = named;
         let Looked { mut verified, is_left } = looked;
         finding.set_ranking(&ranking);
         let likeliest = |h: &Hypothesis| h.evidence.likeliest().map(|place| yardstick.discrepancies[place]);
@@ -281,7 +282,10 @@ impl<'a> Search<'a> {
                 let stage = if finding.verification.is_some() { Stage::Verify } else { Stage::Repair };
                 return self.telling.conclude(stage, objection);
             }
-            alike.retain(|h| h.at_its_limit().is_none());
+            for (effect, limit) in alike.iter().skip(1).filter_map(|h| h.at_its_limit()) {
+                self.telling.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
+            }
+            alike.retain(|h| h.is_same(&best.candidates) || h.at_its_limit().is_none());
             let unseen = verified.as_ref().and_then(|v| v.0.p_value);
             best = self.weighed_in_part(best, &mut fitness, yardstick)?;
             finding.set_magnitudes(best.magnitudes());
@@ -429,6 +433,9 @@ mod tests {
     use crate::toy::{self, Toy, coarse};
     use catenary_core::{Fidelity, Prior, seed};
 
+    const MASS: &str = "tip_mass_kg";
+    const DRAG: &str = "linear_drag_n_s_m2";
+
     /// What was measured is what the coarse simulation makes by its errors: it hides a gap.
     #[test]
     fn where_coarse_simulations_err_plainly_finer_ones_are_searched_with() {
@@ -493,9 +500,6 @@ mod tests {
         };
         find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
     }
-
-    const MASS: &str = "tip_mass_kg";
-    const DRAG: &str = "linear_drag_n_s_m2";
 
     fn named_in_part(name: &str) -> (Verdict, Vec<Vec<String>>) {
         (Verdict::NamedInPart, vec![vec![name.to_owned()]])

@@ -345,6 +345,23 @@ mod tests {
     }
 
     #[test]
+    fn an_effect_is_at_its_limit_where_it_would_go_beyond() {
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let mut there = fitted(&problem, "tip_mass_kg", 0.5);
+        there.candidates[0].range = [0.0, 0.3];
+        assert!(there.at_its_limit().is_none(), "it lies within");
+        let column = there.column(0);
+        there.fit.point[column] = 1.0;
+        for (towards, limit) in [(1.0, Some(0.3)), (-1.0, None)] {
+            there.fit.residuals = towards * there.fit.jacobian.column(column).into_owned();
+            let found = there.at_its_limit().map(|(_, limit)| limit);
+            assert!(found.is_some() == limit.is_some() && found.zip(limit).is_none_or(|(a, b)| (a - b).abs() < 1e-12));
+        }
+    }
+
+    #[test]
     fn what_the_data_do_not_tell_is_no_less_certain_than_the_range_of_the_search() {
         let toy = Toy { gain: 1e-9 };
         let cases = [toy::case(&toy, [0.25, 2e4], &[])];

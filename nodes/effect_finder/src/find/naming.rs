@@ -11,6 +11,7 @@ use crate::hypothesis::{Depth, Grain, Hypothesis, Trial};
 use crate::name::{Extent, Ranking};
 use crate::sentences;
 use crate::verdict::{Finding, Fitness};
+use crate::verify::Verification;
 use catenary_core::seed;
 use rand::RngExt;
 
@@ -37,8 +38,6 @@ pub(super) struct Named {
     pub ranking: Ranking,
     /// The most probable model with its test; none where none of the candidates is.
     pub best: Option<Best>,
-    /// How many effects the last model had that was tested with fewer, and with none at the end of its range.
-    pub sound: usize,
 }
 
 /// The most probable model with effects.
@@ -59,7 +58,6 @@ impl<'a> Search<'a> {
         let candidates = self.question.candidates;
         let mut hypotheses = self.singles(base, yardstick, finding)?;
         let mut tested: Option<Best> = None;
-        let mut sound = 0;
         let mut effects = 0;
         for test in 1.. {
             effects += 1;
@@ -78,16 +76,11 @@ impl<'a> Search<'a> {
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.telling.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
-                let is_smaller = |t: &mut Best| t.hypothesis.candidates.len() < hypothesis.candidates.len();
-                if let Some(last) = tested.take_if(is_smaller) {
-                    let own = last.hypothesis.candidates.len();
-                    if !self.is_plain(&ranking, &last.hypothesis, hypothesis)? {
-                        let ranking = self.gone_back(&ranking, own, base)?;
-                        return Ok(Named { ranking, best: Some(last), sound });
-                    }
-                    if last.hypothesis.at_its_limit().is_none() {
-                        sound = own;
-                    }
+                if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
+                    && !self.is_plain(&ranking, &last.hypothesis, hypothesis)?
+                {
+                    let ranking = self.gone_back(&ranking, last.hypothesis.candidates.len(), base)?;
+                    return Ok(Named { ranking, best: Some(last) });
                 }
                 tested = Some(self.test(hypothesis.clone(), extent, finding, test)?);
             }
@@ -98,7 +91,7 @@ impl<'a> Search<'a> {
             let is_over = ranking.hypotheses.first().is_none_or(|first| first.candidates.len() < effects);
             if is_closed || is_over || effects >= self.settings.most_effects.min(usable.len()) {
                 let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
-                return Ok(Named { ranking, best, sound });
+                return Ok(Named { ranking, best });
             }
             hypotheses = self.extended(ranking.hypotheses, effects, &usable, yardstick)?;
         }
@@ -111,28 +104,32 @@ impl<'a> Search<'a> {
         Ranking::new(self.problem, base, left, self.question.candidates.len(), self.settings)
     }
 
-    /// Takes the place of `named`, whose best model leaves something with an effect at the end of its range, by the best of the
-    /// models that were sound without it; says whether there is one.
+    /// Puts in the place of `named`, whose best model leaves something with an effect at the end of its range, the most probable
+    /// one with fewer effects, if that has no such effect; says whether there is one. `verified` is what unseen episodes say.
     pub(super) fn without_stand_in(
         &mut self,
         named: &mut Named,
+        verified: Option<&Verification>,
         base: &Hypothesis,
         yardstick: &Yardstick,
         finding: &Finding,
     ) -> Result<bool, FinderError> {
         let Some(best) = &named.best else { return Ok(false) };
         let Some((effect, limit)) = best.hypothesis.at_its_limit() else { return Ok(false) };
-        if named.sound == 0 || named.sound >= best.hypothesis.candidates.len() {
-            return Ok(false);
-        }
-        let ranking = self.gone_back(&named.ranking, named.sound, base)?;
-        let ranking = self.settled(ranking, base, yardstick)?.0;
         let is_sound = |h: &Hypothesis| !h.has(&effect.name) && h.at_its_limit().is_none();
-        let Some((smaller, extent)) = ranking.best().filter(|(h, _)| is_sound(h)) else { return Ok(false) };
-        self.telling.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
-        let best = self.test(smaller.clone(), extent, finding, LAST_TEST)?;
-        *named = Named { ranking, best: Some(best), sound: 0 };
-        Ok(true)
+        for effects in (1..best.hypothesis.candidates.len()).rev() {
+            let ranking = self.gone_back(&named.ranking, effects, base)?;
+            let ranking = self.settled(ranking, base, yardstick)?.0;
+            let Some((smaller, extent)) = ranking.best().filter(|(h, _)| is_sound(h)) else { continue };
+            if let Some(verification) = verified {
+                self.telling.conclude(Stage::Verify, sentences::verified(verification))?;
+            }
+            self.telling.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
+            let best = self.test(smaller.clone(), extent, finding, LAST_TEST)?;
+            *named = Named { ranking, best: Some(best) };
+            return Ok(true);
+        }
+        Ok(false)
     }
 
     /// Models with one effect each: those that promise most are fitted.
