@@ -18,10 +18,12 @@ use std::time::{Duration, Instant};
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 /// How often the writing thread looks whether it shall end, and whether there are new topics.
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
+/// How long messages are waited for that were sent before the recording was told to end.
+const LINGER: Duration = Duration::from_millis(200);
 /// Bytes that wait for the disk at most.
 const BACKLOG_BYTES: usize = 256 << 20;
 
-/// Records until the node is told to end, then ends the bag in order.
+/// Records until 0.2 s after the node is told to end, then ends the bag in order: what was sent until then may be on its way still.
 ///
 /// A message is logged at the time at which it came, in the node's clock, and published at the time at which it was sent,
 /// in the sender's. Under simulated time recording begins with the first `/clock`. The folder appears when all
@@ -35,7 +37,8 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     settings.check()?;
     wait_for_clock(node);
     let backlog = Arc::new(Backlog::new(BACKLOG_BYTES));
-    let mut topics = Topics::subscribe(node, settings, Arc::clone(&backlog))?;
+    let unbound = node.unbound();
+    let mut topics = Topics::subscribe(&unbound, settings, Arc::clone(&backlog))?;
     let mut bag = BagWriter::create(&settings.out, &settings.writer_options())?;
     let counted = Arc::clone(&backlog);
     node.report_diagnostics(move |report| {
@@ -80,19 +83,26 @@ fn write_until_shutdown(
 ) -> Result<(), BagError> {
     let mut flush_at = Instant::now() + FLUSH_PERIOD;
     let mut look_at = Instant::now();
+    let mut end_at = None;
     loop {
-        let ending = node.is_shutdown();
-        if !ending && Instant::now() >= look_at {
-            topics.discover(bag)?;
-            look_at = Instant::now() + LOOK_PERIOD;
+        let now = Instant::now();
+        if end_at.is_none() && node.is_shutdown() {
+            end_at = Some(now + LINGER);
         }
-        let patience = if ending { Duration::ZERO } else { LOOK_PERIOD };
-        match backlog.next(patience) {
+        if end_at.is_none() && now >= look_at {
+            topics.discover(bag)?;
+            look_at = now + LOOK_PERIOD;
+        }
+        let is_over = end_at.is_some_and(|end| now >= end);
+        if is_over {
+            topics.end();
+        }
+        match backlog.next(if is_over { Duration::ZERO } else { LOOK_PERIOD }) {
             Some((number, arrival)) => {
                 let sent = arrival.sent.unwrap_or(arrival.received);
                 bag.write_cdr(topics.id(number), arrival.received.nanos(), sent.nanos(), &arrival.cdr)?;
             }
-            None if ending => return Ok(()),
+            None if is_over => return Ok(()),
             None => {}
         }
         if Instant::now() >= flush_at {

@@ -19,9 +19,9 @@ use std::time::{Duration, Instant};
 
 const SOON: Duration = Duration::from_secs(5);
 
-/// A domain for test `number`, 0 to 9, that another run of these tests at the same time hardly has.
+/// A domain for test `number`, 0 to 10, that another run of these tests at the same time hardly has.
 fn domain(number: u16) -> u16 {
-    112 + 10 * (std::process::id() % 12) as u16 + number
+    112 + 11 * (std::process::id() % 11) as u16 + number
 }
 
 fn builder(name: &str, number: u16, args: &[&str]) -> NodeBuilder {
@@ -96,6 +96,31 @@ fn what_is_published_is_in_the_bag() {
         assert!(message.publish_time_ns >= before && message.publish_time_ns <= message.log_time_ns);
         assert!(message.log_time_ns - message.publish_time_ns < 1_000_000_000);
     }
+}
+
+/// Who waits for the end of an episode and interrupts the recorder then is faster than the message that tells of it.
+#[test]
+fn what_comes_just_after_the_end_is_in_the_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bag");
+    let sender = node("sender", 10);
+    let events = sender.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
+    let recorder = node("recorder", 10);
+    let settings = RecordSettings { filter: TopicFilter::of(&["/episode/event"]), ..RecordSettings::new(out.clone()) };
+    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
+    let recording = std::thread::spawn(move || record(&inner, &settings));
+    wait_for("the bag", || out.join("metadata.yaml").exists());
+    assert!(events.wait_for_subscriber(SOON));
+    events.publish(EpisodeEvent { episode: 4, event: EpisodeEvent::STARTED, ..EpisodeEvent::default() }).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    stop.trigger();
+    std::thread::sleep(Duration::from_millis(20));
+    let ended = EpisodeEvent { episode: 4, event: EpisodeEvent::ENDED, ..EpisodeEvent::default() };
+    events.publish(ended.clone()).unwrap();
+    assert_eq!(recording.join().unwrap().unwrap().messages, 2);
+    let bag = BagReader::open(&out).unwrap();
+    let last = bag.messages_of(&["/episode/event"]).last().unwrap().unwrap();
+    assert_eq!(last.decode::<EpisodeEvent>().unwrap(), ended);
 }
 
 #[test]

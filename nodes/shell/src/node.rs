@@ -51,11 +51,25 @@ impl Inner {
 #[derive(Clone)]
 pub struct Node {
     inner: Arc<Inner>,
+    /// Whether subscriptions end with the node.
+    binds: bool,
 }
 
 impl Node {
     pub(crate) fn new(inner: Inner) -> Self {
-        Self { inner: Arc::new(inner) }
+        Self { inner: Arc::new(inner), binds: true }
+    }
+
+    /// The same node, whose subscriptions go on after shutdown until they are dropped, which must be soon: for what was sent before
+    /// it and has not come yet.
+    #[must_use]
+    pub fn unbound(&self) -> Self {
+        Self { binds: false, ..self.clone() }
+    }
+
+    /// What ends a subscription that is made here.
+    pub(crate) fn end_of_subscription(&self) -> Shutdown {
+        if self.binds { self.shutdown().child() } else { Shutdown::new() }
     }
 
     /// The base name.

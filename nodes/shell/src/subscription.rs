@@ -66,7 +66,7 @@ impl Subscription {
         reader: ros2_client::Subscription<M>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Self, ShellError> {
-        let stop = node.shutdown().child();
+        let stop = node.end_of_subscription();
         let pump = Pump {
             reader,
             topic: topic.clone(),

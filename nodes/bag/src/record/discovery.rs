@@ -180,6 +180,11 @@ impl<'a> Topics<'a> {
         self.subscribe_to(topic, name, source, qos, number)
     }
 
+    /// Ends all subscriptions.
+    pub(super) fn end(&mut self) {
+        self.subscriptions.iter_mut().for_each(|subscription| *subscription = None);
+    }
+
     /// Makes the subscription with this number.
     fn subscribe_to(
         &mut self,
