@@ -6,7 +6,8 @@
 )]
 
 use catenary_bag::{
-    BagError, BagReader, BagWriter, RecordSettings, ReplaySettings, TopicFilter, WriterOptions, record, replay,
+    BagError, BagReader, BagSummary, BagWriter, RecordSettings, ReplaySettings, TopicFilter, WriterOptions, record,
+    replay,
 };
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{ArmState, EpisodeEvent, Keypoints};
@@ -15,6 +16,7 @@ use catenary_shell::contract::{ARM_STATE, CURRENT_POSE, EPISODE_EVENT, KEYPOINTS
 use catenary_shell::{Discovery, Node, NodeBuilder, Qos, RosArgs, Time, stamp};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 const SOON: Duration = Duration::from_secs(5);
@@ -53,6 +55,12 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
+/// Records on a thread of its own until the node is told to end.
+fn recording(recorder: &Node, settings: RecordSettings) -> JoinHandle<Result<BagSummary, BagError>> {
+    let recorder = recorder.clone();
+    std::thread::spawn(move || record(&recorder, &settings))
+}
+
 #[test]
 fn what_is_published_is_in_the_bag() {
     let folder = tempfile::tempdir().unwrap();
@@ -64,8 +72,7 @@ fn what_is_published_is_in_the_bag() {
     let recorder = node("recorder", 1);
     let settings =
         RecordSettings { filter: TopicFilter::of(&["panda/*", "/episode/event"]), ..RecordSettings::new(out.clone()) };
-    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
-    let recording = std::thread::spawn(move || record(&inner, &settings));
+    let recording = recording(&recorder, settings);
     let poses = sender.publisher::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap();
     let targets = sender.publisher::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos).unwrap();
     wait_for("the bag", || out.join("metadata.yaml").exists());
@@ -78,7 +85,7 @@ fn what_is_published_is_in_the_bag() {
         std::thread::sleep(Duration::from_millis(5));
     }
     std::thread::sleep(Duration::from_millis(300));
-    stop.trigger();
+    recorder.shutdown().trigger();
     let summary = recording.join().unwrap().unwrap();
     let bag = BagReader::open(&out).unwrap();
     assert_eq!((bag.notes().len(), bag.message_count()), (0, summary.messages));
@@ -107,13 +114,12 @@ fn what_comes_just_after_the_end_is_in_the_bag() {
     let events = sender.publisher::<EpisodeEvent>(EPISODE_EVENT.name, EPISODE_EVENT.qos).unwrap();
     let recorder = node("recorder", 10);
     let settings = RecordSettings { filter: TopicFilter::of(&["/episode/event"]), ..RecordSettings::new(out.clone()) };
-    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
-    let recording = std::thread::spawn(move || record(&inner, &settings));
+    let recording = recording(&recorder, settings);
     wait_for("the bag", || out.join("metadata.yaml").exists());
     assert!(events.wait_for_subscriber(SOON));
     events.publish(EpisodeEvent { episode: 4, event: EpisodeEvent::STARTED, ..EpisodeEvent::default() }).unwrap();
     std::thread::sleep(Duration::from_millis(300));
-    stop.trigger();
+    recorder.shutdown().trigger();
     std::thread::sleep(Duration::from_millis(20));
     let ended = EpisodeEvent { episode: 4, event: EpisodeEvent::ENDED, ..EpisodeEvent::default() };
     events.publish(ended.clone()).unwrap();
@@ -129,8 +135,7 @@ fn simulated_time_is_the_bags_time() {
     let out = folder.path().join("bag");
     let recorder = builder("recorder", 2, &["-p", "use_sim_time:=true"]).build().unwrap();
     let settings = RecordSettings { filter: TopicFilter::of(&["dlo/keypoints"]), ..RecordSettings::new(out.clone()) };
-    let (inner, stop) = (recorder.clone(), recorder.shutdown().clone());
-    let recording = std::thread::spawn(move || record(&inner, &settings));
+    let recording = recording(&recorder, settings);
     let simulator = node("simulator", 2);
     let clock = simulator.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
     let keypoints = simulator.publisher::<Keypoints>(KEYPOINTS.name, KEYPOINTS.qos).unwrap();
@@ -153,7 +158,7 @@ fn simulated_time_is_the_bags_time() {
         std::thread::sleep(Duration::from_millis(20));
     }
     std::thread::sleep(Duration::from_millis(200));
-    stop.trigger();
+    recorder.shutdown().trigger();
     let summary = recording.join().unwrap().unwrap();
     let (first, last) = summary.span_ns.unwrap();
     assert!(summary.messages >= 9, "{}", summary.messages);
