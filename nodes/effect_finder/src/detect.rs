@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 const STREAM: u64 = 1000;
 /// Null sets that are fitted in step: their derivatives are in memory at once.
 const SLICE: usize = 25;
-/// Draws for each null set, as some can neither be simulated nor fitted.
-const DRAWS: u64 = 3;
+/// How many null sets are drawn at most for each that is wanted, as some can neither be simulated nor fitted.
+const DRAWS: usize = 3;
 
 /// What the fit of a null set left.
 #[derive(Debug, Clone)]
@@ -89,30 +89,30 @@ pub fn detect(
     let seeds = seed::derive(settings.seed, STREAM + stream);
     let mut null: Vec<Residue> = Vec::new();
     let mut refusal = String::new();
-    for draw in 0..DRAWS {
-        let mut missing = settings.null_sets - null.len();
-        let mut number = draw * settings.null_sets as u64;
-        while missing > 0 {
-            let count = missing.min(SLICE);
-            let drawn = |b: u64| posterior.draw(&mut seed::rng(seeds, 2 * (number + b)));
-            let points: Vec<Vec<f64>> = (0..count as u64).map(drawn).collect();
-            let sets = simulate(problem, points, seeds, number, &mut refusal);
-            if !sets.is_empty() {
-                let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
-                match problem.refit(fit, sets, on_round) {
-                    Ok(fits) => null.extend(fits.into_iter().flatten().map(residue)),
-                    Err(FinderError::NoFit(reason)) => refusal = reason,
-                    Err(other) => return Err(other),
+    let (mut number, most) = (0, (DRAWS * settings.null_sets) as u64);
+    while null.len() < settings.null_sets && number < most {
+        let next = number + (settings.null_sets - null.len()).min(SLICE) as u64;
+        let points = (number..next).map(|b| posterior.draw(&mut seed::rng(seeds, 2 * b))).collect();
+        let sets = simulate(problem, points, seeds, number, &mut refusal);
+        if !sets.is_empty() {
+            match problem.refit(fit, sets, on_round) {
+                Ok(fits) => {
+                    if fits.iter().any(Option::is_none) {
+                        refusal = "from where it was simulated, no fit could start".into();
+                    }
+                    let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
+                    null.extend(fits.into_iter().flatten().map(residue));
                 }
+                Err(FinderError::NoFit(reason)) => refusal = reason,
+                Err(other) => return Err(other),
             }
-            if let Some(last) = enough.and_then(|enough| place_of(enough, fit.cost, &null)) {
-                null.truncate(last + 1);
-                let p_value = enough.unwrap_or_default() as f64 / null.len() as f64;
-                return Ok(Detection { p_value, statistic: fit.cost, null });
-            }
-            number += count as u64;
-            missing -= count;
         }
+        if let Some(last) = enough.and_then(|enough| place_of(enough, fit.cost, &null)) {
+            null.truncate(last + 1);
+            let p_value = enough.unwrap_or_default() as f64 / null.len() as f64;
+            return Ok(Detection { p_value, statistic: fit.cost, null });
+        }
+        number = next;
     }
     if null.len() < settings.null_sets {
         return Err(FinderError::NullSets { expected: settings.null_sets, got: null.len(), refusal });
@@ -183,6 +183,20 @@ mod tests {
             let distance = p.iter().enumerate().map(|(i, p)| (p - (i as f64 + 0.5) / 100.0).abs()).fold(0.0, f64::max);
             assert!(distance < 0.163, "{enough:?}: {distance}");
         }
+    }
+
+    #[test]
+    fn what_cannot_be_simulated_is_drawn_anew_until_there_are_enough() {
+        // The toy has no lengths under 0.2 m: half of what is drawn about this one is none.
+        let toy = Toy { gain: 0.3 };
+        let cases = [toy::case(&toy, [0.2003, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let mut go_on = || ControlFlow::Continue(());
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let fit = problem.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();
+        let settings = Settings { null_sets: 39, ..Settings::default() };
+        let detection = detect(&problem, &fit, &settings, 0, None, &mut go_on).unwrap();
+        assert_eq!(detection.null.len(), 39);
     }
 
     #[test]
