@@ -37,6 +37,8 @@ pub struct Detection {
     pub statistic: f64,
     /// What is left of the null sets (B).
     pub null: Vec<Residue>,
+    /// How many more were drawn, and could not be simulated or fitted.
+    pub null_left_out: usize,
 }
 
 /// A detection as files hold it.
@@ -48,6 +50,8 @@ pub struct Test {
     pub statistic: f64,
     /// The same of each data set that was simulated from the fitted model and fitted again, in increasing order.
     pub null: Vec<f64>,
+    /// How many more such data sets were drawn, and could not be simulated or fitted.
+    pub null_left_out: usize,
     /// Number of measured coordinates.
     pub coordinates: usize,
 }
@@ -58,7 +62,8 @@ impl Detection {
         let mut null: Vec<f64> = self.null.iter().map(|f| f.cost).collect();
         null.sort_by(f64::total_cmp);
         let coordinates = self.null.first().map_or(0, |f| f.residuals.len());
-        Test { p_value: self.p_value, statistic: self.statistic, null, coordinates }
+        let null_left_out = self.null_left_out;
+        Test { p_value: self.p_value, statistic: self.statistic, null, null_left_out, coordinates }
     }
 }
 
@@ -88,18 +93,19 @@ pub fn detect(
     let posterior = Laplace::of(fit).ok_or_else(FinderError::curvature)?;
     let seeds = seed::derive(settings.seed, STREAM + stream);
     let mut null: Vec<Residue> = Vec::new();
-    let mut refusal = String::new();
-    let (mut number, most) = (0, (DRAWS * settings.null_sets) as u64);
+    let mut refusal = "they could be simulated, but not fitted".to_owned();
+    let (mut number, most) = (0, DRAWS * settings.null_sets);
     while null.len() < settings.null_sets && number < most {
-        let next = number + (settings.null_sets - null.len()).min(SLICE) as u64;
-        let points = (number..next).map(|b| posterior.draw(&mut seed::rng(seeds, 2 * b))).collect();
+        let next = most.min(number + SLICE.min(settings.null_sets - null.len()));
+        let points = (number..next).map(|b| posterior.draw(&mut seed::rng(seeds, 2 * b as u64))).collect();
         let sets = simulate(problem, points, seeds, number, &mut refusal);
-        if !sets.is_empty() {
+        if sets.is_empty() {
+            if on_round().is_break() {
+                return Err(FinderError::Cancelled("fit"));
+            }
+        } else {
             match problem.refit(fit, sets, on_round) {
                 Ok(fits) => {
-                    if fits.iter().any(Option::is_none) {
-                        refusal = "from where it was simulated, no fit could start".into();
-                    }
                     let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
                     null.extend(fits.into_iter().flatten().map(residue));
                 }
@@ -107,18 +113,20 @@ pub fn detect(
                 Err(other) => return Err(other),
             }
         }
+        number = next;
+        let null_left_out = number - null.len();
         if let Some(last) = enough.and_then(|enough| place_of(enough, fit.cost, &null)) {
             null.truncate(last + 1);
             let p_value = enough.unwrap_or_default() as f64 / null.len() as f64;
-            return Ok(Detection { p_value, statistic: fit.cost, null });
+            return Ok(Detection { p_value, statistic: fit.cost, null, null_left_out });
         }
-        number = next;
     }
     if null.len() < settings.null_sets {
-        return Err(FinderError::NullSets { expected: settings.null_sets, got: null.len(), refusal });
+        return Err(FinderError::NullSets { expected: settings.null_sets, got: null.len(), drawn: number, refusal });
     }
     let p_value = p_value(fit.cost, null.iter().map(|f| f.cost));
-    Ok(Detection { p_value, statistic: fit.cost, null })
+    let null_left_out = number - null.len();
+    Ok(Detection { p_value, statistic: fit.cost, null, null_left_out })
 }
 
 /// The place of the null set with which `count` have a T of at least `statistic`.
@@ -132,7 +140,7 @@ fn simulate(
     problem: &Problem<'_>,
     points: Vec<Vec<f64>>,
     seeds: u64,
-    first: u64,
+    first: usize,
     refusal: &mut String,
 ) -> Vec<Simulated> {
     let mut sets = Vec::with_capacity(points.len());
@@ -144,7 +152,7 @@ fn simulate(
                 continue;
             }
         };
-        let mut noise = seed::rng(seeds, 2 * (first + b as u64) + 1);
+        let mut noise = seed::rng(seeds, 2 * (first + b) as u64 + 1);
         let measured = problem.cases.iter().zip(&tracks).map(|(case, track)| case.measure(track, &mut noise)).collect();
         sets.push(Simulated { point, tracks, measured });
     }
@@ -156,6 +164,8 @@ mod tests {
     use super::*;
     use crate::fit::Start;
     use crate::toy::{self, Toy};
+    use catenary_core::simulator::{SimulatorError, TrackSensitivities};
+    use catenary_core::{DifferentiableSimulator, SimulationRequest, Simulator, Track};
     use std::ops::ControlFlow;
 
     /// p-values of worlds of the toy in which an effect has the value `effect`.
@@ -185,18 +195,49 @@ mod tests {
         }
     }
 
-    #[test]
-    fn what_cannot_be_simulated_is_drawn_anew_until_there_are_enough() {
-        // The toy has no lengths under 0.2 m: half of what is drawn about this one is none.
+    /// Tests a fit of the toy against 39 null sets of a simulator. The toy has no lengths under 0.2 m: half of what is drawn about
+    /// this one is none.
+    fn detected(simulator: &dyn DifferentiableSimulator, on_round: OnRound<'_>) -> Result<Detection, FinderError> {
         let toy = Toy { gain: 0.3 };
         let cases = [toy::case(&toy, [0.2003, 2e4], &[])];
         let problem = Problem::of(&toy::model(), &cases, &toy, 40);
-        let mut go_on = || ControlFlow::Continue(());
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
-        let fit = problem.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();
+        let fit = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
         let settings = Settings { null_sets: 39, ..Settings::default() };
-        let detection = detect(&problem, &fit, &settings, 0, None, &mut go_on).unwrap();
-        assert_eq!(detection.null.len(), 39);
+        detect(&Problem { simulator, ..problem }, &fit, &settings, 0, None, on_round)
+    }
+
+    #[test]
+    fn what_cannot_be_simulated_is_drawn_anew_until_there_are_enough() {
+        let Detection { mut null, null_left_out, .. } =
+            detected(&Toy { gain: 0.3 }, &mut || ControlFlow::Continue(())).unwrap();
+        assert!((20..=78).contains(&null_left_out), "{null_left_out} beside {}", null.len());
+        null.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        assert!(null.windows(2).all(|two| two[0].cost < two[1].cost), "each is drawn once");
+    }
+
+    #[test]
+    fn where_none_can_be_simulated_drawing_ends() {
+        let refused = detected(&Refusing, &mut || ControlFlow::Continue(())).unwrap_err().to_string();
+        let expected = "expected 39 data sets without a gap to test against, got 0 of 117: simulator: length_m: none";
+        assert!(refused.starts_with(expected), "{refused}");
+        let cancelled = detected(&Refusing, &mut || ControlFlow::Break(()));
+        assert!(matches!(cancelled, Err(FinderError::Cancelled(_))));
+    }
+
+    /// Simulates nothing.
+    struct Refusing;
+
+    impl Simulator for Refusing {
+        fn simulate(&self, _: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            Err(SimulatorError::Input("length_m: none".into()))
+        }
+    }
+
+    impl DifferentiableSimulator for Refusing {
+        fn sensitivities(&self, _: &SimulationRequest, _: &[&str]) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+            Err(SimulatorError::Input("length_m: none".into()))
+        }
     }
 
     #[test]

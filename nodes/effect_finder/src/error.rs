@@ -53,12 +53,14 @@ pub enum FinderError {
     #[error("no start of the fit could be simulated: {0}")]
     NoFit(String),
     /// Too few data sets without a gap could be simulated and fitted.
-    #[error("expected {expected} data sets without a gap to test against, got {got}: {refusal}")]
+    #[error("expected {expected} data sets without a gap to test against, got {got} of {drawn}: {refusal}")]
     NullSets {
         /// How many were wanted.
         expected: usize,
         /// How many there are.
         got: usize,
+        /// How many were drawn for that.
+        drawn: usize,
         /// Why the last one was not to be had.
         refusal: String,
     },

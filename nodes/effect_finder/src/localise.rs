@@ -140,7 +140,12 @@ mod tests {
     fn detection(fit: &Fit) -> Detection {
         let residue = |fit: Fit| Residue { cost: fit.cost, residuals: fit.residuals };
         let null: Vec<Residue> = (1..200).map(|i| residue(noise(i, |_| 0.0))).collect();
-        Detection { p_value: crate::detect::p_value(fit.cost, null.iter().map(|f| f.cost)), statistic: fit.cost, null }
+        Detection {
+            p_value: crate::detect::p_value(fit.cost, null.iter().map(|f| f.cost)),
+            statistic: fit.cost,
+            null,
+            null_left_out: 0,
+        }
     }
 
     #[test]

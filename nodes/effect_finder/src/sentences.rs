@@ -34,7 +34,12 @@ pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
     let test = &fitness.test;
     let middle = test.null.get(test.null.len() / 2).copied().unwrap_or(f64::NAN);
     let meaning = if is_gap { "more than noise is left" } else { "what is left is noise" };
-    format!("{meaning}: {:.0} squared deviations where {middle:.0} are usual, p = {:.3}", test.statistic, test.p_value)
+    let less = match test.null_left_out {
+        0 => String::new(),
+        some => format!(", though {some} of {} data sets without a gap could not be fitted", some + test.null.len()),
+    };
+    let (statistic, p_value) = (test.statistic, test.p_value);
+    format!("{meaning}: {statistic:.0} squared deviations where {middle:.0} are usual, p = {p_value:.3}{less}")
 }
 
 /// Where model and data disagree.
