@@ -147,12 +147,12 @@ def changed(model, part, other):
 
 def setting_of(stream, greatest, names, effects, arguments, folder):
     """The first object and motions in which the effects can be `greatest` times as large as they must be to show, or where none is
-    such, those in which they can be largest; none where they never show."""
-    best = None
+    such, those in which they can be largest; none where they never show. Without effects the kinds of objects take turns."""
+    best, first = None, 0 if names else stream
     for attempt in range(ATTEMPTS * len(OBJECTS)):
         rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
         try:
-            setting = drawn_setting(rng, names, effects, attempt % len(OBJECTS), folder)
+            setting = drawn_setting(rng, names, effects, (first + attempt) % len(OBJECTS), folder)
         except RuntimeError as refused:
             print(f"{names}: {refused}", file=sys.stderr)
             continue

@@ -1,11 +1,13 @@
 """The blind test in small: worlds are drawn and sealed, searched, and scored, each by a program of its own."""
 
+import argparse
 import json
 import pathlib
 import shutil
 import subprocess
 import sys
 
+import draw
 import numpy
 import pytest
 import score
@@ -45,6 +47,14 @@ def test_hidden_effects_are_named_and_nothing_is_where_nothing_was_hidden(worlds
     assert found["sizes"]["3.0"]["detected"]["share"] == 1.0 and found["sizes"]["3.0"]["group"]["share"] == 1.0, found
     assert found["gap_closed"]["3.0"] > 0.6
     assert (worlds / "score.png").stat().st_size > 10_000
+
+
+def test_objects_of_each_kind_are_among_the_worlds_without_an_effect(tmp_path):
+    drawn = [draw.setting_of(stream, 0.0, [], [], argparse.Namespace(seed=1), tmp_path) for stream in range(2 * len(draw.OBJECTS))]
+    assert [setting["object"] for setting in drawn] == 2 * list(range(len(draw.OBJECTS)))
+    for setting in drawn:
+        _, softest, stiffest = draw.OBJECTS[setting["object"]]
+        assert softest <= setting["theta"]["youngs_modulus_pa"] <= stiffest
 
 
 def test_searches_draw_noise_of_their_own(worlds):
