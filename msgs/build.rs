@@ -22,6 +22,8 @@ struct Interface {
     package: String,
     kind: String,
     name: String,
+    /// The file's text.
+    text: String,
     /// Text of each section, as it is written.
     texts: Vec<String>,
     sections: Vec<Section>,
@@ -86,6 +88,7 @@ fn read_package(folder: &Path, package: &str, into: &mut Vec<Interface>) -> Resu
                 package: package.into(),
                 kind: kind.into(),
                 name: file_stem(&path),
+                text,
                 texts,
                 sections,
             });
@@ -149,7 +152,9 @@ fn source(interfaces: &[Interface], catalogue: &Catalogue) -> Result<String, Box
     let mut messages = String::new();
     let mut structures = String::new();
     let mut markers = String::new();
+    let mut sources = String::new();
     for i in interfaces {
+        let _ = writeln!(sources, "    ({:?}, {:?}, {:?}),", i.full_name(), i.kind, i.text);
         let out = modules.entry((i.package.clone(), i.kind.clone())).or_default();
         out.push_str(&interface(i, interfaces, catalogue)?);
         let path = format!("{}::{}::{}", i.package, i.kind, i.name);
@@ -172,6 +177,8 @@ fn source(interfaces: &[Interface], catalogue: &Catalogue) -> Result<String, Box
         out.push_str("}\n");
     }
     let _ = writeln!(out, "static MESSAGES: &[InterfaceInfo] = &[\n{messages}];");
+    let _ = writeln!(out, "static STRUCTURES: &[StructureInfo] = &[\n{}];", catalogue.rows()?);
+    let _ = writeln!(out, "static SOURCES: &[(&str, &str, &str)] = &[\n{sources}];");
     let _ = writeln!(out, "static MARKERS: &[(&str, &str)] = &[\n{markers}];");
     let _ = writeln!(
         out,

@@ -32,12 +32,19 @@ fn referred(base: &Base) -> Option<String> {
 fn nested(name: &str, package: &str, kind: &str, message: &str, count: Count) -> Field {
     let package = if kind == "msg" { package.to_owned() } else { format!("{package}:{kind}") };
     let base = Base::Message(package, message.to_owned());
-    Field { name: name.to_owned(), base, string_capacity: 0, count, comment: Vec::new() }
+    Field { name: name.to_owned(), base, string_capacity: 0, count, default_value: String::new(), comment: Vec::new() }
 }
 
 fn primitive(name: &str, type_name: &str) -> Field {
     let base = Base::Primitive(type_name.to_owned());
-    Field { name: name.to_owned(), base, string_capacity: 0, count: Count::One, comment: Vec::new() }
+    Field {
+        name: name.to_owned(),
+        base,
+        string_capacity: 0,
+        count: Count::One,
+        default_value: String::new(),
+        comment: Vec::new(),
+    }
 }
 
 impl Catalogue {
@@ -92,6 +99,19 @@ impl Catalogue {
         self.add(package, "action", name, members.map(|(field, suffix)| own(field, suffix)).to_vec());
     }
 
+    /// Rust source of a `StructureInfo` for every structure, without its source text.
+    pub fn rows(&self) -> Result<String, String> {
+        let mut rows = String::new();
+        for (name, structure) in &self.structures {
+            let fields: String = fields(structure).iter().map(row).collect();
+            let hash = self.hash(name)?;
+            rows.push_str(&format!(
+                "    StructureInfo {{ type_name: {name:?}, type_hash: {hash:?}, fields: &[{fields}] }},\n"
+            ));
+        }
+        Ok(rows)
+    }
+
     /// The structure called `name`.
     pub fn get(&self, name: &str) -> Result<&Structure, String> {
         self.structures.get(name).ok_or_else(|| format!("no definition of `{name}`"))
@@ -128,19 +148,41 @@ impl Catalogue {
     }
 }
 
+/// Fields of a structure. IDL knows no empty structure: rosidl gives one a member.
+fn fields(structure: &Structure) -> Vec<Field> {
+    match structure.fields.is_empty() {
+        true => vec![primitive("structure_needs_at_least_one_member", "uint8")],
+        false => structure.fields.clone(),
+    }
+}
+
 fn description(structure: &Structure) -> String {
-    // IDL knows no empty structure: rosidl gives one a member.
-    let filler = [primitive("structure_needs_at_least_one_member", "uint8")];
-    let fields = if structure.fields.is_empty() { &filler[..] } else { &structure.fields };
-    let fields: Vec<String> = fields.iter().map(field).collect();
+    let fields: Vec<String> = fields(structure).iter().map(field).collect();
     format!("{{\"type_name\": \"{}\", \"fields\": [{}]}}", structure.name, fields.join(", "))
 }
 
-fn field(f: &Field) -> String {
-    let capacity = match f.count {
+fn capacity(f: &Field) -> usize {
+    match f.count {
         Count::Array(n) | Count::Bounded(n) => n,
         Count::One | Count::Sequence => 0,
-    };
+    }
+}
+
+/// Rust source of a `FieldInfo`.
+fn row(f: &Field) -> String {
+    format!(
+        "FieldInfo {{ name: {:?}, type_id: {}, capacity: {}, string_capacity: {}, nested_type_name: {:?}, default_value: {:?} }},",
+        f.name,
+        type_id(f),
+        capacity(f),
+        f.string_capacity,
+        referred(&f.base).unwrap_or_default(),
+        f.default_value
+    )
+}
+
+fn field(f: &Field) -> String {
+    let capacity = capacity(f);
     format!(
         "{{\"name\": \"{}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \"string_capacity\": {}, \"nested_type_name\": \"{}\"}}}}",
         f.name,

@@ -30,6 +30,8 @@ pub struct Field {
     /// Greatest length of a bounded string; 0: unbounded or no string.
     pub string_capacity: usize,
     pub count: Count,
+    /// Default value as rosidl writes it; empty: none. No part of the hash or the Rust form.
+    pub default_value: String,
     /// Comment lines that belong to the field.
     pub comment: Vec<String>,
 }
@@ -98,12 +100,26 @@ fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Sec
         section.constants.push(Constant { name, type_name: type_text.to_owned(), value, comment });
         return Ok(());
     }
-    // What stands between the name and a comment is a default value: it is no part of the type, its hash or its Rust form.
-    let (_, trailing) = split_comment(after);
+    // What stands between the name and a comment is a default value.
+    let (default, trailing) = split_comment(after);
     comment.extend((!trailing.is_empty()).then(|| trailing.to_owned()));
     let (base, string_capacity, count) = field_type(type_text, package)?;
-    section.fields.push(Field { name, base, string_capacity, count, comment });
+    let default_value = default_value(default.trim(), &base);
+    section.fields.push(Field { name, base, string_capacity, count, default_value, comment });
     Ok(())
+}
+
+/// A default value in Python's form, in which rosidl writes it: `1` of a float is `1.0`, `true` is `True`.
+fn default_value(text: &str, base: &Base) -> String {
+    match base {
+        Base::Primitive(name) if name == "bool" => match text.to_lowercase().as_str() {
+            "true" | "1" => "True".to_owned(),
+            "false" | "0" => "False".to_owned(),
+            _ => text.to_owned(),
+        },
+        Base::Primitive(name) if name.starts_with("float") && text.parse::<i64>().is_ok() => format!("{text}.0"),
+        _ => text.to_owned(),
+    }
 }
 
 /// Text before and after the first `#`, which begins a comment even inside quotes, as for rosidl.

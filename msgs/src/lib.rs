@@ -8,9 +8,11 @@
 //! `Quaternion` is no rotation.
 
 pub mod cdr;
+mod description;
 
 pub use self::catenary_msgs::{action, msg, srv};
 pub use cdr::{CdrError, from_cdr, to_cdr};
+pub use description::{FieldInfo, StructureInfo, described, structures};
 
 /// A message type.
 pub trait Interface {

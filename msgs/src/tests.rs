@@ -7,7 +7,10 @@ use crate::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use crate::geometry_msgs::msg::{Quaternion, TransformStamped, Vector3};
 use crate::sensor_msgs::msg::{CameraInfo, Image, JointState};
 use crate::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse, TriggerRequest};
-use crate::{ActionInterface, Interface, ServiceInterface, find, from_cdr, messages, services_and_actions, to_cdr};
+use crate::{
+    ActionInterface, Interface, ServiceInterface, described, find, from_cdr, messages, services_and_actions,
+    structures, to_cdr,
+};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
@@ -27,6 +30,10 @@ fn hashes_equal_those_of_the_jazzy_packages() {
     }
     let services = [
         ("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"),
+        (
+            "type_description_interfaces/srv/GetTypeDescription",
+            "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5",
+        ),
         ("action_msgs/srv/CancelGoal", "573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"),
     ];
     for (name, hash) in services {
@@ -35,6 +42,31 @@ fn hashes_equal_those_of_the_jazzy_packages() {
     }
     let empty_request = "d010825374ce8918e72bfd826c82603e60f45419e932ea976f807b74a863a199";
     assert_eq!(TriggerRequest::TYPE_HASH, format!("RIHS01_{empty_request}"));
+}
+
+#[test]
+fn a_description_holds_the_type_and_all_that_it_refers_to() {
+    let (description, sources) = described("geometry_msgs/msg/PoseStamped").unwrap();
+    let own = &description.type_description;
+    assert_eq!(own.fields.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["header", "pose"]);
+    assert_eq!(own.fields[1].r#type.nested_type_name, "geometry_msgs/msg/Pose");
+    let referenced: Vec<&str> = description.referenced_type_descriptions.iter().map(|d| d.type_name.as_str()).collect();
+    let expected = [
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/Point",
+        "geometry_msgs/msg/Pose",
+        "geometry_msgs/msg/Quaternion",
+        "std_msgs/msg/Header",
+    ];
+    assert_eq!(referenced, expected);
+    let w = &description.referenced_type_descriptions[3].fields[3];
+    assert_eq!((w.name.as_str(), w.default_value.as_str()), ("w", "1.0"));
+    assert_eq!(sources.len(), 6);
+    assert!(sources.iter().all(|s| s.encoding == "msg" && !s.raw_file_contents.is_empty()));
+    let (_, sources) = described("std_srvs/srv/SetBool_Request").unwrap();
+    assert_eq!((sources[0].encoding.as_str(), sources[0].raw_file_contents.as_str()), ("implicit", ""));
+    assert_eq!(described("std_msgs/msg/NoSuchThing"), None);
+    assert!(structures().windows(2).all(|pair| pair[0].type_name < pair[1].type_name));
 }
 
 #[test]
