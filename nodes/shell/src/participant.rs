@@ -34,6 +34,32 @@ const MAX_DOMAIN: u16 = 232;
 /// Participants of a domain that RustDDS gives ports to.
 const PARTICIPANTS: u32 = 120;
 
+/// The number that rcl reads from an environment variable with `strtoul` of base 0.
+///
+/// `0x` begins a hexadecimal number and `0` an octal one, so that `010` is 8. What follows the digits is passed over, unless the
+/// number is zero: rcl takes that for a text without a number.
+fn unsigned(text: &str) -> Option<u64> {
+    let text = text.trim_start_matches(|c: char| c.is_ascii_whitespace() || c == '\x0b');
+    let (is_negative, text) = match text.strip_prefix('-') {
+        Some(rest) => (true, rest),
+        None => (false, text.strip_prefix('+').unwrap_or(text)),
+    };
+    let hexadecimal = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
+    let (radix, digits) = match hexadecimal {
+        Some(rest) if rest.starts_with(|c: char| c.is_ascii_hexdigit()) => (16, rest),
+        _ if text.starts_with('0') => (8, text),
+        _ => (10, text),
+    };
+    let rest = digits.trim_start_matches(|c: char| c.is_digit(radix));
+    let digits = &digits[..digits.len() - rest.len()];
+    // An empty text has failed before: rcl takes an empty variable for none.
+    let number = if digits.is_empty() { 0 } else { u64::from_str_radix(digits, radix).ok()? };
+    if number == 0 && !rest.is_empty() {
+        return None;
+    }
+    Some(if is_negative { number.wrapping_neg() } else { number })
+}
+
 impl Participation {
     /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and the older `ROS_LOCALHOST_ONLY`; returns also a
     /// word of warning where something has no effect.
@@ -45,7 +71,8 @@ impl Participation {
         let domain = match variable("ROS_DOMAIN_ID") {
             None => 0,
             Some(value) => {
-                value.trim().parse().ok().filter(|domain| *domain <= MAX_DOMAIN).ok_or(ShellError::Environment {
+                let domain = unsigned(&value).and_then(|domain| u16::try_from(domain).ok());
+                domain.filter(|domain| *domain <= MAX_DOMAIN).ok_or(ShellError::Environment {
                     variable: "ROS_DOMAIN_ID",
                     value,
                     expected: "an integer from 0 to 232",
@@ -133,6 +160,36 @@ mod tests {
         }
         assert_eq!(read(&[("ROS_LOCALHOST_ONLY", "1")]).unwrap().1.len(), 1);
         assert_eq!(read(&[("ROS_STATIC_PEERS", "lab")]).unwrap().1.len(), 1);
+    }
+
+    #[test]
+    fn a_domain_is_read_as_rcl_reads_it() {
+        for (text, domain) in [
+            ("010", Some(8)),
+            ("0x1F", Some(31)),
+            ("0X1f", Some(31)),
+            (" \t42", Some(42)),
+            ("+7", Some(7)),
+            ("42 ", Some(42)),
+            ("42abc", Some(42)),
+            ("42.7", Some(42)),
+            ("012abc", Some(10)),
+            ("0", Some(0)),
+            ("-0", Some(0)),
+            ("00", Some(0)),
+            ("08", None),
+            ("0x", None),
+            ("0b101", None),
+            ("0 ", None),
+            ("lab", None),
+            ("-1", None),
+            ("18446744073709551616", None),
+            ("65536", None),
+            ("0xE9", None),
+        ] {
+            let read = read(&[("ROS_DOMAIN_ID", text)]).ok().map(|(participation, _)| participation.domain);
+            assert_eq!(read, domain, "{text:?}");
+        }
     }
 
     #[test]
