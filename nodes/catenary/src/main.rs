@@ -43,6 +43,8 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    // Commands that take part in a graph leave it however they end.
+    let _leaving = catenary_shell::LeaveAtEnd;
     // A node reads its own command line, in ROS 2's form.
     let mut arguments = std::env::args();
     let called = arguments.next().and_then(|path| Some(Path::new(&path).file_name()?.to_str()?.to_owned()));

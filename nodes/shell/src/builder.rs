@@ -5,6 +5,7 @@ use crate::clock::Clock;
 use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::logging::Rosout;
+use crate::middleware::Session;
 use crate::names;
 use crate::node::{Inner, Node};
 use crate::params::{Param, ParamKind, ParamSpec, Params};
@@ -138,25 +139,18 @@ impl NodeBuilder {
         };
         let participant = participation.join()?;
         settle(&participant);
-        let context = ros2_client::Context::from_domain_participant(participant)
-            .map_err(|error| ShellError::create("ROS 2 context", error))?;
-        let ros_name = ros2_client::NodeName::new(&self.namespace, &self.name)
-            .map_err(|error| ShellError::create(format!("node {}", self.name), error))?;
-        // The parameter services and events are this crate's own: they describe ranges, units and choices.
-        let options =
-            ros2_client::NodeOptions::new().enable_rosout(self.args.rosout_logs).start_parameter_services(false);
-        let ros = context
-            .new_node(ros_name, options)
-            .map_err(|error| ShellError::create(format!("node {}", self.name), error))?;
+        let failed = |error: &dyn std::fmt::Display| ShellError::create(format!("node {}", self.name), error);
+        let ros_name = ros2_client::NodeName::new(&self.namespace, &self.name).map_err(|error| failed(&error))?;
+        let session = Session::new(participant, ros_name).map_err(|error| failed(&error))?;
         let path = names::node_path(&self.namespace, &self.name);
         let logger = path.trim_start_matches('/').replace('/', ".");
         let (rosout, lines) = Rosout::new(&logger);
         rosout.adopt_process();
         let clock = Clock::new(&self.shutdown);
-        let without_effect = self.args.without_effect.clone();
+        let (without_effect, has_rosout) = (self.args.without_effect.clone(), self.args.rosout_logs);
         let node = Node::new(Inner {
             threads: Arc::new(Threads::new(rosout, self.shutdown.clone())),
-            graph: Arc::new(Graph::new(ros, context)),
+            graph: Arc::new(Graph::new(session)),
             name: self.name,
             namespace: self.namespace,
             path,
@@ -165,7 +159,7 @@ impl NodeBuilder {
             clock,
             shutdown: self.shutdown,
         });
-        spinner::start(&node, &self.use_sim_time, lines)?;
+        spinner::start(&node, &self.use_sim_time, lines, has_rosout)?;
         for warning in warnings {
             tracing::warn!("{warning}");
         }

@@ -63,18 +63,17 @@ impl FirstContact {
 
     /// Waits for the reader of a client that has been met.
     fn find(&self, client: Gid, patience: Duration) -> bool {
-        let participant = self.graph.participant();
-        if process(&participant_gid(&participant)) == process(&client) {
+        if process(&Gid::from(self.graph.guid())) == process(&client) {
             return true;
         }
         // Requests do not name their reply reader, so readers are counted: one for each client of that process that is still there.
-        let writers = participant.discovered_writers();
+        let writers = self.graph.discovered_writers();
         let lives = |met: &Gid| writers.iter().any(|writer| Gid::from(writer.writer_proxy.remote_writer_guid) == *met);
         let met = self.met.iter().map(|(met, _)| met).filter(|met| process(met) == process(&client));
         let clients = met.filter(|met| **met == client || lives(met)).count();
         let deadline = Instant::now() + patience;
         loop {
-            let readers = participant.discovered_readers();
+            let readers = self.graph.discovered_readers();
             let replies = readers.iter().filter(|reader| {
                 *reader.subscription_topic_data.topic_name() == self.reply_topic
                     && process(&Gid::from(reader.reader_proxy.remote_reader_guid)) == process(&client)
@@ -87,11 +86,6 @@ impl FirstContact {
             }
         }
     }
-}
-
-fn participant_gid(participant: &rustdds::DomainParticipant) -> Gid {
-    use rustdds::RTPSEntity;
-    Gid::from(participant.guid())
 }
 
 fn process(gid: &Gid) -> &[u8] {

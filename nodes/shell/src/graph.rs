@@ -1,23 +1,36 @@
-//! The middleware's node and context, which every endpoint keeps alive.
+//! A node's part in the graph: its session, and what it sees of the others.
 
 use crate::error::ShellError;
 use crate::interface::{dds_type, ros_type};
 use crate::logging;
+use crate::middleware::{Made, Matches, Reader, Session, Writer};
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
-use rustdds::discovery::{DiscoveredWriterData, PublicationBuiltinTopicData};
+use ros2_client::Gid;
+use rustdds::discovery::{DiscoveredReaderData, DiscoveredWriterData, PublicationBuiltinTopicData};
 use rustdds::policy::Liveliness;
-use rustdds::{Duration as DdsDuration, GUID, QosPolicies, RTPSEntity, Topic as DdsTopic, TopicKind};
+use rustdds::{DomainParticipantStatusEvent, Duration as DdsDuration, GUID, QosPolicies, RTPSEntity};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
-/// The middleware's node and context; every endpoint keeps them alive, and the node goes before the context.
+/// A node's part in the graph.
+///
+/// The session is owned here alone, and nothing else keeps it: [`Graph::leave`] ends it whoever still holds an endpoint, a
+/// clone of the node or this.
 pub(crate) struct Graph {
-    ros: Mutex<ros2_client::Node>,
-    context: ros2_client::Context,
+    /// None: the node has left.
+    session: Mutex<Option<Session>>,
+    own: GUID,
+    matches: Matches,
+    /// Names of the types that the node's endpoints have had.
+    types: Mutex<BTreeSet<String>>,
     since: Instant,
     /// Nanoseconds from `since` to the last write of any endpoint.
     written: AtomicU64,
@@ -28,8 +41,7 @@ const KNOWN: Duration = Duration::from_secs(1);
 
 /// A server as its client knows it.
 ///
-/// Every look by which ros2-client tells whether a server is matched leaves a channel of some kB behind, until the graph
-/// changes. A client that asks a thousand times a minute must not look each time.
+/// A look copies all that discovery knows of writers. A client that asks a thousand times a minute must not look each time.
 pub(crate) struct Server {
     replies: String,
     met: Mutex<Option<Met>>,
@@ -57,9 +69,7 @@ static LIVE: AtomicUsize = AtomicUsize::new(0);
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        if LIVE.fetch_sub(1, Ordering::AcqRel) == 1 {
-            logging::hush_middleware(true);
-        }
+        self.leave();
     }
 }
 
@@ -67,10 +77,126 @@ impl Drop for Graph {
 const LINGER: Duration = Duration::from_millis(50);
 
 impl Graph {
-    pub(crate) fn new(ros: ros2_client::Node, context: ros2_client::Context) -> Self {
+    pub(crate) fn new(session: Session) -> Self {
         LIVE.fetch_add(1, Ordering::AcqRel);
         logging::hush_middleware(false);
-        Self { ros: Mutex::new(ros), context, since: Instant::now(), written: AtomicU64::new(0) }
+        Self {
+            own: session.participant().guid(),
+            session: Mutex::new(Some(session)),
+            matches: Matches::default(),
+            types: Mutex::default(),
+            since: Instant::now(),
+            written: AtomicU64::new(0),
+        }
+    }
+
+    /// Ends the session: the others see the node and its endpoints gone. What is made or written later fails.
+    pub(crate) fn leave(&self) {
+        if self.session().is_none() {
+            return;
+        }
+        self.linger();
+        // Taken under the lock and dropped without it: the end takes a while, in which nobody has to wait.
+        let session = self.session().take();
+        if session.is_some() {
+            // What the middleware says of endpoints that outlive their participant is noise.
+            if LIVE.fetch_sub(1, Ordering::AcqRel) == 1 {
+                logging::hush_middleware(true);
+            }
+            drop(session);
+        }
+    }
+
+    /// Whether the node has left the graph.
+    pub(crate) fn has_left(&self) -> bool {
+        self.session().is_none()
+    }
+
+    fn session(&self) -> MutexGuard<'_, Option<Session>> {
+        self.session.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether an endpoint of the node has had this type, called `package/kind/Name`.
+    pub(crate) fn uses_type(&self, name: &str) -> bool {
+        self.types.lock().unwrap_or_else(PoisonError::into_inner).contains(name)
+    }
+
+    /// Makes an endpoint of a type; `what` names it in the error.
+    pub(crate) fn make<T>(
+        &self,
+        type_name: &str,
+        what: impl FnOnce() -> String,
+        make: impl FnOnce(&Session) -> Made<T>,
+    ) -> Result<T, ShellError> {
+        self.types.lock().unwrap_or_else(PoisonError::into_inner).insert(type_name.to_owned());
+        match &*self.session() {
+            Some(session) => make(session).map_err(|error| ShellError::create(what(), error)),
+            None => Err(ShellError::create(what(), "the node has left the graph")),
+        }
+    }
+
+    /// As [`Graph::make`], for the ends of an action, which have types of their own.
+    pub(crate) fn make_action<T>(
+        &self,
+        type_name: &str,
+        what: impl FnOnce() -> String,
+        make: impl FnOnce(&Session) -> Made<T>,
+    ) -> Result<T, ShellError> {
+        let parts = ["SendGoal", "GetResult", "FeedbackMessage"].map(|part| format!("{type_name}_{part}"));
+        let common = ["action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray"].map(str::to_owned);
+        self.types.lock().unwrap_or_else(PoisonError::into_inner).extend(parts.into_iter().chain(common));
+        self.make(type_name, what, make)
+    }
+
+    /// A writer of messages of a type on the topic with this absolute name.
+    pub(crate) fn writer<M: Serialize>(
+        &self,
+        name: &str,
+        type_name: &str,
+        qos: &QosPolicies,
+    ) -> Result<Writer<M>, ShellError> {
+        let kind = dds_type(type_name)?;
+        self.make(
+            type_name,
+            || format!("publisher on {name}"),
+            |session| Writer::new(session, &format!("rt{name}"), &kind, qos),
+        )
+    }
+
+    /// A reader of messages of a type on the topic with this absolute name.
+    pub(crate) fn reader<M: 'static + DeserializeOwned>(
+        &self,
+        name: &str,
+        type_name: &str,
+        qos: &QosPolicies,
+    ) -> Result<Reader<M>, ShellError> {
+        let kind = dds_type(type_name)?;
+        self.make(
+            type_name,
+            || format!("subscription of {name}"),
+            |session| Reader::new(session, &format!("rt{name}"), &kind, qos),
+        )
+    }
+
+    /// Which endpoints of others the node's endpoints are matched with.
+    pub(crate) fn matches(&self) -> &Matches {
+        &self.matches
+    }
+
+    /// Follows discovery until the node leaves.
+    pub(crate) async fn follow_discovery(&self) {
+        while let Some(event) = self.next_event().await {
+            self.matches.apply(&event);
+        }
+    }
+
+    async fn next_event(&self) -> Option<DomainParticipantStatusEvent> {
+        // The session is not borrowed while nothing happens.
+        let next = |context: &mut std::task::Context<'_>| match &*self.session() {
+            Some(session) => session.poll_event(context),
+            None => Poll::Ready(None),
+        };
+        std::future::poll_fn(next).await
     }
 
     fn elapsed(&self) -> u64 {
@@ -91,25 +217,32 @@ impl Graph {
         }
     }
 
-    pub(crate) fn ros(&self) -> MutexGuard<'_, ros2_client::Node> {
-        self.ros.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Identifier of the participant.
+    pub(crate) fn guid(&self) -> GUID {
+        self.own
     }
 
-    pub(crate) fn participant(&self) -> rustdds::DomainParticipant {
-        self.context.domain_participant()
+    /// The writers that other participants have, and those of this one that it has discovered; none once the node has left.
+    pub(crate) fn discovered_writers(&self) -> Vec<DiscoveredWriterData> {
+        self.session().as_ref().map(|session| session.participant().discovered_writers()).unwrap_or_default()
     }
 
-    /// The DDS topic behind an absolute name.
-    pub(crate) fn topic(&self, name: &str, type_name: &str, qos: Qos) -> Result<DdsTopic, ShellError> {
-        self.topic_with(name, type_name, &qos.policies())
+    /// The readers, as [`Graph::discovered_writers`].
+    pub(crate) fn discovered_readers(&self) -> Vec<DiscoveredReaderData> {
+        self.session().as_ref().map(|session| session.participant().discovered_readers()).unwrap_or_default()
     }
 
-    /// The same with the policies of its endpoints.
-    pub(crate) fn topic_with(&self, name: &str, type_name: &str, of: &QosPolicies) -> Result<DdsTopic, ShellError> {
-        self.context
-            .domain_participant()
-            .create_topic(format!("rt{name}"), dds_type(type_name)?, of, TopicKind::NoKey)
-            .map_err(|error| ShellError::create(format!("topic {name}"), error))
+    /// UDP addresses of the readers of a topic that a client's process has.
+    pub(crate) fn addresses_of(&self, dds_topic: &str, client: Gid) -> Vec<SocketAddr> {
+        let process = GUID::from(client).prefix;
+        let readers = self.discovered_readers().into_iter();
+        let readers = readers.filter(|reader| {
+            reader.reader_proxy.remote_reader_guid.prefix == process
+                && reader.subscription_topic_data.topic_name() == dds_topic
+        });
+        let locators = readers.flat_map(|reader| reader.reader_proxy.unicast_locator_list);
+        let addresses: BTreeSet<SocketAddr> = locators.filter(|l| l.is_udp()).map(SocketAddr::from).collect();
+        addresses.into_iter().collect()
     }
 
     /// How many publishers of a topic are known that live, as far as they promised signs of life.
@@ -119,18 +252,16 @@ impl Graph {
 
     /// How many publishers of a topic other participants have. A participant may or may not discover its own.
     pub(crate) fn other_publisher_count(&self, name: &str) -> usize {
-        let (participant, topic) = (self.participant(), format!("rt{name}"));
-        let own = participant.guid().prefix;
-        let theirs = participant.discovered_writers().into_iter();
+        let (own, topic) = (self.own.prefix, format!("rt{name}"));
+        let theirs = self.discovered_writers().into_iter();
         let theirs = theirs.filter(|w| w.writer_proxy.remote_writer_guid.prefix != own);
         theirs.filter(|w| w.publication_topic_data.topic_name == topic).count()
     }
 
     /// Topic, message type and profile of every publisher that other participants have.
     pub(crate) fn other_publishers(&self) -> Vec<(String, String, Qos)> {
-        let participant = self.participant();
-        let own = participant.guid().prefix;
-        let theirs = participant.discovered_writers().into_iter();
+        let own = self.own.prefix;
+        let theirs = self.discovered_writers().into_iter();
         let theirs = theirs.filter(|w| w.writer_proxy.remote_writer_guid.prefix != own);
         let publisher = |data: PublicationBuiltinTopicData| {
             let name = data.topic_name.strip_prefix("rt").filter(|name| name.starts_with('/'))?;
@@ -147,7 +278,7 @@ impl Graph {
         server: &Server,
         shutdown: &Shutdown,
         timeout: Duration,
-        matched: &dyn Fn(&ros2_client::Node) -> bool,
+        matched: &dyn Fn(&Matches) -> bool,
     ) -> Option<BTreeSet<GUID>> {
         if let Some(met) = &mut *server.met() {
             let mut is_same = true;
@@ -160,7 +291,7 @@ impl Graph {
                 return Some(met.answering.clone());
             }
         }
-        let there = |ros: &ros2_client::Node| matched(ros) && !self.is_dead(server);
+        let there = |matches: &Matches| matched(matches) && !self.is_dead(server);
         let met = self.wait_matched(shutdown, timeout, &there).then(|| self.meet(server));
         let answering = met.as_ref().map(|met| met.answering.clone());
         *server.met() = met;
@@ -185,14 +316,14 @@ impl Graph {
     }
 
     fn writers_of(&self, dds_topic: &str) -> Vec<DiscoveredWriterData> {
-        let found = self.participant().discovered_writers().into_iter();
+        let found = self.discovered_writers().into_iter();
         found.filter(|writer| writer.publication_topic_data.topic_name == dds_topic).collect()
     }
 
     /// The names of all services of a type, each as often as it is served. RustDDS tells them from the readers of their
     /// requests; whether a server lives, its writer of answers tells.
     pub(crate) fn services(&self, request_type: &str) -> Vec<String> {
-        let readers = self.participant().discovered_readers().into_iter().map(|reader| reader.subscription_topic_data);
+        let readers = self.discovered_readers().into_iter().map(|reader| reader.subscription_topic_data);
         let requests = readers.filter(|data| data.type_name() == request_type);
         let name = |data: rustdds::discovery::SubscriptionBuiltinTopicData| {
             Some(data.topic_name().strip_prefix("rq")?.strip_suffix("Request")?.to_owned())
@@ -206,23 +337,21 @@ impl Graph {
         &self,
         shutdown: &Shutdown,
         timeout: Duration,
-        matched: &dyn Fn(&ros2_client::Node) -> bool,
+        matched: &dyn Fn(&Matches) -> bool,
     ) -> bool {
         let deadline = Instant::now() + timeout;
-        let events = self.ros().status_receiver();
         loop {
-            if matched(&self.ros()) {
+            // Before the look, so that no change is missed.
+            let change = self.matches.change();
+            if matched(&self.matches) {
                 return true;
             }
-            let Some(events) = &events else {
-                return false;
-            };
-            let event = smol::future::or(async { events.recv().await.is_ok() }, async {
+            let event = smol::future::or(async { change.recv().await.is_ok() }, async {
                 shutdown.triggered().await;
                 false
             });
             if block_until(event, Some(deadline)) != Some(true) {
-                return matched(&self.ros());
+                return matched(&self.matches);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::error::ShellError;
 use catenary_msgs::{ActionInterface, Interface, ServiceInterface};
-use ros2_client::{ActionTypeName, MessageTypeName, ServiceTypeName};
+use ros2_client::MessageTypeName;
 
 /// Data that can be sent.
 pub trait Payload: ros2_client::Message + Clone + Send + Sync + 'static {}
@@ -54,17 +54,19 @@ pub(crate) fn ros_type(dds: &str) -> Option<String> {
     Some(format!("{package}/msg/{name}"))
 }
 
-pub(crate) fn service_type(name: &'static str) -> Result<ServiceTypeName, ShellError> {
-    split(name, "srv").map(|(package, name)| ServiceTypeName::new(package, name))
+/// What the middleware calls a service type, up to `_Request_` and `_Response_`.
+pub(crate) fn service_type(name: &str) -> Result<String, ShellError> {
+    split(name, "srv").map(|(package, name)| format!("{package}::srv::dds_::{name}"))
 }
 
 /// What the middleware calls the requests of a service type.
 pub(crate) fn request_type(name: &str) -> Result<String, ShellError> {
-    split(name, "srv").map(|(package, name)| format!("{package}::srv::dds_::{name}_Request_"))
+    service_type(name).map(|name| format!("{name}_Request_"))
 }
 
-pub(crate) fn action_type(name: &'static str) -> Result<ActionTypeName, ShellError> {
-    split(name, "action").map(|(package, name)| ActionTypeName::new(package, name))
+/// What the middleware calls an action type, up to `_SendGoal_Request_` and the like.
+pub(crate) fn action_type(name: &str) -> Result<String, ShellError> {
+    split(name, "action").map(|(package, name)| format!("{package}::action::dds_::{name}"))
 }
 
 #[cfg(test)]

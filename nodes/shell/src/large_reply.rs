@@ -8,10 +8,13 @@
 use crate::error::ShellError;
 use crate::first_contact::FirstContact;
 use crate::graph::Graph;
+use crate::middleware::{Reader, Writer};
 use crate::qos::Qos;
 use catenary_msgs::msg::Reply;
 use catenary_msgs::{Interface, from_cdr, to_cdr};
+use futures::StreamExt;
 use ros2_client::{Message, RmwRequestId};
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -43,18 +46,14 @@ fn topic(service: &str) -> String {
 
 /// The server's end.
 pub(crate) struct ReplyWriter {
-    writer: ros2_client::Publisher<Reply>,
+    writer: Writer<Reply>,
     topic: String,
 }
 
 impl ReplyWriter {
     pub(crate) fn new(graph: &Graph, service: &str) -> Result<Self, ShellError> {
         let topic = topic(service);
-        let dds = graph.topic(&topic, Reply::TYPE_NAME, QOS.of_writer())?;
-        let writer = graph
-            .ros()
-            .create_publisher(&dds, None)
-            .map_err(|error| ShellError::create(format!("publisher on {topic}"), error))?;
+        let writer = graph.writer(&topic, Reply::TYPE_NAME, &QOS.of_writer().policies())?;
         Ok(Self { writer, topic })
     }
 
@@ -73,7 +72,7 @@ impl ReplyWriter {
         let mut client = [0; 16];
         client.copy_from_slice(id.writer_gid.as_bytes());
         let reply = Reply { client, sequence: id.sequence_number, response: cdr };
-        if let Err(error) = self.writer.publish(reply) {
+        if let Err(error) = self.writer.write(reply) {
             tracing::warn!("{}: answer not sent: {error}", self.topic);
         }
         true
@@ -86,24 +85,22 @@ fn is_rustdds(id: &RmwRequestId) -> bool {
 
 /// The client's end.
 pub(crate) struct ReplyReader {
-    reader: ros2_client::Subscription<Reply>,
+    reader: Reader<Reply>,
 }
 
 impl ReplyReader {
     pub(crate) fn new(graph: &Graph, service: &str) -> Result<Self, ShellError> {
         let topic = topic(service);
-        let dds = graph.topic(&topic, Reply::TYPE_NAME, QOS)?;
-        let reader = graph
-            .ros()
-            .create_subscription::<Reply>(&dds, None)
-            .map_err(|error| ShellError::create(format!("subscription of {topic}"), error))?;
+        let reader = graph.reader(&topic, Reply::TYPE_NAME, &QOS.policies())?;
         Ok(Self { reader })
     }
 
     /// The answer to one request, for which it waits; those to others are passed over.
     pub(crate) async fn receive<R: Message>(&self, id: RmwRequestId) -> Result<R, String> {
+        let mut replies = pin!(self.reader.stream());
         loop {
-            let (reply, _) = self.reader.async_take().await.map_err(|error| error.to_string())?;
+            let Some(reply) = replies.next().await else { return Err("the stream of answers ended".to_owned()) };
+            let (reply, _) = reply?;
             if reply.client == id.writer_gid.as_bytes()[..] && reply.sequence == id.sequence_number {
                 return from_cdr(&reply.response).map_err(|error| error.to_string());
             }

@@ -174,12 +174,6 @@ fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
         "rustdds::dds::participant" => message.contains("ParticipantId"),
         // A node that ends as soon as it has begun hears of its own readers and writers when they are gone.
         "rustdds::discovery" | "rustdds::discovery::discovery" => message.contains("Did not find a local"),
-        // The middleware's own subscription of /clock has another type than everybody else's: see `spinner`.
-        "rustdds::discovery::discovery_db" => {
-            message.contains("Inconsistent topic update") && message.contains("rosgraph_msgs::msg::dds_::Clock_")
-        }
-        // Clients name themselves in the message alone, which is enough.
-        "ros2_client::service::wrappers" => message.contains("related_sample_identity missing"),
         "rustdds::network::udp_listener" => message.contains("leave_multicast_group"),
         _ => false,
     }
@@ -278,16 +272,6 @@ mod tests {
         let twin = "Did not find a local writer GUID {1}";
         assert!(noise(twin) && is_noise(tracing::Level::WARN, "rustdds::discovery::discovery", twin));
         assert!(!noise("Cannot get multicast discovery listener"));
-    }
-
-    #[test]
-    fn two_types_of_the_clock_are_noise_and_those_of_other_topics_are_not() {
-        let noise = |kind: &str| {
-            let message = format!("Inconsistent topic update from GUID: type was: \"a\" new type: \"{kind}\"");
-            is_noise(tracing::Level::ERROR, "rustdds::discovery::discovery_db", &message)
-        };
-        assert!(noise("rosgraph_msgs::msg::dds_::Clock_"));
-        assert!(!noise("sensor_msgs::msg::dds_::Image_"));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use crate::args::RosArgs;
 use crate::clock::{Clock, Tick};
 use crate::contract;
+use crate::ending::Ending;
 use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::interface::{Msg, Srv, request_type};
@@ -13,7 +14,6 @@ use crate::shutdown::Shutdown;
 use crate::subscription::{Latest, Queue, Received, Subscription};
 use crate::threads::Threads;
 use crate::time::Time;
-use rustdds::{QosPolicies, Topic as DdsTopic};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,16 +38,22 @@ impl Drop for Inner {
 }
 
 impl Inner {
-    fn stop(&self) {
-        self.shutdown.trigger();
-        if let Err(late) = self.threads.join() {
-            tracing::error!("threads that did not end in time: {}", late.join(", "));
+    fn ending(&self) -> Ending {
+        Ending {
+            threads: Arc::clone(&self.threads),
+            graph: Arc::clone(&self.graph),
+            params: self.params.clone(),
+            shutdown: self.shutdown.clone(),
         }
-        self.params.forget_listeners();
+    }
+
+    fn stop(&self) {
+        self.ending().end();
     }
 }
 
-/// A node in the graph. Clones are the same node, which leaves the graph with the last of them.
+/// A node in the graph. Clones are the same node, which leaves the graph at [`Node::stop`], with the last of them, or at the
+/// end of [`crate::main`].
 #[derive(Clone)]
 pub struct Node {
     inner: Arc<Inner>,
@@ -57,6 +63,7 @@ pub struct Node {
 
 impl Node {
     pub(crate) fn new(inner: Inner) -> Self {
+        inner.ending().register();
         Self { inner: Arc::new(inner), binds: true }
     }
 
@@ -120,7 +127,7 @@ impl Node {
         self.inner.shutdown.is_triggered()
     }
 
-    /// Ends every thread of the node and waits for them. The last clone's drop does the same.
+    /// Ends every thread of the node, waits for them and leaves the graph. The last clone's drop does the same.
     pub fn stop(&self) {
         self.inner.stop();
     }
@@ -190,13 +197,9 @@ impl Node {
         let qos = qos.of_writer();
         let commands = contract::topic(topic) == Some(&contract::TARGET_POSE);
         let policies = if commands { qos.policies_of_commander() } else { qos.policies() };
-        let (name, dds) = self.topic::<M>(topic, &policies)?;
-        let publisher = self
-            .graph()
-            .ros()
-            .create_publisher(&dds, None)
-            .map_err(|error| ShellError::create(format!("publisher on {name}"), error))?;
-        Ok(Publisher::new(publisher, name, Arc::clone(self.graph()), self.shutdown().clone()))
+        let name = self.topic::<M>(topic)?;
+        let writer = self.graph().writer(&name, M::TYPE_NAME, &policies)?;
+        Ok(Publisher::new(writer, name, Arc::clone(self.graph()), self.shutdown().clone()))
     }
 
     /// Calls `callback` with every message, on a thread of the subscription's own, until the handle is dropped.
@@ -212,12 +215,8 @@ impl Node {
         qos: Qos,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Subscription, ShellError> {
-        let (name, dds) = self.topic::<M>(topic, &qos.policies())?;
-        let reader = self
-            .graph()
-            .ros()
-            .create_subscription::<M>(&dds, None)
-            .map_err(|error| ShellError::create(format!("subscription of {name}"), error))?;
+        let name = self.topic::<M>(topic)?;
+        let reader = self.graph().reader(&name, M::TYPE_NAME, &qos.policies())?;
         Subscription::start(self, name, qos, reader, callback)
     }
 
@@ -277,7 +276,8 @@ impl Node {
         &self.inner.graph
     }
 
-    fn topic<M: Msg>(&self, topic: &str, policies: &QosPolicies) -> Result<(String, DdsTopic), ShellError> {
+    /// The absolute name of a topic, whose type must be the one of the contract.
+    fn topic<M: Msg>(&self, topic: &str) -> Result<String, ShellError> {
         if let Some(agreed) = contract::topic(topic)
             && agreed.type_name != M::TYPE_NAME
         {
@@ -287,8 +287,6 @@ impl Node {
                 got: M::TYPE_NAME,
             });
         }
-        let name = self.resolve(topic)?;
-        let dds = self.graph().topic_with(&name, M::TYPE_NAME, policies)?;
-        Ok((name, dds))
+        self.resolve(topic)
     }
 }

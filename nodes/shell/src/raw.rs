@@ -106,12 +106,7 @@ impl Node {
     /// [`ShellError`]: the names, the middleware.
     pub fn raw_publisher(&self, topic: &str, type_name: &str, qos: Qos) -> Result<Publisher<RawMessage>, ShellError> {
         let name = self.resolve(topic)?;
-        let dds = self.graph().topic(&name, type_name, qos)?;
-        let writer = self
-            .graph()
-            .ros()
-            .create_publisher(&dds, None)
-            .map_err(|error| ShellError::create(format!("publisher on {name}"), error))?;
+        let writer = self.graph().writer(&name, type_name, &qos.policies())?;
         Ok(Publisher::new(writer, name, Arc::clone(self.graph()), self.shutdown().clone()))
     }
 
@@ -127,12 +122,7 @@ impl Node {
         callback: impl FnMut(Received<RawMessage>) + Send + 'static,
     ) -> Result<Subscription, ShellError> {
         let name = self.resolve(topic)?;
-        let dds = self.graph().topic(&name, type_name, qos)?;
-        let reader = self
-            .graph()
-            .ros()
-            .create_subscription::<RawMessage>(&dds, None)
-            .map_err(|error| ShellError::create(format!("subscription of {name}"), error))?;
+        let reader = self.graph().reader(&name, type_name, &qos.policies())?;
         Subscription::start(self, name, qos, reader, callback)
     }
 }

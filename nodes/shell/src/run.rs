@@ -2,12 +2,13 @@
 
 use crate::args::RosArgs;
 use crate::builder::NodeBuilder;
+use crate::ending::{self, LeaveAtEnd};
 use crate::error::ShellError;
 use crate::params::Params;
 use crate::shutdown::Shutdown;
 use crate::spinner::in_words;
 use crate::{logging, network_loss};
-use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use std::fmt::Write as _;
 use std::io::{Read, Write as _};
@@ -29,8 +30,9 @@ const ORPHAN_GRACE: Duration = Duration::from_secs(5);
 
 /// Runs a node from the arguments after the program's name.
 ///
-/// `--ros-args` are read, logs start, SIGINT and SIGTERM end the node in order (again a second later: at once), so does the
-/// death of its supervisor and the loss of the network, and `--help` lists the node's parameters. The exit code is 0 after
+/// `--ros-args` are read, logs start, SIGINT, SIGTERM and SIGHUP end the node in order (again a second later: at once), so
+/// does the death of its supervisor and the loss of the network, and `--help` lists the node's parameters. However it ends, its
+/// nodes have left the graph by then. The exit code is 0 after
 /// an orderly end, 2 for a wrong command line, parameter or environment variable and for what is [`Misconfigured`], else 1,
 /// with the error in one line on stderr.
 pub fn main<S: Into<String>>(
@@ -38,6 +40,8 @@ pub fn main<S: Into<String>>(
     args: impl IntoIterator<Item = S>,
     run: impl FnOnce(NodeBuilder) -> anyhow::Result<()>,
 ) -> ExitCode {
+    // A thread that still holds the node must not keep it in the graph, nor must a panic.
+    let _leaving = LeaveAtEnd;
     match start(name, args).and_then(run) {
         _ if network_loss::is_network_lost() => fail(name, &anyhow::anyhow!(network_loss::LOST), 1),
         Ok(()) => ExitCode::SUCCESS,
@@ -91,8 +95,8 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
     Ok(builder)
 }
 
-/// Triggers `shutdown` at SIGINT or SIGTERM; a further signal a second later ends the process at once. SIGXFSZ ends
-/// nothing: a file that may not grow any further is an error of the write. A lost network triggers it, too
+/// Triggers `shutdown` at SIGINT or SIGTERM, and at SIGHUP where that is not ignored, as under `nohup`; a further signal a
+/// second later ends the process at once. SIGXFSZ ends nothing: a file that may not grow any further is an error of the write. A lost network triggers it, too
 /// ([`crate::is_network_lost`]).
 ///
 /// Where a supervisor has set `CATENARY_SUPERVISED`, the end of standard input triggers it too: the pipe closes when the
@@ -103,7 +107,8 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
 pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
     network_loss::ends(shutdown);
     let failed = |error: std::io::Error| ShellError::create("signal handlers", error);
-    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(failed)?;
+    let hangup = (!is_ignored(SIGHUP)).then_some(SIGHUP);
+    let mut signals = Signals::new([SIGINT, SIGTERM].into_iter().chain(hangup)).map_err(failed)?;
     signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
     let shutdown = shutdown.clone();
     let on_signal = shutdown.clone();
@@ -119,7 +124,7 @@ pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
                 Some(first) if first.elapsed() < IMPATIENCE => {}
                 Some(_) => {
                     tracing::warn!("signal {signal} again: ending at once");
-                    std::process::exit(128 + signal);
+                    ending::exit(128 + signal);
                 }
             }
         }
@@ -129,10 +134,23 @@ pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
         end_with_pipe(std::io::stdin(), shutdown, || {
             std::thread::sleep(ORPHAN_GRACE);
             tracing::warn!("still here {} s after the supervisor: ending at once", ORPHAN_GRACE.as_secs());
-            std::process::exit(1);
+            ending::exit(1)
         })?;
     }
     Ok(())
+}
+
+/// Whether whoever started this process had it ignore a signal.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    is_in_mask(&status, signal)
+}
+
+/// Whether `status`, in the form of `/proc/PID/status`, has a signal among the ignored.
+fn is_in_mask(status: &str, signal: i32) -> bool {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    mask >> (signal - 1) & 1 == 1
 }
 
 /// Triggers `shutdown` when `pipe` ends, then calls `last`. What comes out of the pipe has no meaning.
@@ -175,6 +193,13 @@ mod tests {
         assert!(error.is::<Misconfigured>());
         assert_eq!(format!("{error:#}"), "start: model_file nope: no such file");
         assert!(!anyhow::anyhow!("broken").is::<Misconfigured>());
+    }
+
+    #[test]
+    fn ignored_signals_are_read_from_the_mask() {
+        let status =
+            "Name:\tcatenary\nSigBlk:\tffffffffffffffff\nSigIgn:\t0000000000001001\nSigCgt:\t0000000000000002\n";
+        assert!(is_in_mask(status, SIGHUP) && !is_in_mask(status, SIGINT) && !is_in_mask("", SIGHUP));
     }
 
     #[test]

@@ -5,12 +5,13 @@ use crate::first_contact::FirstContact;
 use crate::graph::{Graph, Server};
 use crate::interface::{Srv, service_type};
 use crate::large_reply::{self, ReplyReader, ReplyWriter};
+use crate::middleware::{ClientEnds, Served, ServerEnds};
 use crate::node::Node;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
-use futures::{FutureExt, StreamExt};
+use futures::StreamExt;
 use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
-use ros2_client::{Message, Name, QosProfile, ServiceMapping, ServiceTypeName};
+use ros2_client::{Message, QosProfile};
 use rustdds::GUID;
 use std::collections::BTreeSet;
 use std::pin::pin;
@@ -38,15 +39,10 @@ const LOOK: Duration = Duration::from_secs(1);
 /// The profile of a server's replies: it promises signs of life.
 const REPLY_QOS: QosProfile = QosProfile { liveliness_lease: Some(SERVER_LEASE), ..SERVICE_QOS };
 
-/// The middleware's form of an absolute name.
-pub(crate) fn ros_name(path: &str) -> Result<Name, ShellError> {
-    Name::parse(path).map_err(|error| ShellError::create(format!("name {path}"), error))
-}
-
 /// The server's end of one service.
-pub(crate) struct Endpoint<Req: Message, Resp: Message> {
+pub(crate) struct Endpoint<Req: Message + 'static, Resp: Message> {
     // Before the graph, so that reader and writer go first.
-    server: ros2_client::Server<Req, Resp>,
+    server: ServerEnds<Req, Resp>,
     large: Option<ReplyWriter>,
     path: String,
     graph: Arc<Graph>,
@@ -57,11 +53,11 @@ where
     Req: Message + Clone + 'static,
     Resp: Message + 'static,
 {
-    pub(crate) fn new(graph: &Arc<Graph>, path: String, type_name: &ServiceTypeName) -> Result<Self, ShellError> {
-        let server = graph
-            .ros()
-            .create_server(ServiceMapping::Enhanced, &ros_name(&path)?, type_name, SERVICE_QOS, REPLY_QOS)
-            .map_err(|error| ShellError::create(format!("service {path}"), error))?;
+    /// The service with this absolute name, of the type called `type_name` (`package/srv/Type`).
+    pub(crate) fn new(graph: &Arc<Graph>, path: String, type_name: &str) -> Result<Self, ShellError> {
+        let (dds_type, requests, answers) = (service_type(type_name)?, SERVICE_QOS.into(), REPLY_QOS.into());
+        let of = Served { name: &path, dds_type: &dds_type, requests: &requests, answers: &answers };
+        let server = graph.make(type_name, || format!("service {path}"), |session| ServerEnds::new(session, &of))?;
         Ok(Self { server, large: None, path, graph: Arc::clone(graph) })
     }
 
@@ -75,7 +71,7 @@ where
     pub(crate) async fn answer(&self, mut handler: impl FnMut(Req) -> Resp) {
         let mut contact = FirstContact::of_service(&self.graph, &self.path);
         let mut large = self.large.as_ref().map(|large| (large, large.contact(&self.graph)));
-        let mut requests = pin!(self.server.receive_request_stream());
+        let mut requests = pin!(self.server.requests());
         while let Some(request) = requests.next().await {
             let sent = match request {
                 Ok((id, request)) => {
@@ -85,7 +81,7 @@ where
                         Ok(())
                     } else {
                         contact.wait(&id);
-                        self.server.send_response(id, response)
+                        self.server.answer(&self.graph, id, response)
                     }
                 }
                 Err(error) => {
@@ -133,22 +129,19 @@ impl<S: Srv> Clone for Client<S> {
     }
 }
 
-type RosClient<S> = ros2_client::Client<
-    <S as catenary_msgs::ServiceInterface>::Request,
-    <S as catenary_msgs::ServiceInterface>::Response,
->;
+type Asking<S> =
+    ClientEnds<<S as catenary_msgs::ServiceInterface>::Request, <S as catenary_msgs::ServiceInterface>::Response>;
 
 /// The service's own end, and that of large answers.
 struct Ends<S: Srv> {
-    service: RosClient<S>,
+    service: Asking<S>,
     large: Option<ReplyReader>,
 }
 
 impl<S: Srv> Ends<S> {
     async fn ask(&self, request: S::Request) -> Result<S::Response, String> {
-        let id = self.service.async_send_request(request).await.map_err(|error| format!("Write error: {error}"))?;
-        let small =
-            async { self.service.async_receive_response(id).await.map_err(|error| format!("Read error: {error}")) };
+        let id = self.service.ask(request).await?;
+        let small = self.service.answer(id);
         match &self.large {
             Some(large) => smol::future::or(small, large.receive(id)).await,
             None => small.await,
@@ -177,8 +170,7 @@ impl Node {
         handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
     ) -> Result<Service, ShellError> {
         let name = self.resolve(name)?;
-        let mut endpoint =
-            Endpoint::<S::Request, S::Response>::new(self.graph(), name.clone(), &service_type(S::TYPE_NAME)?)?;
+        let mut endpoint = Endpoint::<S::Request, S::Response>::new(self.graph(), name.clone(), S::TYPE_NAME)?;
         if large_reply::is_for(S::TYPE_NAME) {
             endpoint = endpoint.with_large_replies()?;
         }
@@ -202,17 +194,10 @@ impl Node {
             true => Some(ReplyReader::new(self.graph(), &name)?),
             false => None,
         };
-        let service = self
-            .graph()
-            .ros()
-            .create_client::<S::Request, S::Response>(
-                ServiceMapping::Enhanced,
-                &ros_name(&name)?,
-                &service_type(S::TYPE_NAME)?,
-                SERVICE_QOS,
-                SERVICE_QOS,
-            )
-            .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
+        let (dds_type, qos) = (service_type(S::TYPE_NAME)?, SERVICE_QOS.into());
+        let of = Served { name: &name, dds_type: &dds_type, requests: &qos, answers: &qos };
+        let service =
+            self.graph().make(S::TYPE_NAME, || format!("client of {name}"), |session| ClientEnds::new(session, &of))?;
         let inner = ClientInner {
             client: Mutex::new(Ends { service, large }),
             server: Server::new(&name),
@@ -238,9 +223,9 @@ impl<S: Srv> Client<S> {
         self.wait_matched(&client.service, timeout, &self.inner.shutdown).is_some()
     }
 
-    fn wait_matched(&self, client: &RosClient<S>, timeout: Duration, stop: &Shutdown) -> Option<BTreeSet<GUID>> {
+    fn wait_matched(&self, client: &Asking<S>, timeout: Duration, stop: &Shutdown) -> Option<BTreeSet<GUID>> {
         let ClientInner { graph, server, .. } = &*self.inner;
-        graph.wait_server(server, stop, timeout, &|ros| client.wait_for_service(ros).now_or_never().is_some())
+        graph.wait_server(server, stop, timeout, &|matches| client.is_matched(matches))
     }
 
     /// Asks and waits for the answer, at most `timeout` from the start of the call, including the wait for the

@@ -4,6 +4,7 @@ use crate::clock::Clock;
 use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::logging::Line;
+use crate::middleware::{Session, Writer};
 use crate::node::Node;
 use crate::params::{Change, Param, Params, Value, services};
 use crate::qos::Qos;
@@ -13,47 +14,55 @@ use crate::wait::block_until;
 use catenary_msgs::Interface;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use futures::StreamExt;
+use ros2_client::builtin_topics::rosout as topics;
 use ros2_client::parameters::raw;
-use ros2_client::rosout::RosoutRaw;
 use ros2_client::{Log, builtin_interfaces};
-use rustdds::Topic as DdsTopic;
 use std::pin::pin;
 use std::sync::Arc;
 
-type Events = ros2_client::Publisher<raw::ParameterEvent>;
+type Rosout = Writer<Log>;
+
+type Events = Writer<raw::ParameterEvent>;
 
 /// Starts the threads and what runs on them.
 pub(crate) fn start(
     node: &Node,
     use_sim_time: &Param<bool>,
     lines: smol::channel::Receiver<Line>,
+    has_rosout: bool,
 ) -> Result<(), ShellError> {
     let graph = Arc::clone(node.graph());
     let (clock, shutdown) = (node.clock().clone(), node.shutdown().clone());
     clock.set_simulated(use_sim_time.get());
     let (switched, switches) = smol::channel::bounded(1);
-    let clock_topic = graph.topic(&node.resolve("/clock")?, ClockMsg::TYPE_NAME, Qos::CLOCK)?;
+    let clock_topic = node.resolve("/clock")?;
+    let rosout = if has_rosout { Some(rosout(&graph)?) } else { None };
     let servers = services::Servers::new(&graph, node.path())?;
     report_changes(node, &graph, switched)?;
-    let spinner = graph.ros().spinner().map_err(|error| ShellError::create("spinner", error))?;
     let (params, ended) = (node.params().clone(), node.shutdown().clone());
-    node.spawn("params", move || servers.run(&params, &ended))?;
+    let graph_of_types = Arc::clone(&graph);
+    node.spawn("params", move || servers.run(&params, &graph_of_types, &ended))?;
     node.spawn("ros", move || {
         let executor = smol::LocalExecutor::new();
-        let spin = executor.spawn(async move {
-            if let Err(error) = spinner.spin().await {
-                tracing::error!("discovery: {error}");
-            }
-        });
-        spin.detach();
+        executor.spawn(follow_discovery(Arc::clone(&graph))).detach();
         executor.spawn(follow_clock(Arc::clone(&graph), clock, clock_topic, switches)).detach();
-        executor.spawn(publish_lines(Arc::clone(&graph), lines.clone())).detach();
+        executor.spawn(publish_lines(Arc::clone(&graph), rosout.clone(), lines.clone())).detach();
         run(&executor, &shutdown);
         drop(executor);
         while let Ok(line) = lines.try_recv() {
-            publish_line(&graph, line);
+            publish_line(&graph, rosout.as_deref(), line);
         }
     })
+}
+
+async fn follow_discovery(graph: Arc<Graph>) {
+    graph.follow_discovery().await;
+}
+
+/// The writer of `/rosout`, whose name ROS 2 does not remap.
+fn rosout(graph: &Graph) -> Result<Arc<Rosout>, ShellError> {
+    let make = |session: &Session| Writer::new(session, topics::TOPIC_NAME, topics::TYPE_NAME, &topics::QOS);
+    graph.make("rcl_interfaces/msg/Log", || "publisher on /rosout".to_owned(), make).map(Arc::new)
 }
 
 fn run(executor: &smol::LocalExecutor<'_>, shutdown: &Shutdown) {
@@ -63,11 +72,8 @@ fn run(executor: &smol::LocalExecutor<'_>, shutdown: &Shutdown) {
 /// Publishes `/parameter_events` and switches the clock with `use_sim_time`.
 fn report_changes(node: &Node, graph: &Arc<Graph>, switched: smol::channel::Sender<()>) -> Result<(), ShellError> {
     let name = node.resolve("/parameter_events")?;
-    let topic = graph.topic(&name, "rcl_interfaces/msg/ParameterEvent", Qos::PARAMETER_EVENTS)?;
-    let events: Events = graph
-        .ros()
-        .create_publisher(&topic, None)
-        .map_err(|error| ShellError::create(format!("publisher on {name}"), error))?;
+    let policies = Qos::PARAMETER_EVENTS.policies();
+    let events: Events = graph.writer(&name, "rcl_interfaces/msg/ParameterEvent", &policies)?;
     let (clock, path) = (node.clock().clone(), node.path().to_owned());
     publish_event(&events, &clock, &path, all(node.params()), Vec::new());
     node.params().on_change(move |changes| {
@@ -115,16 +121,16 @@ fn publish_event(events: &Events, clock: &Clock, path: &str, declared: Vec<Chang
         changed_parameters: raw(changed),
         deleted_parameters: Vec::new(),
     };
-    if let Err(error) = events.publish(event) {
+    if let Err(error) = events.write(event) {
         tracing::warn!("/parameter_events: {error}");
     }
 }
 
-/// Subscribes `/clock` while time is simulated. The middleware's own subscription has another type.
-async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: DdsTopic, switches: smol::channel::Receiver<()>) {
+/// Subscribes `/clock` while time is simulated.
+async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: String, switches: smol::channel::Receiver<()>) {
     loop {
         if clock.is_simulated() {
-            let reader = graph.ros().create_subscription::<ClockMsg>(&topic, None);
+            let reader = graph.reader::<ClockMsg>(&topic, ClockMsg::TYPE_NAME, &Qos::CLOCK.policies());
             let reader = match reader {
                 Ok(reader) => reader,
                 Err(error) => {
@@ -132,7 +138,7 @@ async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: DdsTopic, switches
                     return;
                 }
             };
-            let mut stream = pin!(reader.async_stream());
+            let mut stream = pin!(reader.stream());
             while clock.is_simulated() {
                 let message = async { stream.next().await };
                 let switch = async {
@@ -149,25 +155,24 @@ async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: DdsTopic, switches
     }
 }
 
-async fn publish_lines(graph: Arc<Graph>, lines: smol::channel::Receiver<Line>) {
+async fn publish_lines(graph: Arc<Graph>, rosout: Option<Arc<Rosout>>, lines: smol::channel::Receiver<Line>) {
     while let Ok(line) = lines.recv().await {
-        publish_line(&graph, line);
+        publish_line(&graph, rosout.as_deref(), line);
     }
 }
 
-fn publish_line(graph: &Graph, line: Line) {
-    let writer = graph.ros().rosout_writer();
-    if let Some(writer) = writer.as_ref() {
-        let log = Log {
-            stamp: builtin_interfaces::Time::from_nanos(line.stamp.nanos()),
-            level: line.level,
-            name: line.logger,
-            msg: line.message,
-            file: line.file,
-            function: String::new(),
-            line: line.line,
-        };
-        // A failure cannot be logged here: it would come back as a line.
-        let _lost = writer.publish(log);
-    }
+fn publish_line(graph: &Graph, rosout: Option<&Rosout>, line: Line) {
+    let Some(writer) = rosout else { return };
+    let log = Log {
+        stamp: builtin_interfaces::Time::from_nanos(line.stamp.nanos()),
+        level: line.level,
+        name: line.logger,
+        msg: line.message,
+        file: line.file,
+        function: String::new(),
+        line: line.line,
+    };
+    graph.touch();
+    // A failure cannot be logged here: it would come back as a line.
+    let _lost = writer.write(log);
 }

@@ -6,6 +6,7 @@ use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::interface::{Msg, Payload};
 use crate::late_join::LateJoin;
+use crate::middleware::Reader;
 use crate::node::Node;
 use crate::qos::Qos;
 use crate::shutdown::{Shutdown, Signal, Wake};
@@ -63,7 +64,7 @@ impl Subscription {
         node: &Node,
         topic: String,
         qos: Qos,
-        reader: ros2_client::Subscription<M>,
+        reader: Reader<M>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Self, ShellError> {
         let stop = node.end_of_subscription();
@@ -82,7 +83,7 @@ impl Subscription {
 
 struct Pump<M: Payload> {
     // Before the graph, so that the reader goes first.
-    reader: ros2_client::Subscription<M>,
+    reader: Reader<M>,
     topic: String,
     qos: Qos,
     clock: Clock,
@@ -92,7 +93,7 @@ struct Pump<M: Payload> {
 
 impl<M: Payload> Pump<M> {
     fn run(&self, mut callback: impl FnMut(Received<M>)) {
-        let mut stream = pin!(self.reader.async_stream());
+        let mut stream = pin!(self.reader.stream());
         let mut unreadable = Throttle::new(Duration::from_secs(5));
         let mut late = self.qos.is_transient_local().then(|| LateJoin::new(wall_now(), self.qos.depth()));
         let mut count = 0;

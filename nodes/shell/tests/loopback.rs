@@ -407,3 +407,29 @@ fn a_call_ends_when_it_is_told_to_and_the_next_one_is_answered() {
         "the late answer went to the next call"
     );
 }
+
+#[test]
+fn a_node_leaves_at_its_end_though_others_hold_it_and_its_endpoints() {
+    let (leaving, staying) = (node("leaving", 118), node("staying", 118));
+    let publisher = leaving.publisher::<PoseStamped>("target", TARGET).unwrap();
+    // The service keeps the node, and the node's thread keeps the service.
+    let inside = leaving.clone();
+    let service = leaving.serve::<SetBool>("enable", move |request| SetBoolResponse {
+        success: request.data,
+        message: inside.path().to_owned(),
+    });
+    let service = service.unwrap();
+    let client = staying.client::<SetBool>("enable").unwrap();
+    assert_eq!(client.call(SetBoolRequest { data: true }, SOON).unwrap().message, "/leaving");
+    assert_eq!(staying.other_publisher_count("target").unwrap(), 1);
+    leaving.stop();
+    let start = Instant::now();
+    while staying.other_publisher_count("target").unwrap() > 0 {
+        assert!(start.elapsed() < Duration::from_secs(2), "a ghost publishes");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(publisher.publish(pose(0.0)).unwrap_err().to_string().contains("left the graph"));
+    let late = leaving.publisher::<PoseStamped>("target", TARGET).err().unwrap().to_string();
+    assert!(late.contains("left the graph"), "{late}");
+    drop(service);
+}

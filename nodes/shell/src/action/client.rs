@@ -6,22 +6,23 @@ use crate::error::{CallError, ShellError};
 use crate::graph::{Graph, Server};
 use crate::interface::{Act, action_type};
 use crate::large_reply::ReplyReader;
+use crate::middleware::{Acted, ActionClientEnds, CancelGoalRequest, Matches};
 use crate::node::Node;
-use crate::service::{SERVICE_QOS, ros_name};
+use crate::service::SERVICE_QOS;
 use crate::shutdown::Shutdown;
 use crate::threads::Threads;
 use crate::wait::block_until;
-use futures::{FutureExt, StreamExt};
-use ros2_client::action::{ActionClientQosPolicies, GoalId, GoalStatusEnum};
+use futures::StreamExt;
+use ros2_client::RmwRequestId;
+use ros2_client::action::{GetResultRequest, GoalId, GoalInfo, GoalStatusEnum, SendGoalRequest};
 use ros2_client::builtin_interfaces::Time as RosTime;
-use ros2_client::{RmwRequestId, ServiceMapping};
 use std::future::Future;
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-type RosClient<A> = ros2_client::ActionClient<
+type Ends<A> = ActionClientEnds<
     <A as catenary_msgs::ActionInterface>::Goal,
     <A as catenary_msgs::ActionInterface>::Result,
     <A as catenary_msgs::ActionInterface>::Feedback,
@@ -29,7 +30,7 @@ type RosClient<A> = ros2_client::ActionClient<
 
 struct Inner<A: Act> {
     // Before the graph, so that readers and writers go first.
-    client: RosClient<A>,
+    client: Ends<A>,
     large: ReplyReader,
     name: String,
     server: Server,
@@ -57,18 +58,13 @@ impl Node {
     /// [`ShellError`]: the name, the middleware.
     pub fn action_client<A: Act>(&self, name: &str) -> Result<ActionClient<A>, ShellError> {
         let name = self.resolve(name)?;
-        let qos = ActionClientQosPolicies {
-            goal_service: SERVICE_QOS,
-            result_service: SERVICE_QOS,
-            cancel_service: SERVICE_QOS,
-            feedback_subscription: SERVICE_QOS,
-            status_subscription: STATUS_QOS,
-        };
-        let client = self
-            .graph()
-            .ros()
-            .create_action_client(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
-            .map_err(|error| ShellError::create(format!("client of {name}"), error))?;
+        let (dds_type, qos, status) = (action_type(A::TYPE_NAME)?, SERVICE_QOS.into(), STATUS_QOS.into());
+        let of = Acted { name: &name, dds_type: &dds_type, qos: &qos, status: &status };
+        let client = self.graph().make_action(
+            A::TYPE_NAME,
+            || format!("client of {name}"),
+            |session| ActionClientEnds::new(session, &of),
+        )?;
         let large = ReplyReader::new(self.graph(), &result_service(&name))?;
         let inner = Inner {
             client,
@@ -105,14 +101,14 @@ impl<A: Act> Inner<A> {
         }
     }
 
+    fn request_result(&self, goal_id: GoalId) -> Result<RmwRequestId, CallError> {
+        let failed = |reason| CallError::Middleware { name: self.name.clone(), reason };
+        self.client.results.ask_now(GetResultRequest { goal_id }).map_err(failed)
+    }
+
     fn wait_for_server(&self, timeout: Duration) -> bool {
-        let client = &self.client;
-        let server = self.graph.wait_server(&self.server, &self.shutdown, timeout, &|ros| {
-            client.goal_client().wait_for_service(ros).now_or_never().is_some()
-                && client.cancel_client().wait_for_service(ros).now_or_never().is_some()
-                && client.result_client().wait_for_service(ros).now_or_never().is_some()
-                && client.feedback_subscription().wait_for_publisher(ros).now_or_never().is_some()
-        });
+        let matched = |matches: &Matches| self.client.is_matched(matches);
+        let server = self.graph.wait_server(&self.server, &self.shutdown, timeout, &matched);
         server.is_some()
     }
 }
@@ -157,15 +153,13 @@ impl<A: Act> ActionClient<A> {
             });
         }
         let left = deadline.saturating_duration_since(Instant::now());
-        let (goal_id, response) = inner.answer(inner.client.async_send_goal(goal), left)?;
+        let goal_id = GoalId::new_random();
+        let response = inner.answer(inner.client.goals.call(SendGoalRequest { goal_id, goal }), left)?;
         if !response.accepted {
             return Err(CallError::Rejected { name: name() });
         }
         // Servers may forget a result soon after the end, so it is asked for at once.
-        let request = inner
-            .client
-            .request_result(goal_id)
-            .map_err(|error| CallError::Middleware { name: name(), reason: error.to_string() })?;
+        let request = inner.request_result(goal_id)?;
         let stop = inner.shutdown.child();
         let (reader, stopped) = (Arc::clone(inner), stop.clone());
         inner
@@ -179,14 +173,16 @@ impl<A: Act> ActionClient<A> {
 }
 
 fn follow<A: Act>(inner: &Inner<A>, goal_id: GoalId, stop: &Shutdown, mut on_feedback: impl FnMut(A::Feedback)) {
-    let mut stream = pin!(inner.client.feedback_stream(goal_id));
+    let mut stream = pin!(inner.client.feedback.stream());
     loop {
         let stopped = async {
             stop.triggered().await;
             None
         };
         match block_until(smol::future::or(stopped, stream.next()), None).flatten() {
-            Some(Ok(feedback)) => on_feedback(feedback),
+            Some(Ok((message, _))) if message.goal_id == goal_id => on_feedback(message.feedback),
+            // That of another client's goal.
+            Some(Ok(_)) => {}
             Some(Err(error)) => tracing::warn!("{}: unreadable feedback: {error}", inner.name),
             None => return,
         }
@@ -224,10 +220,7 @@ impl<A: Act> RunningGoal<A> {
     pub fn wait(&self, timeout: Duration) -> Result<(Status, A::Result), CallError> {
         let inner = &self.release.0;
         let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
-        let small = async {
-            let answer = inner.client.result_client().async_receive_response(self.request).await;
-            answer.map_err(|error| error.to_string())
-        };
+        let small = inner.client.results.answer(self.request);
         let response = inner.answer(smol::future::or(small, inner.large.receive(self.request)), timeout)?;
         let status = match response.status {
             GoalStatusEnum::Succeeded => Status::Succeeded,
@@ -245,9 +238,7 @@ impl<A: Act> RunningGoal<A> {
     /// # Errors
     /// [`CallError`]: the middleware.
     pub fn ask_again(&mut self) -> Result<(), CallError> {
-        let inner = &self.release.0;
-        let failed = |reason: String| CallError::Middleware { name: inner.name.clone(), reason };
-        self.request = inner.client.request_result(self.goal_id).map_err(|error| failed(error.to_string()))?;
+        self.request = self.release.0.request_result(self.goal_id)?;
         Ok(())
     }
 
@@ -257,7 +248,8 @@ impl<A: Act> RunningGoal<A> {
     /// [`CallError`]: no answer in time, shutdown.
     pub fn cancel(&self, timeout: Duration) -> Result<bool, CallError> {
         let inner = &self.release.0;
-        let cancel = inner.client.async_cancel_goal(self.goal_id, RosTime::ZERO);
+        let goal_info = GoalInfo { goal_id: self.goal_id, stamp: RosTime::ZERO };
+        let cancel = inner.client.cancels.call(CancelGoalRequest { goal_info });
         Ok(!inner.answer(cancel, timeout)?.goals_canceling.is_empty())
     }
 }

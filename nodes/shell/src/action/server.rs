@@ -9,18 +9,17 @@ use crate::first_contact::FirstContact;
 use crate::graph::Graph;
 use crate::interface::{Act, action_type};
 use crate::large_reply::ReplyWriter;
+use crate::middleware::{Acted, ActionServerEnds, CancelGoalRequest};
 use crate::node::Node;
-use crate::service::{SERVICE_QOS, ros_name};
+use crate::service::SERVICE_QOS;
 use crate::shutdown::{Shutdown, Wake};
 use crate::threads::Threads;
+use ros2_client::RmwRequestId;
 use ros2_client::action::{
-    ActionServerQosPolicies, CancelGoalRequest, CancelGoalResponse, GetResultResponse, GoalId, GoalInfo,
-    GoalStatusEnum, SendGoalResponse,
+    CancelGoalResponse, FeedbackMessage, GetResultResponse, GoalId, GoalInfo, GoalStatusEnum, SendGoalResponse,
 };
 use ros2_client::action_msgs::{CancelGoalResponseEnum, GoalStatus, GoalStatusArray};
 use ros2_client::builtin_interfaces::Time as RosTime;
-use ros2_client::{RmwRequestId, ServiceMapping};
-use rustdds::RepresentationIdentifier;
 use rustdds::mio1::event::Source;
 use rustdds::mio1::{Events, Interest, Poll, Token, Waker};
 use std::collections::BTreeMap;
@@ -55,7 +54,7 @@ impl Drop for ActionServer {
     }
 }
 
-type RosServer<A> = ros2_client::ActionServer<
+type Ends<A> = ActionServerEnds<
     <A as catenary_msgs::ActionInterface>::Goal,
     <A as catenary_msgs::ActionInterface>::Result,
     <A as catenary_msgs::ActionInterface>::Feedback,
@@ -80,23 +79,18 @@ impl Node {
     ) -> Result<ActionServer, ShellError> {
         let name = self.resolve(name)?;
         let fail = |error: &dyn std::fmt::Display| ShellError::create(format!("action {name}"), error);
-        let qos = ActionServerQosPolicies {
-            goal_service: SERVICE_QOS,
-            result_service: SERVICE_QOS,
-            cancel_service: SERVICE_QOS,
-            feedback_publisher: SERVICE_QOS,
-            status_publisher: STATUS_QOS,
-        };
-        let mut server: RosServer<A> = self
-            .graph()
-            .ros()
-            .create_action_server(ServiceMapping::Enhanced, &ros_name(&name)?, &action_type(A::TYPE_NAME)?, qos)
-            .map_err(|error| fail(&error))?;
+        let (dds_type, qos, status) = (action_type(A::TYPE_NAME)?, SERVICE_QOS.into(), STATUS_QOS.into());
+        let of = Acted { name: &name, dds_type: &dds_type, qos: &qos, status: &status };
+        let mut server: Ends<A> = self.graph().make_action(
+            A::TYPE_NAME,
+            || format!("action {name}"),
+            |session| ActionServerEnds::new(session, &of),
+        )?;
         let large = ReplyWriter::new(self.graph(), &result_service(&name))?;
         let poll = Poll::new().map_err(|error| fail(&error))?;
-        register(&poll, server.goal_server(), Token(0)).map_err(|error| fail(&error))?;
-        register(&poll, server.cancel_server(), Token(1)).map_err(|error| fail(&error))?;
-        register(&poll, server.result_server(), Token(2)).map_err(|error| fail(&error))?;
+        register(&poll, server.goals.source(), Token(0)).map_err(|error| fail(&error))?;
+        register(&poll, server.cancels.source(), Token(1)).map_err(|error| fail(&error))?;
+        register(&poll, server.results.source(), Token(2)).map_err(|error| fail(&error))?;
         let bell = Waker::new(poll.registry(), Token(3)).map_err(|error| fail(&error))?;
         let bell = Arc::new(Bell(bell));
         let stop = self.shutdown().child();
@@ -160,7 +154,7 @@ impl Contacts {
 
 struct Driver<A: Act> {
     // Before the graph, so that readers and writers go first.
-    server: RosServer<A>,
+    server: Ends<A>,
     large: ReplyWriter,
     name: String,
     contacts: Contacts,
@@ -214,13 +208,13 @@ impl<A: Act> Driver<A> {
 
     /// Handles everything that has come. The readers signal edges, so each is read until it is empty.
     fn turn(&mut self) {
-        for (request, goal) in self.all(RosServer::<A>::receive_goal) {
+        for (request, goal) in self.all(|server| server.goals.try_take()) {
             self.new_goal(request, goal.goal_id, goal.goal);
         }
-        for (request, cancel) in self.all(RosServer::<A>::receive_cancel_request) {
+        for (request, cancel) in self.all(|server| server.cancels.try_take()) {
             self.cancel(request, &cancel);
         }
-        for (request, asked) in self.all(RosServer::<A>::receive_result_request) {
+        for (request, asked) in self.all(|server| server.results.try_take()) {
             self.result_request(request, asked.goal_id);
         }
         while let Ok(mail) = self.mail.try_recv() {
@@ -231,7 +225,7 @@ impl<A: Act> Driver<A> {
         }
     }
 
-    fn all<T>(&self, take: impl Fn(&RosServer<A>) -> Result<Option<T>, ros2_client::ReadError>) -> Vec<T> {
+    fn all<T>(&self, take: impl Fn(&Ends<A>) -> Result<Option<T>, String>) -> Vec<T> {
         let mut all = Vec::new();
         loop {
             match take(&self.server) {
@@ -242,7 +236,7 @@ impl<A: Act> Driver<A> {
         }
     }
 
-    fn report(&self, sent: Result<(), impl std::fmt::Display>) {
+    fn report(&self, sent: Result<(), String>) {
         self.graph.touch();
         if let Err(error) = sent {
             tracing::warn!("{}: answer not sent: {error}", self.name);
@@ -269,7 +263,7 @@ impl<A: Act> Driver<A> {
                 false
             }
         };
-        self.report(self.server.send_goal_response(request, SendGoalResponse { accepted, stamp }));
+        self.report(self.server.goals.answer(&self.graph, request, SendGoalResponse { accepted, stamp }));
         if accepted {
             self.start(id, goal_id, goal, stamp);
         }
@@ -292,10 +286,7 @@ impl<A: Act> Driver<A> {
     }
 
     fn cancel(&mut self, request: RmwRequestId, cancel: &CancelGoalRequest) {
-        let Some((id, stamp)) = cancel_target(cancel) else {
-            tracing::warn!("{}: unreadable cancel request", self.name);
-            return;
-        };
+        let (id, stamp) = (*cancel.goal_info.goal_id.uuid.as_bytes(), cancel.goal_info.stamp.to_nanos());
         self.contacts.cancel_goal.wait(&request);
         let (code, cancelled) = self.goals.cancel(&id, stamp);
         let response = CancelGoalResponse {
@@ -308,7 +299,7 @@ impl<A: Act> Driver<A> {
             goals_canceling: cancelled.iter().filter_map(|id| self.info(id)).collect(),
         };
         self.publish_status();
-        self.report(self.server.send_cancel_response(request, response));
+        self.report(self.server.cancels.answer(&self.graph, request, response));
         for id in cancelled {
             if let Some((_, cancelled)) = self.ids.get(&id) {
                 cancelled.trigger();
@@ -329,7 +320,7 @@ impl<A: Act> Driver<A> {
 
     fn feedback(&self, id: &Id, feedback: A::Feedback) {
         if let Some((goal_id, _)) = self.ids.get(id)
-            && let Err(error) = self.server.send_feedback(*goal_id, feedback)
+            && let Err(error) = self.server.feedback.write(FeedbackMessage { goal_id: *goal_id, feedback })
         {
             tracing::warn!("{}: feedback not sent: {error}", self.name);
         }
@@ -358,7 +349,7 @@ impl<A: Act> Driver<A> {
         if self.large.send(&request, &response, &mut self.contacts.large_result) {
             self.graph.touch();
         } else {
-            self.report(self.server.send_result(request, response));
+            self.report(self.server.results.answer(&self.graph, request, response));
         }
     }
 
@@ -374,7 +365,7 @@ impl<A: Act> Driver<A> {
             Some(GoalStatus { goal_info, status: code(goal.state) })
         };
         let status_list = self.goals.iter().filter_map(status).collect();
-        if let Err(error) = self.server.send_goal_statuses(GoalStatusArray { status_list }) {
+        if let Err(error) = self.server.status.write(GoalStatusArray { status_list }) {
             tracing::warn!("{}: status not sent: {error}", self.name);
         }
     }
@@ -388,15 +379,4 @@ fn code(state: State) -> GoalStatusEnum {
         State::Canceled => GoalStatusEnum::Canceled,
         State::Aborted => GoalStatusEnum::Aborted,
     }
-}
-
-/// Goal and stamp of a cancel request, read from its serialised form because the middleware keeps the field to
-/// itself: 16 bytes of id, then seconds and nanoseconds.
-fn cancel_target(request: &CancelGoalRequest) -> Option<(Id, i64)> {
-    let mut bytes = Vec::with_capacity(24);
-    rustdds::serialization::to_writer_with_rep_id(&mut bytes, request, RepresentationIdentifier::CDR_LE).ok()?;
-    let id = bytes.get(..16)?.try_into().ok()?;
-    let sec = i32::from_le_bytes(bytes.get(16..20)?.try_into().ok()?);
-    let nanosec = u32::from_le_bytes(bytes.get(20..24)?.try_into().ok()?);
-    Some((id, i64::from(sec) * 1_000_000_000 + i64::from(nanosec)))
 }

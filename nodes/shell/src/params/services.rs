@@ -1,4 +1,4 @@
-//! The six parameter services of every ROS 2 node.
+//! The services of every ROS 2 node: six for its parameters, and one for the types that it uses.
 
 use super::kinds::Value;
 use super::spec::ParamSpec;
@@ -7,14 +7,19 @@ use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::service::Endpoint;
 use crate::shutdown::Shutdown;
+use crate::type_description;
 use crate::wait::block_until;
+use catenary_msgs::ServiceInterface;
+use catenary_msgs::type_description_interfaces::srv::{
+    GetTypeDescription, GetTypeDescriptionRequest, GetTypeDescriptionResponse,
+};
 use ros2_client::parameters::raw;
 use ros2_client::rcl_interfaces::{
     DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest, GetParameterTypesResponse,
     GetParametersRequest, GetParametersResponse, ListParametersRequest, ListParametersResponse, ListParametersResult,
     SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse,
 };
-use ros2_client::{Message, Parameter, ServiceTypeName};
+use ros2_client::{Message, Parameter};
 use std::sync::Arc;
 
 /// The servers, before they run.
@@ -25,6 +30,7 @@ pub(crate) struct Servers {
     describe: Endpoint<DescribeParametersRequest, DescribeParametersResponse>,
     set: Endpoint<SetParametersRequest, SetParametersResponse>,
     set_atomically: Endpoint<SetParametersRequest, SetParametersAtomicallyResponse>,
+    describe_type: Endpoint<GetTypeDescriptionRequest, GetTypeDescriptionResponse>,
 }
 
 impl Servers {
@@ -36,11 +42,16 @@ impl Servers {
             describe: endpoint(graph, node_path, "describe_parameters", "DescribeParameters")?,
             set: endpoint(graph, node_path, "set_parameters", "SetParameters")?,
             set_atomically: endpoint(graph, node_path, "set_parameters_atomically", "SetParametersAtomically")?,
+            describe_type: Endpoint::new(
+                graph,
+                format!("{node_path}/get_type_description"),
+                GetTypeDescription::TYPE_NAME,
+            )?,
         })
     }
 
     /// Answers requests until shutdown.
-    pub(crate) fn run(&self, params: &Params, shutdown: &Shutdown) {
+    pub(crate) fn run(&self, params: &Params, graph: &Graph, shutdown: &Shutdown) {
         let answers = async {
             futures::join!(
                 self.list.answer(|request| list(params, &request)),
@@ -49,6 +60,7 @@ impl Servers {
                 self.describe.answer(|request| describe(params, &request)),
                 self.set.answer(|request| set(params, request)),
                 self.set_atomically.answer(|request| set_atomically(params, request)),
+                self.describe_type.answer(|request| type_description::answer(graph, &request)),
             );
         };
         block_until(smol::future::or(shutdown.triggered(), answers), None);
@@ -65,7 +77,7 @@ where
     Req: Message + Clone + 'static,
     Resp: Message + 'static,
 {
-    Endpoint::new(graph, format!("{node_path}/{name}"), &ServiceTypeName::new("rcl_interfaces", type_name))
+    Endpoint::new(graph, format!("{node_path}/{name}"), &format!("rcl_interfaces/srv/{type_name}"))
 }
 
 /// Names with fewer than `depth` dots (0: any), or under one of the prefixes to that depth below it.
@@ -83,22 +95,23 @@ fn list(params: &Params, request: &ListParametersRequest) -> ListParametersRespo
     ListParametersResponse { result: ListParametersResult { names, prefixes } }
 }
 
+/// One value for each name, or none at all where a name is unknown: rclcpp and rclpy answer so, and their tools take an empty
+/// answer for "not set".
+fn each<T>(names: &[String], value: impl Fn(&String) -> Option<T>) -> Vec<T> {
+    names.iter().map(value).collect::<Option<_>>().unwrap_or_default()
+}
+
 fn get(params: &Params, request: &GetParametersRequest) -> GetParametersResponse {
-    let value = |name: &String| params.get(name).unwrap_or(Value::NotSet).into();
-    GetParametersResponse { values: request.names.iter().map(value).collect() }
+    GetParametersResponse { values: each(&request.names, |name| params.get(name).map(Into::into)) }
 }
 
 fn get_types(params: &Params, request: &GetParameterTypesRequest) -> GetParameterTypesResponse {
-    let code = |name: &String| Value::to_parameter_type_raw(&params.get(name).unwrap_or(Value::NotSet));
-    GetParameterTypesResponse { values: request.names.iter().map(code).collect() }
+    let code = |name: &String| params.get(name).map(|value| Value::to_parameter_type_raw(&value));
+    GetParameterTypesResponse { values: each(&request.names, code) }
 }
 
 fn describe(params: &Params, request: &DescribeParametersRequest) -> DescribeParametersResponse {
-    let descriptor = |name: &String| match params.describe(name) {
-        Some(description) => known(description),
-        None => unknown(name),
-    };
-    DescribeParametersResponse { values: request.names.iter().map(descriptor).collect() }
+    DescribeParametersResponse { values: each(&request.names, |name| params.describe(name).map(known)) }
 }
 
 fn known(description: Description) -> raw::ParameterDescriptor {
@@ -122,19 +135,6 @@ fn known(description: Description) -> raw::ParameterDescriptor {
             .map(|(from_value, to_value)| raw::IntegerRange { from_value, to_value, step: 0 })
             .into_iter()
             .collect(),
-    }
-}
-
-fn unknown(name: &str) -> raw::ParameterDescriptor {
-    raw::ParameterDescriptor {
-        name: name.to_owned(),
-        r#type: raw::ParameterType::NOT_SET,
-        description: String::new(),
-        additional_constraints: String::new(),
-        read_only: false,
-        dynamic_typing: false,
-        floating_point_range: Vec::new(),
-        integer_range: Vec::new(),
     }
 }
 
