@@ -10,29 +10,29 @@ from launch.launch_description_sources import AnyLaunchDescriptionSource
 from launch_ros.actions import Node
 
 
-def processes(path, arguments):
-    """The processes in order, each as `catenary launch --show --json` prints them."""
+def processes(path, arguments, read=yaml.safe_load):
+    """The processes in order, each as `catenary launch --show --json` prints them, with parameter files read by `read`."""
     before = dict(os.environ)
     context = launch.LaunchContext(argv=[])
     context._set_asyncio_loop(asyncio.new_event_loop())
     found = []
     try:
-        visit(IncludeLaunchDescription(AnyLaunchDescriptionSource(str(path)), launch_arguments=list(arguments.items())), context, before, found)
+        visit(IncludeLaunchDescription(AnyLaunchDescriptionSource(str(path)), launch_arguments=list(arguments.items())), context, before, found, read)
     finally:
         os.environ.clear()
         os.environ.update(before)
     return found
 
 
-def visit(entity, context, before, found):
+def visit(entity, context, before, found, read):
     if not isinstance(entity, ExecuteLocal):
         for inner in entity.visit(context) or []:
-            visit(inner, context, before, found)
+            visit(inner, context, before, found, read)
     elif entity.condition is None or entity.condition.evaluate(context):
-        found.append(process(entity, context, before))
+        found.append(process(entity, context, before, read))
 
 
-def process(entity, context, before):
+def process(entity, context, before, read):
     """As `entity.execute` prepares it; its values are private."""
     private = lambda kind, name: getattr(entity, f"_{kind}__{name}")
     if isinstance(entity, Node):
@@ -47,7 +47,7 @@ def process(entity, context, before):
     for i, word in enumerate(command):
         if "launch_params_" in word:
             with open(word) as file:
-                command[i] = yaml.safe_load(file)
+                command[i] = read(file)
             os.unlink(word)
     after = description.final_env
     changes = {name: value for name, value in after.items() if before.get(name) != value} | {name: None for name in before if name not in after}

@@ -3,9 +3,11 @@ against the meaning that its documentation gives everywhere."""
 
 import importlib.util
 import json
+import math
 import os
 import pathlib
 import subprocess
+from xml.sax.saxutils import quoteattr
 
 import pytest
 import yaml
@@ -175,3 +177,88 @@ def test_every_argument_of_a_shipped_file_is_described():
         assert done.returncode == 0, done.stderr
         arguments = json.loads(done.stdout)["arguments"]
         assert all(len(argument["description"]) > 10 and argument["default"] is not None for argument in arguments), path.name
+
+
+VALUES = json.loads((ROOT / "nodes/catenary/src/launch/values.json").read_text())
+VARIABLES = {"five": "5", "list": "[1, 2]", "word": "1e3", "bad": "''*''", "b": "true"}
+
+
+def with_params(path, params):
+    """A launch file with one node that has these parameters: name, value and type."""
+    lets = "".join(f"<let name={quoteattr(name)} value={quoteattr(value)}/>" for name, value in VARIABLES.items())
+    rows = "".join(f"<param name={quoteattr(n)} value={quoteattr(v)}" + ("/>" if t is None else f" type={quoteattr(t)}/>") for n, v, t in params)
+    path.write_text(f'<launch>{lets}<node exec="/x" name="cam" namespace="/">{rows}</node></launch>')
+    return path
+
+
+def written(value):
+    """A value as the table has it: infinities and NaN in words."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else [written(item) for item in value]
+
+
+def of_node(texts, folder):
+    """What a node of rclpy gets from parameter files with these texts, by name; None where it refuses them."""
+    rclpy = pytest.importorskip("rclpy")
+    arguments = []
+    for i, text in enumerate(texts):
+        (folder / f"{i}.yaml").write_text(text)
+        arguments += ["--params-file", str(folder / f"{i}.yaml")]
+    context = rclpy.Context()
+    try:
+        context.init(args=["x", "--ros-args", *arguments], domain_id=99)
+    except Exception:
+        return None
+    try:
+        node = rclpy.create_node("cam", context=context, enable_rosout=False, start_parameter_services=False)
+        values = {name: [value.type_.name, written(value.value)] for name, value in node._parameter_overrides.items()}
+        node.destroy_node()
+        return values
+    finally:
+        context.try_shutdown()
+
+
+def parameter_texts(found):
+    return [word for process in found for word in process["command"] if "ros__parameters" in word]
+
+
+def test_a_node_gets_the_values_that_ros_2s_launch_would_bring(tmp_path):
+    accepted = [(f"p{i}", value, kind, expected) for i, (value, kind, expected) in enumerate(VALUES) if expected]
+    done = show(with_params(tmp_path / "x.launch.xml", [row[:3] for row in accepted]), {})
+    assert done.returncode == 0, done.stderr
+    got = of_node(parameter_texts(json.loads(done.stdout)["processes"]), tmp_path)
+    assert got == {name: expected for name, _, _, expected in accepted}
+
+
+@beside_ros2
+def test_the_table_of_values_holds_for_ros_2s_launch(tmp_path):
+    import ros2_launch
+
+    wrong = []
+    for value, kind, expected in VALUES:
+        path = with_params(tmp_path / "x.launch.xml", [("a", value, kind)])
+        try:
+            texts = parameter_texts(ros2_launch.processes(path, {}, read=lambda file: file.read()))
+        except Exception:
+            texts = None
+        got = texts and of_node(texts, tmp_path)
+        if (got and got["a"]) != expected:
+            wrong.append((value, kind, expected, got))
+    assert not wrong
+
+
+def test_a_value_that_has_no_type_is_refused_with_its_place(tmp_path):
+    for value, kind, said in [
+        ("[1, 2.5]", None, "all of one type"),
+        ("[1e3, x]", None, "a node reads the string"),
+        ("2001-01-01", None, "a date"),
+        ("null", None, "nothing"),
+        ("{a: 1}", None, "a map"),
+        ("0x1F", "int", "expected int"),
+        ("$(var bad)", None, "expected YAML"),
+        ("$(var list)", "list_of_int", "expected list_of_int"),
+    ]:
+        done = show(with_params(tmp_path / "x.launch.xml", [("some", value, kind)]), {})
+        assert done.returncode == 1 and done.stdout == "", value
+        assert all(words in done.stderr for words in ("line 1", "<param>", "some", f"`{value}`", said)), done.stderr

@@ -16,13 +16,17 @@ FILES = {
     "below8": "/lab/*: {ros__parameters: {workers: 8}}",
     "one9": "/*: {ros__parameters: {workers: 9}}",
     "other10": "/other/simulator_pool: {ros__parameters: {workers: 10}}",
+    "twice11": "simulator_pool:\n  ros__parameters:\n    workers: 12\n    workers: 11\n",
+    "again14": "simulator_pool: {ros__parameters: {workers: 13}}\n---\nsimulator_pool: {ros__parameters: {workers: 14}}\n",
+    "rooted15": "/simulator_pool: {ros__parameters: {workers: 15}}",
 }
 CASES = [
     *FILES,
     "any1 own2", "own2 any1", "any1 any3", "any3 own2 any1", "any1 deep6 own2", "lab7 any1", "below8 lab7", "one9 own2",
     "own2 workers:=20", "workers:=20 own2", "any1 own2 workers:=20", "any1 workers:=20", "workers:=20 any1",
     "simulator_pool:workers:=21", "any1 own2 simulator_pool:workers:=21", "workers:=20 workers:=22",
-    "workers:=0x10", "workers:=010", "workers:=+5",
+    "rooted15 any1 own2", "own2 any1 rooted15", "rooted15 any1 simulator_pool:workers:=21", "twice11 workers:=12",
+    "workers:=3 workers:=x", "workers:=x workers:=3", "workers:=0x10", "workers:=010", "workers:=+5",
 ]  # fmt: skip
 ABSENT = 0
 

@@ -1,13 +1,19 @@
 //! The command line of a ROS 2 node: `--ros-args` with remaps, parameters, parameter files, log levels.
 //!
-//! Written here because crate `ros2args` 0.5.4 (Apache-2.0) drops nested maps and namespaces of parameter files,
-//! its messages about a file's structure do not name the file, and it would bring a second YAML parser.
+//! Written here because crate `ros2args` 0.5.4 (Apache-2.0) drops nested maps and namespaces of parameter files, its
+//! messages about a file's structure do not name the file, and its YAML is not the one that rcl reads.
 
 use crate::names::{self, NameError};
 use crate::yaml::Yaml;
+use overrides::Overrides;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+mod file;
+mod overrides;
+
+#[cfg(test)]
+mod table;
 #[cfg(test)]
 mod tests;
 
@@ -52,10 +58,12 @@ pub enum ArgError {
         reason: String,
     },
     /// A parameter file has the wrong structure.
-    #[error("{}: {field}: expected {expected}, got {got}", path.display())]
+    #[error("{}:{line}: {field}: expected {expected}, got {got}", path.display())]
     Structure {
         /// The file.
         path: PathBuf,
+        /// The line in the file, from 1.
+        line: u64,
         /// Where in the file.
         field: String,
         /// What would be right.
@@ -93,8 +101,10 @@ pub struct ParamOverride {
     pub name: String,
     /// The value.
     pub value: Yaml,
-    /// Where it stands, for messages: `-p a:=1` or `FILE: camera.ros__parameters.a`.
+    /// Where it stands, for messages: `-p a:=1` or `FILE:LINE: camera.ros__parameters.a`.
     pub origin: String,
+    /// A later value of another type, which ROS 2 passes over, and its place.
+    pub hidden: Option<(Yaml, String)>,
     /// From a file's entry with a wildcard, which is meant for those nodes that have the parameter.
     pub wildcard: bool,
 }
@@ -119,7 +129,7 @@ pub enum Level {
 pub struct RosArgs {
     /// In the order of the command line; the first that matches counts.
     pub remaps: Vec<Remap>,
-    /// In the order of the command line and of each file; [`RosArgs::params_for`] says what counts.
+    /// By node and pattern in the order in which these first appear; [`RosArgs::params_for`] says what counts.
     pub params: Vec<ParamOverride>,
     /// `--log-level LEVEL`.
     pub log_level: Option<Level>,
@@ -164,7 +174,7 @@ impl RosArgs {
         args: impl IntoIterator<Item = S>,
         read: &dyn Fn(&Path) -> std::io::Result<String>,
     ) -> Result<(Self, Vec<String>), ArgError> {
-        let mut parsed = Self::default();
+        let (mut parsed, mut overrides) = (Self::default(), Overrides::default());
         let mut rest = Vec::new();
         let mut inside = false;
         let mut args = args.into_iter().map(Into::into);
@@ -172,10 +182,11 @@ impl RosArgs {
             match (inside, arg.as_str()) {
                 (_, "--ros-args") => inside = true,
                 (true, "--") => inside = false,
-                (true, _) => parsed.option(arg, &mut args, read)?,
+                (true, _) => parsed.option(arg, &mut args, read, &mut overrides)?,
                 (false, _) => rest.push(arg),
             }
         }
+        parsed.params = overrides.finish();
         Ok((parsed, rest))
     }
 
@@ -184,17 +195,18 @@ impl RosArgs {
         option: String,
         args: &mut dyn Iterator<Item = String>,
         read: &dyn Fn(&Path) -> std::io::Result<String>,
+        overrides: &mut Overrides,
     ) -> Result<(), ArgError> {
         let mut value = |expected: &'static str| {
             args.next().ok_or_else(|| ArgError::MissingValue { option: option.clone(), expected })
         };
         match option.as_str() {
             "-r" | "--remap" => self.remaps.push(remap(&option, &value("FROM:=TO")?)?),
-            "-p" | "--param" => self.params.push(param(&option, &value("NAME:=VALUE")?)?),
+            "-p" | "--param" => param(&option, &value("NAME:=VALUE")?, overrides)?,
             "--params-file" => {
                 let path = PathBuf::from(value("the path of a parameter file")?);
                 let text = read(&path).map_err(|reason| ArgError::Read { path: path.clone(), reason })?;
-                self.params.extend(params_of_file(&path, &text)?);
+                file::read(&path, &text, overrides)?;
             }
             "--log-level" => self.level(&value("a log level")?)?,
             "--enable-rosout-logs" => self.rosout_logs = true,
@@ -284,10 +296,7 @@ impl RosArgs {
     #[must_use]
     pub fn params_for(&self, namespace: &str, node: &str) -> Vec<&ParamOverride> {
         let path = names::node_path(namespace, node);
-        let first = |param: &ParamOverride| self.params.iter().position(|other| other.node == param.node);
-        let mut params: Vec<_> = self.params.iter().filter(|p| names::matches_pattern(&p.node, &path)).collect();
-        params.sort_by_key(|param| first(param));
-        params
+        self.params.iter().filter(|p| names::matches_pattern(&p.node, &path)).collect()
     }
 }
 
@@ -332,99 +341,19 @@ fn strip_scheme(name: &str) -> &str {
     name.strip_prefix("rostopic://").or_else(|| name.strip_prefix("rosservice://")).unwrap_or(name)
 }
 
-fn param(option: &str, assignment: &str) -> Result<ParamOverride, ArgError> {
+fn param(option: &str, assignment: &str, overrides: &mut Overrides) -> Result<(), ArgError> {
     let bad =
         |expected: String| ArgError::BadValue { option: option.to_owned(), value: assignment.to_owned(), expected };
     let (left, value) = assignment.split_once(":=").ok_or_else(|| bad("NAME:=VALUE or NODE:NAME:=VALUE".to_owned()))?;
     let (node, name) = match left.split_once(':') {
-        Some((node, name)) if names::check_node_name(node).is_ok() => (format!("/{node}"), name),
+        Some((node, name)) if names::check_node_name(node).is_ok() => (node, name),
         Some(_) => return Err(bad("the name of a node, without a namespace, before the first :".to_owned())),
-        None => ("/**".to_owned(), left),
+        None => ("/**", left),
     };
-    if name.is_empty() {
-        return Err(bad("a parameter's name before :=".to_owned()));
+    if !names::is_parameter_name(name) {
+        return Err(bad("before := a parameter's name of letters, digits and _, with . between its parts".to_owned()));
     }
     let value = Yaml::parse(value).map_err(|reason| bad(format!("a YAML value after := ({reason})")))?;
-    if matches!(value, Yaml::Map(_) | Yaml::Null) {
-        return Err(bad(format!("a value or a list after :=, got {}", value.describe())));
-    }
-    Ok(ParamOverride { node, name: name.to_owned(), value, origin: format!("{option} {assignment}"), wildcard: false })
-}
-
-fn params_of_file(path: &Path, text: &str) -> Result<Vec<ParamOverride>, ArgError> {
-    let document = Yaml::parse(text).map_err(|reason| ArgError::Syntax { path: path.to_owned(), reason })?;
-    let mut reader = FileReader { path, params: Vec::new() };
-    match document {
-        Yaml::Null => {}
-        Yaml::Map(nodes) => {
-            for (name, content) in nodes {
-                reader.node(&name, &name, content)?;
-            }
-        }
-        other => return Err(reader.error("top level", "a map of node names", &other)),
-    }
-    Ok(reader.params)
-}
-
-struct FileReader<'a> {
-    path: &'a Path,
-    params: Vec<ParamOverride>,
-}
-
-impl FileReader<'_> {
-    fn error(&self, field: &str, expected: &'static str, got: &Yaml) -> ArgError {
-        ArgError::Structure { path: self.path.to_owned(), field: field.to_owned(), expected, got: got.describe() }
-    }
-
-    /// `node`: the pattern so far; `field`: the keys so far, for messages.
-    fn node(&mut self, node: &str, field: &str, content: Yaml) -> Result<(), ArgError> {
-        let Yaml::Map(entries) = content else {
-            return Err(self.error(field, "a map with ros__parameters", &content));
-        };
-        for (key, value) in entries {
-            let field = format!("{field}.{key}");
-            if key == "ros__parameters" {
-                let pattern = if node.starts_with('/') { node.to_owned() } else { format!("/{node}") };
-                if !names::is_pattern(&pattern) {
-                    let expected =
-                        "the name of a node with its namespace; * stands for one name, ** for any number of them";
-                    return Err(self.error(&field, expected, &Yaml::String(pattern)));
-                }
-                match value {
-                    Yaml::Null => {}
-                    Yaml::Map(params) => self.params_of(&pattern, "", &field, params)?,
-                    other => return Err(self.error(&field, "a map of parameters", &other)),
-                }
-            } else {
-                let child = format!("{}/{}", node.trim_end_matches('/'), key.trim_start_matches('/'));
-                self.node(&child, &field, value)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn params_of(
-        &mut self,
-        node: &str,
-        prefix: &str,
-        field: &str,
-        entries: Vec<(String, Yaml)>,
-    ) -> Result<(), ArgError> {
-        for (key, value) in entries {
-            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-            let field = format!("{field}.{key}");
-            match value {
-                Yaml::Map(children) => self.params_of(node, &name, &field, children)?,
-                Yaml::Null => return Err(self.error(&field, "a value", &Yaml::Null)),
-                value => self.params.push(ParamOverride {
-                    node: node.to_owned(),
-                    name,
-                    value,
-                    origin: format!("{}: {field}", self.path.display()),
-                    wildcard: node.contains('*'),
-                }),
-            }
-        }
-        Ok(())
-    }
+    overrides.set(node, name, value, &format!("{option} {assignment}"));
+    Ok(())
 }

@@ -148,6 +148,7 @@ impl NodeBuilder {
         rosout.adopt_process();
         let clock = Clock::new(&self.shutdown);
         let (without_effect, has_rosout) = (self.args.without_effect.clone(), self.args.rosout_logs);
+        let passed_over = self.params.passed_over();
         let node = Node::new(Inner {
             threads: Arc::new(Threads::new(rosout, self.shutdown.clone())),
             graph: Arc::new(Graph::new(session)),
@@ -165,6 +166,9 @@ impl NodeBuilder {
         }
         for origin in unused {
             tracing::warn!("{origin}: this node has no such parameter");
+        }
+        for value in passed_over {
+            tracing::warn!("{value}");
         }
         for option in without_effect {
             tracing::warn!("{option}: has no effect here");

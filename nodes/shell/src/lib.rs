@@ -92,4 +92,4 @@ pub use states::{remove_old_states, remove_state, state_file, state_folder};
 pub use subscription::{Latest, Queue, Received, Subscription};
 pub use time::Time;
 pub use watchdog::{Deadline, Throttle, Watchdog};
-pub use yaml::Yaml;
+pub use yaml::{Yaml, YamlEvents};

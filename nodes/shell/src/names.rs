@@ -81,6 +81,13 @@ pub fn is_pattern(pattern: &str) -> bool {
     pattern.strip_prefix('/').is_some_and(|body| body.split('/').all(|t| t == "*" || t == "**" || is_token(t)))
 }
 
+/// Whether `-p` takes this for the name of a parameter: parts between dots, in which names may be joined by slashes.
+#[must_use]
+pub fn is_parameter_name(name: &str) -> bool {
+    let is_part = |part: &str| !part.is_empty() && part.split('/').all(|token| token.is_empty() || is_token(token));
+    name.split('.').all(is_part)
+}
+
 /// Whether a fully qualified node name matches a pattern of a parameter file: `*` stands for one
 /// token, `**` for any number of them; a pattern without a leading slash is taken from the root.
 #[must_use]
@@ -130,6 +137,16 @@ mod tests {
         assert_eq!(normalise_namespace("lab").unwrap(), "/lab");
         assert_eq!(normalise_namespace("/lab/left").unwrap(), "/lab/left");
         assert!(normalise_namespace("/lab/").is_err());
+    }
+
+    #[test]
+    fn names_of_parameters_have_parts() {
+        for name in ["a", "_a1", "a.b.c", "a/b", "qos_overrides./x.depth"] {
+            assert!(is_parameter_name(name), "{name:?}");
+        }
+        for name in ["", "5a", "a-b", "a ", ".a", "a.", "a..b", "~a", "ä", "a:b", "*"] {
+            assert!(!is_parameter_name(name), "{name:?}");
+        }
     }
 
     #[test]

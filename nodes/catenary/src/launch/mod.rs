@@ -12,12 +12,14 @@ mod namespace;
 mod package;
 mod parameter;
 mod process;
+mod python;
 pub mod status;
 mod substitution;
 mod supervisor;
 mod table;
 #[cfg(test)]
 mod tests;
+mod value;
 mod watched;
 
 pub use description::Process;

@@ -1,8 +1,10 @@
 //! The element `<param>`: a parameter file, or values in the types that ROS 2 gives them.
 
 use super::element::{Element, allow};
-use super::substitution::{Scope, substitute};
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use super::python::float_text;
+use super::substitution::Scope;
+use super::value;
+use anyhow::{Context, Result, bail, ensure};
 use catenary_shell::Yaml;
 use roxmltree::Node;
 use std::path::Path;
@@ -39,8 +41,8 @@ fn nested(node: Node<'_, '_>, scope: &Scope<'_>, outer: &str, values: &mut Vec<(
     let children: Vec<_> = node.children().filter(Node::is_element).collect();
     match (node.attribute("value"), &children[..]) {
         (Some(text), []) => {
-            let text = substitute(text, scope).map_err(|e| anyhow!("value: {e}"))?;
-            values.push((name, yaml(&text, e.node.attribute("type"))?));
+            let value = value::read(text, e.node.attribute("type"), scope).with_context(|| name.clone())?;
+            values.push((name, yaml(&value)));
         }
         (None, [_, ..]) => {
             ensure!(!node.has_attribute("type"), "type: expected it beside a value, got it beside <param>");
@@ -59,52 +61,34 @@ pub fn file(whose: &str, values: &[(String, String)]) -> String {
     format!("{}:\n  ros__parameters:\n{lines}", quoted(whose))
 }
 
-/// A value as YAML that has one meaning only: as the YAML that it is, or as the type says.
-fn yaml(text: &str, kind: Option<&str>) -> Result<String> {
-    if kind == Some("str") {
-        return Ok(quoted(text));
-    }
-    let bad = |expected: &str| anyhow!("value: expected {expected}, got `{text}`");
-    let parsed =
-        if text.is_empty() { Yaml::String(String::new()) } else { Yaml::parse(text).map_err(|_| bad("YAML"))? };
-    match (kind, &parsed) {
-        (None | Some("yaml"), Yaml::List(items)) => list(items, |_| true),
-        (None | Some("yaml"), other) => scalar(other),
-        (Some("bool"), Yaml::Bool(_)) | (Some("int"), Yaml::Integer(_)) | (Some("float"), Yaml::Float(_)) => scalar(&parsed),
-        (Some("float"), Yaml::Integer(number)) => Ok(format!("{number}.0")),
-        (Some("list_of_str"), Yaml::List(items)) => list(items, |item| matches!(item, Yaml::String(_))),
-        (Some("list_of_bool"), Yaml::List(items)) => list(items, |item| matches!(item, Yaml::Bool(_))),
-        (Some("list_of_int"), Yaml::List(items)) => list(items, |item| matches!(item, Yaml::Integer(_))),
-        (Some("list_of_float"), Yaml::List(items)) => list(items, |item| matches!(item, Yaml::Float(_))),
-        (Some(kind @ ("bool" | "int" | "float")), _) => Err(bad(kind)),
-        (Some(kind @ ("list_of_str" | "list_of_bool" | "list_of_int" | "list_of_float")), _) => Err(bad(kind)),
-        (Some(other), _) => bail!(
-            "type: expected str, bool, int, float, list_of_str, list_of_bool, list_of_int, list_of_float or yaml, got `{other}`"
-        ),
-    }
-    .with_context(|| format!("value: `{text}`"))
-}
-
-fn scalar(value: &Yaml) -> Result<String> {
+/// A value as YAML that every reader takes for the same.
+fn yaml(value: &Yaml) -> String {
     match value {
-        Yaml::Bool(value) => Ok(value.to_string()),
-        Yaml::Integer(value) => Ok(value.to_string()),
-        Yaml::Float(value) => Ok(format!("{value:?}")),
-        Yaml::String(value) => Ok(quoted(value)),
-        other => bail!("expected a boolean, a number, a text or a list of them, got {}", other.describe()),
+        Yaml::Bool(value) => value.to_string(),
+        Yaml::Integer(value) => value.to_string(),
+        Yaml::Float(value) => float_text(*value),
+        Yaml::String(value) => quoted(value),
+        Yaml::List(items) => format!("[{}]", items.iter().map(yaml).collect::<Vec<_>>().join(", ")),
     }
-}
-
-/// A list of one kind of item; ROS 2 has no parameter without a type, so it has one item at least.
-fn list(items: &[Yaml], is_allowed: impl Fn(&Yaml) -> bool) -> Result<String> {
-    let kind = items.first().map(std::mem::discriminant);
-    let is_uniform = items.iter().all(|item| Some(std::mem::discriminant(item)) == kind && is_allowed(item));
-    ensure!(kind.is_some() && is_uniform, "expected a list of one item or more, all of one type");
-    let items = items.iter().map(scalar).collect::<Result<Vec<_>>>()?;
-    Ok(format!("[{}]", items.join(", ")))
 }
 
 /// A text in double quotes, as JSON and YAML both read it.
 fn quoted(text: &str) -> String {
-    serde_json::Value::from(text).to_string()
+    // YAML takes some of the characters that JSON leaves alone for line breaks, and refuses others.
+    let is_special =
+        |c: char| matches!(c, '\u{7f}'..='\u{9f}' | '\u{2028}' | '\u{2029}' | '\u{feff}' | '\u{fffe}' | '\u{ffff}');
+    let escaped = |c: char| if is_special(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() };
+    serde_json::Value::from(text).to_string().chars().map(escaped).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_text_is_read_back() {
+        for text in ["", "5", "it's \"x\"", "a\\b", "\u{7f}\u{85}\u{2028}\u{feff}", "\t\r\n\u{1}", "é 😀", "''*''"] {
+            assert_eq!(Yaml::parse(&quoted(text)), Ok(Yaml::String(text.to_owned())), "{text:?}");
+        }
+    }
 }

@@ -21,6 +21,22 @@ pub fn substitute(text: &str, scope: &Scope<'_>) -> Result<String, String> {
     evaluate(&parse(text)?, scope)
 }
 
+/// A text after substitution.
+pub enum Text {
+    /// There was no substitution in it.
+    Literal(String),
+    /// With its substitutions replaced.
+    Substituted(String),
+}
+
+/// Like [`substitute`], and says whether there was anything to replace.
+pub fn text_of(text: &str, scope: &Scope<'_>) -> Result<Text, String> {
+    let pieces = parse(text)?;
+    let is_literal = pieces.iter().all(|piece| matches!(piece, Piece::Text(_)));
+    let text = evaluate(&pieces, scope)?;
+    Ok(if is_literal { Text::Literal(text) } else { Text::Substituted(text) })
+}
+
 /// `text` where ROS 2 takes no substitution: with `\` before a character taken away.
 pub fn literal(text: &str) -> String {
     unescape(text)

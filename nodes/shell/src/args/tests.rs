@@ -21,6 +21,12 @@ fn parse(args: &[&str]) -> Result<(RosArgs, Vec<String>), ArgError> {
     })
 }
 
+fn of_file(text: &str) -> Result<Vec<ParamOverride>, ArgError> {
+    let mut overrides = Overrides::default();
+    file::read(Path::new("f.yaml"), text, &mut overrides)?;
+    Ok(overrides.finish())
+}
+
 fn error(args: &[&str]) -> String {
     parse(args).unwrap_err().to_string()
 }
@@ -75,7 +81,7 @@ fn parameter_files_reach_the_nodes_they_name() {
     assert_eq!(names("/other", "any"), ["use_sim_time", "b"]);
     let step = args.params.iter().find(|param| param.name == "step_period_s").unwrap();
     assert_eq!(step.value, Yaml::Float(0.5));
-    assert_eq!(step.origin, "p.yaml: policy_runner.ros__parameters.step_period_s");
+    assert_eq!(step.origin, "p.yaml:7: policy_runner.ros__parameters.step_period_s");
 }
 
 #[test]
@@ -120,7 +126,6 @@ fn errors_name_the_option_the_value_and_what_was_expected() {
         (vec!["-r", "__foo:=b"], vec!["__foo", "__ns"]),
         (vec!["-p", "a:=[1"], vec!["-p", "a:=[1", "YAML"]),
         (vec!["-p", "a:="], vec!["nothing"]),
-        (vec!["-p", "a:=.nan"], vec!["a:=.nan", "non-finite"]),
         (vec!["-p", "a"], vec!["NAME:=VALUE"]),
         (vec!["--log-level", "loud"], vec!["--log-level", "loud", "debug"]),
         (vec!["--params-file", "missing.yaml"], vec!["missing.yaml", "no such file"]),
@@ -138,13 +143,26 @@ fn errors_name_the_option_the_value_and_what_was_expected() {
 #[test]
 fn broken_parameter_files_are_named_with_the_field() {
     for (text, parts) in [
-        ("camera: [1]", vec!["f.yaml", "camera", "ros__parameters", "a list of 1"]),
+        ("camera: [1]", vec!["f.yaml:1", "camera", "ros__parameters", "a list"]),
         ("camera:\n  ros__parameters: 3\n", vec!["camera.ros__parameters", "the integer 3"]),
         ("camera:\n  ros__parameters: {a: {b: }}\n", vec!["camera.ros__parameters.a.b", "nothing"]),
-        ("- 1", vec!["top level", "a list of 1"]),
+        ("- 1", vec!["f.yaml:1: ", "top level", "a list"]),
+        ("no map", vec!["f.yaml:1: ", "top level", "the string \"no map\""]),
+        (
+            "a:\n  ros__parameters:\n    b: [1, x]\n",
+            vec!["f.yaml:3: a.ros__parameters.b: ", "one type", "\"x\" after the integer 1"],
+        ),
+        ("a: {ros__parameters: {b: {}}}", vec!["a.ros__parameters.b", "an empty map"]),
+        ("a: {ros__parameters: {b: *c}}", vec!["a.ros__parameters.b", "an alias"]),
+        ("a: {ros__parameters: {b: [[1], 2]}}", vec!["a.ros__parameters", "a list"]),
+        ("a: {ros__parameters: {b: [{c: 1}]}}", vec!["a.ros__parameters.b", "a map in it"]),
+        ("a: {ros__parameters: {b: 1}, ros__parameters: {c: 2}}", vec!["one ros__parameters in each"]),
+        ("a: {ros__parameters: {b: 1}, c: {ros__parameters: {d: 2}}}", vec!["no namespace behind it"]),
+        ("a: {ros__parameters: }", vec!["a map of parameters", "nothing"]),
+        ("---\n", vec!["f.yaml:2: top level: expected a key, got nothing"]),
         ("camera: {", vec!["f.yaml", "not YAML"]),
     ] {
-        let message = params_of_file(Path::new("f.yaml"), text).unwrap_err().to_string();
+        let message = of_file(text).unwrap_err().to_string();
         for part in parts {
             assert!(message.contains(part), "{text:?}: {message:?} lacks {part:?}");
         }
@@ -208,12 +226,12 @@ fn names_in_parameter_files_are_those_of_ros_2() {
     ] {
         let close = if key.contains('{') { "}" } else { "" };
         let text = format!("{key}: {{ros__parameters: {{x: 1}}}}{close}");
-        let args = RosArgs { params: params_of_file(Path::new("f.yaml"), &text).unwrap(), ..RosArgs::default() };
+        let args = RosArgs { params: of_file(&text).unwrap(), ..RosArgs::default() };
         let reaches = |namespace| !args.params_for(namespace, "camera").is_empty();
         assert_eq!((reaches("/lab"), reaches("/")), (in_lab, in_root), "{key}");
     }
     for key in ["/cam*", "/lab//camera", "/2camera", "/lab/"] {
-        let error = params_of_file(Path::new("f.yaml"), &format!("{key}: {{ros__parameters: {{x: 1}}}}")).unwrap_err();
+        let error = of_file(&format!("{key}: {{ros__parameters: {{x: 1}}}}")).unwrap_err();
         assert!(error.to_string().contains("* stands for one name"), "{key}: {error}");
     }
 }

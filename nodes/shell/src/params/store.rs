@@ -3,6 +3,7 @@
 use super::kinds::{ParamKind, Value};
 use super::spec::ParamSpec;
 use crate::args::ParamOverride;
+use crate::yaml::Yaml;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -145,6 +146,7 @@ struct Inner {
     entries: Mutex<BTreeMap<String, Entry>>,
     overrides: Mutex<Vec<(ParamOverride, bool)>>,
     listeners: Mutex<Vec<Listener>>,
+    passed_over: Mutex<Vec<String>>,
 }
 
 /// The parameters of one node. Clones share them.
@@ -167,6 +169,7 @@ impl Params {
                 entries: Mutex::new(BTreeMap::new()),
                 overrides: Mutex::new(overrides),
                 listeners: Mutex::new(Vec::new()),
+                passed_over: Mutex::new(Vec::new()),
             }),
         }
     }
@@ -190,19 +193,31 @@ impl Params {
     }
 
     fn override_of<T: ParamKind>(&self, name: &str, spec: &ParamSpec) -> Result<Option<T>, ParamError> {
-        let mut value = None;
-        for (given, used) in lock(&self.inner.overrides).iter_mut() {
-            if given.name != name {
-                continue;
-            }
+        let mut overrides = lock(&self.inner.overrides);
+        let mut given = None;
+        for (value, used) in overrides.iter_mut().filter(|(value, _)| value.name == name) {
             *used = true;
-            let bad = |reason| ParamError::BadOverride { origin: given.origin.clone(), name: name.to_owned(), reason };
-            let typed = T::from_yaml(&given.value)
-                .ok_or_else(|| bad(format!("expected {}, got {}", T::WORD, given.value.describe())))?;
-            spec.allows(&typed.to_value()).map_err(bad)?;
-            value = Some(typed);
+            given = Some(&*value);
         }
-        Ok(value)
+        let Some(given) = given else { return Ok(None) };
+        let (mut value, mut origin) = (&given.value, &given.origin);
+        match &given.hidden {
+            // ROS 2 keeps the earlier integer and then refuses it for a number, where this crate takes both.
+            Some((number @ Yaml::Float(_), place)) if T::from_yaml(number).is_some() => {
+                (value, origin) = (number, place)
+            }
+            Some((hidden, place)) => lock(&self.inner.passed_over).push(format!(
+                "{origin}: {} counts, as in ROS 2, and not {} of {place}: give values of one type",
+                value.describe(),
+                hidden.describe()
+            )),
+            None => {}
+        }
+        let bad = |reason| ParamError::BadOverride { origin: origin.clone(), name: name.to_owned(), reason };
+        let typed =
+            T::from_yaml(value).ok_or_else(|| bad(format!("expected {}, got {}", T::WORD, value.describe())))?;
+        spec.allows(&typed.to_value()).map_err(bad)?;
+        Ok(Some(typed))
     }
 
     /// Refuses values from the command line or a file that no declaration used, but for those of a file's wildcard
@@ -219,6 +234,11 @@ impl Params {
             name: unknown.name.clone(),
             known: self.names().join(", "),
         })
+    }
+
+    /// Values that were given later and do not count, in words.
+    pub(crate) fn passed_over(&self) -> Vec<String> {
+        lock(&self.inner.passed_over).clone()
     }
 
     /// Calls `listener` with the changes of every set that was accepted, on the setter's thread.

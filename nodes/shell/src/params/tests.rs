@@ -36,7 +36,7 @@ fn every_kind_is_read_from_the_command_line() {
         "-p",
         "d:=x",
         "-p",
-        "e:=[1, 2.5]",
+        "e:=[1.0, 2.5]",
         "-p",
         "f:=[1, 2]",
         "-p",
@@ -147,5 +147,26 @@ fn a_wildcard_entry_of_a_file_may_go_unused() {
     let file = "/**: {ros__parameters: {a: 1}}";
     let (args, _) = RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml"], &|_| Ok(file.to_owned())).unwrap();
     let params = Params::new("runner", args.params_for("/", "runner").into_iter().cloned());
-    assert_eq!(params.refuse_unknown().unwrap(), ["f.yaml: /**.ros__parameters.a"]);
+    assert_eq!(params.refuse_unknown().unwrap(), ["f.yaml:1: /**.ros__parameters.a"]);
+}
+
+#[test]
+fn a_value_that_another_replaces_is_not_looked_at() {
+    let file = "/**: {ros__parameters: {workers: many}}\nrunner: {ros__parameters: {workers: 2}}";
+    let (args, _) = RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml"], &|_| Ok(file.to_owned())).unwrap();
+    let params = Params::new("runner", args.params_for("/", "runner").into_iter().cloned());
+    assert_eq!(params.declare("workers", 1_i64, ParamSpec::new("Workers.")).unwrap().get(), 2);
+}
+
+/// A number hidden by an earlier integer, which no node of ROS 2 would take, is not lost; other types are as in rclpy.
+#[test]
+fn of_two_types_the_one_counts_that_counts_in_ros_2() {
+    let both = params(&["-p", "rate:=1", "-p", "rate:=2.5", "-p", "workers:=2", "-p", "workers:=many"]);
+    assert_eq!(both.declare("rate", 0.0, ParamSpec::new("Rate.")).unwrap().get(), 2.5);
+    assert_eq!(both.passed_over(), Vec::<String>::new());
+    assert_eq!(both.declare("workers", 1_i64, ParamSpec::new("Workers.")).unwrap().get(), 2);
+    let [warning] = &both.passed_over()[..] else { panic!("{:?}", both.passed_over()) };
+    assert!(warning.contains("the integer 2 counts") && warning.contains("\"many\" of -p workers:=many"), "{warning}");
+    let last = params(&["-p", "rate:=2.5", "-p", "rate:=1"]);
+    assert_eq!(last.declare("rate", 0.0, ParamSpec::new("Rate.")).unwrap().get(), 1.0);
 }
