@@ -33,6 +33,11 @@ impl Kind {
             Self::Float => matches!(value, Python::Float(_)),
         }
     }
+
+    /// Like [`Kind::has`], with a boolean no integer.
+    fn strictly_has(self, value: &Python) -> bool {
+        self.has(value) && (self != Self::Int || matches!(value, Python::Int(_)))
+    }
 }
 
 /// Reads the attribute `value` of an element with the attribute `type`.
@@ -125,13 +130,6 @@ fn items_of(items: Vec<Python>, kind: Kind, scope: &Scope<'_>) -> Result<Python>
         bail!("{uniform}, got {}", other.describe());
     }
     Ok(Python::List(values))
-}
-
-impl Kind {
-    /// Like [`Kind::has`], with a boolean no integer.
-    fn strictly_has(self, value: &Python) -> bool {
-        self.has(value) && (self != Self::Int || matches!(value, Python::Int(_)))
-    }
 }
 
 fn is_same_type(a: &Python, b: &Python) -> bool {

@@ -139,6 +139,13 @@ struct Entry {
     slot: Box<dyn Slot>,
 }
 
+fn is_of_numbers(value: &Yaml) -> bool {
+    match value {
+        Yaml::List(items) => matches!(items.first(), Some(Yaml::Float(_))),
+        value => matches!(value, Yaml::Float(_)),
+    }
+}
+
 type Listener = Box<dyn Fn(&[Change]) + Send + Sync>;
 
 struct Inner {
@@ -202,9 +209,9 @@ impl Params {
         let Some(given) = given else { return Ok(None) };
         let (mut value, mut origin) = (&given.value, &given.origin);
         match &given.hidden {
-            // ROS 2 keeps the earlier integer and then refuses it for a number, where this crate takes both.
-            Some((number @ Yaml::Float(_), place)) if T::from_yaml(number).is_some() => {
-                (value, origin) = (number, place)
+            // ROS 2 keeps the earlier integers and then refuses them for numbers, where this crate takes both.
+            Some((later, place)) if is_of_numbers(later) && T::from_yaml(later).is_some() => {
+                (value, origin) = (later, place);
             }
             Some((hidden, place)) => lock(&self.inner.passed_over).push(format!(
                 "{origin}: {} counts, as in ROS 2, and not {} of {place}: give values of one type",

@@ -167,6 +167,8 @@ fn of_two_types_the_one_counts_that_counts_in_ros_2() {
     assert_eq!(both.declare("workers", 1_i64, ParamSpec::new("Workers.")).unwrap().get(), 2);
     let [warning] = &both.passed_over()[..] else { panic!("{:?}", both.passed_over()) };
     assert!(warning.contains("the integer 2 counts") && warning.contains("\"many\" of -p workers:=many"), "{warning}");
+    let lists = params(&["-p", "theta:=[1, 2]", "-p", "theta:=[0.5]"]);
+    assert_eq!(lists.declare("theta", vec![0.0], ParamSpec::new("Values.")).unwrap().get(), [0.5]);
     let last = params(&["-p", "rate:=2.5", "-p", "rate:=1"]);
     assert_eq!(last.declare("rate", 0.0, ParamSpec::new("Rate.")).unwrap().get(), 1.0);
 }
