@@ -80,13 +80,14 @@ fn individual(structure: &StructureInfo) -> IndividualTypeDescription {
     }
 }
 
-/// The file that a type was generated from. Types derived from a service or an action have none of their own.
+/// The file that a type was generated from, without blank ends, as rosidl has it. Types derived from a service or an action have
+/// none of their own.
 fn source(structure: &StructureInfo) -> TypeSource {
     let file = crate::SOURCES.iter().find(|(name, ..)| *name == structure.type_name);
     let (encoding, text) = file.map_or(("implicit", ""), |(_, encoding, text)| (*encoding, *text));
     TypeSource {
         type_name: structure.type_name.to_owned(),
         encoding: encoding.to_owned(),
-        raw_file_contents: text.to_owned(),
+        raw_file_contents: text.trim().to_owned(),
     }
 }

@@ -62,7 +62,7 @@ fn a_description_holds_the_type_and_all_that_it_refers_to() {
     let w = &description.referenced_type_descriptions[3].fields[3];
     assert_eq!((w.name.as_str(), w.default_value.as_str()), ("w", "1.0"));
     assert_eq!(sources.len(), 6);
-    assert!(sources.iter().all(|s| s.encoding == "msg" && !s.raw_file_contents.is_empty()));
+    assert!(sources.iter().all(|s| s.encoding == "msg" && s.raw_file_contents.ends_with(char::is_alphanumeric)));
     let (_, sources) = described("std_srvs/srv/SetBool_Request").unwrap();
     assert_eq!((sources[0].encoding.as_str(), sources[0].raw_file_contents.as_str()), ("implicit", ""));
     assert_eq!(described("std_msgs/msg/NoSuchThing"), None);

@@ -103,3 +103,24 @@ fn services_and_actions_have_the_types_that_rosidl_derives() {
     ];
     assert_eq!(derived, expected);
 }
+
+#[test]
+fn defaults_are_written_as_rosidl_writes_them() {
+    let text = "float64 w 1\nfloat32 x 0.5\nbool a true\nbool b 0\nint8 n -2\nstring s\n";
+    let defaults: Vec<String> = section(text, "p").fields.into_iter().map(|field| field.default_value).collect();
+    assert_eq!(defaults, ["1.0", "0.5", "True", "False", "-2", ""]);
+}
+
+#[test]
+fn every_structure_has_a_row_of_its_fields() {
+    let rows = catalogue(&[("p", "Inner", "float64[3] x\n"), ("p", "Outer", "Inner[<=2] inner\nint8 n -2\n")]).rows();
+    let rows: Vec<String> = rows.unwrap().lines().map(str::to_owned).collect();
+    assert_eq!(rows.len(), 2);
+    assert!(
+        rows[0].contains("type_name: \"p/msg/Inner\"") && rows[0].contains("type_id: 59, capacity: 3"),
+        "{}",
+        rows[0]
+    );
+    let outer = "type_id: 97, capacity: 2, string_capacity: 0, nested_type_name: \"p/msg/Inner\"";
+    assert!(rows[1].contains(outer) && rows[1].contains("default_value: \"-2\""), "{}", rows[1]);
+}

@@ -99,7 +99,7 @@ def test_a_graph_with_a_clock_and_with_types_that_nobody_has_is_shown(session, m
     assert main(["graph", "--seconds", "1.5", "--json"]) == 0, capsys.readouterr().err
     said = json.loads(capsys.readouterr().out)
     topics = {topic["name"]: topic for topic in said["topics"]}
-    assert "rosgraph_msgs/msg/Clock" in topics["/clock"]["type"] and topics["/clock"]["rate_hz"] > 50
+    assert topics["/clock"]["type"] == "rosgraph_msgs/msg/Clock" and topics["/clock"]["rate_hz"] > 50
     assert [p for topic in said["topics"] for p in topic["problems"]] == []
 
 

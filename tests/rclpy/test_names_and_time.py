@@ -81,7 +81,6 @@ def test_rclpy_to_node_sets_the_time(session, name):
     ros.wait_for(client.services_are_ready, 20, "the parameter services")
     ros.result(client.set_parameters([Parameter("use_sim_time", value=False)]), 10, "an answer")
     ros.wait_for(lambda: reports[-1].sec > 1_700_000_000, 10, "a report in wall time")
-    # Two types of /clock are the middleware's affair: see test_cell.
     assert "Inconsistent" not in session.text("camera.err")
 
 
@@ -91,6 +90,7 @@ def test_node_to_rclpy_sets_the_time(session, name):
     options = (f"model_file:={model}", "publish_clock:=true", "real_time_factor:=4.0", "fidelity:=fast")
     session.node("simulated_cell", *(part for option in options for part in ("-p", option)))
     ros = session.meet("simulated_cell")
+    assert dict(ros.node.get_topic_names_and_types())[name] == ["rosgraph_msgs/msg/Clock"]
     (publisher,) = ros.node.get_publishers_info_by_topic(name)
     assert (publisher.node_name, publisher.qos_profile.reliability) == ("simulated_cell", ReliabilityPolicy.BEST_EFFORT)
     ros.node.set_parameters([Parameter("use_sim_time", value=True)])

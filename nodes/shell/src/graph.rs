@@ -15,7 +15,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::task::Poll;
 use std::time::{Duration, Instant};
@@ -27,6 +27,8 @@ use std::time::{Duration, Instant};
 pub(crate) struct Graph {
     /// None: the node has left.
     session: Mutex<Option<Session>>,
+    /// Set before the session ends, and read without waiting for its lock.
+    has_left: AtomicBool,
     own: GUID,
     matches: Matches,
     /// Names of the types that the node's endpoints have had.
@@ -83,6 +85,7 @@ impl Graph {
         Self {
             own: session.participant().guid(),
             session: Mutex::new(Some(session)),
+            has_left: AtomicBool::new(false),
             matches: Matches::default(),
             types: Mutex::default(),
             since: Instant::now(),
@@ -91,25 +94,26 @@ impl Graph {
     }
 
     /// Ends the session: the others see the node and its endpoints gone. What is made or written later fails.
+    ///
+    /// Returns when the session has ended, whoever ends it.
     pub(crate) fn leave(&self) {
-        if self.session().is_none() {
+        self.linger();
+        self.has_left.store(true, Ordering::Release);
+        // The lock is held to the end, so that another thread that calls this waits, too.
+        let mut session = self.session();
+        if session.is_none() {
             return;
         }
-        self.linger();
-        // Taken under the lock and dropped without it: the end takes a while, in which nobody has to wait.
-        let session = self.session().take();
-        if session.is_some() {
-            // What the middleware says of endpoints that outlive their participant is noise.
-            if LIVE.fetch_sub(1, Ordering::AcqRel) == 1 {
-                logging::hush_middleware(true);
-            }
-            drop(session);
+        // What the middleware says of endpoints that outlive their participant is noise.
+        if LIVE.fetch_sub(1, Ordering::AcqRel) == 1 {
+            logging::hush_middleware(true);
         }
+        *session = None;
     }
 
     /// Whether the node has left the graph.
     pub(crate) fn has_left(&self) -> bool {
-        self.session().is_none()
+        self.has_left.load(Ordering::Acquire)
     }
 
     fn session(&self) -> MutexGuard<'_, Option<Session>> {

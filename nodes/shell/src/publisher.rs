@@ -52,17 +52,20 @@ impl<M: Payload> Publisher<M> {
     /// [`PublishError`] where a reliable subscriber is thousands of messages behind, as one that was killed is
     /// until its lease ends: the message is lost for all.
     pub fn publish(&self, message: M) -> Result<(), PublishError> {
-        match self.inner.writer.write(message) {
+        let inner = &self.inner;
+        let written = match inner.graph.has_left() {
+            false => inner.writer.write(message),
+            true => Err("the node has left the graph".to_owned()),
+        };
+        match written {
             Ok(()) => {
-                self.inner.published.fetch_add(1, Ordering::Relaxed);
-                self.inner.graph.touch();
+                inner.published.fetch_add(1, Ordering::Relaxed);
+                inner.graph.touch();
                 Ok(())
             }
             Err(reason) => {
-                self.inner.failed.fetch_add(1, Ordering::Relaxed);
-                let has_left = self.inner.graph.has_left();
-                let reason = if has_left { "the node has left the graph".to_owned() } else { reason };
-                Err(PublishError { topic: self.inner.topic.clone(), reason })
+                inner.failed.fetch_add(1, Ordering::Relaxed);
+                Err(PublishError { topic: inner.topic.clone(), reason })
             }
         }
     }

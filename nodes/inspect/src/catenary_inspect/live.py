@@ -132,13 +132,11 @@ def subscribe(mine, name, channel, raw):
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-    # RustDDS has a type of its own for the clock, of the same bytes.
-    type_name = "rosgraph_msgs/msg/Clock" if name == "/clock" else channel.type_name
-    if "," in type_name:
+    if "," in channel.type_name:
         raise InspectError(f"live graph: {name}: expected one type, found {channel.type_name}")
 
     def came(message):
         channel.messages.append((time.time_ns(), len(message) if raw else message))
 
     channel.since_ns = time.time_ns()
-    mine.create_subscription(message_class(name, type_name), name, came, profile, raw=raw)
+    mine.create_subscription(message_class(name, channel.type_name), name, came, profile, raw=raw)
