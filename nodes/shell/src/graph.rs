@@ -3,6 +3,7 @@
 use crate::error::ShellError;
 use crate::interface::{dds_type, ros_type};
 use crate::logging;
+use crate::peers::{self, Directory};
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
@@ -18,6 +19,7 @@ use std::time::{Duration, Instant};
 pub(crate) struct Graph {
     ros: Mutex<ros2_client::Node>,
     context: ros2_client::Context,
+    directory: Directory,
     since: Instant,
     /// Nanoseconds from `since` to the last write of any endpoint.
     written: AtomicU64,
@@ -70,7 +72,8 @@ impl Graph {
     pub(crate) fn new(ros: ros2_client::Node, context: ros2_client::Context) -> Self {
         LIVE.fetch_add(1, Ordering::AcqRel);
         logging::hush_middleware(false);
-        Self { ros: Mutex::new(ros), context, since: Instant::now(), written: AtomicU64::new(0) }
+        let (directory, written) = (Directory::default(), AtomicU64::new(0));
+        Self { ros: Mutex::new(ros), context, directory, since: Instant::now(), written }
     }
 
     fn elapsed(&self) -> u64 {
@@ -93,6 +96,29 @@ impl Graph {
 
     pub(crate) fn ros(&self) -> MutexGuard<'_, ros2_client::Node> {
         self.ros.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The names of the nodes of other participants.
+    pub(crate) fn directory(&self) -> &Directory {
+        &self.directory
+    }
+
+    /// Endpoints of all participants that live, as far as they promised signs of life.
+    pub(crate) fn living_endpoints(&self) -> Vec<peers::Endpoint> {
+        let (participant, now) = (self.participant(), Instant::now());
+        let writers = participant.discovered_writers().into_iter().filter(|w| lives(w, now)).map(|w| peers::Endpoint {
+            gid: w.writer_proxy.remote_writer_guid.to_bytes(),
+            topic: w.publication_topic_data.topic_name,
+            is_writer: true,
+            addresses: peers::addresses(&w.writer_proxy.unicast_locator_list),
+        });
+        let readers = participant.discovered_readers().into_iter().map(|r| peers::Endpoint {
+            gid: r.reader_proxy.remote_reader_guid.to_bytes(),
+            topic: r.subscription_topic_data.topic_name().clone(),
+            is_writer: false,
+            addresses: peers::addresses(&r.reader_proxy.unicast_locator_list),
+        });
+        writers.chain(readers).collect()
     }
 
     pub(crate) fn participant(&self) -> rustdds::DomainParticipant {

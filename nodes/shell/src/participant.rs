@@ -21,6 +21,29 @@ pub fn domain_id() -> Result<u16, ShellError> {
     Ok(Participation::from_environment(&|name| std::env::var(name).ok())?.0.domain)
 }
 
+/// The domain and the range of discovery of a process with these environment variables.
+///
+/// # Errors
+/// [`ShellError::Environment`], as [`domain_id`].
+pub fn domain_and_range(variable: &dyn Fn(&str) -> Option<String>) -> Result<(u16, Discovery), ShellError> {
+    let (participation, _) = Participation::from_environment(variable)?;
+    Ok((participation.domain, participation.discovery))
+}
+
+/// Whether a participant of this machine listens to the discovery of a domain, without joining it.
+///
+/// RTPS 2.5, section 9.6.2.3: every participant of domain d binds the multicast port 7400 + 250 d, and participant p the
+/// unicast port 7400 + 250 d + 10 + 2 p.
+#[must_use]
+pub fn is_domain_used_here(domain: u16) -> bool {
+    let multicast = 7400 + 250 * u32::from(domain);
+    let unicast = (0..8).map(|participant| multicast + 10 + 2 * participant);
+    std::iter::once(multicast).chain(unicast).any(|port| {
+        let port = u16::try_from(port).unwrap_or(u16::MAX);
+        std::net::UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)).is_err()
+    })
+}
+
 /// Where a node takes part: domain and range of discovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Participation {

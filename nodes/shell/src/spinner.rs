@@ -6,6 +6,7 @@ use crate::graph::Graph;
 use crate::logging::Line;
 use crate::node::Node;
 use crate::params::{Change, Param, Params, Value, services};
+use crate::peers;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::stamp;
@@ -34,6 +35,7 @@ pub(crate) fn start(
     let (switched, switches) = smol::channel::bounded(1);
     let clock_topic = graph.topic(&node.resolve("/clock")?, ClockMsg::TYPE_NAME, Qos::CLOCK)?;
     let servers = services::Servers::new(&graph, node.path())?;
+    let nodes = peers::reader(&graph)?;
     report_changes(node, &graph, switched)?;
     let spinner = graph.ros().spinner().map_err(|error| ShellError::create("spinner", error))?;
     let (params, ended) = (node.params().clone(), node.shutdown().clone());
@@ -47,6 +49,7 @@ pub(crate) fn start(
         });
         spin.detach();
         executor.spawn(follow_clock(Arc::clone(&graph), clock, clock_topic, switches)).detach();
+        executor.spawn(peers::follow(Arc::clone(&graph), nodes)).detach();
         executor.spawn(publish_lines(Arc::clone(&graph), lines.clone())).detach();
         run(&executor, &shutdown);
         drop(executor);
