@@ -15,21 +15,10 @@ USERS = os.environ.get("ROS_DOMAIN_ID", "0").strip() or "0"
 FIRST, LAST = 20, 70
 
 
-def ports(domain):
-    """Discovery ports of a domain: multicast, and those of the first participants (RTPS 2.5, section 9.6.2.3)."""
-    base = 7400 + 250 * domain
-    return [base, *(base + 10 + 2 * participant for participant in range(8))]
-
-
 def is_used(domain):
-    """Whether a participant of this machine is in a domain."""
-    for port in ports(domain):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("0.0.0.0", port))
-            except OSError:
-                return True
-    return False
+    """Whether a participant of this machine has a port of a domain (RTPS 2.5, section 9.6.2.3)."""
+    rows = [row.split() for path in ("/proc/net/udp", "/proc/net/udp6") for row in open(path).readlines()[1:]]
+    return any((int(row[1].rsplit(":", 1)[1], 16) - 7400) // 250 == domain for row in rows)
 
 
 class Domain:
@@ -48,7 +37,7 @@ class Domain:
                     self.number = number
                     return
             except OSError:
-                pass  # somebody else's
+                pass  # somebody else's claim
             self.claim.close()
         raise RuntimeError(f"expected a DDS domain of {FIRST} to {LAST} that nobody is in, found none")
 

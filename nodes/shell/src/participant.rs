@@ -1,6 +1,7 @@
 //! The DDS participant, made as the ROS 2 environment variables say.
 
 use crate::error::ShellError;
+use crate::process_of::bound_ports;
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
 
@@ -30,18 +31,27 @@ pub fn domain_and_range(variable: &dyn Fn(&str) -> Option<String>) -> Result<(u1
     Ok((participation.domain, participation.discovery))
 }
 
-/// Whether a participant of this machine listens to the discovery of a domain, without joining it.
-///
-/// RTPS 2.5, section 9.6.2.3: every participant of domain d binds the multicast port 7400 + 250 d, and participant p the
-/// unicast port 7400 + 250 d + 10 + 2 p.
+/// UDP ports of a domain. RTPS 2.5, section 9.6.2.3: 7400 + 250 d for multicast, and for participant p 7400 + 250 d + 10 + 2 p
+/// for discovery and the next one for data.
+fn ports(domain: u16) -> std::ops::Range<u32> {
+    let first = 7400 + 250 * u32::from(domain);
+    first..first + 250
+}
+
+/// Whether a participant of this machine is in a domain, without joining it.
 #[must_use]
 pub fn is_domain_used_here(domain: u16) -> bool {
-    let multicast = 7400 + 250 * u32::from(domain);
-    let unicast = (0..8).map(|participant| multicast + 10 + 2 * participant);
-    std::iter::once(multicast).chain(unicast).any(|port| {
-        let port = u16::try_from(port).unwrap_or(u16::MAX);
-        std::net::UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)).is_err()
-    })
+    let ports = ports(domain);
+    bound_ports().into_iter().any(|port| ports.contains(&u32::from(port)))
+}
+
+/// Data ports of the participants of this machine in a domain, told by their discovery ports.
+pub(crate) fn data_ports_here(domain: u16) -> Vec<u16> {
+    let (ports, bound) = (ports(domain), bound_ports());
+    let first = ports.start + 10;
+    let is_discovery =
+        |port: &u16| ports.contains(&u32::from(*port)) && u32::from(*port) >= first && port.is_multiple_of(2);
+    bound.iter().filter(|port| is_discovery(port) && bound.contains(&(*port + 1))).map(|port| port + 1).collect()
 }
 
 /// Where a node takes part: domain and range of discovery.

@@ -6,6 +6,7 @@
 use crate::error::ShellError;
 use crate::graph::Graph;
 use crate::node::Node;
+use crate::participant::data_ports_here;
 use crate::process_of::{is_local, process_at};
 use crate::qos::Qos;
 use futures::StreamExt;
@@ -18,6 +19,9 @@ use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Longest time until a participant of this machine is found. Fast DDS listens to no multicast where discovery is kept to
+/// this machine, and is found by its announcement, every 3 s.
+const SLOWEST: Duration = Duration::from_secs(4);
 /// Between two looks at what discovery knows.
 const LOOK: Duration = Duration::from_millis(20);
 /// Participants whose nodes are remembered before those that have left are dropped.
@@ -318,19 +322,28 @@ impl Node {
         peers.collect()
     }
 
-    /// Looks around for `time`: returns the other nodes of the domain, and waits as long again for the names of those that
-    /// have told none.
+    /// Looks around for `time` at least, and returns the other nodes of the domain. Waits longer, 4 s at most, for the
+    /// participants of this machine that are known by their ports alone, and for names.
     #[must_use]
     pub fn look_around(&self, time: Duration) -> Vec<Peer> {
         let start = Instant::now();
         loop {
             let is_over = self.shutdown().wait_timeout(LOOK);
             let peers = self.peers();
-            let patience = if peers.iter().all(|peer| peer.node.is_some()) { time } else { 2 * time };
-            if is_over || start.elapsed() >= patience {
+            let is_complete = self.has_met_all_here(&peers) && peers.iter().all(|peer| peer.node.is_some());
+            if is_over || start.elapsed() >= if is_complete { time } else { time.max(SLOWEST) } {
                 return peers;
             }
         }
+    }
+
+    /// Whether the participants of this machine that have ports of this domain are known.
+    fn has_met_all_here(&self, peers: &[Peer]) -> bool {
+        let participant = self.graph().participant();
+        let domain = participant.domain_id();
+        let own = 7400 + 250 * u32::from(domain) + 11 + 2 * u32::from(participant.participant_id());
+        let has = |port: u16| peers.iter().any(|peer| peer.addresses.iter().any(|address| address.port() == port));
+        data_ports_here(domain).into_iter().all(|port| u32::from(port) == own || has(port))
     }
 }
 

@@ -1,5 +1,6 @@
 //! The process behind a UDP address of this machine, as /proc tells it.
 
+use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::path::Path;
 
@@ -34,6 +35,14 @@ fn inode_of(table: &str, address: SocketAddr) -> Option<u64> {
     })
 }
 
+/// UDP ports of this machine (of this network namespace) that somebody receives at.
+pub(crate) fn bound_ports() -> BTreeSet<u16> {
+    let tables =
+        ["/proc/self/net/udp", "/proc/self/net/udp6"].map(|path| std::fs::read_to_string(path).unwrap_or_default());
+    let port = |row: &str| u16::from_str_radix(row.split_whitespace().nth(1)?.rsplit_once(':')?.1, 16).ok();
+    tables.iter().flat_map(|table| table.lines().skip(1)).filter_map(port).collect()
+}
+
 /// The process that has a file with this target open.
 fn owner(target: &str) -> Option<u32> {
     let processes = std::fs::read_dir("/proc").ok()?.flatten();
@@ -55,6 +64,7 @@ mod tests {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let address = socket.local_addr().unwrap();
         assert_eq!(process_at(&[address]), Some(std::process::id()));
+        assert!(bound_ports().contains(&address.port()));
         let any = UdpSocket::bind("0.0.0.0:0").unwrap();
         let port = any.local_addr().unwrap().port();
         assert_eq!(process_at(&[([127, 0, 0, 1], port).into()]), Some(std::process::id()));
