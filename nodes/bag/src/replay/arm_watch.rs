@@ -62,6 +62,7 @@ impl ArmWatch {
     /// Returns when it is known that no real arm is there.
     pub(super) fn wait_until_safe(&self, node: &Node) -> Result<(), BagError> {
         let start = Instant::now();
+        let _everybody = node.look_around(Duration::ZERO);
         // Nodes of an arm of which nobody knows whether it is real.
         let silent = || -> Result<Vec<Peer>, BagError> {
             if self.has_simulated_arm() {
