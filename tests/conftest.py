@@ -3,7 +3,6 @@
 CATENARY_PROGRAM: the program to test; target/release/catenary by default.
 """
 
-import itertools
 import os
 import pathlib
 import signal
@@ -12,6 +11,7 @@ import time
 import uuid
 
 import contract
+import domains
 import pytest
 import rclpy
 from rcl_interfaces.msg import Log
@@ -26,7 +26,6 @@ NODES = set(contract.NODES)
 # As the README tells users of Fast DDS.
 os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "launch_configs/fastdds_localhost.xml"))
 
-numbers = itertools.count(os.getpid())
 running = []
 
 
@@ -48,7 +47,8 @@ class Session:
 
     def __init__(self, folder):
         self.folder = folder
-        self.domain = 20 + next(numbers) % 36
+        self.claim = domains.Domain()
+        self.domain = self.claim.number
         self.mark = uuid.uuid4().hex
         own = {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_HOME": str(folder), MARK: self.mark}
         self.environment = os.environ | own
@@ -154,13 +154,13 @@ class Session:
                 os.kill(pid, signal.SIGKILL)
             except ProcessLookupError:
                 pass
+        self.claim.give_back()
 
 
 class Ros:
     """A node of rclpy that spins while something is waited for."""
 
     def __init__(self, domain, name="stranger"):
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
         self.node = rclpy.create_node(name, context=self.context)

@@ -105,6 +105,38 @@ class Arm(StandIn):
         self.keypoints.publish(self.stamped(seen, OPTICAL))
 
 
+class Stranger(StandIn):
+    """Another laboratory's graph: whatever it is told to do it does, and notes. It tells no state."""
+
+    SERVICES = ("/panda/enable", "/panda/hold", "/panda/error_recovery", "/panda/set_compliance")
+    ACTIONS = ("/panda/move_to_start", "/policy_runner/run_episode")
+
+    def __init__(self, domain, services=SERVICES, actions=ACTIONS, topics=("/panda/target_pose",)):
+        super().__init__(domain, "lab_robot")
+        self.received = []
+        for name in services:
+            self.serve(name, self.noting(name))
+        for name in actions:
+            self.act(name, self.done, accepts=lambda goal, name=name: self.received.append(name) or True)
+        for name in topics:
+            self.listen(name, lambda message, name=name: self.received.append(name))
+
+    def noting(self, name):
+        def answer(request, response):
+            self.received.append(name)
+            response.success = True
+            return response
+
+        return answer
+
+    def done(self, handle):
+        handle.succeed()
+        return BY_ACTION[type(handle.request)].Result(success=True)
+
+
+BY_ACTION = {MoveToStart.Goal: MoveToStart, RunEpisode.Goal: RunEpisode}
+
+
 class Runner(StandIn):
     """Moves to the start and runs episodes by saying so."""
 

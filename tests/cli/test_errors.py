@@ -5,6 +5,7 @@ import pathlib
 import socket
 import subprocess
 
+import domains
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -14,7 +15,8 @@ PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 LAUNCH = ROOT / "launch_configs/sim.launch.xml"
 BAG = ROOT / "bags/swing"
-DOMAIN = 20 + os.getpid() % 36
+CLAIM = domains.Domain()
+DOMAIN = CLAIM.number
 USAGE = 2
 
 

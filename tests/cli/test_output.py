@@ -6,18 +6,20 @@ import pathlib
 import re
 import subprocess
 
+import domains
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
 BAG = ROOT / "bags/swing"
+CLAIM = domains.Domain()
 COMMANDS = "demo launch status node infer train evaluate deploy record replay import-track simulate report bench doctor".split()
 TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
 
 
 def run(folder, *arguments):
-    own = {"ROS_DOMAIN_ID": str(20 + os.getpid() % 36), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    own = {"ROS_DOMAIN_ID": str(CLAIM.number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     command = [PROGRAM, *map(str, arguments)]
     done = subprocess.run(
         command, cwd=folder, env=os.environ | own, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120

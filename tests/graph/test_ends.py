@@ -13,6 +13,7 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosbags.highlevel import AnyReader
+from stand_ins import Stranger
 
 
 def counts(bag):
@@ -193,13 +194,17 @@ def test_an_interrupted_launch_ends_in_order(session):
 
 
 def test_an_interrupted_demo_says_so_and_keeps_its_bag(session):
-    demo = session.start("demo", "--out", "demo")
-    frames = session.folder / "demo/frames"
-    session.wait_for(lambda: demo.poll() is not None or len(list(frames.glob("*.png"))) >= 4, 240, "four steps of pi0 on the cell")
-    demo.send_signal(signal.SIGINT)
-    assert demo.wait(20) == 130
+    # A laboratory in the user's domain, which the demo must leave alone.
+    with Stranger(session.domain) as lab:
+        demo = session.start("demo", "--out", "demo")
+        frames = session.folder / "demo/frames"
+        session.wait_for(lambda: demo.poll() is not None or len(list(frames.glob("*.png"))) >= 4, 240, "four steps of pi0 on the cell")
+        demo.send_signal(signal.SIGINT)
+        assert demo.wait(20) == 130
+    assert lab.received == []
     assert session.text("demo.out") == ""
-    where, *rest = session.text("demo.err").splitlines()
+    where, own, how, *rest = session.text("demo.err").splitlines()
+    assert own.startswith("catenary demo: in DDS domain ") and "ROS_DOMAIN_ID=" in how and f"ROS_DOMAIN_ID={session.domain} " not in how
     assert where == f"catenary demo: results go to {session.folder / 'demo'}"
     stages, last = [line.split(": ")[0] for line in rest[:-1]], rest[-1]
     assert stages == ["start the graph", "train pi0 over the prior"] and last == "catenary: run pi0 on the cell: interrupted"

@@ -2,6 +2,7 @@
 
 import subprocess
 
+import domains
 import pytest
 import rclpy
 from conftest import PROGRAM
@@ -29,11 +30,12 @@ CASES = [
     "workers:=3 workers:=x", "workers:=x workers:=3", "workers:=0x10", "workers:=010", "workers:=+5",
 ]  # fmt: skip
 ABSENT = 0
+CLAIM = domains.Domain()
 
 
 def of_rclpy(arguments, namespace):
     context = rclpy.Context()
-    context.init(args=["x", "--ros-args", *arguments], domain_id=99)
+    context.init(args=["x", "--ros-args", *arguments], domain_id=CLAIM.number)
     try:
         node = rclpy.create_node(
             "simulator_pool", namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False

@@ -2,10 +2,11 @@
 
 use crate::cli::DeployArgs;
 use crate::goal::{self, follow};
+use crate::one_arm::ensure_one_arm;
 use crate::{output, policy_file};
 use anyhow::{Result, ensure};
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
-use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown};
+use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown, contract};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -26,12 +27,15 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     let interrupted = Shutdown::new();
     catenary_shell::end_on_signals(&interrupted)?;
     let node = NodeBuilder::new("deploy", &RosArgs::default())?.build()?;
+    let (start, episode) = (contract::MOVE_TO_START.name, contract::RUN_EPISODE.name);
+    let needed = if arguments.from_here { vec![episode] } else { vec![start, episode] };
+    ensure_one_arm(&node, &needed, wait, &interrupted)?;
     if !arguments.from_here {
-        let client: ActionClient<MoveToStart> = node.action_client("panda/move_to_start")?;
+        let client: ActionClient<MoveToStart> = node.action_client(start)?;
         let moved = follow(&client, MoveToStartGoal::default(), wait, &interrupted, |_| {})?;
         ensure!(moved.success, "move to start: {}", moved.message);
     }
-    let client: ActionClient<RunEpisode> = node.action_client("policy_runner/run_episode")?;
+    let client: ActionClient<RunEpisode> = node.action_client(episode)?;
     let goal = RunEpisodeGoal {
         policy: bytes,
         policy_name: policy.name.clone(),

@@ -22,6 +22,7 @@ mod interrupted;
 mod launch;
 mod model_file;
 mod nodes;
+mod one_arm;
 mod output;
 mod policy_file;
 mod report;

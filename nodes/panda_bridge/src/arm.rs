@@ -1,6 +1,6 @@
 //! An arm behind the gate: what the contract's commands, services and move to the start do to whatever carries them out.
 
-use crate::gate::{Command, GateSettings, Mode, Order, Refusal, SafetyGate, StepPeriod, Verdict};
+use crate::gate::{Command, GateSettings, Mode, Order, Refusal, Rivals, SafetyGate, StepPeriod, Verdict};
 use crate::path::StartPath;
 use crate::pose::ArmPose;
 use thiserror::Error;
@@ -22,6 +22,10 @@ pub trait Plant: Send + 'static {
     }
     /// The newest measured pose.
     fn measured(&self) -> Option<ArmPose>;
+    /// Age of that measurement, s.
+    fn measured_age_s(&self) -> f64 {
+        0.0
+    }
     /// Carries an order out. After [`Order::End`] nothing moves the arm until the next order.
     fn obey(&mut self, order: &Order);
     /// Why it cannot be commanded now, beyond what the gate knows.
@@ -52,6 +56,14 @@ pub enum ArmError {
     /// What carries the orders out is not ready.
     #[error("{0}")]
     Unready(String),
+    /// The measured pose is old: the arm may be elsewhere by now.
+    #[error("the measured pose is {age_s:.2} s old; at most {limit_s} s are allowed")]
+    OldPose {
+        /// Age.
+        age_s: f64,
+        /// Limit.
+        limit_s: f64,
+    },
     /// There is no start pose.
     #[error("no start pose is configured: the goal must bring one")]
     NoStart,
@@ -187,18 +199,18 @@ impl<P: Plant> Arm<P> {
     }
 
     /// Enables the arm; see [`SafetyGate::on_enable`].
-    pub fn enable(&mut self, publishers: usize, simulated_time: bool) -> Result<(), ArmError> {
+    pub fn enable(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<(), ArmError> {
         self.check_ready()?;
-        let order = self.gate.on_enable(publishers, simulated_time)?;
+        let order = self.gate.on_enable(rivals, simulated_time)?;
         self.plant.obey(&order);
         Ok(())
     }
 
     /// Looks again at what enabling looked at; an arm that could not be enabled any more ends its motion. Returns why.
-    pub fn recheck(&mut self, publishers: usize) -> Option<&str> {
+    pub fn recheck(&mut self, rivals: &Rivals) -> Option<&str> {
         let order = match self.plant.unready() {
             Some(why) => self.gate.on_unready(&why),
-            None => self.gate.on_publishers(publishers),
+            None => self.gate.on_rivals(rivals),
         };
         self.plant.obey(&order?);
         self.way = None;
@@ -252,9 +264,10 @@ impl<P: Plant> Arm<P> {
         self.gate.on_episode_ended();
     }
 
-    /// Sets out for `pose` (none: the start pose), to settle there.
+    /// Sets out for `pose` (none: the start pose), to settle there. What keeps an arm from being enabled keeps it from this.
     pub fn begin_move(
         &mut self,
+        rivals: &Rivals,
         pose: Option<ArmPose>,
         speed_m_s: f64,
         settle_s: f64,
@@ -270,7 +283,7 @@ impl<P: Plant> Arm<P> {
         }
         self.check_ready()?;
         let from = self.plant.measured().ok_or(Refusal::NoPose)?;
-        self.gate.on_move_begins(simulated_time)?;
+        self.gate.on_move_begins(rivals, simulated_time)?;
         let now_s = self.plant.time_s();
         let path = StartPath::new(from, target, speed_m_s, MAX_TURN_RAD_S);
         self.way = Some(Way { path, target, done_s: 0.0, looked_s: now_s, went_on_s: now_s, settle_s });
@@ -318,7 +331,14 @@ impl<P: Plant> Arm<P> {
     }
 
     fn check_ready(&self) -> Result<(), ArmError> {
-        self.plant.unready().map_or(Ok(()), |why| Err(ArmError::Unready(why)))
+        if let Some(why) = self.plant.unready() {
+            return Err(ArmError::Unready(why));
+        }
+        let (age_s, limit_s) = (self.plant.measured_age_s(), self.settings.gate.max_age_s);
+        if self.plant.measured().is_some() && age_s > limit_s {
+            return Err(ArmError::OldPose { age_s, limit_s });
+        }
+        Ok(())
     }
 }
 

@@ -7,7 +7,7 @@ use catenary_core::task::Workspace;
 
 mod verdict;
 
-pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, StepPeriod, Verdict};
+pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, Rivals, StepPeriod, Verdict};
 
 /// The frame that commands must be in.
 pub const BASE_FRAME: &str = "panda_link0";
@@ -137,16 +137,13 @@ impl SafetyGate {
         }
     }
 
-    /// Enables the arm, its target the measured pose. `publishers`: of targets; `simulated_time`: whether time comes from
-    /// `/clock`.
-    pub fn on_enable(&mut self, publishers: usize, simulated_time: bool) -> Result<Order, Refusal> {
+    /// Enables the arm, its target the measured pose. `simulated_time`: whether time comes from `/clock`.
+    pub fn on_enable(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<Order, Refusal> {
         self.check_latches()?;
         if self.activity == Mode::Moving {
             return Err(Refusal::Moving);
         }
-        if publishers > 1 {
-            return Err(Refusal::Publishers(publishers));
-        }
+        rivals.check()?;
         self.check_replay(simulated_time)?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
         let already = self.is_enabled();
@@ -160,12 +157,12 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
-    /// These publishers of targets were counted: more than one end what enabling would refuse.
-    pub fn on_publishers(&mut self, publishers: usize) -> Option<Order> {
-        if publishers <= 1 || !self.is_enabled() {
-            return None;
+    /// These nodes were seen: a motion ends that would not begin beside them.
+    pub fn on_rivals(&mut self, rivals: &Rivals) -> Option<Order> {
+        match rivals.check() {
+            Err(refusal) => self.on_unready(&refusal.to_string()),
+            Ok(()) => None,
         }
-        self.end(Refusal::Publishers(publishers).to_string())
     }
 
     /// What carries the orders out is not ready any more.
@@ -197,9 +194,10 @@ impl SafetyGate {
         Ok(Some(Order::Hold(pose)))
     }
 
-    /// A move to the start pose begins. `simulated_time`: whether time comes from `/clock`.
-    pub fn on_move_begins(&mut self, simulated_time: bool) -> Result<(), Refusal> {
+    /// A move to the start pose begins, under the conditions of [`SafetyGate::on_enable`].
+    pub fn on_move_begins(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<(), Refusal> {
         self.check_latches()?;
+        rivals.check()?;
         self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
         if self.activity != Mode::Moving {

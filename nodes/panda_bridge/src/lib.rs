@@ -18,6 +18,6 @@ pub mod pose;
 
 pub use arm::{Arm, ArmError, ArmSettings, Plant, Progress};
 pub use compliance::Compliance;
-pub use gate::{Clip, Command, GateSettings, Mode, Order, Refusal, Rejection, SafetyGate, StepPeriod, Verdict};
+pub use gate::{Clip, Command, GateSettings, Mode, Order, Refusal, Rejection, Rivals, SafetyGate, StepPeriod, Verdict};
 pub use path::StartPath;
 pub use pose::ArmPose;

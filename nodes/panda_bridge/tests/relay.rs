@@ -18,8 +18,10 @@ use catenary_shell::contract::{
     TARGET_POSE,
 };
 use catenary_shell::{
-    Discovery, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status, Subscription, stamp,
+    Discovery, DomainClaim, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status,
+    Subscription, stamp,
 };
+use std::collections::BTreeMap;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -28,9 +30,11 @@ use std::time::{Duration, Instant};
 const SOON: Duration = Duration::from_secs(10);
 const BASE: &str = "panda_link0";
 
-/// A domain for test `number`, 0 to 9, that another run of these tests at the same time hardly has.
+/// The domain of test `number`, which nobody else is in, the user's graph least of all.
 fn domain(number: u16) -> u16 {
-    60 + 10 * (std::process::id() % 4) as u16 + number
+    static CLAIMS: Mutex<BTreeMap<u16, DomainClaim>> = Mutex::new(BTreeMap::new());
+    let mut claims = CLAIMS.lock().unwrap();
+    claims.entry(number).or_insert_with(|| DomainClaim::any(|_| Ok(true)).unwrap()).id()
 }
 
 fn builder(name: &str, number: u16) -> NodeBuilder {

@@ -106,7 +106,8 @@ impl Shell {
 
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
-        match self.episode(handle, episode) {
+        tracing::info!("episode {episode}: run_episode, asked for by {}", handle.requester());
+        match self.episode(handle, episode).inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
             Ok((End::Complete, result)) => Outcome::Canceled(result),
             Ok((_, result)) => Outcome::Succeeded(result),
             Err(error) => {
@@ -228,6 +229,8 @@ impl Shell {
 
     /// Enables the arm and waits until it says that it can be commanded.
     fn enable_arm(&self) -> Result<()> {
+        // Only what moves an arm: to stop several is no fault.
+        self.enable.ensure_one_server()?;
         let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE)?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
         self.wait_enabled().inspect_err(|_| self.disable_arm())

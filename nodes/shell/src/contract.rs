@@ -142,6 +142,9 @@ endpoints! {
         "Locates, names and repairs what the model lacks.";
 }
 
+/// Default names under which an arm is commanded.
+pub const ARM: [&str; 5] = [ENABLE.name, HOLD.name, ERROR_RECOVERY.name, SET_COMPLIANCE.name, MOVE_TO_START.name];
+
 /// The topic with a default name, with or without its leading slash.
 #[must_use]
 pub fn topic(name: &str) -> Option<&'static Topic> {

@@ -111,11 +111,24 @@ pub enum CallError {
         /// The service.
         name: String,
     },
+    /// Several nodes offer it, and each would do what is asked. Nothing was sent.
+    #[error(
+        "{name}: {servers} all offer it, and nothing was sent; end all but one, or give each graph a ROS_DOMAIN_ID or a \
+         namespace of its own"
+    )]
+    Ambiguous {
+        /// The service or action.
+        name: String,
+        /// Its servers.
+        servers: String,
+    },
     /// The action server refused the goal.
-    #[error("{name}: the goal was rejected")]
+    #[error("{name}: {server} rejected the goal; its log says why")]
     Rejected {
         /// The action.
         name: String,
+        /// Its server.
+        server: String,
     },
     /// Its server does not know the goal that it accepted: another one took its place.
     #[error("{name}: its server went away while the goal ran, and the one that came does not know the goal")]

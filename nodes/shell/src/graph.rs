@@ -4,6 +4,7 @@ use crate::error::ShellError;
 use crate::interface::{dds_type, ros_type};
 use crate::logging;
 use crate::middleware::{Made, Matches, Reader, Session, Writer};
+use crate::peers::{self, Directory};
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
@@ -33,6 +34,7 @@ pub(crate) struct Graph {
     matches: Matches,
     /// Names of the types that the node's endpoints have had.
     types: Mutex<BTreeSet<String>>,
+    directory: Directory,
     since: Instant,
     /// Nanoseconds from `since` to the last write of any endpoint.
     written: AtomicU64,
@@ -87,6 +89,7 @@ impl Graph {
             session: Mutex::new(Some(session)),
             has_left: AtomicBool::new(false),
             matches: Matches::default(),
+            directory: Directory::default(),
             types: Mutex::default(),
             since: Instant::now(),
             written: AtomicU64::new(0),
@@ -224,6 +227,35 @@ impl Graph {
     /// Identifier of the participant.
     pub(crate) fn guid(&self) -> GUID {
         self.own
+    }
+
+    /// The names of the nodes of other participants.
+    pub(crate) fn directory(&self) -> &Directory {
+        &self.directory
+    }
+
+    /// Endpoints of all participants that live, as far as they promised signs of life.
+    pub(crate) fn living_endpoints(&self) -> Vec<peers::Endpoint> {
+        let now = Instant::now();
+        let writers = self.discovered_writers().into_iter().filter(|w| lives(w, now)).map(|w| peers::Endpoint {
+            gid: w.writer_proxy.remote_writer_guid.to_bytes(),
+            topic: w.publication_topic_data.topic_name,
+            is_writer: true,
+            addresses: peers::addresses(&w.writer_proxy.unicast_locator_list),
+        });
+        let readers = self.discovered_readers().into_iter().map(|r| peers::Endpoint {
+            gid: r.reader_proxy.remote_reader_guid.to_bytes(),
+            topic: r.subscription_topic_data.topic_name().clone(),
+            is_writer: false,
+            addresses: peers::addresses(&r.reader_proxy.unicast_locator_list),
+        });
+        writers.chain(readers).collect()
+    }
+
+    /// Domain and number of the participant, which fix its ports; none once the node has left.
+    pub(crate) fn domain_and_number(&self) -> Option<(u16, u16)> {
+        let session = self.session();
+        session.as_ref().map(|session| (session.participant().domain_id(), session.participant().participant_id()))
     }
 
     /// The writers that other participants have, and those of this one that it has discovered; none once the node has left.

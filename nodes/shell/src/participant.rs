@@ -1,6 +1,7 @@
 //! The DDS participant, made as the ROS 2 environment variables say.
 
 use crate::error::ShellError;
+use crate::process_of::bound_ports;
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
 
@@ -19,6 +20,38 @@ pub enum Discovery {
 /// [`ShellError::Environment`] where a node would refuse the environment: this variable or the range of discovery.
 pub fn domain_id() -> Result<u16, ShellError> {
     Ok(Participation::from_environment(&|name| std::env::var(name).ok())?.0.domain)
+}
+
+/// The domain and the range of discovery of a process with these environment variables.
+///
+/// # Errors
+/// [`ShellError::Environment`], as [`domain_id`].
+pub fn domain_and_range(variable: &dyn Fn(&str) -> Option<String>) -> Result<(u16, Discovery), ShellError> {
+    let (participation, _) = Participation::from_environment(variable)?;
+    Ok((participation.domain, participation.discovery))
+}
+
+/// UDP ports of a domain. RTPS 2.5, section 9.6.2.3: 7400 + 250 d for multicast, and for participant p 7400 + 250 d + 10 + 2 p
+/// for discovery and the next one for data.
+fn ports(domain: u16) -> std::ops::Range<u32> {
+    let first = 7400 + 250 * u32::from(domain);
+    first..first + 250
+}
+
+/// Whether a participant of this machine is in a domain, without joining it.
+#[must_use]
+pub fn is_domain_used_here(domain: u16) -> bool {
+    let ports = ports(domain);
+    bound_ports().into_iter().any(|port| ports.contains(&u32::from(port)))
+}
+
+/// Data ports of the participants of this machine in a domain, told by their discovery ports.
+pub(crate) fn data_ports_here(domain: u16) -> Vec<u16> {
+    let (ports, bound) = (ports(domain), bound_ports());
+    let first = ports.start + 10;
+    let is_discovery =
+        |port: &u16| ports.contains(&u32::from(*port)) && u32::from(*port) >= first && port.is_multiple_of(2);
+    bound.iter().filter(|port| is_discovery(port) && bound.contains(&(*port + 1))).map(|port| port + 1).collect()
 }
 
 /// Where a node takes part: domain and range of discovery.

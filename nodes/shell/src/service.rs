@@ -7,6 +7,7 @@ use crate::interface::{Srv, service_type};
 use crate::large_reply::{self, ReplyReader, ReplyWriter};
 use crate::middleware::{ClientEnds, Served, ServerEnds};
 use crate::node::Node;
+use crate::peers::{Requester, list_peers};
 use crate::shutdown::Shutdown;
 use crate::wait::block_until;
 use futures::StreamExt;
@@ -69,13 +70,18 @@ where
 
     /// Answers requests, one after the other, for ever.
     pub(crate) async fn answer(&self, mut handler: impl FnMut(Req) -> Resp) {
+        self.answer_to(|request, _| handler(request)).await;
+    }
+
+    /// The same for a handler that is told who asks.
+    async fn answer_to(&self, mut handler: impl FnMut(Req, &Requester) -> Resp) {
         let mut contact = FirstContact::of_service(&self.graph, &self.path);
         let mut large = self.large.as_ref().map(|large| (large, large.contact(&self.graph)));
         let mut requests = pin!(self.server.requests());
         while let Some(request) = requests.next().await {
             let sent = match request {
                 Ok((id, request)) => {
-                    let response = handler(request);
+                    let response = handler(request, &Requester::new(&self.graph, &id));
                     let is_sent = large.as_mut().is_some_and(|(large, clients)| large.send(&id, &response, clients));
                     if is_sent {
                         Ok(())
@@ -167,7 +173,19 @@ impl Node {
     pub fn serve<S: Srv>(
         &self,
         name: &str,
-        handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
+        mut handler: impl FnMut(S::Request) -> S::Response + Send + 'static,
+    ) -> Result<Service, ShellError> {
+        self.serve_to::<S>(name, move |request, _| handler(request))
+    }
+
+    /// As [`Node::serve`], with a handler that is told who asks.
+    ///
+    /// # Errors
+    /// As [`Node::serve`].
+    pub fn serve_to<S: Srv>(
+        &self,
+        name: &str,
+        handler: impl FnMut(S::Request, &Requester) -> S::Response + Send + 'static,
     ) -> Result<Service, ShellError> {
         let name = self.resolve(name)?;
         let mut endpoint = Endpoint::<S::Request, S::Response>::new(self.graph(), name.clone(), S::TYPE_NAME)?;
@@ -177,7 +195,7 @@ impl Node {
         let stop = self.shutdown().child();
         let stopped = stop.clone();
         self.spawn(&format!("srv {name}"), move || {
-            block_until(smol::future::or(stopped.triggered(), endpoint.answer(handler)), None);
+            block_until(smol::future::or(stopped.triggered(), endpoint.answer_to(handler)), None);
             endpoint.graph.linger();
         })?;
         Ok(Service { name, stop })
@@ -221,6 +239,18 @@ impl<S: Srv> Client<S> {
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let client = self.inner.client.lock().unwrap_or_else(PoisonError::into_inner);
         self.wait_matched(&client.service, timeout, &self.inner.shutdown).is_some()
+    }
+
+    /// Fails where several nodes offer the service: for requests that only one of them may carry out.
+    ///
+    /// # Errors
+    /// [`CallError::Ambiguous`].
+    pub fn ensure_one_server(&self) -> Result<(), CallError> {
+        let servers = self.inner.graph.servers(std::slice::from_ref(&self.inner.name));
+        match servers.len() {
+            0 | 1 => Ok(()),
+            _ => Err(CallError::Ambiguous { name: self.inner.name.clone(), servers: list_peers(&servers) }),
+        }
     }
 
     fn wait_matched(&self, client: &Asking<S>, timeout: Duration, stop: &Shutdown) -> Option<BTreeSet<GUID>> {

@@ -7,6 +7,7 @@ use crate::logging::Line;
 use crate::middleware::{Session, Writer};
 use crate::node::Node;
 use crate::params::{Change, Param, Params, Value, services};
+use crate::peers;
 use crate::qos::Qos;
 use crate::shutdown::Shutdown;
 use crate::stamp;
@@ -38,6 +39,7 @@ pub(crate) fn start(
     let clock_topic = node.resolve("/clock")?;
     let rosout = if has_rosout { Some(rosout(&graph)?) } else { None };
     let servers = services::Servers::new(&graph, node.path())?;
+    let nodes = peers::reader(&graph)?;
     report_changes(node, &graph, switched)?;
     let (params, ended) = (node.params().clone(), node.shutdown().clone());
     let graph_of_types = Arc::clone(&graph);
@@ -46,6 +48,7 @@ pub(crate) fn start(
         let executor = smol::LocalExecutor::new();
         executor.spawn(follow_discovery(Arc::clone(&graph))).detach();
         executor.spawn(follow_clock(Arc::clone(&graph), clock, clock_topic, switches)).detach();
+        executor.spawn(peers::follow(Arc::clone(&graph), nodes)).detach();
         executor.spawn(publish_lines(Arc::clone(&graph), rosout.clone(), lines.clone())).detach();
         run(&executor, &shutdown);
         drop(executor);

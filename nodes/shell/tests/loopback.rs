@@ -11,23 +11,33 @@ use catenary_msgs::msg::Track;
 use catenary_msgs::srv::{Simulate, SimulateRequest, SimulateResponse};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::{
-    CallError, Concurrency, Decision, Discovery, Node, NodeBuilder, Outcome, ParamSpec, Qos, RosArgs, Status, Value,
+    CallError, Concurrency, Decision, Discovery, DomainClaim, Node, NodeBuilder, Outcome, ParamSpec, Qos, RosArgs,
+    Status, Value,
 };
 use rustdds::{DomainParticipantBuilder, DomainParticipantStatusEvent, RTPSEntity, StatusEvented};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 const SOON: Duration = Duration::from_secs(4);
 const TARGET: Qos = Qos::Reliable { depth: 10 };
 
-fn builder(name: &str, domain: u16, args: &[&str]) -> NodeBuilder {
-    let all = std::iter::once("--ros-args").chain(args.iter().copied());
-    let (args, _) = RosArgs::parse(all).unwrap();
-    NodeBuilder::new(name, &args).unwrap().domain(domain, Discovery::Localhost)
+/// The domain of test `number`, which nobody else is in, the user's graph least of all.
+fn domain(number: u16) -> u16 {
+    static CLAIMS: Mutex<BTreeMap<u16, DomainClaim>> = Mutex::new(BTreeMap::new());
+    let mut claims = CLAIMS.lock().unwrap();
+    claims.entry(number).or_insert_with(|| DomainClaim::any(|_| Ok(true)).unwrap()).id()
 }
 
-fn node(name: &str, domain: u16) -> Node {
-    builder(name, domain, &[]).build().unwrap()
+fn builder(name: &str, number: u16, args: &[&str]) -> NodeBuilder {
+    let all = std::iter::once("--ros-args").chain(args.iter().copied());
+    let (args, _) = RosArgs::parse(all).unwrap();
+    NodeBuilder::new(name, &args).unwrap().domain(domain(number), Discovery::Localhost)
+}
+
+fn node(name: &str, number: u16) -> Node {
+    builder(name, number, &[]).build().unwrap()
 }
 
 fn pose(x: f64) -> PoseStamped {
@@ -62,7 +72,7 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
 #[test]
 fn a_node_has_no_endpoints_before_others_have_met_it() {
     let networks = [std::net::Ipv4Addr::LOCALHOST];
-    let other = DomainParticipantBuilder::new(117).with_only_networks(networks).build().unwrap();
+    let other = DomainParticipantBuilder::new(domain(117)).with_only_networks(networks).build().unwrap();
     let watcher = std::thread::spawn(move || {
         let (listener, start, mut met) = (other.status_listener(), Instant::now(), None);
         while start.elapsed() < SOON {
@@ -410,7 +420,7 @@ fn a_call_ends_when_it_is_told_to_and_the_next_one_is_answered() {
 
 #[test]
 fn a_node_leaves_at_its_end_though_others_hold_it_and_its_endpoints() {
-    let (leaving, staying) = (node("leaving", 118), node("staying", 118));
+    let (leaving, staying) = (node("leaving", 120), node("staying", 120));
     let publisher = leaving.publisher::<PoseStamped>("target", TARGET).unwrap();
     // The service keeps the node, and the node's thread keeps the service.
     let inside = leaving.clone();
@@ -432,4 +442,62 @@ fn a_node_leaves_at_its_end_though_others_hold_it_and_its_endpoints() {
     let late = leaving.publisher::<PoseStamped>("target", TARGET).err().unwrap().to_string();
     assert!(late.contains("left the graph"), "{late}");
     drop(service);
+}
+
+#[test]
+fn nodes_are_named_by_what_they_serve_publish_and_ask() {
+    let (arm, asker) = (node("arm", 118), builder("asker", 118, &["-r", "__ns:=/lab"]).build().unwrap());
+    let (told, tells) = channel();
+    let _enable = arm
+        .serve_to::<SetBool>("panda/enable", move |request, requester| {
+            told.send(requester.to_string()).unwrap();
+            SetBoolResponse { success: request.data, message: String::new() }
+        })
+        .unwrap();
+    let _targets = asker.publisher::<PoseStamped>("/panda/target_pose", TARGET).unwrap();
+    let client = asker.client::<SetBool>("/panda/enable").unwrap();
+    assert!(client.call(SetBoolRequest { data: true }, SOON).unwrap().success);
+    let here = std::process::id();
+    assert_eq!(tells.recv_timeout(SOON).unwrap(), format!("/lab/asker (process {here})"));
+    let _everybody = (arm.look_around(SOON / 8), asker.look_around(SOON / 8));
+    let names = |peers: Vec<catenary_shell::Peer>| peers.iter().map(ToString::to_string).collect::<Vec<_>>();
+    assert_eq!(names(asker.servers(&["/panda/enable"]).unwrap()), [format!("/arm (process {here})")]);
+    assert_eq!(names(arm.publishers("panda/target_pose").unwrap()), [format!("/lab/asker (process {here})")]);
+    assert!(asker.publishers("/panda/target_pose").unwrap().is_empty(), "a node is no peer of its own");
+    assert_eq!(names(arm.peers()), [format!("/lab/asker (process {here})")]);
+    drop((client, asker));
+    let gone = Instant::now() + SOON;
+    while !arm.peers().is_empty() {
+        assert!(Instant::now() < gone, "{:?}", arm.peers());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn what_two_nodes_offer_is_asked_of_neither_and_both_are_named() {
+    let serve = |name: &str| {
+        let node = node(name, 119);
+        let moving = node.serve_action::<MoveToStart>(
+            "panda/move_to_start",
+            Concurrency::One,
+            |_| panic!("a goal came"),
+            |_| Outcome::Aborted(MoveToStartResult::default()),
+        );
+        let enabling = node.serve::<SetBool>("panda/enable", |_| SetBoolResponse::default());
+        (moving.unwrap(), enabling.unwrap(), node)
+    };
+    let (_ours, _theirs) = (serve("simulated_cell"), serve("lab_arm"));
+    let asker = node("asker", 119);
+    let _everybody = asker.look_around(SOON / 8);
+    let client = asker.action_client::<MoveToStart>("panda/move_to_start").unwrap();
+    let refused = client.send(MoveToStartGoal::default(), SOON, |_: MoveToStartFeedback| {}).err().unwrap();
+    let words = refused.to_string();
+    assert!(matches!(refused, CallError::Ambiguous { .. }), "{words}");
+    assert!(
+        words.contains("/simulated_cell") && words.contains("/lab_arm") && words.contains("ROS_DOMAIN_ID"),
+        "{words}"
+    );
+    let client = asker.client::<SetBool>("panda/enable").unwrap();
+    assert!(client.wait_for_service(SOON));
+    assert!(client.ensure_one_server().unwrap_err().to_string().contains("/lab_arm"));
 }

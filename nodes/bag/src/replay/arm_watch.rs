@@ -2,7 +2,7 @@
 
 use crate::error::BagError;
 use catenary_msgs::msg::ArmState;
-use catenary_shell::{Node, Subscription, contract, stamp};
+use catenary_shell::{Node, Peer, Subscription, contract, list_peers, stamp};
 use std::collections::{BTreeSet, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -62,20 +62,30 @@ impl ArmWatch {
     /// Returns when it is known that no real arm is there.
     pub(super) fn wait_until_safe(&self, node: &Node) -> Result<(), BagError> {
         let start = Instant::now();
-        let silent = || -> Result<bool, BagError> {
-            Ok(!self.has_simulated_arm() && node.publisher_count(contract::ARM_STATE.name)? > 0)
+        let _everybody = node.look_around(Duration::ZERO);
+        // Nodes of an arm of which nobody knows whether it is real.
+        let silent = || -> Result<Vec<Peer>, BagError> {
+            if self.has_simulated_arm() {
+                return Ok(Vec::new());
+            }
+            let mut silent = node.publishers(contract::ARM_STATE.name)?;
+            silent.extend(node.servers(&contract::ARM)?);
+            Ok(silent)
         };
-        while start.elapsed() < LISTEN || (silent()? && start.elapsed() < LISTEN + PATIENCE) {
+        while start.elapsed() < LISTEN || (!silent()?.is_empty() && start.elapsed() < LISTEN + PATIENCE) {
             self.check()?;
             if node.shutdown().wait_timeout(LOOK) {
                 return Ok(());
             }
         }
         self.check()?;
-        if silent()? {
+        let silent = silent()?;
+        if !silent.is_empty() {
             return Err(BagError::Refused(format!(
-                "somebody publishes on /{}, but no state came that says whether the arm is real",
-                contract::ARM_STATE.name
+                "an arm is in the graph, {}, but no state came on {} that says whether it is real; end it, or replay in \
+                 another ROS_DOMAIN_ID",
+                list_peers(&silent),
+                node.resolve(contract::ARM_STATE.name)?
             )));
         }
         Ok(())

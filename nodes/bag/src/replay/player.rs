@@ -10,7 +10,7 @@ use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, stamp, wall_now};
+use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, list_peers, stamp, wall_now};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
@@ -155,9 +155,11 @@ impl<'a> Player<'a> {
         }
         if *is_command && outlet.has_subscriber() && !self.watch.has_simulated_arm() {
             return Err(BagError::Refused(format!(
-                "somebody listens on {}, and no /{} says that it is a simulated arm",
+                "{} listens on {}, and no state on {} says that it is a simulated arm; end it, or replay in another \
+                 ROS_DOMAIN_ID",
+                list_peers(&self.node.subscribers(outlet.topic())?),
                 outlet.topic(),
-                contract::ARM_STATE.name
+                self.node.resolve(contract::ARM_STATE.name)?
             )));
         }
         if message.topic.type_name == ArmState::TYPE_NAME

@@ -1,6 +1,7 @@
 //! `catenary demo`: Algorithm 1 by itself, on a cell whose parameters nobody else is told.
 
 mod config;
+mod domain;
 mod observe;
 pub mod page;
 mod stage;
@@ -20,6 +21,7 @@ use catenary_msgs::action::{
 };
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, convert};
+use domain::OwnDomain;
 use observe::Observer;
 use rand::RngExt;
 use stage::Stages;
@@ -54,6 +56,7 @@ struct Demo {
     seed: u64,
     sizes: Sizes,
     truth: Vec<f64>,
+    domain: OwnDomain,
 }
 
 /// What a training gave.
@@ -75,7 +78,8 @@ struct Clients {
 
 /// Runs the demo and prints where the report is.
 pub fn run(arguments: &DemoArgs) -> Result<()> {
-    let domain = catenary_shell::domain_id()?;
+    // A wrong environment is refused before anything is written.
+    catenary_shell::domain_id()?;
     let folder = config::fresh_folder(&arguments.out)?;
     let taken = match folder == arguments.out {
         true => String::new(),
@@ -86,12 +90,14 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let model = Model::from_yaml(config::SOFT_BAR)?;
     let truth = hidden_truth(&model, arguments.seed);
     let sizes = if arguments.paper { PAPER } else { DEFAULT };
-    let demo = Demo { model, folder, seed: arguments.seed, sizes, truth };
+    let domain = OwnDomain::claim()?;
+    let demo = Demo { model, folder, seed: arguments.seed, sizes, truth, domain };
 
-    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(domain, Discovery::Localhost);
+    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(demo.domain.id(), Discovery::Localhost);
     catenary_shell::end_on_signals(builder.shutdown())?;
     let node = builder.build()?;
     eprintln!("catenary demo: results go to {}{taken}", demo.folder.display());
+    eprintln!("catenary demo: {}", demo.domain.words());
     let supervisor = demo.launch(&launch_file)?;
     let mut stages = Stages::new(&node, supervisor);
     let outcome = demo.algorithm(&node, &mut stages);
@@ -110,11 +116,6 @@ pub fn rebuild(folder: &Path) -> Result<PathBuf> {
         tracing::warn!("{} is gone: the report names it all the same", bag.display());
     }
     page::write(folder, &summary)
-}
-
-/// What keeps the demo's nodes to this machine.
-fn loopback_only() -> (String, Option<String>) {
-    ("ROS_AUTOMATIC_DISCOVERY_RANGE".to_owned(), Some("LOCALHOST".to_owned()))
 }
 
 /// The cell's parameters: inside the prior's support, away from its edges.
@@ -136,7 +137,7 @@ impl Demo {
         ]
         .map(|(k, v)| (k.to_owned(), v));
         let mut description = launch::read(launch_file, &given, &|name| std::env::var(name).ok())?;
-        description.processes.iter_mut().for_each(|p| p.environment.extend([loopback_only()]));
+        description.processes.iter_mut().for_each(|p| p.environment.extend(self.domain.environment()));
         Supervisor::start(description.processes, &self.folder.join("log"), false)
     }
 
@@ -220,6 +221,7 @@ impl Demo {
     fn episode(&self, stages: &mut Stages<'_>, clients: &Clients, policy: &[u8], name: &str) -> Result<Episode> {
         let steps = self.model.task.map_or(1, |t| t.steps as u64);
         stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
+            domain::ensure_own_arm(stages.node, &stages.supervisor)?;
             let moved = stages.goal(&clients.move_to_start, MoveToStartGoal::default(), |_| {})?;
             ensure!(moved.success, "move to start: {}", moved.message);
             let bag = format!("bags/{name}");
@@ -272,7 +274,7 @@ impl Demo {
         let words = [own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
         let name = format!("recorder_{}", bag.replace('/', "_"));
         let mut process = Process::new(name, words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
-        process.environment.extend([loopback_only()]);
+        process.environment.extend(self.domain.environment());
         let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
         for _ in 0..100 {
             stages.pause(Duration::from_millis(100))?;

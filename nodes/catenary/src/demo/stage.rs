@@ -62,7 +62,10 @@ impl<'a> Stages<'a> {
         goal: A::Goal,
         on_feedback: impl FnMut(A::Feedback) + Send + 'static,
     ) -> Result<A::Result> {
-        let running = client.send(goal, ACCEPT, on_feedback)?;
+        let running = match client.send(goal, ACCEPT, on_feedback) {
+            Err(CallError::Shutdown { .. }) => return Err(Interrupted(String::new()).into()),
+            sent => sent?,
+        };
         loop {
             match running.wait(WATCH) {
                 Ok((Status::Succeeded, result)) => return Ok(result),

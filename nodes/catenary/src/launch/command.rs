@@ -2,7 +2,7 @@
 
 use super::description::{LaunchDescription, Process};
 use super::table::{Table, unix_s};
-use super::{Supervisor, read, status};
+use super::{Supervisor, neighbours, read, status};
 use crate::cli::LaunchArgs;
 use crate::output;
 use anyhow::{Context, Result, bail};
@@ -31,6 +31,7 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
     catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
+    neighbours::refuse_second_graph(&description, &shutdown)?;
     let log = status::log_folder(arguments.log.as_deref())?;
     let _closed = writeln!(std::io::stderr(), "catenary launch: logs in {}", log.display());
     let mut board = Board::new(&arguments.file, &log);

@@ -9,6 +9,7 @@ mod element;
 mod file;
 mod functions;
 mod namespace;
+mod neighbours;
 mod package;
 mod parameter;
 mod process;

@@ -55,6 +55,12 @@ fn logs() -> Result<PathBuf> {
     ros_log_dir().context("a folder for logs: expected ROS_LOG_DIR, ROS_HOME or HOME to be set, or --log")
 }
 
+/// The launch that was begun last, if it runs and `pid` is one of its processes.
+pub fn launch_of(pid: u32) -> Option<Table> {
+    let table = Table::read(&logs().ok()?.join(LATEST)).ok()?;
+    (table.is_running() && table.processes.iter().any(|row| row.pid == Some(pid))).then_some(table)
+}
+
 /// The folder for the logs of a launch that begins: the one asked for, else a new one among ROS 2's.
 pub fn log_folder(asked: Option<&Path>) -> Result<PathBuf> {
     let folder = match asked {

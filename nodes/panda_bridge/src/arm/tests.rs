@@ -8,6 +8,7 @@ struct Lag {
     follows: f64,
     orders: Vec<Order>,
     unready: Option<String>,
+    age_s: f64,
 }
 
 impl Plant for Lag {
@@ -17,6 +18,10 @@ impl Plant for Lag {
 
     fn measured(&self) -> Option<ArmPose> {
         Some(self.at)
+    }
+
+    fn measured_age_s(&self) -> f64 {
+        self.age_s
     }
 
     fn unready(&self) -> Option<String> {
@@ -37,10 +42,16 @@ fn pose(x_m: f64) -> ArmPose {
 }
 
 fn arm(follows: f64) -> Arm<Lag> {
-    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), unready: None };
+    let plant =
+        Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), unready: None, age_s: 0.0 };
     let settings =
         ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
     Arm::new(plant, settings)
+}
+
+/// One publisher of targets, and no other arm.
+fn alone() -> Rivals {
+    Rivals { publishers: vec!["/policy_runner".to_owned()], servers: Vec::new() }
 }
 
 /// Runs for a time of the arm, or until the move has ended.
@@ -66,7 +77,7 @@ fn run(arm: &mut Arm<Lag>, duration_s: f64) -> Progress {
 #[test]
 fn a_move_arrives_and_settles_at_the_start_pose() {
     let mut a = arm(0.2);
-    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     assert_eq!(a.mode(), Mode::Moving);
     assert_eq!(run(&mut a, 60.0), Progress::Arrived);
     // A minimum-jerk way of 0.25 m with a peak of 0.15 m/s takes 3.1 s, and it settles for one.
@@ -79,7 +90,7 @@ fn a_move_arrives_and_settles_at_the_start_pose() {
 #[test]
 fn the_way_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
     let mut a = arm(0.01);
-    a.begin_move(None, 0.5, 8.0, false).unwrap();
+    a.begin_move(&alone(), None, 0.5, 8.0, false).unwrap();
     assert_eq!(run(&mut a, 60.0), Progress::Arrived);
     let mut at = pose(0.3);
     for order in &a.plant().orders {
@@ -92,7 +103,7 @@ fn the_way_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
 #[test]
 fn a_step_of_the_clock_does_not_make_the_target_jump() {
     let mut a = arm(0.2);
-    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     run(&mut a, 0.5);
     let before = a.plant().target.unwrap();
     a.plant_mut().time_s += 3600.0;
@@ -107,8 +118,8 @@ fn a_step_of_the_clock_does_not_make_the_target_jump() {
 #[test]
 fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
     let mut a = arm(0.0);
-    a.enable(1, false).unwrap();
-    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    a.enable(&alone(), false).unwrap();
+    a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     let Progress::Stopped(why) = run(&mut a, 60.0) else { panic!("not stopped") };
     assert!(why.contains("does not follow: 0.250 m"), "{why}");
     assert_eq!((a.mode(), a.plant().target), (Mode::Hold, Some(pose(0.3))));
@@ -118,8 +129,8 @@ fn an_arm_that_is_stuck_ends_the_move_where_it_is() {
 fn hold_reflex_and_a_lost_arm_end_a_move() {
     let stop = |how: &dyn Fn(&mut Arm<Lag>)| {
         let mut a = arm(0.2);
-        a.enable(1, false).unwrap();
-        a.begin_move(None, 0.15, 1.0, false).unwrap();
+        a.enable(&alone(), false).unwrap();
+        a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
         run(&mut a, 1.0);
         how(&mut a);
         let orders = a.plant().orders.len();
@@ -135,22 +146,36 @@ fn hold_reflex_and_a_lost_arm_end_a_move() {
 #[test]
 fn a_move_ends_where_somebody_else_takes_the_controller() {
     let mut a = arm(0.2);
-    a.begin_move(None, 0.15, 1.0, false).unwrap();
+    a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     run(&mut a, 1.0);
-    assert_eq!(a.recheck(1), None);
+    assert_eq!(a.recheck(&alone()), None);
     a.plant_mut().unready = Some("1 more on /target_pose".to_owned());
-    assert_eq!(a.recheck(1), Some("1 more on /target_pose"));
+    assert_eq!(a.recheck(&alone()), Some("1 more on /target_pose"));
     assert_eq!(a.plant().orders.last(), Some(&Order::End));
     assert_eq!(run(&mut a, 1.0), Progress::Stopped("1 more on /target_pose".to_owned()));
 }
 
 #[test]
+fn a_move_begins_only_where_enabling_would() {
+    let mut a = arm(0.2);
+    let beside = Rivals { publishers: vec!["/a".to_owned(), "/b".to_owned()], servers: Vec::new() };
+    let refused = Err(ArmError::Refused(Refusal::Publishers(beside.publishers.clone())));
+    assert_eq!(a.begin_move(&beside, None, 0.15, 1.0, false), refused);
+    assert_eq!(a.enable(&beside, false), refused);
+    a.plant_mut().age_s = 0.4;
+    let old = Err(ArmError::OldPose { age_s: 0.4, limit_s: 0.2 });
+    assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, false), old);
+    assert_eq!(a.enable(&alone(), false), old);
+    assert!(a.plant().orders.is_empty(), "no order to an arm that was refused");
+}
+
+#[test]
 fn moves_that_make_no_sense_are_refused() {
     let mut a = arm(0.2);
-    assert_eq!(a.begin_move(Some(pose(0.7)), 0.15, 1.0, false), Err(ArmError::Outside([0.7, 0.0, 0.3])));
-    assert!(matches!(a.begin_move(Some(pose(f64::NAN)), 0.15, 1.0, false), Err(ArmError::NoPose(_))));
-    assert_eq!(a.begin_move(None, 0.15, 1.0, true), Err(ArmError::Refused(Refusal::Replay)));
+    assert_eq!(a.begin_move(&alone(), Some(pose(0.7)), 0.15, 1.0, false), Err(ArmError::Outside([0.7, 0.0, 0.3])));
+    assert!(matches!(a.begin_move(&alone(), Some(pose(f64::NAN)), 0.15, 1.0, false), Err(ArmError::NoPose(_))));
+    assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, true), Err(ArmError::Refused(Refusal::Replay)));
     a.settings.start = None;
-    assert_eq!(a.begin_move(None, 0.15, 1.0, false), Err(ArmError::NoStart));
+    assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, false), Err(ArmError::NoStart));
     assert_eq!(a.mode(), Mode::Idle);
 }

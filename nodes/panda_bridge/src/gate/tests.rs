@@ -11,10 +11,16 @@ fn command(x: f64) -> Command {
 }
 
 /// A gate in an episode, enabled and at x = 0.4 m.
+/// A graph with so many publishers of targets.
+fn rivals(publishers: usize) -> Rivals {
+    let publishers = ["/policy_runner", "/stranger"].into_iter().take(publishers).map(str::to_owned).collect();
+    Rivals { publishers, servers: Vec::new() }
+}
+
 fn gate() -> SafetyGate {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
-    g.on_enable(1, false).unwrap();
+    g.on_enable(&rivals(1), false).unwrap();
     g.on_episode_started(0.1, 9.0).unwrap();
     g
 }
@@ -74,10 +80,11 @@ fn a_jump_or_a_turn_from_the_measured_pose_is_rejected() {
 }
 
 #[test]
-fn two_publishers_refuse_to_enable() {
+fn beside_two_publishers_it_neither_enables_nor_moves_to_the_start() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
-    assert_eq!(g.on_enable(2, false), Err(Refusal::Publishers(2)));
+    assert_eq!(g.on_enable(&rivals(2), false), Err(Refusal::Publishers(rivals(2).publishers)));
+    assert_eq!(g.on_move_begins(&rivals(2), false), Err(Refusal::Publishers(rivals(2).publishers)));
     assert_eq!(g.mode(), Mode::Idle);
 }
 
@@ -85,20 +92,36 @@ fn two_publishers_refuse_to_enable() {
 fn a_publisher_that_comes_later_ends_the_motion() {
     let mut g = gate();
     g.on_command(&command(0.45), 10.0);
-    assert_eq!((g.on_publishers(1), g.mode()), (None, Mode::Tracking));
-    assert_eq!((g.on_publishers(2), g.mode()), (Some(Order::End), Mode::Idle));
+    assert_eq!((g.on_rivals(&rivals(1)), g.mode()), (None, Mode::Tracking));
+    assert_eq!((g.on_rivals(&rivals(2)), g.mode()), (Some(Order::End), Mode::Idle));
     assert!(g.fault().contains("2 publishers"), "{}", g.fault());
-    assert_eq!((g.on_publishers(2), g.on_unready("gone")), (None, None), "an idle arm has nothing to end");
+    assert_eq!((g.on_rivals(&rivals(2)), g.on_unready("gone")), (None, None), "an idle arm has nothing to end");
     let mut g = gate();
-    g.on_move_begins(false).unwrap();
-    assert_eq!((g.on_publishers(2), g.mode()), (None, Mode::Moving), "targets are shut out anyway");
+    g.on_move_begins(&rivals(1), false).unwrap();
+    assert_eq!((g.on_rivals(&rivals(2)), g.mode()), (Some(Order::End), Mode::Idle), "nor does it go on to the start");
+    let mut g = gate();
+    g.on_move_begins(&rivals(1), false).unwrap();
     assert_eq!((g.on_unready("gone"), g.mode(), g.fault()), (Some(Order::End), Mode::Idle, "gone"));
+}
+
+#[test]
+fn beside_another_arm_of_its_names_it_neither_enables_nor_moves_and_says_which() {
+    let beside = Rivals { publishers: Vec::new(), servers: vec!["/lab_arm (process 7)".to_owned()] };
+    let mut g = SafetyGate::new(GateSettings::default(), false);
+    g.on_measured(pose(0.4));
+    for refused in [g.on_enable(&beside, false).map(|_| ()), g.on_move_begins(&beside, false)] {
+        let words = refused.unwrap_err().to_string();
+        assert!(words.contains("/lab_arm (process 7)") && words.contains("ROS_DOMAIN_ID"), "{words}");
+    }
+    assert_eq!(g.mode(), Mode::Idle);
+    g.on_enable(&rivals(1), false).unwrap();
+    assert_eq!((g.on_rivals(&beside), g.mode()), (Some(Order::End), Mode::Idle));
 }
 
 #[test]
 fn nothing_is_accepted_before_it_is_enabled() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
-    assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::NoPose));
     g.on_measured(pose(0.4));
     assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
 }
@@ -182,7 +205,7 @@ fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
     assert_eq!((clamped.position_m[0], clip), (0.6, Clip { x: true, y: false, z: false }));
     let next = g.on_command(&command(0.55), 10.1);
     assert!(matches!(next, Verdict::Rejected(Rejection::EpisodeOver(_))), "{next:?}");
-    g.on_enable(1, false).unwrap();
+    g.on_enable(&rivals(1), false).unwrap();
     assert!(matches!(g.on_command(&command(0.55), 10.2), Verdict::Accepted { .. }));
 }
 
@@ -206,7 +229,7 @@ fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_p
     assert_eq!(g.on_reflex("cartesian_reflex"), Order::End);
     assert_eq!(g.mode(), Mode::Reflex);
     assert!(matches!(g.on_command(&command(0.45), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Latched("reflex")));
     assert_eq!(g.tick(20.0), None, "time alone recovers nothing");
     g.on_measured(pose(0.41));
     assert_eq!(g.on_recovery(), Ok(Some(Order::Hold(pose(0.41)))));
@@ -225,7 +248,7 @@ fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
     assert_eq!(g.on_hold(), Ok(Some(Order::Hold(pose(0.4)))));
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.4))));
     assert_eq!(g.clone().tick(12.1), Some(Order::End), "a held arm is watched all the same");
-    g.on_move_begins(false).unwrap();
+    g.on_move_begins(&rivals(1), false).unwrap();
     assert_eq!(g.on_recovery(), Ok(None));
     assert_eq!(g.mode(), Mode::Moving);
     g.on_measured(pose(0.42));
@@ -256,7 +279,7 @@ fn a_user_stop_latches_beyond_its_release() {
     assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
     g.on_user_stop(false);
     assert_eq!(g.mode(), Mode::UserStop);
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("user stop")));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Latched("user stop")));
     assert!(g.on_recovery().is_ok());
 }
 
@@ -265,7 +288,7 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
     let enable = |real, allow_replay| {
         let mut g = SafetyGate::new(GateSettings { allow_replay, ..GateSettings::default() }, real);
         g.on_measured(pose(0.4));
-        g.on_enable(1, true).map(|_| ())
+        g.on_enable(&rivals(1), true).map(|_| ())
     };
     assert_eq!(enable(true, false), Err(Refusal::Replay));
     assert_eq!(enable(true, true), Ok(()));
@@ -278,16 +301,16 @@ fn an_enabled_arm_takes_no_target_once_time_comes_from_a_replay() {
     assert_eq!(rejected(&mut gate(), &replayed), Rejection::Replay);
     let mut g = SafetyGate::new(GateSettings::default(), false);
     g.on_measured(pose(0.4));
-    g.on_enable(1, true).unwrap();
+    g.on_enable(&rivals(1), true).unwrap();
     assert!(matches!(g.on_command(&replayed, 10.0), Verdict::Accepted { .. }), "a simulated arm may follow");
 }
 
 #[test]
 fn a_move_to_the_start_shuts_targets_out_and_an_enabled_arm_holds_after_it() {
     let mut g = gate();
-    g.on_move_begins(false).unwrap();
+    g.on_move_begins(&rivals(1), false).unwrap();
     assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Moving));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Moving));
     g.on_measured(pose(0.42));
     g.on_move_ended(None);
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.42))));
@@ -298,8 +321,8 @@ fn a_move_to_the_start_enables_no_arm() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
     for target in [Some(pose(0.4)), None] {
-        g.on_move_begins(false).unwrap();
-        g.on_move_begins(false).unwrap();
+        g.on_move_begins(&rivals(1), false).unwrap();
+        g.on_move_begins(&rivals(1), false).unwrap();
         g.on_move_ended(target);
         assert_eq!((g.mode(), g.target()), (Mode::Idle, Some(pose(0.4))));
         assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
@@ -310,11 +333,11 @@ fn a_move_to_the_start_enables_no_arm() {
 fn a_lost_arm_refuses_everything_and_comes_back_idle() {
     let mut g = gate();
     g.on_connection(false);
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Disconnected));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Disconnected));
     assert_eq!(g.on_recovery(), Err(Refusal::Disconnected));
     g.on_connection(true);
     assert_eq!(g.mode(), Mode::Idle);
-    assert_eq!(g.on_enable(1, false), Err(Refusal::NoPose), "the old pose counts no more");
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::NoPose), "the old pose counts no more");
 }
 
 #[test]
@@ -326,16 +349,16 @@ fn what_is_latched_outlives_the_connection() {
     g.on_connection(true);
     g.on_measured(pose(0.4));
     assert_eq!((g.mode(), g.fault()), (Mode::Reflex, "contact"));
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("reflex")));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Latched("reflex")));
     g.on_recovery().unwrap();
     g.on_connection(false);
     g.on_user_stop(true);
     assert_eq!(g.mode(), Mode::Disconnected, "a stop brings no arm back");
     g.on_connection(true);
     g.on_measured(pose(0.4));
-    assert_eq!(g.on_enable(1, false), Err(Refusal::Latched("user stop")));
+    assert_eq!(g.on_enable(&rivals(1), false), Err(Refusal::Latched("user stop")));
     assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
     g.on_user_stop(false);
     g.on_recovery().unwrap();
-    assert!(g.on_enable(1, false).is_ok());
+    assert!(g.on_enable(&rivals(1), false).is_ok());
 }

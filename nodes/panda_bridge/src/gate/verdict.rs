@@ -126,12 +126,43 @@ pub enum Rejection {
     EpisodeOver(String),
 }
 
-/// Why the arm was not enabled, or not recovered.
+/// Nodes that could command the arm or answer in its place, in words.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Rivals {
+    /// Publishers of targets; one is as it should be.
+    pub publishers: Vec<String>,
+    /// Other nodes that serve the arm's own services or its action.
+    pub servers: Vec<String>,
+}
+
+impl Rivals {
+    /// Why nothing may move beside them; none: it may.
+    pub fn check(&self) -> Result<(), Refusal> {
+        if self.publishers.len() > 1 {
+            return Err(Refusal::Publishers(self.publishers.clone()));
+        }
+        if !self.servers.is_empty() {
+            return Err(Refusal::Servers(self.servers.clone()));
+        }
+        Ok(())
+    }
+}
+
+/// Why the arm was not enabled, not moved, or not recovered.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum Refusal {
     /// More than one publisher of targets.
-    #[error("{0} publishers on the target topic: expected at most one")]
-    Publishers(usize),
+    #[error(
+        "{} publishers on the target topic: {}; expected at most one: end the others, or give them another ROS_DOMAIN_ID",
+        .0.len(), .0.join(", ")
+    )]
+    Publishers(Vec<String>),
+    /// Another arm under the same names.
+    #[error(
+        "another arm has the same services: {}; end one of the two, or give one another ROS_DOMAIN_ID or namespace",
+        .0.join(", ")
+    )]
+    Servers(Vec<String>),
     /// A stop is latched.
     #[error("a {0} is latched: recover first")]
     Latched(&'static str),

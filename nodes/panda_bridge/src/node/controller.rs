@@ -6,7 +6,7 @@ use crate::convert;
 use crate::gate::Order;
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_shell::{Node, Publisher, Time};
+use catenary_shell::{Node, Publisher, Time, list_peers};
 use std::time::Instant;
 
 /// The controller as the relay sees it.
@@ -18,6 +18,8 @@ pub struct Controller {
     frame_id: String,
     targets: Publisher<PoseStamped>,
     measured: Option<ArmPose>,
+    /// When that came.
+    measured_at: Instant,
     target: Option<ArmPose>,
     /// The target was sent since it was last repeated.
     fresh: bool,
@@ -30,6 +32,7 @@ impl Controller {
             node: node.clone(),
             origin,
             started: Instant::now(),
+            measured_at: Instant::now(),
             frame_id,
             targets,
             measured: None,
@@ -41,6 +44,7 @@ impl Controller {
     /// The controller told its pose.
     pub fn measure(&mut self, pose: ArmPose) {
         self.measured = Some(pose);
+        self.measured_at = Instant::now();
     }
 
     /// The controller is silent: nothing is known of it, and it is told nothing.
@@ -77,6 +81,10 @@ impl Plant for Controller {
         self.measured
     }
 
+    fn measured_age_s(&self) -> f64 {
+        self.measured_at.elapsed().as_secs_f64()
+    }
+
     fn obey(&mut self, order: &Order) {
         match order {
             Order::Target(pose) | Order::Hold(pose) => {
@@ -98,9 +106,13 @@ impl Plant for Controller {
         if !self.targets.has_subscriber() {
             return Some(format!("no controller listens on {topic}"));
         }
-        match self.node.other_publisher_count(topic) {
-            Ok(0) => None,
-            Ok(n) => Some(format!("{n} more on {topic}: expected this relay to be the only publisher")),
+        match self.node.publishers(topic) {
+            Ok(others) if others.is_empty() => None,
+            Ok(others) => Some(format!(
+                "{} more on {topic}: {}; expected this relay to be the only publisher",
+                others.len(),
+                list_peers(&others)
+            )),
             Err(error) => Some(error.to_string()),
         }
     }

@@ -4,7 +4,7 @@
 use crate::arm::{Arm, ArmError, Plant, Progress};
 use crate::compliance::Compliance;
 use crate::convert;
-use crate::gate::Verdict;
+use crate::gate::{Mode, Rivals, Verdict};
 use anyhow::Result;
 use catenary_msgs::action::{MoveToStart, MoveToStartFeedback, MoveToStartGoal, MoveToStartResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -12,8 +12,8 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::srv::{SetCompliance, SetComplianceResponse};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse, Trigger, TriggerResponse};
 use catenary_shell::{
-    ActionServer, Concurrency, Decision, GoalHandle, Node, NodeBuilder, Outcome, Param, ParamSpec, Publisher, Service,
-    Subscription, Throttle, Time, contract, stamp, wall_now,
+    ActionServer, Concurrency, Decision, GoalHandle, Node, NodeBuilder, Outcome, Param, ParamSpec, Peer, Publisher,
+    Received, Requester, Service, Subscription, Throttle, Time, contract, stamp, wall_now,
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -83,14 +83,30 @@ impl<P: Plant> Front<P> {
 
     /// Looks again at what enabling looked at: whether others may move the arm. To be called every [`RECHECK_S`].
     pub fn recheck(&self) {
-        match self.node.publisher_count(contract::TARGET_POSE.name) {
-            Ok(publishers) => {
-                if let Some(why) = self.arm().recheck(publishers) {
+        if !matches!(self.arm().mode(), Mode::Tracking | Mode::Hold | Mode::Moving) {
+            return;
+        }
+        match self.rivals() {
+            Ok(rivals) => {
+                if let Some(why) = self.arm().recheck(&rivals) {
                     tracing::error!("motion ended: {why}");
                 }
             }
             Err(error) => tracing::error!("{error}"),
         }
+    }
+
+    /// Who else may command the arm or answers in its place.
+    fn rivals(&self) -> Result<Rivals, String> {
+        let words = |peers: Vec<Peer>| peers.iter().map(Peer::to_string).collect();
+        let publishers = self.node.publishers(contract::TARGET_POSE.name).map_err(|e| e.to_string())?;
+        let servers = self.node.servers(&contract::ARM).map_err(|e| e.to_string())?;
+        // One publisher is not looked up in words: this is asked twice a second.
+        let publishers = match publishers.len() {
+            0 | 1 => vec![String::new(); publishers.len()],
+            _ => words(publishers),
+        };
+        Ok(Rivals { publishers, servers: words(servers) })
     }
 
     /// The stamp of a time of the arm.
@@ -114,7 +130,7 @@ impl<P: Plant> Front<P> {
         let mut complaints = Throttle::new(COMPLAIN);
         let targets =
             node.subscription::<PoseStamped>(contract::TARGET_POSE.name, contract::TARGET_POSE.qos, move |received| {
-                front.on_target(&accepted, &received.message, &mut complaints);
+                front.on_target(&accepted, &received, &mut complaints);
             })?;
         let front = Arc::clone(self);
         let events = node.subscription::<EpisodeEvent>(
@@ -130,13 +146,17 @@ impl<P: Plant> Front<P> {
             },
         )?;
         let front = Arc::clone(self);
-        let enable = node.serve::<SetBool>(contract::ENABLE.name, move |request| {
-            let (success, message) = outcome(front.enable(request.data));
+        let enable = node.serve_to::<SetBool>(contract::ENABLE.name, move |request, requester| {
+            let done = front.enable(request.data);
+            report(if request.data { "enable" } else { "disable" }, requester, &done);
+            let (success, message) = outcome(done);
             SetBoolResponse { success, message }
         })?;
-        let compliance = node.serve::<SetCompliance>(contract::SET_COMPLIANCE.name, move |request| {
+        let compliance = node.serve_to::<SetCompliance>(contract::SET_COMPLIANCE.name, move |request, requester| {
             let wanted = convert::compliance(&request);
-            match wanted.check().map_err(|e| e.to_string()).and_then(|()| set_compliance(&wanted)) {
+            let done = wanted.check().map_err(|e| e.to_string()).and_then(|()| set_compliance(&wanted));
+            report("set_compliance", requester, &done);
+            match done {
                 Ok(message) => SetComplianceResponse { success: true, message },
                 Err(message) => SetComplianceResponse { success: false, message },
             }
@@ -167,15 +187,25 @@ impl<P: Plant> Front<P> {
         act: impl Fn(&mut Arm<P>) -> Result<(), ArmError> + Send + 'static,
     ) -> Result<Service> {
         let front = Arc::clone(self);
-        Ok(self.node.serve::<Trigger>(name, move |_| {
-            let (success, message) = outcome(act(&mut front.arm()).map_err(|e| e.to_string()));
+        let what = name.rsplit('/').next().unwrap_or(name).to_owned();
+        Ok(self.node.serve_to::<Trigger>(name, move |_, requester| {
+            let done = act(&mut front.arm()).map_err(|e| e.to_string());
+            report(&what, requester, &done);
+            let (success, message) = outcome(done);
             TriggerResponse { success, message }
         })?)
     }
 
-    fn on_target(&self, accepted: &Publisher<AcceptedTarget>, message: &PoseStamped, complaints: &mut Throttle) {
-        let answer = {
+    fn on_target(
+        &self,
+        accepted: &Publisher<AcceptedTarget>,
+        received: &Received<PoseStamped>,
+        complaints: &mut Throttle,
+    ) {
+        let message = &received.message;
+        let (answer, is_first) = {
             let mut arm = self.arm();
+            let was_tracking = arm.mode() == Mode::Tracking;
             let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(self.origin);
             let age_s = arm.plant().stamp_time_s() - stamp_s;
             let verdict = arm.command(&convert::command(message, age_s, self.node.clock().is_simulated()));
@@ -184,9 +214,13 @@ impl<P: Plant> Front<P> {
             {
                 tracing::warn!("target rejected: {why} (and {more} more before)");
             }
-            convert::accepted_target(&arm, &verdict, message.header.clone())
+            let is_first = !was_tracking && arm.mode() == Mode::Tracking;
+            (convert::accepted_target(&arm, &verdict, message.header.clone()), is_first)
         };
         accepted.send(answer);
+        if is_first {
+            tracing::info!("following the targets of {}", self.node.peer(received.publisher));
+        }
     }
 
     fn enable(&self, on: bool) -> Result<(), String> {
@@ -194,8 +228,8 @@ impl<P: Plant> Front<P> {
             self.arm().disable();
             return Ok(());
         }
-        let publishers = self.node.publisher_count(contract::TARGET_POSE.name).map_err(|e| e.to_string())?;
-        self.arm().enable(publishers, self.node.clock().is_simulated()).map_err(|e| e.to_string())
+        let rivals = self.rivals()?;
+        self.arm().enable(&rivals, self.node.clock().is_simulated()).map_err(|e| e.to_string())
     }
 
     fn move_to_start(&self, handle: &GoalHandle<MoveToStart>) -> Outcome<MoveToStartResult> {
@@ -203,27 +237,46 @@ impl<P: Plant> Front<P> {
             let pose = self.arm().plant().measured().map(|p| convert::pose_message(&p)).unwrap_or_default();
             MoveToStartResult { success, message, pose }
         };
-        if let Err(why) = self.begin_move(handle.goal()) {
-            return Outcome::Aborted(result(false, why.to_string()));
+        let begun = self.begin_move(handle.goal());
+        report("move_to_start", handle.requester(), &begun);
+        if let Err(why) = begun {
+            return Outcome::Aborted(result(false, why));
         }
         loop {
             if handle.wait_cancelled(LOOK) {
                 self.arm().stop_move();
+                tracing::info!("move_to_start: cancelled");
                 return Outcome::Canceled(result(false, "cancelled".to_owned()));
             }
             let progress = self.arm().move_progress();
             match progress {
                 Progress::Moving(distance) => handle.feedback(MoveToStartFeedback { distance }),
-                Progress::Arrived => return Outcome::Succeeded(result(true, String::new())),
-                Progress::Stopped(why) => return Outcome::Aborted(result(false, format!("stopped: {why}"))),
+                Progress::Arrived => {
+                    tracing::info!("move_to_start: arrived");
+                    return Outcome::Succeeded(result(true, String::new()));
+                }
+                Progress::Stopped(why) => {
+                    tracing::info!("move_to_start: stopped: {why}");
+                    return Outcome::Aborted(result(false, format!("stopped: {why}")));
+                }
             }
         }
     }
 
-    fn begin_move(&self, goal: &MoveToStartGoal) -> Result<(), ArmError> {
+    fn begin_move(&self, goal: &MoveToStartGoal) -> Result<(), String> {
+        let rivals = self.rivals()?;
         let pose = goal.use_pose.then(|| convert::arm_pose(&goal.pose));
         let settle_s = if goal.settle_time > 0.0 { goal.settle_time } else { self.parameters.settle_time_s.get() };
-        self.arm().begin_move(pose, self.parameters.speed_m_s.get(), settle_s, self.node.clock().is_simulated())
+        let (speed_m_s, is_simulated) = (self.parameters.speed_m_s.get(), self.node.clock().is_simulated());
+        self.arm().begin_move(&rivals, pose, speed_m_s, settle_s, is_simulated).map_err(|e| e.to_string())
+    }
+}
+
+/// Logs a request that may move or stop the arm: who sent it, and what came of it.
+fn report<T>(what: &str, requester: &Requester, done: &Result<T, String>) {
+    match done {
+        Ok(_) => tracing::info!("{what}, asked for by {requester}: done"),
+        Err(why) => tracing::info!("{what}, asked for by {requester}: refused: {why}"),
     }
 }
 

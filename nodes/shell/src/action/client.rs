@@ -8,6 +8,7 @@ use crate::interface::{Act, action_type};
 use crate::large_reply::ReplyReader;
 use crate::middleware::{Acted, ActionClientEnds, CancelGoalRequest, Matches};
 use crate::node::Node;
+use crate::peers::list_peers;
 use crate::service::SERVICE_QOS;
 use crate::shutdown::Shutdown;
 use crate::threads::Threads;
@@ -152,11 +153,16 @@ impl<A: Act> ActionClient<A> {
                 CallError::NoServer { name: name(), waited: timeout }
             });
         }
+        let servers = inner.graph.servers(std::slice::from_ref(&inner.name));
+        if servers.len() > 1 {
+            return Err(CallError::Ambiguous { name: name(), servers: list_peers(&servers) });
+        }
         let left = deadline.saturating_duration_since(Instant::now());
         let goal_id = GoalId::new_random();
         let response = inner.answer(inner.client.goals.call(SendGoalRequest { goal_id, goal }), left)?;
         if !response.accepted {
-            return Err(CallError::Rejected { name: name() });
+            let server = inner.graph.servers(std::slice::from_ref(&inner.name));
+            return Err(CallError::Rejected { name: name(), server: list_peers(&server) });
         }
         // Servers may forget a result soon after the end, so it is asked for at once.
         let request = inner.request_result(goal_id)?;

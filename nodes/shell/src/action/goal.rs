@@ -2,6 +2,7 @@
 
 use super::goals::Id;
 use crate::interface::Act;
+use crate::peers::Requester;
 use crate::shutdown::{Shutdown, Wake};
 use rustdds::mio1::Waker;
 use std::sync::Arc;
@@ -41,6 +42,7 @@ pub enum Outcome<R> {
 pub struct GoalHandle<A: Act> {
     pub(super) goal: Arc<A::Goal>,
     pub(super) id: Id,
+    pub(super) requester: Requester,
     pub(super) cancelled: Shutdown,
     pub(super) mailbox: Mailbox<A>,
 }
@@ -50,6 +52,12 @@ impl<A: Act> GoalHandle<A> {
     #[must_use]
     pub fn goal(&self) -> &A::Goal {
         &self.goal
+    }
+
+    /// Who asked for it.
+    #[must_use]
+    pub fn requester(&self) -> &Requester {
+        &self.requester
     }
 
     /// Tells the clients how far it is.

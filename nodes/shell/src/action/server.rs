@@ -11,6 +11,7 @@ use crate::interface::{Act, action_type};
 use crate::large_reply::ReplyWriter;
 use crate::middleware::{Acted, ActionServerEnds, CancelGoalRequest};
 use crate::node::Node;
+use crate::peers::Requester;
 use crate::service::SERVICE_QOS;
 use crate::shutdown::{Shutdown, Wake};
 use crate::threads::Threads;
@@ -246,6 +247,7 @@ impl<A: Act> Driver<A> {
     fn new_goal(&mut self, request: RmwRequestId, goal_id: GoalId, goal: A::Goal) {
         self.contacts.send_goal.wait(&request);
         let id = *goal_id.uuid.as_bytes();
+        let requester = Requester::new(&self.graph, &request);
         let stamp = RosTime::from_nanos(self.clock.now().nanos());
         let decision = if self.stop.is_triggered() {
             Decision::Reject("the node shuts down".to_owned())
@@ -259,22 +261,22 @@ impl<A: Act> Driver<A> {
         let accepted = match decision {
             Decision::Accept => true,
             Decision::Reject(reason) => {
-                tracing::warn!("{}: goal rejected: {reason}", self.name);
+                tracing::warn!("{}: goal of {requester} rejected: {reason}", self.name);
                 false
             }
         };
         self.report(self.server.goals.answer(&self.graph, request, SendGoalResponse { accepted, stamp }));
         if accepted {
-            self.start(id, goal_id, goal, stamp);
+            self.start(id, goal_id, goal, stamp, requester);
         }
     }
 
-    fn start(&mut self, id: Id, goal_id: GoalId, goal: A::Goal, stamp: RosTime) {
+    fn start(&mut self, id: Id, goal_id: GoalId, goal: A::Goal, stamp: RosTime, requester: Requester) {
         let cancelled = self.stop.child();
         self.goals.start(id, stamp.to_nanos());
         self.ids.insert(id, (goal_id, cancelled.clone()));
         self.publish_status();
-        let handle = GoalHandle { goal: Arc::new(goal), id, cancelled, mailbox: self.mailbox.clone() };
+        let handle = GoalHandle { goal: Arc::new(goal), id, requester, cancelled, mailbox: self.mailbox.clone() };
         let (handler, mailbox) = (Arc::clone(&self.handler), self.mailbox.clone());
         let started = self.threads.spawn(&format!("goal {}", self.name), move || {
             mailbox.send(Mail::Done(id, handler(handle)));

@@ -1,0 +1,157 @@
+//! A graph that runs already where a launch would start another under the same names.
+
+use super::description::{LaunchDescription, Process};
+use super::status;
+use anyhow::{Result, bail};
+use catenary_shell::{
+    Discovery, Node, NodeBuilder, Peer, RosArgs, Shutdown, contract, domain_and_range, is_domain_used_here, list_peers,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Time in which every other node of a domain is found.
+const LOOK: Duration = Duration::from_millis(700);
+/// Time for a graph that is just ending to be gone.
+const LEAVING: Duration = Duration::from_secs(3);
+
+/// Names that one process of the launch would take in its domain.
+#[derive(Debug, Default, PartialEq)]
+struct Names {
+    /// Fully qualified names of nodes.
+    nodes: BTreeSet<String>,
+    /// Absolute names of services and actions.
+    served: BTreeSet<String>,
+}
+
+/// Services and actions of one of our nodes, by default names.
+fn served_by(node: &str) -> Vec<&'static str> {
+    match node {
+        "simulated_cell" | "panda_bridge" => contract::ARM.to_vec(),
+        _ => {
+            let all = contract::SERVICES.iter().chain(contract::ACTIONS).map(|endpoint| endpoint.name);
+            all.filter(|name| name.split('/').next() == Some(node)).collect()
+        }
+    }
+}
+
+/// The names that one of our nodes would take; none: another program, of which nothing is known.
+fn names(process: &Process) -> Option<(String, String, Vec<String>)> {
+    // Behind a prefix such as `gdb --args`, or behind `catenary node`, it is not the first word.
+    let words = process.command.iter().take_while(|word| *word != "--ros-args");
+    let base_names = words.map(|word| Path::new(word).file_name().and_then(|name| name.to_str()).unwrap_or_default());
+    let (at, node) = base_names.enumerate().find(|(_, name)| crate::nodes::is_node(name))?;
+    // Parameters give no names, and their files may not be written yet.
+    let nothing = |_: &Path| Ok("{}".to_owned());
+    let (arguments, _) = RosArgs::parse_with(process.command[at + 1..].to_vec(), &nothing).ok()?;
+    let (name, namespace) = arguments.node_identity(node, "/").ok()?;
+    let served = served_by(node).into_iter().filter_map(|served| arguments.resolve(served, &namespace, &name).ok());
+    let served = served.collect();
+    Some((name, namespace, served))
+}
+
+/// The names that the launch would take, by domain and range of discovery.
+fn by_domain(description: &LaunchDescription) -> Result<BTreeMap<(u16, bool), Names>> {
+    let mut found: BTreeMap<(u16, bool), Names> = BTreeMap::new();
+    for process in &description.processes {
+        let Some((name, namespace, served)) = names(process) else { continue };
+        let variable = |name: &str| match process.environment.get(name) {
+            Some(set) => set.clone(),
+            None => std::env::var(name).ok(),
+        };
+        let (domain, discovery) = domain_and_range(&variable)?;
+        let names = found.entry((domain, discovery == Discovery::Localhost)).or_default();
+        names.nodes.insert(catenary_shell::names::node_path(&namespace, &name));
+        names.served.extend(served);
+    }
+    Ok(found)
+}
+
+/// Fails where nodes are in a domain of the launch that have one of its names, or serve under one.
+pub fn refuse_second_graph(description: &LaunchDescription, shutdown: &Shutdown) -> Result<()> {
+    for ((domain, is_localhost), names) in by_domain(description)? {
+        // What keeps to this machine is found by its ports, at once.
+        if is_localhost && !is_domain_used_here(domain) {
+            continue;
+        }
+        let range = if is_localhost { Discovery::Localhost } else { Discovery::Subnet };
+        let node = NodeBuilder::new("launch_look", &RosArgs::default())?.domain(domain, range).build()?;
+        let taken = look(&node, &names, shutdown)?;
+        if !taken.is_empty() {
+            let namespaced = description.arguments.iter().any(|argument| argument.name == "namespace");
+            bail!("{}", words(domain, &taken, namespaced));
+        }
+    }
+    Ok(())
+}
+
+/// Nodes that have one of the names; those that are just leaving get time to go.
+fn look(node: &Node, names: &Names, shutdown: &Shutdown) -> Result<Vec<Peer>> {
+    let start = Instant::now();
+    let mut peers = node.look_around(LOOK);
+    loop {
+        let served: Vec<&str> = names.served.iter().map(String::as_str).collect();
+        let mut taken: Vec<Peer> =
+            peers.into_iter().filter(|peer| peer.name().is_some_and(|name| names.nodes.contains(name))).collect();
+        let others = node.servers(&served)?.into_iter();
+        let others: Vec<Peer> = others.filter(|peer| taken.iter().all(|known| known.name() != peer.name())).collect();
+        taken.extend(others);
+        if taken.is_empty() || start.elapsed() >= LEAVING || shutdown.wait_timeout(Duration::from_millis(100)) {
+            return Ok(taken);
+        }
+        peers = node.peers();
+    }
+}
+
+fn words(domain: u16, taken: &[Peer], namespaced: bool) -> String {
+    let launch = taken.iter().find_map(Peer::process).and_then(status::launch_of);
+    let launch = launch.map_or(String::new(), |table| {
+        format!(" (launch of {}, process {}, logs in {})", table.file.display(), table.pid, table.log.display())
+    });
+    let namespace = if namespaced { ", or in another namespace: namespace:=/NAME" } else { "" };
+    format!(
+        "a graph with the same names runs in ROS_DOMAIN_ID {domain} already{launch}: {}; two would answer each other's \
+         requests. End it, or start this one in another domain: ROS_DOMAIN_ID=NUMBER{namespace}. Nothing was started",
+        list_peers(taken)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn process(words: &[&str]) -> Process {
+        Process::new(words[0].to_owned(), words.iter().map(|w| (*w).to_owned()).collect())
+    }
+
+    #[test]
+    fn names_follow_remaps_and_namespaces() {
+        let (name, namespace, served) = names(&process(&[
+            "/opt/catenary/bin/simulated_cell",
+            "--ros-args",
+            "--params-file",
+            "/absent.yaml",
+            "-r",
+            "__ns:=/lab",
+            "-r",
+            "panda/hold:=/stop",
+        ]))
+        .unwrap();
+        assert_eq!((name.as_str(), namespace.as_str()), ("simulated_cell", "/lab"));
+        assert!(served.contains(&"/lab/panda/enable".to_owned()) && served.contains(&"/stop".to_owned()), "{served:?}");
+        let (name, ..) = names(&process(&["simulator_pool", "--ros-args", "-r", "__node:=pool_2"])).unwrap();
+        assert_eq!(name, "pool_2");
+        let (name, ..) = names(&process(&["gdb", "--args", "catenary", "node", "camera", "--ros-args"])).unwrap();
+        assert_eq!(name, "camera");
+        assert!(names(&process(&["rviz2"])).is_none());
+    }
+
+    #[test]
+    fn every_action_of_the_contract_is_one_nodes() {
+        let nodes = crate::nodes::NODES.iter().flat_map(|(name, ..)| served_by(name));
+        let served: BTreeSet<&str> = nodes.collect();
+        for endpoint in contract::SERVICES.iter().chain(contract::ACTIONS) {
+            assert!(served.contains(endpoint.name), "{}", endpoint.name);
+        }
+    }
+}

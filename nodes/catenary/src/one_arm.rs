@@ -1,0 +1,48 @@
+//! The arm of the running graph, before anything is asked of it: there must be one, and nobody else may command it.
+
+use crate::interrupted::Interrupted;
+use anyhow::{Error, Result, ensure};
+use catenary_shell::{CallError, Node, Peer, Shutdown, contract, list_peers};
+use std::time::{Duration, Instant};
+
+/// Between two looks.
+const PAUSE: Duration = Duration::from_millis(100);
+/// Time in which every other node of the domain is found: discovery takes less than half a second.
+const LOOK: Duration = Duration::from_millis(700);
+
+/// What to do about two graphs.
+const REMEDY: &str = "end one graph, or give each a ROS_DOMAIN_ID or a namespace of its own; nothing was sent";
+
+/// Waits for the servers of `needed`, looks who else is there, and fails where two nodes serve one name of an arm or of
+/// `needed`, or where somebody publishes targets who runs no episodes.
+pub fn ensure_one_arm(node: &Node, needed: &[&str], wait: Duration, interrupted: &Shutdown) -> Result<()> {
+    let start = Instant::now();
+    for name in needed {
+        while node.servers(&[name])?.is_empty() {
+            let name = node.resolve(name)?;
+            if interrupted.wait_timeout(PAUSE) {
+                return Err(Error::from(Interrupted(String::new())).context(name));
+            }
+            if start.elapsed() >= wait {
+                return Err(CallError::NoServer { name, waited: wait }.into());
+            }
+        }
+    }
+    let _everybody = node.look_around(LOOK);
+    for name in contract::ARM.iter().chain(needed) {
+        let servers = node.servers(&[name])?;
+        let name = node.resolve(name)?;
+        ensure!(servers.len() < 2, "{name}: {} serve it, and each would act: {REMEDY}", list_peers(&servers));
+    }
+    let runners = node.servers(&[contract::RUN_EPISODE.name])?;
+    let is_runner = |peer: &Peer| runners.iter().any(|runner| runner.shares_participant(peer));
+    let topic = contract::TARGET_POSE.name;
+    let strangers: Vec<Peer> = node.publishers(topic)?.into_iter().filter(|peer| !is_runner(peer)).collect();
+    ensure!(
+        strangers.is_empty(),
+        "{}: {} may command the arm, too: end it first; nothing was sent",
+        node.resolve(topic)?,
+        list_peers(&strangers)
+    );
+    Ok(())
+}
