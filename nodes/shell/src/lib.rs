@@ -33,6 +33,7 @@ pub mod contract;
 pub mod convert;
 mod diagnostics;
 mod error;
+pub mod files;
 mod first_contact;
 mod graph;
 mod interface;
