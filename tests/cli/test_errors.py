@@ -390,6 +390,18 @@ def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
         assert done.returncode in (0, 141), arguments
 
 
+def test_a_cell_outside_the_prior_runs_and_says_so(tmp_path):
+    arguments = ("--ros-args", "-p", f"model_file:={MODEL}", "-p", "theta:=[0.32, 1e4]", "-p", "fidelity:=fine_mesh")
+    own = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    cell = subprocess.Popen([PROGRAM, "node", "simulated_cell", *arguments], env=os.environ | own, stderr=subprocess.PIPE, text=True)
+    try:
+        said = next(line for line in cell.stderr if "outside its prior" in line)
+    finally:
+        cell.terminate()
+        cell.communicate(timeout=20)
+    assert "WARN" in said and "length_m 0.32" in said and "uniform 0.195 to 0.305" in said, said
+
+
 @pytest.mark.parametrize("command", ["record", "demo", "launch", "node"])
 @pytest.mark.parametrize(
     ("variable", "value"), [("ROS_DOMAIN_ID", "999"), ("ROS_DOMAIN_ID", "lab"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]

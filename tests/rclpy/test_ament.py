@@ -87,7 +87,7 @@ def test_completions_are_installed_found_and_valid(prefix):
     scripts = {"bash": "bash-completion/completions/catenary", "zsh": "zsh/site-functions/_catenary", "fish": "fish/vendor_completions.d/catenary.fish"}
     for shell, path in scripts.items():
         text = (share / path).read_text()
-        assert all(word in text for word in ("find-effects", "--fidelity", "fine_mesh")), shell
+        assert all(word in text for word in ("find-effects", "fidelity", "fine_mesh")), shell
         if shutil.which(shell):
             done = subprocess.run([shell, "-n", share / path], capture_output=True, text=True)
             assert done.returncode == 0, done.stderr

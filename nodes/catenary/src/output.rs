@@ -6,12 +6,16 @@ use crate::wrong_input::{Given, WrongInput, is_of_machine};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::fs::{self, OpenOptions};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::Path;
 
 /// Prints a result: as one JSON document with `--json`, else as `text` words it.
 pub fn result<T: Serialize>(output: &Output, value: &T, text: impl FnOnce(&T) -> String) -> Result<()> {
-    let words = if output.json { serde_json::to_string_pretty(value)? } else { text(value) };
+    let is_terminal = std::io::stdout().is_terminal();
+    let words = match output.json {
+        true => serde_json::to_string_pretty(value)?,
+        false => fitted(&text(value), is_terminal),
+    };
     print(&words)
 }
 
@@ -40,7 +44,8 @@ pub fn warn(line: &str) {
 
 /// A line for the user, apart from the result.
 pub fn tell(line: &str) {
-    let _closed = writeln!(std::io::stderr(), "{line}");
+    let is_terminal = std::io::stderr().is_terminal();
+    let _closed = writeln!(std::io::stderr(), "{}", fitted(line, is_terminal));
 }
 
 /// Makes the folder of a file that is to be written in the end, and fails now where it could not be written then. What lies
@@ -75,6 +80,23 @@ fn try_out(file: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Columns of a terminal that is as wide as most.
+const WIDTH: usize = 80;
+/// Before the rest of a line that was broken.
+const REST: &str = "    ";
+
+/// A text for people: on a terminal its long lines are broken between words; in a pipe a line stays one, for programs.
+fn fitted(text: &str, is_terminal: bool) -> String {
+    if !is_terminal {
+        return text.to_owned();
+    }
+    let line = |line: &str| match line.chars().count() {
+        0..=WIDTH => line.to_owned(),
+        _ => wrapped(line, WIDTH - REST.len()).join(&format!("\n{REST}")),
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// A text in lines of at most `width` columns; a word that is longer has a line of its own.
 pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
@@ -103,6 +125,19 @@ mod tests {
         let (text, right) = (error.to_string(), folder.path().join("policies"));
         assert!(WrongInput::is(&error) && text.contains(&format!("did you mean `{}`?", right.display())), "{text}");
         assert!(text.contains("mkdir -p") && !folder.path().join("polices").exists(), "{text}");
+    }
+
+    #[test]
+    fn a_terminal_gets_lines_that_fit_and_a_pipe_whole_ones() {
+        let long = format!("short\n  a  table  row\n{}", "word ".repeat(30).trim());
+        assert_eq!(fitted(&long, false), long);
+        let fit = fitted(&long, true);
+        assert!(
+            fit.starts_with("short\n  a  table  row\nword") && fit.lines().all(|line| line.len() <= WIDTH),
+            "{fit}"
+        );
+        assert_eq!(fit.lines().count(), 4);
+        assert_eq!(fit.split_whitespace().count(), long.split_whitespace().count());
     }
 
     #[test]
