@@ -1,4 +1,5 @@
-//! Collects the launch files, parameters and models, so that the program can install them without its sources.
+//! Collects the launch files, parameters and models, so that the program can install them without its sources, and finds
+//! out which commit it is built from.
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a build script speaks to cargo and reads files")]
 
@@ -13,12 +14,61 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     paths.into_iter().flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }
 
+/// What the program is made of, from the workspace's root: a change in it makes a commit's build another one.
+const SOURCES: [&str; 5] = ["nodes", "msgs", "launch_configs", "Cargo.toml", "Cargo.lock"];
+
+/// What git answers in `root`; none where there is no git, or no answer.
+fn git(root: &Path, arguments: &[&str]) -> Option<String> {
+    // A look must not write to the repository, as `git status` does to its index.
+    let mut command = std::process::Command::new("git");
+    let done = command.arg("-C").arg(root).args(arguments).env("GIT_OPTIONAL_LOCKS", "0").output().ok()?;
+    done.status.success().then(|| String::from_utf8_lossy(&done.stdout).trim().to_owned())
+}
+
+/// Commit of the checkout at `root`, with `-dirty` where sources differ from it; none outside a checkout of this project.
+fn commit(root: &Path) -> Option<String> {
+    // Sources that were unpacked inside another project's checkout are not of its commit.
+    let top = std::fs::canonicalize(git(root, &["rev-parse", "--show-toplevel"])?).ok()?;
+    if top != std::fs::canonicalize(root).ok()? {
+        return None;
+    }
+    let commit = git(root, &["rev-parse", "--short=10", "HEAD"])?;
+    let status = ["status", "--porcelain", "--untracked-files=no", "--"];
+    let changed = git(root, &[&status[..], &SOURCES[..]].concat())?;
+    Some(if changed.is_empty() { commit } else { commit + "-dirty" })
+}
+
+/// Has cargo run this again where the commit or the sources change, and at no other time.
+fn watch(root: &Path) {
+    let log = git(root, &["rev-parse", "--git-path", "logs/HEAD"]).map(|path| root.join(path));
+    let sources = SOURCES.iter().flat_map(|source| match *source {
+        // Tests and benches of the crates are no part of the program.
+        "nodes" => std::fs::read_dir(root.join("nodes"))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|e| e.path().join("src"))
+            .collect(),
+        source => vec![root.join(source)],
+    });
+    // Cargo takes a missing file for a change.
+    for path in sources.chain(log).filter(|path| path.exists()) {
+        println!("cargo::rerun-if-changed={}", path.display());
+    }
+}
+
 fn main() {
-    let folder = Path::new(&std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it")).join("../../launch_configs");
-    println!("cargo::rerun-if-changed={}", folder.display());
+    let root = Path::new(&std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it")).join("../..");
+    let folder = root.join("launch_configs");
+    watch(&root);
+    let version = std::env::var("CARGO_PKG_VERSION").expect("cargo sets it");
+    let version = commit(&root).map_or(version.clone(), |commit| format!("{version} ({commit})"));
+    println!("cargo::rustc-env=CATENARY_VERSION={version}");
     let mut table = String::from("&[\n");
     let is_picture = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "png");
-    for path in files(&folder).into_iter().filter(|path| !is_picture(path)) {
+    // Stand-ins for the nodes of a checkout: what is installed has the nodes themselves.
+    let is_stand_in = |path: &PathBuf| path.starts_with(folder.join("bin"));
+    for path in files(&folder).into_iter().filter(|path| !is_picture(path) && !is_stand_in(path)) {
         let name = path.strip_prefix(&folder).expect("it lies below").display().to_string();
         writeln!(table, "    ({name:?}, include_bytes!({:?})),", path.display().to_string()).expect("a string grows");
     }

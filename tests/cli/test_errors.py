@@ -67,7 +67,7 @@ NO_BAG = ("nowhere", "expected a bag folder or an .mcap or .db3 file")
     ids=lambda value: value[0] if isinstance(value[0], str) else None,
 )
 def test_a_wrong_path_is_named(tmp_path, arguments, says):
-    refused(tmp_path, *arguments, says=says, code=1)
+    refused(tmp_path, *arguments, says=says, code=USAGE)
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,10 @@ def test_a_wrong_path_is_named(tmp_path, arguments, says):
         (("node", "camra"), ("camra", "camera")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", -1), ("-1", "--episode", "1..")),
         (("bench", "inference", "--seeds", 0), ("0", "--seeds", "1..")),
+        (("train", "--model", MODEL, "--out", "p", "--preset", "big"), ("--preset", "default, sb3", "big")),
+        (("simulate", "--model", MODEL, "--actions", "x", "--fidelity", "fine-mesh"), ("--fidelity", "fast, fine_mesh, standard, reference")),
     ],
-    ids=["command", "missing", "value", "option", "node", "negative", "no seeds"],
+    ids=["command", "missing", "value", "option", "node", "negative", "no seeds", "preset", "fidelity"],
 )
 def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
     refused(tmp_path, *arguments, says=says, code=USAGE)
@@ -90,7 +92,6 @@ def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("train", "--model", MODEL, "--out", "p", "--preset", "big"), ("preset", "default or sb3", "big")),
         (("launch", LAUNCH, "sed:=1"), (LAUNCH, "sed", "seed")),
         (("launch", LAUNCH, "seed"), ("NAME:=VALUE", "seed")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--episode", 99), ("swing", "99")),
@@ -118,7 +119,7 @@ def test_a_wrong_command_line_is_named(tmp_path, arguments, says):
     ],
 )
 def test_a_wrong_value_is_named_with_those_that_are_right(tmp_path, arguments, says):
-    refused(tmp_path, *arguments, says=says, code=1)
+    refused(tmp_path, *arguments, says=says, code=USAGE)
 
 
 def test_an_evaluation_without_sense_is_refused_before_it_begins(tmp_path):
@@ -134,13 +135,13 @@ def test_an_evaluation_without_sense_is_refused_before_it_begins(tmp_path):
     refused(tmp_path, *wanted, MODEL, "--theta", "lenght_m=0.2", says=("--theta lenght_m", "length_m, youngs_modulus_pa"))
     refused(tmp_path, *wanted, MODEL, "--effect", "length_m=0.2", says=("it is inferred: expected --theta length_m=0.2",))
     refused(tmp_path, *wanted, MODEL, "--effect", "wind=1", says=("`wind`: unknown", "linear_drag_n_s_m2"))
-    refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, fine_mesh, standard or reference", "best"))
+    refused(tmp_path, *wanted, MODEL, "--fidelity", "best", says=("--fidelity", "fast, fine_mesh, standard, reference", "best"))
     refused(tmp_path, *wanted, MODEL, "--episodes", 5, says=("--episodes", "30"))
 
 
 def test_a_deployment_that_waits_for_nothing_is_refused_before_it_begins(tmp_path):
     run(tmp_path, "train", "--model", MODEL, "--out", "policy", "--steps", 512)
-    refused(tmp_path, "deploy", "--policy", "policy", "--wait-s", 0, says=("--wait-s", "positive"), code=1)
+    refused(tmp_path, "deploy", "--policy", "policy", "--wait-s", 0, says=("--wait-s", "positive"), code=USAGE)
 
 
 TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m\n"
@@ -156,7 +157,7 @@ TRACK = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m
 )
 def test_a_track_without_sense_becomes_no_bag(tmp_path, text, says):
     (tmp_path / "track.csv").write_text(text)
-    refused(tmp_path, "import-track", "track.csv", "--model", MODEL, "--out", "bag", says=says, code=1)
+    refused(tmp_path, "import-track", "track.csv", "--model", MODEL, "--out", "bag", says=says, code=USAGE)
     assert not (tmp_path / "bag").exists()
 
 
@@ -174,7 +175,7 @@ def cut(folder, share):
 )
 def test_a_truncated_bag_is_named_with_what_is_left_of_it(tmp_path, share, says):
     path = cut(tmp_path, share)
-    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=(path, *says), code=1)
+    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=(path, *says), code=USAGE)
 
 
 def test_a_truncated_bag_is_read_up_to_its_last_complete_chunk(tmp_path):
@@ -191,7 +192,7 @@ def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
         for _, time, data in reader.messages([source]):
             writer.write(connection, time, data)
     says = (path, "/dlo/keypoints", "/episode/event")
-    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=says, code=1)
+    refused(tmp_path, "infer", "--bag", path, "--model", MODEL, "--out", "x", says=says, code=USAGE)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +220,7 @@ def test_a_wrong_value_in_a_model_file_is_named(tmp_path, field, wrong, says):
     line = f"line {1 + text[: text.index(field)].count(chr(10))}"
     path = tmp_path / "model.yaml"
     path.write_text(text.replace(field, wrong))
-    refused(tmp_path, "infer", "--bag", BAG, "--model", path, "--out", "x", says=(path, line, *says), code=1)
+    refused(tmp_path, "infer", "--bag", BAG, "--model", path, "--out", "x", says=(path, line, *says), code=USAGE)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +238,7 @@ def test_every_command_reads_the_same_model_file(tmp_path, arguments):
     path = tmp_path / "model.yaml"
     path.write_text(MODEL.read_text().replace("density_kg_m3:", "densty_kg_m3:"))
     says = (f"model {path}: line 11, `parameters.densty_kg_m3`: expected a parameter that the simulator has",)
-    refused(tmp_path, *arguments, "--model", path, says=says, code=1)
+    refused(tmp_path, *arguments, "--model", path, says=says, code=USAGE)
 
 
 @pytest.mark.parametrize("node", ["simulated_cell", "policy_runner", "panda_bridge"])
@@ -291,6 +292,116 @@ def test_a_wrong_parameter_of_a_node_is_named(tmp_path, arguments, says, code):
 def test_a_cell_without_sense_is_not_worth_starting_again(tmp_path, theta, says):
     arguments = ("--ros-args", "-p", f"model_file:={MODEL}", "-p", f"theta:={theta}")
     refused(tmp_path, "node", "simulated_cell", *arguments, says=says, code=USAGE, speaker="simulated_cell")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (("infer", BAG, "--model", "softbar", "--out", "x"), "soft_bar"),
+        (("infer", BAG, "--model", MODEL.with_name("soft_bra.yaml"), "--out", "x"), MODEL),
+        (("info", BAG.with_name("swimg")), BAG),
+        (("replay", BAG.parent / "swing/swing_1.mcap"), BAG / "swing_0.mcap"),
+        (("launch", LAUNCH.with_name("sim.lanch.xml")), LAUNCH),
+        (("launch", LAUNCH, "sed:=1"), "seed"),
+        (("effects", "--name", "tip_mas_kg"), "tip_mass_kg"),
+        (("effects", "--name", "mass"), "tip_mass_kg"),
+        (("node", "camra"), "camera"),
+        (("simulate", "--model", "soft_bar", "--actions", "actions.csv", "--theta", "lenght_m=0.2"), "length_m"),
+        (("simulate", "--model", "soft_bar", "--actions", "actions.csv", "--effect", "linear_drag=1"), "linear_drag_n_s_m2"),
+        (("simulate", "--model", "soft_bar", "--actions", "action.csv"), "actions.csv"),
+        (("bench", "calibration", "--out", "x", "--also", "friction"), "table_friction"),
+        (("doctor", "--model", "softbar"), "soft_bar"),
+        (("train", "--model", "soft_bar", "--out", "polices/pi0"), "policies"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else None,
+)
+def test_a_slip_of_the_pen_finds_the_name_that_was_meant(tmp_path, arguments, meant):
+    (tmp_path / "actions.csv").write_text("dx_m,dz_m\n0.01,0.0\n")
+    (tmp_path / "policies").mkdir()
+    refused(tmp_path, *arguments, says=(f"did you mean `{meant}`?",), code=USAGE)
+    assert {path.name for path in tmp_path.iterdir()} <= {"actions.csv", "policies", "x"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "meant"),
+    [
+        ("keypoint_noise_px:", "keypoint_nose_px:", "keypoint_noise_px"),
+        ("density_kg_m3:", "densty_kg_m3:", "density_kg_m3"),
+        ("name: table_friction", "name: tabel_friction", "table_friction"),
+    ],
+)
+def test_a_slip_of_the_pen_in_a_model_file_finds_the_name(tmp_path, old, new, meant):
+    (tmp_path / "model.yaml").write_text(MODEL.read_text().replace(old, new))
+    refused(tmp_path, "infer", BAG, "--model", "model.yaml", "--out", "x", says=("model.yaml", f"did you mean `{meant}`?"), code=USAGE)
+
+
+@pytest.mark.parametrize("arguments", [("-p", "max_age:=1.0"), ("--params-file", "parms.yaml")], ids=["parameter", "file"])
+def test_a_slip_of_the_pen_in_a_nodes_arguments_finds_the_name(tmp_path, arguments):
+    (tmp_path / "params.yaml").write_text("")
+    meant = {"-p": "max_age_s", "--params-file": "params.yaml"}[arguments[0]]
+    says = (f"did you mean `{meant}`?",)
+    refused(tmp_path, "node", "policy_runner", "--ros-args", *arguments, says=says, code=USAGE, speaker="policy_runner")
+
+
+def test_a_name_that_resembles_nothing_gets_no_suggestion(tmp_path):
+    done = run(tmp_path, "effects", "--name", "zzz")
+    assert done.returncode == USAGE and "did you mean" not in done.stderr
+
+
+def test_bags_are_named_alike_everywhere(tmp_path):
+    plain, option = run(tmp_path, "info", BAG), run(tmp_path, "info", "--bag", BAG)
+    assert plain.returncode == option.returncode == 0 and plain.stdout == option.stdout
+    twice = run(tmp_path, "info", BAG, "--bag", BAG)
+    assert twice.stdout == f"{plain.stdout}\n{plain.stdout}"
+    for bags in ((BAG, "--bag", "nowhere"), ("--bag", BAG, "nowhere"), ("nowhere", BAG)):
+        refused(tmp_path, "infer", *bags, "--model", MODEL, "--out", "x", says=NO_BAG, code=USAGE)
+        refused(tmp_path, "find-effects", *bags, "--model", MODEL, "--out", "x", says=NO_BAG, code=USAGE)
+    refused(tmp_path, "replay", BAG, "--bag", BAG, says=("expected one bag, got 2", BAG), code=USAGE)
+    refused(tmp_path, "reindex", "--bag", "nowhere", says=NO_BAG, code=USAGE)
+    for record in (("record", BAG), ("record", "--bag", BAG), ("record", "--out", BAG)):
+        refused(tmp_path, *record, says=(BAG, "expected a folder that does not exist yet"), code=USAGE)
+    refused(tmp_path, "record", "a", "--out", "b", says=("BAG", "--out"), code=USAGE)
+    refused(tmp_path, "infer", "--model", MODEL, "--out", "x", says=("BAG",), code=USAGE)
+
+
+def test_a_value_outside_the_prior_is_warned_of_and_an_impossible_one_refused(tmp_path):
+    (tmp_path / "actions.csv").write_text("dx_m,dz_m\n0.01,0.0\n")
+    wanted = ("simulate", "--model", "soft_bar", "--actions", "actions.csv", "--fidelity", "fast")
+    inside = run(tmp_path, *wanted, "--theta", "length_m=0.25")
+    assert inside.returncode == 0 and inside.stderr == "", inside.stderr
+    outside = run(tmp_path, *wanted, "--theta", "length_m=0.32", "--effect", "table_friction=2")
+    assert outside.returncode == 0, outside.stderr
+    first, second = outside.stderr.splitlines()
+    assert first.startswith("catenary: warning: --theta length_m=0.32") and "uniform 0.195 to 0.305" in first
+    assert second.startswith("catenary: warning: --effect table_friction=2") and "0.3 to 0.6" in second
+    refused(tmp_path, *wanted, "--theta", "length_m=90", says=("--theta length_m", "0.01 to 10", "90"), code=USAGE)
+    refused(tmp_path, *wanted, "--effect", "table_friction=-1", says=("--effect table_friction", "0 to 5", "-1"), code=USAGE)
+
+
+def test_a_policy_for_a_folder_that_is_not_there_is_refused_before_the_training(tmp_path):
+    says = ("--out new/pi0", "no folder new", "mkdir -p new")
+    refused(tmp_path, "train", "--model", MODEL, "--out", "new/pi0", says=says, code=USAGE)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
+    for arguments in ("--help", "effects", f"info {BAG}", "node", "node camera --help", "infer --help"):
+        line = f"set -o pipefail; '{PROGRAM}' {arguments} | true"
+        done = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert done.stderr == "", arguments
+        assert done.returncode in (0, 141), arguments
+
+
+def test_a_cell_outside_the_prior_runs_and_says_so(tmp_path):
+    arguments = ("--ros-args", "-p", f"model_file:={MODEL}", "-p", "theta:=[0.32, 1e4]", "-p", "fidelity:=fine_mesh")
+    own = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    cell = subprocess.Popen([PROGRAM, "node", "simulated_cell", *arguments], env=os.environ | own, stderr=subprocess.PIPE, text=True)
+    try:
+        said = next(line for line in cell.stderr if "outside its prior" in line)
+    finally:
+        cell.terminate()
+        cell.communicate(timeout=20)
+    assert "WARN" in said and "length_m 0.32" in said and "uniform 0.195 to 0.305" in said, said
 
 
 @pytest.mark.parametrize("command", ["record", "demo", "launch", "node"])

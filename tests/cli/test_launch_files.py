@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pathlib
+import shutil
 import subprocess
 from xml.sax.saxutils import quoteattr
 
@@ -116,6 +117,28 @@ def test_ros_2_reads_the_shipped_files_in_the_same_way(path):
 
 
 @beside_ros2
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_ros_2_finds_the_nodes_of_a_checkout_without_an_installation(path, monkeypatch):
+    import ros2_launch
+
+    monkeypatch.delenv("CATENARY_BIN", raising=False)
+    for process in ros2_launch.processes(path, ARGUMENTS[path.name][0]):
+        program = process["command"][0]
+        assert os.access(program, os.X_OK), program
+    done = subprocess.run([program, "--help"], capture_output=True, text=True)
+    assert done.returncode == 0 and f"Usage: {pathlib.Path(program).name}" in done.stdout, done.stderr
+
+
+def test_a_checkout_that_is_not_built_says_what_to_build(tmp_path):
+    shutil.copytree(ROOT / "launch_configs/bin", tmp_path / "launch_configs/bin", symlinks=True)
+    environment = {name: value for name, value in os.environ.items() if name != "CARGO_TARGET_DIR"}
+    done = subprocess.run([tmp_path / "launch_configs/bin/camera"], capture_output=True, text=True, env=environment)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith(f"camera: {tmp_path}/target/release/catenary is missing")
+    assert "cargo build --release" in line and "CATENARY_BIN" in line
+
+
+@beside_ros2
 @pytest.mark.parametrize("arguments", [{}, {"both": "true"}, {"side": "right", "rate": "5"}], ids=str)
 def test_ros_2_reads_everything_in_the_same_way(sample, arguments):
     assert_same(sample, arguments)
@@ -166,7 +189,7 @@ def test_what_is_left_out_is_refused_by_name(sample):
     ]:
         sample.write_text(f"<launch>\n{inside}</launch>")
         done = show(sample, {})
-        assert done.returncode == 1 and done.stdout == "", inside
+        assert done.returncode == 2 and done.stdout == "", inside
         assert all(words in done.stderr for words in (*said, str(sample))), done.stderr
 
 

@@ -38,6 +38,43 @@ def test_help_lists_every_command_with_a_line(tmp_path):
         assert name == "help" or "Usage: catenary" in run(tmp_path, name, "--help")
 
 
+def pages(folder, *command):
+    """Help pages of a command and of all below it, by their words."""
+    text = run(folder, *command, "--help")
+    yield command, text
+    if "Commands:\n" in text:
+        for row in text.split("Commands:\n")[1].split("\n\n")[0].splitlines():
+            if row.startswith("  ") and row[2] not in " " and row.split()[0] != "help":
+                yield from pages(folder, *command, row.split()[0])
+
+
+def test_help_fits_80_columns_and_says_what_exit_codes_mean(tmp_path):
+    found = dict(pages(tmp_path))
+    assert len(found) >= len(COMMANDS) + 8
+    for command, text in found.items():
+        # A long usage or list of values has no place to be broken at.
+        long = [line for line in text.splitlines() if len(line) > 80 and not line.startswith("Usage:")]
+        assert not long, (command, long)
+    codes = found[()].split("Exit codes")[1]
+    assert all(f"\n  {code:<4} " in codes for code in (0, 1, 2, 3, 130))
+
+
+def test_the_version_names_the_commit(tmp_path):
+    version = run(tmp_path, "--version").strip()
+    assert re.fullmatch(r"catenary \d+\.\d+\.\d+( \([0-9a-f]{10}(-dirty)?\))?", version), version
+    if (ROOT / ".git").exists() and "CATENARY_PROGRAM" not in os.environ:
+        assert "(" in version, version
+
+
+def test_a_model_is_named_from_anywhere(tmp_path):
+    (tmp_path / "soft_bar").write_text(MODEL.read_text().replace("name: soft_bar", "name: another_bar"))
+    (tmp_path / "actions.csv").write_text("dx_m,dz_m\n0.01,0.0\n")
+    wanted = ("simulate", "--actions", "actions.csv", "--fidelity", "fine_mesh", "--json", "--model")
+    name = lambda model: json.loads(run(tmp_path, *wanted, model))["episodes"][0]["model"]
+    assert name("dlo_1") == "dlo_1"
+    assert name("soft_bar") == "another_bar", "a path wins"
+
+
 def test_the_nodes_are_listed(tmp_path):
     rows = run(tmp_path, "node").splitlines()
     assert {"simulated_cell", "camera", "keypoint_tracker", "policy_runner"} <= {row.split()[0] for row in rows}
@@ -57,7 +94,8 @@ def test_an_inference_is_json(tmp_path):
         assert low <= marginal["q05"] <= marginal["median"] <= marginal["q95"] <= high
     assert json.loads((tmp_path / "out/posterior.json").read_text()) == report["posterior"]
     assert 0 < report["simulation_s"] < report["wall_s"]
-    words = run(tmp_path, "infer", *arguments[:-1]).splitlines()[-1]
+    *_, words, page = run(tmp_path, "infer", *arguments[:-1]).splitlines()
+    assert page == "report: out/report.html" and (tmp_path / "out/report.html").exists()
     assert re.fullmatch(r"40 simulations; [\d.]+ s: simulation [\d.]+ s, training and the rest [\d.]+ s", words), words
 
 

@@ -52,7 +52,7 @@ def test_ros2_finds_the_package_and_its_executables(prefix, monkeypatch):
 
 def test_a_prefix_that_launch_files_cannot_name_is_refused(tmp_path):
     done = subprocess.run([PROGRAM, "install", "--prefix", tmp_path / "a prefix"], capture_output=True, text=True)
-    assert done.returncode == 1 and "--prefix: expected a path that launch files can name" in done.stderr and "a prefix" in done.stderr
+    assert done.returncode == 2 and "--prefix: expected a path that launch files can name" in done.stderr and "a prefix" in done.stderr
 
 
 def test_installed_launch_files_start_what_is_installed(prefix, monkeypatch):
@@ -80,6 +80,39 @@ def test_the_setup_script_puts_the_package_before_others(prefix):
     assert done.returncode == 0, done.stderr
     version, path = done.stdout.splitlines()
     assert version.startswith("catenary ") and path == f"{prefix}:/opt/ros/jazzy"
+
+
+def test_completions_are_installed_found_and_valid(prefix):
+    share = prefix / "share"
+    scripts = {"bash": "bash-completion/completions/catenary", "zsh": "zsh/site-functions/_catenary", "fish": "fish/vendor_completions.d/catenary.fish"}
+    for shell, path in scripts.items():
+        text = (share / path).read_text()
+        assert all(word in text for word in ("find-effects", "fidelity", "fine_mesh")), shell
+        if shutil.which(shell):
+            done = subprocess.run([shell, "-n", share / path], capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+    for name in ("setup.sh", "setup.bash"):
+        complete = f". '{prefix / name}'; COMP_WORDS=(catenary find); COMP_CWORD=1; _catenary catenary find catenary; echo \"${{COMPREPLY[@]}}\"; complete -p catenary"
+        # Interactive, as a user's shell is; without his own settings.
+        done = subprocess.run(["bash", "--norc", "-i", "-c", complete], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        found, registered = done.stdout.splitlines()
+        assert found == "find-effects" and "_catenary" in registered, done.stderr
+    data = subprocess.run(["sh", "-c", f"unset XDG_DATA_DIRS; set -eu; . '{prefix}/setup.sh'; echo $XDG_DATA_DIRS"], capture_output=True, text=True)
+    assert data.stdout.strip() == f"{share}:/usr/local/share:/usr/share", data.stderr
+
+
+def test_man_pages_are_installed_and_valid(prefix):
+    folder = prefix / "share/man/man1"
+    pages = sorted(path.name for path in folder.iterdir())
+    assert {"catenary.1", "catenary-infer.1", "catenary-bench-pool.1"} <= set(pages), pages
+    assert ".SH" in (folder / "catenary.1").read_text() and "130" in (folder / "catenary.1").read_text()
+    for page in ("catenary.1", "catenary-infer.1"):
+        if shutil.which("man"):
+            done = subprocess.run(["man", "--warnings", "-l", folder / page], capture_output=True, text=True, env=os.environ | {"MANPAGER": "cat"})
+            assert done.returncode == 0 and done.stderr == "" and "SYNOPSIS" in done.stdout, done.stderr
+        if shutil.which("mandoc"):
+            done = subprocess.run(["mandoc", "-T", "lint", "-W", "error", folder / page], capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout
 
 
 def test_an_installed_node_joins_the_graph(prefix, session):

@@ -144,7 +144,7 @@ def test_what_can_be_had_of_a_damaged_database_is_read_and_the_rest_is_named(tmp
     assert 543 > found[0] > found[1] > found[2] > 0
     file.write_bytes(whole[:50])
     done = run("info", bag)
-    assert done.returncode == 1 and str(file) in done.stderr and done.stdout == ""
+    assert done.returncode == 2 and str(file) in done.stderr and done.stdout == ""
 
 
 def test_a_file_without_chunks_is_read_and_misses_nothing(tmp_path):
@@ -185,7 +185,7 @@ def test_damage_that_the_index_does_not_show_is_named(tmp_path):
 def test_empty_missing_and_foreign_bags_are_named(tmp_path):
     def refused(path, *says):
         done = run("info", path)
-        assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
+        assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
         assert str(path) in done.stderr and all(part in done.stderr for part in says), done.stderr
 
     refused(tmp_path / "nowhere", "expected a bag folder or an .mcap or .db3 file, found nothing")
@@ -202,7 +202,7 @@ def test_empty_missing_and_foreign_bags_are_named(tmp_path):
         assert (report["messages"], report["topics"], report["notes"], report["start_ns"]) == (0, [], [], None)
         for command in (("replay",), ("infer", "--model", MODEL, "--out", tmp_path / "out", "--bag")):
             done = run(*command, tmp_path / plugin.name)
-            assert done.returncode == 1 and "no topics" in done.stderr, done.stderr
+            assert done.returncode == 2 and "no topics" in done.stderr, done.stderr
 
 
 def test_a_split_bag_that_lost_a_file_gives_the_others(tmp_path):

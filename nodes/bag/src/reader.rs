@@ -96,7 +96,8 @@ impl BagReader {
         } else if path.exists() {
             vec![path.to_owned()]
         } else {
-            return Err(BagError::NotABag { path: path.to_owned(), found: "nothing".to_owned() });
+            let found = format!("nothing{}", catenary_shell::files::hint(path));
+            return Err(BagError::NotABag { path: path.to_owned(), found });
         };
         let alone = paths.len() == 1;
         let mut files = Vec::new();

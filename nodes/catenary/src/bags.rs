@@ -1,13 +1,16 @@
 //! `catenary record`, `catenary replay`, `catenary info` and `catenary reindex`.
 
 mod arguments;
+mod named;
 
 use crate::interrupted::Interrupted;
 use crate::output;
+use crate::wrong_input::Given;
 use anyhow::Result;
 pub use arguments::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
 use catenary_bag::{BagReader, TopicCount, record, reindex, replay};
 use catenary_shell::{Node, NodeBuilder, RosArgs};
+pub use named::Bags;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -30,7 +33,7 @@ struct Recorded {
 /// Records until Ctrl-C.
 pub fn run_record(arguments: &RecordArgs) -> Result<()> {
     // Before the middleware starts, whose warnings would come before the one line that helps.
-    let settings = arguments.settings()?;
+    let settings = arguments.settings().given()?;
     let summary = record(&node("recorder", &RosArgs::default())?, &settings)?;
     let recorded =
         Recorded { bag: summary.path, messages: summary.messages, topics: summary.topics, files: summary.files };
@@ -53,13 +56,13 @@ struct Replayed {
 
 /// Replays a bag once, or until Ctrl-C.
 pub fn run_replay(arguments: &ReplayArgs) -> Result<()> {
-    let settings = arguments.settings()?;
+    let settings = arguments.settings().given()?;
     let remaps = arguments.remap.iter().flat_map(|rule| ["--remap".to_owned(), rule.clone()]);
     let (ros, _) = RosArgs::parse(std::iter::once("--ros-args".to_owned()).chain(remaps))?;
     let node = node("replayer", &ros)?;
     let summary = replay(&node, &settings)?;
     let replayed = Replayed {
-        bag: arguments.bag.clone(),
+        bag: settings.bag.clone(),
         published: summary.published,
         failed: summary.failed,
         left_out: summary.left_out,
@@ -140,8 +143,15 @@ impl BagInfo {
         let index = if self.readable.is_none() { ", by the index alone" } else { "" };
         let head =
             format!("{}: {} messages in {:.3} s{files}{index}", self.bag.display(), self.messages, self.duration_s);
-        let row =
-            |t: &TopicInfo| format!("{:>8} {} [{}] {}", t.messages, t.name, t.type_name, t.offered_qos.join("; "));
+        let row = |t: &TopicInfo| {
+            let head = format!("{:>8} {} [{}]", t.messages, t.name, t.type_name);
+            // In one line where it fits a terminal.
+            match t.offered_qos.as_slice() {
+                [] => head,
+                [one] if head.len() + 1 + one.len() <= 80 => format!("{head} {one}"),
+                several => format!("{head}\n{:>8} {}", "", several.join(&format!("\n{:>8} ", ""))),
+            }
+        };
         let rows = self.topics.iter().map(row);
         std::iter::once(head).chain(rows).chain(self.notes.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
@@ -149,11 +159,9 @@ impl BagInfo {
 
 /// Says what a bag holds, and what of it is missing or damaged.
 pub fn run_info(arguments: &InfoArgs) -> Result<()> {
-    output::result(
-        &arguments.output,
-        &BagInfo::new(&BagReader::open(&arguments.bag)?, arguments.index_only),
-        BagInfo::text,
-    )
+    let bags = arguments.bags.all().iter().map(|bag| BagReader::open(bag)).collect::<Result<Vec<_>, _>>().given()?;
+    let infos: Vec<BagInfo> = bags.iter().map(|bag| BagInfo::new(bag, arguments.index_only)).collect();
+    output::one_or_several(&arguments.output, &infos, BagInfo::text)
 }
 
 /// What was missing of a bag, and what it holds now.
@@ -166,10 +174,13 @@ struct Reindexed {
 
 /// Finishes the files of a bag and writes its `metadata.yaml` anew.
 pub fn run_reindex(arguments: &ReindexArgs) -> Result<()> {
-    let notes = reindex(&arguments.bag)?;
-    let messages = BagReader::open(&arguments.bag)?.message_count();
-    let reindexed = Reindexed { bag: arguments.bag.clone(), messages, notes };
-    output::result(&arguments.output, &reindexed, |r| {
+    let mut all = Vec::new();
+    for bag in arguments.bags.all() {
+        let notes = reindex(bag)?;
+        let messages = BagReader::open(bag)?.message_count();
+        all.push(Reindexed { bag: bag.clone(), messages, notes });
+    }
+    output::one_or_several(&arguments.output, &all, |r| {
         let notes: String = r.notes.iter().map(|note| format!("\n{note}")).collect();
         format!("{}: {} messages{notes}", r.bag.display(), r.messages)
     })

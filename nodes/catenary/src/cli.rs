@@ -1,15 +1,29 @@
 //! The command line.
 
+use crate::bags::Bags;
 pub use crate::bags::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
 pub use crate::install::InstallArgs;
 pub use crate::launch::status::StatusArgs;
+use catenary_core::Fidelity;
+use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+
+/// End of the help page.
+const EXIT_CODES: &str = "\
+Exit codes of every command and node:
+  0    done
+  1    failed at its work: a full disk, nobody answers, another node failed, a
+       check of `doctor` or `bench` says no
+  2    given something wrong, so that the same command would fail again: the
+       command line, a file that it names, or an environment variable
+  3    done, and written, but the result does not fit the data
+  130  interrupted by Ctrl-C";
 
 /// Real2Sim2Real of deformable linear objects held by a Panda: from one recording to a posterior over the object's
 /// parameters, a policy trained over it, and that policy's run on the robot.
 #[derive(Debug, Parser)]
-#[command(name = "catenary", version, long_about = None, max_term_width = 100)]
+#[command(name = "catenary", version = env!("CATENARY_VERSION"), long_about = None, term_width = 80, after_help = EXIT_CODES)]
 pub struct Cli {
     /// What to do
     #[command(subcommand)]
@@ -22,7 +36,7 @@ pub struct Cli {
 /// The commands, in the order in which a newcomer meets them.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The whole loop on a simulated cell: train, measure, infer, train again, run, report
+    /// The whole loop on a simulated cell, from training to the report
     Demo(DemoArgs),
     /// Start the processes of a ROS 2 launch file and watch them
     Launch(LaunchArgs),
@@ -32,21 +46,21 @@ pub enum Command {
     Node(NodeArgs),
     /// Posterior over the model's parameters from a recording
     Infer(InferArgs),
-    /// Where model and recordings disagree, and which effect explains it
+    /// Where model and recordings disagree, and which effect is why
     FindEffects(FindEffectsArgs),
-    /// Train a policy in simulation over a distribution of the model's parameters
+    /// Train a policy in simulation over what is known of the object
     Train(TrainArgs),
     /// Run policies on simulated episodes of a model, and compare them
     Evaluate(EvaluateArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),
-    /// Record topics to a bag: those of the contract, or others of the graph
+    /// Record topics of the graph to a bag
     Record(RecordArgs),
     /// Publish a bag's messages in time
     Replay(ReplayArgs),
     /// Say what a bag holds, and what of it is missing or damaged
     Info(InfoArgs),
-    /// Finish a bag whose recorder was killed, and write its metadata.yaml anew
+    /// Finish a bag whose recorder was killed, and index it anew
     Reindex(ReindexArgs),
     /// Make a bag from a track in a CSV file
     ImportTrack(ImportArgs),
@@ -126,6 +140,58 @@ pub enum Preset {
     Paper,
 }
 
+impl Preset {
+    /// Its name in goals and settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Preset::Default => "default",
+            Preset::Paper => "paper",
+        }
+    }
+}
+
+/// Hyperparameters of training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TrainingPreset {
+    /// Many small updates, within a minute
+    Default,
+    /// Those of Stable-Baselines3, as in the paper
+    Sb3,
+}
+
+impl TrainingPreset {
+    /// Its name in goals and settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            TrainingPreset::Default => "default",
+            TrainingPreset::Sb3 => "sb3",
+        }
+    }
+}
+
+/// A fidelity on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FidelityName(pub Fidelity);
+
+impl ValueEnum for FidelityName {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [FidelityName; Fidelity::ALL.len()] = {
+            let mut all = [FidelityName(Fidelity::Fast); Fidelity::ALL.len()];
+            let mut i = 0;
+            while i < all.len() {
+                all[i] = FidelityName(Fidelity::ALL[i]);
+                i += 1;
+            }
+            all
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name()).help(self.0.description()))
+    }
+}
+
 /// Work that the running graph may do.
 #[derive(Debug, Args)]
 pub struct Served {
@@ -139,11 +205,12 @@ pub struct Served {
 
 /// `catenary infer`.
 #[derive(Debug, Args)]
+#[command(mut_arg("bags", |arg| arg.help("Bag (folder, .mcap or .db3 file) that holds the episode; several, of one object, give one posterior")))]
 pub struct InferArgs {
-    /// Bag (folder or .mcap file) that holds the episode; several, of one object, give one posterior
-    #[arg(long, required = true)]
-    pub bag: Vec<PathBuf>,
-    /// Model file
+    /// Bags that hold the episode; several, of one object, give one posterior
+    #[command(flatten)]
+    pub bags: Bags,
+    /// Model: a file, or the name of a shipped one such as soft_bar
     #[arg(long)]
     pub model: PathBuf,
     /// Folder for posterior.json and the pictures; with --node for posterior.json alone
@@ -178,14 +245,15 @@ pub struct InferArgs {
 
 /// `catenary find-effects`.
 #[derive(Debug, Args)]
+#[command(mut_arg("bags", |arg| arg.help("Bag (folder, .mcap or .db3 file) whose complete episodes are looked at; several may be given")))]
 pub struct FindEffectsArgs {
-    /// Bag (folder or .mcap file) whose complete episodes are looked at; several may be given
-    #[arg(long, required = true)]
-    pub bag: Vec<PathBuf>,
+    /// Bags whose complete episodes are looked at
+    #[command(flatten)]
+    pub bags: Bags,
     /// Bag whose episodes no fit sees, by which the repair is judged; several may be given; none: the last third of the episodes
     #[arg(long)]
     pub verify: Vec<PathBuf>,
-    /// Model file
+    /// Model (file or name)
     #[arg(long)]
     pub model: PathBuf,
     /// Folder for verdict.json, model.yaml and report/index.html; with --node without verdict and report
@@ -208,7 +276,7 @@ pub struct FindEffectsArgs {
 /// `catenary train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// Model file
+    /// Model (file or name)
     #[arg(long)]
     pub model: PathBuf,
     /// posterior.json to train over; none: the model's prior
@@ -220,9 +288,9 @@ pub struct TrainArgs {
     /// Environment steps; none: the preset's
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Hyperparameters: default or sb3
-    #[arg(long, default_value = "default")]
-    pub preset: String,
+    /// Hyperparameters
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: TrainingPreset,
     /// Seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -240,7 +308,7 @@ pub struct EvaluateArgs {
     /// Policy file (safetensors); several run the same episodes, and are held against the first
     #[arg(long, required = true)]
     pub policy: Vec<PathBuf>,
-    /// Model file of the cell that they run on
+    /// Model (file or name) of the cell that they run on
     #[arg(long)]
     pub model: PathBuf,
     /// posterior.json to draw the object's parameters from; none: the model's prior
@@ -255,9 +323,9 @@ pub struct EvaluateArgs {
     /// Episodes of each policy
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(30..=100_000))]
     pub episodes: u64,
-    /// Fidelity: fast, fine_mesh, standard or reference
-    #[arg(long, default_value = "reference")]
-    pub fidelity: String,
+    /// Fidelity of the simulation
+    #[arg(long, value_enum, default_value = "reference")]
+    pub fidelity: FidelityName,
     /// Seed of what is drawn
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -291,7 +359,7 @@ pub struct DeployArgs {
 pub struct ImportArgs {
     /// Track: t_s, grip_x_m, grip_z_m, grip_pitch_rad, p1_x_m .. p4_z_m, and optionally the wrench
     pub track: PathBuf,
-    /// Model file, for its camera
+    /// Model (file or name), for its camera
     #[arg(long)]
     pub model: PathBuf,
     /// Folder of the bag to make
@@ -305,7 +373,7 @@ pub struct ImportArgs {
 /// `catenary simulate`.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// Model file; several may be given for a picture
+    /// Model (file or name); several may be given for a picture
     #[arg(long, required = true)]
     pub model: Vec<PathBuf>,
     /// Actions of the episode: a CSV file with the columns dx_m, dz_m, a row for each step
@@ -339,9 +407,9 @@ pub struct SimulateArgs {
     /// Another parameter's value, as NAME=VALUE; effects that nobody gives are at their medians, with --noise drawn
     #[arg(long, value_parser = assignment)]
     pub effect: Vec<(String, f64)>,
-    /// Fidelity: fast, fine_mesh, standard or reference
-    #[arg(long, default_value = "standard")]
-    pub fidelity: String,
+    /// Fidelity of the simulation
+    #[arg(long, value_enum, default_value = "standard")]
+    pub fidelity: FidelityName,
     /// Seed of what is drawn
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -394,7 +462,7 @@ pub struct BenchArgs {
 pub enum BenchWhat {
     /// Episodes per core-second of the simulator by fidelity
     Pool {
-        /// Model file; none: the soft bar
+        /// Model (file or name); none: the soft bar
         #[arg(long)]
         model: Option<PathBuf>,
         /// Machine-readable output
@@ -403,7 +471,7 @@ pub enum BenchWhat {
     },
     /// Derivatives of tracks by parameters and effects: their error, and their cost in tracks
     Sensitivities {
-        /// Model file; none: the soft bar
+        /// Model (file or name); none: the soft bar
         #[arg(long)]
         model: Option<PathBuf>,
         /// Random episodes
@@ -448,7 +516,7 @@ pub struct CalibrationArgs {
     /// Folder for checks.jsonl, which a run that was cut off goes on from, and report.html
     #[arg(long)]
     pub out: PathBuf,
-    /// Model file; none: the soft bar
+    /// Model (file or name); none: the soft bar
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// What the model draws anew for each episode, to be inferred with the rest
@@ -471,7 +539,7 @@ pub struct NetworksArgs {
     /// Further tracks to look at
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(10..=10_000))]
     pub truths: u64,
-    /// Model file; none: the soft bar
+    /// Model (file or name); none: the soft bar
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// The paper's network, too, with as many steps as its fifteen iterations make; half an hour
@@ -491,7 +559,7 @@ pub struct FidelityArgs {
     /// Random episodes at the edges of every parameter, at fast and at standard; 0: none
     #[arg(long, default_value_t = 0)]
     pub stress: usize,
-    /// Model file whose prior the random episodes span; none: the soft bar
+    /// Model (file or name) whose prior the random episodes span; none: the soft bar
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Machine-readable output
@@ -505,7 +573,7 @@ pub struct EffectsArgs {
     /// Name of an effect to list; several may be given; none: all
     #[arg(long)]
     pub name: Vec<String>,
-    /// Model file: say how large each effect must be to show in an episode of it
+    /// Model (file or name): say how large each effect must be to show in an episode of it
     #[arg(long, requires = "actions")]
     pub model: Option<PathBuf>,
     /// Actions of that episode: a CSV file with the columns dx_m, dz_m, a row for each step
@@ -522,7 +590,7 @@ pub struct EffectsArgs {
 /// `catenary doctor`.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// Model file to check too
+    /// Model (file or name) to check too
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Machine-readable output

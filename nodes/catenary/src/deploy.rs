@@ -3,11 +3,10 @@
 use crate::cli::DeployArgs;
 use crate::goal::{self, follow};
 use crate::one_arm::ensure_one_arm;
-use crate::{output, policy_file};
+use crate::{output, policy_file, progress};
 use anyhow::{Result, ensure};
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
 use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown, contract};
-use indicatif::ProgressBar;
 use serde::Serialize;
 
 /// What came of the episode.
@@ -42,10 +41,10 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
         run_all_steps: arguments.run_all_steps,
         ..RunEpisodeGoal::default()
     };
-    let bar = ProgressBar::new(policy.steps as u64);
-    let shown = bar.clone();
+    let bar = progress::bar("episode", 0.0)?;
+    let (shown, steps) = (bar.clone(), policy.steps);
     let result = follow(&client, goal, wait, &interrupted, move |feedback| {
-        shown.set_position(u64::from(feedback.step) + 1);
+        progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
         shown.set_message(format!("reward {:.3}", feedback.reward));
     })?;
     bar.finish_and_clear();

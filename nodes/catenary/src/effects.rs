@@ -2,9 +2,11 @@
 
 use crate::cli::EffectsArgs;
 use crate::simulate::actions;
+use crate::wrong_input::{Given, WrongInput};
 use crate::{figures::figures, model_file, output};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use catenary_core::model::DriveKind;
+use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Prior};
 use effect_finder::case::Case;
 use effect_finder::detectable::detectable_size;
@@ -43,9 +45,10 @@ impl From<About> for Row {
 /// Lists effects; with a model and actions, those that no search offers, too, and how large each must be to show.
 pub fn run(arguments: &EffectsArgs) -> Result<()> {
     let registry = if arguments.model.is_some() { &Registry::with_unlisted() } else { Registry::shipped() };
-    let known = || registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", ");
-    for name in &arguments.name {
-        ensure!(registry.find(name).is_some(), "--name {name}: expected one of {}", known());
+    let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
+    if let Some(name) = arguments.name.iter().find(|name| registry.find(name).is_none()) {
+        let hint = did_you_mean(name, known.iter().copied());
+        return Err(WrongInput::error(format!("--name {name}: expected one of {}{hint}", known.join(", "))));
     }
     let is_asked = |a: &About| arguments.name.is_empty() || arguments.name.iter().any(|n| n == a.name);
     let asked: Vec<About> = registry.effects().map(|e| e.about()).filter(is_asked).collect();
@@ -54,20 +57,24 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
         _ => asked.into_iter().map(Row::from).collect(),
     };
     let is_sized = arguments.model.is_some();
-    output::result(&arguments.output, &rows, |rows| {
-        let width = |text: fn(&Row) -> usize| rows.iter().map(text).max().unwrap_or(0);
-        let (names, units) = (width(|r| r.name.len()), width(|r| r.unit.len()));
-        let shows = |text: String| if is_sized { format!("{text:<11}  ") } else { String::new() };
-        let line = |r: &Row| {
-            let prior = r.prior.to_string();
-            let size = shows(r.detectable.map_or("-".into(), figures));
-            format!("{:<names$}  {:<units$}  {:<11}  {prior:<27}  {size}{}", r.name, r.unit, r.hook, r.description)
-        };
-        let (name, unit, size) = ("name", "unit", shows("shows from".into()));
-        let head =
-            format!("{name:<names$}  {unit:<units$}  {:<11}  {:<27}  {size}what more of it does", "hook", "prior");
-        std::iter::once(head).chain(rows.iter().map(line)).collect::<Vec<_>>().join("\n")
-    })
+    output::result(&arguments.output, &rows, |rows| words(rows, is_sized))
+}
+
+/// A head, and for each effect a line with what it does below.
+fn words(rows: &[Row], is_sized: bool) -> String {
+    const WIDTH: usize = 80;
+    const INDENT: &str = "    ";
+    let width = |text: fn(&Row) -> usize| rows.iter().map(text).max().unwrap_or(0).max("name".len());
+    let (names, units) = (width(|r| r.name.len()), width(|r| r.unit.len()));
+    let entry = |r: &Row| {
+        let head = format!("{:<names$}  {:<units$}  {:<11}  {}", r.name, r.unit, r.hook, r.prior);
+        let size = format!("shows from {}; ", r.detectable.map_or("no size".into(), figures));
+        let size = if is_sized { size } else { String::new() };
+        let below = output::wrapped(&format!("{size}{}", r.description), WIDTH - INDENT.len());
+        std::iter::once(head).chain(below.iter().map(|line| format!("{INDENT}{line}"))).collect::<Vec<_>>().join("\n")
+    };
+    let head = format!("{:<names$}  {:<units$}  {:<11}  prior\n{INDENT}what more of it does", "name", "unit", "hook");
+    std::iter::once(head).chain(rows.iter().map(entry)).collect::<Vec<_>>().join("\n")
 }
 
 /// How large each effect must be to show in an episode of these actions.
@@ -79,20 +86,26 @@ fn sized(
     values: &[(String, f64)],
 ) -> Result<Vec<Row>> {
     let name = actions.display().to_string();
-    let text = std::fs::read_to_string(actions).with_context(|| format!("actions {name}"))?;
+    let text = catenary_shell::files::read_text("actions", actions).given()?;
     let settings = Settings::default();
-    let cases = [Case::planned(model, &actions::read(&name, &text)?, &settings)];
+    let cases = [Case::planned(model, &actions::read(&name, &text).given()?, &settings)];
     let unknowns = Unknowns::of(model, 1);
     let mut point = vec![0.5; unknowns.columns()];
     for (place, (parameter, value)) in model.theta.parameters().iter().zip(model.nominal_theta()).enumerate() {
         point[place] = parameter.prior.to_unit(value);
     }
     for (name, value) in values {
-        let known = || unknowns.names().join(", ");
-        let place = unknowns.list().iter().position(|u| u.name == *name);
-        let place = place.with_context(|| format!("--value {name}: expected one of {}", known()))?;
-        let u = unknowns.list()[place].prior.to_unit(*value);
-        ensure!((0.0..=1.0).contains(&u), "--value {name}: expected {}, got {value}", unknowns.list()[place].prior);
+        let names = unknowns.names();
+        let place = unknowns.list().iter().position(|u| u.name == *name).with_context(|| {
+            let hint = did_you_mean(name, names.iter().copied());
+            format!("--value {name}: expected one of {}{hint}", names.join(", "))
+        });
+        let place = place.given()?;
+        let prior = &unknowns.list()[place].prior;
+        let u = prior.to_unit(*value);
+        if !(0.0..=1.0).contains(&u) {
+            return Err(WrongInput::error(format!("--value {name}: expected {prior}, got {value}")));
+        }
         point[unknowns.column(place, 0)] = u;
     }
     let simulator = BeamSimulator::with_effects(model, registry, workers::available())?;

@@ -2,17 +2,16 @@
 
 use crate::cli::EvaluateArgs;
 use crate::interrupted::Interrupted;
-use crate::simulate::{ensure_not_inferred, fidelity, place_of};
-use crate::{model_file, output, policy_file, train};
+use crate::wrong_input::Given;
+use crate::{model_file, output, policy_file, progress, theta, train};
 use anyhow::{Context, Result, ensure};
 use catenary_core::simulator::StartShape;
 use catenary_core::track::End;
 use catenary_core::{Drive, Model, Policy, SimulationRequest, Simulator, Task, Track, seed};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
 use policy_runner::Runner;
 use serde::Serialize;
-use simulator_pool::{BeamSimulator, workers};
+use simulator_pool::{BeamSimulator, Registry, workers};
 use std::path::{Path, PathBuf};
 
 /// A reward that no position has: success ends no episode, so that returns are sums over as many steps. Leaving the workspace
@@ -86,17 +85,18 @@ impl Estimate {
 /// Runs every policy on the same episodes; Ctrl-C ends it.
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
-    let mut task = model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name))?;
+    let task = model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name));
+    let mut task = task.given()?;
     let goal = task.success_reward;
-    let policies = arguments.policy.iter().map(|path| read(path, task)).collect::<Result<Vec<Policy>>>()?;
-    let requested = request(arguments, &model)?;
+    let policies = arguments.policy.iter().map(|path| read(path, task)).collect::<Result<Vec<Policy>>>().given()?;
+    let requested = request(arguments, &model).given()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     task.success_reward = OUT_OF_REACH;
     let simulator = BeamSimulator::new(&Model { task: Some(task), ..model.clone() }, workers::available())?;
     let n = requested.thetas.len();
-    let bar = ProgressBar::new((policies.len() * n) as u64);
-    bar.set_style(ProgressStyle::with_template("episodes [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
+    let all = policies.len() * n;
+    let bar = progress::bar("episodes", 0.0)?;
     let mut evaluated: Vec<Evaluated> = Vec::new();
     for (path, policy) in arguments.policy.iter().zip(policies) {
         bar.set_message(path.display().to_string());
@@ -104,15 +104,11 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
         let mut tracks = Vec::new();
         while tracks.len() < n {
             if shutdown.is_triggered() {
-                return Err(Interrupted(format!(
-                    " after {} of {} episodes",
-                    bar.position(),
-                    bar.length().unwrap_or(0)
-                ))
-                .into());
+                let done = evaluated.len() * n + tracks.len();
+                return Err(Interrupted(format!(" after {done} of {all} episodes")).into());
             }
             tracks.extend(simulator.simulate(&asked.part(tracks.len()..tracks.len() + BATCH))?);
-            bar.set_position((evaluated.len() * n + tracks.len()) as u64);
+            progress::advance(&bar, progress::share((evaluated.len() * n + tracks.len()) as f64, all as f64));
         }
         evaluated.push(of(path, &tracks, goal, evaluated.first()));
     }
@@ -149,11 +145,11 @@ fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest>
         train::domains(arguments.posterior.as_deref(), model)?.rows(n, seed::derive(arguments.seed, STREAM))?;
     thetas.truncate(n);
     for (name, value) in &arguments.theta {
-        let place = place_of(name, model)?;
+        let place = theta::place_of(name, *value, model)?;
         thetas.iter_mut().for_each(|theta| theta[place] = *value);
     }
     for (name, value) in &arguments.effect {
-        ensure_not_inferred(name, *value, model)?;
+        theta::check_effect(name, *value, model, Registry::shipped())?;
     }
     ensure!(thetas.len() == n, "--episodes: expected {n} draws of the parameters, got {}", thetas.len());
     Ok(SimulationRequest {
@@ -163,7 +159,7 @@ fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest>
         start: StartShape::HangingAtRest,
         frame_times_s: Vec::new(),
         target_m: None,
-        fidelity: fidelity(&arguments.fidelity)?,
+        fidelity: arguments.fidelity.0,
         seed: arguments.seed,
         first_episode: 0,
         noise: true,

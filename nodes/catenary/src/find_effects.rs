@@ -5,7 +5,8 @@ mod page;
 use crate::cli::FindEffectsArgs;
 use crate::interrupted::Interrupted;
 use crate::simulate::actions;
-use crate::{model_file, output, served};
+use crate::wrong_input::Given;
+use crate::{model_file, output, progress, served};
 use anyhow::{Context, Result};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
@@ -13,7 +14,7 @@ use catenary_shell::Shutdown;
 use effect_finder::node::journal::{self, Journal};
 use effect_finder::node::{episodes_of, hold_out};
 use effect_finder::{FinderError, Finding, Outcome, Question, Settings, convert, find};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use page::page;
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, Registry, workers};
@@ -27,8 +28,6 @@ const MOTION: &str = "separating_motion.csv";
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
 /// What the simulator has answered, until a search has ended.
 const JOURNAL: &str = "search.journal";
-/// Steps of the progress bar.
-const STEPS: f64 = 1000.0;
 
 /// What verdict.json holds, and `--json` prints.
 #[derive(Debug, Serialize)]
@@ -54,17 +53,16 @@ struct Looked {
 
 /// Searches and writes verdict.json, model.yaml and report/index.html; Ctrl-C ends it.
 pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
-    let model = model_file::read(&arguments.model)?;
+    let (model, text) = model_file::read_with_text(&arguments.model)?;
     if let Some(namespace) = &arguments.served.node {
         return served::find_effects(arguments, namespace);
     }
-    let text = std::fs::read_to_string(&arguments.model).with_context(|| arguments.model.display().to_string())?;
     let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
-    settings.check().context("--null-sets")?;
-    let mut fitted = episodes(&arguments.bag, &model)?;
+    settings.check().context("--null-sets").given()?;
+    let mut fitted = episodes(arguments.bags.all(), &model).given()?;
     let held_out = match arguments.verify.as_slice() {
         [] => hold_out(&mut fitted),
-        bags => episodes(bags, &model)?,
+        bags => episodes(bags, &model).given()?,
     };
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
@@ -107,7 +105,7 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
     write_motion(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &shown)?])?;
     journal.remove();
-    output::result(&arguments.output, &report, words)
+    output::result(&arguments.output, &report, |r| words(r, &arguments.out))
 }
 
 /// Every complete episode of the bags.
@@ -130,14 +128,12 @@ fn search(
     if !journal.is_empty() {
         output::tell(&format!("goes on with {} answers of the simulator, which an earlier search left", journal.len()));
     }
-    let bar = ProgressBar::new(STEPS as u64);
-    let style = ProgressStyle::with_template("{msg:<10} [{bar:30}] {percent} %");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
-    let found = find(question, journal, settings, &mut |progress| {
-        bar.set_message(progress.stage.name());
-        bar.set_position((STEPS * progress.progress) as u64);
-        if let Some(conclusion) = &progress.conclusion {
-            bar.suspend(|| output::tell(&format!("{}: {conclusion}", progress.stage.name())));
+    let bar = progress::bar("search", 0.0).unwrap_or_else(|_| ProgressBar::hidden());
+    let found = find(question, journal, settings, &mut |told| {
+        bar.set_message(told.stage.name());
+        progress::advance(&bar, told.progress);
+        if let Some(conclusion) = &told.conclusion {
+            bar.suspend(|| output::tell(&format!("{}: {conclusion}", told.stage.name())));
         }
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -174,6 +170,7 @@ fn headline(finding: &Finding) -> String {
     }
 }
 
-fn words(report: &Report) -> String {
-    format!("{}\n{} episodes, {:.1} s", headline(&report.finding), report.episodes.len(), report.wall_s)
+fn words(report: &Report, folder: &Path) -> String {
+    let (headline, page) = (headline(&report.finding), folder.join(FILES[2]));
+    format!("{headline}\n{} episodes, {:.1} s\nreport: {}", report.episodes.len(), report.wall_s, page.display())
 }

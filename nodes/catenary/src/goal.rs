@@ -1,6 +1,7 @@
 //! Goals of the running graph's actions, followed to their end.
 
 use crate::interrupted::Interrupted;
+use crate::wrong_input::Given;
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use catenary_shell::{Act, ActionClient, CallError, RunningGoal, Shutdown, Status};
 use std::time::{Duration, Instant};
@@ -17,7 +18,7 @@ const ASK: Duration = Duration::from_secs(2);
 /// The time to wait for a server, as `--wait-s` gives it.
 pub fn wait(seconds: f64) -> Result<Duration> {
     let wait = Duration::try_from_secs_f64(seconds).ok().filter(|w| !w.is_zero());
-    wait.with_context(|| format!("--wait-s: expected a positive number of seconds, got {seconds}"))
+    wait.with_context(|| format!("--wait-s: expected a positive number of seconds, got {seconds}")).given()
 }
 
 /// Sends a goal and waits for its result, however long it takes; at `interrupted` it is cancelled, and its end awaited.

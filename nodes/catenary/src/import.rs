@@ -1,8 +1,9 @@
 //! `catenary import-track`: a bag from a CSV track.
 
 use crate::cli::ImportArgs;
+use crate::wrong_input::Given;
 use crate::{model_file, output};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -18,7 +19,7 @@ struct Imported {
 pub fn run(arguments: &ImportArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
     let name = arguments.track.display().to_string();
-    let text = std::fs::read_to_string(&arguments.track).with_context(|| format!("track {name}"))?;
+    let text = catenary_shell::files::read_text("track", &arguments.track).given()?;
     let summary = catenary_bag::import_track(&name, &text, &model, &arguments.out)?;
     let imported = Imported {
         bag: arguments.out.clone(),

@@ -3,7 +3,7 @@
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{figures::figures, model_file, output, policy_file, served};
+use crate::{figures::figures, model_file, output, policy_file, progress, served};
 use anyhow::{Context, Result};
 use bayes_sim::infer::question;
 use bayes_sim::node::StateFile;
@@ -14,7 +14,6 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, SimulationRequest, Simulator, SimulatorError, Track};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
 use std::fmt::Display;
@@ -76,7 +75,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     if let Some(namespace) = &arguments.served.node {
         return served::infer(arguments, &model, namespace);
     }
-    let measured = read_measured(&arguments.bag, &arguments.episode, &model)?;
+    let measured = read_measured(arguments.bags.all(), &arguments.episode, &model)?;
     let policy = arguments.policy.as_deref().map(policy_file::read).transpose()?.map(|(policy, _)| policy);
     let mut settings = match arguments.preset {
         Preset::Default => Settings::default(),
@@ -97,7 +96,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         infer(&model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
     let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
-        bags: arguments.bag.clone(),
+        bags: arguments.bags.all().to_vec(),
         model: model.name.clone(),
         episodes: measured.len(),
         frames: tracks().map(Vec::len).sum(),
@@ -108,7 +107,7 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
     };
     write(&arguments.out, &report)?;
     file.remove();
-    output::result(&arguments.output, &report, words)
+    output::result(&arguments.output, &report, |r| words(r, &arguments.out))
 }
 
 /// Infers in this process with a bar. With a file, it goes on from the state there, and leaves its own after each iteration.
@@ -123,13 +122,12 @@ pub fn infer(
     let state = file.and_then(StateFile::read);
     let simulator = BeamSimulator::new(model, workers::available())?;
     let simulator = Timed { simulator: &simulator, spent: Mutex::default() };
-    let bar = ProgressBar::new(settings.iterations as u64);
-    bar.set_style(ProgressStyle::with_template("inference [{bar:30}] {pos}/{len} {msg}")?.progress_chars("=> "));
-    if let (Some(state), Some(file)) = (&state, file) {
-        let made = state.iterations().len();
+    let made = state.as_ref().map_or(0, |state| state.iterations().len());
+    let share = |iteration: usize| progress::share(iteration as f64, settings.iterations as f64);
+    let bar = progress::bar("inference", share(made))?;
+    if let (true, Some(file)) = (state.is_some(), file) {
         let (of, path) = (settings.iterations, file.path().display());
         output::tell(&format!("goes on after {made} of {of} iterations, from {path}"));
-        bar.set_position(made as u64);
     }
     let result = bayes_sim::infer(model, measured, policy, settings, state, &simulator, &mut |progress| {
         match progress {
@@ -137,7 +135,7 @@ pub fn infer(
             Progress::Epoch { .. } => {}
             Progress::Iteration { iteration, state, .. } => {
                 file.iter().for_each(|file| file.write(state));
-                bar.set_position(iteration.iteration as u64);
+                progress::advance(&bar, share(iteration.iteration));
                 let effective = iteration.effective_sample_size;
                 bar.set_message(iteration_words(iteration.simulations, iteration.loss, effective));
             }
@@ -202,9 +200,9 @@ fn predictive_words(p: &bayes_sim::Predictive) -> String {
     )
 }
 
-/// What a bar says of an iteration: simulations so far, loss in nat, effective sample size.
+/// What a bar says of an iteration: simulations so far, loss in nat, effective sample size. Short, to fit 80 columns.
 pub fn iteration_words(simulations: impl Display, loss: impl Display, effective: impl Display) -> String {
-    format!("{simulations} simulations, loss {loss:.2} nat, effective sample size {effective:.0}")
+    format!("{simulations} simulations, loss {loss:.2}, {effective:.0} effective")
 }
 
 /// Simulations of an inference, those of an earlier process included; how long it took in this one, and on what.
@@ -221,10 +219,11 @@ pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
     marginals.iter().map(line).collect()
 }
 
-fn words(report: &Report) -> String {
+fn words(report: &Report, folder: &Path) -> String {
     let mut lines = marginal_words(&report.result.marginals);
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
     lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));
+    lines.push(format!("report: {}", folder.join("report.html").display()));
     lines.join("\n")
 }

@@ -1,7 +1,11 @@
 //! `catenary install`: an ament prefix with this program in it, so that `ros2 run catenary NODE` and
 //! `ros2 launch catenary FILE` find nodes and launch files.
 
+mod pages;
+
 use crate::cli::Output;
+use crate::shipped::LAUNCH_CONFIGS;
+use crate::wrong_input::Given;
 use crate::{nodes, output};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -11,10 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// The package's name in ROS 2.
 const PACKAGE: &str = "catenary";
-/// Launch files, parameters and models, by their paths among themselves.
-const LAUNCH_CONFIGS: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/launch_configs.rs"));
-/// Where launch files look for the nodes unless they are told.
-const DEFAULT_BIN: &str = "/opt/catenary/bin";
+/// Where launch files look for the nodes unless they are told: stand-ins of the checkout, which are not installed.
+const DEFAULT_BIN: &str = "$(dirname)/bin";
 /// The package's description.
 const PACKAGE_XML: &str = include_str!("../../package.xml");
 
@@ -40,7 +42,7 @@ struct Installed {
 /// Lays out the prefix. What an earlier installation left is replaced.
 pub fn run(arguments: &InstallArgs) -> Result<()> {
     let prefix = std::path::absolute(&arguments.prefix).context("--prefix")?;
-    check(&prefix)?;
+    check(&prefix).given()?;
     let installed = lay_out(&prefix)?;
     output::result(&arguments.output, &installed, |i| {
         let prefix = i.prefix.display();
@@ -78,6 +80,10 @@ fn lay_out(prefix: &Path) -> Result<Installed> {
         put(&launch.join(name), |draft| fs::write(draft, adapted.as_deref().unwrap_or(bytes)))?;
     }
     put(&share.join("package.xml"), |draft| fs::write(draft, PACKAGE_XML))?;
+    let man_pages = pages::man_pages().context("pages for man")?;
+    for (path, text) in pages::completions().into_iter().chain(man_pages) {
+        put(&prefix.join("share").join(path), |draft| fs::write(draft, &text))?;
+    }
     let index = prefix.join("share/ament_index/resource_index/packages");
     put(&index.join(PACKAGE), |draft| fs::write(draft, ""))?;
     for shell in ["sh", "bash", "zsh"] {
@@ -99,7 +105,21 @@ fn setup(prefix: &Path) -> String {
     let prefix = prefix.display();
     let add =
         |variable: &str, part: &str| format!("export {variable}='{prefix}{part}'\"${{{variable}:+:${variable}}}\"\n");
-    format!("{SETUP_TITLE}\n{}{}", add("AMENT_PREFIX_PATH", ""), add("PATH", "/bin"))
+    let (bash, zsh) = (pages::BASH, pages::ZSH);
+    // fish finds its completions by XDG_DATA_DIRS, and `man` its pages by PATH. Other shells cannot read zsh's lists.
+    let zsh_only = format!(
+        "fpath=({prefix}/share/{zsh} $fpath); whence compdef >/dev/null && autoload -Uz _{PACKAGE} && compdef _{PACKAGE} {PACKAGE}"
+    );
+    let interactive = format!(
+        "case $- in *i*)\n\
+         if [ -n \"${{BASH_VERSION:-}}\" ]; then . '{prefix}/share/{bash}'\n\
+         elif [ -n \"${{ZSH_VERSION:-}}\" ]; then eval '{zsh_only}' || true\n\
+         fi\n\
+         esac\n"
+    );
+    let data = format!("export XDG_DATA_DIRS='{prefix}/share':\"${{XDG_DATA_DIRS:-/usr/local/share:/usr/share}}\"\n");
+    let paths = [add("AMENT_PREFIX_PATH", ""), add("PATH", "/bin"), data].concat();
+    format!("{SETUP_TITLE}\n{paths}{interactive}")
 }
 
 /// Makes a file or a link in one step, in place of what was there.

@@ -25,10 +25,14 @@ mod nodes;
 mod one_arm;
 mod output;
 mod policy_file;
+mod progress;
 mod report;
 mod served;
+mod shipped;
 mod simulate;
+mod theta;
 mod train;
+mod wrong_input;
 
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -37,6 +41,7 @@ use interrupted::Interrupted;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use wrong_input::WrongInput;
 
 /// Gives back what a node does not use any more. With glibc's, whose heap only shrinks at its end, a recorder of images and
 /// states of many sizes grew by a megabyte every few minutes while what it used stayed the same.
@@ -73,9 +78,10 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             let _closed = writeln!(std::io::stderr(), "catenary: {}", format!("{error:#}").replace('\n', " "));
-            match error.is::<Interrupted>() {
-                true => ExitCode::from(Interrupted::EXIT_CODE),
-                false => ExitCode::FAILURE,
+            match &error {
+                error if error.is::<Interrupted>() => ExitCode::from(Interrupted::EXIT_CODE),
+                error if WrongInput::is(error) => ExitCode::from(WrongInput::EXIT_CODE),
+                _ => ExitCode::FAILURE,
             }
         }
     }
@@ -92,7 +98,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     let words = words.join(" ");
     let words = words.strip_prefix("error: ").unwrap_or(&words);
     let _closed = writeln!(std::io::stderr(), "catenary: {words}; --help lists what there is");
-    ExitCode::from(2)
+    ExitCode::from(WrongInput::EXIT_CODE)
 }
 
 /// Logs go to stderr: warnings and errors, with -v what goes on, with -vv everything of ours.

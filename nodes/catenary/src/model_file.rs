@@ -1,19 +1,51 @@
-//! Reading model files.
+//! Models by file or by name.
 
-use anyhow::Result;
+use crate::shipped;
+use crate::wrong_input::Given;
+use anyhow::{Context, Result, anyhow};
 use catenary_core::Model;
+use catenary_core::spelling::nearest;
 use simulator_pool::model_text;
 use std::path::Path;
 
 /// The soft bar, carried inside the program.
 pub const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
 
-/// The model in the file at `path`, its physical parameters checked too.
+/// The model that `--model` names, its physical parameters checked too.
 pub fn read(path: &Path) -> Result<Model> {
-    catenary_shell::read_model("model", path, model_text::read)
+    read_with_text(path).map(|(model, _)| model)
 }
 
-/// The model in the file at `path`, or the soft bar.
+/// The model that `--model` names, with its text: the file at `path`, else the shipped model of this name.
+pub fn read_with_text(path: &Path) -> Result<(Model, String)> {
+    let read = || {
+        let text = text(path)?;
+        let model = model_text::read(&text).with_context(|| format!("model {}", path.display()))?;
+        Ok::<_, anyhow::Error>((model, text))
+    };
+    read().given()
+}
+
+fn text(path: &Path) -> Result<String> {
+    match shipped::model(path) {
+        Some(text) if !path.exists() => Ok(text.to_owned()),
+        _ => catenary_shell::files::read_text("model", path).map_err(|error| with_shipped(path, error)),
+    }
+}
+
+/// The error about a path that leads nowhere, with the models that a name without a folder may have meant.
+fn with_shipped(path: &Path, error: anyhow::Error) -> anyhow::Error {
+    let plain = path.to_str().filter(|text| !text.contains('/') && !path.exists());
+    let Some(name) = plain else { return error };
+    let mut names: Vec<&str> = shipped::models().map(|(name, _)| name).collect();
+    names.sort_unstable();
+    // A file nearby has been suggested already.
+    let near = nearest(name, names.iter().copied()).filter(|_| !format!("{error:#}").contains("did you mean"));
+    let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
+    anyhow!("{error:#}; shipped models are {}{near}", names.join(", "))
+}
+
+/// The model that `--model` names, or the soft bar.
 pub fn read_or_soft_bar(path: Option<&Path>) -> Result<Model> {
     path.map_or_else(|| Ok(model_text::read(SOFT_BAR)?), read)
 }
@@ -40,6 +72,18 @@ mod tests {
             }
         }
         assert!(models >= 6, "{models}");
+    }
+
+    #[test]
+    fn a_shipped_model_is_read_by_its_name_and_an_unknown_one_lists_them() {
+        assert_eq!(read(Path::new("soft_bar")).unwrap().name, "soft_bar");
+        let error = read(Path::new("softbar")).unwrap_err();
+        let text = error.to_string();
+        assert!(text.starts_with("model softbar: No such file") && text.contains("dlo_0, dlo_1"), "{text}");
+        assert!(text.ends_with("did you mean `soft_bar`?"), "{text}");
+        assert!(crate::wrong_input::WrongInput::is(&error));
+        let elsewhere = read(Path::new("/nowhere/softbar")).unwrap_err().to_string();
+        assert!(!elsewhere.contains("shipped"), "{elsewhere}");
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! The nodes that this program carries: `catenary node NAME` is the node's own executable under another name.
 
+use crate::output;
+use crate::wrong_input::WrongInput;
 use anyhow::Result;
+use catenary_core::spelling::did_you_mean;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -33,17 +36,29 @@ pub fn run(name: &str, arguments: Vec<String>) -> ExitCode {
         Some((_, _, main)) => main(arguments),
         None => {
             let known: Vec<&str> = NODES.iter().map(|(n, _, _)| *n).collect();
-            let _closed = writeln!(std::io::stderr(), "catenary: no node `{name}`; there are {}", known.join(", "));
-            ExitCode::from(2)
+            let (hint, known) = (did_you_mean(name, known.iter().copied()), known.join(", "));
+            let _closed = writeln!(std::io::stderr(), "catenary: no node `{name}`; there are {known}{hint}");
+            ExitCode::from(WrongInput::EXIT_CODE)
         }
     }
 }
 
 /// Lists the nodes on stdout.
 pub fn list() -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    for (name, what, _) in NODES {
-        writeln!(out, "{name:<18} {what}")?;
+    let rows: Vec<String> = NODES.iter().map(|(name, what, _)| format!("{name:<18} {what}")).collect();
+    output::print(&rows.join("\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_node_of_a_checkout_has_a_stand_in_for_other_launchers() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs/bin");
+        for (name, _, _) in NODES {
+            let target = std::fs::read_link(folder.join(name)).unwrap_or_default();
+            assert_eq!(target.to_str(), Some("checkout_node"), "{name}");
+        }
     }
-    Ok(())
 }

@@ -2,15 +2,25 @@
 //! stderr.
 
 use crate::cli::Output;
+use crate::wrong_input::{Given, WrongInput, is_of_machine};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::fs::{self, OpenOptions};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::Path;
 
 /// Prints a result: as one JSON document with `--json`, else as `text` words it.
 pub fn result<T: Serialize>(output: &Output, value: &T, text: impl FnOnce(&T) -> String) -> Result<()> {
-    let words = if output.json { serde_json::to_string_pretty(value)? } else { text(value) };
+    let is_terminal = std::io::stdout().is_terminal();
+    let words = match output.json {
+        true => serde_json::to_string_pretty(value)?,
+        false => fitted(&text(value), is_terminal),
+    };
+    print(&words)
+}
+
+/// Prints a text and the end of its line.
+pub fn print(words: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     match writeln!(stdout, "{words}") {
         // The reader of a pipe went away: nobody is left to tell.
@@ -19,14 +29,45 @@ pub fn result<T: Serialize>(output: &Output, value: &T, text: impl FnOnce(&T) ->
     }
 }
 
+/// Prints results: one as [`result`] does, several as a list, or as texts with an empty line between them.
+pub fn one_or_several<T: Serialize>(output: &Output, values: &[T], text: impl Fn(&T) -> String) -> Result<()> {
+    match values {
+        [value] => result(output, value, text),
+        several => result(output, &several, |values| values.iter().map(text).collect::<Vec<_>>().join("\n\n")),
+    }
+}
+
+/// A warning for the user, in the words of the log.
+pub fn warn(line: &str) {
+    tell(&format!("catenary: warning: {line}"));
+}
+
 /// A line for the user, apart from the result.
 pub fn tell(line: &str) {
-    let _closed = writeln!(std::io::stderr(), "{line}");
+    let is_terminal = std::io::stderr().is_terminal();
+    let _closed = writeln!(std::io::stderr(), "{}", fitted(line, is_terminal));
 }
 
 /// Makes the folder of a file that is to be written in the end, and fails now where it could not be written then. What lies
 /// there stays as it is.
 pub fn prepare(file: &Path) -> Result<()> {
+    // A full disk says nothing against the command.
+    let is_of_path = |e: &anyhow::Error| e.downcast_ref().is_none_or(|e: &std::io::Error| !is_of_machine(e));
+    try_out(file).given_if(is_of_path)
+}
+
+/// As [`prepare`] for a file that the user named by itself: a misspelt folder is refused, and not made.
+pub fn prepare_file(option: &str, file: &Path) -> Result<()> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+    if let Some(folder) = folder {
+        let (hint, shown) = (catenary_shell::files::hint(folder), folder.display());
+        let what = format!("--{option} {}: there is no folder {shown}{hint}", file.display());
+        return Err(WrongInput::error(format!("{what}; to make it: mkdir -p {shown}")));
+    }
+    prepare(file)
+}
+
+fn try_out(file: &Path) -> Result<()> {
     if let Some(folder) = file.parent().filter(|f| !f.as_os_str().is_empty()) {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
@@ -39,9 +80,72 @@ pub fn prepare(file: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Columns of a terminal that is as wide as most.
+const WIDTH: usize = 80;
+/// Before the rest of a line that was broken.
+const REST: &str = "    ";
+
+/// A text for people: on a terminal its long lines are broken between words; in a pipe a line stays one, for programs.
+fn fitted(text: &str, is_terminal: bool) -> String {
+    if !is_terminal {
+        return text.to_owned();
+    }
+    let line = |line: &str| match line.chars().count() {
+        0..=WIDTH => line.to_owned(),
+        _ => wrapped(line, WIDTH - REST.len()).join(&format!("\n{REST}")),
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// A text in lines of at most `width` columns; a word that is longer has a line of its own.
+pub fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_named_file_in_a_misspelt_folder_makes_no_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("policies")).unwrap();
+        prepare_file("out", &folder.path().join("policies/pi0")).unwrap();
+        let error = prepare_file("out", &folder.path().join("polices/pi0")).unwrap_err();
+        let (text, right) = (error.to_string(), folder.path().join("policies"));
+        assert!(WrongInput::is(&error) && text.contains(&format!("did you mean `{}`?", right.display())), "{text}");
+        assert!(text.contains("mkdir -p") && !folder.path().join("polices").exists(), "{text}");
+    }
+
+    #[test]
+    fn a_terminal_gets_lines_that_fit_and_a_pipe_whole_ones() {
+        let long = format!("short\n  a  table  row\n{}", "word ".repeat(30).trim());
+        assert_eq!(fitted(&long, false), long);
+        let fit = fitted(&long, true);
+        assert!(
+            fit.starts_with("short\n  a  table  row\nword") && fit.lines().all(|line| line.len() <= WIDTH),
+            "{fit}"
+        );
+        assert_eq!(fit.lines().count(), 4);
+        assert_eq!(fit.split_whitespace().count(), long.split_whitespace().count());
+    }
+
+    #[test]
+    fn long_texts_are_wrapped_between_words() {
+        assert_eq!(wrapped("one two three", 7), ["one two", "three"]);
+        assert_eq!(wrapped("incomprehensibilities", 7), ["incomprehensibilities"]);
+        assert_eq!(wrapped("", 7), [""]);
+    }
 
     #[test]
     fn a_file_that_cannot_be_written_is_refused_before_the_work() {

@@ -1,18 +1,21 @@
 //! `catenary infer --node`, `train --node` and `find-effects --node`: the same work, done by the nodes of a running graph.
 
-use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
+use crate::cli::{FindEffectsArgs, InferArgs, TrainArgs};
 use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
 use crate::infer::{iteration_words, marginal_words};
 use crate::train::{Report, read_posterior};
-use crate::{output, policy_file};
-use anyhow::{Context, Result, ensure};
+use crate::wrong_input::Given;
+use crate::{model_file, output, policy_file, progress};
+use anyhow::{Context, Result, anyhow, ensure};
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior};
-use catenary_msgs::action::{FindEffects, FindEffectsGoal, Infer, InferGoal, Train, TrainFeedback, TrainGoal};
+use catenary_msgs::action::{
+    FindEffects, FindEffectsGoal, Infer, InferFeedback, InferGoal, Train, TrainFeedback, TrainGoal,
+};
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{Act, ActionClient, NodeBuilder, RosArgs, Shutdown, convert};
-use indicatif::{ProgressBar, ProgressStyle};
+use catenary_shell::{Act, ActionClient, NodeBuilder, RosArgs, Shutdown, convert, files};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -40,14 +43,15 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         None => Vec::new(),
     };
     let size = |n: Option<usize>, option: &str| {
-        u32::try_from(n.unwrap_or(0)).with_context(|| format!("--{option}: expected a number that fits 32 bits"))
+        let size = u32::try_from(n.unwrap_or(0));
+        size.with_context(|| format!("--{option}: expected a number that fits 32 bits")).given()
     };
     let goal = InferGoal {
         source: InferGoal::SOURCE_BAG,
-        bags: arguments.bag.iter().map(absolute).collect::<Result<_>>()?,
+        bags: arguments.bags.all().iter().map(absolute).collect::<Result<_>>()?,
         episodes: arguments.episode.clone(),
-        model_yaml: text(&arguments.model)?,
-        preset: if arguments.preset == Preset::Paper { "paper" } else { "default" }.to_owned(),
+        model_yaml: model_text(&arguments.model)?,
+        preset: arguments.preset.name().to_owned(),
         iterations: size(arguments.iterations, "iterations")?,
         simulations: size(arguments.simulations, "simulations")?,
         drive: convert::drive_to_msg(model.observation.drive),
@@ -56,18 +60,16 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
     };
     let path = arguments.out.join("posterior.json");
     output::prepare(&path)?;
-    let bar = bar("inference", "{pos}/{len}")?;
+    let bar = progress::bar("inference", 0.0)?;
     let asking = Asking { who: "infer", what: "bayes_sim/infer", namespace, wait_s: arguments.served.wait_s };
     let Answer { name, result, wall_s } = asking.ask::<Infer>(goal, &bar, |bar, feedback| {
-        bar.set_length(u64::from(feedback.iterations));
-        bar.set_position(u64::from(feedback.iteration));
-        bar.set_message(iteration_words(feedback.simulations, feedback.loss, feedback.effective_sample_size));
+        show_inference(bar, &feedback);
     })?;
     ensure!(result.success, "{name}: {}", result.message);
     let posterior = convert::posterior_from_msg(&result.posterior)?;
     std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
     let inferred = Inferred {
-        bags: arguments.bag.clone(),
+        bags: arguments.bags.all().to_vec(),
         model: model.name.clone(),
         wall_s,
         marginals: posterior.marginals()?,
@@ -82,6 +84,7 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         let mut lines = marginal_words(&i.marginals);
         lines.extend(i.warnings.iter().map(|w| format!("warning: {w}")));
         lines.push(format!("{} simulations in {:.1} s", i.simulations, i.wall_s));
+        lines.push(format!("posterior: {}", path.display()));
         lines.join("\n")
     })
 }
@@ -90,17 +93,17 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
 pub fn train(arguments: &TrainArgs, model: &Model, namespace: &str) -> Result<()> {
     let mixture = arguments.posterior.as_ref().map(|path| read_posterior(path, model)).transpose()?;
     let goal = TrainGoal {
-        model_yaml: text(&arguments.model)?,
+        model_yaml: model_text(&arguments.model)?,
         domains: if mixture.is_some() { TrainGoal::DOMAINS_MIXTURE } else { TrainGoal::DOMAINS_PRIOR },
         mixture: mixture.as_ref().map(convert::posterior_to_msg).unwrap_or_default(),
-        preset: arguments.preset.clone(),
+        preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
         fidelity: SimulateRequest::FIDELITY_FAST,
         seed: arguments.seed,
         ..TrainGoal::default()
     };
-    output::prepare(&arguments.out)?;
-    let bar = bar("training", "{percent:>3}%")?;
+    output::prepare_file("out", &arguments.out)?;
+    let bar = progress::bar("training", 0.0)?;
     let success_rate = Arc::new(Mutex::new(0.0));
     let told = Arc::clone(&success_rate);
     let asking = Asking { who: "train", what: "ppo_trainer/train", namespace, wait_s: arguments.served.wait_s };
@@ -138,24 +141,24 @@ struct Found {
 
 /// Where a bag lies, for a node that runs in another folder.
 fn absolute(bag: &PathBuf) -> Result<String> {
-    Ok(std::fs::canonicalize(bag).with_context(|| format!("bag {}", bag.display()))?.display().to_string())
+    let path = std::fs::canonicalize(bag).map_err(|e| anyhow!("bag {}: {e}{}", bag.display(), files::hint(bag)));
+    Ok(path.given()?.display().to_string())
 }
 
 /// Has the effect finder search in bags, which must lie where it sees them; Ctrl-C cancels that.
 pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> {
     let goal = FindEffectsGoal {
-        bags: arguments.bag.iter().map(absolute).collect::<Result<_>>()?,
+        bags: arguments.bags.all().iter().map(absolute).collect::<Result<_>>()?,
         verify: arguments.verify.iter().map(absolute).collect::<Result<_>>()?,
-        model_yaml: text(&arguments.model)?,
+        model_yaml: model_text(&arguments.model)?,
         seed: arguments.seed,
     };
     let path = arguments.out.join("model.yaml");
     output::prepare(&path)?;
-    let bar = bar("search", "{percent:>3}%")?;
-    bar.set_length(1000);
+    let bar = progress::bar("search", 0.0)?;
     let asking = Asking { who: "find_effects", what: "effect_finder/find", namespace, wait_s: arguments.served.wait_s };
     let Answer { name, result, wall_s } = asking.ask::<FindEffects>(goal, &bar, |bar, feedback| {
-        bar.set_position((1000.0 * feedback.progress) as u64);
+        progress::advance(bar, feedback.progress);
         bar.set_message(feedback.stage);
     })?;
     ensure!(result.success, "{name}: {}", result.message);
@@ -163,7 +166,7 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     let (actions, _) = result.separating_actions.as_chunks();
     write_motion(&arguments.out, actions)?;
     let found = Found {
-        bags: arguments.bag.clone(),
+        bags: arguments.bags.all().to_vec(),
         wall_s,
         verdict: result.verdict,
         conclusions: result.message.lines().map(str::to_owned).collect(),
@@ -174,6 +177,7 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
         let mut lines = f.conclusions.clone();
         lines.push(f.verdict.clone());
         lines.push(format!("{:.1} s", f.wall_s));
+        lines.push(format!("model: {}", path.display()));
         lines.join("\n")
     })
 }
@@ -221,18 +225,18 @@ impl Asking<'_> {
 
 /// Shows on a bar how far a training is.
 pub fn show_training(bar: &ProgressBar, feedback: &TrainFeedback) {
-    bar.set_length(feedback.total_steps.max(1));
-    bar.set_position(feedback.steps);
+    bar.set_length(progress::STEPS);
+    progress::advance(bar, progress::share(feedback.steps as f64, feedback.total_steps as f64));
     bar.set_message(format!("return {:.2}, success {:.0} %", feedback.mean_return, 100.0 * feedback.success_rate));
 }
 
-fn bar(what: &str, count: &str) -> Result<ProgressBar> {
-    let bar = ProgressBar::new(1);
-    let style = ProgressStyle::with_template(&format!("{what} [{{bar:30}}] {count} {{msg}}"))?;
-    bar.set_style(style.progress_chars("=> "));
-    Ok(bar)
+/// Shows on a bar how far an inference is.
+pub fn show_inference(bar: &ProgressBar, feedback: &InferFeedback) {
+    bar.set_length(progress::STEPS);
+    progress::advance(bar, progress::share(feedback.iteration, feedback.iterations));
+    bar.set_message(iteration_words(feedback.simulations, feedback.loss, feedback.effective_sample_size));
 }
 
-fn text(file: &Path) -> Result<String> {
-    std::fs::read_to_string(file).with_context(|| file.display().to_string())
+fn model_text(path: &Path) -> Result<String> {
+    Ok(model_file::read_with_text(path)?.1)
 }

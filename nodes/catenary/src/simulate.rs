@@ -11,19 +11,22 @@ mod timeline;
 mod video;
 
 use crate::cli::SimulateArgs;
-use crate::{model_file, output};
-use anyhow::{Context, Result, bail, ensure};
+use crate::interrupted::Interrupted;
+use crate::wrong_input::{Given, WrongInput};
+use crate::{model_file, output, progress, theta};
+use anyhow::{Context, Result};
+use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::Effect;
-use catenary_core::{Fidelity, Model};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use picture::Sheet;
 use player::{Motion, Player, Setting};
 use recording::{Facts, Recording};
 use show::{Show, Sinks};
+use simulator_pool::Registry;
 use simulator_pool::render::Renderer;
-use staged::Staged;
+use staged::{Staged, with_final_names};
 use std::path::{Path, PathBuf};
 use summary::{Episode, Report};
 use video::Video;
@@ -33,31 +36,49 @@ const IMAGE_NOISE: f64 = 3.0;
 
 /// Plays the episode of each model and writes what was asked for; Ctrl-C ends it and leaves no file.
 pub fn run(arguments: &SimulateArgs) -> Result<()> {
+    let report = play(arguments).map_err(|error| {
+        let outputs = [&arguments.out, &arguments.video, &arguments.picture].into_iter().flatten();
+        let shown: Vec<(&Path, String)> = outputs.map(|path| (path.as_path(), path.display().to_string())).collect();
+        let places: Vec<(&Path, &str)> = shown.iter().map(|(path, shown)| (*path, shown.as_str())).collect();
+        with_final_names(error, &places)
+    })?;
+    output::result(&arguments.output, &report, Report::words)
+}
+
+fn play(arguments: &SimulateArgs) -> Result<Report> {
     let models = arguments.model.iter().map(|path| model_file::read(path)).collect::<Result<Vec<Model>>>()?;
-    let fidelity = fidelity(&arguments.fidelity)?;
+    let fidelity = arguments.fidelity.0;
     let single = [("out", &arguments.out), ("video", &arguments.video)].into_iter().find(|(_, path)| path.is_some());
+    for path in [&arguments.video, &arguments.picture].into_iter().flatten() {
+        output::prepare(path)?;
+    }
     if let (Some((option, _)), true) = (single, models.len() > 1) {
-        bail!("--{option}: expected one --model, got {}: several go into a --picture", models.len());
+        let got = models.len();
+        return Err(WrongInput::error(format!(
+            "--{option}: expected one --model, got {got}: several go into a --picture"
+        )));
     }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let motions = models.iter().map(|model| motion(arguments, model)).collect::<Result<Vec<Motion>>>()?;
+    let motions = models.iter().map(|model| motion(arguments, model)).collect::<Result<Vec<Motion>>>().given()?;
+    let settings = models.iter().map(|model| setting(arguments, model)).collect::<Result<Vec<Setting>>>().given()?;
     let bar = ProgressBar::new(motions.iter().map(|m| (1e3 * m.duration_s()) as u64).sum());
-    bar.set_style(ProgressStyle::with_template("simulation [{bar:30}] {percent:>3}% {msg}")?.progress_chars("=> "));
+    bar.set_style(progress::style("simulation [{bar:24}]", 0.0)?);
     let mut sheet = arguments.picture.as_ref().map(|_| Sheet::default());
     let mut report = Report::default();
-    for (model, motion) in models.iter().zip(&motions) {
+    for ((model, motion), setting) in models.iter().zip(&motions).zip(&settings) {
         bar.set_message(model.name.clone());
-        let setting = setting(arguments, model)?;
-        let player =
-            Player::new(model, motion, &setting, fidelity).with_context(|| format!("model `{}`", model.name))?;
-        let mut sinks = open(arguments, model, motion, &player)?;
+        let player = Player::new(model, motion, setting, fidelity).with_context(|| format!("model `{}`", model.name));
+        let player = player.given()?;
+        let mut sinks = open(arguments, model, motion, &player).given()?;
         sinks.sheet = sheet.take();
-        let episode = Episode::new(model, &setting, fidelity);
+        let episode = Episode::new(model, setting, fidelity);
         let mut show = Show::new(model, motion, player, sinks, episode);
         let mut passed_ms = 0;
         for (at_ns, tick) in timeline::ticks(motion, &show.rates(arguments))? {
-            ensure!(!shutdown.is_triggered(), "interrupted");
+            if shutdown.is_triggered() {
+                return Err(Interrupted(format!(" after {passed_ms} of {} ms", bar.length().unwrap_or(0))).into());
+            }
             show.tick(at_ns, tick)?;
             let now_ms = (at_ns / 1_000_000) as u64;
             bar.inc(now_ms - passed_ms);
@@ -81,7 +102,7 @@ pub fn run(arguments: &SimulateArgs) -> Result<()> {
         std::fs::write(staged.path(), sheet.png()?).with_context(|| path.display().to_string())?;
         report.picture = Some(staged.commit()?);
     }
-    output::result(&arguments.output, &report, Report::words)
+    Ok(report)
 }
 
 /// What moves the clamped end.
@@ -97,7 +118,7 @@ fn motion(arguments: &SimulateArgs, model: &Model) -> Result<Motion> {
         )
     })?;
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| format!("actions {name}"))?;
+    let text = catenary_shell::files::read_text("actions", path)?;
     Ok(Motion::Actions { task, actions: actions::read(&name, &text)? })
 }
 
@@ -107,10 +128,11 @@ fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
         return last_measured(path.to_owned(), model);
     }
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| format!("track {name}"))?;
-    let staged = Staged::new(&std::env::temp_dir().join("catenary_track"))?;
+    let text = catenary_shell::files::read_text("track", path)?;
+    let place = std::env::temp_dir().join("catenary_track");
+    let staged = Staged::new(&place)?;
     catenary_bag::import_track(&name, &text, model, &staged.path())?;
-    last_measured(staged.path(), model).with_context(|| name.clone())
+    last_measured(staged.path(), model).map_err(|error| with_final_names(error, &[(&place, &name)]))
 }
 
 /// The last complete episode of a bag.
@@ -118,43 +140,24 @@ fn last_measured(bag: PathBuf, model: &Model) -> Result<MeasuredTrack> {
     Ok(catenary_bag::read_measured(&[bag], &[], model)?.remove(0))
 }
 
-/// Which of the model's inferred parameters `--theta` names.
-pub fn place_of(name: &str, model: &Model) -> Result<usize> {
-    let names = || model.theta.parameters().iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
-    let place = model.theta.index_of(name);
-    place.with_context(|| format!("--theta {name}: expected one of {} of model `{}`", names(), model.name))
-}
-
-/// Refuses `--effect` of what the model infers.
-pub fn ensure_not_inferred(name: &str, value: f64, model: &Model) -> Result<()> {
-    let is_inferred = model.theta.index_of(name).is_some();
-    ensure!(!is_inferred, "--effect {name}: it is inferred: expected --theta {name}={value}");
-    Ok(())
-}
-
-/// The fidelity that `--fidelity` names.
-pub fn fidelity(name: &str) -> Result<Fidelity> {
-    Fidelity::from_name(name)
-        .with_context(|| format!("--fidelity: expected fast, fine_mesh, standard or reference, got `{name}`"))
-}
-
 /// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,
 /// effects that nobody gives are drawn.
 fn setting(arguments: &SimulateArgs, model: &Model) -> Result<Setting> {
-    let mut theta = model.nominal_theta();
+    let mut values = model.nominal_theta();
     for (name, value) in &arguments.theta {
-        theta[place_of(name, model)?] = *value;
+        values[theta::place_of(name, *value, model)?] = *value;
     }
     let usual =
         |e: &Effect| model.nominal.get(&e.name).copied().or((!arguments.noise).then(|| e.distribution.from_unit(0.5)));
     let mut given: Vec<(String, f64)> =
         model.effects.iter().filter_map(|e| Some((e.name.clone(), usual(e)?))).collect();
+    let registry = Registry::with_unlisted();
     for (name, value) in &arguments.effect {
-        ensure_not_inferred(name, *value, model)?;
+        theta::check_effect(name, *value, model, &registry)?;
         given.retain(|(known, _)| known != name);
         given.push((name.clone(), *value));
     }
-    Ok(Setting { theta, given, seed: arguments.seed, noise: arguments.noise })
+    Ok(Setting { theta: values, given, seed: arguments.seed, noise: arguments.noise })
 }
 
 /// What the episode is written to, but the sheet.
@@ -172,7 +175,10 @@ fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Playe
     let recording = match &arguments.out {
         None => None,
         Some(path) => {
-            ensure!(!path.exists(), "--out {}: expected a folder that does not exist yet", path.display());
+            if path.exists() {
+                let expected = "expected a folder that does not exist yet";
+                return Err(WrongInput::error(format!("--out {}: {expected}", path.display())));
+            }
             let facts = Facts::of(model, matches!(motion, Motion::Actions { .. }), arguments.seed, arguments.noise);
             let staged = Staged::new(path)?;
             let recording = Recording::create(&staged.path(), facts, arguments.images)?;

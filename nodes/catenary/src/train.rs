@@ -2,11 +2,11 @@
 
 use crate::cli::TrainArgs;
 use crate::interrupted::Interrupted;
-use crate::{model_file, output, served};
+use crate::wrong_input::Given;
+use crate::{model_file, output, progress, served};
 use anyhow::{Context, Result, ensure};
 use catenary_core::{Fidelity, Model, Posterior, seed};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
 use ppo_trainer::{CurvePoint, Domains, Settings, Trained};
 use serde::Serialize;
 use simulator_pool::{VectorEnv, workers};
@@ -49,10 +49,13 @@ impl Report {
 
 /// The posterior of a file, which must be one over the model's parameters.
 pub fn read_posterior(path: &Path, model: &Model) -> Result<Posterior> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("posterior {}", path.display()))?;
-    let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-    ensure!(posterior.parameters == model.theta, "{}: its parameters are not those of the model", path.display());
-    Ok(posterior)
+    let read = || {
+        let text = catenary_shell::files::read_text("posterior", path)?;
+        let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+        ensure!(posterior.parameters == model.theta, "{}: its parameters are not those of the model", path.display());
+        Ok::<_, anyhow::Error>(posterior)
+    };
+    read().given()
 }
 
 /// Of the posterior in a file, or of the model's prior.
@@ -66,13 +69,14 @@ pub fn domains(posterior: Option<&Path>, model: &Model) -> Result<Domains> {
 /// Trains and writes the policy; Ctrl-C ends the training and keeps what was learned.
 pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
-    let mut settings = Settings::preset(&arguments.preset)?;
+    let mut settings = Settings::preset(arguments.preset.name())?;
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
+    settings.check().context("--steps").given()?;
     if let Some(namespace) = &arguments.served.node {
         return served::train(arguments, &model, namespace);
     }
     let domains = domains(arguments.posterior.as_deref(), &model)?;
-    output::prepare(&arguments.out)?;
+    output::prepare_file("out", &arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let (trained, seconds) = train(&model, &domains, &settings, arguments.seed, &shutdown)?;
@@ -108,15 +112,15 @@ pub fn train(
     train_seed: u64,
     shutdown: &Shutdown,
 ) -> Result<(Trained, f64)> {
-    let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
+    let task =
+        model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name)).given()?;
     let rows = domains.rows(settings.environments, train_seed)?;
     let env_seed = seed::derive(train_seed, 1);
     let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, env_seed, workers::available())?;
-    let bar = ProgressBar::new(settings.total_steps);
-    bar.set_style(ProgressStyle::with_template("training [{bar:30}] {percent:>3}% {msg}")?.progress_chars("=> "));
+    let bar = progress::bar("training", 0.0)?;
     let started = Instant::now();
     let trained = ppo_trainer::train(&mut env, &task, settings, train_seed, &mut |p| {
-        bar.set_position(p.steps);
+        progress::advance(&bar, progress::share(p.steps as f64, settings.total_steps as f64));
         bar.set_message(format!("return {:.2}, success {:.0} %", p.mean_return, 100.0 * p.success_rate));
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;

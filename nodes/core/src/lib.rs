@@ -22,6 +22,7 @@ pub mod posterior;
 pub mod regions;
 pub mod seed;
 pub mod simulator;
+pub mod spelling;
 pub mod task;
 pub mod track;
 

@@ -96,6 +96,12 @@ impl ParameterSpace {
         self.parameters.iter().map(|p| p.prior.from_unit(rng.random::<f64>())).collect()
     }
 
+    /// Names, values and priors of the parameters whose values in `theta` (length D) lie outside their priors' support.
+    pub fn outside<'a>(&'a self, theta: &'a [f64]) -> impl Iterator<Item = (&'a str, f64, &'a Prior)> {
+        let given = self.parameters.iter().zip(theta);
+        given.filter(|(p, value)| !p.prior.holds(**value)).map(|(p, value)| (p.name.as_str(), *value, &p.prior))
+    }
+
     /// Splits a row-major matrix of thetas into its rows; rejects lengths that are no multiple of D.
     pub fn rows(&self, flat: &[f64]) -> Result<Vec<Vec<f64>>, ParameterError> {
         let d = self.dimension();
@@ -127,6 +133,15 @@ mod tests {
             let back = s.to_unit(&s.from_unit(&[u, v]));
             prop_assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn values_outside_their_priors_are_found() {
+        let s = space();
+        assert_eq!(s.outside(&[0.25, 1e4]).count(), 0);
+        assert_eq!(s.outside(&[0.195, 5e4]).count(), 0, "the edges belong to the support");
+        let outside: Vec<(&str, f64)> = s.outside(&[0.31, 10.0]).map(|(name, value, _)| (name, value)).collect();
+        assert_eq!(outside, [("length_m", 0.31), ("youngs_modulus_pa", 10.0)]);
     }
 
     #[test]

@@ -34,6 +34,18 @@ impl Fidelity {
         }
     }
 
+    /// What it is for, in a few words.
+    pub fn description(self) -> &'static str {
+        match self {
+            Fidelity::Fast => "coarse time steps, for training",
+            Fidelity::FineMesh => {
+                "the mesh of reference in the time steps of fast, for soft objects that fold or lie down"
+            }
+            Fidelity::Standard => "for inference",
+            Fidelity::Reference => "fine mesh and time steps, for truths and checks",
+        }
+    }
+
     /// The fidelity that is called `name`.
     pub fn from_name(name: &str) -> Option<Fidelity> {
         Self::ALL.into_iter().find(|f| f.name() == name)

@@ -6,6 +6,7 @@ use crate::find::Progress;
 use crate::verdict::Finding;
 use catenary_core::Model;
 use catenary_core::model::Lacking;
+use catenary_core::spelling::did_you_mean;
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use simulator_pool::Registry;
 use simulator_pool::effects::About;
@@ -16,11 +17,12 @@ use simulator_pool::effects::About;
 /// [`FinderError::UnknownEffect`] where the model speaks of an effect that there is not.
 pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, FinderError> {
     let Lacking { vetoes, prior_odds } = &model.lacking;
-    let known = || registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", ");
+    let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
     let named = vetoes.iter().map(|name| ("vetoes", name)).chain(prior_odds.keys().map(|name| ("prior_odds", name)));
     for (field, name) in named {
         if registry.find(name).is_none() {
-            return Err(FinderError::UnknownEffect { field, name: name.clone(), known: known() });
+            let hint = did_you_mean(name, known.iter().copied());
+            return Err(FinderError::UnknownEffect { field, name: name.clone(), known: known.join(", "), hint });
         }
     }
     let is_open = |about: &About| Candidate::is_open(about.name, model) && vetoes.iter().all(|v| v != about.name);

@@ -40,7 +40,7 @@ pub enum FinderError {
         got: f64,
     },
     /// The model speaks of an effect that there is not.
-    #[error("model: lacking.{field}: expected effects of the library, {known}; got `{name}`")]
+    #[error("model: lacking.{field}: expected effects of the library, {known}; got `{name}`{hint}")]
     UnknownEffect {
         /// The field.
         field: &'static str,
@@ -48,6 +48,8 @@ pub enum FinderError {
         name: String,
         /// The effects that there are.
         known: String,
+        /// The effect that may have been meant, with a leading separator; empty where none is near.
+        hint: String,
     },
     /// The simulator failed at every start of a fit.
     #[error("no start of the fit could be simulated: {0}")]

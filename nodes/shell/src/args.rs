@@ -3,6 +3,7 @@
 //! Written here because crate `ros2args` 0.5.4 (Apache-2.0) drops nested maps and namespaces of parameter files, its
 //! messages about a file's structure do not name the file, and its YAML is not the one that rcl reads.
 
+use crate::files;
 use crate::names::{self, NameError};
 use crate::yaml::Yaml;
 use overrides::Overrides;
@@ -42,7 +43,7 @@ pub enum ArgError {
     #[error("--ros-args: unknown option {0:?}; expected -r, -p, --params-file, --log-level, --enable-* or --disable-*")]
     UnknownOption(String),
     /// A parameter file cannot be read.
-    #[error("{}: cannot read the parameter file: {reason}", path.display())]
+    #[error("{}: cannot read the parameter file: {reason}{}", path.display(), files::hint(path))]
     Read {
         /// The file.
         path: PathBuf,

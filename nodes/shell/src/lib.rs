@@ -35,6 +35,7 @@ mod diagnostics;
 mod domain_claim;
 mod ending;
 mod error;
+pub mod files;
 mod first_contact;
 mod graph;
 mod interface;

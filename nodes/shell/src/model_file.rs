@@ -1,5 +1,6 @@
 //! Model files: what a parameter `model_file` or an option `--model` names.
 
+use crate::files;
 use anyhow::{Context, Result};
 use catenary_core::{Model, ModelError};
 use std::path::Path;
@@ -10,7 +11,5 @@ use std::path::Path;
 /// # Errors
 /// A file that cannot be read and a text that is no model: the message names the file, and line and field in it.
 pub fn read_model(what: &str, path: &Path, parse: impl Fn(&str) -> Result<Model, ModelError>) -> Result<Model> {
-    let named = || format!("{what} {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(named)?;
-    parse(&text).with_context(named)
+    parse(&files::read_text(what, path)?).with_context(|| format!("{what} {}", path.display()))
 }

@@ -18,10 +18,10 @@ pub fn read(text: &str) -> Result<Model, ModelError> {
 /// The error with the field of the model file that it is about.
 fn error_in(model: &Model, error: &ParameterError) -> ModelError {
     match error {
-        ParameterError::Unknown { name, parameters, effects } => ModelError::value(
+        ParameterError::Unknown { name, parameters, effects, hint } => ModelError::value(
             model.field_of(name),
             format!("a parameter that the simulator has, one of {parameters}, or an effect, one of {effects}"),
-            format!("`{name}`"),
+            format!("`{name}`{hint}"),
         ),
         ParameterError::Range { name, low, high, got } => {
             ModelError::value(model.field_of(name), format!("values of {low} to {high}"), got)
@@ -55,11 +55,16 @@ mod tests {
             "{e}"
         );
         assert!(
-            e.contains("density_kg_m3, ") && e.contains("tip_mass_kg, ") && e.ends_with("got `densty_kg_m3`"),
+            e.contains("density_kg_m3, ")
+                && e.contains("tip_mass_kg, ")
+                && e.ends_with("got `densty_kg_m3`; did you mean `density_kg_m3`?"),
             "{e}"
         );
         let e = message(SOFT_BAR, "name: youngs_modulus_pa", "name: youngs_modulus");
-        assert!(e.starts_with("line 17, `theta.youngs_modulus`: ") && e.ends_with("got `youngs_modulus`"), "{e}");
+        assert!(
+            e.starts_with("line 17, `theta.youngs_modulus`: ") && e.ends_with("did you mean `youngs_modulus_pa`?"),
+            "{e}"
+        );
         let e = message(SOFT_BAR, "name: table_friction", "name: friction");
         assert!(e.starts_with("line 21, `effects.friction`: "), "{e}");
     }

@@ -4,6 +4,7 @@ use crate::beam::{BeamError, BeamParameters, Table, Terms};
 use crate::effects::Registry;
 use crate::world::{ArmSettings, View, World};
 use catenary_core::Model;
+use catenary_core::spelling::did_you_mean;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -68,7 +69,7 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
 #[derive(Debug, Error, PartialEq)]
 pub enum ParameterError {
     /// A name that nothing reads.
-    #[error("model parameter `{name}`: unknown; parameters are {parameters}; effects are {effects}")]
+    #[error("model parameter `{name}`: unknown; parameters are {parameters}; effects are {effects}{hint}")]
     Unknown {
         /// The name.
         name: String,
@@ -76,6 +77,8 @@ pub enum ParameterError {
         parameters: String,
         /// Names of the effects.
         effects: String,
+        /// The name that may have been meant, with a leading separator; empty where none is near.
+        hint: String,
     },
     /// A value outside the range that makes sense.
     #[error("model parameter `{name}`: expected {low} to {high}, got {got}")]
@@ -136,11 +139,24 @@ pub struct Values<'r> {
 pub(crate) fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f64; 2]), ParameterError> {
     let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.name, p.range));
     let effect = || registry.find(name).map(|e| (e.about().name, e.about().range));
-    parameter.or_else(effect).ok_or_else(|| ParameterError::Unknown {
-        name: name.to_owned(),
-        parameters: CATALOGUE.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
-        effects: registry.effects().map(|e| e.about().name).collect::<Vec<_>>().join(", "),
+    parameter.or_else(effect).ok_or_else(|| {
+        let parameters: Vec<&str> = CATALOGUE.iter().map(|p| p.name).collect();
+        let effects: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
+        ParameterError::Unknown {
+            name: name.to_owned(),
+            hint: did_you_mean(name, parameters.iter().chain(&effects).copied()),
+            parameters: parameters.join(", "),
+            effects: effects.join(", "),
+        }
     })
+}
+
+/// Least and greatest value that makes sense of a parameter or of an effect of `registry`.
+///
+/// # Errors
+/// [`ParameterError::Unknown`].
+pub fn range_of(registry: &Registry, name: &str) -> Result<[f64; 2], ParameterError> {
+    known(registry, name).map(|(_, range)| range)
 }
 
 impl<'r> Values<'r> {

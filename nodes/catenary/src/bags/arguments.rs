@@ -1,7 +1,8 @@
 //! The command lines of `record`, `replay` and `reindex`, in the words of `ros2 bag`.
 
+use super::named::Bags;
 use crate::cli::Output;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use catenary_bag::{BagError, Compression, Pattern, QosOverrides, RecordSettings, ReplaySettings, Split, TopicFilter};
 use clap::Args;
 use std::path::PathBuf;
@@ -11,8 +12,11 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 pub struct RecordArgs {
     /// Folder of the bag to make
-    #[arg(short, long, visible_alias = "output")]
-    pub out: PathBuf,
+    #[arg(value_name = "BAG", required_unless_present = "out", conflicts_with = "out")]
+    bag: Option<PathBuf>,
+    /// The same as BAG
+    #[arg(short, long, visible_aliases = ["output", "bag"], value_name = "BAG")]
+    out: Option<PathBuf>,
     /// Topics, with `*` at the end for all that begin so; none chosen: those of the contract without the camera's images
     #[arg(long, num_args = 1.., conflicts_with = "all")]
     topics: Vec<String>,
@@ -57,8 +61,9 @@ pub struct RecordArgs {
 /// `catenary replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Bag (folder or file: .mcap, .db3)
-    pub bag: PathBuf,
+    /// The bag
+    #[command(flatten)]
+    bags: Bags,
     /// Topics of the bag, with `*` at the end for all that begin so; none chosen: all
     #[arg(long, num_args = 1..)]
     topics: Vec<String>,
@@ -109,8 +114,9 @@ pub struct ReplayArgs {
 /// `catenary info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// Bag (folder or file: .mcap, .db3)
-    pub bag: PathBuf,
+    /// The bags
+    #[command(flatten)]
+    pub bags: Bags,
     /// Believe the index, and read no messages: quick, and blind to damage
     #[arg(long)]
     pub index_only: bool,
@@ -122,8 +128,9 @@ pub struct InfoArgs {
 /// `catenary reindex`.
 #[derive(Debug, Args)]
 pub struct ReindexArgs {
-    /// Folder of the bag, or a file of it
-    pub bag: PathBuf,
+    /// The bags
+    #[command(flatten)]
+    pub bags: Bags,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,
@@ -147,7 +154,8 @@ fn overrides(path: Option<&PathBuf>) -> Result<QosOverrides, BagError> {
 
 impl RecordArgs {
     /// What is to be recorded.
-    pub fn settings(&self) -> Result<RecordSettings, BagError> {
+    pub fn settings(&self) -> Result<RecordSettings> {
+        let folder = self.bag.as_ref().or(self.out.as_ref()).context("expected the folder of the bag to make")?;
         let pattern = |name, text: &Option<String>| text.as_ref().map(|t| Pattern::within(name, t)).transpose();
         let filter = TopicFilter {
             all: self.all,
@@ -168,7 +176,7 @@ impl RecordArgs {
             compression: self.compression,
             split,
             overrides: overrides(self.qos_profile_overrides_path.as_ref())?,
-            ..RecordSettings::new(self.out.clone())
+            ..RecordSettings::new(folder.clone())
         };
         settings.check()?;
         Ok(settings)
@@ -177,7 +185,8 @@ impl RecordArgs {
 
 impl ReplayArgs {
     /// What is to be replayed, from a bag that can be opened.
-    pub fn settings(&self) -> Result<ReplaySettings, BagError> {
+    pub fn settings(&self) -> Result<ReplaySettings> {
+        let bag = self.bags.one("replay")?;
         let pattern = |name, text: &Option<String>| text.as_ref().map(|t| Pattern::whole(name, t)).transpose();
         let filter = TopicFilter {
             topics: self.topics.clone(),
@@ -197,7 +206,7 @@ impl ReplayArgs {
             overrides: overrides(self.qos_profile_overrides_path.as_ref())?,
             allow_replay: self.allow_replay,
             allow_others: self.allow_others,
-            ..ReplaySettings::new(self.bag.clone())
+            ..ReplaySettings::new(bag.to_owned())
         };
         settings.open()?;
         Ok(settings)

@@ -4,14 +4,16 @@ use super::hidden_episode;
 use crate::cli::{CalibrationArgs, Preset};
 use crate::interrupted::Interrupted;
 use crate::report::{Page, plots};
-use crate::{model_file, output};
+use crate::wrong_input::Given;
+use crate::{model_file, output, progress};
 use anyhow::{Context, Result, ensure};
 use bayes_sim::calibration::{Check, LEVELS, Summary, summaries};
 use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, Settings};
+use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Parameter, ParameterSpace, seed};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use simulator_pool::{BeamSimulator, workers};
 use std::collections::BTreeMap;
@@ -61,8 +63,10 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     let mut lines = read(&path, model.theta.dimension())?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let bar = ProgressBar::new(arguments.truths).with_position(lines.len() as u64);
-    bar.set_style(ProgressStyle::with_template("truths [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
+    let made = lines.len() as u64;
+    let bar = ProgressBar::new(arguments.truths).with_position(made);
+    let began = progress::share(made as f64, arguments.truths as f64);
+    bar.set_style(progress::style("truths [{bar:24}] {pos}/{len}", began)?);
     let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
     let left = lines.len() as u64..arguments.truths;
     each(
@@ -87,8 +91,10 @@ fn also(mut model: Model, names: &[String]) -> Result<Model> {
     for name in names {
         let place = model.effects.iter().position(|e| e.name == *name).with_context(|| {
             let known: Vec<&str> = model.effects.iter().map(|e| e.name.as_str()).collect();
-            format!("--also {name}: expected one of the model's effects, {}", known.join(", "))
-        })?;
+            let hint = did_you_mean(name, known.iter().copied());
+            format!("--also {name}: expected one of the model's effects, {}{hint}", known.join(", "))
+        });
+        let place = place.given()?;
         parameters.push(Parameter { name: name.clone(), prior: model.effects.remove(place).distribution });
     }
     model.theta = ParameterSpace::new(parameters)?;

@@ -2,10 +2,10 @@
 
 use crate::cli::FidelityArgs;
 use crate::figures::figures;
-use crate::{model_file, output};
+use crate::{model_file, output, progress};
 use anyhow::{Result, ensure};
 use catenary_core::Fidelity;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use simulator_pool::Registry;
 use simulator_pool::verification::{self, ConvergenceOrder, Row, Stress, StressReport, default_extremes};
@@ -59,8 +59,7 @@ fn stress(arguments: &FidelityArgs, episodes: usize, workers: usize) -> Result<V
     let extremes = default_extremes(registry);
     let levels = [Fidelity::Fast, Fidelity::Standard];
     let bar = ProgressBar::new((levels.len() * episodes) as u64);
-    let style = ProgressStyle::with_template("random episodes [{bar:30}] {pos}/{len} {msg}, {eta} left")?;
-    bar.set_style(style.progress_chars("=> "));
+    bar.set_style(progress::style("random episodes [{bar:20}] {pos}/{len}", 0.0)?);
     let mut reports = Vec::new();
     for fidelity in levels {
         bar.set_message(fidelity.name());

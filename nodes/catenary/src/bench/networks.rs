@@ -6,7 +6,7 @@ use super::batch;
 use super::corruption::Corruption;
 use crate::cli::NetworksArgs;
 use crate::interrupted::Interrupted;
-use crate::{model_file, output};
+use crate::{model_file, output, progress};
 use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::Settings;
 use bayes_sim::embedding::{Fourier, TrackInput};
@@ -14,7 +14,7 @@ use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingEr
 use catenary_core::camera::MASK_SIZE_PX;
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
 use catenary_shell::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, workers};
 use std::ops::ControlFlow;
@@ -103,7 +103,7 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
     let (tracks, truths) = (arguments.tracks as usize, arguments.truths as usize);
     let request = batch(&model, Fidelity::Standard, tracks + truths)?;
     if let Some(path) = &arguments.export {
-        output::prepare(path)?;
+        output::prepare_file("export", path)?;
     }
     let frames = request.frame_times_s.len();
     let simulated = simulate(&model, &request, &shutdown)?;
@@ -143,7 +143,7 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
 fn simulate(model: &Model, request: &SimulationRequest, shutdown: &Shutdown) -> Result<Vec<Track>> {
     let simulator = BeamSimulator::new(model, workers::available())?;
     let bar = ProgressBar::new(request.thetas.len() as u64);
-    bar.set_style(ProgressStyle::with_template("tracks [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
+    bar.set_style(progress::style("tracks [{bar:24}] {pos}/{len}", 0.0)?);
     let mut tracks = Vec::with_capacity(request.thetas.len());
     for thetas in request.thetas.chunks(PART) {
         let part = SimulationRequest { thetas: thetas.to_vec(), first_episode: tracks.len() as u64, ..request.clone() };
@@ -205,8 +205,7 @@ impl Entrant {
         let training = Training { data: samples, weights: &weights, lots: &lots, seed: 1, held_out_seed: 2 };
         let most = (settings.ensemble * settings.schedule.max_epochs) as u64;
         let bar = ProgressBar::new(most);
-        let form = format!("{} [{{bar:30}}] {{pos}} of at most {{len}} epochs", self.name);
-        bar.set_style(ProgressStyle::with_template(&form)?.progress_chars("=> "));
+        bar.set_style(progress::style(&format!("{} [{{bar:20}}]", self.name), 0.0)?);
         let trained = Ensemble::train(&shape, settings, None, training, &mut |_, epoch| {
             bar.inc(u64::from(epoch.is_some()));
             if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

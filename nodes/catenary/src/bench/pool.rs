@@ -34,7 +34,9 @@ pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
     let mut counts = vec![1, workers::available()];
     counts.dedup();
     let mut rows: Vec<Row> = Vec::new();
-    for (fidelity, episodes) in [(Fidelity::Fast, 100), (Fidelity::Standard, 100), (Fidelity::Reference, 20)] {
+    for (fidelity, episodes) in
+        [(Fidelity::Fast, 100), (Fidelity::FineMesh, 20), (Fidelity::Standard, 100), (Fidelity::Reference, 20)]
+    {
         let request = batch(&model, fidelity, episodes)?;
         let simulators = counts.iter().map(|n| BeamSimulator::new(&model, *n)).collect::<Result<Vec<_>, _>>()?;
         let mut best = vec![[f64::INFINITY; 2]; counts.len()];
@@ -61,18 +63,12 @@ pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
     }
     output::result(out, &rows, |rows| {
         let head = format!(
-            "{:<10} {:>7} {:>11} {:>16} {:>8} {:>17} {:>20}",
-            "fidelity",
-            "workers",
-            "episodes/s",
-            "per core-second",
-            "scaling",
-            "unconverged steps",
-            "not at rest at start"
+            "{:<10} {:>7} {:>11} {:>16} {:>8} {:>11} {:>11}",
+            "fidelity", "workers", "episodes/s", "per core-second", "scaling", "unconverged", "not at rest"
         );
         let line = |r: &Row| {
             format!(
-                "{:<10} {:>7} {:>11.1} {:>16.1} {:>8.2} {:>17} {:>20}",
+                "{:<10} {:>7} {:>11.1} {:>16.1} {:>8.2} {:>11} {:>11}",
                 r.fidelity,
                 r.workers,
                 r.episodes_per_second,

@@ -2,10 +2,10 @@
 
 use super::cpu_time;
 use crate::cli::Output;
-use crate::{model_file, output};
+use crate::{model_file, output, progress};
 use anyhow::{Result, ensure};
 use catenary_core::Fidelity;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use simulator_pool::verification::{DerivativeReport, DerivativeTrial};
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use std::path::Path;
 pub fn run(model: Option<&Path>, episodes: u64, out: &Output) -> Result<()> {
     let model = model_file::read_or_soft_bar(model)?;
     let bar = ProgressBar::new(episodes);
-    bar.set_style(ProgressStyle::with_template("episodes [{bar:30}] {pos}/{len}, {eta} left")?.progress_chars("=> "));
+    bar.set_style(progress::style("episodes [{bar:24}] {pos}/{len}", 0.0)?);
     let trial = DerivativeTrial { model: &model, fidelity: Fidelity::Standard, episodes, cpu_time };
     let report = trial.run(|| bar.inc(1))?;
     bar.finish_and_clear();

@@ -8,10 +8,10 @@ mod stage;
 pub mod summary;
 
 use crate::cli::DemoArgs;
-use crate::infer::iteration_words;
 use crate::launch::{self, Process, Supervisor};
-use crate::output;
-use crate::served::show_training;
+use crate::served::{show_inference, show_training};
+use crate::wrong_input::Given;
+use crate::{output, progress};
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::model::DriveKind;
 use catenary_core::{Model, Policy, Posterior, seed};
@@ -111,7 +111,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
 
 /// Builds the report of a demo's folder again.
 pub fn rebuild(folder: &Path) -> Result<PathBuf> {
-    let summary = Summary::read(folder)?;
+    let summary = Summary::read(folder).given()?;
     for bag in summary.episodes.iter().map(|e| folder.join(&e.bag)).filter(|bag| !bag.exists()) {
         tracing::warn!("{} is gone: the report names it all the same", bag.display());
     }
@@ -244,7 +244,7 @@ impl Demo {
                 observer.finish()
             });
             let result = stages.goal(&clients.run_episode, goal, move |feedback| {
-                shown.set_position(u64::from(feedback.step) + 1);
+                progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
                 shown.set_message(format!("reward {:.3}", feedback.reward));
             });
             stages.pause(Duration::from_millis(500))?;
@@ -309,10 +309,7 @@ impl Demo {
         stages.run("infer the parameters", 1, |stages, bar| {
             let shown = bar.clone();
             let result = stages.goal(&clients.infer, goal, move |feedback| {
-                shown.set_length(u64::from(feedback.iterations).max(1));
-                shown.set_position(u64::from(feedback.iteration));
-                let effective = feedback.effective_sample_size;
-                shown.set_message(iteration_words(feedback.simulations, feedback.loss, effective));
+                show_inference(&shown, &feedback);
             })?;
             ensure!(result.success, "{}", result.message);
             Ok(result)

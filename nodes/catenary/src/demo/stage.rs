@@ -3,9 +3,10 @@
 use super::summary::Stage;
 use crate::interrupted::Interrupted;
 use crate::launch::Supervisor;
+use crate::progress;
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{Act, ActionClient, CallError, Node, Status};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
@@ -113,8 +114,7 @@ impl<'a> Stages<'a> {
 
     fn bar(&self, name: &str, length: u64) -> Result<ProgressBar> {
         let bar = ProgressBar::with_draw_target(Some(length.max(1)), ProgressDrawTarget::stderr());
-        let style = ProgressStyle::with_template("{prefix:<38} [{bar:30}] {percent:>3}% {msg}")?;
-        bar.set_style(style.progress_chars("=> "));
+        bar.set_style(progress::style("{prefix:<28} [{bar:12}]", 0.0)?);
         bar.set_prefix(name.to_owned());
         bar.enable_steady_tick(Duration::from_millis(250));
         Ok(bar)

@@ -5,6 +5,7 @@ use super::table::{Table, unix_s};
 use super::{Supervisor, neighbours, read, status};
 use crate::cli::LaunchArgs;
 use crate::output;
+use crate::wrong_input::{Given, WrongInput};
 use anyhow::{Context, Result, bail};
 use catenary_shell::Shutdown;
 use serde::Serialize;
@@ -18,15 +19,15 @@ const WATCH: Duration = Duration::from_millis(50);
 
 /// Starts the processes of a launch file and watches them until Ctrl-C, or until the last has ended.
 pub fn run(arguments: &LaunchArgs) -> Result<()> {
-    let given = arguments.arguments.iter().map(|a| argument(a)).collect::<Result<Vec<_>>>()?;
-    let description = read(&arguments.file, &given, &|name| std::env::var(name).ok())?;
+    let given = arguments.arguments.iter().map(|a| argument(a)).collect::<Result<Vec<_>>>().given()?;
+    let description = read(&arguments.file, &given, &|name| std::env::var(name).ok()).given()?;
     if arguments.show {
         return show(arguments, &description);
     }
     if description.processes.is_empty() {
-        bail!("{}: it starts no process", arguments.file.display());
+        return Err(WrongInput::error(format!("{}: it starts no process", arguments.file.display())));
     }
-    refuse_missing(&given, &description)?;
+    refuse_missing(&given, &description).given()?;
     // What every node would refuse is refused once.
     catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();

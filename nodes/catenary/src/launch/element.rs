@@ -3,6 +3,7 @@
 use super::functions::boolean;
 use super::substitution::{Scope, substitute};
 use anyhow::{Result, anyhow, bail};
+use catenary_core::spelling::did_you_mean;
 use roxmltree::Node;
 use std::time::Duration;
 
@@ -68,7 +69,8 @@ pub fn allow(node: Node<'_, '_>, attributes: &[&str], more: &[&str], children: &
     let known = || attributes.iter().chain(more);
     if let Some(a) = node.attributes().find(|a| !known().any(|name| *name == a.name())) {
         let known: Vec<&str> = known().copied().collect();
-        bail!("unknown attribute `{}`; it takes {}", a.name(), known.join(", "));
+        let (name, hint) = (a.name(), did_you_mean(a.name(), known.iter().copied()));
+        bail!("unknown attribute `{name}`; it takes {}{hint}", known.join(", "));
     }
     let is_allowed = |name: &str| children.contains(&"*") || children.contains(&name);
     match node.children().find(|c| c.is_element() && !is_allowed(c.tag_name().name())) {

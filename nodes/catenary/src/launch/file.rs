@@ -5,6 +5,7 @@ use super::element::{Element, allow, flag};
 use super::namespace;
 use super::substitution::{Scope, literal};
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use catenary_core::spelling::did_you_mean;
 use roxmltree::{Document, Node};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -38,7 +39,8 @@ pub fn read(
     let declared = |name: &String| reader.description.arguments.iter().any(|a| &a.name == name);
     if let Some(unknown) = names.iter().find(|name| !declared(name)) {
         let known: Vec<&str> = reader.description.arguments.iter().map(|a| a.name.as_str()).collect();
-        bail!("{}: no argument `{unknown}`; it takes {}", path.display(), known.join(", "));
+        let (hint, known) = (did_you_mean(unknown, known.iter().copied()), known.join(", "));
+        bail!("{}: no argument `{unknown}`; it takes {known}{hint}", path.display());
     }
     reader.name_apart();
     Ok(reader.description)
@@ -77,7 +79,9 @@ pub struct Place<'a> {
 impl Reader<'_> {
     fn file(&mut self, shown: &Path, file: &Path, depth: usize) -> Result<()> {
         ensure!(depth <= MAX_INCLUDE_DEPTH, "{}: includes nest deeper than {MAX_INCLUDE_DEPTH}", shown.display());
-        let text = std::fs::read_to_string(file).with_context(|| format!("launch file {}", shown.display()))?;
+        // The file's own spelling of its path, which a suggestion keeps.
+        let read = if depth == 0 { shown } else { file };
+        let text = catenary_shell::files::read_text("launch file", read)?;
         let document =
             Document::parse(&text).with_context(|| format!("launch file {}: is this one, in XML?", shown.display()))?;
         let root = document.root_element();

@@ -3,6 +3,7 @@
 use super::table::{State, Table, unix_s};
 use crate::cli::Output;
 use crate::output;
+use crate::wrong_input::Given;
 use anyhow::{Context, Result, bail};
 use catenary_shell::ros_log_dir;
 use clap::Args;
@@ -67,7 +68,7 @@ pub fn log_folder(asked: Option<&Path>) -> Result<PathBuf> {
         Some(folder) => folder.to_owned(),
         None => logs()?.join(format!("{}-{}-{}", date(SystemTime::now()), host(), std::process::id())),
     };
-    std::fs::create_dir_all(&folder).with_context(|| format!("log folder {}", folder.display()))?;
+    std::fs::create_dir_all(&folder).with_context(|| format!("log folder {}", folder.display())).given()?;
     std::path::absolute(&folder).with_context(|| format!("log folder {}", folder.display()))
 }
 

@@ -183,14 +183,20 @@ fn copy_lines(stream: Box<dyn Read + Send>, mut log: Box<dyn Write + Send>, pref
     }
 }
 
+/// Script of a checkout behind the names in `launch_configs/bin`: it starts the checkout's build of this program.
+const STAND_IN: &str = "checkout_node";
+
 /// The program to run: as it is written where it exists; else, for a name of one of our nodes, this program's own
 /// `node NAME`, so that one executable serves the whole graph.
 fn resolve(command: &[String]) -> (PathBuf, Vec<String>) {
     let program = PathBuf::from(&command[0]);
     let name = program.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let own = std::env::current_exe();
+    // A stand-in would start another build of this program, or none.
+    let real = std::fs::canonicalize(&program).ok();
+    let is_absent = real.is_none_or(|real| real.file_name().is_some_and(|name| name == STAND_IN));
     match own {
-        Ok(own) if !program.exists() && crate::nodes::is_node(&name) => {
+        Ok(own) if is_absent && crate::nodes::is_node(&name) => {
             let arguments = ["node".to_owned(), name].into_iter().chain(command[1..].iter().cloned());
             (own, arguments.collect())
         }

@@ -1,6 +1,7 @@
 //! Files that appear under their names when they are whole.
 
-use anyhow::{Context, Result};
+use crate::wrong_input::{Given, WrongInput};
+use anyhow::{Context, Error, Result, anyhow};
 use std::path::{Path, PathBuf};
 
 /// A file or folder that is being made in a hidden folder beside its final place. Dropped before [`Staged::commit`], it
@@ -13,10 +14,9 @@ pub struct Staged {
 impl Staged {
     /// Makes the hidden folder, and the folders above it.
     pub fn new(last: &Path) -> Result<Self> {
-        let name =
-            last.file_name().with_context(|| format!("{}: expected the name of a file or folder", last.display()))?;
-        let folder = last.with_file_name(format!(".{}.{}", name.to_string_lossy(), std::process::id()));
-        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let expected = || format!("{}: expected the name of a file or folder", last.display());
+        let folder = hidden(last).with_context(expected).given()?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("{}: it cannot be written", last.display()))?;
         Ok(Self { folder, last: last.to_path_buf() })
     }
 
@@ -36,14 +36,47 @@ impl Staged {
 impl Drop for Staged {
     fn drop(&mut self) {
         if let Err(e) = std::fs::remove_dir_all(&self.folder) {
-            tracing::warn!("{}: {e}", self.folder.display());
+            tracing::warn!("what is left of it cannot be removed: {}: {e}", self.folder.display());
         }
+    }
+}
+
+/// The hidden folder beside `last`.
+fn hidden(last: &Path) -> Option<PathBuf> {
+    let name = last.file_name()?.to_string_lossy();
+    Some(last.with_file_name(format!(".{name}.{}", std::process::id())))
+}
+
+/// An error in which each path of a draft is the `shown` one of its final place `last`: nobody has asked for the draft.
+pub fn with_final_names(error: Error, places: &[(&Path, &str)]) -> Error {
+    let text = format!("{error:#}");
+    let named = places.iter().fold(text.clone(), |text, (last, shown)| {
+        let draft = hidden(last).and_then(|folder| Some(folder.join(last.file_name()?)));
+        draft.map_or(text.clone(), |draft| text.replace(&draft.display().to_string(), shown))
+    });
+    match named == text {
+        true => error,
+        false if WrongInput::is(&error) => WrongInput::error(named),
+        false => anyhow!(named),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn messages_name_the_place_that_was_asked_for() {
+        let last = Path::new("out/bag");
+        let staged = hidden(last).unwrap().join("bag");
+        let error = anyhow!("{}/bag_0.mcap: no space left", staged.display()).context("--out");
+        let named = with_final_names(error, &[(last, "out/bag")]);
+        assert_eq!(named.to_string(), "--out: out/bag/bag_0.mcap: no space left");
+        let wrong =
+            with_final_names(WrongInput::error(format!("{}: is it a track?", staged.display())), &[(last, "t.csv")]);
+        assert!(WrongInput::is(&wrong) && wrong.to_string() == "t.csv: is it a track?", "{wrong}");
+        assert_eq!(with_final_names(anyhow!("other"), &[(last, "x")]).to_string(), "other");
+    }
 
     #[test]
     fn what_is_not_committed_leaves_nothing() {

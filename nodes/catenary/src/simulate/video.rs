@@ -3,7 +3,8 @@
 mod ffmpeg;
 mod gif_file;
 
-use anyhow::{Result, bail};
+use crate::wrong_input::WrongInput;
+use anyhow::Result;
 use catenary_core::RgbImage;
 use std::path::Path;
 
@@ -24,7 +25,10 @@ impl Video {
         match named.extension().and_then(|e| e.to_str()) {
             Some("gif") => Ok(Self::Gif(Box::new(gif_file::GifFile::create(file, [width, height], rate_hz)?))),
             Some("mp4") => Ok(Self::Ffmpeg(ffmpeg::Ffmpeg::start(file, named, [width, height], rate_hz)?)),
-            _ => bail!("--video {}: expected a name that ends in .gif or .mp4", named.display()),
+            _ => Err(WrongInput::error(format!(
+                "--video {}: expected a name that ends in .gif or .mp4",
+                named.display()
+            ))),
         }
     }
 

@@ -1,6 +1,7 @@
 //! What is wrong with a model file, and where.
 
 use super::outline::{Content, Node};
+use crate::spelling::did_you_mean;
 use serde_saphyr::{Error as YamlError, MessageFormatter, UserMessageFormatter};
 use std::fmt;
 use thiserror::Error;
@@ -101,7 +102,10 @@ impl ModelError {
         };
         let place = Place { line, field };
         if expected.is_empty() {
-            let what = UserMessageFormatter.format_message(error).replace('\n', " ");
+            let mut what = UserMessageFormatter.format_message(error).replace('\n', " ");
+            if let YamlError::SerdeUnknownField { field, expected, .. } = error {
+                what += &did_you_mean(field, expected.iter().map(AsRef::as_ref));
+            }
             return Self::Text { place, what };
         }
         let got = match value.map(|v| &v.content) {

@@ -66,6 +66,14 @@ impl Prior {
         }
     }
 
+    /// Whether `value` lies in the support; a mixture's may have gaps.
+    pub fn holds(&self, value: f64) -> bool {
+        match self {
+            Prior::Mixture(parts) => parts.iter().any(|part| part.prior.holds(value)),
+            _ => (self.bounds().0..=self.bounds().1).contains(&value),
+        }
+    }
+
     /// Cumulative distribution function: the unit coordinate of `value`, outside `[0, 1]` where it lies outside the support.
     pub fn to_unit(&self, value: f64) -> f64 {
         let (low, high) = self.bounds();
@@ -224,6 +232,14 @@ mod tests {
             mixture(&[(3.0, normal(1.0, 0.2, 0.0, 2.0)), (1.0, Prior::LogUniform { low: 1.5, high: 4.0 })]),
             mixture(&[(1.0, Prior::Uniform { low: 0.0, high: 1.0 }), (1.0, Prior::Uniform { low: 2.0, high: 3.0 })]),
         ]
+    }
+
+    #[test]
+    fn the_gap_of_a_mixture_is_outside_of_it() {
+        let gap =
+            mixture(&[(1.0, Prior::Uniform { low: 0.0, high: 1.0 }), (1.0, Prior::Uniform { low: 2.0, high: 3.0 })]);
+        let held: Vec<bool> = [-0.1, 0.0, 1.5, 2.5, 3.1, f64::NAN].map(|value| gap.holds(value)).to_vec();
+        assert_eq!(held, [false, true, false, true, false, false]);
     }
 
     proptest! {

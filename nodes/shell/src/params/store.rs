@@ -4,6 +4,7 @@ use super::kinds::{ParamKind, Value};
 use super::spec::ParamSpec;
 use crate::args::ParamOverride;
 use crate::yaml::Yaml;
+use catenary_core::spelling::did_you_mean;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,7 +35,7 @@ pub enum ParamError {
         reason: String,
     },
     /// A value from the command line or a file is for no declared parameter.
-    #[error("{origin}: node {node} has no parameter {name}; it has {known}")]
+    #[error("{origin}: node {node} has no parameter {name}; it has {known}{hint}")]
     Unknown {
         /// Where the value stands.
         origin: String,
@@ -44,6 +45,8 @@ pub enum ParamError {
         name: String,
         /// The names that exist.
         known: String,
+        /// The name that may have been meant, with a leading separator; empty where none is near.
+        hint: String,
     },
 }
 
@@ -239,6 +242,7 @@ impl Params {
             origin: unknown.origin.clone(),
             node: self.inner.node.clone(),
             name: unknown.name.clone(),
+            hint: did_you_mean(&unknown.name, self.names().iter().map(String::as_str)),
             known: self.names().join(", "),
         })
     }

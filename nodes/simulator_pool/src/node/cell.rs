@@ -61,7 +61,7 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
         fidelity: b.declare_string(
             "fidelity",
             Fidelity::Standard.name(),
-            text("Fidelity of the simulation.").choices(&["fast", "standard", "reference"]),
+            text("Fidelity of the simulation.").choices(&Fidelity::ALL.map(Fidelity::name)),
         )?,
         seed: b.declare_i64("seed", 1, text("Seed of effects, jitter and noise.").integer_range(0..=i64::MAX))?,
         publish_clock: b.declare_bool(
@@ -119,6 +119,9 @@ fn cell(p: &Parameters) -> Result<(Cell, Model, u64)> {
         given => given,
     };
     let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
+    for (name, value, prior) in model.theta.outside(&theta) {
+        tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
+    }
     Ok((cell, model, cell_seed))
 }
 
