@@ -10,6 +10,8 @@ mod summary;
 mod timeline;
 mod video;
 
+pub use video::GifFile;
+
 use crate::cli::SimulateArgs;
 use crate::{model_file, output};
 use anyhow::{Context, Result, bail, ensure};

@@ -299,6 +299,7 @@ prop_compose! {
                 pose_noise_m: lengths[3],
             },
             task: task.map(|(steps, measured)| Task {
+                goal: if measured { Goal::PlaceTip { reward_range_m: lengths[6] } } else { Goal::Reach },
                 steps,
                 step_period_s: lengths[11],
                 delta_anchor: if measured { DeltaAnchor::Measured } else { DeltaAnchor::LastTarget },
