@@ -1,4 +1,5 @@
 use super::*;
+use crate::Goal;
 use crate::camera::{Pinhole, Plane};
 use crate::task::Workspace;
 use proptest::prelude::*;
