@@ -10,6 +10,8 @@ mod summary;
 mod timeline;
 mod video;
 
+pub use video::GifFile;
+
 use crate::cli::SimulateArgs;
 use crate::interrupted::Interrupted;
 use crate::wrong_input::{Given, WrongInput};

@@ -40,5 +40,5 @@ pub use parameter::{Parameter, ParameterSpace, Prior, Weighted};
 pub use policy::Policy;
 pub use posterior::Posterior;
 pub use simulator::{DifferentiableSimulator, Drive, Fidelity, SimulationRequest, Simulator, SimulatorError};
-pub use task::{DeltaAnchor, Task};
+pub use task::{DeltaAnchor, Goal, Judge, Task};
 pub use track::{Frame, Track};

@@ -1,5 +1,9 @@
 //! The task: bring the object to the target, inside the workspace.
 
+mod judge;
+
+pub use judge::{Judge, Moment, Verdict};
+
 use serde::{Deserialize, Serialize};
 
 /// Limits of an action: |dx|, |dz| in m.
@@ -42,10 +46,37 @@ impl Workspace {
     }
 }
 
+/// Goal of a task: which part of the object has to be where, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Goal {
+    /// All four keypoints near the target, at any step. Each step earns [`reward`]; an episode ends with the first step
+    /// that earns `success_reward`.
+    #[default]
+    Reach,
+    /// The object's free end at the target when the last step ends. The last step earns 1 minus the distance over
+    /// `reward_range_m`, at least 0; the steps before it earn nothing. An episode runs all its steps.
+    PlaceTip {
+        /// Distance in m of the outermost keypoint from the target at which the reward is zero. Larger rewards coarser
+        /// motions; smaller gives a beginner nothing to learn from.
+        reward_range_m: f64,
+    },
+}
+
+impl Goal {
+    /// Whether it is the default.
+    fn is_reach(&self) -> bool {
+        *self == Self::Reach
+    }
+}
+
 /// The task of the contract.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
+    /// What has to be achieved.
+    #[serde(default, skip_serializing_if = "Goal::is_reach")]
+    pub goal: Goal,
     /// Step limit of an episode.
     pub steps: usize,
     /// s between two actions.
@@ -59,7 +90,7 @@ pub struct Task {
     pub target_m: [f64; 2],
     /// Half width in m of the uniform jitter of the target, in x and in z.
     pub target_jitter_m: f64,
-    /// Reward at and above which the episode ends as a success.
+    /// Reward at and above which a step is a success.
     #[serde(default = "success_reward")]
     pub success_reward: f64,
 }
@@ -84,6 +115,19 @@ pub const LEFT_WORKSPACE_REWARD: f64 = -1.0;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    pub fn task() -> Task {
+        Task {
+            goal: Goal::Reach,
+            steps: 16,
+            step_period_s: 0.5,
+            delta_anchor: DeltaAnchor::LastTarget,
+            workspace: Workspace::default(),
+            target_m: [0.5, 0.15],
+            target_jitter_m: 0.0,
+            success_reward: 0.75,
+        }
+    }
 
     #[test]
     fn reward_is_one_on_the_target_and_zero_far_away() {

@@ -1,6 +1,5 @@
 //! What was seen of one episode.
 
-use crate::task::{LEFT_WORKSPACE_REWARD, reward};
 use serde::{Deserialize, Serialize};
 
 /// What was seen at one moment.
@@ -22,7 +21,7 @@ pub struct Frame {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// The reward reached the task's goal.
+    /// The task's goal was reached.
     Success,
     /// The policy's step limit was reached.
     StepLimit,
@@ -57,29 +56,4 @@ pub struct Track {
     pub frames: Vec<Frame>,
     /// Why the episode ended.
     pub end: End,
-}
-
-impl Track {
-    /// The reward after each step of an episode of the task: one fewer than frames.
-    pub fn rewards(&self) -> Vec<f64> {
-        let mut rewards: Vec<f64> = self.frames.iter().skip(1).map(|f| reward(&f.dlo, f.target)).collect();
-        if let (End::LeftWorkspace, Some(last)) = (self.end, rewards.last_mut()) {
-            *last = LEFT_WORKSPACE_REWARD;
-        }
-        rewards
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn leaving_the_workspace_costs_the_last_step_its_reward() {
-        let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
-        let track = |end| Track { frames: vec![frame(1.0), frame(0.15), frame(0.0)], end };
-        assert_eq!(track(End::StepLimit).rewards(), [0.8, 1.0]);
-        assert_eq!(track(End::LeftWorkspace).rewards(), [0.8, LEFT_WORKSPACE_REWARD]);
-        assert!(Track::default().rewards().is_empty());
-    }
 }

@@ -5,7 +5,7 @@ use crate::convert;
 use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, Turn};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
-use catenary_core::{Model, Policy};
+use catenary_core::{Judge, Model, Policy};
 use catenary_msgs::action::{RunEpisode, RunEpisodeFeedback, RunEpisodeGoal, RunEpisodeResult};
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
@@ -77,7 +77,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
         node: node.clone(),
     };
-    shell.task().map_err(Misconfigured::new)?;
+    shell.judge().map_err(Misconfigured::new)?;
     let (keypoints, pose) = (shell.keypoints.clone(), shell.pose.clone());
     node.report_diagnostics(move |report| {
         report.value("keypoints_received", keypoints.get().map_or(0, |newest| newest.count));
@@ -93,15 +93,15 @@ fn run(builder: NodeBuilder) -> Result<()> {
 }
 
 impl Shell {
-    /// The task of the model file, read anew for each episode: the parameter may change between two.
-    fn task(&self) -> Result<catenary_core::Task> {
+    /// The judge of the model file's task, read anew for each episode: the parameter may change between two.
+    fn judge(&self) -> Result<Judge> {
         let path = self.model_file.get();
         anyhow::ensure!(
             !path.is_empty(),
             "parameter model_file: expected the path of a model file, got an empty string"
         );
         let model = read_model("model_file", path.as_ref(), Model::from_yaml)?;
-        model.task.with_context(|| format!("model_file {path}: it has no task"))
+        Judge::of(&model).with_context(|| format!("model_file {path}: it has no task"))
     }
 
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
@@ -127,7 +127,7 @@ impl Shell {
         let policy = Policy::from_bytes(&goal.policy)?;
         let own =
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
-        let mut runner = Runner::new(policy, self.task()?, convert::settings(goal, own))?;
+        let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
         let held = self.pose.get().context("no pose on /panda/current_pose")?.message.pose.clone();
         self.enable_arm()?;
         let origin = self.node.now();

@@ -1,6 +1,6 @@
 //! The state machine of one episode.
 
-use catenary_core::task::{DeltaAnchor, LEFT_WORKSPACE_REWARD, Task};
+use catenary_core::task::{DeltaAnchor, Judge, Moment, Verdict};
 use catenary_core::track::End;
 use catenary_core::{GripPose, Keypoints, Observation, Policy, seed};
 use rand::RngExt;
@@ -157,7 +157,7 @@ const RETRY_S: f64 = 0.005;
 /// The state of an episode.
 pub struct Runner {
     policy: Policy,
-    task: Task,
+    judge: Judge,
     settings: Settings,
     steps: usize,
     rng: Option<ChaCha8Rng>,
@@ -171,8 +171,9 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// An episode of `policy` on `task`, to begin with the first turn.
-    pub fn new(policy: Policy, task: Task, settings: Settings) -> Result<Self, RunnerError> {
+    /// An episode of `policy` on the task of `judge`, to begin with the first turn.
+    pub fn new(policy: Policy, judge: Judge, settings: Settings) -> Result<Self, RunnerError> {
+        let task = judge.task();
         let contract = |field, expected: String, got: String| RunnerError::Contract {
             policy: policy.name.clone(),
             field,
@@ -199,7 +200,7 @@ impl Runner {
         Ok(Self {
             rng: settings.stochastic_seed.map(|s| seed::rng(s, 0)),
             policy,
-            task,
+            judge,
             settings,
             steps,
             next_step: 0,
@@ -246,7 +247,7 @@ impl Runner {
         }
         match self.observe(inputs, due_s) {
             Ok((observation, stamps_s)) => {
-                let period_s = self.task.step_period_s;
+                let period_s = self.judge.task().step_period_s;
                 let late = inputs.now_s - due_s > LATE * period_s;
                 self.due_s = Some(if late { inputs.now_s } else { due_s } + period_s);
                 self.step(observation, stamps_s)
@@ -286,17 +287,20 @@ impl Runner {
     fn step(&mut self, observation: Observation, stamps_s: [f64; 2]) -> Turn {
         let index = self.next_step;
         let [x, z] = observation.eef_m();
-        let outside = !self.task.workspace.contains(x, 0.0, z);
+        let outside = !self.judge.task().workspace.contains(x, 0.0, z);
         if outside && index == 0 {
             return Turn::Fault(Fault::Outside(x, z));
         }
         let left = self.target_left_workspace || outside;
-        let reward = (index > 0).then(|| if left { LEFT_WORKSPACE_REWARD } else { observation.reward() });
+        let is_last = index == self.steps;
+        let verdict = (index > 0).then(|| self.judge.verdict(&Moment::of(&observation, left, is_last)));
+        let reward = verdict.map(|v| v.reward);
         self.rewards.extend(reward);
-        self.end = match reward {
-            Some(_) if left => Some(End::LeftWorkspace),
-            Some(r) if r >= self.task.success_reward && !self.settings.run_all_steps => Some(End::Success),
-            _ if index == self.steps => Some(self.end_at_limit()),
+        self.end = match verdict {
+            // Asked to run all steps, the episode goes on after a success.
+            Some(Verdict { end: Some(End::Success), .. }) if self.settings.run_all_steps && !is_last => None,
+            Some(Verdict { end: Some(end), .. }) => Some(end),
+            _ if is_last => Some(self.end_at_limit()),
             _ => None,
         };
         let action = if self.end.is_some() { None } else { Some(self.act(&observation)) };
@@ -311,7 +315,7 @@ impl Runner {
 
     /// An episode that ran all its steps ends as a success where it reached the goal on its way.
     fn end_at_limit(&self) -> End {
-        let reached = self.rewards.iter().any(|r| *r >= self.task.success_reward);
+        let reached = self.rewards.iter().any(|r| *r >= self.judge.task().success_reward);
         if reached { End::Success } else { End::StepLimit }
     }
 
@@ -324,12 +328,12 @@ impl Runner {
             }
         };
         let measured = observation.eef_m();
-        let anchor = match self.task.delta_anchor {
+        let anchor = match self.judge.task().delta_anchor {
             DeltaAnchor::Measured => measured,
             DeltaAnchor::LastTarget => self.last_target_m.unwrap_or(measured),
         };
         let target = [anchor[0] + delta[0], anchor[1] + delta[1]];
-        self.target_left_workspace = !self.task.workspace.contains(target[0], 0.0, target[1]);
+        self.target_left_workspace = !self.judge.task().workspace.contains(target[0], 0.0, target[1]);
         self.last_target_m = Some(target);
         (delta, target)
     }

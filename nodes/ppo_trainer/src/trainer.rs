@@ -7,7 +7,7 @@ use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
 use crate::settings::{Settings, SettingsError};
 use catenary_core::task::MAX_DELTA_M;
-use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
+use catenary_core::{Env, EnvError, Goal, Observation, Policy, Task, Transition, seed};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -99,7 +99,7 @@ pub fn train(
     if env.count() != settings.environments {
         return Err(TrainError::Environments { expected: settings.environments, got: env.count() });
     }
-    let mut trainer = Trainer::new(settings, training_seed);
+    let mut trainer = Trainer::new(task, settings, training_seed);
     let mut observations = env.reset()?;
     let mut curve = Vec::new();
     while trainer.steps < settings.total_steps {
@@ -114,11 +114,12 @@ pub fn train(
             break;
         }
     }
-    Ok(Trained { policy: trainer.policy(task), curve, steps: trainer.steps })
+    Ok(Trained { policy: trainer.policy(), curve, steps: trainer.steps })
 }
 
 /// The state of a training.
 struct Trainer<'a> {
+    task: &'a Task,
     settings: &'a Settings,
     actor: Network,
     critic: Network,
@@ -132,10 +133,11 @@ struct Trainer<'a> {
 }
 
 impl<'a> Trainer<'a> {
-    fn new(settings: &'a Settings, training_seed: u64) -> Self {
+    fn new(task: &'a Task, settings: &'a Settings, training_seed: u64) -> Self {
         let mut rng = seed::rng(training_seed, 0);
         let h = settings.hidden;
         Self {
+            task,
             actor: Network::new(&[Observation::LEN, h, h, 2], ACTOR_GAIN, &mut rng),
             critic: Network::new(&[Observation::LEN, h, h, 1], CRITIC_GAIN, &mut rng),
             log_std: [settings.initial_log_std; 2],
@@ -150,7 +152,8 @@ impl<'a> Trainer<'a> {
     }
 
     /// The policy as it is now; its `normalised` is what training uses too.
-    fn policy(&self, task: &Task) -> Policy {
+    fn policy(&self) -> Policy {
+        let task = self.task;
         Policy {
             name: "ppo".to_owned(),
             actor: self.actor.mlp.clone(),
@@ -225,10 +228,9 @@ impl<'a> Trainer<'a> {
 
     /// Discounted value of the last observation, for each environment whose episode was cut off and not ended.
     fn bonuses(&mut self, transitions: &[Transition]) -> Vec<f32> {
-        let cut_off = |t: &Transition| {
-            let success = t.terminated && t.reward > 0.0;
-            (t.truncated && !t.terminated) || (success && self.settings.bootstrap_success)
-        };
+        // A success cuts an episode of `reach` short; where the last step is the goal, nothing follows it.
+        let is_cut_short = self.settings.bootstrap_success && self.task.goal == Goal::Reach;
+        let cut_off = |t: &Transition| (t.truncated && !t.terminated) || (is_cut_short && is_success(self.task, t));
         let wanted: Vec<bool> = transitions.iter().map(cut_off).collect();
         if !wanted.contains(&true) {
             return vec![0.0; transitions.len()];
@@ -244,7 +246,7 @@ impl<'a> Trainer<'a> {
         self.running_returns[environment] += t.reward;
         if t.terminated || t.truncated {
             let episode_return = std::mem::take(&mut self.running_returns[environment]);
-            self.recent.push_back((episode_return, t.terminated && t.reward > 0.0));
+            self.recent.push_back((episode_return, is_success(self.task, t)));
             if self.recent.len() > RECENT {
                 self.recent.pop_front();
             }
@@ -317,6 +319,11 @@ impl<'a> Trainer<'a> {
         self.log_std.iter_mut().for_each(|l| *l = l.clamp(LOG_STD_RANGE.0, LOG_STD_RANGE.1));
         norm
     }
+}
+
+/// Whether a transition ended its episode as a success.
+fn is_success(task: &Task, t: &Transition) -> bool {
+    t.terminated && t.reward >= task.success_reward
 }
 
 /// Mean 0 and standard deviation 1; a single value becomes 0.

@@ -9,7 +9,7 @@ use crate::world::World;
 use catenary_core::camera::Camera;
 use catenary_core::model::Object;
 use catenary_core::simulator::{Drive, StartShape};
-use catenary_core::task::{LEFT_WORKSPACE_REWARD, Task};
+use catenary_core::task::{Judge, Moment, Task, Verdict};
 use catenary_core::track::End;
 use catenary_core::{Fidelity, Frame, GripPose, GripTrajectory, Model, Observation, SimulationRequest, Track, seed};
 use rand::RngExt;
@@ -295,6 +295,7 @@ impl Stage {
         let start = self.model.arm.start;
         let arm = self.arm([start.x_m, start.z_m]);
         self.hang(start);
+        let judge = Judge::new(*task, self.model.camera.view);
         let look = |time_s, path: Path<'_>| {
             self.advance(time_s, path);
             self.frame(time_s, path(time_s))
@@ -305,7 +306,8 @@ impl Stage {
             }
             let frame = &frames[step];
             let observation = Observation::new([frame.eef[0], frame.eef[1]], &frame.dlo, frame.target);
-            let end = if step > 0 && ends { judge(task, arm, &observation).1 } else { None };
+            let is_last = step == task.steps;
+            let end = if step > 0 && ends { verdict(&judge, arm, &observation, is_last).end } else { None };
             end.map_or_else(|| or_complete(choose(step, &observation)), ControlFlow::Break)
         })
     }
@@ -364,15 +366,11 @@ pub(crate) fn keypoint_fractions(object: &Object, deformed_length_m: f64) -> [f6
     object.keypoint_fractions.map(|f| hidden + f * (1.0 - hidden))
 }
 
-/// Reward of an observation after a step, and the end that it means, if any.
-pub fn judge(task: &Task, arm: &ArmModel, observation: &Observation) -> (f64, Option<End>) {
-    let [x, z] = observation.eef_m();
-    let target = arm.target_m();
-    if !task.workspace.contains(x, 0.0, z) || !task.workspace.contains(target[0], 0.0, target[1]) {
-        return (LEFT_WORKSPACE_REWARD, Some(End::LeftWorkspace));
-    }
-    let reward = observation.reward();
-    (reward, (reward >= task.success_reward).then_some(End::Success))
+/// Verdict on an observation after a step; `is_last` says that it was the last one.
+pub fn verdict(judge: &Judge, arm: &ArmModel, observation: &Observation, is_last: bool) -> Verdict {
+    let inside = |[x, z]: [f64; 2]| judge.task().workspace.contains(x, 0.0, z);
+    let left = !inside(observation.eef_m()) || !inside(arm.target_m());
+    judge.verdict(&Moment::of(observation, left, is_last))
 }
 
 /// (x, z) in m of the target in an episode of this seed.

@@ -2,12 +2,12 @@
 
 use crate::arm::ArmModel;
 use crate::effects::Registry;
-use crate::episode::{Conditions, Stage, judge};
+use crate::episode::{Conditions, Stage, verdict};
 use crate::parameters::ParameterError;
 use crate::workers;
 use catenary_core::env::EnvError;
-use catenary_core::track::End;
-use catenary_core::{Env, Fidelity, Model, Observation, Task, Transition, seed};
+use catenary_core::task::Verdict;
+use catenary_core::{Env, Fidelity, Judge, Model, Observation, Transition, seed};
 use rand::RngExt;
 use thiserror::Error;
 
@@ -39,7 +39,7 @@ struct Member {
 /// N environments of one model, each with its own object.
 pub struct VectorEnv {
     model: Model,
-    task: Task,
+    judge: Judge,
     domains: Vec<Vec<f64>>,
     members: Vec<Member>,
     workers: usize,
@@ -57,7 +57,7 @@ impl VectorEnv {
         workers: usize,
     ) -> Result<Self, OpenError> {
         let input = |what: String| OpenError::Input(what);
-        let task = model.task.ok_or_else(|| input(format!("model `{}` has no task", model.name)))?;
+        let judge = Judge::of(model).ok_or_else(|| input(format!("model `{}` has no task", model.name)))?;
         if count == 0 || domains.len() < count {
             return Err(input(format!(
                 "expected at least one environment and a domain for each, got {count} and {}",
@@ -81,7 +81,7 @@ impl VectorEnv {
             })
         };
         let members = (0..count).map(member).collect::<Result<_, _>>()?;
-        Ok(Self { model: model.clone(), task, domains, members, workers })
+        Ok(Self { model: model.clone(), judge, domains, members, workers })
     }
 
     /// Runs `work` on every member and an item of its own.
@@ -90,7 +90,8 @@ impl VectorEnv {
         items: Vec<T>,
         work: impl Fn(&Shared<'_>, usize, &mut Member, T) -> R + Sync,
     ) -> Vec<R> {
-        let shared = Shared { model: &self.model, task: &self.task, domains: &self.domains, count: self.members.len() };
+        let shared =
+            Shared { model: &self.model, judge: &self.judge, domains: &self.domains, count: self.members.len() };
         let pairs: Vec<(&mut Member, T)> = self.members.iter_mut().zip(items).collect();
         workers::map(pairs, self.workers, |i, (member, item)| work(&shared, i, member, item))
     }
@@ -99,7 +100,7 @@ impl VectorEnv {
 /// What all members read.
 struct Shared<'a> {
     model: &'a Model,
-    task: &'a Task,
+    judge: &'a Judge,
     domains: &'a [Vec<f64>],
     count: usize,
 }
@@ -136,7 +137,7 @@ impl Member {
     }
 
     fn step(&mut self, shared: &Shared<'_>, index: usize, action: [f64; 2]) -> Result<Transition, EnvError> {
-        let task = shared.task;
+        let task = shared.judge.task();
         let period_s = task.step_period_s;
         let (now_s, next_s) = (self.step as f64 * period_s, (self.step + 1) as f64 * period_s);
         self.arm.set_delta(now_s, action);
@@ -146,9 +147,10 @@ impl Member {
         self.step += 1;
         let eef_m = arm.position_m(next_s);
         let observation = self.observe(next_s, eef_m);
-        let (reward, end) = judge(task, &self.arm, &observation);
-        let terminated = matches!(end, Some(End::Success | End::LeftWorkspace));
-        let truncated = !terminated && self.step >= task.steps;
+        let is_last = self.step >= task.steps;
+        let Verdict { reward, end } = verdict(shared.judge, &self.arm, &observation, is_last);
+        let terminated = end.is_some();
+        let truncated = !terminated && is_last;
         let next = if terminated || truncated { self.reset(shared, index)? } else { observation };
         Ok(Transition { observation: next, reward, terminated, truncated, final_observation: observation })
     }
@@ -179,7 +181,8 @@ impl Env for VectorEnv {
 mod tests {
     use super::*;
     use crate::parameters::tests::soft_bar;
-    use catenary_core::task::MAX_DELTA_M;
+    use catenary_core::Goal;
+    use catenary_core::task::{MAX_DELTA_M, Moment};
 
     fn open(count: usize, domains: usize, workers: usize) -> VectorEnv {
         let rows = (0..domains).map(|i| vec![0.2 + 0.1 * i as f64 / domains as f64, 2e4]).collect();
@@ -206,6 +209,23 @@ mod tests {
         let last = &steps[15][0];
         assert!(last.truncated && !last.terminated && last.observation != last.final_observation);
         assert!(!steps[16][0].truncated);
+    }
+
+    #[test]
+    fn placing_the_tip_ends_with_the_last_step_which_alone_is_rewarded() {
+        let mut model = soft_bar();
+        let task = model.task.as_mut().unwrap();
+        (task.goal, task.steps, task.step_period_s) = (Goal::PlaceTip { reward_range_m: 0.5 }, 3, 0.25);
+        let mut env = VectorEnv::open(&model, 1, vec![vec![0.25, 2e4]], Fidelity::Fast, 7, 1).unwrap();
+        env.reset().unwrap();
+        let steps: Vec<Transition> = (0..4).map(|_| env.step(&[[0.02, -0.02]]).unwrap().remove(0)).collect();
+        assert!(steps[..2].iter().all(|t| t.reward == 0.0 && !t.terminated && !t.truncated), "{steps:?}");
+        // The value ends with the episode: it is terminated and not cut off.
+        assert!(steps[2].reward > 0.1 && steps[2].terminated && !steps[2].truncated, "{:?}", steps[2]);
+        assert!(!steps[3].terminated, "the next episode has begun");
+        let judge = Judge::of(&model).unwrap();
+        let moment = Moment::of(&steps[2].final_observation, false, true);
+        assert_eq!(steps[2].reward, judge.verdict(&moment).reward);
     }
 
     #[test]

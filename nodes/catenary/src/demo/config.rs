@@ -4,12 +4,14 @@ use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
 /// The model that the demo infers, trains and simulates with.
-pub const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+pub const MODEL: &str = include_str!("../../../../launch_configs/models/soft_bar_place.yaml");
+/// Its place beside the launch file.
+pub const MODEL_FILE: &str = "models/soft_bar_place.yaml";
 
 const FILES: [(&str, &str); 3] = [
     ("sim.launch.xml", include_str!("../../../../launch_configs/sim.launch.xml")),
     ("params/sim.yaml", include_str!("../../../../launch_configs/params/sim.yaml")),
-    ("models/soft_bar.yaml", SOFT_BAR),
+    (MODEL_FILE, MODEL),
 ];
 
 /// Writes the files into `folder`, as they lie in `launch_configs`; returns the launch file's path.

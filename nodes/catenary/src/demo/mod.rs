@@ -2,9 +2,12 @@
 
 mod config;
 mod domain;
+mod film;
 mod observe;
 pub mod page;
+mod score;
 mod stage;
+mod story;
 pub mod summary;
 
 use crate::cli::DemoArgs;
@@ -14,7 +17,8 @@ use crate::wrong_input::Given;
 use crate::{output, progress};
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::model::DriveKind;
-use catenary_core::{Model, Policy, Posterior, seed};
+use catenary_core::task::Moment;
+use catenary_core::{Camera, Judge, Model, Policy, Posterior, seed};
 use catenary_msgs::action::{
     Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
     TrainResult,
@@ -22,7 +26,8 @@ use catenary_msgs::action::{
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, RosArgs, convert};
 use domain::OwnDomain;
-use observe::Observer;
+use film::Film;
+use observe::{Observer, Seen};
 use rand::RngExt;
 use stage::Stages;
 use std::path::{Path, PathBuf};
@@ -36,6 +41,7 @@ mod stream {
     pub const INFERENCE: u64 = 3;
     pub const EPISODE: u64 = 4;
     pub const CELL: u64 = 5;
+    pub const SCORE: u64 = 6;
 }
 
 /// Sizes of a demo.
@@ -46,12 +52,13 @@ struct Sizes {
     training_steps: u64,
 }
 
-const DEFAULT: Sizes = Sizes { name: "default", training_preset: "default", training_steps: 0 };
+const DEFAULT: Sizes = Sizes { name: "default", training_preset: "default", training_steps: 61_440 };
 const PAPER: Sizes = Sizes { name: "paper", training_preset: "sb3", training_steps: 120_000 };
 
 /// Everything that stays the same during a demo.
 struct Demo {
     model: Model,
+    judge: Judge,
     folder: PathBuf,
     seed: u64,
     sizes: Sizes,
@@ -61,8 +68,10 @@ struct Demo {
 
 /// What a training gave.
 struct Trained {
-    /// The policy's file.
-    policy: Vec<u8>,
+    /// The policy.
+    policy: Policy,
+    /// Its file.
+    bytes: Vec<u8>,
     training: Training,
     /// Thetas trained on; none where they were drawn anew.
     domains: Vec<Vec<f64>>,
@@ -87,11 +96,12 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     };
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
     let launch_file = config::write(&folder.join("config"))?;
-    let model = Model::from_yaml(config::SOFT_BAR)?;
+    let model = Model::from_yaml(config::MODEL)?;
+    let judge = Judge::of(&model).context("the demo's model needs a task")?;
     let truth = hidden_truth(&model, arguments.seed);
     let sizes = if arguments.paper { PAPER } else { DEFAULT };
     let domain = OwnDomain::claim()?;
-    let demo = Demo { model, folder, seed: arguments.seed, sizes, truth, domain };
+    let demo = Demo { model, judge, folder, seed: arguments.seed, sizes, truth, domain };
 
     let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(demo.domain.id(), Discovery::Localhost);
     catenary_shell::end_on_signals(builder.shutdown())?;
@@ -130,6 +140,7 @@ impl Demo {
     fn launch(&self, launch_file: &Path) -> Result<Supervisor> {
         let values: Vec<String> = self.truth.iter().map(|v| format!("{v:?}")).collect();
         let given = [
+            ("model", launch_file.with_file_name(config::MODEL_FILE).display().to_string()),
             ("cell_theta", format!("[{}]", values.join(","))),
             ("cell_fidelity", "reference".to_owned()),
             ("seed", (seed::derive(self.seed, stream::CELL) >> 33).to_string()),
@@ -160,20 +171,25 @@ impl Demo {
             Ok(clients)
         })?;
         let pi0 = self.train(stages, &clients, "pi0", None)?;
-        let episode0 = self.episode(stages, &clients, &pi0.policy, "pi0")?;
-        let inferred = self.infer(stages, &clients, &episode0, &pi0.policy)?;
+        let (episode0, film0) = self.episode(stages, &clients, &pi0.bytes, "pi0")?;
+        let inferred = self.infer(stages, &clients, &episode0, &pi0.bytes)?;
         let posterior = convert::posterior_from_msg(&inferred.posterior)?;
         let pi1 = self.train(stages, &clients, "pi1", Some(&inferred))?;
-        let episode1 = self.episode(stages, &clients, &pi1.policy, "pi1")?;
+        let (episode1, film1) = self.episode(stages, &clients, &pi1.bytes, "pi1")?;
+        let evaluation = self.score(stages, [("pi0", &pi0.policy), ("pi1", &pi1.policy)])?;
+        let film = self.film(&film0, &film1)?;
         Ok(Summary {
             seed: self.seed,
             preset: self.sizes.name.to_owned(),
             parameters: self.model.theta.parameters().iter().map(|p| p.name.clone()).collect(),
             truth: self.truth.clone(),
-            target_m: self.model.task.context("the demo's model needs a task")?.target_m,
+            task: *self.judge.task(),
+            success_distance_m: self.judge.success_distance_m(),
             inference: self.inference(posterior, &inferred, &pi1.domains)?,
             training: vec![pi0.training, pi1.training],
             episodes: vec![episode0, episode1],
+            film,
+            evaluation,
             stages: stages.done.clone(),
         })
     }
@@ -191,7 +207,7 @@ impl Demo {
             Some(_) => ("the posterior", TrainGoal::DOMAINS_MIXTURE),
         };
         let goal = TrainGoal {
-            model_yaml: config::SOFT_BAR.to_owned(),
+            model_yaml: config::MODEL.to_owned(),
             domains,
             mixture: inferred.map(|r| r.posterior.clone()).unwrap_or_default(),
             preset: self.sizes.training_preset.to_owned(),
@@ -206,7 +222,7 @@ impl Demo {
             ensure!(result.success, "{}", result.message);
             Ok(result)
         })?;
-        Policy::from_bytes(&result.policy).context("the trained policy")?;
+        let policy = Policy::from_bytes(&result.policy).context("the trained policy")?;
         let path = self.folder.join(format!("{name}.safetensors"));
         std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
         let training = Training {
@@ -214,11 +230,17 @@ impl Demo {
             curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
             steps_per_second: result.steps_per_second,
         };
-        Ok(Trained { policy: result.policy, training, domains: self.model.theta.rows(&result.domains)? })
+        Ok(Trained { policy, bytes: result.policy, training, domains: self.model.theta.rows(&result.domains)? })
     }
 
     /// Moves to the start, records, and runs one episode of a policy.
-    fn episode(&self, stages: &mut Stages<'_>, clients: &Clients, policy: &[u8], name: &str) -> Result<Episode> {
+    fn episode(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        policy: &[u8],
+        name: &str,
+    ) -> Result<(Episode, Film)> {
         let steps = self.model.task.map_or(1, |t| t.steps as u64);
         stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
             domain::ensure_own_arm(stages.node, &stages.supervisor)?;
@@ -226,7 +248,7 @@ impl Demo {
             ensure!(moved.success, "move to start: {}", moved.message);
             let bag = format!("bags/{name}");
             let mut recorder = self.start_recorder(stages, &bag)?;
-            let mut observer = Observer::start(stages.node, &self.folder, name, &self.model.camera.view)?;
+            let mut observer = Observer::start(stages.node, &self.folder, name, &self.model)?;
             stages.pause(Duration::from_secs(1))?;
             let goal = RunEpisodeGoal {
                 policy: policy.to_vec(),
@@ -249,22 +271,33 @@ impl Demo {
             });
             stages.pause(Duration::from_millis(500))?;
             let _ = stop.send(());
-            let (observations, frames, latency) =
-                watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
+            let seen: Seen = watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
             recorder.shut_down();
             let result = result?;
             ensure!(result.success, "{}", result.message);
-            Ok(Episode {
+            let Seen { observations, frames, latency_ms, film } = seen;
+            let moments = observations.iter().skip(1).map(|o| Moment::of(o, false, false));
+            let episode = Episode {
                 policy: name.to_owned(),
                 end: result.end,
                 rewards: result.rewards,
                 episode_return: result.episode_return,
+                distance_m: self.judge.achieved_m(moments),
                 path_m: observations.iter().map(catenary_core::Observation::eef_m).collect(),
                 bag,
                 frames,
-                keypoint_latency_ms: latency,
-            })
+                keypoint_latency_ms: latency_ms,
+            };
+            Ok((episode, film))
         })
+    }
+
+    /// Writes both episodes as one looping picture.
+    fn film(&self, before: &Film, after: &Film) -> Result<String> {
+        const FILE: &str = "episodes.gif";
+        let Camera::Pinhole(camera) = self.model.camera.view else { bail!("the demo's model needs a pinhole camera") };
+        film::write(&self.folder.join(FILE), [before, after], &camera, &self.judge)?;
+        Ok(FILE.to_owned())
     }
 
     /// Starts `catenary record` as a process of its own, and waits until its bag is there.
@@ -299,7 +332,7 @@ impl Demo {
         let goal = InferGoal {
             source: InferGoal::SOURCE_BAG,
             bags: vec![self.folder.join(&episode.bag).display().to_string()],
-            model_yaml: config::SOFT_BAR.to_owned(),
+            model_yaml: config::MODEL.to_owned(),
             preset: self.sizes.name.to_owned(),
             drive: convert::drive_to_msg(self.model.observation.drive),
             policy: if by_policy { policy.to_vec() } else { Vec::new() },

@@ -1,9 +1,10 @@
 //! What the demo itself sees of an episode: camera frames at the observations, and the age of the keypoints.
 
+use super::film::{Film, Shot, Window, image_px};
 use super::summary::Frame;
 use anyhow::{Context, Result};
 use catenary_core::camera::Pinhole;
-use catenary_core::{Camera, Observation};
+use catenary_core::{Camera, Model, Observation};
 use catenary_msgs::msg::{Keypoints as KeypointsMsg, Observation as ObservationMsg};
 use catenary_msgs::sensor_msgs::msg::Image;
 use catenary_shell::{Latest, Node, Queue, Subscription, Time, contract, wall_now};
@@ -11,6 +12,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+/// Time between two pictures of the film, s.
+const SHOT_PERIOD_S: f64 = 0.015;
+/// Most pictures of a film: 0.25 MB each.
+const MOST_SHOTS: usize = 1_000;
 /// Observations that may wait to be looked at.
 const QUEUE: usize = 64;
 
@@ -19,18 +24,37 @@ pub struct Observer {
     images: Latest<Image>,
     observations: Queue<ObservationMsg>,
     ages_ms: Arc<Mutex<Vec<f64>>>,
-    _keypoints: Subscription,
+    shots: Arc<Mutex<Vec<Shot>>>,
+    window: Window,
+    _subscriptions: [Subscription; 2],
     camera: Pinhole,
     folder: PathBuf,
     policy: String,
     seen: Vec<(Observation, Frame)>,
+    times_s: Vec<f64>,
     since: Time,
+}
+
+/// Everything that was seen of an episode.
+pub struct Seen {
+    /// Observations of the policy, in order.
+    pub observations: Vec<Observation>,
+    /// A camera frame for each.
+    pub frames: Vec<Frame>,
+    /// Median and 99 % quantile of the keypoints' age at arrival, ms.
+    pub latency_ms: [f64; 2],
+    /// Pictures of the whole episode.
+    pub film: Film,
 }
 
 impl Observer {
     /// Starts to watch. Frames are written to `folder/frames/POLICY_STEP.png`.
-    pub fn start(node: &Node, folder: &Path, policy: &str, camera: &Camera) -> Result<Self> {
-        let Camera::Pinhole(camera) = *camera else { anyhow::bail!("the demo's model needs a pinhole camera") };
+    pub fn start(node: &Node, folder: &Path, policy: &str, model: &Model) -> Result<Self> {
+        let Camera::Pinhole(camera) = model.camera.view else {
+            anyhow::bail!("the demo's model needs a pinhole camera")
+        };
+        let window = Window::of(model, &camera)?;
+        let since = node.now();
         let frames = folder.join("frames");
         std::fs::create_dir_all(&frames).with_context(|| frames.display().to_string())?;
         let ages_ms = Arc::new(Mutex::new(Vec::new()));
@@ -41,16 +65,32 @@ impl Observer {
             let age_ms = 1e3 * wall_now().secs_since(stamp);
             sink.lock().unwrap_or_else(PoisonError::into_inner).push(age_ms);
         })?;
+        let shots = Arc::new(Mutex::new(Vec::<Shot>::new()));
+        let sink = Arc::clone(&shots);
+        let pictures = node.subscription::<Image>(contract::IMAGE.name, contract::IMAGE.qos, move |received| {
+            let time_s = catenary_shell::stamp::from_msg(&received.message.header.stamp).secs_since(since);
+            let mut shots = sink.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_due = shots.last().is_none_or(|last| time_s >= last.time_s + SHOT_PERIOD_S);
+            if is_due
+                && shots.len() < MOST_SHOTS
+                && let Some(rgb) = window.cut(&received.message)
+            {
+                shots.push(Shot { time_s, rgb });
+            }
+        })?;
         Ok(Self {
             images: node.latest(contract::IMAGE.name, contract::IMAGE.qos)?,
             observations: node.queue(contract::OBSERVATION.name, contract::OBSERVATION.qos, QUEUE)?,
             ages_ms,
-            _keypoints: keypoints,
+            shots,
+            window,
+            _subscriptions: [keypoints, pictures],
             camera,
             folder: folder.to_path_buf(),
             policy: policy.to_owned(),
             seen: Vec::new(),
-            since: node.now(),
+            times_s: Vec::new(),
+            since,
         })
     }
 
@@ -64,16 +104,18 @@ impl Observer {
         Ok(())
     }
 
-    /// What was seen: observations, their frames, and median and 99 % quantile of the keypoints' age in ms.
-    pub fn finish(mut self) -> Result<(Vec<Observation>, Vec<Frame>, [f64; 2])> {
+    /// Ends the watch.
+    pub fn finish(mut self) -> Result<Seen> {
         self.look(Duration::from_millis(500))?;
         let mut ages = std::mem::take(&mut *self.ages_ms.lock().unwrap_or_else(PoisonError::into_inner));
         ages.sort_by(f64::total_cmp);
         let quantile =
             |q: f64| ages.get(((ages.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or(f64::NAN);
-        let latency = [quantile(0.5), quantile(0.99)];
-        let (observations, frames) = self.seen.into_iter().unzip();
-        Ok((observations, frames, latency))
+        let latency_ms = [quantile(0.5), quantile(0.99)];
+        let (observations, frames): (Vec<Observation>, Vec<Frame>) = self.seen.into_iter().unzip();
+        let shots = std::mem::take(&mut *self.shots.lock().unwrap_or_else(PoisonError::into_inner));
+        let observed = self.times_s.into_iter().zip(observations.iter().copied()).collect();
+        Ok(Seen { frames, latency_ms, film: Film { window: self.window, shots, observations: observed }, observations })
     }
 
     fn keep(&mut self, message: &ObservationMsg) -> Result<()> {
@@ -88,9 +130,9 @@ impl Observer {
         let path = self.folder.join(&file);
         image::save_buffer(&path, &image.data, image.width, image.height, image::ExtendedColorType::Rgb8)
             .with_context(|| path.display().to_string())?;
-        let (side, corner) = self.camera.crop();
-        let place = |p: [f64; 2]| std::array::from_fn(|i| corner[i] + 0.5 * (p[i] + 1.0) * side);
-        let marks_px = observation.dlo().into_iter().chain([observation.target()]).map(place).collect();
+        let marks = observation.dlo().into_iter().chain([observation.target()]);
+        let marks_px = marks.map(|p| image_px(&self.camera, p)).collect();
+        self.times_s.push(catenary_shell::stamp::from_msg(&message.keypoints_stamp).secs_since(self.since));
         self.seen.push((observation, Frame { file, marks_px, step: message.step }));
         Ok(())
     }

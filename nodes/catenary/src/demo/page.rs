@@ -1,19 +1,34 @@
 //! The demo's report.
 
+use super::story::{REPEATS, quantity, training_words};
 use super::summary::{Episode, Summary};
+use crate::evaluate::{Estimate, Evaluated};
 use crate::figures::figures;
 use crate::report::plots::{self, Series};
 use crate::report::{Mark, Page, Picture};
 use anyhow::{Context, Result};
+use base64::Engine;
+use catenary_core::Goal;
+use catenary_core::posterior::Marginal;
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::FilterType;
 use std::path::{Path, PathBuf};
 
 /// Frames of an episode that the timelapse shows.
 const FRAMES: usize = 8;
 
+/// Width of a still in the page, pixels: twice that of its place, for sharp displays.
+const STILL_WIDTH_PX: u32 = 400;
+const STILL_QUALITY: u8 = 75;
+/// Layout of the answer on top: two columns that stay side by side on a telephone.
+const STYLE: &str = "<style>.film{width:100%;height:auto;border-radius:4px}.answer{display:grid;grid-template-columns:1fr 1fr;\
+gap:8px;margin:.3em 0 1em}.answer b{font-size:1.5em;display:block}.answer small{color:#555}</style>";
+
 /// Writes `report/index.html` into the demo's folder and returns its path.
 pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
-    let mut page = Page::new("catenary: from one recording to a policy");
-    overview(&mut page, summary);
+    let mut page = Page::new(&summary.headline());
+    answer(&mut page, folder, summary)?;
+    method(&mut page, summary);
     posterior(&mut page, summary)?;
     training(&mut page, summary)?;
     episodes(&mut page, folder, summary)?;
@@ -25,16 +40,79 @@ pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
     Ok(path)
 }
 
-fn overview(page: &mut Page, summary: &Summary) {
-    page.paragraph(&format!(
-        "Preset {}, seed {}. A policy pi0 was trained over the prior and run once on the cell; the recording gave the \
-         posterior below; pi1 was trained over that posterior and run on the same cell. The hidden values were known to the \
-         cell alone and are shown here after the fact.",
-        summary.preset, summary.seed
+/// The moving picture, and below each half what came of its policy.
+fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
+    let path = folder.join(&summary.film);
+    let gif = std::fs::read(&path).with_context(|| path.display().to_string())?;
+    let data = base64::engine::general_purpose::STANDARD.encode(gif);
+    let alt =
+        "Both episodes side by side: the arm swings a blue bar towards a red target, pi0 on the left, pi1 on the right";
+    let column = |(episode, scored): (&Episode, &Evaluated)| {
+        let hits = scored.successes.iter().filter(|s| **s).count();
+        format!(
+            "<div><b>{hits} of {} succeed</b>{}, {}<br><small>interval of 95 %: {}; in the picture: {}</small></div>",
+            scored.successes.len(),
+            episode.policy,
+            training_words(&episode.policy),
+            percent_range(&scored.success_rate),
+            summary.outcome(episode)
+        )
+    };
+    let columns: String = summary.episodes.iter().zip(&summary.evaluation.policies).map(column).collect();
+    page.svg(&format!(
+        "<div>{STYLE}<img class=\"film\" alt=\"{alt}\" src=\"data:image/gif;base64,{data}\"><div class=\"answer\">{columns}</div></div>"
     ));
+    page.paragraph(&summary.aim());
+    let row = |(m, truth): (&Marginal, &f64)| {
+        let (label, hidden) = quantity(&m.name, *truth);
+        let [median, low, high] = [m.median, m.q05, m.q95].map(|v| quantity(&m.name, v).1);
+        vec![label, hidden, median, format!("{low} to {high}")]
+    };
+    let rows: Vec<Vec<String>> = summary.inference.marginals.iter().zip(&summary.truth).map(row).collect();
+    page.table(&["", "hidden", "found", "with 90 %"], &rows);
     for warning in &summary.inference.warnings {
         page.warning(warning);
     }
+    Ok(())
+}
+
+/// Low and high end in percent.
+fn percent_range(share: &Estimate) -> String {
+    format!("{:.0} to {:.0} %", 100.0 * share.low, 100.0 * share.high)
+}
+
+/// How the answer came about, and how far it can be trusted.
+fn method(page: &mut Page, summary: &Summary) {
+    page.heading("How this came about");
+    page.paragraph(
+        "pi0 was trained in simulation over every bar that the prior allows and run once on the cell. The recording of that \
+         episode gave the posterior. pi1 was trained over the posterior with as many steps and run on the same cell. The hidden \
+         values were known to the cell's process alone; inference and training never saw them.",
+    );
+    let evaluation = &summary.evaluation;
+    let difference = evaluation.policies.last().and_then(|e| Some((e.success_gained?, e.mean_return_gained?)));
+    if let Some((success, mean_return)) = difference {
+        page.paragraph(&format!(
+            "One episode may be luck. Both policies were therefore scored on the same {} simulated episodes of the hidden bar \
+             ({} fidelity), with camera noise, damping and friction drawn anew in each. pi1 minus pi0: success {} points, return {}. \
+             Brackets are intervals of 95 % (Wilson for shares, paired for differences).",
+            evaluation.episodes,
+            evaluation.fidelity,
+            success.words(100.0, 0),
+            mean_return.words(1.0, 2)
+        ));
+    }
+    let row = |e: &Evaluated| {
+        vec![
+            e.policy.with_extension("").display().to_string(),
+            format!("{} %", e.success_rate.words(100.0, 0)),
+            e.mean_return.words(1.0, 2),
+            format!("{:.0} mm", 1e3 * e.median_distance_m()),
+        ]
+    };
+    let rows: Vec<Vec<String>> = evaluation.policies.iter().map(row).collect();
+    page.table(&["policy", "success", "return", "median distance"], &rows);
+    page.paragraph(&format!("Preset {}, seed {}. {REPEATS}", summary.preset, summary.seed));
 }
 
 fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
@@ -46,7 +124,7 @@ fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
             page.svg(&plots::heatmap(&inference.posterior, [0, 1], extent, &inference.domains, truth)?);
         }
     }
-    let row = |(i, m): (usize, &catenary_core::posterior::Marginal)| {
+    let row = |(i, m): (usize, &Marginal)| {
         let hidden = truth.map_or_else(String::new, |t| figures(t[i]));
         vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95), hidden]
     };
@@ -72,9 +150,11 @@ fn training(page: &mut Page, summary: &Summary) -> Result<()> {
         .map(|t| Series { name: t.policy.clone(), points: t.curve.iter().map(|(s, r)| (*s as f64, *r)).collect() })
         .collect();
     page.svg(&plots::lines("learning curves", "environment steps", "mean return", &series)?);
-    page.paragraph(
-        "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
-    );
+    if summary.task.goal == Goal::Reach {
+        page.paragraph(
+            "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
+        );
+    }
     Ok(())
 }
 
@@ -98,7 +178,7 @@ fn episodes(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     let path =
         |e: &Episode| plots::Path { name: e.policy.clone(), points_m: e.path_m.clone(), rewards: e.rewards.clone() };
     let paths: Vec<plots::Path> = summary.episodes.iter().map(path).collect();
-    page.svg(&plots::paths(&paths, summary.target_m)?);
+    page.svg(&plots::paths(&paths, summary.task.target_m)?);
     for e in &summary.episodes {
         page.heading(&format!("What the camera saw: {}", e.policy));
         page.strip(&timelapse(folder, e)?);
@@ -115,12 +195,11 @@ fn timelapse(folder: &Path, episode: &Episode) -> Result<Vec<Picture>> {
         .map(|i| {
             let frame = &episode.frames[index(i)];
             let path = folder.join(&frame.file);
-            let png = std::fs::read(&path).with_context(|| path.display().to_string())?;
-            let picture = image::load_from_memory(&png).with_context(|| path.display().to_string())?;
+            let picture = image::open(&path).with_context(|| path.display().to_string())?.to_rgb8();
             let colour = |k: usize| if k < 4 { "yellow" } else { "black" };
             let marks = frame.marks_px.iter().enumerate().map(|(k, p)| Mark { at_px: *p, colour: colour(k) }).collect();
             Ok(Picture {
-                png,
+                jpeg: still(&picture)?,
                 width_px: picture.width(),
                 height_px: picture.height(),
                 marks,
@@ -128,6 +207,16 @@ fn timelapse(folder: &Path, episode: &Episode) -> Result<Vec<Picture>> {
             })
         })
         .collect()
+}
+
+/// The picture as a small JPEG.
+fn still(picture: &image::RgbImage) -> Result<Vec<u8>> {
+    let width = STILL_WIDTH_PX.min(picture.width());
+    let height = (picture.height() * width / picture.width()).max(1);
+    let small = image::imageops::resize(picture, width, height, FilterType::Triangle);
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, STILL_QUALITY).encode_image(&small)?;
+    Ok(jpeg)
 }
 
 fn stages(page: &mut Page, summary: &Summary) {

@@ -1,9 +1,9 @@
 //! What a demo found: everything that the report shows, as `summary.json`.
 
-use crate::figures::figures;
+use crate::evaluate::Evaluated;
 use anyhow::{Context, Result};
-use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
+use catenary_core::{Posterior, Task};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -21,16 +21,35 @@ pub struct Summary {
     pub parameters: Vec<String>,
     /// Their hidden values, which no node but the cell was told.
     pub truth: Vec<f64>,
-    /// (x, z) in m of the target as the model has it.
-    pub target_m: [f64; 2],
+    /// The task of both policies.
+    pub task: Task,
+    /// Distance in m at which an episode is a success.
+    pub success_distance_m: f64,
     /// What was inferred.
     pub inference: Inference,
     /// Training before (pi0) and after (pi1) the inference.
     pub training: Vec<Training>,
     /// Episodes on the cell, in order.
     pub episodes: Vec<Episode>,
+    /// Looping picture of both episodes, relative to the demo's folder.
+    pub film: String,
+    /// Score of each policy over simulated episodes of the hidden object.
+    pub evaluation: Evaluation,
     /// Where the time went.
     pub stages: Vec<Stage>,
+}
+
+/// Scores over simulated episodes of the hidden object, computed after everything else.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Episodes of each policy; both meet the same ones.
+    pub episodes: usize,
+    /// Fidelity of the simulation.
+    pub fidelity: String,
+    /// Seed of camera noise and of the effects that vary from episode to episode.
+    pub seed: u64,
+    /// The policies, pi0 first.
+    pub policies: Vec<Evaluated>,
 }
 
 /// The inference.
@@ -76,6 +95,8 @@ pub struct Episode {
     pub rewards: Vec<f64>,
     /// Their sum.
     pub episode_return: f64,
+    /// Distance in m that the task asks to be small, as the camera saw it.
+    pub distance_m: f64,
     /// (x, z) in m of the end effector at each observation.
     pub path_m: Vec<[f64; 2]>,
     /// The bag, relative to the demo's folder.
@@ -120,33 +141,5 @@ impl Summary {
     pub fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);
         std::fs::write(&path, serde_json::to_string_pretty(self)?).with_context(|| format!("{}", path.display()))
-    }
-
-    /// The summary in a few lines.
-    pub fn words(&self) -> String {
-        let mut lines = Vec::new();
-        for (m, truth) in self.inference.marginals.iter().zip(&self.truth) {
-            lines.push(format!(
-                "{}: {} ({} to {}), hidden truth {}",
-                m.name,
-                figures(m.median),
-                figures(m.q05),
-                figures(m.q95),
-                figures(*truth)
-            ));
-        }
-        for e in &self.episodes {
-            lines.push(format!(
-                "{}: return {:.2} in {} steps, {}, best reward {:.3}",
-                e.policy,
-                e.episode_return,
-                e.rewards.len(),
-                e.end,
-                e.rewards.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-            ));
-        }
-        let wall: f64 = self.stages.iter().map(|s| s.wall_s).sum();
-        lines.push(format!("{wall:.0} s in all"));
-        lines.join("\n")
     }
 }

@@ -54,11 +54,11 @@ impl Page {
         self.body.push_str("</table>\n");
     }
 
-    /// A strip of PNG pictures; on each, points (u, v) in pixels of the picture are marked; a caption below.
+    /// A strip of JPEG pictures; on each, points (u, v) in pixels of the picture are marked; a caption below.
     pub fn strip(&mut self, pictures: &[Picture]) {
         self.body.push_str("<div class=\"strip\">");
         for p in pictures {
-            let data = base64::engine::general_purpose::STANDARD.encode(&p.png);
+            let data = base64::engine::general_purpose::STANDARD.encode(&p.jpeg);
             let marks: String = p
                 .marks
                 .iter()
@@ -71,7 +71,7 @@ impl Page {
                 .collect();
             let _ = write!(
                 self.body,
-                "<figure><svg viewBox=\"0 0 {w} {h}\"><image href=\"data:image/png;base64,{data}\" width=\"{w}\" height=\"{h}\"/>{marks}</svg><figcaption>{caption}</figcaption></figure>",
+                "<figure><svg viewBox=\"0 0 {w} {h}\"><image href=\"data:image/jpeg;base64,{data}\" width=\"{w}\" height=\"{h}\"/>{marks}</svg><figcaption>{caption}</figcaption></figure>",
                 w = p.width_px,
                 h = p.height_px,
                 caption = escape(&p.caption)
@@ -90,10 +90,10 @@ impl Page {
     }
 }
 
-/// A PNG picture with marks.
+/// A JPEG picture with marks.
 pub struct Picture {
     /// The file's bytes.
-    pub png: Vec<u8>,
+    pub jpeg: Vec<u8>,
     /// Width in pixels.
     pub width_px: u32,
     /// Height in pixels.
@@ -126,7 +126,7 @@ mod tests {
         let mut page = Page::new("a < b");
         page.table(&["x"], &[vec!["\"1\" & 2".into()]]);
         let picture = Picture {
-            png: vec![1, 2, 3],
+            jpeg: vec![1, 2, 3],
             width_px: 4,
             height_px: 5,
             marks: vec![Mark { at_px: [1.0, 2.0], colour: "red" }],

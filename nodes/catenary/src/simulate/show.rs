@@ -10,6 +10,7 @@ use super::video::Video;
 use crate::cli::SimulateArgs;
 use anyhow::Result;
 use catenary_core::camera::Pinhole;
+use catenary_core::task::{Judge, Moment};
 use catenary_core::{KeypointOrder, Keypoints, Model};
 use simulator_pool::render::Renderer;
 
@@ -32,6 +33,7 @@ pub struct Show<'a> {
     player: Player<'a>,
     model: &'a Model,
     motion: &'a Motion,
+    judge: Option<Judge>,
     sinks: Sinks,
     episode: Episode,
     /// What the camera has seen last.
@@ -54,7 +56,7 @@ impl<'a> Show<'a> {
             let camera = picture::oversampled(player.camera());
             (Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0), camera)
         });
-        Self { seen: player.keypoints(), player, model, motion, sinks, episode, moments }
+        Self { seen: player.keypoints(), player, judge: Judge::of(model), model, motion, sinks, episode, moments }
     }
 
     /// How often the sinks want something.
@@ -113,7 +115,10 @@ impl<'a> Show<'a> {
 
     fn step(&mut self, time_s: f64, step: usize) -> Result<()> {
         let observation = self.player.observation(&self.seen);
-        let reward = (step > 0).then(|| observation.reward());
+        let reward = self.judge.filter(|_| step > 0).map(|judge| {
+            let is_last = matches!(self.motion, Motion::Actions { actions, .. } if step == actions.len());
+            judge.verdict(&Moment::of(&observation, false, is_last)).reward
+        });
         self.episode.step(time_s, reward, self.player.is_inside());
         let taken = self.player.act(step);
         let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };

@@ -3,6 +3,8 @@
 mod ffmpeg;
 mod gif_file;
 
+pub use gif_file::GifFile;
+
 use crate::wrong_input::WrongInput;
 use anyhow::Result;
 use catenary_core::RgbImage;
@@ -11,7 +13,7 @@ use std::path::Path;
 /// A video that is being written.
 pub enum Video {
     /// An animated GIF.
-    Gif(Box<gif_file::GifFile>),
+    Gif(Box<GifFile>),
     /// A process that takes raw frames.
     Ffmpeg(ffmpeg::Ffmpeg),
 }
@@ -23,7 +25,7 @@ impl Video {
     /// Another ending, `.mp4` without ffmpeg, a rate that GIF cannot have.
     pub fn create(file: &Path, named: &Path, [width, height]: [u32; 2], rate_hz: f64) -> Result<Self> {
         match named.extension().and_then(|e| e.to_str()) {
-            Some("gif") => Ok(Self::Gif(Box::new(gif_file::GifFile::create(file, [width, height], rate_hz)?))),
+            Some("gif") => Ok(Self::Gif(Box::new(GifFile::create(file, [width, height], rate_hz)?))),
             Some("mp4") => Ok(Self::Ffmpeg(ffmpeg::Ffmpeg::start(file, named, [width, height], rate_hz)?)),
             _ => Err(WrongInput::error(format!(
                 "--video {}: expected a name that ends in .gif or .mp4",

@@ -2,7 +2,7 @@
 
 use super::outline::{Content, Node};
 use super::{MODEL_VERSION, Model, ModelError, Place, Section};
-use crate::{GripPose, Task};
+use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
 /// Rejects another version, before fields that it may have confuse anybody.
@@ -163,6 +163,9 @@ fn check_task(task: &Task) -> Result<(), ModelError> {
         return Err(ModelError::value("task.steps", "at least 1", task.steps));
     }
     positive("task.step_period_s", task.step_period_s)?;
+    if let Goal::PlaceTip { reward_range_m } = task.goal {
+        positive("task.goal.place_tip.reward_range_m", reward_range_m)?;
+    }
     not_negative("task.target_jitter_m", task.target_jitter_m)?;
     task.target_m.into_iter().try_for_each(|v| finite("task.target_m", v))?;
     finite("task.success_reward", task.success_reward)?;

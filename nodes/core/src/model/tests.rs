@@ -1,4 +1,5 @@
 use super::*;
+use crate::Goal;
 use crate::camera::{Pinhole, Plane};
 use crate::task::Workspace;
 use proptest::prelude::*;
@@ -299,6 +300,7 @@ prop_compose! {
                 pose_noise_m: lengths[3],
             },
             task: task.map(|(steps, measured)| Task {
+                goal: if measured { Goal::PlaceTip { reward_range_m: lengths[6] } } else { Goal::Reach },
                 steps,
                 step_period_s: lengths[11],
                 delta_anchor: if measured { DeltaAnchor::Measured } else { DeltaAnchor::LastTarget },

@@ -1,9 +1,10 @@
 //! One test for each rule of an episode.
 
 use super::*;
-use catenary_core::Mlp;
+use catenary_core::camera::Plane;
 use catenary_core::mlp::Layer;
-use catenary_core::task::Workspace;
+use catenary_core::task::{Task, Workspace};
+use catenary_core::{Camera, Goal, Mlp};
 
 /// A policy that always gives this action, in units of the limit.
 fn policy(action: [f32; 2]) -> Policy {
@@ -22,6 +23,7 @@ fn policy(action: [f32; 2]) -> Policy {
 
 fn task() -> Task {
     Task {
+        goal: Goal::Reach,
         steps: 16,
         step_period_s: 0.5,
         delta_anchor: DeltaAnchor::LastTarget,
@@ -30,6 +32,11 @@ fn task() -> Task {
         target_jitter_m: 0.0,
         success_reward: 0.75,
     }
+}
+
+/// A judge whose camera sees a square of 2 m around (0, 0): scaled coordinates are metres.
+fn judge(task: Task) -> Judge {
+    Judge::new(task, Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0, ..Plane::default() }))
 }
 
 fn keypoints(at_px: f64) -> Keypoints {
@@ -54,7 +61,7 @@ fn inputs(now_s: f64, dlo_px: f64, x_m: f64) -> Inputs {
 }
 
 fn runner(action: [f32; 2], settings: Settings) -> Runner {
-    Runner::new(policy(action), task(), settings).unwrap()
+    Runner::new(policy(action), judge(task()), settings).unwrap()
 }
 
 /// Runs to the end with fixed inputs; returns the steps.
@@ -96,6 +103,22 @@ fn reaching_the_goal_ends_the_episode_unless_all_steps_are_to_run() {
 }
 
 #[test]
+fn a_tip_is_judged_when_the_last_step_has_ended() {
+    let place = Task { goal: Goal::PlaceTip { reward_range_m: 0.1 }, ..task() };
+    for run_all_steps in [false, true] {
+        let settings = Settings { run_all_steps, max_steps: Some(3), ..Settings::default() };
+        // 128 px is the target's own column; 135 px lies 55 mm beside it.
+        for (dlo_px, end, last) in [(128.0, End::Success, 1.0), (135.0, End::StepLimit, 0.453)] {
+            let mut r = Runner::new(policy([0.0, 0.0]), judge(place), settings).unwrap();
+            let steps = run(&mut r, dlo_px, 0.4);
+            assert_eq!((steps.len(), r.end()), (4, Some(end)));
+            assert_eq!(r.rewards()[..2], [0.0, 0.0]);
+            assert!((r.rewards()[2] - last).abs() < 1e-3, "{:?}", r.rewards());
+        }
+    }
+}
+
+#[test]
 fn a_target_or_a_pose_outside_the_workspace_ends_the_episode_with_minus_one() {
     let mut r = runner([1.0, 0.0], Settings::default());
     let steps = run(&mut r, 20.0, 0.58);
@@ -120,7 +143,7 @@ fn anchors_decide_what_deltas_add_up_to() {
     let mut p = policy([0.5, 0.0]);
     p.delta_anchor = DeltaAnchor::Measured;
     let t = Task { delta_anchor: DeltaAnchor::Measured, ..task() };
-    let mut measured = Runner::new(p, t, Settings { max_steps: Some(3), ..Settings::default() }).unwrap();
+    let mut measured = Runner::new(p, judge(t), Settings { max_steps: Some(3), ..Settings::default() }).unwrap();
     let targets: Vec<f64> = run(&mut measured, 20.0, 0.4).iter().filter_map(|s| s.action).map(|a| a.1[0]).collect();
     assert!(targets.iter().all(|t| (t - 0.43).abs() < 1e-9), "{targets:?}");
 }
@@ -207,16 +230,16 @@ fn a_target_that_the_arm_clamps_has_left_the_workspace() {
 fn a_policy_for_another_pace_or_anchor_is_refused() {
     let mut p = policy([0.0, 0.0]);
     p.step_period_s = 0.1;
-    assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("step_period_s"));
+    assert!(Runner::new(p, judge(task()), Settings::default()).err().unwrap().to_string().contains("step_period_s"));
     let mut p = policy([0.0; 2]);
     p.steps = 17;
-    let words = Runner::new(p.clone(), task(), Settings::default()).err().unwrap().to_string();
+    let words = Runner::new(p.clone(), judge(task()), Settings::default()).err().unwrap().to_string();
     assert_eq!(words, "policy `constant`: `steps` is 17, the task ends after 16");
     p.steps = 3;
-    assert!(Runner::new(p, task(), Settings::default()).is_ok());
+    assert!(Runner::new(p, judge(task()), Settings::default()).is_ok());
     let mut p = policy([0.0, 0.0]);
     p.delta_anchor = DeltaAnchor::Measured;
-    assert!(Runner::new(p, task(), Settings::default()).err().unwrap().to_string().contains("delta_anchor"));
+    assert!(Runner::new(p, judge(task()), Settings::default()).err().unwrap().to_string().contains("delta_anchor"));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Training on a task of our own: bring the end effector to a point.
 
 use super::*;
+use catenary_core::Goal;
 use catenary_core::task::{DeltaAnchor, Workspace};
 
 /// Point reaching: the reward falls with the distance to (0.5, 0.3), and an episode has eight steps.
@@ -66,6 +67,7 @@ impl Env for Reaching {
 
 fn task() -> Task {
     Task {
+        goal: Goal::Reach,
         steps: STEPS,
         step_period_s: 0.5,
         delta_anchor: DeltaAnchor::LastTarget,

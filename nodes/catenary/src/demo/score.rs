@@ -1,0 +1,34 @@
+//! Scores of the demo's policies on the hidden object, after everything else is done.
+
+use super::stage::Stages;
+use super::summary::Evaluation;
+use super::{Demo, stream};
+use crate::evaluate::{episodes, score};
+use crate::interrupted::Interrupted;
+use anyhow::Result;
+use catenary_core::{Fidelity, Policy, seed};
+use std::path::PathBuf;
+
+/// Episodes of each policy.
+const EPISODES: usize = 100;
+/// Fidelity of the episodes: that of the cell.
+const FIDELITY: Fidelity = Fidelity::Reference;
+
+impl Demo {
+    /// Runs both policies on the same simulated episodes of the hidden object. Nothing that was trained or inferred sees this.
+    pub(super) fn score(&self, stages: &mut Stages<'_>, policies: [(&str, &Policy); 2]) -> Result<Evaluation> {
+        let score_seed = seed::derive(self.seed, stream::SCORE);
+        let requested = episodes(vec![self.truth.clone(); EPISODES], FIDELITY, score_seed);
+        let named = policies.map(|(name, p)| (PathBuf::from(format!("{name}.safetensors")), p.clone()));
+        stages.run("evaluate both on the hidden object", (2 * EPISODES) as u64, |stages, bar| {
+            let policies = score(&self.model, &self.judge, named.to_vec(), &requested, &mut |_, done| {
+                bar.set_position(done as u64);
+                match stages.node.is_shutdown() {
+                    true => Err(Interrupted(String::new()).into()),
+                    false => stages.check(),
+                }
+            })?;
+            Ok(Evaluation { episodes: EPISODES, fidelity: FIDELITY.name().to_owned(), seed: score_seed, policies })
+        })
+    }
+}

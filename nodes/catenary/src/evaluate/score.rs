@@ -1,0 +1,211 @@
+//! Scores of policies that run the same simulated episodes.
+
+use anyhow::Result;
+use catenary_core::track::End;
+use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Track};
+use serde::{Deserialize, Serialize};
+use simulator_pool::{BeamSimulator, workers};
+use std::path::{Path, PathBuf};
+
+/// A reward that no position has: success ends no episode, so that returns are sums over as many steps. Leaving the workspace
+/// does end one.
+const OUT_OF_REACH: f64 = 2.0;
+/// Episodes between two moves of the bar.
+const BATCH: usize = 16;
+/// Standard normal quantile of a two-sided interval of 95 %.
+const Z: f64 = 1.959_964;
+
+/// How one policy fared.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Evaluated {
+    /// File of the policy.
+    pub policy: PathBuf,
+    /// Sum of the rewards of all steps, by episode.
+    pub returns: Vec<f64>,
+    /// Whether a step's reward reached the task's goal, by episode.
+    pub successes: Vec<bool>,
+    /// Distance that the task asks to be small, by episode, m: at the nearest step (`reach`) or at the end (`place_tip`).
+    pub distances_m: Vec<f64>,
+    /// Mean of the returns.
+    pub mean_return: Estimate,
+    /// Mean over episodes of the best reward of a step.
+    pub mean_best_reward: Estimate,
+    /// Share of the episodes that succeeded.
+    pub success_rate: Estimate,
+    /// Share of the episodes that left the workspace, and ended there.
+    pub left_workspace: f64,
+    /// How much greater the return is than the first policy's in the same episode; of the first none.
+    pub mean_return_gained: Option<Estimate>,
+    /// How much greater the success rate is than the first policy's, over paired episodes; of the first none.
+    pub success_gained: Option<Estimate>,
+}
+
+impl Evaluated {
+    /// Median over the episodes of the distance that the task asks to be small, m.
+    pub fn median_distance_m(&self) -> f64 {
+        let mut sorted = self.distances_m.clone();
+        sorted.sort_by(f64::total_cmp);
+        let n = sorted.len();
+        if n == 0 { f64::NAN } else { 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]) }
+    }
+}
+
+/// A mean or share with its interval of 95 %.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The estimate.
+    pub value: f64,
+    /// Lower end of the interval.
+    pub low: f64,
+    /// Upper end of the interval.
+    pub high: f64,
+}
+
+impl Estimate {
+    /// Mean of at least two values; the interval is that of many.
+    fn mean(values: &[f64]) -> Self {
+        let n = values.len() as f64;
+        let value = values.iter().sum::<f64>() / n;
+        let variance = values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / (n - 1.0);
+        let half = Z * (variance / n).sqrt();
+        Self { value, low: value - half, high: value + half }
+    }
+
+    /// A share with Wilson's interval (1927).
+    fn share(hits: usize, of: usize) -> Self {
+        let (n, value) = (of as f64, hits as f64 / of as f64);
+        let (middle, square) = (value + Z * Z / (2.0 * n), Z * Z / n);
+        let half = Z * (value * (1.0 - value) / n + Z * Z / (4.0 * n * n)).sqrt();
+        Self {
+            value,
+            low: ((middle - half) / (1.0 + square)).max(0.0),
+            high: ((middle + half) / (1.0 + square)).min(1.0),
+        }
+    }
+
+    /// Difference of two shares over the same episodes, with the interval of Agresti and Min (2005): half a pair is added to
+    /// each cell of the table, so that pairs which all agree leave an interval too.
+    fn paired(own: &[bool], other: &[bool]) -> Self {
+        let n = own.len() as f64;
+        let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count() as f64;
+        let (gained, lost) = (only(own, other), only(other, own));
+        let (g, l, m) = (gained + 0.5, lost + 0.5, n + 2.0);
+        let middle = (g - l) / m;
+        let half = Z * ((g + l) - (g - l).powi(2) / m).max(0.0).sqrt() / m;
+        Self { value: (gained - lost) / n, low: (middle - half).max(-1.0), high: (middle + half).min(1.0) }
+    }
+
+    /// The estimate and its interval, all times `scale`.
+    pub fn words(&self, scale: f64, digits: usize) -> String {
+        let Self { value, low, high } = self;
+        format!("{:.digits$} ({:.digits$} to {:.digits$})", scale * value, scale * low, scale * high)
+    }
+}
+
+/// Runs every policy on the episodes of `requested`, whose drive is replaced. `on_progress` hears how many episodes are done and
+/// may end the run with an error.
+pub fn score(
+    model: &Model,
+    judge: &Judge,
+    policies: Vec<(PathBuf, Policy)>,
+    requested: &SimulationRequest,
+    on_progress: &mut dyn FnMut(&Path, usize) -> Result<()>,
+) -> Result<Vec<Evaluated>> {
+    let mut task = *judge.task();
+    task.success_reward = OUT_OF_REACH;
+    let simulator = BeamSimulator::new(&Model { task: Some(task), ..model.clone() }, workers::available())?;
+    let n = requested.thetas.len();
+    let mut evaluated: Vec<Evaluated> = Vec::new();
+    for (path, policy) in policies {
+        let asked = SimulationRequest { drive: Drive::Policy(Box::new(policy)), ..requested.clone() };
+        let mut tracks = Vec::new();
+        while tracks.len() < n {
+            on_progress(&path, evaluated.len() * n + tracks.len())?;
+            tracks.extend(simulator.simulate(&asked.part(tracks.len()..tracks.len() + BATCH))?);
+        }
+        on_progress(&path, (evaluated.len() + 1) * n)?;
+        evaluated.push(of(&path, &tracks, judge, evaluated.first()));
+    }
+    Ok(evaluated)
+}
+
+/// What the policy of `path` came to in `tracks`.
+fn of(path: &Path, tracks: &[Track], judge: &Judge, first: Option<&Evaluated>) -> Evaluated {
+    let rewards: Vec<Vec<f64>> = tracks.iter().map(|t| judge.rewards(t)).collect();
+    let returns: Vec<f64> = rewards.iter().map(|r| r.iter().sum()).collect();
+    let best: Vec<f64> = rewards.iter().map(|r| r.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
+    let successes: Vec<bool> = best.iter().map(|b| *b >= judge.task().success_reward).collect();
+    let left = tracks.iter().filter(|t| t.end == End::LeftWorkspace).count();
+    let gained = |first: &Evaluated| -> Estimate {
+        Estimate::mean(&returns.iter().zip(&first.returns).map(|(own, other)| own - other).collect::<Vec<_>>())
+    };
+    let distance_m = |t: &Track| {
+        let steps = t.frames.iter().enumerate().skip(1);
+        judge.achieved_m(steps.map(|(step, frame)| judge.moment(frame, step, false)))
+    };
+    Evaluated {
+        policy: path.to_owned(),
+        distances_m: tracks.iter().map(distance_m).collect(),
+        mean_return: Estimate::mean(&returns),
+        mean_best_reward: Estimate::mean(&best),
+        success_rate: Estimate::share(successes.iter().filter(|s| **s).count(), tracks.len()),
+        left_workspace: left as f64 / tracks.len() as f64,
+        mean_return_gained: first.map(gained),
+        success_gained: first.map(|first| Estimate::paired(&successes, &first.successes)),
+        returns,
+        successes,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::Frame;
+
+    #[test]
+    fn intervals_are_those_of_the_textbooks() {
+        let e = Estimate::mean(&[1.0, 2.0, 3.0, 4.0]);
+        assert!(
+            (e.value - 2.5).abs() < 1e-12 && (e.high - e.low - 2.0 * Z * (5.0f64 / 12.0).sqrt()).abs() < 1e-9,
+            "{e:?}"
+        );
+        let share = Estimate::share(5, 100);
+        assert!((share.low - 0.0215).abs() < 5e-4 && (share.high - 0.1118).abs() < 5e-4, "{share:?}");
+        let none = Estimate::share(0, 10);
+        assert!(none.low == 0.0 && (none.high - 0.278).abs() < 1e-3, "{none:?}");
+    }
+
+    #[test]
+    fn paired_shares_differ_by_what_one_policy_alone_achieves() {
+        let pairs = |both: usize, own: usize, other: usize, none: usize| {
+            let column =
+                |a: bool, b: bool| [vec![true; both], vec![a; own], vec![b; other], vec![false; none]].concat();
+            Estimate::paired(&column(true, false), &column(false, true))
+        };
+        // 30 gained and 10 lost of 100: (20 +- 1.96 sqrt(41 - 400 / 102)) / 102.
+        let e = pairs(40, 30, 10, 20);
+        assert!(
+            (e.value - 0.2).abs() < 1e-12 && (e.low - 0.0790).abs() < 5e-4 && (e.high - 0.3131).abs() < 5e-4,
+            "{e:?}"
+        );
+        let same = pairs(50, 0, 0, 50);
+        assert!(same.value == 0.0 && same.low < 0.0 && same.high > 0.0, "{same:?}");
+    }
+
+    #[test]
+    fn policies_are_held_against_the_first_episode_by_episode() {
+        let model = crate::model_file::read_or_soft_bar(None).unwrap();
+        let judge = Judge::of(&model).unwrap();
+        let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let track = |x, end| Track { frames: vec![frame(1.0), frame(x), frame(0.75)], end };
+        let first = of(Path::new("a"), &[track(0.75, End::StepLimit), track(0.15, End::StepLimit)], &judge, None);
+        assert!(first.mean_return_gained.is_none() && first.returns == [0.0, 0.8], "{first:?}");
+        assert_eq!((first.success_rate.value, first.left_workspace), (0.5, 0.0));
+        let other = [track(0.15, End::StepLimit), track(0.15, End::LeftWorkspace)];
+        let second = of(Path::new("b"), &other, &judge, Some(&first));
+        let gained = second.mean_return_gained.unwrap();
+        assert!((gained.value - (-0.1)).abs() < 1e-12, "{gained:?}");
+        assert_eq!((second.success_rate.value, second.left_workspace), (1.0, 0.5));
+        assert_eq!(second.success_gained.unwrap().value, 0.5);
+    }
+}
