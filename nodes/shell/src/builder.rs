@@ -4,6 +4,7 @@ use crate::args::RosArgs;
 use crate::clock::Clock;
 use crate::error::ShellError;
 use crate::graph::Graph;
+use crate::intake::Intakes;
 use crate::logging::Rosout;
 use crate::names;
 use crate::node::{Inner, Node};
@@ -162,6 +163,7 @@ impl NodeBuilder {
             path,
             args: self.args,
             params: self.params,
+            intakes: Arc::new(Intakes::new(&clock)),
             clock,
             shutdown: self.shutdown,
         });

@@ -5,6 +5,7 @@ use crate::clock::{Clock, Tick};
 use crate::contract;
 use crate::error::ShellError;
 use crate::graph::Graph;
+use crate::intake::{Intake, Intakes};
 use crate::interface::{Msg, Srv, request_type};
 use crate::params::Params;
 use crate::publisher::Publisher;
@@ -27,6 +28,7 @@ pub(crate) struct Inner {
     pub(crate) path: String,
     pub(crate) args: RosArgs,
     pub(crate) params: Params,
+    pub(crate) intakes: Arc<Intakes>,
     pub(crate) clock: Clock,
     pub(crate) shutdown: Shutdown,
 }
@@ -210,6 +212,21 @@ impl Node {
         &self,
         topic: &str,
         qos: Qos,
+        mut callback: impl FnMut(Received<M>) + Send + 'static,
+    ) -> Result<Subscription, ShellError> {
+        let intake = self.plain_intake::<M>(topic, qos)?;
+        self.take(&intake, move |received| {
+            callback(received);
+            Ok(())
+        })
+    }
+
+    /// Subscription whose unreadable messages `intake` counts.
+    pub(crate) fn subscribe<M: Msg>(
+        &self,
+        topic: &str,
+        qos: Qos,
+        intake: Option<Intake>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Subscription, ShellError> {
         let (name, dds) = self.topic::<M>(topic, &qos.policies())?;
@@ -218,7 +235,7 @@ impl Node {
             .ros()
             .create_subscription::<M>(&dds, None)
             .map_err(|error| ShellError::create(format!("subscription of {name}"), error))?;
-        Subscription::start(self, name, qos, reader, callback)
+        Subscription::start(self, name, qos, reader, intake, callback)
     }
 
     /// Keeps the newest message of a topic.
@@ -226,7 +243,7 @@ impl Node {
     /// # Errors
     /// As [`Node::publisher`].
     pub fn latest<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Latest<M>, ShellError> {
-        Latest::start(self, topic, qos)
+        Latest::start(self, &self.plain_intake::<M>(topic, qos)?, |_| Ok(()))
     }
 
     /// Queues the messages of a topic, `capacity` at most; where it is full the oldest go, and are counted.
@@ -234,7 +251,7 @@ impl Node {
     /// # Errors
     /// As [`Node::publisher`].
     pub fn queue<M: Msg>(&self, topic: &str, qos: Qos, capacity: usize) -> Result<Queue<M>, ShellError> {
-        Queue::start(self, topic, qos, capacity)
+        Queue::start(self, &self.plain_intake::<M>(topic, qos)?, capacity)
     }
 
     /// How many publishers of a topic are known in the whole graph, this node's own included. One that was killed counts
@@ -271,6 +288,10 @@ impl Node {
 
     pub(crate) fn threads(&self) -> &Arc<Threads> {
         &self.inner.threads
+    }
+
+    pub(crate) fn intakes(&self) -> &Arc<Intakes> {
+        &self.inner.intakes
     }
 
     pub(crate) fn graph(&self) -> &Arc<Graph> {

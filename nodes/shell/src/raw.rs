@@ -133,7 +133,7 @@ impl Node {
             .ros()
             .create_subscription::<RawMessage>(&dds, None)
             .map_err(|error| ShellError::create(format!("subscription of {name}"), error))?;
-        Subscription::start(self, name, qos, reader, callback)
+        Subscription::start(self, name, qos, reader, None, callback)
     }
 }
 
