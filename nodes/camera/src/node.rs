@@ -8,8 +8,8 @@ use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, Throttle, 
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Silence of the camera that counts as a fault.
-const SILENCE: Duration = Duration::from_millis(500);
+/// Silence of the camera that counts as a fault: as long as a policy waits for fresh data by default.
+const SILENCE: Duration = Duration::from_secs(1);
 /// Greatest distance of an image's stamp from the node's clock. Policies use nothing as old.
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
 /// Complaints about one thing come at most this often.
