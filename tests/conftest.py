@@ -1,27 +1,52 @@
 """Processes of a test in a domain of their own, and a node of rclpy beside them.
 
 CATENARY_PROGRAM: the program to test; target/release/catenary by default.
+Without rclpy, or without catenary_msgs built for Python, the tests that need them are skipped.
 """
 
+import atexit
+import importlib.util
 import os
 import pathlib
+import re
+import shutil
 import signal
 import subprocess
+import sys
+import tempfile
 import time
 import uuid
 
-import contract
 import domains
 import pytest
-import rclpy
-from rcl_interfaces.msg import Log
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+# Logs and states go to a folder of their own, those of rclpy in this process, too: the user's are left alone.
+os.environ["ROS_HOME"] = tempfile.mkdtemp(prefix="catenary_tests_")
+os.environ.pop("ROS_LOG_DIR", None)
+atexit.register(shutil.rmtree, os.environ["ROS_HOME"], ignore_errors=True)
+
+PYTHON = f"Python {sys.version_info.major}.{sys.version_info.minor}"
+
+
+def is_missing(name):
+    """Whether a package is not installed. The folder tests/rclpy is none, though it can be imported."""
+    spec = importlib.util.find_spec(name)
+    return spec is None or spec.origin is None
+
+
+MISSING = [name for name in ("rclpy", "rcl_interfaces", "catenary_msgs") if is_missing(name)]
+NO_RCLPY = f"{PYTHON} has no {', '.join(MISSING)} here: see tests/environment"
+if not MISSING:
+    import contract
+    import rclpy
+    from rcl_interfaces.msg import Log
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 MARK = "CATENARY_TEST_MARK"
-NODES = set(contract.NODES)
+NODES = set() if MISSING else set(contract.NODES)
 
 # As the README tells users of Fast DDS.
 os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "launch_configs/fastdds_localhost.xml"))
@@ -161,6 +186,8 @@ class Ros:
     """A node of rclpy that spins while something is waited for."""
 
     def __init__(self, domain, name="stranger"):
+        if MISSING:
+            pytest.skip(NO_RCLPY)
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
         self.node = rclpy.create_node(name, context=self.context)
@@ -241,6 +268,17 @@ def graph(tmp_path_factory):
         yield session
     finally:
         sessions.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Skips a module that cannot be imported in an environment without rclpy, with the reason."""
+    report = yield
+    lacks = re.search(r"No module named '([\w.]+)'", str(report.longrepr)) if MISSING and report.failed else None
+    if lacks:
+        report.outcome = "skipped"
+        report.longrepr = (str(collector.path), 0, f"Skipped: {PYTHON} has no {lacks[1]} here: see tests/environment")
+    return report
 
 
 @pytest.hookimpl(wrapper=True)

@@ -196,9 +196,18 @@ def test_every_node_reports_diagnostics(heard):
     for message, _ in heard[0]["/diagnostics"]:
         for status in message.status:
             found[status.name] = {value.key: value.value for value in status.values}
-            assert status.level in (b"\0", b"\1", b"\2", b"\3") and status.message
+            assert status.level in (b"\0", b"\1", b"\2") and status.message
     assert set(found) == {f"/{node}" for node in NODES}
     assert all(1 < float(values["resident_memory_mb"]) < 2000 for values in found.values())
+
+
+def test_an_idle_graph_has_no_error(graph):
+    """A busy machine may make messages late for a moment, and warnings may stay."""
+    kind, newest = BY_NAME["/diagnostics"].kind, {}
+    reports = graph.ros.node.create_subscription(kind, "/diagnostics", lambda m: newest.update((s.name, s) for s in m.status), 100)
+    well = lambda: len(newest) == len(NODES) and all(status.level in (b"\0", b"\1") for status in newest.values())  # noqa: E731
+    assert graph.ros.holds_within(well, 30), newest
+    graph.ros.node.destroy_subscription(reports)
 
 
 # Late joiners and profiles that do not fit

@@ -91,8 +91,10 @@ def test_node_to_rclpy_sets_the_time(session, name):
     session.node("simulated_cell", *(part for option in options for part in ("-p", option)))
     ros = session.meet("simulated_cell")
     assert dict(ros.node.get_topic_names_and_types())[name] == ["rosgraph_msgs/msg/Clock"]
-    (publisher,) = ros.node.get_publishers_info_by_topic(name)
-    assert (publisher.node_name, publisher.qos_profile.reliability) == ("simulated_cell", ReliabilityPolicy.BEST_EFFORT)
+    # A node is known by its name before its endpoints are known as its own.
+    of_cell = lambda: [p for p in ros.node.get_publishers_info_by_topic(name) if p.node_name == "simulated_cell"]  # noqa: E731
+    (publisher,) = ros.wait_for(of_cell, 10, "the publisher as the cell's own")
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     ros.node.set_parameters([Parameter("use_sim_time", value=True)])
     now_s = lambda: 1e-9 * ros.node.get_clock().now().nanoseconds  # noqa: E731
     ros.wait_for(lambda: now_s() > 0, 20, "the cell's time")

@@ -5,7 +5,7 @@ use catenary_core::episode::EpisodeError;
 use catenary_core::{Episode, EpisodeLog};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
-use catenary_shell::{Act, GoalHandle, Msg, Node, ShellError, Subscription, contract};
+use catenary_shell::{Act, Flaw, GoalHandle, Intake, Msg, Names, Node, ShellError, Subscription, contract, stamp};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,6 +13,12 @@ use std::time::Duration;
 const BURST: u16 = 256;
 /// How often the log drops what nobody needs.
 const TIDY: Duration = Duration::from_secs(5);
+/// Silence of poses or keypoints within an episode that counts as a fault.
+const SILENCE: Duration = Duration::from_secs(1);
+/// Longest time for which an episode is expected to go on: a node that dies does not tell its end.
+const LONGEST: Duration = Duration::from_secs(120);
+/// Frame of the arm's poses.
+const BASE_FRAME: &str = "panda_link0";
 /// How often a goal that waits for an episode looks for it.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -29,17 +35,37 @@ impl LiveEpisodes {
     /// [`ShellError`] where a topic cannot be subscribed to.
     pub fn listen(node: &Node) -> Result<Self, ShellError> {
         let log = Arc::new(Mutex::new(EpisodeLog::default()));
+        let keypoints = intake::<Keypoints>(node, &contract::KEYPOINTS, Names { one: "keypoints", many: "keypoints" })?;
+        let poses = intake::<PoseStamped>(node, &contract::CURRENT_POSE, Names { one: "pose", many: "poses" })?;
+        let actions = intake::<EefDelta>(node, &contract::ACTION, Names { one: "action", many: "actions" })?;
+        let seen = Names { one: "observation", many: "observations" };
+        let observations = intake::<Observation>(node, &contract::OBSERVATION, seen)?;
+        let events = Names { one: "episode_event", many: "episode_events" };
+        let events = intake::<EpisodeEvent>(node, &contract::EPISODE_EVENT, events)?;
+        let needed = [keypoints.clone(), poses.clone()];
+        let (watching, clock) = (needed.clone(), node.clock().clone());
         let subscriptions = [
-            follow::<Keypoints>(node, &log, &contract::KEYPOINTS)?,
-            follow::<PoseStamped>(node, &log, &contract::CURRENT_POSE)?,
-            follow::<EefDelta>(node, &log, &contract::ACTION)?,
-            follow::<Observation>(node, &log, &contract::OBSERVATION)?,
-            follow::<EpisodeEvent>(node, &log, &contract::EPISODE_EVENT)?,
+            follow::<Keypoints>(node, &log, &keypoints, |_| Ok(()))?,
+            follow::<PoseStamped>(node, &log, &poses, in_base_frame)?,
+            follow::<EefDelta>(node, &log, &actions, |_| Ok(()))?,
+            follow::<Observation>(node, &log, &observations, |_| Ok(()))?,
+            follow::<EpisodeEvent>(node, &log, &events, move |event| {
+                // An event of long ago comes from a latched topic.
+                let age = clock.now().saturating_since(stamp::from_msg(&event.header.stamp));
+                let begins = event.event == EpisodeEvent::STARTED && age < LONGEST;
+                watching.iter().for_each(|intake| intake.need(begins));
+                Ok(())
+            })?,
         ];
         let (tidied, shutdown) = (Arc::clone(&log), node.shutdown().clone());
         node.spawn("tidy_log", move || {
+            let mut open_for = Duration::ZERO;
             while !shutdown.wait_timeout(TIDY) {
                 lock(&tidied).forget_old();
+                open_for = if needed.iter().any(Intake::is_needed) { open_for + TIDY } else { Duration::ZERO };
+                if open_for > LONGEST {
+                    needed.iter().for_each(|intake| intake.need(false));
+                }
             }
         })?;
         Ok(Self { log, _subscriptions: subscriptions })
@@ -83,17 +109,30 @@ fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
     log.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Feeds every message of a topic to the log: all of a burst, as a fast replay brings it, and not the newest alone.
+/// Intake of a topic of the contract, deep enough for the bursts of a fast replay.
+fn intake<M: Msg>(node: &Node, topic: &contract::Topic, names: Names) -> Result<Intake, ShellError> {
+    let qos = if topic.qos.is_transient_local() { topic.qos } else { topic.qos.with_depth(BURST) };
+    node.intake::<M>(topic.name, qos, names, SILENCE)
+}
+
+/// Feeds every message that `check` finds no flaw in to the log: all of a burst, and not the newest alone.
 fn follow<M: Msg + Feed>(
     node: &Node,
     log: &Arc<Mutex<EpisodeLog>>,
-    topic: &contract::Topic,
+    intake: &Intake,
+    mut check: impl FnMut(&M) -> Result<(), Flaw> + Send + 'static,
 ) -> Result<Subscription, ShellError> {
     let log = Arc::clone(log);
-    let qos = if topic.qos.is_transient_local() { topic.qos } else { topic.qos.with_depth(BURST) };
-    node.subscription::<M>(topic.name, qos, move |received| {
-        if let Err(error) = received.message.feed(&mut lock(&log)) {
-            tracing::warn!("{} left out of the log: {error}", M::TYPE_NAME);
-        }
+    node.take::<M>(intake, move |received| {
+        check(&received.message)?;
+        received.message.feed(&mut lock(&log)).map_err(|error| Flaw::new(error.field, error))
     })
+}
+
+/// Refuses poses in a frame that the model's arm does not stand in.
+fn in_base_frame(pose: &PoseStamped) -> Result<(), Flaw> {
+    match &pose.header.frame_id[..] {
+        BASE_FRAME => Ok(()),
+        other => Err(Flaw::new("frame", format!("expected frame `{BASE_FRAME}`, got `{other}`"))),
+    }
 }

@@ -11,7 +11,8 @@ use crate::writer::{BagSummary, BagWriter};
 use catenary_shell::{Health, Node, Time};
 use discovery::Topics;
 pub use settings::RecordSettings;
-use std::sync::Arc;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Wall time after which what came is in the file: what a killed recorder loses.
@@ -20,6 +21,8 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
 /// How long messages are waited for that were sent before the recording was told to end.
 const LINGER: Duration = Duration::from_millis(200);
+/// Time without a message after which a recording is warned of.
+const EMPTY: Duration = Duration::from_secs(5);
 /// Bytes that wait for the disk at most.
 const BACKLOG_BYTES: usize = 256 << 20;
 
@@ -35,19 +38,13 @@ const BACKLOG_BYTES: usize = 256 << 20;
 /// to its last complete chunk.
 pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagError> {
     settings.check()?;
-    wait_for_clock(node);
     let backlog = Arc::new(Backlog::new(BACKLOG_BYTES));
+    let left_out = Arc::<Mutex<BTreeSet<String>>>::default();
+    report(node, &backlog, &left_out)?;
+    wait_for_clock(node);
     let unbound = node.unbound();
-    let mut topics = Topics::subscribe(&unbound, settings, Arc::clone(&backlog))?;
+    let mut topics = Topics::subscribe(&unbound, settings, Arc::clone(&backlog), left_out)?;
     let mut bag = BagWriter::create(&settings.out, &settings.writer_options())?;
-    let counted = Arc::clone(&backlog);
-    node.report_diagnostics(move |report| {
-        let (messages, lost) = counted.counts();
-        report.value("messages", messages).value("lost", lost);
-        if lost > 0 {
-            report.problem(Health::Error, "messages were lost because the disk is too slow");
-        }
-    })?;
     let written = topics.enter(&mut bag).and_then(|count| {
         tracing::info!("recording {count} topics into {}", settings.out.display());
         write_until_shutdown(node, &mut bag, &mut topics, &backlog)
@@ -65,6 +62,29 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
         tracing::error!("{lost} messages were lost because the disk is too slow");
     }
     bag.finish()
+}
+
+/// Reports what a recording lacks: an error while messages are being lost, a warning from then on, for the bag has a gap.
+fn report(node: &Node, backlog: &Arc<Backlog>, left_out: &Arc<Mutex<BTreeSet<String>>>) -> Result<(), BagError> {
+    let (backlog, left_out) = (Arc::clone(backlog), Arc::clone(left_out));
+    let (mut lost_before, started) = (0, Instant::now());
+    node.report_diagnostics(move |report| {
+        let (messages, lost) = backlog.counts();
+        report.value("messages", messages).value("lost", lost);
+        let losing = lost - std::mem::replace(&mut lost_before, lost);
+        if losing > 0 {
+            report.problem(Health::Error, &format!("{losing} messages were lost in 1 s: the disk is too slow"));
+        } else if lost > 0 {
+            report.problem(Health::Warn, &format!("{lost} messages are missing in the bag: the disk was too slow"));
+        }
+        if messages == 0 && started.elapsed() > EMPTY {
+            report.problem(Health::Warn, "nothing was recorded yet: no topic of the recording has a message");
+        }
+        for why in left_out.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+            report.problem(Health::Warn, why);
+        }
+    })?;
+    Ok(())
 }
 
 fn wait_for_clock(node: &Node) {

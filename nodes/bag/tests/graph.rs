@@ -177,6 +177,8 @@ fn a_killed_recorder_loses_the_last_second_at_most() {
         .args(["--ros-args", "-p", &format!("output:={}", out.display()), "-p", "topics:=[panda/target_pose]"])
         .env("ROS_DOMAIN_ID", domain(3).to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .env("ROS_HOME", env!("CARGO_TARGET_TMPDIR"))
+        .env_remove("ROS_LOG_DIR")
         .stderr(Stdio::null())
         .spawn()
         .unwrap();

@@ -18,7 +18,7 @@ use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
 use catenary_shell::{
-    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, ParamSpec, Publisher, contract, remove_old_states,
+    Concurrency, Decision, GoalHandle, Health, NodeBuilder, Outcome, ParamSpec, Publisher, contract, remove_old_states,
     state_folder,
 };
 use std::ops::ControlFlow;
@@ -58,6 +58,9 @@ fn run(builder: NodeBuilder) -> Result<()> {
         let totals = pools.totals();
         report.value("pools", totals.pools).value("simulated_episodes", totals.episodes);
         report.value("redone_episodes", totals.redone).value("unconverged_steps", totals.unconverged_steps);
+        if totals.asking && totals.pools == 0 {
+            report.problem(Health::Error, "an inference waits, and no simulator pool is in the graph");
+        }
     })?;
     node.wait_for_shutdown()
 }

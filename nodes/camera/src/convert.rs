@@ -8,12 +8,12 @@ use catenary_msgs::std_msgs::msg::Header;
 /// The image of a message; only `rgb8` is understood.
 ///
 /// # Errors
-/// [`Error::Parameter`] naming the field that does not fit.
+/// [`Error::Image`] naming the field that does not fit.
 pub fn rgb_view(message: &Image) -> Result<RgbView<'_>, Error> {
     if message.encoding != "rgb8" {
-        return Err(Error::Parameter { field: "encoding", expected: "rgb8", got: message.encoding.clone() });
+        return Err(Error::Image { field: "encoding", expected: "rgb8", got: message.encoding.clone() });
     }
-    RgbView::new(message.width, message.height, message.step as usize, &message.data).map_err(|e| Error::Parameter {
+    RgbView::new(message.width, message.height, message.step as usize, &message.data).map_err(|e| Error::Image {
         field: "data",
         expected: "as many bytes as width, height and step ask for",
         got: e.to_string(),

@@ -15,6 +15,16 @@ pub enum Error {
         /// The value given.
         got: String,
     },
+    /// The image of a message does not fit.
+    #[error("{field}: expected {expected}, got {got}")]
+    Image {
+        /// Field of the message.
+        field: &'static str,
+        /// Expected value.
+        expected: &'static str,
+        /// Received value.
+        got: String,
+    },
     /// The crop does not lie within the image.
     #[error(
         "crop: expected a square within the image of {width} x {height} pixels, got side {side_px} px at ({left_px}, {top_px})"
@@ -31,4 +41,15 @@ pub enum Error {
         /// Side of the crop in image pixels.
         side_px: f64,
     },
+}
+
+impl Error {
+    /// Field or property at fault, by which dropped images are counted.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Parameter { field, .. } | Self::Image { field, .. } => field,
+            Self::CropOutside { .. } => "size",
+        }
+    }
 }

@@ -4,13 +4,14 @@ use crate::{ColourParams, ColourRange, ColourSegmenter, Segmenter, convert};
 use anyhow::Result;
 use catenary_core::LabelMask;
 use catenary_msgs::sensor_msgs::msg::Image;
-use catenary_shell::{Deadline, Health, NodeBuilder, ParamSpec, Throttle, contract};
+use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, Throttle, contract, stamp};
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Silence of the camera that counts as a fault.
-const SILENCE: Duration = Duration::from_millis(500);
+/// Silence of the camera that counts as a fault: as long as a policy waits for fresh data by default.
+const SILENCE: Duration = Duration::from_secs(1);
+/// Greatest distance of an image's stamp from the node's clock. Policies use nothing as old.
+const STAMP_LIMIT: Duration = Duration::from_secs(1);
 /// Complaints about one thing come at most this often.
 const COMPLAIN: Duration = Duration::from_secs(5);
 
@@ -23,39 +24,27 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let mut segmenter = ColourSegmenter::new(declare(&builder)?)?;
     let node = builder.build()?;
     let masks = node.publisher::<Image>(contract::MASK.name, contract::MASK.qos)?;
-    let stream = Arc::new(Mutex::new(Deadline::new(SILENCE)));
-    let (seen, clock) = (Arc::clone(&stream), node.clock().clone());
+    let names = Names { one: "image", many: "images" };
+    let intake = node.intake::<Image>(contract::IMAGE.name, contract::IMAGE.qos, names, SILENCE)?;
+    intake.need(true);
+    let (doubted, clock) = (intake.clone(), node.clock().clone());
     let mut mask = LabelMask::new(1, 1);
-    let (mut bad_image, mut nothing) = (Throttle::new(COMPLAIN), Throttle::new(COMPLAIN));
-    let _images = node.subscription::<Image>(contract::IMAGE.name, contract::IMAGE.qos, move |received| {
-        let now = clock.now();
-        seen.lock().unwrap_or_else(PoisonError::into_inner).message(now);
+    let mut stamps = StampCheck::new(STAMP_LIMIT);
+    let mut nothing = Throttle::new(COMPLAIN);
+    let _images = node.take::<Image>(&intake, move |received| {
         let image = &received.message;
-        match convert::rgb_view(image).and_then(|view| segmenter.segment(view, &mut mask)) {
-            Ok(report) => {
-                if report.dlo_area_px == 0
-                    && let Some(held_back) = nothing.pass(now)
-                {
-                    tracing::warn!("no object in the image ({held_back} more images without one)");
-                }
-                masks.send(convert::mask_message(&mask, image.header.clone()));
-            }
-            Err(error) => {
-                if let Some(held_back) = bad_image.pass(now) {
-                    tracing::error!("image dropped: {error} ({held_back} more)");
-                }
-            }
+        let segmented = convert::rgb_view(image).and_then(|view| segmenter.segment(view, &mut mask));
+        let report = segmented.map_err(|error| Flaw::new(error.kind(), error))?;
+        doubted.check_stamp(&mut stamps, stamp::from_msg(&image.header.stamp));
+        if report.dlo_area_px == 0
+            && let Some(held_back) = nothing.pass(clock.now())
+        {
+            tracing::warn!("no object in the image ({held_back} more images without one)");
         }
+        masks.send(convert::mask_message(&mask, image.header.clone()));
+        Ok(())
     })?;
-    let clock = node.clock().clone();
-    node.report_diagnostics(move |report| {
-        let mut stream = stream.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = clock.now();
-        report.value("image_rate_hz", format!("{:.1}", stream.rate_hz(now))).value("images", stream.received());
-        if stream.expired(now) {
-            report.problem(Health::Stale, "no image comes");
-        }
-    })?;
+    node.report_diagnostics(|_| {})?;
     node.wait_for_shutdown()
 }
 

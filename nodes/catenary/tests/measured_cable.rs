@@ -14,7 +14,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn run(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_catenary")).args(arguments).output().unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_catenary"));
+    // States and logs of the test are none of the user's.
+    command.env("ROS_HOME", env!("CARGO_TARGET_TMPDIR")).env_remove("ROS_LOG_DIR");
+    let output = command.args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }

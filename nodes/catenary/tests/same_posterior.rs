@@ -43,6 +43,8 @@ fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(PROGRAM);
     command.args(arguments).env("ROS_DOMAIN_ID", domain().to_string());
     command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    // States and logs of the test are none of the user's.
+    command.env("ROS_HOME", env!("CARGO_TARGET_TMPDIR")).env_remove("ROS_LOG_DIR");
     command
 }
 

@@ -36,3 +36,15 @@ pub enum Error {
         v: usize,
     },
 }
+
+impl Error {
+    /// Field or property at fault, by which dropped masks are counted.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Parameter { field, .. } => field,
+            Self::Size { .. } => "size",
+            Self::UnknownLabel { .. } => "label",
+        }
+    }
+}

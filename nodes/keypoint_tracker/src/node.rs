@@ -1,18 +1,17 @@
 //! The node: keypoints for every mask.
 
-use crate::{GeometricTracker, KeypointTracker, TrackerParams, convert};
+use crate::{Error, GeometricTracker, KeypointTracker, TrackerParams, convert};
 use anyhow::Result;
 use catenary_msgs::msg::Keypoints;
 use catenary_msgs::sensor_msgs::msg::Image;
-use catenary_shell::{Deadline, Health, NodeBuilder, ParamSpec, Throttle, contract};
+use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, contract, stamp};
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Silence of the camera node that counts as a fault.
-const SILENCE: Duration = Duration::from_millis(500);
-/// Complaints come at most this often.
-const COMPLAIN: Duration = Duration::from_secs(5);
+/// Silence of the camera node that counts as a fault: as long as a policy waits for fresh data by default.
+const SILENCE: Duration = Duration::from_secs(1);
+/// Greatest distance of a mask's stamp from the node's clock. Policies use nothing as old.
+const STAMP_LIMIT: Duration = Duration::from_secs(1);
 
 /// Runs the node from the arguments after the program's name.
 pub fn main(args: Vec<String>) -> ExitCode {
@@ -23,33 +22,26 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let mut tracker = GeometricTracker::new(declare(&builder)?)?;
     let node = builder.build()?;
     let keypoints = node.publisher::<Keypoints>(contract::KEYPOINTS.name, contract::KEYPOINTS.qos)?;
-    let stream = Arc::new(Mutex::new(Deadline::new(SILENCE)));
-    let (seen, clock) = (Arc::clone(&stream), node.clock().clone());
-    let mut complaint = Throttle::new(COMPLAIN);
-    let _masks = node.subscription::<Image>(contract::MASK.name, contract::MASK.qos, move |received| {
-        let now = clock.now();
-        seen.lock().unwrap_or_else(PoisonError::into_inner).message(now);
-        match convert::mask(&received.message).and_then(|mask| tracker.track(&mask)) {
-            Ok(found) => keypoints.send(Keypoints {
-                header: received.message.header.clone(),
-                ..catenary_shell::convert::keypoints_to_msg(&found)
-            }),
-            Err(error) => {
-                if let Some(held_back) = complaint.pass(now) {
-                    tracing::error!("mask dropped: {error} ({held_back} more)");
-                }
-            }
+    let names = Names { one: "mask", many: "masks" };
+    let intake = node.intake::<Image>(contract::MASK.name, contract::MASK.qos, names, SILENCE)?;
+    intake.need(true);
+    let doubted = intake.clone();
+    let mut stamps = StampCheck::new(STAMP_LIMIT);
+    let _masks = node.take::<Image>(&intake, move |received| {
+        let flaw = |error: Error| Flaw::new(error.kind(), error);
+        let mask = convert::mask(&received.message).map_err(flaw)?;
+        let found = tracker.track(&mask).map_err(flaw)?;
+        if let Some(detail) = convert::unusual_size(&mask) {
+            doubted.doubt(&Flaw::new("size", detail));
         }
+        doubted.check_stamp(&mut stamps, stamp::from_msg(&received.message.header.stamp));
+        keypoints.send(Keypoints {
+            header: received.message.header.clone(),
+            ..catenary_shell::convert::keypoints_to_msg(&found)
+        });
+        Ok(())
     })?;
-    let clock = node.clock().clone();
-    node.report_diagnostics(move |report| {
-        let mut stream = stream.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = clock.now();
-        report.value("mask_rate_hz", format!("{:.1}", stream.rate_hz(now))).value("masks", stream.received());
-        if stream.expired(now) {
-            report.problem(Health::Stale, "no mask comes");
-        }
-    })?;
+    node.report_diagnostics(|_| {})?;
     node.wait_for_shutdown()
 }
 

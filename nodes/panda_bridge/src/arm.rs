@@ -133,6 +133,11 @@ impl<P: Plant> Arm<P> {
         self.gate.mode()
     }
 
+    /// Whether targets are due: an episode runs, and the arm follows or holds.
+    pub fn awaits_targets(&self) -> bool {
+        self.gate.awaits_targets()
+    }
+
     /// Why it stopped or refuses, empty where it does not.
     pub fn fault(&self) -> &str {
         self.gate.fault()

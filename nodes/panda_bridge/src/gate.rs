@@ -100,6 +100,11 @@ impl SafetyGate {
         }
     }
 
+    /// Whether targets are due: an episode runs, and the arm follows or holds.
+    pub fn awaits_targets(&self) -> bool {
+        self.episode_step_s.is_some() && self.is_enabled()
+    }
+
     /// What the arm is doing.
     pub fn mode(&self) -> Mode {
         match (self.connected, self.user_stop_latched, &self.reflex) {

@@ -136,6 +136,7 @@ fn command(number: u16, parameters: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panda_bridge"));
     command.arg("--ros-args").args(parameters.iter().flat_map(|p| ["-p", p]));
     command.env("ROS_DOMAIN_ID", domain(number).to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    command.env("ROS_HOME", env!("CARGO_TARGET_TMPDIR")).env_remove("ROS_LOG_DIR");
     command
 }
 

@@ -6,8 +6,10 @@ use catenary_core::task::DeltaAnchor;
 use catenary_msgs::action::RunEpisodeGoal;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
-use catenary_shell::{Time, convert, stamp};
+use catenary_shell::{Flaw, Time, convert, stamp};
 
+/// Greatest distance of a quaternion's norm from one.
+const NORM_TOLERANCE: f64 = 0.01;
 /// Frame of targets and actions.
 const BASE_FRAME: &str = "panda_link0";
 
@@ -23,6 +25,33 @@ pub fn inputs(
     let keypoints = keypoints.and_then(|k| Some((since(&k.header), placed(k)?)));
     let pose = pose.map(|p| (since(&p.header), convert::grip_pose_from_msg(&p.pose)));
     Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm), objection: None }
+}
+
+/// Refuses keypoints that make no sense.
+///
+/// # Errors
+/// The field at fault.
+pub fn check_keypoints(message: &KeypointsMsg) -> Result<(), Flaw> {
+    convert::keypoints_from_msg(message).map(drop).map_err(|error| Flaw::new(error.field, error))
+}
+
+/// Refuses poses in another frame, and those that are none.
+///
+/// # Errors
+/// The property at fault.
+pub fn check_pose(message: &PoseStamped) -> Result<(), Flaw> {
+    let (frame, p, q) = (&message.header.frame_id, &message.pose.position, &message.pose.orientation);
+    if frame != BASE_FRAME {
+        return Err(Flaw::new("frame", format!("expected frame `{BASE_FRAME}`, got `{frame}`")));
+    }
+    if ![p.x, p.y, p.z, q.x, q.y, q.z, q.w].iter().all(|v| v.is_finite()) {
+        return Err(Flaw::new("not finite", format!("expected finite numbers, got {:?}", message.pose)));
+    }
+    let norm = [q.x, q.y, q.z, q.w].iter().map(|v| v * v).sum::<f64>().sqrt();
+    if (norm - 1.0).abs() > NORM_TOLERANCE {
+        return Err(Flaw::new("quaternion", format!("expected a unit quaternion, got one of norm {norm:.3}")));
+    }
+    Ok(())
 }
 
 fn placed(message: &KeypointsMsg) -> Option<Keypoints> {
@@ -110,6 +139,22 @@ pub fn event(episode: u32, policy: &catenary_core::Policy, name: &str, seed: u64
 mod tests {
     use super::*;
     use catenary_msgs::geometry_msgs::msg::{Point, Quaternion};
+
+    #[test]
+    fn poses_that_no_observation_can_be_made_of_are_refused_by_kind() {
+        let orientation = Quaternion { x: 1.0, y: 0.0, z: 0.0, w: 0.0 };
+        let pose = Pose { position: Point { x: 0.4, y: 0.0, z: 0.4 }, orientation };
+        let good = PoseStamped { header: stamp::header(Time::from_nanos(5), BASE_FRAME), pose };
+        let kind = |change: fn(&mut PoseStamped)| {
+            let mut bad = good.clone();
+            change(&mut bad);
+            check_pose(&bad).err().map(|flaw| flaw.kind)
+        };
+        assert_eq!(kind(|_| {}), None);
+        assert_eq!(kind(|p| p.header.frame_id = "world".into()), Some("frame"));
+        assert_eq!(kind(|p| p.pose.position.z = f64::NAN), Some("not finite"));
+        assert_eq!(kind(|p| p.pose.orientation.x = 0.5), Some("quaternion"));
+    }
 
     #[test]
     fn a_target_keeps_the_y_and_the_whole_orientation_of_the_hand() {

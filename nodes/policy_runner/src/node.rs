@@ -12,8 +12,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Latest, Misconfigured, Node, NodeBuilder, Outcome, Param, ParamSpec,
-    Publisher, Queue, Time, contract, read_model,
+    Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node, NodeBuilder, Outcome, Param,
+    ParamSpec, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -23,6 +23,8 @@ use std::time::{Duration, SystemTime};
 const ENABLE: Duration = Duration::from_secs(3);
 /// Answers to targets that are kept until they are looked at.
 const ANSWERS: usize = 100;
+/// Silence of a topic within an episode that counts as a fault; an episode ends after a patience of 1 s by default.
+const SILENCE: Duration = Duration::from_millis(500);
 /// Longest uninterrupted wait, so that an episode ends soon that is cancelled or whose arm refuses.
 const NAP: Duration = Duration::from_millis(20);
 
@@ -46,6 +48,8 @@ struct Shell {
     observation: Publisher<Observation>,
     event: Publisher<EpisodeEvent>,
     enable: Client<SetBool>,
+    /// Counters of the topics that an episode needs.
+    needed: [Intake; 4],
     episodes: AtomicU32,
 }
 
@@ -61,28 +65,39 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let patience = ParamSpec::new("Time after a step was due until the episode is given up for want of fresh data.");
     let patience_s = builder.declare_f64("patience_s", defaults.patience_s, patience.unit("s").range(0.0..=60.0))?;
     let node = builder.build()?;
+    let needed = intakes(&node)?;
+    let [keypoints, pose, arm, answers] = &needed;
+    let (mut doubts, limit_s) = (doubter(keypoints), max_age_s.clone());
+    let check_keypoints = move |message: &Keypoints| {
+        convert::check_keypoints(message)?;
+        doubts(&message.header.stamp, limit_s.get());
+        Ok(())
+    };
+    let (mut doubts, limit_s) = (doubter(pose), max_age_s.clone());
+    let check_pose = move |message: &PoseStamped| {
+        convert::check_pose(message)?;
+        doubts(&message.header.stamp, limit_s.get());
+        Ok(())
+    };
     let shell = Shell {
         model_file,
         max_age_s,
         patience_s,
-        keypoints: node.latest(contract::KEYPOINTS.name, contract::KEYPOINTS.qos)?,
-        pose: node.latest(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
-        arm: node.latest(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
+        keypoints: node.take_latest(keypoints, check_keypoints)?,
+        pose: node.take_latest(pose, check_pose)?,
+        arm: node.take_latest(arm, |_| Ok(()))?,
         target: node.publisher(contract::TARGET_POSE.name, contract::TARGET_POSE.qos)?,
-        answers: node.queue(contract::ACCEPTED_TARGET.name, contract::ACCEPTED_TARGET.qos, ANSWERS)?,
+        answers: node.take_queue(answers, ANSWERS)?,
         action: node.publisher(contract::ACTION.name, contract::ACTION.qos)?,
         observation: node.publisher(contract::OBSERVATION.name, contract::OBSERVATION.qos)?,
         event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
         enable: node.client(contract::ENABLE.name)?,
+        needed,
         episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
         node: node.clone(),
     };
     shell.judge().map_err(Misconfigured::new)?;
-    let (keypoints, pose) = (shell.keypoints.clone(), shell.pose.clone());
-    node.report_diagnostics(move |report| {
-        report.value("keypoints_received", keypoints.get().map_or(0, |newest| newest.count));
-        report.value("poses_received", pose.get().map_or(0, |newest| newest.count));
-    })?;
+    node.report_diagnostics(|_| {})?;
     let _server = node.serve_action::<RunEpisode>(
         "policy_runner/run_episode",
         Concurrency::One,
@@ -90,6 +105,29 @@ fn run(builder: NodeBuilder) -> Result<()> {
         move |handle| shell.serve(&handle),
     )?;
     node.wait_for_shutdown()
+}
+
+/// Counters of the keypoints, the pose, the arm's state and the answers to targets.
+fn intakes(node: &Node) -> Result<[Intake; 4]> {
+    let [keypoints, pose, arm] = [contract::KEYPOINTS, contract::CURRENT_POSE, contract::ARM_STATE];
+    let answers = contract::ACCEPTED_TARGET;
+    let names = |one, many| Names { one, many };
+    Ok([
+        node.intake::<Keypoints>(keypoints.name, keypoints.qos, names("keypoints", "keypoints"), SILENCE)?,
+        node.intake::<PoseStamped>(pose.name, pose.qos, names("pose", "poses"), SILENCE)?,
+        node.intake::<ArmState>(arm.name, arm.qos, names("arm_state", "arm_states"), SILENCE)?,
+        // Answers come at the pace of the policy, and not at all while the episode ends.
+        node.intake::<AcceptedTarget>(answers.name, answers.qos, names("answer", "answers"), Duration::MAX)?,
+    ])
+}
+
+/// Doubts the stamps that an observation cannot use at an age limit in s.
+fn doubter(intake: &Intake) -> impl FnMut(&Stamp, f64) + Send + use<> {
+    let (intake, mut check) = (intake.clone(), StampCheck::new(Duration::ZERO));
+    move |newest, limit_s| {
+        check.set_limit(Duration::from_secs_f64(limit_s));
+        intake.check_stamp(&mut check, stamp::from_msg(newest));
+    }
 }
 
 impl Shell {
@@ -132,7 +170,9 @@ impl Shell {
         self.enable_arm()?;
         let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
+        self.needed.iter().for_each(|intake| intake.need(true));
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
+        self.needed.iter().for_each(|intake| intake.need(false));
         self.disable_arm();
         let reason = match &outcome {
             Ok(Some(end)) => end.name().to_owned(),

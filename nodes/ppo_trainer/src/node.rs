@@ -7,14 +7,19 @@ use anyhow::{Context, Result, ensure};
 use catenary_core::{Env, EnvError, Model, Observation, Transition, seed};
 use catenary_msgs::action::{Train, TrainResult};
 use catenary_msgs::srv::{CloseEnvs, CloseEnvsRequest, OpenEnvs, OpenEnvsRequest, StepEnvs, StepEnvsRequest};
-use catenary_shell::{Client, Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, contract};
+use catenary_shell::{
+    CallError, Client, Concurrency, Decision, GoalHandle, Health, NodeBuilder, Outcome, Srv, contract,
+};
 use std::ops::ControlFlow;
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time that the pool has to open environments, and to step them.
 const OPEN: Duration = Duration::from_secs(60);
 const STEP: Duration = Duration::from_secs(30);
+/// Wait for an answer that counts as a fault.
+const SLOW: Duration = Duration::from_secs(10);
 /// Random streams of a goal's seed.
 const DOMAIN_STREAM: u64 = 1;
 const ENV_STREAM: u64 = 2;
@@ -24,11 +29,35 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("ppo_trainer", args, run)
 }
 
+/// Service of the pool whose answer is awaited, and the moment at which it was asked.
+type Awaited = Arc<Mutex<Option<(&'static str, Instant)>>>;
+
 /// The pool's services.
 struct Pool {
     open: Client<OpenEnvs>,
     step: Client<StepEnvs>,
     close: Client<CloseEnvs>,
+    awaited: Awaited,
+}
+
+impl Pool {
+    /// Asks a service, which `awaited` names until it answers.
+    fn ask<S: Srv>(
+        &self,
+        client: &Client<S>,
+        name: &'static str,
+        request: S::Request,
+        timeout: Duration,
+    ) -> Result<S::Response, CallError> {
+        *lock(&self.awaited) = Some((name, Instant::now()));
+        let answer = client.call(request, timeout);
+        *lock(&self.awaited) = None;
+        answer
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
@@ -37,14 +66,23 @@ fn run(builder: NodeBuilder) -> Result<()> {
         open: node.client(contract::OPEN_ENVS.name)?,
         step: node.client(contract::STEP_ENVS.name)?,
         close: node.client(contract::CLOSE_ENVS.name)?,
+        awaited: Awaited::default(),
     };
+    let awaited = Arc::clone(&pool.awaited);
     let _server = node.serve_action::<Train>(
         contract::TRAIN.name,
         Concurrency::One,
         |_| Decision::Accept,
         move |handle| serve(&handle, &pool),
     )?;
-    node.report_diagnostics(|_| {})?;
+    node.report_diagnostics(move |report| {
+        if let Some((name, asked)) = *lock(&awaited)
+            && asked.elapsed() > SLOW
+        {
+            let waited_s = asked.elapsed().as_secs_f64();
+            report.problem(Health::Error, &format!("a training has waited {waited_s:.0} s for an answer of {name}"));
+        }
+    })?;
     node.wait_for_shutdown()
 }
 
@@ -59,7 +97,7 @@ struct PoolEnv<'a> {
 impl<'a> PoolEnv<'a> {
     fn open(pool: &'a Pool, request: OpenEnvsRequest) -> Result<Self> {
         let count = request.count as usize;
-        let answer = pool.open.call(request, OPEN)?;
+        let answer = pool.ask(&pool.open, contract::OPEN_ENVS.name, request, OPEN)?;
         ensure!(answer.success, "{}: {}", contract::OPEN_ENVS.name, answer.message);
         let mut env = Self { pool, handle: answer.handle, count, first: None };
         env.first = Some(convert::observations(&answer.observations, count)?);
@@ -87,7 +125,8 @@ impl Env for PoolEnv<'_> {
 
     fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
         let request = StepEnvsRequest { handle: self.handle, actions: actions.concat() };
-        let answer = self.pool.step.call(request, STEP).map_err(|e| EnvError::Backend(e.to_string()))?;
+        let asked = self.pool.ask(&self.pool.step, contract::STEP_ENVS.name, request, STEP);
+        let answer = asked.map_err(|e| EnvError::Backend(e.to_string()))?;
         convert::transitions(&answer, self.count)
     }
 }

@@ -4,6 +4,7 @@ use crate::args::RosArgs;
 use crate::clock::Clock;
 use crate::error::ShellError;
 use crate::graph::Graph;
+use crate::intake::Intakes;
 use crate::logging::Rosout;
 use crate::middleware::Session;
 use crate::names;
@@ -157,6 +158,7 @@ impl NodeBuilder {
             path,
             args: self.args,
             params: self.params,
+            intakes: Arc::new(Intakes::new(&clock)),
             clock,
             shutdown: self.shutdown,
         });

@@ -2,8 +2,8 @@
 
 use crate::shutdown::{Shutdown, Signal, Wake};
 use crate::time::Time;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Longest uninterrupted wait on the wall clock, so that a step of the system clock is noticed.
@@ -12,8 +12,17 @@ const LONGEST_WAIT: Duration = Duration::from_secs(1);
 struct Inner {
     simulated: AtomicBool,
     simulated_nanos: AtomicI64,
+    source: Mutex<Source>,
     signal: Arc<Signal<()>>,
     shutdown: Shutdown,
+}
+
+/// Arrival of `/clock`, on a clock that does not step.
+struct Source {
+    /// Moment from which `/clock` is followed.
+    since: Instant,
+    /// Arrival of the newest message.
+    heard: Option<Instant>,
 }
 
 /// The clock of a node. Clones share it.
@@ -44,6 +53,7 @@ impl Clock {
             inner: Arc::new(Inner {
                 simulated: AtomicBool::new(false),
                 simulated_nanos: AtomicI64::new(0),
+                source: Mutex::new(Source { since: Instant::now(), heard: None }),
                 signal,
                 shutdown: shutdown.clone(),
             }),
@@ -69,13 +79,25 @@ impl Clock {
     /// Switches between wall and simulated time.
     pub(crate) fn set_simulated(&self, simulated: bool) {
         self.inner.simulated.store(simulated, Ordering::Release);
+        *self.source() = Source { since: Instant::now(), heard: None };
         self.inner.signal.wake();
     }
 
     /// Takes the time of a `/clock` message.
     pub(crate) fn set_simulated_time(&self, now: Time) {
         self.inner.simulated_nanos.store(now.nanos(), Ordering::Release);
+        self.source().heard = Some(Instant::now());
         self.inner.signal.wake();
+    }
+
+    fn source(&self) -> MutexGuard<'_, Source> {
+        self.inner.source.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Wall time for which `/clock` has been silent, and whether it was ever heard; none: the node follows the wall clock.
+    pub(crate) fn silence(&self) -> Option<(Duration, bool)> {
+        let source = self.source();
+        self.is_simulated().then(|| (source.heard.unwrap_or(source.since).elapsed(), source.heard.is_some()))
     }
 
     /// Waits until `time`; false: shutdown came first.

@@ -1,14 +1,22 @@
-//! `/diagnostics`: once a second, what a node has to say about itself, and its resident memory.
+//! `/diagnostics`: health of a node, once a second: losses of its subscriptions, its clock, its own findings, its memory.
 
+use crate::clock::wall_now;
 use crate::contract;
 use crate::error::ShellError;
 use crate::node::Node;
+use crate::time::Time;
+use crate::watchdog::Throttle;
 use catenary_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use std::fmt::Display;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Time between two reports.
 const PERIOD: Duration = Duration::from_secs(1);
+/// Longest silence of `/clock`, in wall time. A simulation at 1/100 of real time sends it twice a second.
+const CLOCK_PATIENCE: Duration = Duration::from_secs(2);
+/// Least time between two log lines about a health that stays as bad as it is.
+const REMIND: Duration = Duration::from_secs(30);
 
 /// What is wrong with a node, if anything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,10 +25,8 @@ pub enum Health {
     Ok = 0,
     /// It works with losses.
     Warn = 1,
-    /// It does not work.
+    /// It does not work, or hears nothing of what it needs.
     Error = 2,
-    /// What it needs has stopped coming.
-    Stale = 3,
 }
 
 /// One report of a node.
@@ -32,8 +38,14 @@ pub struct Report {
 }
 
 impl Report {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { health: Health::Ok, message: String::new(), values: Vec::new() }
+    }
+
+    /// Worst health of all problems so far.
+    #[must_use]
+    pub fn health(&self) -> Health {
+        self.health
     }
 
     /// Adds a figure; its name carries the unit: `image_rate_hz`.
@@ -54,8 +66,9 @@ impl Report {
 }
 
 impl Node {
-    /// Publishes `/diagnostics` once a wall-clock second, on a thread of its own, with what `fill` adds to the
-    /// resident memory.
+    /// Publishes `/diagnostics` once a wall-clock second, on a thread of its own: what `fill` adds to the losses of the
+    /// node's subscriptions, the state of `/clock` and the resident memory. The log names problems when they begin, and
+    /// says when they are over.
     ///
     /// # Errors
     /// [`ShellError`]: the middleware.
@@ -63,20 +76,77 @@ impl Node {
         let topic = contract::DIAGNOSTICS;
         let publisher = self.publisher::<DiagnosticArray>(topic.name, topic.qos)?;
         let (clock, shutdown) = (self.clock().clone(), self.shutdown().clone());
+        let (intakes, graph) = (Arc::clone(self.intakes()), Arc::clone(self.graph()));
+        let clock_topic = self.resolve(contract::CLOCK.name)?;
         let name = self.path().to_owned();
         self.spawn("diagnostics", move || {
             let mut next = Instant::now() + PERIOD;
+            let mut log = HealthLog::default();
             while !shutdown.wait_timeout(next.saturating_duration_since(Instant::now())) {
                 next += PERIOD;
                 let mut report = Report::new();
                 if let Some(bytes) = resident_bytes() {
                     report.value("resident_memory_mb", format!("{:.1}", bytes as f64 / 1e6));
                 }
+                let publishers = graph.other_publishers();
+                let clocks = publishers.iter().filter(|(topic, _, _)| *topic == clock_topic).count();
+                if let Some(problem) = clock_problem(clock.silence(), &clock_topic, clocks) {
+                    report.problem(Health::Error, &problem);
+                }
+                intakes.report(&publishers, &mut report);
                 fill(&mut report);
+                log.tell(&report, wall_now());
                 let header = crate::stamp::header(clock.now(), "");
                 publisher.send(DiagnosticArray { header, status: vec![status(&name, report)] });
             }
         })
+    }
+}
+
+/// Fault of simulated time. `silence`: wall time since the last `/clock`, or since it is followed, and whether it was ever
+/// heard; none: the node follows the wall clock.
+fn clock_problem(silence: Option<(Duration, bool)>, topic: &str, publishers: usize) -> Option<String> {
+    let (silence, heard) = silence.filter(|(silence, _)| *silence > CLOCK_PATIENCE)?;
+    let who = match publishers {
+        0 => "nobody publishes it".to_owned(),
+        n => format!("publishers of it: {n}"),
+    };
+    let fix = "set use_sim_time to false, or start what publishes it";
+    Some(match heard {
+        true => format!("{topic} has been silent for {:.1} s, so that time stands still: {who}", silence.as_secs_f64()),
+        false => format!("use_sim_time is set and no {topic} was heard, so that time stands still: {who}; {fix}"),
+    })
+}
+
+/// Log of a node's health: a line when it gets worse, reminders while it is bad, and a line when it is good again.
+struct HealthLog {
+    last: Health,
+    reminder: Throttle,
+}
+
+impl Default for HealthLog {
+    fn default() -> Self {
+        Self { last: Health::Ok, reminder: Throttle::new(REMIND) }
+    }
+}
+
+impl HealthLog {
+    fn tell(&mut self, report: &Report, now: Time) {
+        let (health, text) = (report.health, &report.message);
+        let was = std::mem::replace(&mut self.last, health);
+        if health == Health::Ok && was != Health::Ok {
+            tracing::info!("health: ok again");
+            self.reminder = Throttle::new(REMIND);
+        }
+        if health > was {
+            self.reminder = Throttle::new(REMIND);
+        }
+        if health != Health::Ok && self.reminder.pass(now).is_some() {
+            match health {
+                Health::Error => tracing::error!("health: {text}"),
+                _ => tracing::warn!("health: {text}"),
+            }
+        }
     }
 }
 
@@ -112,6 +182,18 @@ mod tests {
         assert_eq!((status.level, status.message.as_str()), (2, "no images; drops"));
         assert_eq!(status.values[0].key, "image_rate_hz");
         assert_eq!(status.values[0].value, "59.9");
+    }
+
+    #[test]
+    fn simulated_time_without_a_clock_is_named() {
+        let silent = |seconds| Duration::from_secs(seconds);
+        assert_eq!(clock_problem(None, "/clock", 0), None);
+        assert_eq!(clock_problem(Some((silent(1), false)), "/clock", 0), None);
+        assert_eq!(clock_problem(Some((silent(1), true)), "/clock", 1), None);
+        let never = clock_problem(Some((silent(9), false)), "/clock", 0).unwrap();
+        assert!(never.contains("use_sim_time") && never.contains("nobody publishes it"), "{never}");
+        let stopped = clock_problem(Some((silent(9), true)), "/clock", 1).unwrap();
+        assert!(stopped.contains("/clock has been silent for 9.0 s"), "{stopped}");
     }
 
     #[test]

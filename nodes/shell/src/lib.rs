@@ -14,6 +14,7 @@
 //! | topic of any type | [`Node::published_topics`], [`Node::raw_subscription`], [`Node::raw_publisher`] |
 //! | service | [`Node::serve`], [`Node::client`] |
 //! | action | [`Node::serve_action`], [`Node::action_client`] |
+//! | topic in, with bad messages counted | [`Node::intake`], [`Node::take`], [`Node::take_latest`] |
 //! | health | [`Watchdog`], [`Deadline`], [`Node::report_diagnostics`] |
 //! | names, types and profiles that the nodes agree on | [`contract`] |
 //! | posteriors, tracks and enumerations to and from the wire | [`convert`] |
@@ -38,6 +39,7 @@ mod error;
 pub mod files;
 mod first_contact;
 mod graph;
+mod intake;
 mod interface;
 mod large_reply;
 mod late_join;
@@ -61,8 +63,10 @@ mod settle;
 mod shutdown;
 mod spinner;
 pub mod stamp;
+mod stamp_check;
 mod states;
 mod subscription;
+mod tally;
 mod threads;
 mod time;
 mod type_description;
@@ -78,6 +82,7 @@ pub use diagnostics::{Health, Report, resident_bytes};
 pub use domain_claim::DomainClaim;
 pub use ending::{LeaveAtEnd, exit, leave_graph};
 pub use error::{CallError, PublishError, ShellError};
+pub use intake::Intake;
 pub use interface::{Act, Msg, Payload, Srv};
 pub use logging::init as init_logging;
 pub use model_file::read_model;
@@ -94,8 +99,10 @@ pub use ros_home::{ros_home, ros_log_dir};
 pub use run::{Misconfigured, end_on_signals, main};
 pub use service::{Client, Service};
 pub use shutdown::Shutdown;
+pub use stamp_check::StampCheck;
 pub use states::{remove_old_states, remove_state, state_file, state_folder};
 pub use subscription::{Latest, Queue, Received, Subscription};
+pub use tally::{Flaw, Names};
 pub use time::Time;
 pub use watchdog::{Deadline, Throttle, Watchdog};
 pub use yaml::{Yaml, YamlEvents};

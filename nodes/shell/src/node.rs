@@ -6,6 +6,7 @@ use crate::contract;
 use crate::ending::Ending;
 use crate::error::ShellError;
 use crate::graph::Graph;
+use crate::intake::{Intake, Intakes};
 use crate::interface::{Msg, Srv, request_type};
 use crate::params::Params;
 use crate::publisher::Publisher;
@@ -27,6 +28,7 @@ pub(crate) struct Inner {
     pub(crate) path: String,
     pub(crate) args: RosArgs,
     pub(crate) params: Params,
+    pub(crate) intakes: Arc<Intakes>,
     pub(crate) clock: Clock,
     pub(crate) shutdown: Shutdown,
 }
@@ -213,11 +215,26 @@ impl Node {
         &self,
         topic: &str,
         qos: Qos,
+        mut callback: impl FnMut(Received<M>) + Send + 'static,
+    ) -> Result<Subscription, ShellError> {
+        let intake = self.plain_intake::<M>(topic, qos)?;
+        self.take(&intake, move |received| {
+            callback(received);
+            Ok(())
+        })
+    }
+
+    /// Subscription whose unreadable messages `intake` counts.
+    pub(crate) fn subscribe<M: Msg>(
+        &self,
+        topic: &str,
+        qos: Qos,
+        intake: Option<Intake>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Subscription, ShellError> {
         let name = self.topic::<M>(topic)?;
         let reader = self.graph().reader(&name, M::TYPE_NAME, &qos.policies())?;
-        Subscription::start(self, name, qos, reader, callback)
+        Subscription::start(self, name, qos, reader, intake, callback)
     }
 
     /// Keeps the newest message of a topic.
@@ -225,7 +242,7 @@ impl Node {
     /// # Errors
     /// As [`Node::publisher`].
     pub fn latest<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Latest<M>, ShellError> {
-        Latest::start(self, topic, qos)
+        Latest::start(self, &self.plain_intake::<M>(topic, qos)?, |_| Ok(()))
     }
 
     /// Queues the messages of a topic, `capacity` at most; where it is full the oldest go, and are counted.
@@ -233,7 +250,7 @@ impl Node {
     /// # Errors
     /// As [`Node::publisher`].
     pub fn queue<M: Msg>(&self, topic: &str, qos: Qos, capacity: usize) -> Result<Queue<M>, ShellError> {
-        Queue::start(self, topic, qos, capacity)
+        Queue::start(self, &self.plain_intake::<M>(topic, qos)?, capacity)
     }
 
     /// How many publishers of a topic are known in the whole graph, this node's own included. One that was killed counts
@@ -270,6 +287,10 @@ impl Node {
 
     pub(crate) fn threads(&self) -> &Arc<Threads> {
         &self.inner.threads
+    }
+
+    pub(crate) fn intakes(&self) -> &Arc<Intakes> {
+        &self.inner.intakes
     }
 
     pub(crate) fn graph(&self) -> &Arc<Graph> {

@@ -67,6 +67,19 @@ impl Qos {
         matches!(self, Self::ReliableTransientLocal { .. })
     }
 
+    /// Reason for which a subscription with this profile hears nothing of a publisher that offers `offered`; none: it hears
+    /// the publisher. DDS 1.4, section 2.2.3: a reader asks for at most what the writer offers.
+    #[must_use]
+    pub fn unheard(self, offered: Self) -> Option<String> {
+        if self.is_reliable() && !offered.is_reliable() {
+            return Some("it offers best effort, and reliable is asked for (quality of service)".to_owned());
+        }
+        if self.is_transient_local() && !offered.is_transient_local() {
+            return Some("it offers volatile, and transient local is asked for (quality of service)".to_owned());
+        }
+        None
+    }
+
     /// The same kind with another depth.
     #[must_use]
     pub const fn with_depth(self, depth: u16) -> Self {
@@ -176,6 +189,16 @@ mod tests {
         assert!(best_effort.compliance_failure_wrt(&reliable).is_some());
         assert_eq!(latched.compliance_failure_wrt(&reliable), None);
         assert!(reliable.compliance_failure_wrt(&latched).is_some());
+    }
+
+    #[test]
+    fn a_subscription_says_which_publishers_it_does_not_hear_as_the_middleware_decides() {
+        let profiles =
+            [Qos::BestEffort { depth: 1 }, Qos::Reliable { depth: 1 }, Qos::ReliableTransientLocal { depth: 1 }];
+        for (asked, offered) in profiles.iter().flat_map(|asked| profiles.iter().map(move |offered| (asked, offered))) {
+            let refused = offered.policies().compliance_failure_wrt(&asked.policies()).is_some();
+            assert_eq!(asked.unheard(*offered).is_some(), refused, "{asked} asked, {offered} offered");
+        }
     }
 
     #[test]

@@ -123,7 +123,7 @@ impl Node {
     ) -> Result<Subscription, ShellError> {
         let name = self.resolve(topic)?;
         let reader = self.graph().reader(&name, type_name, &qos.policies())?;
-        Subscription::start(self, name, qos, reader, callback)
+        Subscription::start(self, name, qos, reader, None, callback)
     }
 }
 

@@ -4,12 +4,14 @@
 use crate::clock::{Clock, wall_now};
 use crate::error::ShellError;
 use crate::graph::Graph;
+use crate::intake::Intake;
 use crate::interface::{Msg, Payload};
 use crate::late_join::LateJoin;
 use crate::middleware::Reader;
 use crate::node::Node;
 use crate::qos::Qos;
 use crate::shutdown::{Shutdown, Signal, Wake};
+use crate::tally::Flaw;
 use crate::time::Time;
 use crate::wait::block_until;
 use crate::watchdog::Throttle;
@@ -65,6 +67,7 @@ impl Subscription {
         topic: String,
         qos: Qos,
         reader: Reader<M>,
+        intake: Option<Intake>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Self, ShellError> {
         let stop = node.end_of_subscription();
@@ -72,6 +75,7 @@ impl Subscription {
             reader,
             topic: topic.clone(),
             qos,
+            intake,
             clock: node.clock().clone(),
             stop: stop.clone(),
             _graph: Arc::clone(node.graph()),
@@ -86,6 +90,8 @@ struct Pump<M: Payload> {
     reader: Reader<M>,
     topic: String,
     qos: Qos,
+    /// Counter of unreadable messages.
+    intake: Option<Intake>,
     clock: Clock,
     stop: Shutdown,
     _graph: Arc<Graph>,
@@ -122,11 +128,14 @@ impl<M: Payload> Pump<M> {
                         None => deliver(received),
                     }
                 }
-                Some(Some(Err(error))) => {
-                    if let Some(before) = unreadable.pass(wall_now()) {
-                        tracing::warn!("{}: unreadable message: {error} (and {before} before)", self.topic);
+                Some(Some(Err(error))) => match &self.intake {
+                    Some(intake) => intake.count(Err(Flaw::new("unreadable", format!("unreadable: {error}")))),
+                    None => {
+                        if let Some(before) = unreadable.pass(wall_now()) {
+                            tracing::warn!("{}: unreadable message: {error} (and {before} before)", self.topic);
+                        }
                     }
-                }
+                },
                 None => {}
             }
             if let Some(late) = &mut late {
@@ -149,14 +158,21 @@ pub struct Latest<M: Msg> {
 }
 
 impl<M: Msg> Latest<M> {
-    pub(crate) fn start(node: &Node, topic: &str, qos: Qos) -> Result<Self, ShellError> {
+    /// Latest message of an intake's topic that `check` finds no flaw in.
+    pub(crate) fn start(
+        node: &Node,
+        intake: &Intake,
+        mut check: impl FnMut(&M) -> Result<(), Flaw> + Send + 'static,
+    ) -> Result<Self, ShellError> {
         let slot = Arc::new(Signal::new(None));
         let wake: Arc<dyn Wake> = Arc::<Signal<Option<Received<M>>>>::clone(&slot);
         node.shutdown().register(Arc::downgrade(&wake));
         let filled = Arc::clone(&slot);
-        let subscription = node.subscription(topic, qos, move |received| {
+        let subscription = node.take(intake, move |received: Received<M>| {
+            check(&received.message)?;
             *filled.lock() = Some(received);
             filled.notify();
+            Ok(())
         })?;
         Ok(Self { slot, subscription: Arc::new(subscription) })
     }
@@ -210,22 +226,29 @@ pub struct Queue<M: Msg> {
 }
 
 impl<M: Msg> Queue<M> {
-    pub(crate) fn start(node: &Node, topic: &str, qos: Qos, capacity: usize) -> Result<Self, ShellError> {
+    /// Queue of an intake's topic. An overflow counts as a drop while the topic is needed: an idle node reads no queue.
+    pub(crate) fn start(node: &Node, intake: &Intake, capacity: usize) -> Result<Self, ShellError> {
         let capacity = capacity.max(1);
         let messages = VecDeque::with_capacity(capacity.min(1024));
         let backlog = Arc::new(Signal::new(Backlog { messages, dropped: 0 }));
         let wake: Arc<dyn Wake> = Arc::<Signal<Backlog<M>>>::clone(&backlog);
         node.shutdown().register(Arc::downgrade(&wake));
         let filled = Arc::clone(&backlog);
-        let subscription = node.subscription(topic, qos, move |received| {
+        let read = intake.clone();
+        let subscription = node.take(intake, move |received| {
             let mut backlog = filled.lock();
-            if backlog.messages.len() == capacity {
+            let is_full = backlog.messages.len() == capacity;
+            if is_full {
                 backlog.messages.pop_front();
                 backlog.dropped += 1;
             }
             backlog.messages.push_back(received);
             drop(backlog);
             filled.notify();
+            if is_full && read.is_needed() {
+                return Err(Flaw::new("overflow", format!("the queue of {capacity} messages is full")));
+            }
+            Ok(())
         })?;
         Ok(Self { backlog, subscription: Arc::new(subscription) })
     }

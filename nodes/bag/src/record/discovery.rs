@@ -9,8 +9,8 @@ use catenary_msgs::Interface;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, PublishedTopic, Qos, Subscription, Throttle, contract, wall_now};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Messages that a subscription keeps at most, of large types and of others.
@@ -48,8 +48,8 @@ pub(super) struct Topics<'a> {
     expected: Vec<Expected>,
     subscriptions: Vec<Option<Subscription>>,
     ids: Vec<TopicId>,
-    /// What was complained about.
-    told: BTreeSet<String>,
+    /// Topics that are not recorded in full, with the reason; each is logged once.
+    told: Arc<Mutex<BTreeSet<String>>>,
     since: Instant,
     is_patient: bool,
 }
@@ -60,6 +60,7 @@ impl<'a> Topics<'a> {
         node: &'a Node,
         settings: &'a RecordSettings,
         backlog: Arc<Backlog>,
+        told: Arc<Mutex<BTreeSet<String>>>,
     ) -> Result<Self, BagError> {
         let mut topics = Self {
             node,
@@ -69,7 +70,7 @@ impl<'a> Topics<'a> {
             expected: Vec::new(),
             subscriptions: Vec::new(),
             ids: Vec::new(),
-            told: BTreeSet::new(),
+            told,
             since: Instant::now(),
             is_patient: true,
         };
@@ -113,7 +114,8 @@ impl<'a> Topics<'a> {
     }
 
     fn tell(&mut self, topic: &str, what: &str) {
-        if self.told.insert(format!("{topic} {what}")) {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if told.insert(format!("{topic}: {what}")) {
             tracing::warn!("{topic}: {what}");
         }
     }
@@ -127,7 +129,7 @@ impl<'a> Topics<'a> {
             self.tell(&topic.name, &what);
             return Ok(());
         }
-        let unheard = topic.offered.iter().filter(|offered| !is_heard(**offered, qos)).count();
+        let unheard = topic.offered.iter().filter(|offered| qos.unheard(**offered).is_some()).count();
         let wanted = heard_from_all(&topic.offered).with_depth(qos.depth());
         let wanted = self.settings.overrides.apply(&topic.name, wanted);
         // To ask anew loses messages of those that are heard by now, and may repeat what they latched.
@@ -245,11 +247,6 @@ fn nearest(name: &str) -> Option<String> {
     names.map(|n| (distance(n), n)).filter(|(d, _)| *d <= 2).min().map(|(_, n)| format!("/{n}"))
 }
 
-/// Whether a subscription hears a publisher.
-fn is_heard(offered: Qos, asked: Qos) -> bool {
-    (offered.is_reliable() || !asked.is_reliable()) && (offered.is_transient_local() || !asked.is_transient_local())
-}
-
 /// The most that can be asked for of all publishers, as rosbag2 adapts to them.
 fn heard_from_all(offered: &[Qos]) -> Qos {
     let depth = Qos::DEFAULT.depth();
@@ -287,7 +284,6 @@ mod tests {
         assert_eq!(heard_from_all(&[latched, latched]), latched);
         assert_eq!(heard_from_all(&[latched, reliable]), reliable);
         assert_eq!(heard_from_all(&[latched, best]), best);
-        assert!(is_heard(latched, reliable) && !is_heard(reliable, latched) && !is_heard(best, reliable));
     }
 
     #[test]

@@ -42,6 +42,8 @@ pub struct Totals {
     pub unconverged_steps: u64,
     /// Pools in the graph when it was looked at last.
     pub pools: usize,
+    /// A batch is under way.
+    pub asking: bool,
 }
 
 /// The pools that this node may ask.
@@ -160,6 +162,7 @@ impl Simulator for PoolsSimulator<'_> {
         let (mut state, begun_s) = (lock(&self.state), self.now_s());
         let lost_before = lost(&state.dispatch);
         state.dispatch.begin(request.thetas.len(), limits, begun_s);
+        lock(&self.pools.totals).asking = true;
         let (sender, receiver) = channel();
         let tracks = std::thread::scope(|scope| {
             let stop = self.pools.node.shutdown().child();
@@ -170,8 +173,9 @@ impl Simulator for PoolsSimulator<'_> {
             // The threads that still wait for answers that nobody needs end now.
             stop.trigger();
             outcome.map(|()| batch.tracks)
-        })?;
-        let tracks: Vec<Track> = tracks.into_iter().flatten().collect();
+        });
+        lock(&self.pools.totals).asking = false;
+        let tracks: Vec<Track> = tracks?.into_iter().flatten().collect();
         let mut totals = lock(&self.pools.totals);
         totals.episodes += tracks.len();
         totals.redone += lost(&state.dispatch) - lost_before;

@@ -198,6 +198,18 @@ fn silence_outside_an_episode_is_no_fault() {
 }
 
 #[test]
+fn targets_are_due_while_an_enabled_arm_follows_an_episode() {
+    let mut g = gate();
+    assert!(g.awaits_targets());
+    g.on_episode_ended();
+    assert!(!g.awaits_targets());
+    g.on_episode_started(0.1, 9.0).unwrap();
+    assert!(g.awaits_targets());
+    g.on_disable();
+    assert!(!g.awaits_targets());
+}
+
+#[test]
 fn leaving_the_box_clamps_the_command_and_ends_the_episode() {
     let mut g = gate();
     g.on_measured(pose(0.55));

@@ -126,6 +126,25 @@ pub enum Rejection {
     EpisodeOver(String),
 }
 
+impl Rejection {
+    /// Property at fault, by which rejected targets are counted.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::NotFinite => "not finite",
+            Self::NotNormalised => "quaternion",
+            Self::Frame(_) => "frame",
+            Self::Stale { .. } => "stamp",
+            Self::Jump { .. } => "jump",
+            Self::FarOutside { .. } => "far outside",
+            Self::NoPose => "no pose",
+            Self::Replay => "replay",
+            Self::NotEnabled(_) => "not enabled",
+            Self::EpisodeOver(_) => "episode over",
+        }
+    }
+}
+
 /// Nodes that could command the arm or answer in its place, in words.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Rivals {

@@ -12,16 +12,16 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::srv::{SetCompliance, SetComplianceResponse};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse, Trigger, TriggerResponse};
 use catenary_shell::{
-    ActionServer, Concurrency, Decision, GoalHandle, Node, NodeBuilder, Outcome, Param, ParamSpec, Peer, Publisher,
-    Received, Requester, Service, Subscription, Throttle, Time, contract, stamp, wall_now,
+    ActionServer, Concurrency, Decision, Flaw, GoalHandle, Health, Intake, Names, Node, NodeBuilder, Outcome, Param,
+    ParamSpec, Peer, Publisher, Received, Report, Requester, Service, ShellError, Subscription, Time, contract, stamp,
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How often a waiting action looks.
 const LOOK: Duration = Duration::from_millis(20);
-/// Warnings about rejected targets come at most this often.
-const COMPLAIN: Duration = Duration::from_secs(1);
+/// Silence of targets, while they are due, that counts as a fault; the gate ends the motion after 2 s.
+const SILENCE: Duration = Duration::from_millis(1500);
 /// Time between two looks at who else may move an arm, s.
 pub const RECHECK_S: f64 = 0.5;
 /// Longest settling that a goal may ask for, s.
@@ -54,6 +54,7 @@ pub struct Front<P> {
     /// Stamp of the arm's time 0.
     origin: Time,
     parameters: MoveParameters,
+    targets: Intake,
     arm: Mutex<Arm<P>>,
 }
 
@@ -67,8 +68,14 @@ pub struct Served {
 
 impl<P: Plant> Front<P> {
     /// A front whose arm's time 0 has the stamp `origin`.
-    pub fn new(node: &Node, origin: Time, parameters: MoveParameters, arm: Arm<P>) -> Arc<Self> {
-        Arc::new(Self { node: node.clone(), origin, parameters, arm: Mutex::new(arm) })
+    ///
+    /// # Errors
+    /// The name of the targets' topic after remapping.
+    pub fn new(node: &Node, origin: Time, parameters: MoveParameters, arm: Arm<P>) -> Result<Arc<Self>, ShellError> {
+        let names = Names { one: "target", many: "targets" };
+        let topic = contract::TARGET_POSE;
+        let targets = node.intake::<PoseStamped>(topic.name, topic.qos, names, SILENCE)?;
+        Ok(Arc::new(Self { node: node.clone(), origin, parameters, targets, arm: Mutex::new(arm) }))
     }
 
     /// The node.
@@ -109,6 +116,18 @@ impl<P: Plant> Front<P> {
         Ok(Rivals { publishers, servers: words(servers) })
     }
 
+    /// Adds the arm's fault to a report; it stays until the arm is enabled again. To be called at every report.
+    pub fn report(&self, report: &mut Report) {
+        let arm = self.arm();
+        self.targets.need(arm.awaits_targets());
+        let (accepted, rejected) = arm.counts();
+        report.value("mode", format!("{:?}", arm.mode()));
+        report.value("targets_accepted", accepted).value("targets_rejected", rejected);
+        if !arm.fault().is_empty() {
+            report.problem(Health::Warn, &format!("the arm: {}", arm.fault()));
+        }
+    }
+
     /// The stamp of a time of the arm.
     pub fn stamp(&self, time_s: f64) -> Time {
         self.origin + Duration::from_secs_f64(time_s.max(0.0))
@@ -127,11 +146,8 @@ impl<P: Plant> Front<P> {
         let accepted =
             node.publisher::<AcceptedTarget>(contract::ACCEPTED_TARGET.name, contract::ACCEPTED_TARGET.qos)?;
         let front = Arc::clone(self);
-        let mut complaints = Throttle::new(COMPLAIN);
         let targets =
-            node.subscription::<PoseStamped>(contract::TARGET_POSE.name, contract::TARGET_POSE.qos, move |received| {
-                front.on_target(&accepted, &received, &mut complaints);
-            })?;
+            node.take::<PoseStamped>(&self.targets, move |received| front.on_target(&accepted, &received))?;
         let front = Arc::clone(self);
         let events = node.subscription::<EpisodeEvent>(
             contract::EPISODE_EVENT.name,
@@ -200,26 +216,24 @@ impl<P: Plant> Front<P> {
         &self,
         accepted: &Publisher<AcceptedTarget>,
         received: &Received<PoseStamped>,
-        complaints: &mut Throttle,
-    ) {
+    ) -> Result<(), Flaw> {
         let message = &received.message;
-        let (answer, is_first) = {
+        let (answer, verdict, is_first) = {
             let mut arm = self.arm();
             let was_tracking = arm.mode() == Mode::Tracking;
             let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(self.origin);
             let age_s = arm.plant().stamp_time_s() - stamp_s;
             let verdict = arm.command(&convert::command(message, age_s, self.node.clock().is_simulated()));
-            if let Verdict::Rejected(why) = &verdict
-                && let Some(more) = complaints.pass(wall_now())
-            {
-                tracing::warn!("target rejected: {why} (and {more} more before)");
-            }
             let is_first = !was_tracking && arm.mode() == Mode::Tracking;
-            (convert::accepted_target(&arm, &verdict, message.header.clone()), is_first)
+            (convert::accepted_target(&arm, &verdict, message.header.clone()), verdict, is_first)
         };
         accepted.send(answer);
         if is_first {
             tracing::info!("following the targets of {}", self.node.peer(received.publisher));
+        }
+        match verdict {
+            Verdict::Accepted { .. } => Ok(()),
+            Verdict::Rejected(why) => Err(Flaw::new(why.kind(), format!("rejected: {why}"))),
         }
     }
 

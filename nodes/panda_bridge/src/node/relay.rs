@@ -14,7 +14,7 @@ use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_shell::{
-    Clock, Deadline, Health, Misconfigured, Node, NodeBuilder, Subscription, Throttle, Time, contract, stamp,
+    Clock, Deadline, Flaw, Misconfigured, Names, Node, NodeBuilder, StampCheck, Subscription, Time, contract, stamp,
 };
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,8 +24,8 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(5);
 /// Looks between two targets and two states.
 const SLOW: u64 = 4;
-/// Complaints about one thing come at most this often.
-const COMPLAIN: Duration = Duration::from_secs(5);
+/// Greatest distance of a pose's stamp from the node's clock. Policies use nothing as old.
+const STAMP_LIMIT: Duration = Duration::from_secs(1);
 /// Weight of one look in the share of looks that were in time: the last second counts.
 const SHARE_WEIGHT: f64 = 0.005;
 
@@ -71,9 +71,9 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
     let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };
-    let front = Front::new(&node, origin, moves, arm);
+    let front = Front::new(&node, origin, moves, arm)?;
     let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
-    let _measuring = relay.subscribe(&node, &names)?;
+    let _measuring = relay.subscribe(&node, &names, settings.silence)?;
     let _served = front.serve(parameters::setter(&node, &names.node)?)?;
     relay.report(&node)?;
     relay.run(&node)
@@ -103,27 +103,29 @@ impl Relay {
     }
 
     /// Takes the controller's pose and the joint states, and passes both on.
-    fn subscribe(self: &Arc<Self>, node: &Node, names: &ControllerNames) -> Result<[Subscription; 2]> {
+    fn subscribe(
+        self: &Arc<Self>,
+        node: &Node,
+        names: &ControllerNames,
+        silence: Duration,
+    ) -> Result<[Subscription; 2]> {
         let out = node.publisher::<PoseStamped>(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?;
         let (relay, frame_id) = (Arc::clone(self), names.frame_id.clone());
-        let mut complaints = Throttle::new(COMPLAIN);
-        let poses =
-            node.subscription::<PoseStamped>(&names.current_pose, contract::CURRENT_POSE.qos, move |received| {
-                let message = &received.message;
-                match measurement(message, &frame_id) {
-                    Ok(pose) => {
-                        let time = stamp::from_msg(&message.header.stamp);
-                        relay.on_pose(pose, time);
-                        let header = stamp::header(time, BASE_FRAME);
-                        out.send(PoseStamped { header, pose: message.pose.clone() });
-                    }
-                    Err(why) => {
-                        if let Some(more) = complaints.pass(relay.link().now()) {
-                            tracing::error!("pose of the controller ignored: {why} (and {more} more before)");
-                        }
-                    }
-                }
-            })?;
+        let spoken = Names { one: "pose", many: "poses" };
+        let intake = node.intake::<PoseStamped>(&names.current_pose, contract::CURRENT_POSE.qos, spoken, silence)?;
+        // Without the controller's pose the bridge has no arm.
+        intake.need(true);
+        let (doubted, mut stamps) = (intake.clone(), StampCheck::new(STAMP_LIMIT));
+        let poses = node.take::<PoseStamped>(&intake, move |received| {
+            let message = &received.message;
+            let pose = measurement(message, &frame_id)?;
+            let time = stamp::from_msg(&message.header.stamp);
+            doubted.check_stamp(&mut stamps, time);
+            relay.on_pose(pose, time);
+            let header = stamp::header(time, BASE_FRAME);
+            out.send(PoseStamped { header, pose: message.pose.clone() });
+            Ok(())
+        })?;
         let out = node.publisher::<JointState>(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?;
         let joints =
             node.subscription::<JointState>(&names.joint_states, contract::JOINT_STATES.qos, move |received| {
@@ -204,15 +206,8 @@ impl Relay {
     }
 
     fn report(self: &Arc<Self>, node: &Node) -> Result<()> {
-        let relay = Arc::clone(self);
-        node.report_diagnostics(move |report| {
-            let mut link = relay.link();
-            let now = link.now();
-            report.value("pose_rate_hz", format!("{:.1}", link.poses.rate_hz(now)));
-            if !link.is_alive() {
-                report.problem(Health::Stale, "the controller is silent");
-            }
-        })?;
+        let front = Arc::clone(&self.front);
+        node.report_diagnostics(move |report| front.report(report))?;
         Ok(())
     }
 }
@@ -222,13 +217,17 @@ fn is_enabled(mode: Mode) -> bool {
 }
 
 /// The pose of the arm that a message of the controller tells.
-fn measurement(message: &PoseStamped, frame_id: &str) -> Result<ArmPose, String> {
+fn measurement(message: &PoseStamped, frame_id: &str) -> Result<ArmPose, Flaw> {
     let pose = convert::arm_pose(&message.pose);
     if message.header.frame_id != frame_id {
-        return Err(format!("expected frame `{frame_id}` (controller.frame_id), got `{}`", message.header.frame_id));
+        let got = &message.header.frame_id;
+        return Err(Flaw::new("frame", format!("expected frame `{frame_id}` (controller.frame_id), got `{got}`")));
     }
-    if !pose.is_finite() || !pose.is_normalised() {
-        return Err(format!("expected finite numbers and a unit quaternion, got {pose:?}"));
+    if !pose.is_finite() {
+        return Err(Flaw::new("not finite", format!("expected finite numbers, got {pose:?}")));
+    }
+    if !pose.is_normalised() {
+        return Err(Flaw::new("quaternion", format!("expected a unit quaternion, got {:?}", pose.quaternion_xyzw)));
     }
     Ok(pose)
 }

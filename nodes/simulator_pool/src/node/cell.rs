@@ -91,13 +91,14 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
     let started = Instant::now();
     let arm = Arm::new(cell, cell_arm::settings(&model));
-    let front = Front::new(&node, origin, p.moves, arm);
+    let front = Front::new(&node, origin, p.moves, arm)?;
     // The arm model has no gains: good settings are accepted and say so, bad ones are refused as for the real arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     cell_camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let reported = Arc::clone(&front);
     node.report_diagnostics(move |report| {
+        reported.report(report);
         report.value("simulated_time_s", format!("{:.3}", reported.arm().plant().time_s()));
         let counters = reported.arm().plant().counters();
         report.value("unconverged_steps", counters.unconverged_steps);

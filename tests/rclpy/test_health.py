@@ -1,0 +1,161 @@
+"""Health on /diagnostics: a node that drops what it gets, or hears nothing of what it needs, says so and recovers.
+
+One node of each kind runs beside publishers of rclpy that send what no node can use.
+"""
+
+import array
+import math
+
+import pytest
+from catenary_msgs.msg import ArmState
+from contract import BY_NAME
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import Image
+
+OK, WARN, ERROR = b"\0", b"\1", b"\2"
+IMAGE, MASK, POSE = "/camera/camera/color/image_raw", "/dlo/mask", "/panda/current_pose"
+MODEL = "launch_configs/models/soft_bar.yaml"
+NODES = ("camera", "late_camera", "keypoint_tracker", "policy_runner", "panda_bridge", "bayes_sim")
+
+
+class Watched:
+    """Newest health of each node, and publishers at 20 Hz."""
+
+    def __init__(self, session):
+        self.session, self.ros, self.newest, self.timers = session, session.ros, {}, []
+        self.ros.node.create_subscription(DiagnosticArray, "/diagnostics", self.hear, 100)
+
+    def hear(self, message):
+        self.newest |= {status.name.strip("/"): status for status in message.status}
+
+    def publish(self, topic, message, profile=None):
+        """Publishes a message 20 times a second with the present time, or as it is where its stamp is set."""
+        publisher = self.ros.node.create_publisher(type(message), topic, profile or BY_NAME[topic].profile)
+        is_stamped = hasattr(message, "header") and message.header.stamp.sec == 0
+
+        def tick():
+            if is_stamped:
+                message.header.stamp = self.ros.node.get_clock().now().to_msg()
+            publisher.publish(message)
+
+        timer = self.ros.node.create_timer(0.05, tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.timers.append((timer, publisher))
+
+    def quiet(self):
+        while self.timers:
+            timer, publisher = self.timers.pop()
+            self.ros.node.destroy_timer(timer)
+            self.ros.node.destroy_publisher(publisher)
+
+    def wait_for(self, node, levels, *words):
+        """Values of the first report of the node with one of these levels and all of these words."""
+        self.newest.pop(node, None)
+
+        def told():
+            status = self.newest.get(node)
+            return status and status.level in levels and all(word in status.message for word in words) and status
+
+        status = None
+        try:
+            status = self.ros.wait_for(told, 25, f"{words} of {node}")
+        except AssertionError as error:
+            raise AssertionError(f"{error}; it says: {self.newest.get(node)}") from None
+        return {value.key: value.value for value in status.values}
+
+
+@pytest.fixture(scope="module")
+def nodes(session_of_module):
+    session = session_of_module
+    session.node("camera")
+    session.node("camera", "-r", "__node:=late_camera", "-r", f"{IMAGE[1:]}:=/late/image", "-p", "use_sim_time:=true", log="late_camera")
+    session.node("keypoint_tracker", "-r", f"{MASK[1:]}:=/strange/mask")
+    session.node("policy_runner", "-p", f"model_file:={session.root / MODEL}")
+    session.node("panda_bridge", "-r", "current_pose:=/controller/pose")
+    session.node("bayes_sim")
+    session.meet(*NODES, within=20)
+    return Watched(session)
+
+
+@pytest.fixture
+def watched(nodes):
+    yield nodes
+    nodes.quiet()
+
+
+def image(encoding, width=640, height=480, channels=3):
+    data = array.array("B", bytes(width * height * channels))
+    return Image(width=width, height=height, encoding=encoding, step=width * channels, data=data)
+
+
+def pose(frame="panda_link0", x=0.4):
+    message = PoseStamped()
+    message.header.frame_id, message.pose.position.x, message.pose.orientation.x, message.pose.orientation.w = frame, x, 1.0, 0.0
+    return message
+
+
+def test_a_camera_names_what_it_lacks_or_drops_and_recovers(watched):
+    watched.wait_for("camera", [ERROR], "no images on " + IMAGE, "nobody publishes it")
+    watched.publish(IMAGE, image("bgr8"))
+    values = watched.wait_for("camera", [ERROR], "dropped", "expected rgb8", "bgr8")
+    assert int(values["images_dropped_for_encoding"]) == int(values["images_dropped"]) > 0 and float(values["image_rate_hz"]) > 0
+    assert "bgr8" in watched.session.text("camera.err")
+    watched.quiet()
+    watched.publish(IMAGE, image("rgb8"))
+    watched.wait_for("camera", [OK], "ok")
+
+
+def test_an_image_without_a_stamp_is_doubted(watched):
+    unstamped = image("rgb8")
+    unstamped.header.stamp.nanosec = 1
+    unstamped.header.stamp.sec = 1
+    watched.publish(IMAGE, unstamped)
+    values = watched.wait_for("camera", [WARN], "doubtful", "s old")
+    assert int(values["images_doubtful_for_old_stamp"]) > 0 and int(values["images_received"]) > 0
+
+
+def test_an_image_of_another_size_than_its_data_is_named(watched):
+    short = image("rgb8")
+    short.height = 481
+    watched.publish(IMAGE, short)
+    values = watched.wait_for("camera", [WARN, ERROR], "data")
+    assert int(values["images_dropped_for_data"]) > 0
+
+
+def test_simulated_time_without_a_clock_is_an_error(watched):
+    watched.wait_for("late_camera", [ERROR], "use_sim_time", "/clock", "nobody publishes it")
+    watched.publish("/clock", ClockMessage())
+    values = watched.wait_for("late_camera", [OK, ERROR], "")
+    assert float(values["resident_memory_mb"]) > 0
+    watched.ros.wait_for(lambda: "/clock" not in watched.newest["late_camera"].message, 15, "a health without a complaint about /clock")
+    watched.quiet()
+    watched.wait_for("late_camera", [ERROR], "/clock has been silent")
+
+
+@pytest.mark.parametrize("mask, word", [(image("mono8", 256, 200, 1), "256 x 200"), (image("rgb8", 256, 256), "rgb8")], ids=["size", "encoding"])
+def test_a_tracker_names_masks_that_are_none(watched, mask, word):
+    watched.publish("/strange/mask", mask, BY_NAME[MASK].profile)
+    watched.wait_for("keypoint_tracker", [ERROR], "dropped", word)
+
+
+@pytest.mark.parametrize("message, words", [(pose("world"), ("panda_link0", "world")), (pose(x=math.nan), ("finite",))], ids=["frame", "nan"])
+def test_a_bridge_names_poses_that_are_none(watched, message, words):
+    watched.publish("/controller/pose", message, BY_NAME[POSE].profile)
+    watched.wait_for("panda_bridge", [ERROR], "poses", "dropped", *words)
+
+
+def test_an_idle_graph_is_healthy_until_something_is_dropped(watched):
+    for node in ("policy_runner", "bayes_sim"):
+        watched.wait_for(node, [OK], "ok")
+    watched.publish(POSE, pose("world"))
+    for node in ("policy_runner", "bayes_sim"):
+        watched.wait_for(node, [WARN], "poses", "panda_link0", "world")
+
+
+def test_a_publisher_whose_profile_does_not_fit_is_named(watched):
+    volatile = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+    watched.publish("/panda/arm_state", ArmState(), volatile)
+    watched.wait_for("policy_runner", [WARN], "/panda/arm_state", "volatile")
