@@ -1,9 +1,8 @@
 //! The demo's report.
 
 use super::summary::{Episode, Summary};
-use crate::figures::figures;
 use crate::report::plots::{self, Series};
-use crate::report::{Mark, Page, Picture};
+use crate::report::{Mark, Page, Picture, posterior};
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
@@ -14,7 +13,7 @@ const FRAMES: usize = 8;
 pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
     let mut page = Page::new("catenary: from one recording to a policy");
     overview(&mut page, summary);
-    posterior(&mut page, summary)?;
+    inferred(&mut page, summary)?;
     training(&mut page, summary)?;
     episodes(&mut page, folder, summary)?;
     stages(&mut page, summary);
@@ -37,7 +36,7 @@ fn overview(page: &mut Page, summary: &Summary) {
     }
 }
 
-fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
+fn inferred(page: &mut Page, summary: &Summary) -> Result<()> {
     let inference = &summary.inference;
     page.heading("Posterior");
     let truth = (summary.truth.len() == inference.marginals.len()).then_some(summary.truth.as_slice());
@@ -46,12 +45,8 @@ fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
             page.svg(&plots::heatmap(&inference.posterior, [0, 1], extent, &inference.domains, truth)?);
         }
     }
-    let row = |(i, m): (usize, &catenary_core::posterior::Marginal)| {
-        let hidden = truth.map_or_else(String::new, |t| figures(t[i]));
-        vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95), hidden]
-    };
-    let rows: Vec<Vec<String>> = inference.marginals.iter().enumerate().map(row).collect();
-    page.table(&["parameter", "mean", "sd", "5 %", "median", "95 %", "hidden truth"], &rows);
+    let head = &posterior::HEAD[..if truth.is_some() { 5 } else { 4 }];
+    page.table(head, &posterior::rows(&inference.posterior, &inference.marginals, truth));
     page.paragraph(&format!(
         "{} simulations; effective sample size of the last iteration {:.0}; {:.1} % of the mixture outside the prior's support.",
         inference.simulations,

@@ -21,6 +21,9 @@ use simulator_pool::Registry;
 
 /// Explanations in the picture, of all the most probable.
 const RANKED: usize = 8;
+/// Those that are shown however improbable they are, and the probability from which the others are.
+const LEAST_RANKED: usize = 3;
+const NEGLIGIBLE: f64 = 0.005;
 /// Episodes in pictures, of those that models were fitted to and of the held-out ones.
 const SHOWN: usize = 3;
 /// Names of the two models.
@@ -101,8 +104,8 @@ fn models(page: &mut Page, finding: &Finding, model: &Model) {
         }
     });
     let cells = |title: String, prior: String, value: &dyn Fn(&Fitness) -> String| {
-        let own = [title, prior, value(present)].into_iter();
-        own.chain(repaired.map(value)).collect::<Vec<String>>()
+        let own = [title, value(present)].into_iter();
+        own.chain(repaired.map(value)).chain([prior]).collect::<Vec<String>>()
     };
     let mut rows: Vec<Vec<String>> = names
         .iter()
@@ -115,8 +118,8 @@ fn models(page: &mut Page, finding: &Finding, model: &Model) {
     rows.push(cells("error (root mean square)".into(), none(), &|f| format!("{} mm", millimetres(f.rmse_mm))));
     rows.push(cells("what is left".into(), none(), &|f| noise_words(&f.test)));
     rows.push(cells("p that it is noise".into(), none(), &|f| p_value(f.test.p_value, f.test.null.len())));
-    let head = ["", "prior", PRESENT, REPAIRED];
-    page.table(&head[..if repaired.is_some() { 4 } else { 3 }], &rows);
+    let head = [Some(""), Some(PRESENT), repaired.map(|_| REPAIRED), Some("prior")];
+    page.table(&head.into_iter().flatten().collect::<Vec<_>>(), &rows);
     if let Some(repaired) = repaired {
         for e in &repaired.estimates {
             page.svg(&moved(e, find(present, &e.name).as_ref(), prior_of(model, &e.name).as_ref()));
@@ -240,7 +243,9 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
         .explanations
         .iter()
         .take(RANKED)
-        .map(|e| bar(sizes(e), [e.probability, e.probability_in_part], Role::After))
+        .enumerate()
+        .filter(|(i, e)| *i < LEAST_RANKED || e.probability + e.probability_in_part >= NEGLIGIBLE)
+        .map(|(_, e)| bar(sizes(e), [e.probability, e.probability_in_part], Role::After))
         .collect();
     ranked.push(bar(
         "no effect of the library, but something".into(),
@@ -291,8 +296,8 @@ fn limits(page: &mut Page, finding: &Finding) {
     }
     page.heading("What would have shown");
     page.paragraph(
-        "Least size of each effect that these recordings would show in four of five cases, to first order. A smaller one may be \
-         there unseen.",
+        "Least size of each effect that these recordings would show in four of five cases, to first order: where the parameters \
+         can make up for it, the limit is larger. A smaller effect may be there unseen.",
     );
     let named = most_probable(finding);
     let found = |limit: &Limit| {

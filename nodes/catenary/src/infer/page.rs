@@ -3,6 +3,7 @@
 use crate::report::Page;
 use crate::report::number::{millimetres, percent, plain};
 use crate::report::plots::{self, Extent, Series};
+use crate::report::posterior;
 use crate::report::quantity::Quantity;
 use anyhow::Result;
 use bayes_sim::Predictive;
@@ -47,8 +48,8 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
     page.heading("Parameters");
-    page.table(&["parameter", "median", "90 % interval", "prior"], &rows(inferred));
     let posterior = inferred.posterior;
+    page.table(&posterior::HEAD[..4], &posterior::rows(posterior, inferred.marginals, None));
     plots::marginals(posterior, None)?.iter().for_each(|svg| page.svg(svg));
     let d = posterior.parameters.dimension();
     if d > 1 {
@@ -75,25 +76,23 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
     Ok(page.finish())
 }
 
-/// The answer in sentences.
+/// The answer in sentences; that the values cannot be relied on comes before them.
 fn answer(inferred: &Inferred<'_>) -> Vec<String> {
-    let mut sentences = vec![values(inferred.marginals)];
-    sentences.extend(untold(inferred));
-    sentences.extend(inferred.predictive.map(|p| {
-        let (rmse, share) = (millimetres(p.rmse_mm), percent(p.coverage));
-        if is_refuted(Some(p)) {
-            format!(
-                "But the model does not reproduce the recording: it is {rmse} mm off (root mean square), farther than its \
-                 own predictions lie apart, and {share} of the track lies in their 90 % band. Do not rely on these values."
-            )
-        } else {
-            format!(
-                "The model with these values reproduces the recording within {rmse} mm (root mean square); {share} of the \
-                 track lies in the 90 % band of its predictions."
-            )
-        }
-    }));
-    sentences
+    let values = [values(inferred.marginals)].into_iter().chain(untold(inferred));
+    let Some(p) = inferred.predictive else { return values.collect() };
+    let (rmse, share) = (millimetres(p.rmse_mm), percent(p.coverage));
+    if is_refuted(inferred.predictive) {
+        let objection = format!(
+            "The model does not reproduce the recording: it is {rmse} mm off (root mean square), farther than its own \
+             predictions lie apart, and {share} of the track lies in their 90 % band. Do not rely on the values below."
+        );
+        return [objection].into_iter().chain(values).collect();
+    }
+    let fit = format!(
+        "The model with these values reproduces the recording within {rmse} mm (root mean square); {share} of the track lies \
+         in the 90 % band of its predictions."
+    );
+    values.chain([fit]).collect()
 }
 
 fn is_refuted(predictive: Option<&Predictive>) -> bool {
@@ -136,18 +135,6 @@ fn untold(inferred: &Inferred<'_>) -> Option<String> {
             names.join(" and the ")
         )
     })
-}
-
-fn rows(inferred: &Inferred<'_>) -> Vec<Vec<String>> {
-    let row = |m: &Marginal| {
-        let quantity = Quantity::of(&m.name);
-        let words = quantity.estimate(m.median, m.q05, m.q95);
-        let (value, interval) = words.split_once(" (").unwrap_or((&words, ""));
-        let space = &inferred.posterior.parameters;
-        let prior = space.index_of(&m.name).map(|i| quantity.prior(&space.parameters()[i].prior));
-        vec![quantity.title.clone(), value.to_owned(), interval.replace(')', ""), prior.unwrap_or_default()]
-    };
-    inferred.marginals.iter().map(row).collect()
 }
 
 /// Check of the posterior's predictions in words.
@@ -209,14 +196,14 @@ mod tests {
                 let words = words.replace("&#39;", "'");
                 assert!(page.contains(&words), "{words}: {page}");
             }
-            assert!(!page.contains("length_m") && !page.contains("answer bad\""), "{page}");
+            assert!(!page.contains("length_m") && !page.contains("lead bad\""), "{page}");
         });
     }
 
     #[test]
     fn a_model_that_cannot_make_the_recording_is_no_answer() {
         inferred(0.01, |page| {
-            assert!(page.contains("answer bad\"") && page.contains("Do not rely on these values"), "{page}");
+            assert!(page.contains("lead bad\"") && page.contains("Do not rely on the values below"), "{page}");
         });
     }
 }

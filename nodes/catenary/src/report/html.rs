@@ -7,17 +7,19 @@ use std::fmt::Write;
 const STYLE: &str = ":root{color-scheme:light}*{box-sizing:border-box}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:0 auto;padding:16px 12px 48px;color:#222;background:#fff;overflow-wrap:break-word}\
 h1{font-size:1.5em;line-height:1.25}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ddd}\
-.answer{background:#eef6fb;border-left:4px solid #0072b2;padding:.7em 1em;margin:1em 0;font-size:1.2em}.answer p{margin:.3em 0}\
-.answer.bad,.warning{background:#fff4d6;border-left:4px solid #e69f00}.warning{padding:.5em 1em}.note{color:#666}\
+.lead{background:#eef6fb;border-left:4px solid #0072b2;padding:.7em 1em;margin:1em 0;font-size:1.2em}.lead p{margin:.3em 0}\
+.lead.bad,.warning{background:#fff4d6;border-left:4px solid #e69f00}.warning{padding:.5em 1em}.note{color:#666}\
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,380px),1fr));gap:20px 24px;margin:1em 0;align-items:start}\
 .plots figure{margin:0;max-width:560px;min-width:0}.plots figcaption{font-weight:600;font-size:14px;color:#222;margin-bottom:2px}\
 .plots figure>svg{display:block;width:100%;height:auto;font-family:system-ui,sans-serif}\
+.plots text{paint-order:stroke;stroke:#fff;stroke-width:3px;stroke-linejoin:round}\
 .legend{display:flex;flex-wrap:wrap;gap:2px 14px;margin:2px 0 0;padding:0;list-style:none;font-size:13px;color:#333}\
 .legend li{display:flex;align-items:center;gap:5px}.swatch{width:20px;height:14px;flex:none}\
-.scroll{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}td,th{padding:.25em .8em;border-bottom:1px solid #e6e6e6;text-align:right;vertical-align:top}\
-td:first-child,th:first-child{text-align:left;padding-left:0}th{font-weight:600;vertical-align:bottom}\
+.scroll{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}td,th{padding:.25em .8em;border-bottom:1px solid #e6e6e6;text-align:right;vertical-align:top;white-space:nowrap}\
+td:first-child,th:first-child{text-align:left;padding-left:0;white-space:normal;min-width:90px}td:last-child{white-space:normal;overflow-wrap:anywhere;min-width:90px}th{font-weight:600;vertical-align:bottom;white-space:normal}\
 .strip{display:flex;flex-wrap:wrap;gap:4px}.strip figure{margin:0;width:calc(25% - 4px);min-width:150px;flex-grow:1}.strip svg,img{max-width:100%;height:auto}\
-.strip figcaption{font-size:12px;color:#666}details{margin:1em 0}summary{cursor:pointer;font-weight:600}";
+.strip figcaption{font-size:12px;color:#666}details{margin:1em 0}summary{cursor:pointer;font-weight:600}\
+@media(max-width:600px){td,th{padding:.25em .45em;font-size:14px}.lead{font-size:1.1em}}";
 
 /// A page under construction.
 pub struct Page {
@@ -35,7 +37,7 @@ impl Page {
 
     /// The answer to what the page is about, in sentences; it is marked where it is bad news.
     pub fn answer(&mut self, sentences: &[String], is_bad: bool) {
-        let class = if is_bad { "answer bad" } else { "answer" };
+        let class = if is_bad { "lead bad" } else { "lead" };
         let text: String = sentences.iter().map(|s| format!("<p>{}</p>", escape(s))).collect();
         let _ = writeln!(self.text(), "<div class=\"{class}\">{text}</div>");
     }

@@ -4,6 +4,7 @@ mod html;
 pub mod number;
 pub mod palette;
 pub mod plots;
+pub mod posterior;
 pub mod quantity;
 mod svg;
 mod ticks;

@@ -40,12 +40,6 @@ pub fn significant(value: f64, digits: i32) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// A value with its interval, all to the interval's precision: "261 (254 to 267)".
-pub fn interval(value: f64, low: f64, high: f64) -> String {
-    let width = high - low;
-    format!("{} ({} to {})", rounded(value, width), rounded(low, width), rounded(high, width))
-}
-
 /// A distance in mm: tenths below 10 mm.
 pub fn millimetres(value: f64) -> String {
     plain(value, if value < 9.95 { 1 } else { 0 })
@@ -83,6 +77,10 @@ mod tests {
 
     #[test]
     fn values_have_the_precision_of_their_intervals() {
+        let interval = |value: f64, low: f64, high: f64| {
+            let [value, low, high] = [value, low, high].map(|v| rounded(v, high - low));
+            format!("{value} ({low} to {high})")
+        };
         assert_eq!(interval(260.7312, 254.21, 267.08), "261 (254 to 267)");
         assert_eq!(interval(0.22713, 0.161, 0.291), "0.23 (0.16 to 0.29)");
         assert_eq!(interval(7.1234, 1.98, 29.7), "7.1 (2.0 to 30)");

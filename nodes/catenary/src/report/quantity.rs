@@ -82,8 +82,13 @@ impl Quantity {
 
     /// A value with its unit, to a relative precision of some percent.
     pub fn value(&self, value: f64) -> String {
+        self.value_within(value, 0.5 * value.abs())
+    }
+
+    /// A value with its unit, to two digits of `width`.
+    pub fn value_within(&self, value: f64, width: f64) -> String {
         let scale = self.scale(value);
-        scale.with_unit(&number::rounded(value * scale.factor, value.abs() * scale.factor * 0.5))
+        scale.with_unit(&number::rounded(value * scale.factor, width * scale.factor))
     }
 
     /// A prior in words: its support, and its kind.
@@ -96,7 +101,7 @@ impl Quantity {
         };
         match prior {
             Prior::Uniform { .. } => range(low, high),
-            Prior::LogUniform { .. } => format!("{}, uniform in the logarithm", range(low, high)),
+            Prior::LogUniform { .. } => format!("{} (logarithmic)", range(low, high)),
             Prior::Normal { mean, sd, .. } => {
                 let digits = |v: f64| number::significant(v * scale.factor, 3);
                 format!("{} ± {}, {}", digits(*mean), digits(*sd), range(low, high))
@@ -148,6 +153,6 @@ mod tests {
         assert_eq!(Quantity::of("camera_tilt_rad").value(0.0349), "2.0°");
         assert_eq!(Quantity::of("quadratic_drag_n_s2_m3").value(0.31), "0.31 N s²/m³");
         let prior = Prior::LogUniform { low: 1e3, high: 5e4 };
-        assert_eq!(Quantity::of("youngs_modulus_pa").prior(&prior), "1 to 50 kPa, uniform in the logarithm");
+        assert_eq!(Quantity::of("youngs_modulus_pa").prior(&prior), "1 to 50 kPa (logarithmic)");
     }
 }

@@ -9,8 +9,8 @@ use std::fmt::Write;
 pub const WIDTH: f64 = 380.0;
 /// Height of a text.
 pub const FONT: f64 = 12.0;
-/// Advance of a character, roughly: system fonts are narrower.
-const CHARACTER: f64 = 6.6;
+/// Advance of a character at most, on average: that of DejaVu Sans, the widest of the usual system fonts.
+const CHARACTER: f64 = 7.4;
 const INK: &str = "#333333";
 const GRID: &str = "#e4e4e4";
 
@@ -141,7 +141,7 @@ impl Svg {
         );
     }
 
-    /// A text with its base line at the point; a white edge keeps it apart from what is below.
+    /// A text with its base line at the point; the page's style gives it a white edge, which keeps it apart from what is below.
     pub fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, colour: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",

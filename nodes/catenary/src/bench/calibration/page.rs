@@ -70,7 +70,7 @@ fn answer(report: &Report) -> (Vec<String>, bool) {
 }
 
 fn row(s: &Summary) -> Vec<String> {
-    let p = if s.p_value < 1e-3 { "< 0.001".to_owned() } else { plain(s.p_value, 3) };
+    let p = if s.p_value < 1e-3 { "< 0.001".to_owned() } else { plain(s.p_value, if s.p_value < 0.1 { 3 } else { 2 }) };
     std::iter::once(capital(&name(s)))
         .chain(s.coverage.iter().map(|c| format!("{} %", plain(100.0 * c, 1))))
         .chain([p])

@@ -36,6 +36,11 @@ pub fn bars(title: &str, x_label: &str, bars: &[Bar], line: Option<(&str, f64, R
         let half = 0.5 * text_width(&label);
         svg.text([x(value).max(half), bottom + FONT + 3.0], Anchor::Middle, INK, &label);
     }
+    let mut legend = legend.to_vec();
+    if let Some((name, value, role)) = line {
+        svg.path(&[[x(value), 2.0], [x(value), bottom]], role.css(), 2.5, true);
+        legend.push(Entry::new(name, Shape::Dashes, role));
+    }
     for (i, bar) in bars.iter().enumerate() {
         let top = ROW * i as f64 + FONT + 6.0;
         svg.text([left, top - 4.0], Anchor::Start, INK, &bar.label);
@@ -48,11 +53,6 @@ pub fn bars(title: &str, x_label: &str, bars: &[Bar], line: Option<(&str, f64, R
         svg.text([x(from) + 5.0, top + BAR - 1.5], Anchor::Start, INK, &bar.value);
     }
     svg.line([left, 2.0], [left, bottom], INK, 1.0);
-    let mut legend = legend.to_vec();
-    if let Some((name, value, role)) = line {
-        svg.path(&[[x(value), 2.0], [x(value), bottom]], role.css(), 2.5, true);
-        legend.push(Entry::new(name, Shape::Dashes, role));
-    }
     svg.text([0.5 * WIDTH, bottom + 2.0 * FONT + 8.0], Anchor::Middle, INK, x_label);
     svg.figure(bottom + 2.0 * FONT + 14.0, title, &legend)
 }
@@ -82,7 +82,8 @@ pub fn intervals(title: &str, x_label: &str, rows: &[Interval]) -> String {
             chart.svg.disc(at, 5.5, role.css(), 1.0);
         }
         let half = 0.5 * text_width(name);
-        let middle = (0.5 * (ends[0][0] + ends[1][0])).clamp(half + 10.0, WIDTH - half - 12.0);
+        let left = chart.field().0[0];
+        let middle = (0.5 * (ends[0][0] + ends[1][0])).clamp(left + half + 4.0, WIDTH - half - 12.0);
         chart.svg.text([middle, y - 9.0], Anchor::Middle, INK, name);
     }
     chart.figure(title, &[])
