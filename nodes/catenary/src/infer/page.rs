@@ -13,8 +13,10 @@ use std::path::PathBuf;
 
 /// Low-variance samples in a picture of two parameters.
 const SAMPLES: usize = 12;
-/// p-value of the predictive check under which the model cannot have made the recording; the warnings use the same.
+/// p-value of the predictive check, and share of the track in the 90 % band, at and under which the model cannot have made the
+/// recording. The warnings of the inference have the same limits.
 const IMPROBABLE: f64 = 0.02;
+const LOW_COVERAGE: f64 = 0.6;
 /// Share of the prior's interval that the posterior's must be under, or the recording told nothing of the parameter.
 const TOLD: f64 = 0.9;
 
@@ -83,8 +85,8 @@ fn answer(inferred: &Inferred<'_>) -> Vec<String> {
     let (rmse, share) = (millimetres(p.rmse_mm), percent(p.coverage));
     if is_refuted(inferred.predictive) {
         let objection = format!(
-            "The model does not reproduce the recording: it is {rmse} mm off (root mean square), farther than its own \
-             predictions lie apart, and {share} of the track lies in their 90 % band. Do not rely on the values below."
+            "The model does not reproduce the recording: it is {rmse} mm off (root mean square), and {share} of the track \
+             lies in the 90 % band of its predictions. Do not rely on the values below."
         );
         return [objection].into_iter().chain(values).collect();
     }
@@ -95,8 +97,9 @@ fn answer(inferred: &Inferred<'_>) -> Vec<String> {
     values.chain([fit]).collect()
 }
 
+/// Whether the model cannot have made the recording, or predicts it no better than its own middle does.
 fn is_refuted(predictive: Option<&Predictive>) -> bool {
-    predictive.is_some_and(|p| p.p_value < IMPROBABLE)
+    predictive.is_some_and(|p| p.p_value <= IMPROBABLE || p.coverage < LOW_COVERAGE || p.rmse_mm > p.spread_mm)
 }
 
 /// Values with their intervals, in a sentence.
