@@ -290,3 +290,17 @@ def pytest_runtest_makereport():
             lines = [line[:400] for line in path.read_text(errors="replace").splitlines()[-40:]]
             report.sections.append((str(path.relative_to(session.folder)), "\n".join(lines)))
     return report
+
+
+@pytest.fixture(scope="session")
+def hidden_mass(tmp_path_factory):
+    """A search for what a model lacks, in an episode with 6 g at the tip; another such episode is unseen. Its folder, and the process."""
+    folder, model = tmp_path_factory.mktemp("hidden_mass"), ROOT / "launch_configs/models/soft_bar.yaml"
+    run = lambda *words: subprocess.run([str(w) for w in (PROGRAM, *words)], capture_output=True, text=True, timeout=600)
+    for name, seed in (("fitted", 5), ("unseen", 6)):
+        (folder / name).mkdir()
+        hidden = ("--noise", "--effect", "tip_mass_kg=0.006", "--seed", seed, "--out", folder / name / "bag")
+        made = run("simulate", "--model", model, "--actions", model.with_name("gallery.csv"), *hidden)
+        assert made.returncode == 0, made.stderr
+    bags = ("--bag", folder / "fitted/bag", "--verify", folder / "unseen/bag")
+    return folder, run("find-effects", *bags, "--model", model, "--null-sets", 19, "--out", folder / "found", "--json")

@@ -1,5 +1,6 @@
 //! `catenary find-effects`: where model and recordings disagree, and which effect explains it.
 
+mod answer;
 mod page;
 
 use crate::cli::FindEffectsArgs;
@@ -103,7 +104,7 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         finding,
     };
     write_motion(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
-    write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &shown)?])?;
+    write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &model, &shown)?])?;
     journal.remove();
     output::result(&arguments.output, &report, |r| words(r, &arguments.out))
 }

@@ -1,8 +1,9 @@
 //! `catenary infer`: a posterior from a bag, in this process.
 
+pub mod page;
+
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
-use crate::report::{Page, plots};
 use crate::{figures::figures, model_file, output, policy_file, progress, served};
 use anyhow::{Context, Result};
 use bayes_sim::infer::question;
@@ -162,33 +163,19 @@ fn write(folder: &Path, report: &Report) -> Result<()> {
 
 fn page(report: &Report) -> Result<String> {
     let result = &report.result;
-    let mut page = Page::new(&format!("catenary infer: {}", report.model));
-    let bags: Vec<String> = report.bags.iter().map(|b| b.display().to_string()).collect();
     let episodes =
         if report.episodes == 1 { "one episode".to_owned() } else { format!("{} episodes", report.episodes) };
-    let (bags, frames, duration_s) = (bags.join(", "), report.frames, report.duration_s);
-    page.paragraph(&format!("{bags}: {episodes}, {frames} frames in {duration_s:.2} s."));
-    result.warnings.iter().for_each(|w| page.warning(w));
-    let d = result.posterior.parameters.dimension();
-    let domains = result.posterior.sample_low_variance(12, 0)?;
-    for i in 0..d {
-        for j in i + 1..d {
-            let extent = plots::Extent::Prior;
-            page.svg(&plots::heatmap(&result.posterior, [i, j], extent, &domains, None)?);
-        }
-    }
-    let row = |m: &Marginal| {
-        vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95)]
-    };
-    let rows: Vec<Vec<String>> = result.marginals.iter().map(row).collect();
-    page.table(&["parameter", "mean", "sd", "5 %", "median", "95 %"], &rows);
-    if let Some(p) = &result.predictive {
-        page.paragraph(&predictive_words(p));
-    }
-    let losses = result.losses().iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
-    let series = [plots::Series { name: "held-out loss".into(), points: losses }];
-    page.svg(&plots::lines("held-out loss of inference", "iteration", "nat", &series)?);
-    Ok(page.finish())
+    page::page(&page::Inferred {
+        model: &report.model,
+        bags: &report.bags,
+        size: format!(": {episodes}, {} frames in {:.2} s", report.frames, report.duration_s),
+        posterior: &result.posterior,
+        marginals: &result.marginals,
+        predictive: result.predictive.as_ref(),
+        warnings: &result.warnings,
+        losses: result.losses(),
+        simulations: result.simulations(),
+    })
 }
 
 fn predictive_words(p: &bayes_sim::Predictive) -> String {

@@ -3,7 +3,7 @@
 use crate::cli::{FindEffectsArgs, InferArgs, TrainArgs};
 use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
-use crate::infer::{iteration_words, marginal_words};
+use crate::infer::{iteration_words, marginal_words, page};
 use crate::train::{Report, read_posterior};
 use crate::wrong_input::Given;
 use crate::{model_file, output, policy_file, progress};
@@ -58,8 +58,9 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         policy,
         seed: arguments.seed,
     };
-    let path = arguments.out.join("posterior.json");
+    let (path, report) = (arguments.out.join("posterior.json"), arguments.out.join("report.html"));
     output::prepare(&path)?;
+    output::prepare(&report)?;
     let bar = progress::bar("inference", 0.0)?;
     let asking = Asking { who: "infer", what: "bayes_sim/infer", namespace, wait_s: arguments.served.wait_s };
     let Answer { name, result, wall_s } = asking.ask::<Infer>(goal, &bar, |bar, feedback| {
@@ -80,6 +81,18 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         losses: result.losses,
         simulations: result.simulations,
     };
+    let page = page::page(&page::Inferred {
+        model: &inferred.model,
+        bags: &inferred.bags,
+        size: String::new(),
+        posterior: &inferred.posterior,
+        marginals: &inferred.marginals,
+        predictive: None,
+        warnings: &inferred.warnings,
+        losses: inferred.losses.clone(),
+        simulations: inferred.simulations as usize,
+    })?;
+    std::fs::write(&report, page).with_context(|| report.display().to_string())?;
     output::result(&arguments.output, &inferred, |i| {
         let mut lines = marginal_words(&i.marginals);
         lines.extend(i.warnings.iter().map(|w| format!("warning: {w}")));

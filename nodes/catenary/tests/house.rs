@@ -128,6 +128,7 @@ fn quantities_carry_their_units() {
             has_unit(name) || PLAIN.iter().any(|p| name.ends_with(p)),
             "model parameter {name} has no unit in its name"
         );
+        assert_eq!(has_unit(name), parameter.unit != "1", "model parameter {name} of unit {}", parameter.unit);
     }
     for about in simulator_pool::Registry::shipped().effects().map(|e| e.about()) {
         assert_eq!(has_unit(about.name), about.unit != "1", "effect {} of unit {}", about.name, about.unit);

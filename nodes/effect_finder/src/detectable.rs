@@ -7,6 +7,8 @@ use crate::error::FinderError;
 use crate::fit::{Fit, Problem, Start};
 use crate::settings::Settings;
 use catenary_core::Track;
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// Quantiles of the normal distribution: that at which a test of 5 % rejects, and that over which four of five draws lie.
@@ -21,6 +23,65 @@ const AGAIN: usize = 3;
 /// Draws of the priors, and the best of them from which fits start, that look for the present model's best answer.
 const DRAWS: usize = 200;
 const STARTS: usize = 4;
+
+/// Size at which the first-order limit starts, over the greatest of the prior, and its steps.
+const FIRST: f64 = 0.3;
+const STEPS: usize = 3;
+
+/// Limit of detection of an effect in some recordings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// Name of the effect, with its unit.
+    pub name: String,
+    /// Its name in a sentence.
+    pub title: String,
+    /// Least size that shows in four of five such data sets; none where the greatest that a search looks at does not, or the
+    /// effect cannot act.
+    pub size: Option<f64>,
+}
+
+/// Limits of detection of the candidates, to first order: the present model's answer to each effect is a step along its
+/// derivatives at `fit`. [`detectable_size`] fits it anew instead, which takes a hundred times as long.
+///
+/// # Errors
+/// [`FinderError::NoFit`] where the present model cannot be simulated at the fit.
+pub fn limits(problem: &Problem<'_>, fit: &Fit, candidates: &[Candidate]) -> Result<Vec<Limit>, FinderError> {
+    let own = problem.tracks(&[&fit.point])?.pop().ok_or_else(|| FinderError::NoFit("no track came".into()))?;
+    let limit = |c: &Candidate| Limit {
+        name: c.name.clone(),
+        title: c.title.clone(),
+        size: first_order_size(problem, fit, &own, c),
+    };
+    Ok(candidates.iter().map(limit).collect())
+}
+
+fn first_order_size(problem: &Problem<'_>, fit: &Fit, own: &[Track], candidate: &Candidate) -> Option<f64> {
+    let channels = problem.channels().len();
+    let needed = needed(channels.saturating_sub(fit.point.len()).max(1) as f64);
+    let with = Problem { unknowns: problem.unknowns.with(candidate), ..*problem };
+    let search = candidate.search();
+    let most = search.bounds().1 - candidate.base;
+    let left = |size: f64| -> Option<f64> {
+        let mut point = with.unknowns.point_from(&problem.unknowns, &fit.point);
+        point[with.unknowns.columns() - 1] = search.to_unit(candidate.base + size).clamp(0.0, 1.0);
+        let tracks = with.tracks(&[&point]).ok()?.pop()?;
+        // Rows of priors come after those of the data, and stay zero.
+        let mut residuals = DVector::zeros(fit.residuals.len());
+        let parts = problem.cases.iter().zip(&tracks).zip(own).map(|((case, m), own)| case.residuals(m, own));
+        parts.flat_map(|r| r.data.as_vec().clone()).enumerate().for_each(|(i, r)| residuals[i] = r);
+        Some(Fit { cost: residuals.norm_squared(), residuals, ..fit.clone() }.descended().cost)
+    };
+    let mut size = (FIRST * candidate.prior.bounds().1).min(most);
+    for _ in 0..STEPS {
+        let cost = left(size)?;
+        if !(cost.is_finite() && cost > 0.0) || (size >= most && cost < needed) {
+            return None;
+        }
+        // What is left grows with the square of a small effect.
+        size = (size * (needed / cost).sqrt()).clamp(LEAST * most, most);
+    }
+    (size < most || left(most)? >= needed).then_some(size)
+}
 
 /// The magnitude of `candidate` from which, and up to three times which, the present model, whatever values its unknowns take, is
 /// rejected at 5 % in four of five data sets as those of `problem`, in which the unknowns have the values of the point `u`: the
@@ -153,6 +214,30 @@ mod tests {
         assert!((left / needed - 1.0).abs() < 0.05, "{left} of {needed}");
         let half = size(&Toy { gain: 0.6 }, 0.6).unwrap();
         assert!((found / half - 2.0).abs() < 0.1, "{found} {half}");
+    }
+
+    #[test]
+    fn limits_of_first_order_are_those_of_a_linear_effect() {
+        let gain = 0.3;
+        let toy = Toy { gain };
+        let cases = [toy::case(&toy, TRUTH, &[])];
+        let problem = Problem::of(&toy::model(), &cases, &toy, 40);
+        let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
+        let fit = problem.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.3 };
+        let named = |name: &str, high: f64| Candidate {
+            title: name.to_owned(),
+            name: name.to_owned(),
+            prior: Prior::Uniform { low: 0.0, high },
+            range: [0.0, high],
+            base: 0.0,
+            odds: 1.0,
+        };
+        let mass = Candidate { prior, range: [0.0, 1.0], ..named("tip_mass_kg", 1.0) };
+        let found = limits(&problem, &fit, &[mass, named("tip_mass_kg", 1e-6)]).unwrap();
+        let (first_order, fitted) = (found[0].size.unwrap(), size(&toy, gain).unwrap());
+        assert!((first_order / fitted - 1.0).abs() < 0.1, "{first_order} {fitted}");
+        assert_eq!(found[1].size, None, "a range that ends before it shows");
     }
 
     #[test]

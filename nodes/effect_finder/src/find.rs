@@ -14,6 +14,7 @@ use crate::calibrate::{
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::detect::{Detection, detect};
+use crate::detectable::limits;
 use crate::error::FinderError;
 use crate::evidence::Yardstick;
 use crate::fit::{Fit, OnRound, Problem, presses};
@@ -213,6 +214,7 @@ impl<'a> Search<'a> {
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
         let mut outcome =
             Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
+        outcome.finding.limits = limits(self.problem, &fit, self.question.candidates)?;
         let mut is_narrow = false;
         if is_gap {
             self.telling.conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;

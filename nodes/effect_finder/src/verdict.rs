@@ -1,6 +1,7 @@
 //! What a search comes to.
 
 use crate::detect::Test;
+use crate::detectable::Limit;
 use crate::discrepancy::Discrepancy;
 use crate::localise::Place;
 use crate::name::{Explanation, Magnitude, Ranking};
@@ -86,6 +87,8 @@ pub struct Finding {
     pub presence: Vec<Presence>,
     /// Candidates that were left out, with the reason.
     pub left_out: Vec<(String, String)>,
+    /// Limits of detection of the candidates in the fitted episodes, in the candidates' order.
+    pub limits: Vec<Limit>,
     /// Probability that the present model lacks nothing; 1 where no candidate was tried.
     pub probability_of_none: f64,
     /// Probability that it lacks something that no candidate is.
@@ -126,6 +129,7 @@ impl Finding {
             explanations: Vec::new(),
             presence: Vec::new(),
             left_out: Vec::new(),
+            limits: Vec::new(),
             probability_of_none: 1.0,
             probability_of_unknown: 0.0,
             found: Vec::new(),

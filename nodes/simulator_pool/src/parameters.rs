@@ -13,6 +13,10 @@ use thiserror::Error;
 pub struct PhysicalParameter {
     /// Name with unit, as model files write it.
     pub name: &'static str,
+    /// Its name in a sentence.
+    pub title: &'static str,
+    /// Unit; 1 for a ratio or a coefficient.
+    pub unit: &'static str,
     /// What it does.
     pub description: &'static str,
     /// Value where a model does not name it; none: it must be named, or its absence means something.
@@ -23,46 +27,81 @@ pub struct PhysicalParameter {
 
 const fn parameter(
     name: &'static str,
+    [title, unit]: [&'static str; 2],
     default: Option<f64>,
     range: [f64; 2],
     description: &'static str,
 ) -> PhysicalParameter {
-    PhysicalParameter { name, description, default, range }
+    PhysicalParameter { name, title, unit, description, default, range }
 }
 
 /// Every parameter that a model may fix, infer or draw.
 pub const CATALOGUE: &[PhysicalParameter] = &[
-    parameter("length_m", None, [0.01, 10.0], "length at rest from the grip to the tip"),
+    parameter("length_m", ["length", "m"], None, [0.01, 10.0], "length at rest from the grip to the tip"),
     parameter(
         "youngs_modulus_pa",
+        ["Young's modulus", "Pa"],
         None,
         [1.0, 1e12],
         "Young's modulus; gives axial, shear and bending stiffness of a solid section",
     ),
     parameter(
         "bending_stiffness_n_m2",
+        ["bending stiffness", "N m^2"],
         None,
         [1e-9, 1e4],
         "bending stiffness EI, instead of Young's modulus; needs axial_stiffness_n",
     ),
-    parameter("axial_stiffness_n", None, [1e-3, 1e9], "axial stiffness EA, where EI is given"),
-    parameter("poisson_ratio", Some(0.45), [0.0, 0.5], "Poisson's ratio, for the shear stiffness"),
-    parameter("density_kg_m3", None, [1.0, 1e5], "density"),
+    parameter(
+        "axial_stiffness_n",
+        ["axial stiffness", "N"],
+        None,
+        [1e-3, 1e9],
+        "axial stiffness EA, where EI is given",
+    ),
+    parameter(
+        "poisson_ratio",
+        ["Poisson's ratio", "1"],
+        Some(0.45),
+        [0.0, 0.5],
+        "Poisson's ratio, for the shear stiffness",
+    ),
+    parameter("density_kg_m3", ["density", "kg/m^3"], None, [1.0, 1e5], "density"),
     parameter(
         "sticking_stiffness_n_m2",
+        ["sticking stiffness", "N m^2"],
         Some(0.0),
         [0.0, 1e4],
         "bending stiffness beside EI while the strands of a cable stick to one another",
     ),
     parameter(
         "slip_moment_n_m",
+        ["slip moment", "N m"],
         Some(0.0),
         [0.0, 1e3],
         "moment at which the strands of a cable slip: larger damps large motions more and lets small ones slip less",
     ),
-    parameter("creep_time_s", Some(2.0), [1e-2, 1e5], "time constant of creep, where there is any"),
-    parameter("table_height_m", None, [-10.0, 10.0], "height of the table; without it there is no table"),
-    parameter("table_friction", Some(0.5), [0.0, 5.0], "Coulomb coefficient of friction on the table"),
+    parameter(
+        "creep_time_s",
+        ["creep time", "s"],
+        Some(2.0),
+        [1e-2, 1e5],
+        "time constant of creep, where there is any",
+    ),
+    parameter(
+        "table_height_m",
+        ["table height", "m"],
+        None,
+        [-10.0, 10.0],
+        "height of the table; without it there is no table",
+    ),
+    parameter(
+        "table_friction",
+        ["table friction", "1"],
+        Some(0.5),
+        [0.0, 5.0],
+        "Coulomb coefficient of friction on the table",
+    ),
 ];
 
 /// Why a model makes no beam.

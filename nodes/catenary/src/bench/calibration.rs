@@ -1,9 +1,10 @@
 //! Whether posteriors are as often right as they say: truths from the prior, an episode of each, an inference of each.
 
+mod page;
+
 use super::hidden_episode;
 use crate::cli::{CalibrationArgs, Preset};
 use crate::interrupted::Interrupted;
-use crate::report::{Page, plots};
 use crate::wrong_input::Given;
 use crate::{model_file, output, progress};
 use anyhow::{Context, Result, ensure};
@@ -14,6 +15,7 @@ use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Parameter, ParameterSpace, seed};
 use catenary_shell::Shutdown;
 use indicatif::ProgressBar;
+use page::page;
 use serde::{Deserialize, Serialize};
 use simulator_pool::{BeamSimulator, workers};
 use std::collections::BTreeMap;
@@ -81,7 +83,7 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     )?;
     bar.finish_and_clear();
     let report = report(&model, &lines);
-    std::fs::write(arguments.out.join("report.html"), page(&report)?)?;
+    std::fs::write(arguments.out.join("report.html"), page(&report))?;
     output::result(&arguments.output, &report, words)
 }
 
@@ -254,26 +256,6 @@ fn words(report: &Report) -> String {
     lines.push(format!("{} truths, {:.1} s each", report.truths, report.wall_s_each));
     lines.push(report.verdict.clone());
     lines.join("\n")
-}
-
-fn page(report: &Report) -> Result<String> {
-    let mut page = Page::new(&format!("catenary bench calibration: {}", report.model));
-    page.paragraph(&format!("{} truths from the prior. {}", report.truths, report.verdict));
-    page.table(&HEAD, &rows(report));
-    let curve = |s: &Summary| {
-        let n = s.values.len() as f64;
-        let points = s.values.iter().enumerate().map(|(i, v)| (*v, (i + 1) as f64 / n)).collect();
-        plots::Series { name: s.name.clone(), points }
-    };
-    let exact = plots::Series { name: "exact".into(), points: vec![(0.0, 0.0), (1.0, 1.0)] };
-    let series: Vec<plots::Series> = report.checks.iter().map(curve).chain([exact]).collect();
-    page.svg(&plots::lines(
-        "Distribution of ranks, regions and distances",
-        "share of draws",
-        "share of truths",
-        &series,
-    )?);
-    Ok(page.finish())
 }
 
 #[cfg(test)]

@@ -3,9 +3,8 @@
 use super::story::{REPEATS, quantity, training_words};
 use super::summary::{Episode, Summary};
 use crate::evaluate::{Estimate, Evaluated};
-use crate::figures::figures;
 use crate::report::plots::{self, Series};
-use crate::report::{Mark, Page, Picture};
+use crate::report::{Mark, Page, Picture, posterior};
 use anyhow::{Context, Result};
 use base64::Engine;
 use catenary_core::Goal;
@@ -29,7 +28,7 @@ pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
     let mut page = Page::new(&summary.headline());
     answer(&mut page, folder, summary)?;
     method(&mut page, summary);
-    posterior(&mut page, summary)?;
+    inferred(&mut page, summary)?;
     training(&mut page, summary)?;
     episodes(&mut page, folder, summary)?;
     stages(&mut page, summary);
@@ -115,7 +114,7 @@ fn method(page: &mut Page, summary: &Summary) {
     page.paragraph(&format!("Preset {}, seed {}. {REPEATS}", summary.preset, summary.seed));
 }
 
-fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
+fn inferred(page: &mut Page, summary: &Summary) -> Result<()> {
     let inference = &summary.inference;
     page.heading("Posterior");
     let truth = (summary.truth.len() == inference.marginals.len()).then_some(summary.truth.as_slice());
@@ -124,12 +123,8 @@ fn posterior(page: &mut Page, summary: &Summary) -> Result<()> {
             page.svg(&plots::heatmap(&inference.posterior, [0, 1], extent, &inference.domains, truth)?);
         }
     }
-    let row = |(i, m): (usize, &Marginal)| {
-        let hidden = truth.map_or_else(String::new, |t| figures(t[i]));
-        vec![m.name.clone(), figures(m.mean), figures(m.sd), figures(m.q05), figures(m.median), figures(m.q95), hidden]
-    };
-    let rows: Vec<Vec<String>> = inference.marginals.iter().enumerate().map(row).collect();
-    page.table(&["parameter", "mean", "sd", "5 %", "median", "95 %", "hidden truth"], &rows);
+    let head = &posterior::HEAD[..if truth.is_some() { 5 } else { 4 }];
+    page.table(head, &posterior::rows(&inference.posterior, &inference.marginals, truth));
     page.paragraph(&format!(
         "{} simulations; effective sample size of the last iteration {:.0}; {:.1} % of the mixture outside the prior's support.",
         inference.simulations,

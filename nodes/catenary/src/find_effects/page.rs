@@ -1,181 +1,376 @@
-//! The page of a search: what was found, with every picture.
+//! The page of a search: the answer, its evidence, and what would have shown.
 
-use super::{Looked, Report, headline};
-use crate::figures::figures;
+use super::answer::{answer, most_probable, noise_words, times_the_noise};
+use super::{Looked, Report};
 use crate::report::Page;
-use crate::report::plots::search::{Bar, Interval, Panel, Ribbon, bars, histogram, intervals, panels};
+use crate::report::number::{millimetres, p_value, percent, plain};
+use crate::report::palette::Role;
+use crate::report::plots::densities::null_histogram;
+use crate::report::plots::search::{Bar, Entry, Interval, Panel, Ribbon, Shape, bars, intervals, panel};
+use crate::report::quantity::Quantity;
 use anyhow::Result;
-use effect_finder::case::Quantity;
+use catenary_core::{Model, Prior};
+use effect_finder::case;
 use effect_finder::localise::{Part, Place};
+use effect_finder::name::{Explanation, Magnitude};
 use effect_finder::outcome::{Band, Places, Shown};
-use effect_finder::verdict::{Estimate, Fitness};
+use effect_finder::verdict::{Estimate, Finding, Fitness};
 use effect_finder::verify::Verification;
+use effect_finder::{Verdict, detectable::Limit};
+use simulator_pool::Registry;
 
 /// Explanations in the picture, of all the most probable.
-const RANKED: usize = 12;
+const RANKED: usize = 8;
+/// Those that are shown however improbable they are, and the probability from which the others are.
+const LEAST_RANKED: usize = 3;
+const NEGLIGIBLE: f64 = 0.005;
 /// Episodes in pictures, of those that models were fitted to and of the held-out ones.
 const SHOWN: usize = 3;
-/// Least p-value in pictures, which have it in a logarithm.
-const LEAST_P: f64 = 1e-3;
+/// Names of the two models.
+const PRESENT: &str = "present model";
+const REPAIRED: &str = "repaired model";
 
 /// The whole page.
-pub fn page(report: &Report, shown: &[Shown]) -> Result<String> {
+pub fn page(report: &Report, model: &Model, shown: &[Shown]) -> Result<String> {
     let finding = &report.finding;
-    let mut page = Page::new(&format!("catenary find-effects: {}", report.model));
-    page.paragraph(&format!("verdict: {}", headline(finding)));
-    finding.conclusions.iter().for_each(|c| page.paragraph(c));
-    let row = |kind: &'static str| {
-        move |(i, e): (usize, &Looked)| {
-            vec![i.to_string(), kind.into(), e.number.to_string(), e.bag.display().to_string()]
-        }
-    };
-    let mut rows: Vec<Vec<String>> = report.episodes.iter().enumerate().map(row("fitted")).collect();
-    rows.extend(report.held_out.iter().enumerate().map(row("held out")));
-    page.table(&["episode", "", "number in its bag", "bag"], &rows);
-    page.heading("The present model");
-    fitness(&mut page, &finding.present)?;
-    if let Some(repaired) = &finding.repaired {
-        page.heading("The model with the most probable effects");
-        fitness(&mut page, repaired)?;
-        page.svg(&theta(&finding.present, repaired)?);
+    let mut page = Page::new(&format!("What the model {} lacks", report.model));
+    page.answer(
+        &answer(finding, report.episodes.len(), report.held_out.len()),
+        matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
+    );
+    doubts(&mut page, finding);
+    page.heading("The model and its parameters");
+    models(&mut page, finding, model);
+    page.heading("Measured and predicted");
+    page.note("Keypoint at the tip; bands hold 90 % of a model's predictions.");
+    for (title, episode) in chosen(shown).into_iter().take(2) {
+        (0..2).for_each(|axis| page.svg(&overlay(&title, episode, 3, axis)));
     }
     if let Some(verification) = &finding.verification {
-        page.heading("On episodes that no fit has seen");
-        page.svg(&gap(verification)?);
+        page.svg(&gap(verification));
     }
-    page.heading("Measured and predicted");
-    overlays(&mut page, shown)?;
-    page.heading("Where they disagree");
-    page.svg(&places(&finding.places)?);
-    page.table(
-        &["part", "times the noise", "excess, sd", "p (corrected)"],
-        &finding.places.iter().map(place).collect::<Vec<_>>(),
-    );
+    page.svg(&places("Where the present model errs", &finding.places, report.settings.level));
     if !finding.explanations.is_empty() {
-        page.heading("What explains it");
-        explanations(&mut page, report)?;
+        page.heading("Explanations that compete");
+        explanations(&mut page, finding)?;
     }
-    for (name, reason) in &finding.left_out {
-        page.paragraph(&format!("{name} was left out: {reason}"));
-    }
+    limits(&mut page, finding);
+    page.heading("Details");
+    details(&mut page, report, shown)?;
     Ok(page.finish())
 }
 
-/// Values and test of a model: the null sets' statistics, with the measured one.
-fn fitness(page: &mut Page, fitness: &Fitness) -> Result<()> {
-    let row = |e: &Estimate| vec![e.name.clone(), figures(e.value), figures(e.q05), figures(e.q95)];
-    page.table(&["parameter", "best fit", "5 %", "95 %"], &fitness.estimates.iter().map(row).collect::<Vec<_>>());
-    let test = &fitness.test;
-    page.paragraph(&format!(
-        "RMSE {:.1} mm; {} coordinates leave {:.0} squared deviations; p = {:.3}",
-        fitness.rmse_mm, test.coordinates, test.statistic, test.p_value
-    ));
-    let title = "what is left after fits of simulated data without a gap";
-    page.svg(&histogram(title, "squared deviations", &test.null, ("this fit", test.statistic))?);
-    Ok(())
+/// Alternatives, trade-offs, and parameters at the edge of their priors.
+fn doubts(page: &mut Page, finding: &Finding) {
+    if finding.found.iter().any(|alike| alike.len() > 1) {
+        let groups: Vec<String> = finding
+            .found
+            .iter()
+            .map(|alike| alike.iter().map(|n| titles(n)).collect::<Vec<_>>().join(" or "))
+            .collect();
+        let motion = finding.separation.as_ref().filter(|s| s.tells());
+        let hint = motion.map_or("", |_| " The motion in separating_motion.csv would tell.");
+        page.warning(&format!("These cannot be told apart in the recordings: {}.{hint}", groups.join("; ")));
+    }
+    for t in &finding.trade_offs {
+        let [a, b] = [&t.between[0], &t.between[1]].map(|name| Quantity::of(name).title);
+        page.warning(&format!(
+            "The {a} and the {b} trade off (correlation {:.2}): measure one of them.",
+            t.correlation
+        ));
+    }
+    if finding.verdict != Verdict::PriorTooNarrow && !finding.pressing.is_empty() {
+        let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
+        page.warning(&format!("At the edge of the prior: {}.", names.join(", ")));
+    }
 }
 
-/// How the shared values moved.
-fn theta(before: &Fitness, after: &Fitness) -> Result<String> {
-    let interval = |name: &str, e: &Estimate| Interval { name: name.into(), values: [e.q05, e.value, e.q95] };
-    let row = |e: &Estimate| {
-        let old = before.estimates.iter().find(|o| o.name == e.name);
-        let own = old.map(|o| interval("before", o)).into_iter().chain([interval("with the effects", e)]);
-        (e.name.clone(), own.collect())
+/// Titles of effects that are joined in a name.
+fn titles(names: &str) -> String {
+    names.split(" + ").map(|name| Quantity::of(name).title).collect::<Vec<_>>().join(" with ")
+}
+
+/// Priors and values of both models, and how well they fit.
+fn models(page: &mut Page, finding: &Finding, model: &Model) {
+    let (present, repaired) = (&finding.present, finding.repaired.as_ref());
+    let words =
+        |e: Option<&Estimate>| e.map_or("-".to_owned(), |e| Quantity::of(&e.name).estimate(e.value, e.q05, e.q95));
+    let find = |fitness: &'_ Fitness, name: &str| fitness.estimates.iter().find(|e| e.name == name).cloned();
+    let mut names: Vec<&String> = present.estimates.iter().map(|e| &e.name).collect();
+    let more = repaired.iter().flat_map(|r| &r.estimates).map(|e| &e.name);
+    more.for_each(|name| {
+        if !names.contains(&name) {
+            names.push(name)
+        }
+    });
+    let cells = |title: String, prior: String, value: &dyn Fn(&Fitness) -> String| {
+        let own = [title, value(present)].into_iter();
+        own.chain(repaired.map(value)).chain([prior]).collect::<Vec<String>>()
     };
-    intervals("parameters, 5 to 95 %", &after.estimates.iter().map(row).collect::<Vec<_>>())
-}
-
-fn gap(v: &Verification) -> Result<String> {
-    let bar = |label: &str, mm: f64| Bar { label: label.into(), parts: vec![mm] };
-    let mut all = vec![bar("present model", v.before.rmse_mm), bar("repaired model", v.after.rmse_mm)];
-    all.extend(v.wrong_effect.as_ref().map(|(name, score)| bar(&format!("with {name} instead"), score.rmse_mm)));
-    all.extend(v.black_box_mm.map(|mm| bar("regression without physics", mm)));
-    bars("what is left of unseen episodes", "RMSE, mm", &["RMSE"], &all, Some(("noise floor", v.floor_mm)))
-}
-
-fn overlays(page: &mut Page, shown: &[Shown]) -> Result<()> {
-    let (held_out, fitted): (Vec<_>, Vec<_>) = shown.iter().partition(|s| s.is_held_out);
-    for (kind, list) in [("fitted", fitted), ("held-out", held_out)] {
-        for (number, episode) in list.into_iter().enumerate().take(SHOWN) {
-            let title = format!("{kind} episode {number}: keypoints, and 90 % of predictions");
-            let all: Vec<Panel> = (0..4).flat_map(|k| [0, 1].map(|axis| panel(episode, k, axis))).collect();
-            page.svg(&panels(&title, &episode.times_s, &all)?);
+    let mut rows: Vec<Vec<String>> = names
+        .iter()
+        .map(|name| {
+            let prior = prior_of(model, name).map(|p| Quantity::of(name).prior(&p)).unwrap_or_default();
+            cells(Quantity::of(name).title, prior, &|f| words(find(f, name).as_ref()))
+        })
+        .collect();
+    let none = String::new;
+    rows.push(cells("error (root mean square)".into(), none(), &|f| format!("{} mm", millimetres(f.rmse_mm))));
+    rows.push(cells("what is left".into(), none(), &|f| noise_words(&f.test)));
+    rows.push(cells("p that it is noise".into(), none(), &|f| p_value(f.test.p_value, f.test.null.len())));
+    let head = [Some(""), Some(PRESENT), repaired.map(|_| REPAIRED), Some("prior")];
+    page.table(&head.into_iter().flatten().collect::<Vec<_>>(), &rows);
+    if let Some(repaired) = repaired {
+        for e in &repaired.estimates {
+            page.svg(&moved(e, find(present, &e.name).as_ref(), prior_of(model, &e.name).as_ref()));
         }
     }
-    Ok(())
 }
 
-fn panel(episode: &Shown, k: usize, axis: usize) -> Panel {
-    let of = |places: &Places| -> Vec<f64> { places.iter().map(|p| p[k][axis]).collect() };
-    let ribbon = |name: &str, band: &Band| {
+/// Prior of a parameter or of an effect.
+fn prior_of(model: &Model, name: &str) -> Option<Prior> {
+    let own = model.theta.index_of(name).map(|i| model.theta.parameters()[i].prior.clone());
+    own.or_else(|| Registry::shipped().find(name).map(|e| e.about().prior))
+}
+
+/// Intervals of a parameter: its prior, and those of both models.
+fn moved(after: &Estimate, before: Option<&Estimate>, prior: Option<&Prior>) -> String {
+    let quantity = Quantity::of(&after.name);
+    let largest = [Some(after), before].into_iter().flatten().map(|e| e.value.abs()).fold(0.0, f64::max);
+    let scale = quantity.scale(largest);
+    let row = |name: &str, values: [f64; 3], role| Interval {
+        name: name.into(),
+        values: values.map(|v| v * scale.factor),
+        role,
+    };
+    let prior = prior.map(|p| row("prior", [p.from_unit(0.05), f64::NAN, p.from_unit(0.95)], Role::Prior));
+    let before = before.map(|e| row(PRESENT, [e.q05, e.value, e.q95], Role::Before));
+    let after = row(REPAIRED, [after.q05, after.value, after.q95], Role::After);
+    let rows: Vec<Interval> = prior.into_iter().chain(before).chain([after]).collect();
+    intervals(&format!("{}, 5 to 95 %", quantity.capital()), &quantity.axis(&scale), &rows)
+}
+
+/// Errors on unseen episodes.
+fn gap(v: &Verification) -> String {
+    let bar = |label: &str, mm: f64, role| Bar {
+        label: label.into(),
+        parts: vec![(mm, role, 1.0)],
+        value: format!("{} mm", millimetres(mm)),
+    };
+    let mut all = vec![bar(PRESENT, v.before.rmse_mm, Role::Before), bar(REPAIRED, v.after.rmse_mm, Role::After)];
+    let wrong = v
+        .wrong_effect
+        .as_ref()
+        .map(|(name, score)| bar(&format!("with {} instead", titles(name)), score.rmse_mm, Role::Other));
+    all.extend(wrong);
+    all.extend(v.black_box_mm.map(|mm| bar("regression without physics", mm, Role::Other)));
+    let floor = Some(("noise floor", v.floor_mm, Role::Noise));
+    bars("Error on recordings that no fit has seen", "root mean square distance, mm", &all, floor, &[])
+}
+
+/// Fitted and held-out episodes in turn, with a title each.
+fn chosen(shown: &[Shown]) -> Vec<(String, &Shown)> {
+    let of = |is_held_out: bool, words: &'static str| {
+        let own = shown.iter().filter(move |s| s.is_held_out == is_held_out).take(SHOWN);
+        own.enumerate().map(move |(i, s)| (format!("{words} episode {i}"), s))
+    };
+    let (mut fitted, mut held_out) = (of(false, "Fitted"), of(true, "Held-out"));
+    let mut all = Vec::new();
+    loop {
+        let next = [fitted.next(), held_out.next()];
+        if next.iter().all(Option::is_none) {
+            return all;
+        }
+        all.extend(next.into_iter().flatten());
+    }
+}
+
+/// One coordinate of a keypoint over an episode, mm.
+fn overlay(title: &str, episode: &Shown, k: usize, axis: usize) -> String {
+    let of = |places: &Places| -> Vec<f64> { places.iter().map(|p| 1e3 * p[k][axis]).collect() };
+    let ribbon = |name: &str, role, band: &Band| {
         let [low, middle, high] = [&band.q05, &band.median, &band.q95].map(of);
         let values = low.iter().zip(middle).zip(high).map(|((l, m), h)| [*l, m, h]).collect();
-        Ribbon { name: name.into(), values }
+        Ribbon { name: name.into(), role, values }
     };
-    let after = episode.after.as_ref().map(|band| ribbon("with the effects", band));
-    Panel {
-        label: format!("keypoint {k}, {} in m", ["x", "z"][axis]),
-        measured: of(&episode.measured),
-        ribbons: std::iter::once(ribbon("present model", &episode.before)).chain(after).collect(),
+    let after = episode.after.as_ref().map(|band| ribbon(REPAIRED, Role::After, band));
+    let direction = ["x", "z"][axis];
+    panel(
+        &episode.times_s,
+        &Panel {
+            title: format!("{title}: {}, {}", keypoint(k), ["along x", "height"][axis]),
+            label: format!("{direction}, mm"),
+            measured: of(&episode.measured),
+            ribbons: std::iter::once(ribbon(PRESENT, Role::Before, &episode.before)).chain(after).collect(),
+        },
+    )
+}
+
+/// Name of a keypoint.
+fn keypoint(k: usize) -> String {
+    match k {
+        0 => "keypoint 1 (grip)".into(),
+        3 => "keypoint 4 (tip)".into(),
+        _ => format!("keypoint {}", k + 1),
     }
 }
 
-fn places(places: &[Place]) -> Result<String> {
-    let bar = |p: &Place| Bar { label: part(&p.part), parts: vec![-p.p_value.max(LEAST_P).log10()] };
+/// What each part of the data leaves, in times the noise.
+fn places(title: &str, places: &[Place], level: f64) -> String {
+    let bar = |p: &Place| {
+        let times = p.mean_square.sqrt();
+        let opacity = if p.p_value <= level { 1.0 } else { 0.35 };
+        Bar { label: part(&p.part), parts: vec![(times, Role::Before, opacity)], value: plain(times, 1) }
+    };
     let all: Vec<Bar> = places.iter().map(bar).collect();
-    let level = Some(("p = 0.05", -(0.05f64.log10())));
-    bars("disagreement by part", "-log10 p, corrected for the number of parts", &["part"], &all, level)
+    let entry = |name: &str, opacity: &str| Entry {
+        name: name.into(),
+        shape: Shape::Area,
+        colour: format!("{}{opacity}", Role::Before.css()),
+    };
+    let legend = [entry("more than noise", ""), entry("as noise may be", "66")];
+    bars(title, "times the noise", &all, Some(("noise", 1.0, Role::Noise)), &legend)
 }
 
-fn explanations(page: &mut Page, report: &Report) -> Result<()> {
-    let finding = &report.finding;
-    let bar = |label: String, parts: [f64; 2]| Bar { label, parts: parts.to_vec() };
-    let mut ranked = vec![
-        bar("none, and nothing else".into(), [finding.probability_of_none, 0.0]),
-        bar("none, but something".into(), [0.0, finding.probability_of_unknown]),
-    ];
-    let all = finding.explanations.iter().take(RANKED);
-    ranked.extend(all.map(|e| bar(e.names(), [e.probability, e.probability_in_part])));
-    page.svg(&bars("what explains it", "probability", &["all there is", "with something else"], &ranked, None)?);
-    if finding.found.iter().any(|alike| alike.len() > 1) {
-        let groups: Vec<String> = finding.found.iter().map(|alike| alike.join(" or ")).collect();
-        page.warning(&format!("cannot be told apart in these data: {}", groups.join("; ")));
-    }
+/// Probabilities of what explains the gap.
+fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
+    let bar = |label: String, [whole, rest]: [f64; 2], role| Bar {
+        label,
+        parts: vec![(whole, role, 1.0), (rest, role, 0.4)],
+        value: percent(whole + rest),
+    };
+    let mut ranked: Vec<Bar> = finding
+        .explanations
+        .iter()
+        .take(RANKED)
+        .enumerate()
+        .filter(|(i, e)| *i < LEAST_RANKED || e.probability + e.probability_in_part >= NEGLIGIBLE)
+        .map(|(_, e)| bar(sizes(e), [e.probability, e.probability_in_part], Role::After))
+        .collect();
+    ranked.push(bar(
+        "no effect of the library, but something".into(),
+        [0.0, finding.probability_of_unknown],
+        Role::Other,
+    ));
+    ranked.push(bar("nothing is missing".into(), [finding.probability_of_none, 0.0], Role::Other));
+    let entry = |name: &str, opacity: &str| Entry {
+        name: name.into(),
+        shape: Shape::Area,
+        colour: format!("{}{opacity}", Role::After.css()),
+    };
+    let legend = [entry("explains all", ""), entry("explains a part", "66")];
+    page.svg(&bars("Probability of each explanation", "probability", &ranked, None, &legend));
     let rows: Vec<Vec<String>> = finding
         .explanations
         .iter()
         .map(|e| {
-            let sizes: Vec<String> =
-                e.effects.iter().map(|m| format!("{} ± {}", figures(m.value), figures(m.sd))).collect();
             vec![
-                e.names(),
-                sizes.join(", "),
-                format!("{:.2}", e.log_bayes_factor),
-                format!("{:.3}", e.probability),
-                format!("{:.3}", e.probability_in_part),
-                format!("{:.2}", e.cosine_with_best),
+                sizes(e),
+                percent(e.probability),
+                percent(e.probability_in_part),
+                plain(e.log_bayes_factor, 1),
+                plain(e.cosine_with_best, 2),
             ]
         })
         .collect();
-    let head = ["effects", "values", "log Bayes factor", "probability", "with something else", "cosine with the best"];
-    page.table(&head, &rows);
-    Ok(())
+    let head = ["effects", "explains all", "explains a part", "log Bayes factor", "likeness with the best"];
+    page.details(&format!("All {} explanations", rows.len()), |page| {
+        page.table(&head, &rows);
+        Ok(())
+    })
 }
 
-fn place(place: &Place) -> Vec<String> {
-    vec![
-        part(&place.part),
-        format!("{:.2}", place.mean_square.sqrt()),
-        format!("{:.1}", place.excess),
-        format!("{:.3}", place.p_value),
-    ]
+/// Effects of an explanation with their sizes.
+fn sizes(e: &Explanation) -> String {
+    let one = |m: &Magnitude| {
+        let quantity = Quantity::of(&m.name);
+        format!("{} {}", quantity.title, quantity.spread(m.value, m.sd))
+    };
+    e.effects.iter().map(one).collect::<Vec<_>>().join(" with ")
+}
+
+/// Sizes from which effects would have shown, those among them that no size reaches.
+fn limits(page: &mut Page, finding: &Finding) {
+    if finding.limits.is_empty() {
+        return;
+    }
+    page.heading("What would have shown");
+    page.paragraph(
+        "Least size of each effect that these recordings would show in four of five cases, to first order: where the parameters \
+         can make up for it, the limit is larger. A smaller effect may be there unseen.",
+    );
+    let named = most_probable(finding);
+    let found = |limit: &Limit| {
+        let effects = finding.explanations.iter().flat_map(|e| &e.effects);
+        let own = effects.clone().find(|e| e.name == limit.name).filter(|_| named.contains(&limit.name.as_str()));
+        own.map_or_else(String::new, |e| Quantity::of(&e.name).spread(e.value, e.sd))
+    };
+    let row = |limit: &Limit, size: String| {
+        let prior = Registry::shipped().find(&limit.name).map(|e| Quantity::of(&limit.name).prior(&e.about().prior));
+        vec![Quantity::of(&limit.name).title, size, prior.unwrap_or_default(), found(limit)]
+    };
+    let shows = finding.limits.iter().filter_map(|l| l.size.map(|s| row(l, Quantity::of(&l.name).value(s))));
+    let hidden = finding.limits.iter().filter(|l| l.size.is_none());
+    let rows: Vec<Vec<String>> = shows.chain(hidden.map(|l| row(l, "not at any size".into()))).collect();
+    page.table(&["effect", "shows from", "expected, where present", "found"], &rows);
+}
+
+/// The search step by step, the tests, all keypoints, and what was looked at.
+fn details(page: &mut Page, report: &Report, shown: &[Shown]) -> Result<()> {
+    let finding = &report.finding;
+    page.details("How the search went", |page| {
+        page.list(&finding.conclusions);
+        page.note(&format!("Verdict in verdict.json: {}.", finding.verdict.name()));
+        for (name, reason) in &finding.left_out {
+            page.paragraph(&format!("{} was left out: {reason}", Quantity::of(name).capital()));
+        }
+        anyhow::Ok(())
+    })?;
+    page.details("Is what is left noise?", |page| {
+        for (name, fitness) in [(PRESENT, Some(&finding.present)), (REPAIRED, finding.repaired.as_ref())] {
+            let Some(fitness) = fitness else { continue };
+            let test = &fitness.test;
+            page.svg(&null_histogram(
+                &format!("The {name}: {} times the noise is left", plain(times_the_noise(test), 1)),
+                "squared deviations, variances of the noise",
+                &test.null,
+                test.statistic,
+                test.p_value,
+            ));
+        }
+        let place = |p: &Place| {
+            let null_sets = finding.present.test.null.len();
+            vec![part(&p.part), plain(p.mean_square.sqrt(), 2), plain(p.excess, 1), p_value(p.p_value, null_sets)]
+        };
+        let head = ["part of the data", "times the noise", "excess, sd", "p, corrected for all parts"];
+        page.table(&head, &finding.places.iter().map(place).collect::<Vec<_>>());
+        anyhow::Ok(())
+    })?;
+    page.details("All keypoints", |page| {
+        for (title, episode) in chosen(shown) {
+            (0..4).for_each(|k| (0..2).for_each(|axis| page.svg(&overlay(&title, episode, k, axis))));
+        }
+        anyhow::Ok(())
+    })?;
+    page.details("Recordings", |page| {
+        let row = |kind: &'static str| {
+            move |(i, e): (usize, &Looked)| {
+                vec![format!("{kind} {i}"), e.number.to_string(), e.bag.display().to_string()]
+            }
+        };
+        let mut rows: Vec<Vec<String>> = report.episodes.iter().enumerate().map(row("fitted")).collect();
+        rows.extend(report.held_out.iter().enumerate().map(row("held out")));
+        page.table(&["episode", "number in its bag", "bag"], &rows);
+        anyhow::Ok(())
+    })
 }
 
 fn part(part: &Part) -> String {
     match *part {
-        Part::Quantity(Quantity::Keypoint { point, axis }) => format!("keypoint {point}, {}", ["x", "y"][axis]),
-        Part::Quantity(Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
+        Part::Quantity(case::Quantity::Keypoint { point, axis }) => {
+            format!("{}, {} in the picture", keypoint(point), ["across", "up and down"][axis])
+        }
+        Part::Quantity(case::Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
         Part::Window { episode, from_s, to_s } => format!("episode {episode}, {from_s:.2} to {to_s:.2} s"),
     }
 }

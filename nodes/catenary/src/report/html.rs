@@ -3,60 +3,107 @@
 use base64::Engine;
 use std::fmt::Write;
 
-const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2em auto;padding:0 1em;color:#222}\
-h1{font-size:1.6em}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ddd}\
-table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em .8em;border-bottom:1px solid #eee;text-align:right}\
-td:first-child,th:first-child{text-align:left}.strip{display:flex;flex-wrap:wrap;gap:4px}.strip figure{margin:0;width:24%}\
-figcaption{font-size:12px;color:#666}svg{max-width:100%;height:auto}.warning{background:#fff4d6;padding:.5em 1em;border-left:4px solid #e0a000}";
+/// Style of all pages. Pictures stand in columns of 380 px and more, so that their texts of 12 units have 11 px and more.
+const STYLE: &str = ":root{color-scheme:light}*{box-sizing:border-box}\
+body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:0 auto;padding:16px 12px 48px;color:#222;background:#fff;overflow-wrap:break-word}\
+h1{font-size:1.5em;line-height:1.25}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ddd}\
+.lead{background:#eef6fb;border-left:4px solid #0072b2;padding:.7em 1em;margin:1em 0;font-size:1.2em}.lead p{margin:.3em 0}\
+.lead.bad,.warning{background:#fff4d6;border-left:4px solid #e69f00}.warning{padding:.5em 1em}.note{color:#666}\
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,380px),1fr));gap:20px 24px;margin:1em 0;align-items:start}\
+.plots figure{margin:0;max-width:560px;min-width:0}.plots figcaption{font-weight:600;font-size:14px;color:#222;margin-bottom:2px}\
+.plots figure>svg{display:block;width:100%;height:auto;font-family:system-ui,sans-serif}\
+.plots text{paint-order:stroke;stroke:#fff;stroke-width:3px;stroke-linejoin:round}\
+.legend{display:flex;flex-wrap:wrap;gap:2px 14px;margin:2px 0 0;padding:0;list-style:none;font-size:13px;color:#333}\
+.legend li{display:flex;align-items:center;gap:5px}.swatch{width:20px;height:14px;flex:none}\
+.scroll{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}td,th{padding:.25em .8em;border-bottom:1px solid #e6e6e6;text-align:right;vertical-align:top;white-space:nowrap}\
+td:first-child,th:first-child{text-align:left;padding-left:0;white-space:normal;min-width:90px}td:last-child{white-space:normal;overflow-wrap:anywhere;min-width:90px}th{font-weight:600;vertical-align:bottom;white-space:normal}\
+.strip{display:flex;flex-wrap:wrap;gap:4px}.strip figure{margin:0;width:calc(25% - 4px);min-width:150px;flex-grow:1}.strip svg,img{max-width:100%;height:auto}\
+.strip figcaption{font-size:12px;color:#666}details{margin:1em 0}summary{cursor:pointer;font-weight:600}\
+@media(max-width:600px){td,th{padding:.25em .45em;font-size:14px}.lead{font-size:1.1em}}";
 
 /// A page under construction.
 pub struct Page {
     body: String,
     title: String,
+    /// Pictures that follow one another, and stand side by side where there is room.
+    pictures: Vec<String>,
 }
 
 impl Page {
     /// An empty page with a title.
     pub fn new(title: &str) -> Self {
-        Self { body: format!("<h1>{}</h1>\n", escape(title)), title: title.to_owned() }
+        Self { body: format!("<h1>{}</h1>\n", escape(title)), title: title.to_owned(), pictures: Vec::new() }
+    }
+
+    /// The answer to what the page is about, in sentences; it is marked where it is bad news.
+    pub fn answer(&mut self, sentences: &[String], is_bad: bool) {
+        let class = if is_bad { "lead bad" } else { "lead" };
+        let text: String = sentences.iter().map(|s| format!("<p>{}</p>", escape(s))).collect();
+        let _ = writeln!(self.text(), "<div class=\"{class}\">{text}</div>");
     }
 
     /// A heading.
     pub fn heading(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<h2>{}</h2>", escape(text));
+        let _ = writeln!(self.text(), "<h2>{}</h2>", escape(text));
     }
 
     /// A paragraph.
     pub fn paragraph(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p>{}</p>", escape(text));
+        let _ = writeln!(self.text(), "<p>{}</p>", escape(text));
+    }
+
+    /// A paragraph of less weight.
+    pub fn note(&mut self, text: &str) {
+        let _ = writeln!(self.text(), "<p class=\"note\">{}</p>", escape(text));
     }
 
     /// A paragraph that stands out.
     pub fn warning(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p class=\"warning\">{}</p>", escape(text));
+        let _ = writeln!(self.text(), "<p class=\"warning\">{}</p>", escape(text));
+    }
+
+    /// A list.
+    pub fn list(&mut self, items: &[String]) {
+        let items: String = items.iter().map(|i| format!("<li>{}</li>", escape(i))).collect();
+        let _ = writeln!(self.text(), "<ul>{items}</ul>");
     }
 
     /// A picture.
     pub fn svg(&mut self, svg: &str) {
-        let _ = writeln!(self.body, "<div>{svg}</div>");
+        self.pictures.push(svg.to_owned());
     }
 
-    /// A table: the header, then the rows.
+    /// A table: the header, then the rows. It scrolls by itself where it is wider than the page.
     pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
         let cells = |tag: &str, texts: &mut dyn Iterator<Item = &str>| {
             texts.map(|t| format!("<{tag}>{}</{tag}>", escape(t))).collect::<String>()
         };
         let head = cells("th", &mut header.iter().copied());
-        let _ = write!(self.body, "<table><tr>{head}</tr>");
-        for row in rows {
-            let _ = write!(self.body, "<tr>{}</tr>", cells("td", &mut row.iter().map(String::as_str)));
+        let rows: String =
+            rows.iter().map(|row| format!("<tr>{}</tr>", cells("td", &mut row.iter().map(String::as_str)))).collect();
+        let _ = writeln!(self.text(), "<div class=\"scroll\"><table><tr>{head}</tr>{rows}</table></div>");
+    }
+
+    /// A part that is folded until the reader opens it.
+    pub fn details<E>(&mut self, summary: &str, fill: impl FnOnce(&mut Self) -> Result<(), E>) -> Result<(), E> {
+        let _ = write!(self.text(), "<details><summary>{}</summary>", escape(summary));
+        fill(self)?;
+        self.text().push_str("</details>\n");
+        Ok(())
+    }
+
+    /// The body, after the pictures that came last.
+    fn text(&mut self) -> &mut String {
+        if !self.pictures.is_empty() {
+            let _ = writeln!(self.body, "<div class=\"plots\">{}</div>", self.pictures.concat());
+            self.pictures.clear();
         }
-        self.body.push_str("</table>\n");
+        &mut self.body
     }
 
     /// A strip of JPEG pictures; on each, points (u, v) in pixels of the picture are marked; a caption below.
     pub fn strip(&mut self, pictures: &[Picture]) {
-        self.body.push_str("<div class=\"strip\">");
+        self.text().push_str("<div class=\"strip\">");
         for p in pictures {
             let data = base64::engine::general_purpose::STANDARD.encode(&p.jpeg);
             let marks: String = p
@@ -81,9 +128,11 @@ impl Page {
     }
 
     /// The whole page.
-    pub fn finish(self) -> String {
+    pub fn finish(mut self) -> String {
+        self.text();
         format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{}</title><style>{STYLE}</style></head>\n<body>\n{}</body></html>\n",
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+             <link rel=\"icon\" href=\"data:,\"><title>{}</title><style>{STYLE}</style></head>\n<body>\n{}</body></html>\n",
             escape(&self.title),
             self.body
         )
@@ -133,8 +182,13 @@ mod tests {
             caption: "c".into(),
         };
         page.strip(&[picture]);
+        page.svg("<figure>1</figure>");
+        page.svg("<figure>2</figure>");
+        page.details("more", |page| -> Result<(), ()> { Ok(page.paragraph("p")) }).unwrap();
         let html = page.finish();
         assert!(html.contains("a &lt; b") && html.contains("&quot;1&quot; &amp; 2") && html.contains("base64,AQID"));
         assert!(!html.contains("http"), "{html}");
+        assert!(html.contains("<div class=\"plots\"><figure>1</figure><figure>2</figure></div>"), "{html}");
+        assert!(html.contains("name=\"viewport\"") && html.contains("<summary>more</summary><p>p</p>"), "{html}");
     }
 }

@@ -1,6 +1,12 @@
-//! The report: one HTML page with every picture inside it.
+//! Reports: one HTML page each, with every picture inside it.
 
 mod html;
+pub mod number;
+pub mod palette;
 pub mod plots;
+pub mod posterior;
+pub mod quantity;
+mod svg;
+mod ticks;
 
 pub use html::{Mark, Page, Picture};

@@ -1,24 +1,22 @@
-//! The pictures of the report, as SVG text.
+//! Pictures of the reports.
 
+pub mod densities;
 pub mod search;
 
-use crate::figures::figures;
-use anyhow::{Result, anyhow};
-use catenary_core::Posterior;
-use plotters::prelude::*;
+pub use densities::{Extent, calibration, heatmap, marginals};
 
-const SIZE: (u32, u32) = (720, 420);
-const PALETTE: [RGBColor; 7] = [
-    RGBColor(31, 119, 180),
-    RGBColor(214, 39, 40),
-    RGBColor(44, 160, 44),
-    RGBColor(148, 103, 189),
-    RGBColor(255, 127, 14),
-    RGBColor(140, 86, 75),
-    RGBColor(90, 90, 90),
-];
-/// Cells of a heatmap along each axis.
-const CELLS: usize = 80;
+use super::palette::Role;
+use super::svg::{Axis, Chart, Entry, Shape};
+use super::ticks;
+use anyhow::Result;
+
+/// Height of a picture's field.
+const HEIGHT: f64 = 190.0;
+/// Colours and shapes of curves that have no meaning of their own, in order.
+const CURVES: [(Role, Shape); 3] =
+    [(Role::Posterior, Shape::Line), (Role::Other, Shape::Line), (Role::Prior, Shape::Dashes)];
+/// Points of a curve that are drawn: more cannot be told apart.
+const POINTS: usize = 300;
 
 /// One line of a plot.
 pub struct Series {
@@ -28,93 +26,19 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Lines over a common axis.
+/// Lines over a common axis. Policies have the colours of what they are.
 pub fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> Result<String> {
     let all = || series.iter().flat_map(|s| s.points.iter());
-    let (x0, x1) = range(all().map(|p| p.0));
-    let (y0, y1) = range(all().map(|p| p.1));
-    draw(|root| {
-        let mut chart = ChartBuilder::on(root)
-            .caption(title, ("sans-serif", 18))
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(56)
-            .build_cartesian_2d(x0..x1, y0..y1)
-            .map_err(plot_error)?;
-        chart.configure_mesh().x_desc(x_label).y_desc(y_label).light_line_style(WHITE).draw().map_err(plot_error)?;
-        for (i, s) in series.iter().enumerate() {
-            let colour = PALETTE[i % PALETTE.len()];
-            chart
-                .draw_series(LineSeries::new(s.points.iter().copied(), colour.stroke_width(2)))
-                .map_err(plot_error)?
-                .label(&s.name)
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2)));
-        }
-        if series.len() < 2 {
-            return Ok(());
-        }
-        let mut legend = chart.configure_series_labels();
-        legend.position(SeriesLabelPosition::LowerRight);
-        legend.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw().map_err(plot_error)
-    })
-}
-
-/// What a heatmap shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Extent {
-    /// The whole support of the prior.
-    Prior,
-    /// Where the posterior is.
-    Posterior,
-}
-
-/// Density of a posterior over two of its parameters, the low-variance domain samples (theta) and, where it is known, the
-/// truth. Axes are the parameters' units, spaced as the prior spreads them: logarithmic where it is uniform in the logarithm.
-pub fn heatmap(
-    posterior: &Posterior,
-    axes: [usize; 2],
-    extent: Extent,
-    domains: &[Vec<f64>],
-    truth: Option<&[f64]>,
-) -> Result<String> {
-    let [i, j] = axes;
-    let window = window(posterior, axes, extent, domains, truth)?;
-    let [(i0, i1), (j0, j1)] = window;
-    let parameters = posterior.parameters.parameters();
-    let (pi, pj) = (&parameters[i], &parameters[j]);
-    let density = marginal_density(posterior, axes, window)?;
-    let peak = density.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    draw(|root| {
-        let mut chart = ChartBuilder::on(root)
-            .caption("posterior density, domain samples (circles), truth (cross)", ("sans-serif", 16))
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(70)
-            .build_cartesian_2d(i0..i1, j0..j1)
-            .map_err(plot_error)?;
-        let cell = |index: usize| {
-            let (column, row) = (index % CELLS, index / CELLS);
-            let (x, z) = (|c: usize| along((i0, i1), c as f64), |r: usize| along((j0, j1), r as f64));
-            Rectangle::new([(x(column), z(row)), (x(column + 1), z(row + 1))], shade(density[index] / peak).filled())
-        };
-        chart.draw_series((0..CELLS * CELLS).map(cell)).map_err(plot_error)?;
-        chart
-            .configure_mesh()
-            .disable_mesh()
-            .x_desc(&pi.name)
-            .y_desc(&pj.name)
-            .x_label_formatter(&|u| figures(pi.prior.from_unit(*u)))
-            .y_label_formatter(&|u| figures(pj.prior.from_unit(*u)))
-            .draw()
-            .map_err(plot_error)?;
-        let place = |theta: &[f64]| (pi.prior.to_unit(theta[i]), pj.prior.to_unit(theta[j]));
-        let circles = domains.iter().map(|t| Circle::new(place(t), 5, WHITE.stroke_width(2)));
-        chart.draw_series(circles).map_err(plot_error)?;
-        if let Some(theta) = truth {
-            chart.draw_series([Cross::new(place(theta), 8, RED.stroke_width(3))]).map_err(plot_error)?;
-        }
-        Ok(())
-    })
+    let mut chart = Chart::new(axis(all().map(|p| p.0), 5, x_label), axis(all().map(|p| p.1), 5, y_label), HEIGHT);
+    let mut legend = Vec::new();
+    for (i, s) in series.iter().enumerate() {
+        let (role, shape) = Role::of_policy(&s.name).map_or(CURVES[i % CURVES.len()], |role| (role, Shape::Line));
+        let points: Vec<[f64; 2]> = thinned(&s.points).map(|(x, y)| chart.at([*x, *y])).collect();
+        chart.svg.path(&points, role.css(), 2.0, shape == Shape::Dashes);
+        legend.push(Entry::new(&s.name, shape, role));
+    }
+    let legend = if legend.len() > 1 { legend } else { Vec::new() };
+    Ok(chart.figure(title, &legend))
 }
 
 /// The end effector's path in an episode.
@@ -130,105 +54,28 @@ pub struct Path {
 /// Paths of the end effector in the plane, each with the reward of every step as the size of its dots.
 pub fn paths(paths: &[Path], target_m: [f64; 2]) -> Result<String> {
     let points = || paths.iter().flat_map(|p| p.points_m.iter()).chain([&target_m]);
-    let (x0, x1) = range(points().map(|p| p[0]));
-    let (z0, z1) = range(points().map(|p| p[1]));
-    draw(|root| {
-        let mut chart = ChartBuilder::on(root)
-            .caption("end effector, dot size: reward after the step", ("sans-serif", 16))
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(56)
-            .build_cartesian_2d(x0..x1, z0..z1)
-            .map_err(plot_error)?;
-        chart.configure_mesh().x_desc("x, m").y_desc("z, m").light_line_style(WHITE).draw().map_err(plot_error)?;
-        for (i, Path { name, points_m, rewards }) in paths.iter().enumerate() {
-            let colour = PALETTE[i % PALETTE.len()];
-            chart
-                .draw_series(LineSeries::new(points_m.iter().map(|p| (p[0], p[1])), colour.stroke_width(1)))
-                .map_err(plot_error)?
-                .label(name)
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2)));
-            let dots = points_m.iter().skip(1).zip(rewards).map(|(p, r)| {
-                let size = (2.0 + 8.0 * r.max(0.0)) as i32;
-                Circle::new((p[0], p[1]), size, colour.mix(0.5).filled())
-            });
-            chart.draw_series(dots).map_err(plot_error)?;
+    let (x, z) = (axis(points().map(|p| p[0]), 5, "x, m"), axis(points().map(|p| p[1]), 5, "z, m"));
+    let mut chart = Chart::new(x, z, 240.0);
+    let mut legend = Vec::new();
+    for (i, Path { name, points_m, rewards }) in paths.iter().enumerate() {
+        let role = Role::of_policy(name).unwrap_or(CURVES[i % CURVES.len()].0);
+        let places: Vec<[f64; 2]> = points_m.iter().map(|p| chart.at(*p)).collect();
+        chart.svg.path(&places, role.css(), 1.5, false);
+        for (place, reward) in places.iter().skip(1).zip(rewards) {
+            chart.svg.disc(*place, 2.0 + 6.0 * reward.clamp(0.0, 1.0), role.css(), 0.5);
         }
-        let mark = TriangleMarker::new((target_m[0], target_m[1]), 10, BLACK.filled());
-        let drawn = chart.draw_series([mark]).map_err(plot_error)?;
-        drawn.label("target").legend(|(x, y)| TriangleMarker::new((x + 9, y), 5, BLACK.filled()));
-        let mut legend = chart.configure_series_labels();
-        legend.position(SeriesLabelPosition::LowerLeft);
-        legend.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw().map_err(plot_error)
-    })
-}
-
-/// Least and greatest unit coordinate on each axis.
-type Window = [(f64, f64); 2];
-
-/// The coordinate `cells` cells from the low end of an axis of [`CELLS`].
-fn along((low, high): (f64, f64), cells: f64) -> f64 {
-    low + (high - low) * cells / CELLS as f64
-}
-
-/// What an extent means: for the posterior, its draws but for the outermost 0.5 % on each side, the domains and the truth.
-fn window(
-    posterior: &Posterior,
-    axes: [usize; 2],
-    extent: Extent,
-    domains: &[Vec<f64>],
-    truth: Option<&[f64]>,
-) -> Result<Window> {
-    const DRAWS: usize = 2_000;
-    if extent == Extent::Prior {
-        return Ok([(0.0, 1.0); 2]);
+        legend.push(Entry::new(name, Shape::Line, role));
     }
-    let unit = |theta: &[f64]| posterior.parameters.to_unit(theta);
-    let draws: Vec<Vec<f64>> = posterior.sample(DRAWS, 0)?.iter().map(|t| unit(t)).collect();
-    let marks: Vec<Vec<f64>> = domains.iter().map(Vec::as_slice).chain(truth).map(unit).collect();
-    Ok(axes.map(|axis| {
-        let mut values: Vec<f64> = draws.iter().map(|u| u[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        let inner = values[DRAWS / 200..DRAWS - DRAWS / 200].iter().copied();
-        let (low, high) = range(inner.chain(marks.iter().map(|u| u[axis])));
-        (low.max(0.0), high.min(1.0))
-    }))
+    let at = chart.at(target_m);
+    chart.svg.triangle(at, 8.0, Role::Measured.css());
+    legend.push(Entry::new("target", Shape::Triangle, Role::Measured));
+    Ok(chart.figure("Path of the hand; larger dots: larger rewards", &legend))
 }
 
-/// Marginal density over two coordinates on a grid of cells, row-major with the second axis as rows, not normalised.
-fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2], [along_i, along_j]: Window) -> Result<Vec<f64>> {
-    const DRAWS: usize = 40_000;
-    if posterior.parameters.dimension() == 2 {
-        let at = |index: usize| {
-            let mut u = [0.0; 2];
-            let centre = |window: (f64, f64), cell: usize| along(window, cell as f64 + 0.5);
-            (u[i], u[j]) = (centre(along_i, index % CELLS), centre(along_j, index / CELLS));
-            posterior.mixture.log_density(&u).exp()
-        };
-        return Ok((0..CELLS * CELLS).map(at).collect());
-    }
-    let mut counts = vec![0.0; CELLS * CELLS];
-    for theta in posterior.sample(DRAWS, 0)? {
-        let u = posterior.parameters.to_unit(&theta);
-        let cell = |(low, high): (f64, f64), v: f64| {
-            let share = (v - low) / (high - low);
-            (0.0..1.0).contains(&share).then_some((share * CELLS as f64) as usize)
-        };
-        if let (Some(column), Some(row)) = (cell(along_i, u[i]), cell(along_j, u[j])) {
-            counts[row * CELLS + column] += 1.0;
-        }
-    }
-    Ok(counts)
-}
-
-/// A colour from dark blue over green to yellow for 0 to 1.
-fn shade(value: f64) -> RGBColor {
-    const STOPS: [[f64; 3]; 5] =
-        [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
-    let scaled = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
-    let k = (scaled as usize).min(STOPS.len() - 2);
-    let mix = |c: usize| (STOPS[k][c] + (scaled - k as f64) * (STOPS[k + 1][c] - STOPS[k][c])) as u8;
-    RGBColor(mix(0), mix(1), mix(2))
+/// An axis that holds all values, with a margin.
+fn axis(values: impl Iterator<Item = f64>, most: usize, label: &str) -> Axis {
+    let (low, high) = range(values);
+    Axis { low, high, ticks: ticks::linear(low, high, most), label: label.to_owned() }
 }
 
 /// Least and greatest value with a margin; a unit range around a single value or where there is none.
@@ -242,45 +89,33 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
-type Root<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-
-fn draw(paint: impl FnOnce(&Root<'_>) -> Result<()>) -> Result<String> {
-    draw_sized(SIZE, paint)
-}
-
-fn draw_sized(size: (u32, u32), paint: impl FnOnce(&Root<'_>) -> Result<()>) -> Result<String> {
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(plot_error)?;
-        paint(&root)?;
-        root.present().map_err(plot_error)?;
-    }
-    Ok(svg)
-}
-
-fn plot_error<E: std::fmt::Display>(e: E) -> anyhow::Error {
-    anyhow!("cannot draw: {e}")
+/// Every so many-th of the values that [`POINTS`] of them remain, the last among them.
+fn thinned<T>(values: &[T]) -> impl Iterator<Item = &T> {
+    let every = values.len().div_ceil(POINTS).max(1);
+    let last = values.len().saturating_sub(1);
+    values.iter().enumerate().filter(move |(i, _)| i % every == 0 || *i == last).map(|(_, v)| v)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::{Parameter, ParameterSpace, Prior};
 
     #[test]
-    fn pictures_show_every_series_sample_and_the_truth() {
-        let p = |name: &str| Parameter { name: name.into(), prior: Prior::LogUniform { low: 1.0, high: 10.0 } };
-        let posterior = Posterior::prior(ParameterSpace::new(vec![p("a"), p("b")]).unwrap());
-        for extent in [Extent::Prior, Extent::Posterior] {
-            let svg =
-                heatmap(&posterior, [0, 1], extent, &[vec![2.0, 3.0], vec![4.0, 5.0]], Some(&[2.0, 2.0])).unwrap();
-            assert_eq!(svg.matches("<circle").count(), 2);
-        }
-        let svg = heatmap(&posterior, [0, 1], Extent::Prior, &[], None).unwrap();
-        assert!(svg.contains(">a<") || svg.contains("a\n"), "axis names are missing");
-        let series = [Series { name: "one".into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }];
-        assert!(lines("t", "x", "y", &series).unwrap().contains("one"));
+    fn policies_have_their_colours_on_every_picture() {
+        let series = ["pi1", "pi0"].map(|name| Series { name: name.into(), points: vec![(0.0, 1.0), (1.0, 2.0)] });
+        let svg = lines("t", "x", "y", &series).unwrap();
+        let path = |name: &str| Path { name: name.into(), points_m: vec![[0.0, 0.1], [0.2, 0.1]], rewards: vec![0.5] };
+        let plane = paths(&[path("pi1")], [0.5, 0.1]).unwrap();
+        assert!(svg.contains(Role::Before.css()) && svg.contains(Role::After.css()) && svg.contains(">pi0<"));
+        assert!(plane.contains(Role::After.css()) && !plane.contains(Role::Before.css()) && plane.contains(">target<"));
         assert!(lines("empty", "x", "y", &[]).is_ok());
+    }
+
+    #[test]
+    fn long_curves_are_thinned_and_keep_their_end() {
+        let all: Vec<usize> = (0..10_001).collect();
+        let kept: Vec<usize> = thinned(&all).copied().collect();
+        assert!(kept.len() <= POINTS + 1 && kept[0] == 0 && kept.last() == Some(&10_000), "{}", kept.len());
+        assert_eq!(thinned(&all[..7]).count(), 7);
     }
 }

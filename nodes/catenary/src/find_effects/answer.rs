@@ -1,0 +1,218 @@
+//! The answer of a search in sentences.
+
+use crate::report::number::{millimetres, p_clause, percent, plain};
+use crate::report::quantity::{Quantity, capital};
+use effect_finder::detect::Test;
+use effect_finder::{Finding, Verdict};
+
+/// Square root of the squared deviations over those that are usual without a gap: how many times the noise is left.
+pub fn times_the_noise(test: &Test) -> f64 {
+    let usual = test.null.get(test.null.len() / 2).copied().unwrap_or(test.coordinates as f64);
+    (test.statistic / usual.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+/// The same in words: "3.1 times the noise".
+pub fn noise_words(test: &Test) -> String {
+    format!("{} times the noise", plain(times_the_noise(test), 1))
+}
+
+/// The answer; `episodes` were fitted and `held_out` were not.
+pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String> {
+    let present = &finding.present;
+    let (rmse, noise) = (millimetres(present.rmse_mm), noise_words(&present.test));
+    let on = recordings(episodes);
+    let left = format!("The error of the model is {rmse} mm on {on}, {noise}.");
+    match finding.verdict {
+        Verdict::NoGap => vec![
+            format!(
+                "The model explains {on}: nothing is missing that {} could show.",
+                if episodes == 1 { "it" } else { "they" }
+            ),
+            format!(
+                "Its error of {rmse} mm is what the noise of the measurement makes ({noise}, {}).",
+                p_clause(present.test.p_value, present.test.null.len())
+            ),
+        ],
+        Verdict::Named => {
+            vec![format!("{} missing from the model.", subject(finding)), repair(finding, episodes, held_out)]
+        }
+        Verdict::NamedInPart => vec![
+            format!(
+                "{} missing from the model, and something else that no effect of the library is.",
+                subject(finding)
+            ),
+            repair(finding, episodes, held_out),
+        ],
+        Verdict::CannotTellApart => vec![
+            format!("{} missing from the model; the recordings do not tell which of several.", alternatives(finding)),
+            repair(finding, episodes, held_out),
+        ],
+        Verdict::NoneOfThese => {
+            vec!["Something is missing from the model, and no effect of the library explains it.".into(), left]
+        }
+        Verdict::PriorTooNarrow => {
+            let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
+            let mut sentences = vec![format!(
+                "The prior of the {} is too narrow: the best value stands at its edge, and the model explains {on} beyond it.",
+                names.join(" and the ")
+            )];
+            if !finding.found.is_empty() {
+                sentences.push(format!("Or {} missing from the model.", alternatives(finding).to_lowercase()));
+            }
+            sentences.push(left);
+            sentences
+        }
+    }
+}
+
+/// Number of recordings in words: "the recording", "the 3 recordings".
+fn recordings(count: usize) -> String {
+    if count == 1 { "the recording".into() } else { format!("the {count} recordings") }
+}
+
+/// Names of the most probable effects.
+pub fn most_probable(finding: &Finding) -> Vec<&str> {
+    finding.found.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + ")).collect()
+}
+
+/// An effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)".
+fn effect(finding: &Finding, name: &str) -> String {
+    let quantity = Quantity::of(name);
+    let fitted = finding.repaired.iter().flat_map(|f| &f.estimates).find(|e| e.name == name);
+    let alone = || finding.explanations.iter().flat_map(|e| &e.effects).find(|e| e.name == name);
+    let size = fitted
+        .map(|e| quantity.estimate(e.value, e.q05, e.q95))
+        .or_else(|| alone().map(|e| quantity.estimate(e.value, e.value - 1.645 * e.sd, e.value + 1.645 * e.sd)));
+    size.map_or(quantity.title.clone(), |size| format!("{} of {size}", quantity.title))
+}
+
+/// The most probable effects with their sizes, and the verb: "Tip mass of 0.23 kg (0.16 to 0.29) is".
+fn subject(finding: &Finding) -> String {
+    let effects: Vec<String> = most_probable(finding).into_iter().map(|name| effect(finding, name)).collect();
+    let verb = if effects.len() == 1 { "is" } else { "are" };
+    capital(&format!("{} {verb}", effects.join(" and ")))
+}
+
+/// Each effect with those that cannot be told from it, and the verb.
+fn alternatives(finding: &Finding) -> String {
+    let joined =
+        |names: &String| names.split(" + ").map(|name| effect(finding, name)).collect::<Vec<_>>().join(" with ");
+    let groups: Vec<String> =
+        finding.found.iter().map(|alike| alike.iter().map(joined).collect::<Vec<_>>().join(" or ")).collect();
+    let verb = if groups.len() == 1 { "is" } else { "are" };
+    capital(&format!("{} {verb}", groups.join(", and ")))
+}
+
+/// Errors before and after the repair.
+fn repair(finding: &Finding, episodes: usize, held_out: usize) -> String {
+    let Some(repaired) = &finding.repaired else { return String::new() };
+    let with = if most_probable(finding).len() > 1 { "them" } else { "it" };
+    let change = |before: f64, after: f64| {
+        let verb = if after < before { "falls" } else { "goes" };
+        (verb, format!("from {} to {} mm", millimetres(before), millimetres(after)))
+    };
+    let (verb, here) = change(finding.present.rmse_mm, repaired.rmse_mm);
+    let words = format!("With {with} the error {verb} {here} on {}", recordings(episodes));
+    match &finding.verification {
+        None => format!("{words}. No other recording was there to check it."),
+        Some(v) => {
+            let unseen = if held_out == 1 { "one that was".to_owned() } else { format!("{held_out} that were") };
+            let closed = v.gap_closed.map(|share| format!(" ({} of the gap)", percent(share.clamp(0.0, 1.0))));
+            let there = change(v.before.rmse_mm, v.after.rmse_mm).1;
+            format!("{words} and {there} on {unseen} not used{}.", closed.unwrap_or_default())
+        }
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+    use effect_finder::name::{Explanation, Magnitude};
+    use effect_finder::verdict::{Estimate, Fitness};
+    use effect_finder::verify::{Score, Verification};
+
+    fn fitness(rmse_mm: f64, statistic: f64, estimates: Vec<Estimate>) -> Fitness {
+        let null = (0..199).map(|i| 90.0 + 0.1 * f64::from(i)).collect();
+        let p_value = if statistic > 110.0 { 1.0 / 200.0 } else { 0.4 };
+        Fitness { estimates, test: Test { p_value, statistic, null, null_left_out: 0, coordinates: 100 }, rmse_mm }
+    }
+
+    /// A search that names a mass at the tip, and found as much of the gap closed on one unseen episode.
+    pub fn named() -> Finding {
+        let mass = Estimate { name: "tip_mass_kg".into(), value: 0.2271, q05: 0.161, q95: 0.292 };
+        let magnitude = Magnitude { name: "tip_mass_kg".into(), title: "tip mass".into(), value: 0.2271, sd: 0.04 };
+        let score = |rmse_mm: f64| Score { rmse_mm, energy_mm: rmse_mm };
+        Finding {
+            verdict: Verdict::Named,
+            conclusions: vec!["a step".into()],
+            present: fitness(38.2, 2500.0, Vec::new()),
+            places: Vec::new(),
+            pressing: vec!["length_m".into()],
+            explanations: vec![Explanation {
+                effects: vec![magnitude],
+                statistic: 100.0,
+                log_bayes_factor: 50.0,
+                probability: 0.98,
+                probability_in_part: 0.01,
+                cosine_with_best: 1.0,
+            }],
+            presence: Vec::new(),
+            left_out: Vec::new(),
+            limits: Vec::new(),
+            probability_of_none: 0.0,
+            probability_of_unknown: 0.01,
+            found: vec![vec!["tip_mass_kg".into()]],
+            repaired: Some(fitness(7.44, 100.0, vec![mass])),
+            trade_offs: Vec::new(),
+            discrepancy: None,
+            verification: Some(Verification {
+                episodes: 1,
+                before: score(27.8),
+                after: score(17.9),
+                floor_mm: 5.0,
+                gap_closed: Some(0.43),
+                interval: None,
+                p_value: None,
+                share_explained: None,
+                log_likelihood_gain: 3.0,
+                wrong_effect: None,
+                black_box_mm: None,
+            }),
+            separation: None,
+        }
+    }
+
+    #[test]
+    fn a_named_effect_is_told_with_what_it_is_worth() {
+        let said = answer(&named(), 1, 1);
+        assert_eq!(said[0], "Tip mass of 0.23 kg (0.16 to 0.29) is missing from the model.");
+        assert_eq!(
+            said[1],
+            "With it the error falls from 38 to 7.4 mm on the recording and from 28 to 18 mm on one that was not used (43 % of the gap)."
+        );
+    }
+
+    #[test]
+    fn every_verdict_has_an_answer_without_names_of_fields() {
+        for verdict in [
+            Verdict::NoGap,
+            Verdict::Named,
+            Verdict::NamedInPart,
+            Verdict::CannotTellApart,
+            Verdict::NoneOfThese,
+            Verdict::PriorTooNarrow,
+        ] {
+            let found = vec![vec!["tip_mass_kg".into(), "density_change + rest_curvature_per_m".into()]];
+            let said = answer(&Finding { verdict, found, ..named() }, 3, 2).join(" ");
+            assert!(!said.contains('_') && said.len() > 60, "{verdict:?}: {said}");
+            assert!(said.chars().next().is_some_and(char::is_uppercase), "{said}");
+        }
+        let alike = Finding { verdict: Verdict::CannotTellApart, ..named() };
+        assert!(answer(&alike, 1, 0)[0].starts_with("Tip mass of 0.23 kg"), "{:?}", answer(&alike, 1, 0));
+        let none = Finding { verdict: Verdict::NoneOfThese, ..named() };
+        assert_eq!(answer(&none, 1, 0)[1], "The error of the model is 38 mm on the recording, 5.0 times the noise.");
+        let fine = Finding { verdict: Verdict::NoGap, present: fitness(0.91, 99.0, Vec::new()), ..named() };
+        let said = answer(&fine, 2, 0).join(" ");
+        assert!(said.contains("explains the 2 recordings") && said.contains("1.0 times the noise, p = 0.40"), "{said}");
+    }
+}

@@ -1,0 +1,114 @@
+//! Numbers for people: as many digits as are known.
+
+/// `value` with that many decimals; from 10 000 on with spaces between thousands; never a negative zero.
+pub fn plain(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    let text = if is_zero { text.trim_start_matches('-').to_owned() } else { text };
+    let (sign, digits) = text.strip_prefix('-').map_or(("", text.as_str()), |rest| ("-", rest));
+    let (whole, fraction) = digits.split_at(digits.find('.').unwrap_or(digits.len()));
+    if whole.len() < 5 || !whole.chars().all(|c| c.is_ascii_digit()) {
+        return text;
+    }
+    let mut grouped = String::new();
+    for (i, digit) in whole.chars().enumerate() {
+        if i > 0 && (whole.len() - i).is_multiple_of(3) {
+            grouped.push(' ');
+        }
+        grouped.push(digit);
+    }
+    format!("{sign}{grouped}{fraction}")
+}
+
+/// Decimals that show `digits` significant digits of a number of that size.
+fn decimals(size: f64, digits: i32) -> usize {
+    if size == 0.0 || !size.is_finite() {
+        return 0;
+    }
+    (digits - 1 - (size.abs() * 1.000_001).log10().floor() as i32).clamp(0, 9) as usize
+}
+
+/// `value` with two digits of its uncertainty, whose size is `width`, and with two of its own at least.
+pub fn rounded(value: f64, width: f64) -> String {
+    let own = if value == 0.0 { 0 } else { decimals(value, 2) };
+    plain(value, decimals(width, 2).max(if width > 0.0 { own.min(decimals(width, 2) + 1) } else { own }))
+}
+
+/// `value` with up to that many significant digits, without zeros at the end.
+pub fn significant(value: f64, digits: i32) -> String {
+    let text = plain(value, decimals(value, digits));
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// A distance in mm: tenths below 10 mm.
+pub fn millimetres(value: f64) -> String {
+    plain(value, if value < 9.95 { 1 } else { 0 })
+}
+
+/// A share in percent.
+pub fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    match value {
+        v if v > 0.0 && v < 0.5 => "< 1 %".to_owned(),
+        v if v > 99.5 && v < 100.0 => "> 99 %".to_owned(),
+        v => format!("{} %", plain(v, 0)),
+    }
+}
+
+/// p-value of a test against `null_sets` simulated data sets. The least that such a test can give is one over their number plus
+/// one: it says no more than that p is at most this.
+pub fn p_value(p: f64, null_sets: usize) -> String {
+    let least = 1.0 / (null_sets as f64 + 1.0);
+    if p <= least * (1.0 + 1e-9) {
+        return format!("<= 1/{}", null_sets + 1);
+    }
+    plain(p, if p < 0.0995 { 3 } else { 2 })
+}
+
+/// p-value as a clause: "p = 0.30", "p <= 1/200".
+pub fn p_clause(p: f64, null_sets: usize) -> String {
+    let words = p_value(p, null_sets);
+    if words.starts_with('<') { format!("p {words}") } else { format!("p = {words}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_have_the_precision_of_their_intervals() {
+        let interval = |value: f64, low: f64, high: f64| {
+            let [value, low, high] = [value, low, high].map(|v| rounded(v, high - low));
+            format!("{value} ({low} to {high})")
+        };
+        assert_eq!(interval(260.7312, 254.21, 267.08), "261 (254 to 267)");
+        assert_eq!(interval(0.22713, 0.161, 0.291), "0.23 (0.16 to 0.29)");
+        assert_eq!(interval(7.1234, 1.98, 29.7), "7.1 (2.0 to 30)");
+        assert_eq!(interval(-1.671, -1.9, -1.5), "-1.67 (-1.90 to -1.50)");
+        assert_eq!(interval(0.0, -0.01, 0.01), "0.000 (-0.010 to 0.010)");
+        assert_eq!(interval(24_567.8, 21_000.0, 31_000.0), "24 568 (21 000 to 31 000)");
+    }
+
+    #[test]
+    fn numbers_are_grouped_and_zero_has_no_sign() {
+        assert_eq!(plain(-0.0004, 2), "0.00");
+        assert_eq!(plain(1_234_567.0, 0), "1 234 567");
+        assert_eq!(plain(9999.0, 0), "9999");
+        assert_eq!(plain(f64::NAN, 1), "NaN");
+        assert_eq!(
+            (millimetres(38.26), millimetres(7.41), millimetres(9.97)),
+            ("38".into(), "7.4".into(), "10".into())
+        );
+        assert_eq!((percent(0.974), percent(0.001), percent(0.0)), ("97 %".into(), "< 1 %".into(), "0 %".into()));
+        assert_eq!((percent(0.999), percent(1.0)), ("> 99 %".into(), "100 %".into()));
+    }
+
+    #[test]
+    fn a_p_value_at_the_floor_is_a_bound() {
+        assert_eq!(p_value(1.0 / 200.0, 199), "<= 1/200");
+        assert_eq!(p_value(2.0 / 200.0, 199), "0.010");
+        assert_eq!(p_value(0.05, 19), "<= 1/20");
+        assert_eq!(p_value(0.45, 199), "0.45");
+        assert_eq!((p_clause(0.005, 199), p_clause(0.3, 199)), ("p <= 1/200".into(), "p = 0.30".into()));
+    }
+}

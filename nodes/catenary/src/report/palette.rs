@@ -1,0 +1,87 @@
+//! Colours of the reports. One colour has one meaning on all pages.
+//!
+//! The colours are those of Okabe and Ito (2008), which the colour-blind tell apart, with a purple of Tol's bright scheme.
+
+/// Meaning of a colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Measured data, and the target of a task.
+    Measured,
+    /// The prior, and other references.
+    Prior,
+    /// The posterior.
+    Posterior,
+    /// A hidden true value.
+    Truth,
+    /// The model before its repair, and pi0, the policy that was trained over the prior.
+    Before,
+    /// The model after its repair, and pi1, the policy that was trained over the posterior.
+    After,
+    /// The measurement noise.
+    Noise,
+    /// Anything that has no meaning of its own.
+    Other,
+}
+
+impl Role {
+    /// Colour as CSS.
+    pub const fn css(self) -> &'static str {
+        match self {
+            Role::Measured => "#222222",
+            Role::Prior => "#8c8c8c",
+            Role::Posterior => "#0072b2",
+            Role::Truth => "#aa3377",
+            Role::Before => "#e69f00",
+            Role::After => "#009e73",
+            Role::Noise => "#56b4e9",
+            Role::Other => "#b8b8b8",
+        }
+    }
+
+    /// Role of a curve that is known by its name: a policy; none otherwise.
+    pub fn of_policy(name: &str) -> Option<Self> {
+        match name {
+            "pi0" => Some(Role::Before),
+            "pi1" => Some(Role::After),
+            _ => None,
+        }
+    }
+}
+
+/// Red, green and blue of a share 0 to 1 of the greatest posterior density: white to the posterior's blue to nearly black.
+pub fn shade(share: f64) -> [u8; 3] {
+    const STOPS: [[f64; 3]; 4] = [[255.0, 255.0, 255.0], [158.0, 202.0, 225.0], [0.0, 114.0, 178.0], [3.0, 30.0, 60.0]];
+    let scaled = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let k = (scaled as usize).min(STOPS.len() - 2);
+    std::array::from_fn(|c| (STOPS[k][c] + (scaled - k as f64) * (STOPS[k + 1][c] - STOPS[k][c])).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_meaning_has_a_colour_of_its_own() {
+        let all = [
+            Role::Measured,
+            Role::Prior,
+            Role::Posterior,
+            Role::Truth,
+            Role::Before,
+            Role::After,
+            Role::Noise,
+            Role::Other,
+        ];
+        for (i, a) in all.iter().enumerate() {
+            assert!(all[..i].iter().all(|b| b.css() != a.css()), "{a:?}");
+        }
+        assert_eq!((Role::of_policy("pi1"), Role::of_policy("held-out loss")), (Some(Role::After), None));
+    }
+
+    #[test]
+    fn a_density_is_shaded_from_white_to_dark() {
+        assert_eq!((shade(-1.0), shade(2.0)), ([255; 3], [3, 30, 60]));
+        let light = |v: f64| shade(v).iter().map(|c| u32::from(*c)).sum::<u32>();
+        assert!((0..100).all(|i| light(f64::from(i) / 100.0) >= light(f64::from(i + 1) / 100.0)));
+    }
+}

@@ -1,0 +1,155 @@
+//! Titles and units of parameters and effects, from the simulator's catalogue and its registry of effects.
+
+use super::number;
+use catenary_core::Prior;
+use simulator_pool::Registry;
+use simulator_pool::parameters::CATALOGUE;
+
+/// A parameter or an effect, as a report calls it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Quantity {
+    /// Its name in a sentence.
+    pub title: String,
+    /// Unit of its values in files; 1 for none.
+    unit: String,
+}
+
+/// Unit in which values are shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scale {
+    /// Factor from the unit of files.
+    pub factor: f64,
+    /// Its symbol; empty for none.
+    pub unit: String,
+}
+
+/// A text with its first letter as at the beginning of a sentence.
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+impl Quantity {
+    /// The quantity called `name` in model files. A name that nobody knows stands for itself.
+    pub fn of(name: &str) -> Self {
+        let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.title, p.unit));
+        let effect = || Registry::with_unlisted().find(name).map(|e| (e.about().title, e.about().unit));
+        let (title, unit) = parameter.or_else(effect).unwrap_or((name, "1"));
+        // Effects that change a parameter of the model carry its title.
+        let is_change = name.ends_with("_change") || name.contains("_change_");
+        let title = if is_change { format!("change of {title}") } else { title.to_owned() };
+        Self { title, unit: unit.to_owned() }
+    }
+
+    /// The title at the beginning of a sentence.
+    pub fn capital(&self) -> String {
+        capital(&self.title)
+    }
+
+    /// Unit in which values up to `largest` are easy to read.
+    pub fn scale(&self, largest: f64) -> Scale {
+        let size = largest.abs();
+        let (factor, unit) = match self.unit.as_str() {
+            "1" => (1.0, ""),
+            "m" if size < 1.0 => (1e3, "mm"),
+            "m/s" if size < 0.1 => (1e3, "mm/s"),
+            "kg" if size < 0.1 => (1e3, "g"),
+            "s" if size < 1.0 => (1e3, "ms"),
+            "Pa" if size >= 1e9 => (1e-9, "GPa"),
+            "Pa" if size >= 1e6 => (1e-6, "MPa"),
+            "Pa" if size >= 1e3 => (1e-3, "kPa"),
+            "rad" => (180.0 / std::f64::consts::PI, "°"),
+            other => (1.0, other),
+        };
+        Scale { factor, unit: unit.replace("^2", "²").replace("^3", "³") }
+    }
+
+    /// A value with its interval and its unit: "261 mm (254 to 267)".
+    pub fn estimate(&self, value: f64, low: f64, high: f64) -> String {
+        let scale = self.scale(value.abs().max(0.5 * (low.abs() + high.abs())));
+        let [value, low, high] = [value, low, high].map(|v| v * scale.factor);
+        let width = high - low;
+        let [value, low, high] = [value, low, high].map(|v| number::rounded(v, width));
+        format!("{} ({low} to {high})", scale.with_unit(&value))
+    }
+
+    /// A value with its standard deviation and its unit: "0.23 ± 0.06 kg".
+    pub fn spread(&self, value: f64, sd: f64) -> String {
+        let scale = self.scale(value.abs().max(sd.abs()));
+        let [value, sd] = [value, sd].map(|v| v * scale.factor);
+        scale.with_unit(&format!("{} ± {}", number::rounded(value, sd), number::rounded(sd, sd)))
+    }
+
+    /// A value with its unit, to a relative precision of some percent.
+    pub fn value(&self, value: f64) -> String {
+        self.value_within(value, 0.5 * value.abs())
+    }
+
+    /// A value with its unit, to two digits of `width`.
+    pub fn value_within(&self, value: f64, width: f64) -> String {
+        let scale = self.scale(value);
+        scale.with_unit(&number::rounded(value * scale.factor, width * scale.factor))
+    }
+
+    /// A prior in words: its support, and its kind.
+    pub fn prior(&self, prior: &Prior) -> String {
+        let (low, high) = prior.bounds();
+        let scale = self.scale(low.abs().max(high.abs()));
+        let range = |low: f64, high: f64| {
+            let digits = |v: f64| number::significant(v * scale.factor, 3);
+            scale.with_unit(&format!("{} to {}", digits(low), digits(high)))
+        };
+        match prior {
+            Prior::Uniform { .. } => range(low, high),
+            Prior::LogUniform { .. } => format!("{} (logarithmic)", range(low, high)),
+            Prior::Normal { mean, sd, .. } => {
+                let digits = |v: f64| number::significant(v * scale.factor, 3);
+                format!("{} ± {}, {}", digits(*mean), digits(*sd), range(low, high))
+            }
+            Prior::Mixture(parts) => format!("{}, {} parts", range(low, high), parts.len()),
+        }
+    }
+
+    /// Title and unit of an axis: "length, mm".
+    pub fn axis(&self, scale: &Scale) -> String {
+        if scale.unit.is_empty() { self.title.clone() } else { format!("{}, {}", self.title, scale.unit) }
+    }
+}
+
+impl Scale {
+    /// A number with the unit.
+    pub fn with_unit(&self, number: &str) -> String {
+        match self.unit.as_str() {
+            "" => number.to_owned(),
+            "°" => format!("{number}°"),
+            unit => format!("{number} {unit}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_parameter_and_effect_has_a_title_without_its_unit() {
+        let names = CATALOGUE.iter().map(|p| p.name).chain(Registry::shipped().effects().map(|e| e.about().name));
+        for name in names {
+            let title = Quantity::of(name).title;
+            assert!(!title.is_empty() && !title.contains('_'), "{name}: {title}");
+        }
+        assert_eq!(Quantity::of("gremlins_per_m").title, "gremlins_per_m");
+    }
+
+    #[test]
+    fn values_have_units_that_are_easy_to_read() {
+        assert_eq!(Quantity::of("length_m").estimate(0.2607, 0.2542, 0.2671), "261 mm (254 to 267)");
+        assert_eq!(Quantity::of("youngs_modulus_pa").estimate(12_345.0, 10_200.0, 15_100.0), "12.3 kPa (10.2 to 15.1)");
+        assert_eq!(Quantity::of("tip_mass_kg").estimate(0.2271, 0.161, 0.292), "0.23 kg (0.16 to 0.29)");
+        assert_eq!(Quantity::of("tip_mass_kg").value(0.00601), "6.0 g");
+        assert_eq!(Quantity::of("camera_tilt_rad").value(0.0360), "2.1°");
+        assert_eq!(Quantity::of("quadratic_drag_n_s2_m3").value(0.31), "0.31 N s²/m³");
+        let prior = Prior::LogUniform { low: 1e3, high: 5e4 };
+        assert_eq!(Quantity::of("youngs_modulus_pa").prior(&prior), "1 to 50 kPa (logarithmic)");
+    }
+}
