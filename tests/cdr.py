@@ -1,20 +1,21 @@
 """Messages of any rosidl type whose fields count up, and their bytes in CDR."""
 
 from contract import interface
-from rosidl_parser.definition import AbstractNestedType, Array, BasicType, UnboundedString
+from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType, BoundedSequence
 
 
 def counted(kind, counter):
     """The next counted value of a rosidl type: see `Filled` in the Rust crate. With `counter` None, the value that is empty."""
     if isinstance(kind, AbstractNestedType):
-        count = kind.size if isinstance(kind, Array) else 2 if counter else 0
+        most = kind.maximum_size if isinstance(kind, BoundedSequence) else 2
+        count = kind.size if isinstance(kind, Array) else min(2, most) if counter else 0
         return [counted(kind.value_type, counter) for _ in range(count)]
-    if isinstance(kind, (BasicType, UnboundedString)):
+    if isinstance(kind, (BasicType, AbstractString)):
         number = 0
         if counter:
             counter[0] += 1
             number = counter[0]
-        if isinstance(kind, UnboundedString):
+        if isinstance(kind, AbstractString):
             return f"s{number}" if counter else ""
         if kind.typename == "boolean":
             return number % 2 == 1
@@ -52,7 +53,7 @@ def layout(kind, value):
             yield from layout(kind.value_type, element)
     elif isinstance(kind, BasicType):
         yield SIZES[kind.typename], SIZES[kind.typename]
-    elif isinstance(kind, UnboundedString):
+    elif isinstance(kind, AbstractString):
         yield 4, 4
         yield 1, len(value.encode()) + 1
     else:

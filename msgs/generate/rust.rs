@@ -119,6 +119,7 @@ fn filled(out: &mut String, name: &str, fields: &[Field]) {
             let value = match f.count {
                 Count::One => "crate::Filled::filled(counter)".to_owned(),
                 Count::Array(_) => "std::array::from_fn(|_| crate::Filled::filled(counter))".to_owned(),
+                Count::Bounded(1) => "vec![crate::Filled::filled(counter)]".to_owned(),
                 Count::Bounded(_) | Count::Sequence => {
                     "(0..2).map(|_| crate::Filled::filled(counter)).collect()".to_owned()
                 }

@@ -84,7 +84,7 @@ pub fn services_and_actions() -> &'static [(&'static str, &'static str)] {
 }
 
 /// An instance in which every value differs from its neighbours, made by counting: the k-th primitive holds k (whole
-/// numbers: k mod 100; booleans: whether k is odd; floats: k + 0.5; strings: `sk`), and sequences hold two elements. Another
+/// numbers: k mod 100; booleans: whether k is odd; floats: k + 0.5; strings: `sk`), and sequences hold two elements, or one where that is their bound. Another
 /// program can count the same way, so that both can compare bytes.
 #[cfg(feature = "filled")]
 pub trait Filled: Sized {
