@@ -279,13 +279,14 @@ impl Node {
         self.graph().peer_of(endpoint)
     }
 
-    /// Other nodes that publish on a topic.
+    /// Publishers that other nodes have on a topic. A node comes as often as it has one.
     ///
     /// # Errors
     /// [`ShellError::Name`].
     pub fn publishers(&self, topic: &str) -> Result<Vec<Peer>, ShellError> {
-        let topic = format!("rt{}", self.resolve(topic)?);
-        Ok(self.graph().owners(|endpoint| endpoint.is_writer && endpoint.topic == topic))
+        let (topic, graph) = (format!("rt{}", self.resolve(topic)?), self.graph());
+        let publishers = graph.others().into_iter().filter(|endpoint| endpoint.is_writer && endpoint.topic == topic);
+        Ok(publishers.map(|publisher| graph.peer(publisher.gid, publisher.addresses)).collect())
     }
 
     /// Other nodes that subscribe to a topic.
