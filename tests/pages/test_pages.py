@@ -70,7 +70,7 @@ def demo(infer, tmp_path_factory):
     for i, policy in enumerate(policies):
         run("train", "--model", MODEL, "--out", policy, "--steps", 512, "--seed", i)
     asked = [word for policy in policies for word in ("--policy", policy)]
-    evaluated = json.loads(run("evaluate", *asked, "--model", MODEL, "--episodes", 10, "--fidelity", "fast", "--json"))["policies"]
+    evaluated = json.loads(run("evaluate", *asked, "--model", MODEL, "--episodes", 30, "--fidelity", "fast", "--json"))["policies"]
     frames = []
     for step in range(3):
         Image.new("RGB", (640, 480), (200, 200, 60 * step)).save(folder / f"{step}.png")
@@ -86,7 +86,7 @@ def demo(infer, tmp_path_factory):
         "seed": 1, "preset": "default", "parameters": list(PARAMETERS), "truth": truth, "target_m": [0.5, 0.15], "task": task,
         "success_distance_m": 0.02, "inference": inference, "training": [training("pi0"), training("pi1")],
         "episodes": [episode("pi0"), episode("pi1")], "film": "film.gif",
-        "evaluation": {"episodes": 10, "fidelity": "fast", "seed": 1, "policies": evaluated},
+        "evaluation": {"episodes": 30, "fidelity": "fast", "seed": 1, "policies": evaluated},
         "stages": [{"name": "start the graph", "wall_s": 1.0, "cpu_s": 0.5}],
     }  # fmt: skip
     (folder / "summary.json").write_text(json.dumps(summary))

@@ -184,7 +184,11 @@ mod tests {
         page.strip(&[picture]);
         page.svg("<figure>1</figure>");
         page.svg("<figure>2</figure>");
-        page.details("more", |page| -> Result<(), ()> { Ok(page.paragraph("p")) }).unwrap();
+        let more = |page: &mut Page| {
+            page.paragraph("p");
+            Ok::<(), ()>(())
+        };
+        page.details("more", more).unwrap();
         let html = page.finish();
         assert!(html.contains("a &lt; b") && html.contains("&quot;1&quot; &amp; 2") && html.contains("base64,AQID"));
         assert!(!html.contains("http"), "{html}");
