@@ -85,7 +85,7 @@ pub fn infer(
         None => Posterior::prior(model.theta.clone()),
     };
     let number = iterations.len();
-    let failed = |source| InferenceError::Posterior { iteration: number, source };
+    let failed = |reason| InferenceError::Posterior { iteration: number, reason };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
     let predictive = match settings.predictive_draws {
         0 => None,
