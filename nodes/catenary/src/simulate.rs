@@ -115,7 +115,9 @@ fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
 
 /// The last complete episode of a bag.
 fn last_measured(bag: PathBuf, model: &Model) -> Result<MeasuredTrack> {
-    Ok(catenary_bag::read_measured(&[bag], &[], model)?.remove(0))
+    let measured = catenary_bag::read_measured(&[bag], &[], model)?.remove(0);
+    measured.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    Ok(measured)
 }
 
 /// Which of the model's inferred parameters `--theta` names.
