@@ -4,6 +4,7 @@ mod page;
 
 use crate::cli::FindEffectsArgs;
 use crate::interrupted::Interrupted;
+use crate::misfit::Misfit;
 use crate::simulate::actions;
 use crate::{model_file, output, served};
 use anyhow::{Context, Result};
@@ -17,6 +18,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use page::page;
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, Registry, workers};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -40,6 +42,10 @@ struct Report {
     held_out: Vec<Looked>,
     settings: Settings,
     wall_s: f64,
+    /// Whether the best model fits the recordings; false: `misfit` says why not.
+    fits: bool,
+    /// What is doubtful about the recordings.
+    warnings: Vec<String>,
     #[serde(flatten)]
     finding: Finding,
 }
@@ -95,6 +101,8 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         Some(model) => model.rewrite(&text)?,
         None => text,
     };
+    let all = measured.iter().chain(&unseen).flat_map(|m| m.warnings.iter().cloned());
+    let warnings = all.collect::<BTreeSet<String>>().into_iter().collect();
     let looked = |list: Vec<(Looked, MeasuredTrack)>| list.into_iter().map(|(looked, _)| looked).collect();
     let report = Report {
         model: model.name.clone(),
@@ -102,12 +110,15 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         held_out: looked(held_out),
         settings,
         wall_s: started.elapsed().as_secs_f64(),
+        fits: finding.misfit.is_none(),
+        warnings,
         finding,
     };
     write_motion(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &shown)?])?;
     journal.remove();
-    output::result(&arguments.output, &report, words)
+    output::result(&arguments.output, &report, words)?;
+    Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
 }
 
 /// Every complete episode of the bags.
@@ -175,5 +186,8 @@ fn headline(finding: &Finding) -> String {
 }
 
 fn words(report: &Report) -> String {
-    format!("{}\n{} episodes, {:.1} s", headline(&report.finding), report.episodes.len(), report.wall_s)
+    let misfit =
+        report.finding.misfit.iter().map(|reason| format!("{}\n", Misfit::headline(reason))).collect::<String>();
+    let (verdict, episodes) = (headline(&report.finding), report.episodes.len());
+    format!("{misfit}{verdict}\n{episodes} episodes, {:.1} s", report.wall_s)
 }

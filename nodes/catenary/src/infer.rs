@@ -2,6 +2,7 @@
 
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
+use crate::misfit::Misfit;
 use crate::report::{Page, plots};
 use crate::{figures::figures, model_file, output, policy_file, served};
 use anyhow::{Context, Result};
@@ -37,6 +38,8 @@ struct Report {
     wall_s: f64,
     /// Of that, what simulations took, those of the posterior's check included.
     simulation_s: f64,
+    /// Whether the posterior fits the recording; false: `misfit` says why not.
+    fits: bool,
     #[serde(flatten)]
     result: InferenceResult,
 }
@@ -104,11 +107,13 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         duration_s: tracks().filter_map(|frames| frames.last()).map(|f| f.time_s).sum(),
         wall_s: started.elapsed().as_secs_f64(),
         simulation_s,
+        fits: result.misfit.is_none(),
         result,
     };
     write(&arguments.out, &report)?;
     file.remove();
-    output::result(&arguments.output, &report, words)
+    output::result(&arguments.output, &report, words)?;
+    Misfit::check(report.result.misfit.as_ref(), &arguments.out)
 }
 
 /// Infers in this process with a bar. With a file, it goes on from the state there, and leaves its own after each iteration.
@@ -170,6 +175,7 @@ fn page(report: &Report) -> Result<String> {
         if report.episodes == 1 { "one episode".to_owned() } else { format!("{} episodes", report.episodes) };
     let (bags, frames, duration_s) = (bags.join(", "), report.frames, report.duration_s);
     page.paragraph(&format!("{bags}: {episodes}, {frames} frames in {duration_s:.2} s."));
+    result.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
     result.warnings.iter().for_each(|w| page.warning(w));
     let d = result.posterior.parameters.dimension();
     let domains = result.posterior.sample_low_variance(12, 0)?;
@@ -222,7 +228,8 @@ pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
 }
 
 fn words(report: &Report) -> String {
-    let mut lines = marginal_words(&report.result.marginals);
+    let mut lines: Vec<String> = report.result.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+    lines.extend(marginal_words(&report.result.marginals));
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
     lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));

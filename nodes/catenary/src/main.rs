@@ -20,6 +20,7 @@ mod infer;
 mod install;
 mod interrupted;
 mod launch;
+mod misfit;
 mod model_file;
 mod nodes;
 mod output;
@@ -33,6 +34,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use interrupted::Interrupted;
+use misfit::Misfit;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -69,10 +71,13 @@ fn main() -> ExitCode {
         }
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let _closed = writeln!(std::io::stderr(), "catenary: {}", format!("{error:#}").replace('\n', " "));
-            match error.is::<Interrupted>() {
-                true => ExitCode::from(Interrupted::EXIT_CODE),
-                false => ExitCode::FAILURE,
+            let _closed = writeln!(std::io::stderr(), "catenary: {}", catenary_shell::in_one_line(&error));
+            if error.is::<Interrupted>() {
+                ExitCode::from(Interrupted::EXIT_CODE)
+            } else if error.is::<Misfit>() {
+                ExitCode::from(Misfit::EXIT_CODE)
+            } else {
+                ExitCode::FAILURE
             }
         }
     }

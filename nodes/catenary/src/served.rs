@@ -4,6 +4,7 @@ use crate::cli::{FindEffectsArgs, InferArgs, Preset, TrainArgs};
 use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
 use crate::infer::{iteration_words, marginal_words};
+use crate::misfit::Misfit;
 use crate::train::{Report, read_posterior};
 use crate::{output, policy_file};
 use anyhow::{Context, Result, ensure};
@@ -12,6 +13,7 @@ use catenary_core::{Model, Policy, Posterior};
 use catenary_msgs::action::{FindEffects, FindEffectsGoal, Infer, InferGoal, Train, TrainFeedback, TrainGoal};
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{Act, ActionClient, NodeBuilder, RosArgs, Shutdown, convert};
+use effect_finder::verdict::MISFIT;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,9 @@ struct Inferred {
     warnings: Vec<String>,
     losses: Vec<f64>,
     simulations: u32,
+    /// Whether the posterior fits the recording; false: `misfit` says why not.
+    fits: bool,
+    misfit: Option<String>,
 }
 
 /// Has the inference node infer from a bag, which must lie where it sees it; Ctrl-C cancels that.
@@ -77,13 +82,18 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         warnings: result.warnings,
         losses: result.losses,
         simulations: result.simulations,
+        fits: result.message.is_empty(),
+        // With success, the message is why the posterior fits nothing.
+        misfit: (!result.message.is_empty()).then_some(result.message),
     };
     output::result(&arguments.output, &inferred, |i| {
-        let mut lines = marginal_words(&i.marginals);
+        let mut lines: Vec<String> = i.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+        lines.extend(marginal_words(&i.marginals));
         lines.extend(i.warnings.iter().map(|w| format!("warning: {w}")));
         lines.push(format!("{} simulations in {:.1} s", i.simulations, i.wall_s));
         lines.join("\n")
-    })
+    })?;
+    Misfit::check(inferred.misfit.as_ref(), &arguments.out)
 }
 
 /// Has the training node train a policy; Ctrl-C cancels that.
@@ -134,6 +144,9 @@ struct Found {
     found: Vec<String>,
     /// Candidates and their probabilities, the most probable first.
     effects: Vec<(String, f64)>,
+    /// Whether the best model fits the recording; false: `misfit` says why not.
+    fits: bool,
+    misfit: Option<String>,
 }
 
 /// Where a bag lies, for a node that runs in another folder.
@@ -162,20 +175,27 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
     let (actions, _) = result.separating_actions.as_chunks();
     write_motion(&arguments.out, actions)?;
+    let conclusions: Vec<String> = result.message.lines().map(str::to_owned).collect();
+    let first = conclusions.first().and_then(|c| c.strip_prefix(MISFIT)?.strip_prefix(": "));
+    let misfit = first.map(str::to_owned);
     let found = Found {
         bags: arguments.bag.clone(),
         wall_s,
         verdict: result.verdict,
-        conclusions: result.message.lines().map(str::to_owned).collect(),
+        conclusions,
         found: result.found,
         effects: result.effects.into_iter().zip(result.probabilities).collect(),
+        fits: misfit.is_none(),
+        misfit,
     };
     output::result(&arguments.output, &found, |f| {
-        let mut lines = f.conclusions.clone();
+        let mut lines: Vec<String> = f.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+        lines.extend(f.conclusions.iter().filter(|c| !c.starts_with(MISFIT)).cloned());
         lines.push(f.verdict.clone());
         lines.push(format!("{:.1} s", f.wall_s));
         lines.join("\n")
-    })
+    })?;
+    Misfit::check(found.misfit.as_ref(), &arguments.out)
 }
 
 /// What is asked of the nodes of a namespace.

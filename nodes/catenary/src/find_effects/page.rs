@@ -2,6 +2,7 @@
 
 use super::{Looked, Report, headline};
 use crate::figures::figures;
+use crate::misfit::Misfit;
 use crate::report::Page;
 use crate::report::plots::search::{Bar, Interval, Panel, Ribbon, bars, histogram, intervals, panels};
 use anyhow::Result;
@@ -22,6 +23,8 @@ const LEAST_P: f64 = 1e-3;
 pub fn page(report: &Report, shown: &[Shown]) -> Result<String> {
     let finding = &report.finding;
     let mut page = Page::new(&format!("catenary find-effects: {}", report.model));
+    finding.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
+    report.warnings.iter().for_each(|w| page.warning(w));
     page.paragraph(&format!("verdict: {}", headline(finding)));
     finding.conclusions.iter().for_each(|c| page.paragraph(c));
     let row = |kind: &'static str| {
