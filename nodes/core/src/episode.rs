@@ -114,19 +114,7 @@ pub struct MeasuredTrack {
 impl Episode {
     /// The measured track as the model's simulator would give it, with what reproduces it.
     pub fn measured(&self, model: &Model) -> Result<MeasuredTrack, EpisodeError> {
-        let missing = |needed: &str| EpisodeError::Missing {
-            episode: self.number,
-            cause: self.cause(),
-            needed: needed.to_owned(),
-            found: format!(
-                "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
-                self.keypoints.len(),
-                self.poses.len(),
-                self.observations.len(),
-                self.actions.len(),
-                self.duration_s
-            ),
-        };
+        let missing = |needed: &str| self.missing(needed);
         if self.poses.is_empty() {
             return Err(missing("poses on /panda/current_pose"));
         }
@@ -152,11 +140,8 @@ impl Episode {
             }
             DriveKind::Actions | DriveKind::Policy => {
                 let (actions, observations) = self.steps()?;
-                for (step, observation) in observations.iter().enumerate() {
-                    let then = grip.at(step as f64 * self.start.step_period_s);
-                    plausible::check_observation(step, observation.eef_m(), &then, &HandLimits::of(model))
-                        .map_err(impossible)?;
-                }
+                plausible::observations(&observations, &grip, self.start.step_period_s, &HandLimits::of(model))
+                    .map_err(impossible)?;
                 (self.policy_frames(&grip, &actions, &observations), actions)
             }
         };
@@ -183,6 +168,23 @@ impl Episode {
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings,
         })
+    }
+
+    /// The error of an episode that lacks what is `needed`.
+    fn missing(&self, needed: &str) -> EpisodeError {
+        EpisodeError::Missing {
+            episode: self.number,
+            cause: self.cause(),
+            needed: needed.to_owned(),
+            found: format!(
+                "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
+                self.keypoints.len(),
+                self.poses.len(),
+                self.observations.len(),
+                self.actions.len(),
+                self.duration_s
+            ),
+        }
     }
 
     /// What is doubtful about it whatever the model, in words: its end, and poses that no Panda reaches.

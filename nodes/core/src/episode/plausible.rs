@@ -2,7 +2,7 @@
 
 use crate::keypoints::KeypointOrder;
 use crate::model::ArmLaw;
-use crate::{Camera, GripPose, Keypoints, Model};
+use crate::{Camera, GripPose, GripTrajectory, Keypoints, Model, Observation};
 
 /// Topic of the poses.
 pub(super) const POSES: &str = "/panda/current_pose";
@@ -33,7 +33,7 @@ const MOST_LEFT_OUT: f64 = 0.2;
 const OFF_PLANE_M: f64 = 0.02;
 /// Distance from the plane from which nothing that the camera sees has its true size, m.
 const FAR_OFF_PLANE_M: f64 = 0.1;
-/// Time at the start of a run that a chain may leave out to reach it, s.
+/// Time at the start of a run of poses that a chain may leave out to reach it, s.
 const HURRY_S: f64 = 0.05;
 /// Runs that a chain may leap back over. Data with more faults in a row are refused anyway.
 const LEAP: usize = 512;
@@ -114,8 +114,9 @@ impl HandLimits {
 }
 
 /// Flags of the samples in the longest chain in which each can follow the one before. A fault cannot be told from its
-/// neighbours by looking at two samples: the first one may be wrong, or a hundred in a row. Most samples agree.
-fn longest_chain<T>(samples: &[(f64, T)], follows: impl Fn(&(f64, T), &(f64, T)) -> bool) -> Vec<bool> {
+/// neighbours by looking at two samples: the first one may be wrong, or a hundred in a row. Most samples agree. Of a
+/// run, its first `hurry_s` may be left out to reach it.
+fn longest_chain<T>(samples: &[(f64, T)], hurry_s: f64, follows: impl Fn(&(f64, T), &(f64, T)) -> bool) -> Vec<bool> {
     // Runs of neighbours that agree; a chain takes whole runs, but for the first moments of one.
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for i in 0..samples.len() {
@@ -127,7 +128,7 @@ fn longest_chain<T>(samples: &[(f64, T)], follows: impl Fn(&(f64, T), &(f64, T))
     // The first sample of a run that can follow an earlier run: one that moved at once, as no arm but an ideal one does, is
     // taken for one that hurried.
     let entry = |from: usize, (first, last): (usize, usize)| {
-        let early = |k: &usize| samples[*k].0 - samples[first].0 <= HURRY_S;
+        let early = |k: &usize| samples[*k].0 - samples[first].0 <= hurry_s;
         (first..=last).take_while(early).find(|k| follows(&samples[from], &samples[*k]))
     };
     // For each run: samples of the longest chain up to its end, where that enters the run, and the run before.
@@ -175,7 +176,7 @@ pub(super) fn poses(
     start_ns: i64,
 ) -> Result<Plausible<MeasuredPose>, String> {
     check_unit(samples, limits)?;
-    let flags = longest_chain(samples, |a, b| limits.allow(&a.1, &b.1, b.0 - a.0));
+    let flags = longest_chain(samples, HURRY_S, |a, b| limits.allow(&a.1, &b.1, b.0 - a.0));
     let out = flags.iter().filter(|f| !**f).count();
     let mut warnings = Vec::new();
     if out > 0 {
@@ -240,24 +241,27 @@ fn check_unit(samples: &[(f64, MeasuredPose)], limits: &HandLimits) -> Result<()
     ))
 }
 
-/// Refuses an observation of the hand where no pose puts it. It cannot be left out as a pose can: the policy acted on it.
+/// Refuses observations of the hand, one a step of `period_s`, where no pose of its path is. They cannot be left out as poses
+/// can: the policy acted on them.
 ///
 /// # Errors
 /// Step, value and what was expected, in words.
-pub(super) fn check_observation(
-    step: usize,
-    seen_m: [f64; 2],
-    measured: &GripPose,
+pub(super) fn observations(
+    steps: &[Observation],
+    path: &GripTrajectory,
+    period_s: f64,
     limits: &HandLimits,
 ) -> Result<(), String> {
-    let apart_m = (seen_m[0] - measured.x_m).hypot(seen_m[1] - measured.z_m);
-    if limits.allow_distance(apart_m, OBSERVATION_AGE_S) {
-        return Ok(());
+    for (step, observation) in steps.iter().enumerate() {
+        let ([x_m, z_m], then) = (observation.eef_m(), path.at(step as f64 * period_s));
+        if !limits.allow_distance((x_m - then.x_m).hypot(z_m - then.z_m), OBSERVATION_AGE_S) {
+            return Err(format!(
+                "/policy/observation: values[0..2] of step {step}: expected (x, z) near the pose of then, ({:.3}, {:.3}) m, got ({x_m}, {z_m}) m: use another episode, or a model with drive: grip, which needs no observations",
+                then.x_m, then.z_m
+            ));
+        }
     }
-    Err(format!(
-        "/policy/observation: values[0..2] of step {step}: expected (x, z) near the pose of then, ({:.3}, {:.3}) m, got ({}, {}) m: use another episode, or a model with drive: grip, which needs no observations",
-        measured.x_m, measured.z_m, seen_m[0], seen_m[1]
-    ))
+    Ok(())
 }
 
 /// What to say of poses beside the plane y = 0.
@@ -306,7 +310,7 @@ pub(super) fn keypoints(
     }
     type Placed = (f64, ([[f64; 2]; 4], Keypoints));
     let follows = |a: &Placed, b: &Placed| farthest_m(&a.1.0, &b.1.0) <= KEYPOINT_M_S * (b.0 - a.0) + KEYPOINT_SLACK_M;
-    let flags = longest_chain(&placed, follows);
+    let flags = longest_chain(&placed, 0.0, follows);
     let out = flags.iter().filter(|f| !**f).count() + behind.len();
     let mut warnings = Vec::new();
     if out > 0 {
@@ -368,7 +372,7 @@ mod tests {
         let follows = |a: &(f64, f64), b: &(f64, f64)| (a.1 - b.1).abs() < 1.5;
         let chain = |samples: &[f64]| {
             let timed: Vec<(f64, f64)> = samples.iter().enumerate().map(|(i, s)| (i as f64, *s)).collect();
-            let flags = longest_chain(&timed, follows);
+            let flags = longest_chain(&timed, 0.0, follows);
             samples.iter().zip(flags).filter(|(_, f)| *f).map(|(s, _)| *s).collect::<Vec<_>>()
         };
         assert_eq!(chain(&[]), [] as [f64; 0]);
