@@ -2,7 +2,7 @@
 //!
 //! Knows neither files nor the graph. Conversions that other nodes need, too, are those of [`catenary_shell::convert`].
 
-use catenary_core::episode::EpisodeStart;
+use catenary_core::episode::{EpisodeStart, MeasuredPose};
 use catenary_core::{EpisodeLog, Observation};
 use catenary_msgs::Interface;
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
@@ -16,6 +16,9 @@ const NORM_TOLERANCE: f64 = 0.01;
 
 /// A message that an [`EpisodeLog`] takes a record from.
 pub trait Feed: Interface {
+    /// The message's own stamp, ns.
+    fn stamp_ns(&self) -> i64;
+
     /// Records the message at its own stamp.
     ///
     /// # Errors
@@ -35,13 +38,21 @@ fn finite(field: &'static str, numbers: impl IntoIterator<Item = f64>) -> Result
 }
 
 impl Feed for Keypoints {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
-        log.push_keypoints(stamp_ns(&self.header.stamp), keypoints_from_msg(self)?);
+        log.push_keypoints(self.stamp_ns(), keypoints_from_msg(self)?);
         Ok(())
     }
 }
 
 impl Feed for PoseStamped {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
         let (p, q) = (&self.pose.position, &self.pose.orientation);
         finite("pose", [p.x, p.y, p.z, q.x, q.y, q.z, q.w])?;
@@ -50,30 +61,43 @@ impl Feed for PoseStamped {
             let expected = "a unit quaternion".to_owned();
             return Err(ConvertError { field: "pose.orientation", expected, got: format!("one of norm {norm:.3}") });
         }
-        log.push_pose(stamp_ns(&self.header.stamp), grip_pose_from_msg(&self.pose));
+        log.push_frame(&self.header.frame_id);
+        log.push_pose(self.stamp_ns(), MeasuredPose { grip: grip_pose_from_msg(&self.pose), y_m: p.y });
         Ok(())
     }
 }
 
 impl Feed for ObservationMsg {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
         finite("values", self.values)?;
-        log.push_observation(stamp_ns(&self.header.stamp), self.episode, self.step, Observation(self.values));
+        log.push_observation(self.stamp_ns(), self.episode, self.step, Observation(self.values));
         Ok(())
     }
 }
 
 impl Feed for EefDelta {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
         finite("dx, dz", [self.dx, self.dz])?;
-        log.push_action(stamp_ns(&self.header.stamp), self.episode, self.step, [self.dx, self.dz]);
+        log.push_action(self.stamp_ns(), self.episode, self.step, [self.dx, self.dz]);
         Ok(())
     }
 }
 
 impl Feed for EpisodeEvent {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
-        let at_ns = stamp_ns(&self.header.stamp);
+        let at_ns = self.stamp_ns();
         match self.event {
             Self::STARTED => log.push_start(at_ns, self.episode, start_from_msg(self)?),
             Self::ENDED => log.push_end(at_ns, self.episode, self.reason.clone()),

@@ -1,5 +1,6 @@
 //! Episodes of a bag.
 
+use crate::clocks::Clocks;
 use crate::convert::Feed;
 use crate::error::BagError;
 use crate::reader::{BagMessage, BagReader};
@@ -49,7 +50,7 @@ impl EpisodeTopics {
 }
 
 /// Fills a log with everything that a bag says about episodes. Messages that cannot be read or have no meaning are left
-/// out, with a warning for each topic.
+/// out, with a note for each topic; so are clocks that step or differ noted, and other frames than the contract's.
 ///
 /// # Errors
 /// [`BagError::NoTopic`] where the bag has none of the topics, [`BagError::Type`] where one has another type.
@@ -73,20 +74,43 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
         }?;
     }
     let mut log = EpisodeLog::default();
+    let mut clocks = Clocks::default();
     let mut left_out: BTreeMap<String, (u64, String)> = BTreeMap::new();
     for message in bag.messages_of(&topics.names()) {
         let (place, outcome) = match message {
-            Ok(message) => (message.topic.name.clone(), record(&mut log, topics, &message)),
-            Err(error) => (bag.path().display().to_string(), Err(error)),
+            Ok(message) => (message.topic.name.clone(), record(&mut log, &mut clocks, topics, &message)),
+            Err(error) => (bag.path().display().to_string(), Err(error.to_string())),
         };
-        if let Err(error) = outcome {
-            left_out.entry(place).or_insert_with(|| (0, error.to_string())).0 += 1;
+        if let Err(reason) = outcome {
+            left_out.entry(place).or_insert_with(|| (0, reason)).0 += 1;
         }
     }
     for (place, (count, first)) in left_out {
-        tracing::warn!("{place}: {count} left out, the first because of: {first}");
+        let first = first.strip_prefix(&format!("{place}: ")).unwrap_or(&first);
+        log.note(match count {
+            1 => format!("{place}: 1 message left out: {first}"),
+            _ => format!("{place}: {count} messages left out, the first: {first}"),
+        });
     }
+    clocks.notes(&topics.pose).into_iter().for_each(|note| log.note(note));
     Ok(log)
+}
+
+/// What is doubtful about the episodes of a bag, in words: stamps, clocks, frames, messages without meaning, and ends by a
+/// fault. Nothing for a bag that records no episode.
+#[must_use]
+pub fn episode_notes(bag: &BagReader) -> Vec<String> {
+    let topics = EpisodeTopics::default();
+    // A bag of other topics, or of other types on them, is no bag of episodes: nothing is wrong with it.
+    let Ok(log) = read_episodes(bag, &topics) else { return Vec::new() };
+    let episodes = log.episodes();
+    if episodes.is_empty() && bag.topic(&topics.event).is_some_and(|t| t.messages > 0) {
+        return log.episode(None).err().map(|error| error.to_string()).into_iter().collect();
+    }
+    let doubts = episodes.iter().flat_map(|episode| {
+        episode.doubts().into_iter().map(move |doubt| format!("episode {}: {doubt}", episode.number))
+    });
+    log.notes().into_iter().chain(doubts).collect()
 }
 
 /// The measured tracks of episodes of one object, as `model` sees them. `numbers` says which: any number of episodes of the
@@ -114,7 +138,7 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
         if !logs.contains_key(bag) {
             logs.insert(bag, read_episodes(&BagReader::open(bag)?, &EpisodeTopics::default())?);
         }
-        let failed = |source| BagError::Episode { path: bag.clone(), source };
+        let failed = |reason| BagError::Episode { path: bag.clone(), reason };
         let episode = logs[bag].episode((number > 0).then_some(number)).map_err(failed)?;
         if !known.insert((bag, episode.number)) {
             let got = format!("episode {} of {} twice", episode.number, bag.display());
@@ -125,15 +149,28 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
     Ok(measured)
 }
 
-fn record(log: &mut EpisodeLog, topics: &EpisodeTopics, message: &BagMessage) -> Result<(), BagError> {
-    fn feed<T: Feed + DeserializeOwned>(log: &mut EpisodeLog, message: &BagMessage) -> Result<(), BagError> {
-        Ok(message.decode::<T>()?.feed(log)?)
+/// Records a message; the error says why it cannot be, with its stamp.
+fn record(
+    log: &mut EpisodeLog,
+    clocks: &mut Clocks,
+    topics: &EpisodeTopics,
+    message: &BagMessage,
+) -> Result<(), String> {
+    fn feed<T: Feed + DeserializeOwned>(
+        log: &mut EpisodeLog,
+        clocks: &mut Clocks,
+        message: &BagMessage,
+    ) -> Result<(), String> {
+        let record = message.decode::<T>().map_err(|e| e.to_string())?;
+        let stamp_ns = record.stamp_ns();
+        clocks.push(&message.topic.name, message.log_time_ns, stamp_ns);
+        record.feed(log).map_err(|e| format!("stamp {:.6} s: {e}", stamp_ns as f64 * 1e-9))
     }
     match &message.topic.name {
-        name if *name == topics.keypoints => feed::<Keypoints>(log, message),
-        name if *name == topics.pose => feed::<PoseStamped>(log, message),
-        name if *name == topics.observation => feed::<Observation>(log, message),
-        name if *name == topics.action => feed::<EefDelta>(log, message),
-        _ => feed::<EpisodeEvent>(log, message),
+        name if *name == topics.keypoints => feed::<Keypoints>(log, clocks, message),
+        name if *name == topics.pose => feed::<PoseStamped>(log, clocks, message),
+        name if *name == topics.observation => feed::<Observation>(log, clocks, message),
+        name if *name == topics.action => feed::<EefDelta>(log, clocks, message),
+        _ => feed::<EpisodeEvent>(log, clocks, message),
     }
 }

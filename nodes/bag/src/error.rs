@@ -102,12 +102,12 @@ pub enum BagError {
         found: String,
     },
     /// An episode that is not there, or lacks what is needed of it.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Episode {
         /// The bag.
         path: PathBuf,
         /// What is missing.
-        source: EpisodeError,
+        reason: EpisodeError,
     },
     /// A value of a CSV track.
     #[error("{file}: line {line}, column {column}: expected {expected}, got {got}")]

@@ -9,6 +9,7 @@
 
 #[cfg(feature = "node")]
 mod backlog;
+mod clocks;
 pub mod convert;
 #[cfg(feature = "node")]
 mod definitions;
@@ -36,7 +37,7 @@ mod reserve;
 mod writer;
 
 pub use convert::Feed;
-pub use episodes::{EpisodeTopics, read_episodes, read_measured};
+pub use episodes::{EpisodeTopics, episode_notes, read_episodes, read_measured};
 pub use error::BagError;
 pub use filter::{Pattern, TopicFilter};
 pub use import::import_track;

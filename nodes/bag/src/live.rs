@@ -78,9 +78,9 @@ impl LiveEpisodes {
     /// [`EpisodeError::NoEpisode`] where there is none.
     pub fn last(&self) -> Result<Episode, EpisodeError> {
         let log = lock(&self.log);
-        let episode = log.episode(None)?;
+        let episode = log.last()?;
         if episode.poses.is_empty() && episode.keypoints.is_empty() {
-            return Err(EpisodeError::NoEpisode(log.summary()));
+            return Err(EpisodeError::NoEpisode { cause: String::new(), found: log.summary() });
         }
         Ok(episode)
     }

@@ -62,7 +62,7 @@ fn check_round_trip(csv: &str, model: &Model) {
     assert_eq!(compared, model.observation.frames.min(lasting));
     for ((time_s, pose), row) in episode.poses.iter().zip(&rows) {
         assert!((time_s - (row[0] - rows[0][0])).abs() < 2e-9);
-        assert!((pose.x_m - row[1]).abs() < 1e-12 && (pose.pitch_rad - row[3]).abs() < 1e-12);
+        assert!((pose.grip.x_m - row[1]).abs() < 1e-12 && (pose.grip.pitch_rad - row[3]).abs() < 1e-12);
     }
     assert_eq!(measured.grip.poses().len(), rows.len());
     if model.observation.start == StartKind::Measured {

@@ -74,7 +74,7 @@ pub fn feedback(iteration: &Iteration, of: usize, posterior: &Posterior) -> Infe
 pub fn result(result: &InferenceResult) -> InferResult {
     InferResult {
         success: true,
-        message: String::new(),
+        message: result.misfit.clone().unwrap_or_default(),
         posterior: convert::posterior_to_msg(&result.posterior),
         mass_outside: result.mass_outside,
         effective_sample_size: result.effective_sample_size(),

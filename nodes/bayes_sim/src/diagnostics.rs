@@ -19,6 +19,13 @@ const FEW_SAMPLES: f64 = 100.0;
 const LOW_COVERAGE: f64 = 0.6;
 /// p value of the predictive check from which the model counts as unable to make the measurement.
 const IMPROBABLE: f64 = 0.02;
+/// Half widths of the predictive band that predictions of a result are off by, from which it fits nothing: 5 of them are 8
+/// standard deviations, at every keypoint.
+const FAR_HALF_WIDTHS: f64 = 5.0;
+/// Spreads of the measured keypoints about their own middle that predictions are off by, from which no band is wide enough.
+const FAR_SPREADS: f64 = 3.0;
+/// Coverage of the nominal 90 % band below which next to nothing of the measurement is in it.
+const NO_COVERAGE: f64 = 0.3;
 /// Variance that draws are taken to have at least: a hundredth of a millimetre is nothing that a camera sees.
 const LEAST_VARIANCE_M2: f64 = 1e-10;
 /// Quantiles of the predictive band.
@@ -204,6 +211,27 @@ pub fn doubts(mass_outside: f64, effective_sample_size: f64, predictive: Option<
     warnings
 }
 
+/// Why a posterior fits nothing of the measurement, in words, where its check was made and failed outright: no draw is as far
+/// from the others as the measurement is, and that lies far outside of the band or beyond what its own middle would predict.
+/// A model that merely lacks something is warned of by [`doubts`].
+pub fn misfit(predictive: Option<&Predictive>) -> Option<String> {
+    let Some(p) = predictive else {
+        return Some("no draw of the posterior could be simulated up to the last measured frame".into());
+    };
+    let is_rank_last = p.p_value * (p.draws as f64 + 1.0) <= 1.0 + 1e-9;
+    let is_far = p.coverage < NO_COVERAGE && p.rmse_mm > FAR_HALF_WIDTHS * p.half_width_mm;
+    // Where the posterior is wide, the draws lie as far apart as the measurement lies from them.
+    let is_foreign = p.rmse_mm.is_nan() || p.rmse_mm > FAR_SPREADS * p.spread_mm;
+    (is_foreign || is_rank_last && (is_far || p.rmse_mm > p.spread_mm)).then(|| {
+        format!(
+            "the predictions are {:.1} mm off the measured keypoints on average, {:.0} times the half width of their 90 % band, and {:.0} % of the keypoints lie in it: check model, units, frames and clocks of the recording",
+            p.rmse_mm,
+            p.rmse_mm / p.half_width_mm,
+            100.0 * p.coverage
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -268,6 +296,25 @@ mod tests {
         };
         assert_eq!(at(0.5), Vec::<String>::new());
         assert!(at(0.99)[0].contains("upper bound 2") && at(0.99)[0].contains("length_m"));
+    }
+
+    #[test]
+    fn a_result_that_fits_nothing_is_told_from_one_of_a_model_that_lacks_something() {
+        let good =
+            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
+        let lowest = 1.0 / 51.0;
+        assert_eq!(misfit(Some(&good)), None);
+        assert_eq!(misfit(Some(&Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good })), None);
+        assert_eq!(misfit(Some(&Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good })), None);
+        let far = misfit(Some(&Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good })).unwrap();
+        assert!(far.contains("15.0 mm off") && far.contains("8 times") && far.contains("10 %"), "{far}");
+        assert!(misfit(Some(&Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good })).is_some());
+        // Of a posterior after a few simulations.
+        let wide = Predictive { rmse_mm: 150.0, half_width_mm: 90.0, coverage: 0.4, p_value: 0.09, ..good };
+        assert_eq!(misfit(Some(&wide)), None);
+        assert!(misfit(Some(&Predictive { p_value: lowest, ..wide })).is_some());
+        assert!(misfit(Some(&Predictive { rmse_mm: f64::NAN, ..good })).is_some());
+        assert!(misfit(None).unwrap().contains("no draw"));
     }
 
     #[test]

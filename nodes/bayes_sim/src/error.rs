@@ -41,7 +41,7 @@ pub enum InferenceError {
     },
     /// The state to go on from is not of this inference.
     #[error("the state of an earlier inference: {0}")]
-    State(#[from] StateError),
+    State(StateError),
     /// The simulator failed.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
@@ -66,20 +66,20 @@ pub enum InferenceError {
         because: String,
     },
     /// A network could not be trained.
-    #[error("iteration {iteration}: {source}")]
+    #[error("iteration {iteration}: {reason}")]
     Training {
         /// Iteration, from 1.
         iteration: usize,
         /// What happened.
-        source: TrainingError,
+        reason: TrainingError,
     },
     /// A network's mixture at the measured track is none, or lies outside the prior's support.
-    #[error("iteration {iteration}: the posterior at the measured track is unusable: {source}")]
+    #[error("iteration {iteration}: the posterior at the measured track is unusable: {reason}")]
     Posterior {
         /// Iteration, from 1.
         iteration: usize,
         /// What is wrong with it.
-        source: MixtureError,
+        reason: MixtureError,
     },
     /// The region that proposals are drawn from could not be sampled.
     #[error("iteration {iteration}: no draw in {draws} fell inside the region of the newest posterior")]
@@ -95,4 +95,11 @@ pub enum InferenceError {
         /// Simulations run so far.
         simulations: usize,
     },
+}
+
+// It words its cause itself; were it its source too, who prints a chain of causes would say it twice.
+impl From<StateError> for InferenceError {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
 }

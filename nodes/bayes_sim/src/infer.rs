@@ -31,6 +31,9 @@ pub struct InferenceResult {
     pub mass_outside: f64,
     /// How well the posterior predicts the measured track; none where no draws were asked for.
     pub predictive: Option<Predictive>,
+    /// Why the posterior fits nothing of the measured tracks, where its check failed outright; none: it may be used.
+    #[serde(default)]
+    pub misfit: Option<String>,
     /// What should make one doubt.
     pub warnings: Vec<String>,
 }
@@ -85,7 +88,7 @@ pub fn infer(
         None => Posterior::prior(model.theta.clone()),
     };
     let number = iterations.len();
-    let failed = |source| InferenceError::Posterior { iteration: number, source };
+    let failed = |reason| InferenceError::Posterior { iteration: number, reason };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
     let predictive = match settings.predictive_draws {
         0 => None,
@@ -101,6 +104,7 @@ pub fn infer(
             diagnostics::predictive(&predicted, &model.camera.view)
         }
     };
+    let misfit = if settings.predictive_draws > 0 { diagnostics::misfit(predictive.as_ref()) } else { None };
     let marginals = posterior.marginals().map_err(failed)?;
     let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();
     warnings.extend(
@@ -116,7 +120,7 @@ pub fn infer(
     if outside > 0 {
         warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
     }
-    Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, warnings })
+    Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, misfit, warnings })
 }
 
 /// Counts the ways in which networks have been trained: states of another one are begun anew.

@@ -18,8 +18,8 @@ use catenary_msgs::action::{Infer, InferGoal, InferResult};
 use catenary_msgs::msg::Mixture;
 use catenary_shell::convert as wire;
 use catenary_shell::{
-    Concurrency, Decision, GoalHandle, Health, NodeBuilder, Outcome, ParamSpec, Publisher, contract, remove_old_states,
-    state_folder,
+    Concurrency, Decision, GoalHandle, Health, NodeBuilder, Outcome, ParamSpec, Publisher, contract, in_one_line,
+    remove_old_states, state_folder,
 };
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -79,11 +79,11 @@ fn serve(
         }
         Err(error) => {
             let cancelled = handle.is_cancelled();
-            let result = InferResult { message: format!("{error:#}"), ..InferResult::default() };
+            let result = InferResult { message: in_one_line(&error), ..InferResult::default() };
             if cancelled {
                 return Outcome::Canceled(result);
             }
-            tracing::error!("inference: {error:#}");
+            tracing::error!("inference: {}", in_one_line(&error));
             Outcome::Aborted(result)
         }
     }

@@ -206,7 +206,7 @@ impl<'a> Sequential<'a> {
             proposal_volume,
             epochs: outcome.epochs,
         };
-        let mixture = self.mixture().map_err(|source| InferenceError::Posterior { iteration: number, source })?;
+        let mixture = self.mixture().map_err(|reason| InferenceError::Posterior { iteration: number, reason })?;
         self.state.iterations.push(iteration.clone());
         self.state.posteriors.push(mixture.clone());
         let posterior = Posterior { parameters: self.space.clone(), mixture };
@@ -295,7 +295,7 @@ impl<'a> Sequential<'a> {
             Ensemble::train(&Shape::of_samples(data, self.settings), self.settings, before, training, &mut listen)
                 .map_err(|source| match source {
                     TrainingError::Stopped => InferenceError::Cancelled { simulations },
-                    source => InferenceError::Training { iteration: number, source },
+                    reason => InferenceError::Training { iteration: number, reason },
                 })?;
         self.state.ensemble = ensemble;
         Ok(outcome)

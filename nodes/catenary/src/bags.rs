@@ -8,7 +8,7 @@ use crate::output;
 use crate::wrong_input::Given;
 use anyhow::Result;
 pub use arguments::{InfoArgs, RecordArgs, ReindexArgs, ReplayArgs};
-use catenary_bag::{BagReader, TopicCount, record, reindex, replay};
+use catenary_bag::{BagReader, TopicCount, episode_notes, record, reindex, replay};
 use catenary_shell::{Node, NodeBuilder, RosArgs};
 pub use named::Bags;
 use serde::Serialize;
@@ -99,7 +99,7 @@ struct BagInfo {
     duration_s: f64,
     files: Vec<PathBuf>,
     topics: Vec<TopicInfo>,
-    /// What is missing or damaged.
+    /// What is missing, damaged or doubtful.
     notes: Vec<String>,
 }
 
@@ -118,6 +118,7 @@ impl BagInfo {
             notes.extend(damage.iter().take(LISTED).cloned());
             let more = damage.len().saturating_sub(LISTED);
             notes.extend((more > 0).then(|| format!("and {more} more damaged places")));
+            notes.extend(episode_notes(bag));
         }
         let topic = |t: &TopicCount| TopicInfo {
             name: t.topic.name.clone(),

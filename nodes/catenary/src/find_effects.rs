@@ -5,6 +5,7 @@ mod page;
 
 use crate::cli::FindEffectsArgs;
 use crate::interrupted::Interrupted;
+use crate::misfit::Misfit;
 use crate::simulate::actions;
 use crate::wrong_input::Given;
 use crate::{model_file, output, progress, served};
@@ -19,6 +20,7 @@ use indicatif::ProgressBar;
 use page::page;
 use serde::Serialize;
 use simulator_pool::{BeamSimulator, Registry, workers};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -40,6 +42,10 @@ struct Report {
     held_out: Vec<Looked>,
     settings: Settings,
     wall_s: f64,
+    /// Whether the best model fits the recordings; false: `misfit` says why not.
+    fits: bool,
+    /// What is doubtful about the recordings.
+    warnings: Vec<String>,
     #[serde(flatten)]
     finding: Finding,
 }
@@ -94,6 +100,8 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         Some(model) => model.rewrite(&text)?,
         None => text,
     };
+    let all = measured.iter().chain(&unseen).flat_map(|m| m.warnings.iter().cloned());
+    let warnings = all.collect::<BTreeSet<String>>().into_iter().collect();
     let looked = |list: Vec<(Looked, MeasuredTrack)>| list.into_iter().map(|(looked, _)| looked).collect();
     let report = Report {
         model: model.name.clone(),
@@ -101,12 +109,15 @@ pub fn run(arguments: &FindEffectsArgs) -> Result<()> {
         held_out: looked(held_out),
         settings,
         wall_s: started.elapsed().as_secs_f64(),
+        fits: finding.misfit.is_none(),
+        warnings,
         finding,
     };
     write_motion(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, &model, &shown)?])?;
     journal.remove();
-    output::result(&arguments.output, &report, |r| words(r, &arguments.out))
+    output::result(&arguments.output, &report, |r| words(r, &arguments.out))?;
+    Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
 }
 
 /// Every complete episode of the bags.
@@ -172,6 +183,10 @@ fn headline(finding: &Finding) -> String {
 }
 
 fn words(report: &Report, folder: &Path) -> String {
-    let (headline, page) = (headline(&report.finding), folder.join(FILES[2]));
-    format!("{headline}\n{} episodes, {:.1} s\nreport: {}", report.episodes.len(), report.wall_s, page.display())
+    let misfit = report.finding.misfit.iter().map(|reason| Misfit::headline(reason));
+    let mut lines: Vec<String> = misfit.collect();
+    lines.push(headline(&report.finding));
+    lines.push(format!("{} episodes, {:.1} s", report.episodes.len(), report.wall_s));
+    lines.push(format!("report: {}", folder.join(FILES[2]).display()));
+    lines.join("\n")
 }

@@ -4,6 +4,7 @@ pub mod page;
 
 use crate::cli::{InferArgs, Preset};
 use crate::interrupted::Interrupted;
+use crate::misfit::Misfit;
 use crate::{figures::figures, model_file, output, policy_file, progress, served};
 use anyhow::{Context, Result};
 use bayes_sim::infer::question;
@@ -37,6 +38,8 @@ struct Report {
     wall_s: f64,
     /// Of that, what simulations took, those of the posterior's check included.
     simulation_s: f64,
+    /// Whether the posterior fits the recording; false: `misfit` says why not.
+    fits: bool,
     #[serde(flatten)]
     result: InferenceResult,
 }
@@ -104,11 +107,13 @@ pub fn run(arguments: &InferArgs) -> Result<()> {
         duration_s: tracks().filter_map(|frames| frames.last()).map(|f| f.time_s).sum(),
         wall_s: started.elapsed().as_secs_f64(),
         simulation_s,
+        fits: result.misfit.is_none(),
         result,
     };
     write(&arguments.out, &report)?;
     file.remove();
-    output::result(&arguments.output, &report, |r| words(r, &arguments.out))
+    output::result(&arguments.output, &report, |r| words(r, &arguments.out))?;
+    Misfit::check(report.result.misfit.as_ref(), &arguments.out)
 }
 
 /// Infers in this process with a bar. With a file, it goes on from the state there, and leaves its own after each iteration.
@@ -172,6 +177,7 @@ fn page(report: &Report) -> Result<String> {
         posterior: &result.posterior,
         marginals: &result.marginals,
         predictive: result.predictive.as_ref(),
+        misfit: result.misfit.as_deref(),
         warnings: &result.warnings,
         losses: result.losses(),
         simulations: result.simulations(),
@@ -207,7 +213,8 @@ pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
 }
 
 fn words(report: &Report, folder: &Path) -> String {
-    let mut lines = marginal_words(&report.result.marginals);
+    let mut lines: Vec<String> = report.result.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+    lines.extend(marginal_words(&report.result.marginals));
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
     lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));

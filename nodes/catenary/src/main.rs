@@ -20,6 +20,7 @@ mod infer;
 mod install;
 mod interrupted;
 mod launch;
+mod misfit;
 mod model_file;
 mod nodes;
 mod one_arm;
@@ -38,6 +39,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use interrupted::Interrupted;
+use misfit::Misfit;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -77,9 +79,10 @@ fn main() -> ExitCode {
         }
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let _closed = writeln!(std::io::stderr(), "catenary: {}", format!("{error:#}").replace('\n', " "));
+            let _closed = writeln!(std::io::stderr(), "catenary: {}", catenary_shell::in_one_line(&error));
             match &error {
                 error if error.is::<Interrupted>() => ExitCode::from(Interrupted::EXIT_CODE),
+                error if error.is::<Misfit>() => ExitCode::from(Misfit::EXIT_CODE),
                 error if WrongInput::is(error) => ExitCode::from(WrongInput::EXIT_CODE),
                 _ => ExitCode::FAILURE,
             }

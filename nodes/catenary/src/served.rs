@@ -4,6 +4,7 @@ use crate::cli::{FindEffectsArgs, InferArgs, TrainArgs};
 use crate::find_effects::write_motion;
 use crate::goal::{self, follow};
 use crate::infer::{iteration_words, marginal_words, page};
+use crate::misfit::Misfit;
 use crate::train::{Report, read_posterior};
 use crate::wrong_input::Given;
 use crate::{model_file, output, policy_file, progress};
@@ -15,6 +16,7 @@ use catenary_msgs::action::{
 };
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{Act, ActionClient, NodeBuilder, RosArgs, Shutdown, convert, files};
+use effect_finder::verdict::MISFIT;
 use indicatif::ProgressBar;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -34,6 +36,9 @@ struct Inferred {
     warnings: Vec<String>,
     losses: Vec<f64>,
     simulations: u32,
+    /// Whether the posterior fits the recording; false: `misfit` says why not.
+    fits: bool,
+    misfit: Option<String>,
 }
 
 /// Has the inference node infer from a bag, which must lie where it sees it; Ctrl-C cancels that.
@@ -80,6 +85,9 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         warnings: result.warnings,
         losses: result.losses,
         simulations: result.simulations,
+        fits: result.message.is_empty(),
+        // With success, the message is why the posterior fits nothing.
+        misfit: (!result.message.is_empty()).then_some(result.message),
     };
     let page = page::page(&page::Inferred {
         model: &inferred.model,
@@ -88,18 +96,21 @@ pub fn infer(arguments: &InferArgs, model: &Model, namespace: &str) -> Result<()
         posterior: &inferred.posterior,
         marginals: &inferred.marginals,
         predictive: None,
+        misfit: inferred.misfit.as_deref(),
         warnings: &inferred.warnings,
         losses: inferred.losses.clone(),
         simulations: inferred.simulations as usize,
     })?;
     std::fs::write(&report, page).with_context(|| report.display().to_string())?;
     output::result(&arguments.output, &inferred, |i| {
-        let mut lines = marginal_words(&i.marginals);
+        let mut lines: Vec<String> = i.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+        lines.extend(marginal_words(&i.marginals));
         lines.extend(i.warnings.iter().map(|w| format!("warning: {w}")));
         lines.push(format!("{} simulations in {:.1} s", i.simulations, i.wall_s));
         lines.push(format!("posterior: {}", path.display()));
         lines.join("\n")
-    })
+    })?;
+    Misfit::check(inferred.misfit.as_ref(), &arguments.out)
 }
 
 /// Has the training node train a policy; Ctrl-C cancels that.
@@ -150,6 +161,9 @@ struct Found {
     found: Vec<String>,
     /// Candidates and their probabilities, the most probable first.
     effects: Vec<(String, f64)>,
+    /// Whether the best model fits the recording; false: `misfit` says why not.
+    fits: bool,
+    misfit: Option<String>,
 }
 
 /// Where a bag lies, for a node that runs in another folder.
@@ -178,21 +192,28 @@ pub fn find_effects(arguments: &FindEffectsArgs, namespace: &str) -> Result<()> 
     std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
     let (actions, _) = result.separating_actions.as_chunks();
     write_motion(&arguments.out, actions)?;
+    let conclusions: Vec<String> = result.message.lines().map(str::to_owned).collect();
+    let first = conclusions.first().and_then(|c| c.strip_prefix(MISFIT)?.strip_prefix(": "));
+    let misfit = first.map(str::to_owned);
     let found = Found {
         bags: arguments.bags.all().to_vec(),
         wall_s,
         verdict: result.verdict,
-        conclusions: result.message.lines().map(str::to_owned).collect(),
+        conclusions,
         found: result.found,
         effects: result.effects.into_iter().zip(result.probabilities).collect(),
+        fits: misfit.is_none(),
+        misfit,
     };
     output::result(&arguments.output, &found, |f| {
-        let mut lines = f.conclusions.clone();
+        let mut lines: Vec<String> = f.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+        lines.extend(f.conclusions.iter().filter(|c| !c.starts_with(MISFIT)).cloned());
         lines.push(f.verdict.clone());
         lines.push(format!("{:.1} s", f.wall_s));
         lines.push(format!("model: {}", path.display()));
         lines.join("\n")
-    })
+    })?;
+    Misfit::check(found.misfit.as_ref(), &arguments.out)
 }
 
 /// What is asked of the nodes of a namespace.

@@ -139,7 +139,9 @@ fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
 
 /// The last complete episode of a bag.
 fn last_measured(bag: PathBuf, model: &Model) -> Result<MeasuredTrack> {
-    Ok(catenary_bag::read_measured(&[bag], &[], model)?.remove(0))
+    let measured = catenary_bag::read_measured(&[bag], &[], model)?.remove(0);
+    measured.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    Ok(measured)
 }
 
 /// The object: what the command line says, else what the model calls nominal, else the medians of priors. With noise,

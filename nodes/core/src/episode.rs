@@ -5,14 +5,17 @@
 
 mod coverage;
 mod log;
+mod plausible;
 
 use crate::grip::GripError;
 use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::track::End;
-use crate::{Camera, Frame, GripPose, GripTrajectory, Keypoints, Model, Observation, Track};
+use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use coverage::{frame_warning, path_coverage, start_warning};
-pub use log::{EpisodeLog, EpisodeStart};
+pub use log::{EpisodeLog, EpisodeStart, RecordKind};
+use plausible::HandLimits;
+pub use plausible::MeasuredPose;
 use thiserror::Error;
 
 /// Why there is no episode, or no track in it.
@@ -20,9 +23,25 @@ use thiserror::Error;
 pub enum EpisodeError {
     /// No episode that both started and ended.
     #[error(
-        "no complete episode: found {0}; needed are /episode/event, /dlo/keypoints and /panda/current_pose, and /policy/observation and /policy/action where a policy drives"
+        "{cause}no complete episode: found {found}; needed are /episode/event, /dlo/keypoints and /panda/current_pose, and /policy/observation and /policy/action where a policy drives"
     )]
-    NoEpisode(String),
+    NoEpisode {
+        /// What is wrong with the records, with a trailing separator; empty where nothing is but their absence.
+        cause: String,
+        /// Records that there are.
+        found: String,
+    },
+    /// All complete episodes ended with a fault, and none of them was asked for.
+    #[error("{0}: ask for it by its number to use it all the same")]
+    Fault(String),
+    /// A stream of the episode that cannot be what was measured.
+    #[error("episode {episode}: {reason}")]
+    Impossible {
+        /// Number of the episode.
+        episode: u32,
+        /// Topic, field, value and what was expected.
+        reason: String,
+    },
     /// There are complete episodes, and the one that was asked for is none of them.
     #[error("episode {number}: expected one of the complete episodes {complete:?}")]
     NoSuchEpisode {
@@ -32,10 +51,12 @@ pub enum EpisodeError {
         complete: Vec<u32>,
     },
     /// The episode lacks what the model's drive needs.
-    #[error("episode {episode}: needs {needed}, found {found}")]
+    #[error("episode {episode}: {cause}needs {needed}, found {found}")]
     Missing {
         /// Number of the episode.
         episode: u32,
+        /// What is known to be wrong with the recording, with a trailing separator; empty where nothing is.
+        cause: String,
         /// What the track needs.
         needed: String,
         /// What there is.
@@ -63,12 +84,14 @@ pub struct Episode {
     pub end: String,
     /// Keypoints with their times, in order.
     pub keypoints: Vec<(f64, Keypoints)>,
-    /// Poses of the grip with their times, in order.
-    pub poses: Vec<(f64, GripPose)>,
+    /// Poses of the hand with their times, in order.
+    pub poses: Vec<(f64, MeasuredPose)>,
     /// Actions (dx, dz) in m with the numbers of their steps, in order.
     pub actions: Vec<(u32, [f64; 2])>,
     /// Observations with the numbers of their steps, in order; one more than actions where the episode ended in order.
     pub observations: Vec<(u32, Observation)>,
+    /// What is doubtful about the recording that it comes from, in words.
+    pub notes: Vec<String>,
 }
 
 /// A measured track with what the simulator needs to reproduce it.
@@ -91,28 +114,25 @@ pub struct MeasuredTrack {
 impl Episode {
     /// The measured track as the model's simulator would give it, with what reproduces it.
     pub fn measured(&self, model: &Model) -> Result<MeasuredTrack, EpisodeError> {
-        let missing = |needed: &str| EpisodeError::Missing {
-            episode: self.number,
-            needed: needed.to_owned(),
-            found: format!(
-                "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
-                self.keypoints.len(),
-                self.poses.len(),
-                self.observations.len(),
-                self.actions.len(),
-                self.duration_s
-            ),
-        };
+        let missing = |needed: &str| self.missing(needed);
         if self.poses.is_empty() {
             return Err(missing("poses on /panda/current_pose"));
         }
-        let grip =
-            GripTrajectory::new(self.poses.iter().map(|p| p.0).collect(), self.poses.iter().map(|p| p.1).collect())?;
-        let mut warnings: Vec<String> = self.namesake_warning().into_iter().collect();
+        let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
+        let hand = plausible::poses(&self.poses, &HandLimits::of(model), self.start_ns).map_err(impossible)?;
+        let seen = plausible::keypoints(&self.keypoints, &model.camera.view, self.start_ns).map_err(impossible)?;
+        let (times_s, path) = hand.kept.iter().map(|(time_s, pose)| (*time_s, pose.grip)).unzip();
+        let grip = GripTrajectory::new(times_s, path)?;
+        let mut warnings = self.notes.clone();
+        warnings.extend(self.fault_warning());
+        warnings.extend(self.namesake_warning());
+        warnings.extend(hand.warnings);
+        warnings.extend(seen.warnings);
+        let seen = seen.kept;
         let (frames, actions) = match model.observation.drive {
             DriveKind::Grip => {
                 let covered = path_coverage(grip.times_s(), self.duration_s);
-                let frames = self.sampled_frames(model, &grip, covered.until_s);
+                let frames = sampled_frames(&seen, model, &grip, covered.until_s);
                 let room = self.room(model, covered.until_s);
                 warnings.extend(covered.warning);
                 warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
@@ -120,6 +140,8 @@ impl Episode {
             }
             DriveKind::Actions | DriveKind::Policy => {
                 let (actions, observations) = self.steps()?;
+                plausible::observations(&observations, &grip, self.start.step_period_s, &HandLimits::of(model))
+                    .map_err(impossible)?;
                 (self.policy_frames(&grip, &actions, &observations), actions)
             }
         };
@@ -131,8 +153,8 @@ impl Episode {
         let start = match model.observation.start {
             StartKind::HangingAtRest => StartShape::HangingAtRest,
             StartKind::Measured => {
-                let seen = self.start_shape(camera, &grip);
-                let (shape, times_s) = seen.ok_or_else(|| missing("two first frames that the camera can place"))?;
+                let shown = start_shape(&seen, camera, &grip);
+                let (shape, times_s) = shown.ok_or_else(|| missing("two first frames that the camera can place"))?;
                 warnings.extend(start_warning(times_s));
                 shape
             }
@@ -146,6 +168,50 @@ impl Episode {
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings,
         })
+    }
+
+    /// The error of an episode that lacks what is `needed`.
+    fn missing(&self, needed: &str) -> EpisodeError {
+        EpisodeError::Missing {
+            episode: self.number,
+            cause: self.cause(),
+            needed: needed.to_owned(),
+            found: format!(
+                "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
+                self.keypoints.len(),
+                self.poses.len(),
+                self.observations.len(),
+                self.actions.len(),
+                self.duration_s
+            ),
+        }
+    }
+
+    /// What is doubtful about it whatever the model, in words: its end, and poses that no Panda reaches.
+    pub fn doubts(&self) -> Vec<String> {
+        let poses = plausible::poses(&self.poses, &HandLimits::default(), self.start_ns);
+        let poses = poses.map_or_else(|reason| vec![reason], |plausible| plausible.warnings);
+        self.fault_warning().into_iter().chain(poses).collect()
+    }
+
+    /// Whether it was ended by a fault instead of the task or the user.
+    pub fn is_faulty(&self) -> bool {
+        log::is_fault(&self.end)
+    }
+
+    /// What to say of an episode that a fault ended.
+    pub fn fault_warning(&self) -> Option<String> {
+        self.is_faulty().then(|| {
+            format!(
+                "/episode/event: episode {} ended with \"{}\": the arm may not have done what it was told",
+                self.number, self.end
+            )
+        })
+    }
+
+    /// What is known to be wrong, in front of an error.
+    fn cause(&self) -> String {
+        self.notes.iter().map(|note| format!("{note}: ")).collect()
     }
 
     fn namesake_warning(&self) -> Option<String> {
@@ -166,36 +232,11 @@ impl Episode {
         (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
     }
 
-    /// Frames nearest to the model's frame times and not before the start, where no simulation begins, nor after `until_s`;
-    /// a time without a frame within half a period is left out.
-    fn sampled_frames(&self, model: &Model, grip: &GripTrajectory, until_s: f64) -> Vec<Frame> {
-        let period_s = model.observation.frame_period_s;
-        let usable = |(t, k): &&(f64, Keypoints)| (0.0..=until_s).contains(t) && k.dlo_seen();
-        let seen: Vec<&(f64, Keypoints)> = self.keypoints.iter().filter(usable).collect();
-        let mut target = seen.iter().find_map(|(_, k)| k.target_scaled()).unwrap_or([0.0, 0.0]);
-        let mut frames: Vec<Frame> = Vec::new();
-        for i in 0..model.observation.frames {
-            let wanted_s = i as f64 * period_s;
-            let next = seen.partition_point(|(t, _)| *t < wanted_s);
-            let near = seen[next.saturating_sub(1)..seen.len().min(next + 1)]
-                .iter()
-                .min_by(|a, b| (a.0 - wanted_s).abs().total_cmp(&(b.0 - wanted_s).abs()));
-            let Some((time_s, k)) = near.filter(|(t, _)| (t - wanted_s).abs() <= 0.5 * period_s) else { continue };
-            if frames.last().is_some_and(|f| f.time_s >= *time_s) {
-                continue;
-            }
-            target = k.target_scaled().unwrap_or(target);
-            let p = grip.at(*time_s);
-            let eef = [p.x_m, p.z_m, p.pitch_rad];
-            frames.push(Frame { time_s: *time_s, dlo: k.dlo_scaled(), target, eef, action: [0.0; 2] });
-        }
-        frames
-    }
-
     /// Actions and observations of all steps from 0 on: a lost one would shift those after it in time.
     fn steps(&self) -> Result<(Vec<[f64; 2]>, Vec<Observation>), EpisodeError> {
         let missing = |needed: &str, found: String| EpisodeError::Missing {
             episode: self.number,
+            cause: self.cause(),
             needed: needed.to_owned(),
             found,
         };
@@ -221,27 +262,57 @@ impl Episode {
         };
         observations.iter().enumerate().map(frame).collect()
     }
+}
 
-    /// Points and velocities of the first frame at or after the start, ordered from the grip on, and the times in s of the two
-    /// frames that they come from.
-    fn start_shape(&self, camera: &Camera, grip: &GripTrajectory) -> Option<(StartShape, [f64; 2])> {
-        let mut seen = self.keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
-        let mut placed = || {
-            let (time_s, k) = seen.next()?;
-            let points = k.dlo_px.map(|px| camera.plane_from_mask(px));
-            let [a, b, c, d] = points;
-            let p = grip.at(*time_s);
-            Some((*time_s, order_from([p.x_m, p.z_m], [a?, b?, c?, d?])))
-        };
-        let (t0, first) = placed()?;
-        let (t1, second) = placed()?;
-        let velocity = |i: usize, j: usize| (second[i][j] - first[i][j]) / (t1 - t0);
-        let shape = StartShape::Measured {
-            points_m: first,
-            velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
-        };
-        Some((shape, [t0, t1]))
+/// Frames nearest to the model's frame times and not before the start, where no simulation begins, nor after `until_s`;
+/// a time without a frame within half a period is left out.
+fn sampled_frames(keypoints: &[(f64, Keypoints)], model: &Model, grip: &GripTrajectory, until_s: f64) -> Vec<Frame> {
+    let period_s = model.observation.frame_period_s;
+    let usable = |(t, k): &&(f64, Keypoints)| (0.0..=until_s).contains(t) && k.dlo_seen();
+    let seen: Vec<&(f64, Keypoints)> = keypoints.iter().filter(usable).collect();
+    let mut target = seen.iter().find_map(|(_, k)| k.target_scaled()).unwrap_or([0.0, 0.0]);
+    let mut frames: Vec<Frame> = Vec::new();
+    for i in 0..model.observation.frames {
+        let wanted_s = i as f64 * period_s;
+        let next = seen.partition_point(|(t, _)| *t < wanted_s);
+        let near = seen[next.saturating_sub(1)..seen.len().min(next + 1)]
+            .iter()
+            .min_by(|a, b| (a.0 - wanted_s).abs().total_cmp(&(b.0 - wanted_s).abs()));
+        let Some((time_s, k)) = near.filter(|(t, _)| (t - wanted_s).abs() <= 0.5 * period_s) else { continue };
+        if frames.last().is_some_and(|f| f.time_s >= *time_s) {
+            continue;
+        }
+        target = k.target_scaled().unwrap_or(target);
+        let p = grip.at(*time_s);
+        let eef = [p.x_m, p.z_m, p.pitch_rad];
+        frames.push(Frame { time_s: *time_s, dlo: k.dlo_scaled(), target, eef, action: [0.0; 2] });
     }
+    frames
+}
+
+/// Points and velocities of the first frame at or after the start, ordered from the grip on, and the times in s of the two
+/// frames that they come from.
+fn start_shape(
+    keypoints: &[(f64, Keypoints)],
+    camera: &Camera,
+    grip: &GripTrajectory,
+) -> Option<(StartShape, [f64; 2])> {
+    let mut seen = keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
+    let mut placed = || {
+        let (time_s, k) = seen.next()?;
+        let points = k.dlo_px.map(|px| camera.plane_from_mask(px));
+        let [a, b, c, d] = points;
+        let p = grip.at(*time_s);
+        Some((*time_s, order_from([p.x_m, p.z_m], [a?, b?, c?, d?])))
+    };
+    let (t0, first) = placed()?;
+    let (t1, second) = placed()?;
+    let velocity = |i: usize, j: usize| (second[i][j] - first[i][j]) / (t1 - t0);
+    let shape = StartShape::Measured {
+        points_m: first,
+        velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
+    };
+    Some((shape, [t0, t1]))
 }
 
 /// The values of steps 0, 1, 2 and so on; in words what comes instead where one is missing or comes twice.

@@ -41,7 +41,7 @@ pub struct Policy {
 pub enum PolicyError {
     /// Not a safetensors file, or a truncated one.
     #[error("is this a policy? It is no safetensors file: {0}")]
-    Format(#[from] safetensors::SafeTensorError),
+    Format(safetensors::SafeTensorError),
     /// A metadata field or a tensor is missing or unusable.
     #[error("policy: `{field}`: expected {expected}, got {got}")]
     Field {
@@ -54,7 +54,20 @@ pub enum PolicyError {
     },
     /// Tensors that make no network.
     #[error("policy: {0}")]
-    Network(#[from] MlpError),
+    Network(MlpError),
+}
+
+// Both word their cause themselves; were it their source too, who prints a chain of causes would say it twice.
+impl From<safetensors::SafeTensorError> for PolicyError {
+    fn from(error: safetensors::SafeTensorError) -> Self {
+        Self::Format(error)
+    }
+}
+
+impl From<MlpError> for PolicyError {
+    fn from(error: MlpError) -> Self {
+        Self::Network(error)
+    }
 }
 
 impl Policy {

@@ -1,5 +1,6 @@
 //! What was seen of one episode.
 
+use crate::Camera;
 use serde::{Deserialize, Serialize};
 
 /// What was seen at one moment.
@@ -56,4 +57,31 @@ pub struct Track {
     pub frames: Vec<Frame>,
     /// Why the episode ended.
     pub end: End,
+}
+/// Root mean square distance, in mm, of the keypoints of tracks from their own middle: the error of a prediction of nothing
+/// but that middle. None without keypoints, or where the camera cannot place one in the plane.
+pub fn spread_mm<'a>(tracks: impl IntoIterator<Item = &'a Track>, camera: &Camera) -> Option<f64> {
+    let points = tracks.into_iter().flat_map(|t| &t.frames).flat_map(|f| f.dlo);
+    let points = points.map(|p| camera.plane_from_scaled(p)).collect::<Option<Vec<[f64; 2]>>>()?;
+    let n = points.len() as f64;
+    let variance = |axis: usize| {
+        let mean = points.iter().map(|p| p[axis]).sum::<f64>() / n;
+        points.iter().map(|p| (p[axis] - mean).powi(2)).sum::<f64>() / n
+    };
+    (!points.is_empty()).then(|| 1e3 * (variance(0) + variance(1)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_spread_is_that_of_all_keypoints_in_the_plane() {
+        let camera = Camera::Plane(crate::camera::Plane { side_m: 2.0, ..Default::default() });
+        let dlo = [[-0.1, 0.0], [0.1, 0.0], [0.0, -0.1], [0.0, 0.1]];
+        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let track = Track { frames: vec![frame; 3], end: End::Complete };
+        assert!((spread_mm([&track, &track], &camera).unwrap() - 100.0).abs() < 1e-9);
+        assert_eq!(spread_mm([&Track::default()], &camera), None);
+    }
 }

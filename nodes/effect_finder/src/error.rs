@@ -71,10 +71,17 @@ pub enum FinderError {
     Simulator(#[from] SimulatorError),
     /// The repaired model is none.
     #[error("the repaired model: {0}")]
-    Repair(#[from] ModelError),
+    Repair(ModelError),
     /// The caller asked to stop.
     #[error("the search was cancelled while it was to {0}")]
     Cancelled(&'static str),
+}
+
+// It words its cause itself; were it its source too, who prints a chain of causes would say it twice.
+impl From<ModelError> for FinderError {
+    fn from(error: ModelError) -> Self {
+        Self::Repair(error)
+    }
 }
 
 impl FinderError {

@@ -30,6 +30,7 @@ use crate::settings::Settings;
 use crate::trade_off::trade_offs;
 use crate::verdict::{Finding, Verdict};
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::track::spread_mm;
 use catenary_core::{DifferentiableSimulator, Model};
 use std::ops::ControlFlow;
 
@@ -135,7 +136,10 @@ pub fn find(
     }
     let Refined { cases, fit, grain } = present;
     let problem = Problem::of(question.model, &cases, simulator, settings.rounds);
-    Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit, grain)
+    let mut outcome = Search { question, problem: &problem, held_out: &held_out, settings, telling }.run(fit, grain)?;
+    let tracks = question.measured.iter().map(|m| &m.track);
+    outcome.finding.judge(spread_mm(tracks, &question.model.camera.view));
+    Ok(outcome)
 }
 
 /// The best fit of the present model, from `known` points and others, and the episodes with what a finer simulation of it shows

@@ -7,16 +7,17 @@ use self::journal::Journal;
 use crate::error::FinderError;
 use crate::settings::Settings;
 use crate::{Question, convert, find};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
 use catenary_msgs::action::{FindEffects, FindEffectsResult};
 use catenary_shell::{
-    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract, remove_old_states, state_file,
-    state_folder,
+    Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract, in_one_line,
+    remove_old_states, state_file, state_folder,
 };
 use simulator_pool::{BeamSimulator, Registry, model_text, workers};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
@@ -75,11 +76,11 @@ fn serve(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Par
         Ok(result) => Outcome::Succeeded(result),
         Err(error) => {
             let cancelled = handle.is_cancelled();
-            let result = FindEffectsResult { message: format!("{error:#}"), ..FindEffectsResult::default() };
+            let result = FindEffectsResult { message: in_one_line(&error), ..FindEffectsResult::default() };
             if cancelled {
                 return Outcome::Canceled(result);
             }
-            tracing::error!("search: {error:#}");
+            tracing::error!("search: {}", in_one_line(&error));
             Outcome::Aborted(result)
         }
     }
@@ -148,8 +149,8 @@ fn measured(
     Ok((measured, held_out))
 }
 
-/// Every complete episode of a bag that the model can be held against, with its number in the bag. The others are left out,
-/// with a warning.
+/// Every complete episode of a bag that the model can be held against and no fault ended, with its number in the bag. The
+/// others are left out, with a warning.
 ///
 /// # Errors
 /// A bag that cannot be read, or without such an episode.
@@ -158,25 +159,34 @@ pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)
     let reader = BagReader::open(bag)?;
     let log = read_episodes(&reader, &EpisodeTopics::default())?;
     // Says what is missing where there is none.
-    log.episode(None).with_context(named)?;
+    log.last().with_context(named)?;
     let mut episodes = Vec::new();
-    let mut refused = None;
+    let mut refused = Vec::new();
+    let mut said = BTreeSet::new();
     for episode in log.episodes() {
+        if let Some(fault) = episode.fault_warning() {
+            refused.push(anyhow!(fault));
+            continue;
+        }
         match episode.measured(model) {
             Ok(measured) => {
-                measured.warnings.iter().for_each(|w| tracing::warn!("{}: episode {}: {w}", named(), episode.number));
+                // What is doubtful about a recording comes with each of its episodes, and is said once.
+                for warning in measured.warnings.iter().filter(|w| said.insert((*w).clone())) {
+                    tracing::warn!("{}: episode {}: {warning}", named(), episode.number);
+                }
                 episodes.push((episode.number, measured));
             }
-            Err(error) => {
-                tracing::warn!("{}: left out: {error}", named());
-                refused = Some(error);
-            }
+            Err(error) => refused.push(error.into()),
         }
     }
-    match refused {
-        Some(error) if episodes.is_empty() => Err(error).with_context(named),
-        _ => Ok(episodes),
+    // Without any other episode, the reason is the error, and is said once.
+    if episodes.is_empty()
+        && let Some(error) = refused.pop()
+    {
+        return Err(error).with_context(named);
     }
+    refused.iter().for_each(|error| tracing::warn!("{}: left out: {}", named(), in_one_line(error)));
+    Ok(episodes)
 }
 
 #[cfg(test)]

@@ -68,6 +68,9 @@ pub struct Fitness {
     pub rmse_mm: f64,
 }
 
+/// Beginning of the first conclusion of a search whose best model fits nothing of the recording.
+pub const MISFIT: &str = "does not fit";
+
 /// What a search found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
@@ -75,6 +78,9 @@ pub struct Finding {
     pub verdict: Verdict,
     /// What each stage came to, in order.
     pub conclusions: Vec<String>,
+    /// Why even the best model fits nothing of the recording; none: the verdict may be used.
+    #[serde(default)]
+    pub misfit: Option<String>,
     /// The present model.
     pub present: Fitness,
     /// Where the present model and the data disagree, part by part.
@@ -118,11 +124,24 @@ pub struct Presence {
 }
 
 impl Finding {
+    /// Judges whether the best model fits anything of keypoints that lie `spread_mm` about their own middle: one that is
+    /// farther off than that predicts nothing of them, whatever effects it has.
+    pub(crate) fn judge(&mut self, spread_mm: Option<f64>) {
+        let best_mm = self.repaired.iter().chain([&self.present]).map(|f| f.rmse_mm).fold(f64::INFINITY, f64::min);
+        let Some(spread_mm) = spread_mm.filter(|spread_mm| best_mm > *spread_mm) else { return };
+        let misfit = format!(
+            "the best model is {best_mm:.1} mm off the measured keypoints on average, their own middle {spread_mm:.1} mm: check model, units, frames and clocks of the recording"
+        );
+        self.conclusions.insert(0, format!("{MISFIT}: {misfit}"));
+        self.misfit = Some(misfit);
+    }
+
     /// The finding of a search that has come as far as localising, and no further.
     pub(crate) fn without_gap(present: Fitness, places: Vec<Place>, pressing: Vec<String>) -> Self {
         Self {
             verdict: Verdict::NoGap,
             conclusions: Vec::new(),
+            misfit: None,
             present,
             places,
             pressing,
@@ -185,5 +204,32 @@ impl Finding {
             }
         }
         self.presence.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_search_whose_best_model_predicts_nothing_says_so_first() {
+        let fitness = |rmse_mm| Fitness {
+            estimates: Vec::new(),
+            test: Test { statistic: 1.0, coordinates: 1, null: Vec::new(), null_left_out: 0, p_value: 0.05 },
+            rmse_mm,
+        };
+        let judged = |present: f64, repaired: Option<f64>, spread_mm: Option<f64>| {
+            let mut finding = Finding::without_gap(fitness(present), Vec::new(), Vec::new());
+            finding.conclusions.push("an earlier one".into());
+            finding.repaired = repaired.map(fitness);
+            finding.judge(spread_mm);
+            finding
+        };
+        let wrong = judged(2e6, Some(500.0), Some(90.0));
+        assert!(wrong.misfit.is_some() && wrong.conclusions[0].starts_with(MISFIT), "{:?}", wrong.conclusions);
+        assert!(wrong.conclusions[0].contains("500.0 mm") && wrong.conclusions[0].contains("90.0 mm"));
+        assert!(judged(f64::NAN, None, Some(90.0)).misfit.is_some());
+        assert_eq!(judged(2e6, Some(30.0), Some(90.0)).misfit, None);
+        assert_eq!(judged(30.0, None, None).conclusions, ["an earlier one"]);
     }
 }

@@ -63,7 +63,7 @@ impl Misconfigured {
     /// Marks an error, with all of its causes, as a mistake in what the node was given; for `map_err`.
     #[must_use]
     pub fn new(error: impl Into<anyhow::Error>) -> Self {
-        Self(format!("{:#}", error.into()))
+        Self(in_one_line(&error.into()))
     }
 }
 
@@ -72,8 +72,22 @@ impl Misconfigured {
 #[error("unknown argument {0:?}; expected --help or --ros-args ...")]
 struct UsageError(String);
 
+/// An error with its causes in one line, each said once: many errors have the text of their cause in their own.
+#[must_use]
+pub fn in_one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
+        if line.is_empty() {
+            line = cause;
+        } else if !line.contains(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line.replace('\n', " ")
+}
+
 fn fail(name: &str, error: &anyhow::Error, code: u8) -> ExitCode {
-    let line = format!("{error:#}").replace('\n', " ");
+    let line = in_one_line(error);
     let _closed = writeln!(std::io::stderr(), "{name}: {line}");
     ExitCode::from(code)
 }
@@ -193,6 +207,23 @@ mod tests {
         assert!(error.is::<Misconfigured>());
         assert_eq!(format!("{error:#}"), "start: model_file nope: no such file");
         assert!(!anyhow::anyhow!("broken").is::<Misconfigured>());
+    }
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("iteration 3: {source}")]
+    struct Outer {
+        source: std::io::Error,
+    }
+
+    #[test]
+    fn a_cause_that_an_error_words_itself_is_said_once() {
+        use anyhow::Context;
+        let outer = || Outer { source: std::io::Error::other("the disk\nis full") };
+        let error = Err::<(), _>(outer()).context("bag a").unwrap_err();
+        assert_eq!(in_one_line(&error), "bag a: iteration 3: the disk is full");
+        assert_eq!(in_one_line(&outer().into()), "iteration 3: the disk is full");
+        assert_eq!(in_one_line(&anyhow::anyhow!("b").context("a")), "a: b");
+        assert_eq!(Misconfigured::new(error).to_string(), "bag a: iteration 3: the disk is full");
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub(super) enum Place {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
     /// Earliest and latest log time in ns.
-    pub(super) span: (u64, u64),
+    pub(super) span: (i64, i64),
     /// Where its record begins; of a database: the number of its first message.
     pub(super) offset: u64,
     /// Bytes of the record's body; of a database: messages.
@@ -111,8 +111,7 @@ impl IndexedFile {
 
     /// First and last log time in ns.
     pub(super) fn span_ns(&self) -> Option<(i64, i64)> {
-        let ns = |t: u64| i64::try_from(t).unwrap_or(i64::MAX);
-        joined(self.pieces.iter().map(|p| Some((ns(p.span.0), ns(p.span.1)))))
+        joined(self.pieces.iter().map(|p| Some(p.span)))
     }
 
     /// Topics with the number of their messages.
@@ -223,6 +222,11 @@ fn topic(mut channel: Channel, type_name: String) -> Topic {
     }
 }
 
+/// A log time of MCAP, which has no negative ones; beyond the year 2262 the greatest that an i64 can hold.
+pub(super) fn nanoseconds(time: u64) -> i64 {
+    i64::try_from(time).unwrap_or(i64::MAX)
+}
+
 /// Body of the record at `offset`; its length is known to lie within the file.
 pub(super) fn read_body(mut file: impl Read + Seek, offset: u64, len: u64) -> std::io::Result<Vec<u8>> {
     if len > LARGEST {
@@ -281,7 +285,7 @@ fn read_summary(mut bytes: &[u8], data_end: u64) -> Option<Definitions> {
     let counted: u64 = statistics.channel_message_counts.values().sum();
     let known = statistics.channel_message_counts.keys().all(|id| definitions.channels.contains_key(id));
     // A chunk that holds definitions alone has no times.
-    definitions.pieces.retain(|p| p.span.1 >= statistics.message_start_time);
+    definitions.pieces.retain(|p| p.span.1 >= nanoseconds(statistics.message_start_time));
     definitions.counts = statistics.channel_message_counts;
     (chunks && indexed && known && counted == statistics.message_count).then_some(definitions)
 }
@@ -289,6 +293,6 @@ fn read_summary(mut bytes: &[u8], data_end: u64) -> Option<Definitions> {
 fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
     let end = index.chunk_start_offset.checked_add(index.chunk_length)?;
     let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
-    let span = (index.message_start_time, index.message_end_time);
+    let span = (nanoseconds(index.message_start_time), nanoseconds(index.message_end_time));
     (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, place: Place::Chunk })
 }

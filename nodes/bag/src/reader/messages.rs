@@ -1,7 +1,7 @@
 //! Messages in order of their log times.
 
 use super::chunk::{LARGEST, visit_records};
-use super::file::{IndexedFile, Piece, Place, read_body};
+use super::file::{IndexedFile, Piece, Place, nanoseconds, read_body};
 use super::{BagReader, Topic, sqlite};
 use crate::error::BagError;
 use catenary_msgs::Interface;
@@ -86,7 +86,7 @@ pub struct Messages<'a> {
     next: usize,
     open: Vec<Option<Open>>,
     /// By log time, file, offset of the piece and place in it.
-    ready: BTreeMap<(u64, usize, u64, usize), BagMessage>,
+    ready: BTreeMap<(i64, usize, u64, usize), BagMessage>,
     errors: VecDeque<BagError>,
 }
 
@@ -107,20 +107,20 @@ impl<'a> Messages<'a> {
         };
         let damaged = |reason: String| BagError::Damaged { path: indexed.path.clone(), offset: piece.offset, reason };
         let (ready, wanted) = (&mut self.ready, self.wanted.as_ref());
-        let mut keep = |time: u64, place: usize, message: BagMessage| {
+        let mut keep = |place: usize, message: BagMessage| {
             if wanted.is_some_and(|names| !names.contains(&message.topic.name)) {
                 return Ok(());
             }
             let message = BagMessage { data: unpacked(message.data)?, ..message };
-            ready.insert((time, index, piece.offset, place), message);
+            ready.insert((message.log_time_ns, index, piece.offset, place), message);
             Ok::<(), String>(())
         };
         let file = match open {
             Open::Mcap(file) => file,
             Open::Sqlite(database) => {
                 let mut first = Ok(());
-                let read = sqlite::read(indexed, database, &piece, |time, place, message| {
-                    let kept = keep(time, place, message);
+                let read = sqlite::read(indexed, database, &piece, |place, message| {
+                    let kept = keep(place, message);
                     first = std::mem::replace(&mut first, Ok(())).and(kept);
                 });
                 let reason = |reason: String| BagError::Database { path: indexed.path.clone(), reason };
@@ -131,8 +131,8 @@ impl<'a> Messages<'a> {
         let (mut place, mut first) = (0, Ok(()));
         let mut take = |opcode: u8, body: &[u8]| {
             if opcode == op::MESSAGE {
-                if let Some((time, message)) = message(indexed, body)? {
-                    let kept = keep(time, place, message);
+                if let Some(message) = message(indexed, body)? {
+                    let kept = keep(place, message);
                     first = std::mem::replace(&mut first, Ok(())).and(kept);
                 }
                 place += 1;
@@ -147,20 +147,18 @@ impl<'a> Messages<'a> {
     }
 }
 
-/// A message with its log time; none where the file does not define its channel, which was noted.
-fn message(file: &IndexedFile, body: &[u8]) -> Result<Option<(u64, BagMessage)>, String> {
+/// A message; none where the file does not define its channel, which was noted.
+fn message(file: &IndexedFile, body: &[u8]) -> Result<Option<BagMessage>, String> {
     let Ok(Record::Message { header, data }) = mcap::parse_record(op::MESSAGE, body) else {
         return Err("a message's header is not readable".to_owned());
     };
     let Some(topic) = file.channels.get(&header.channel_id) else { return Ok(None) };
-    let ns = |time: u64| i64::try_from(time).unwrap_or(i64::MAX);
-    let message = BagMessage {
+    Ok(Some(BagMessage {
         topic: Arc::clone(topic),
-        log_time_ns: ns(header.log_time),
-        publish_time_ns: ns(header.publish_time),
+        log_time_ns: nanoseconds(header.log_time),
+        publish_time_ns: nanoseconds(header.publish_time),
         data: data.into_owned(),
-    };
-    Ok(Some((header.log_time, message)))
+    }))
 }
 
 impl Iterator for Messages<'_> {

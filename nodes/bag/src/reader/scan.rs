@@ -2,7 +2,7 @@
 //! messages are.
 
 use super::chunk::{RECORD_HEADER, visit_records};
-use super::file::{Definitions, Piece, Place, read_body};
+use super::file::{Definitions, Piece, Place, nanoseconds, read_body};
 use mcap::MAGIC;
 use mcap::records::{Record, op};
 use std::fs::File;
@@ -98,7 +98,8 @@ fn take_record(
                     Ok(())
                 }
                 op::MESSAGE => {
-                    found.push(message_key(body)?);
+                    let (channel, time) = message_key(body)?;
+                    found.push((channel, nanoseconds(time)));
                     Ok(())
                 }
                 _ => Ok(()),
@@ -117,6 +118,7 @@ fn take_record(
         op::MESSAGE => {
             let (channel, time) = message_key(&body)?;
             *definitions.counts.entry(channel).or_default() += 1;
+            let time = nanoseconds(time);
             definitions.pieces.push(piece((time, time), Place::Message));
         }
         _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),

@@ -15,7 +15,8 @@ const ROWS: usize = 256;
 /// Where a message is.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
-    time: u64,
+    /// Log time in ns; negative before 1970, as of a clock that was never set.
+    time: i64,
     id: i64,
     channel: u16,
 }
@@ -104,7 +105,6 @@ fn entries(
         let channel = row.get(1).ok().and_then(|id: i64| channels.get(&id));
         match (channel, row.get::<_, i64>(2)) {
             (Some(channel), Ok(time)) => {
-                let time = u64::try_from(time).unwrap_or(0);
                 found.push(Entry { time, id: row.get(0)?, channel: *channel });
             }
             _ => *unknown += 1,
@@ -113,12 +113,12 @@ fn entries(
     Ok(())
 }
 
-/// The messages of a piece, with their times and their places in it. The error is that of the first that cannot be read.
+/// The messages of a piece, with their places in it. The error is that of the first that cannot be read.
 pub(super) fn read(
     file: &IndexedFile,
     database: &Connection,
     piece: &Piece,
-    mut take: impl FnMut(u64, usize, BagMessage),
+    mut take: impl FnMut(usize, BagMessage),
 ) -> Result<(), String> {
     let first = usize::try_from(piece.offset).unwrap_or(usize::MAX);
     let rows = file.rows.iter().skip(first).take(usize::try_from(piece.len).unwrap_or(usize::MAX));
@@ -127,11 +127,11 @@ pub(super) fn read(
     let mut outcome = Ok(());
     for (place, entry) in rows.enumerate() {
         let data = statement.query_row([entry.id], |row| row.get::<_, Vec<u8>>(0)).optional();
-        let time = i64::try_from(entry.time).unwrap_or(i64::MAX);
+        let time = entry.time;
         match (data, file.channels.get(&entry.channel)) {
             (Ok(Some(data)), Some(topic)) => {
                 let topic = Arc::clone(topic);
-                take(entry.time, place, BagMessage { topic, log_time_ns: time, publish_time_ns: time, data });
+                take(place, BagMessage { topic, log_time_ns: time, publish_time_ns: time, data });
             }
             (Err(error), _) if outcome.is_ok() => outcome = Err(error.to_string()),
             _ => {}
@@ -145,22 +145,36 @@ mod tests {
     use crate::reader::BagReader;
     use rusqlite::Connection;
 
-    #[test]
-    fn rows_of_no_topic_are_counted_and_end_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("bag.db3");
+    /// A bag of one database with the `rows` (topic_id, timestamp).
+    fn bag_of(folder: &std::path::Path, rows: &[&str]) -> BagReader {
+        let path = folder.join("bag.db3");
         let database = Connection::open(&path).unwrap();
         let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)";
         database.execute(topics, []).unwrap();
         database.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/Int32', 'cdr')", []).unwrap();
         database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)", []).unwrap();
-        for row in ["1, 10", "7, 11", "NULL, 12", "'x', 13", "1, NULL", "1, 15"] {
+        for row in rows {
             database
                 .execute(&format!("INSERT INTO messages(topic_id, timestamp, data) VALUES ({row}, x'00')"), [])
                 .unwrap();
         }
         drop(database);
-        let bag = BagReader::open(&path).unwrap();
+        BagReader::open(&path).unwrap()
+    }
+
+    #[test]
+    fn times_before_1970_keep_their_order_and_their_span() {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = bag_of(folder.path(), &["1, -5000000000", "1, 7", "1, -9000000000", "1, -1"]);
+        assert_eq!(bag.span_ns(), Some((-9_000_000_000, 7)));
+        let times: Vec<i64> = bag.messages().map(|m| m.unwrap().log_time_ns).collect();
+        assert_eq!(times, [-9_000_000_000, -5_000_000_000, -1, 7]);
+    }
+
+    #[test]
+    fn rows_of_no_topic_are_counted_and_end_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = bag_of(folder.path(), &["1, 10", "7, 11", "NULL, 12", "'x', 13", "1, NULL", "1, 15"]);
         assert_eq!((bag.message_count(), bag.span_ns(), bag.verify()), (2, Some((10, 15)), (2, Vec::new())));
         assert_eq!(bag.notes().len(), 1, "{:?}", bag.notes());
         assert!(bag.notes()[0].contains("4 messages are left out"), "{:?}", bag.notes());

@@ -43,7 +43,7 @@ impl Proposal {
                 let volume = if let Proposal::Region(region) = last { region.volume() } else { 1.0 };
                 match Region::new(mixture, tail, least_shrink * volume, rng) {
                     Err(MixtureError::OutsideSupport) => Ok(last.clone()),
-                    Err(source) => Err(InferenceError::Posterior { iteration, source }),
+                    Err(reason) => Err(InferenceError::Posterior { iteration, reason }),
                     Ok(region) => Ok(Proposal::Region(Box::new(region))),
                 }
             }
@@ -92,7 +92,7 @@ impl Proposal {
                 if rng.random::<f64>() < *prior_share {
                     return Ok(prior(rng));
                 }
-                mixture.sample_truncated(rng).map_err(|source| InferenceError::Posterior { iteration, source })
+                mixture.sample_truncated(rng).map_err(|reason| InferenceError::Posterior { iteration, reason })
             }
         }
     }

@@ -188,7 +188,7 @@ fn one(model: &Model, settings: &Settings, number: u64, shutdown: &Shutdown) -> 
     };
     let iteration = result.iterations.len();
     let check = Check::new(&result.posterior, &truth, DRAWS, number)
-        .map_err(|source| InferenceError::Posterior { iteration, source })?;
+        .map_err(|reason| InferenceError::Posterior { iteration, reason })?;
     let of = |value: fn(&catenary_core::posterior::Marginal) -> f64| result.marginals.iter().map(value).collect();
     Ok(Line { truth, mean: of(|m| m.mean), sd: of(|m| m.sd), check, wall_s: started.elapsed().as_secs_f64() })
 }

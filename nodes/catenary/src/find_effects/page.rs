@@ -2,6 +2,7 @@
 
 use super::answer::{answer, most_probable, noise_words, times_the_noise};
 use super::{Looked, Report};
+use crate::misfit::Misfit;
 use crate::report::Page;
 use crate::report::number::{millimetres, p_value, percent, plain};
 use crate::report::palette::Role;
@@ -38,6 +39,8 @@ pub fn page(report: &Report, model: &Model, shown: &[Shown]) -> Result<String> {
         &answer(finding, report.episodes.len(), report.held_out.len()),
         matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
     );
+    finding.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
+    report.warnings.iter().for_each(|w| page.warning(w));
     doubts(&mut page, finding);
     page.heading("The model and its parameters");
     models(&mut page, finding, model);

@@ -34,6 +34,8 @@ pub struct Inferred<'a> {
     pub marginals: &'a [Marginal],
     /// Check of the posterior's predictions; none where it was not made.
     pub predictive: Option<&'a Predictive>,
+    /// Reason why the result fits nothing of the recording.
+    pub misfit: Option<&'a str>,
     /// Reasons for doubt.
     pub warnings: &'a [String],
     /// Held-out loss after each iteration, nat.
@@ -45,7 +47,7 @@ pub struct Inferred<'a> {
 /// The whole page.
 pub fn page(inferred: &Inferred<'_>) -> Result<String> {
     let mut page = Page::new(&format!("What the recording says of {}", inferred.model));
-    page.answer(&answer(inferred), is_refuted(inferred.predictive));
+    page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive));
     inferred.warnings.iter().for_each(|w| page.warning(w));
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
@@ -81,6 +83,10 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
 /// The answer in sentences; that the values cannot be relied on comes before them.
 fn answer(inferred: &Inferred<'_>) -> Vec<String> {
     let values = [values(inferred.marginals)].into_iter().chain(untold(inferred));
+    if let Some(reason) = inferred.misfit {
+        let objection = format!("The result does not fit the recording: {reason}. Do not rely on the values below.");
+        return [objection].into_iter().chain(values).collect();
+    }
     let Some(p) = inferred.predictive else { return values.collect() };
     let (rmse, share) = (millimetres(p.rmse_mm), percent(p.coverage));
     if is_refuted(inferred.predictive) {

@@ -1,9 +1,13 @@
 //! The records of a recording or of live topics, and the episodes in them.
 
+use super::plausible::{KEYPOINTS, MeasuredPose, POSES, seconds};
 use super::{Episode, EpisodeError};
 use crate::task::DeltaAnchor;
-use crate::{GripPose, Keypoints, Observation};
+use crate::{Keypoints, Observation};
 use std::collections::BTreeMap;
+
+/// Frame of the poses.
+const BASE_FRAME: &str = "panda_link0";
 
 /// Time before an episode's start from which records still belong to it, ns: the pose and the frame that it starts from.
 const LEAD_NS: i64 = 200_000_000;
@@ -26,6 +30,40 @@ pub struct EpisodeStart {
     pub delta_anchor: DeltaAnchor,
 }
 
+/// Kinds of records, by topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RecordKind {
+    /// Keypoints of an image.
+    Keypoints,
+    /// Poses of the hand.
+    Pose,
+    /// Observations of a policy.
+    Observation,
+    /// Actions of a policy.
+    Action,
+    /// Starts and ends of episodes.
+    Event,
+}
+
+impl RecordKind {
+    /// Plural in a sentence.
+    fn plural(self) -> &'static str {
+        match self {
+            Self::Keypoints => "keypoints",
+            Self::Pose => "poses",
+            Self::Observation => "observations",
+            Self::Action => "actions",
+            Self::Event => "episode events",
+        }
+    }
+}
+
+/// Whether the end of an episode called `reason` is a fault of the arm or of a node, instead of the task's or the user's.
+pub(super) fn is_fault(reason: &str) -> bool {
+    let reason = reason.trim_start().to_ascii_lowercase();
+    ["fault", "error", "abort", "failed", "failure"].iter().any(|word| reason.starts_with(word))
+}
+
 /// Records of the steps of episodes: by number of the episode, stamp in ns and number of the step.
 type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 
@@ -36,7 +74,7 @@ type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 #[derive(Debug, Clone, Default)]
 pub struct EpisodeLog {
     keypoints: BTreeMap<i64, Keypoints>,
-    poses: BTreeMap<i64, GripPose>,
+    poses: BTreeMap<i64, MeasuredPose>,
     actions: Steps<[f64; 2]>,
     observations: Steps<Observation>,
     /// By number of the episode and stamp.
@@ -45,6 +83,12 @@ pub struct EpisodeLog {
     ends: BTreeMap<(u32, i64), String>,
     /// Stamp of the record that came last.
     newest_ns: Option<i64>,
+    /// Records with the stamp 0, by kind: of a publisher without a clock.
+    unstamped: BTreeMap<RecordKind, usize>,
+    /// Poses in other frames than that of the arm's base, by frame.
+    foreign_frames: BTreeMap<String, usize>,
+    /// What is doubtful about the recording, in words.
+    notes: Vec<String>,
 }
 
 /// An episode that both started and ended, by its stamps in ns.
@@ -58,39 +102,88 @@ struct Span {
 }
 
 impl EpisodeLog {
+    /// Notes what is doubtful about the recording: every episode of it comes with that.
+    pub fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
+    /// What is doubtful about the recording as a whole, in words: stamps, frames, and what [`Self::note`] was told.
+    pub fn notes(&self) -> Vec<String> {
+        let frame = |(frame, count): (&String, &usize)| {
+            format!(
+                "{POSES}: header.frame_id: expected \"{BASE_FRAME}\", got \"{frame}\" in {count} poses, which are used as if it were: where it is another frame, transform them and record again"
+            )
+        };
+        let frames = self.foreign_frames.iter().map(frame);
+        self.unstamped_note().into_iter().chain(frames).chain(self.notes.iter().cloned()).collect()
+    }
+
+    /// What to say of records without a stamp. A single one is the first moment of a simulated clock.
+    fn unstamped_note(&self) -> Option<String> {
+        let many = self.unstamped.iter().filter(|(_, count)| **count > 1);
+        let named: Vec<String> = many.map(|(kind, count)| format!("{count} {}", kind.plural())).collect();
+        // Keypoints and poses come first in the order of kinds: they are what an inference lacks.
+        let (listed, others) = match named.as_slice() {
+            [] => return None,
+            [only] => (only.clone(), String::new()),
+            [first, second, rest @ ..] => {
+                let rest = rest.iter().map(|r| format!(", {r}")).collect::<String>();
+                (format!("{first} and {second}"), rest.replacen(',', ", as have", 1))
+            }
+        };
+        Some(format!(
+            "{listed} have the stamp 0{others}: nodes with use_sim_time that hear no /clock stamp so; publish /clock or set use_sim_time to false, and record again"
+        ))
+    }
+
+    /// Takes note of the stamp of a record.
+    fn stamped(&mut self, kind: RecordKind, stamp_ns: i64) {
+        self.newest_ns = Some(stamp_ns);
+        if stamp_ns == 0 {
+            *self.unstamped.entry(kind).or_default() += 1;
+        }
+    }
+
+    /// Takes note of the frame of a pose; an empty one stands for the arm's base.
+    pub fn push_frame(&mut self, frame: &str) {
+        if !frame.is_empty() && frame.trim_start_matches('/') != BASE_FRAME {
+            *self.foreign_frames.entry(frame.to_owned()).or_default() += 1;
+        }
+    }
+
     /// Records the keypoints of the image stamped `stamp_ns`.
     pub fn push_keypoints(&mut self, stamp_ns: i64, keypoints: Keypoints) {
-        self.newest_ns = Some(stamp_ns);
+        self.stamped(RecordKind::Keypoints, stamp_ns);
         self.keypoints.insert(stamp_ns, keypoints);
     }
 
-    /// Records the pose of the grip at `stamp_ns`.
-    pub fn push_pose(&mut self, stamp_ns: i64, pose: GripPose) {
-        self.newest_ns = Some(stamp_ns);
-        self.poses.insert(stamp_ns, pose);
+    /// Records the pose of the hand at `stamp_ns`.
+    pub fn push_pose(&mut self, stamp_ns: i64, pose: impl Into<MeasuredPose>) {
+        self.stamped(RecordKind::Pose, stamp_ns);
+        self.poses.insert(stamp_ns, pose.into());
     }
 
     /// Records action `step` (dx, dz in m) of an episode.
     pub fn push_action(&mut self, stamp_ns: i64, episode: u32, step: u32, delta_m: [f64; 2]) {
-        self.newest_ns = Some(stamp_ns);
+        self.stamped(RecordKind::Action, stamp_ns);
         self.actions.insert((episode, stamp_ns, step), delta_m);
     }
 
     /// Records observation `step` of an episode.
     pub fn push_observation(&mut self, stamp_ns: i64, episode: u32, step: u32, observation: Observation) {
-        self.newest_ns = Some(stamp_ns);
+        self.stamped(RecordKind::Observation, stamp_ns);
         self.observations.insert((episode, stamp_ns, step), observation);
     }
 
     /// Records the start of an episode.
     pub fn push_start(&mut self, stamp_ns: i64, episode: u32, start: EpisodeStart) {
-        self.newest_ns = Some(stamp_ns);
+        self.stamped(RecordKind::Event, stamp_ns);
         self.starts.insert((episode, stamp_ns), start);
     }
 
     /// Records the end of an episode.
     pub fn push_end(&mut self, stamp_ns: i64, episode: u32, reason: String) {
-        self.newest_ns = Some(stamp_ns);
+        self.stamped(RecordKind::Event, stamp_ns);
         self.ends.insert((episode, stamp_ns), reason);
     }
 
@@ -146,16 +239,67 @@ impl EpisodeLog {
         )
     }
 
-    /// The last complete episode called `number`; none: the last one of all.
+    /// What keeps starts and ends from making an episode, in words.
+    fn unpaired_note(&self) -> Option<String> {
+        if let Some(((number, start_ns), _)) = self.starts.last_key_value() {
+            let before = self.ends.range((*number, i64::MIN)..=(*number, *start_ns)).next_back();
+            return Some(match before {
+                Some(((_, end_ns), _)) if end_ns < start_ns => format!(
+                    "/episode/event: the end of episode {number} is stamped {:.3} s before its start (header.stamp {} and {}): the clock was set back meanwhile",
+                    start_ns.saturating_sub(*end_ns) as f64 * 1e-9,
+                    seconds(*end_ns),
+                    seconds(*start_ns)
+                ),
+                Some(_) => format!(
+                    "/episode/event: start and end of episode {number} have the same stamp {}",
+                    seconds(*start_ns)
+                ),
+                None => format!(
+                    "/episode/event: episode {number} has no end: the recording ended, or the node that ran it, before it did"
+                ),
+            });
+        }
+        let ((number, _), _) = self.ends.first_key_value()?;
+        Some(format!("/episode/event: episode {number} ends without a start: the recording began after it did"))
+    }
+
+    /// Why there is no complete episode.
+    fn no_episode(&self) -> EpisodeError {
+        // Stamps of 0 explain all the rest.
+        let unpaired = self.unstamped_note().is_none().then(|| self.unpaired_note()).flatten();
+        let cause = unpaired.into_iter().chain(self.notes()).map(|note| format!("{note}: ")).collect();
+        EpisodeError::NoEpisode { cause, found: self.summary() }
+    }
+
+    /// The last complete episode called `number`; none: the last one of all that no fault ended.
     pub fn episode(&self, number: Option<u32>) -> Result<Episode, EpisodeError> {
         let spans = self.spans();
-        let missing = || EpisodeError::NoEpisode(self.summary());
-        let last = *spans.last().ok_or_else(missing)?;
-        let Some(number) = number else { return Ok(self.gather(last, &spans)) };
+        let last = *spans.last().ok_or_else(|| self.no_episode())?;
+        let Some(number) = number else { return self.last_in_order(last, &spans) };
         let complete = || spans.iter().map(|s| s.number).collect();
         let found = spans.iter().rfind(|s| s.number == number);
         let span = *found.ok_or_else(|| EpisodeError::NoSuchEpisode { number, complete: complete() })?;
         Ok(self.gather(span, &spans))
+    }
+
+    /// The last episode that no fault ended, with a note on those that came after it. `last` is the last one of all.
+    fn last_in_order(&self, last: Span, spans: &[Span]) -> Result<Episode, EpisodeError> {
+        let reason = |s: &Span| self.ends[&(s.number, s.end_ns)].as_str();
+        let fault = format!("/episode/event: episode {} ended with \"{}\"", last.number, reason(&last));
+        let in_order = spans.iter().rfind(|s| !is_fault(reason(s)));
+        let span = in_order.ok_or_else(|| EpisodeError::Fault(fault.clone()))?;
+        let mut episode = self.gather(*span, spans);
+        if *span != last {
+            episode.notes.push(format!("{fault} and is passed over: this is episode {}", span.number));
+        }
+        Ok(episode)
+    }
+
+    /// The very last complete episode, whatever ended it.
+    pub fn last(&self) -> Result<Episode, EpisodeError> {
+        let spans = self.spans();
+        let last = *spans.last().ok_or_else(|| self.no_episode())?;
+        Ok(self.gather(last, &spans))
     }
 
     /// Every complete episode, in order of their starts.
@@ -167,7 +311,7 @@ impl EpisodeLog {
     /// The records of an episode.
     fn gather(&self, span: Span, all: &[Span]) -> Episode {
         let Span { start_ns, number, end_ns, until_ns } = span;
-        let seconds = |ns: i64| (ns - start_ns) as f64 * 1e-9;
+        let since_s = |ns: i64| ns.saturating_sub(start_ns) as f64 * 1e-9;
         let from_ns = start_ns.saturating_sub(LEAD_NS);
         let steps = (number, from_ns, 0)..(number, until_ns.saturating_sub(LEAD_NS).max(end_ns), u32::MAX);
         Episode {
@@ -175,13 +319,34 @@ impl EpisodeLog {
             namesakes: all.iter().filter(|s| s.number == number).count() - 1,
             start: self.starts[&(number, start_ns)].clone(),
             start_ns,
-            duration_s: seconds(end_ns),
+            duration_s: since_s(end_ns),
             end: self.ends[&(number, end_ns)].clone(),
-            keypoints: self.keypoints.range(from_ns..=end_ns).map(|(t, k)| (seconds(*t), *k)).collect(),
-            poses: self.poses.range(from_ns..=end_ns).map(|(t, p)| (seconds(*t), *p)).collect(),
+            keypoints: self.keypoints.range(from_ns..=end_ns).map(|(t, k)| (since_s(*t), *k)).collect(),
+            poses: self.poses.range(from_ns..=end_ns).map(|(t, p)| (since_s(*t), *p)).collect(),
             actions: in_order(self.actions.range(steps.clone())),
             observations: in_order(self.observations.range(steps)),
+            notes: self.notes().into_iter().chain(self.elsewhere(from_ns, end_ns)).collect(),
         }
+    }
+
+    /// Streams that have records, and none of them between two stamps: of other clocks than the events have.
+    fn elsewhere(&self, from_ns: i64, end_ns: i64) -> Vec<String> {
+        fn span<T>(records: &BTreeMap<i64, T>, from_ns: i64, end_ns: i64) -> Option<[i64; 2]> {
+            let (first, last) = (records.first_key_value()?, records.last_key_value()?);
+            records.range(from_ns..=end_ns).next().is_none().then_some([*first.0, *last.0])
+        }
+        let streams =
+            [(KEYPOINTS, span(&self.keypoints, from_ns, end_ns)), (POSES, span(&self.poses, from_ns, end_ns))];
+        let note = |(topic, [first, last]): (&str, [i64; 2])| {
+            format!(
+                "{topic}: header.stamp: expected stamps of the episode, {} to {}, got {} to {}: it is stamped by another clock, or was not published then; use one clock for all nodes and record again",
+                seconds(from_ns),
+                seconds(end_ns),
+                seconds(first),
+                seconds(last)
+            )
+        };
+        streams.into_iter().filter_map(|(topic, span)| Some((topic, span?))).map(note).collect()
     }
 }
 

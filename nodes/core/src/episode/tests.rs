@@ -1,6 +1,9 @@
 //! Episodes and tracks out of logs.
 
+mod doubtful;
+
 use super::*;
+use crate::GripPose;
 use crate::task::DeltaAnchor;
 
 fn keypoints(shift: f64, flip: bool) -> Keypoints {
@@ -134,7 +137,10 @@ fn driven(steps: u32) -> EpisodeLog {
     let mut log = log();
     for step in 0..=steps {
         let stamp_ns = 1_000_000_000 + i64::from(step) * 500_000_000;
-        log.push_observation(stamp_ns, 4, step, Observation([f64::from(step); 12]));
+        // The hand stands still, at the measured pose.
+        let mut values = [f64::from(step); 12];
+        values[..2].fill(0.4);
+        log.push_observation(stamp_ns, 4, step, Observation(values));
         if step < steps {
             log.push_action(stamp_ns, 4, step, [f64::from(step), 0.0]);
         }
@@ -296,7 +302,7 @@ fn a_live_log_takes_a_replay_whose_stamps_run_back() {
     push_poses(&mut live, 1000, 1010);
     let recorded = log().episode(None).unwrap().poses;
     let (lead, rest) = recorded.split_at(recorded.partition_point(|(t, _)| *t < 0.0));
-    let replay = |live: &mut EpisodeLog, poses: &[(f64, GripPose)]| {
+    let replay = |live: &mut EpisodeLog, poses: &[(f64, MeasuredPose)]| {
         for (t, pose) in poses {
             live.push_pose(1_000_000_000 + (t * 1e9).round() as i64, *pose);
             live.forget_old();

@@ -1,0 +1,200 @@
+//! Clocks of a recording: stamps of messages against the times at which they were logged.
+
+use std::collections::BTreeMap;
+
+/// Step of the stamps back, s, from which a clock was set: messages of one publisher overtake one another by less.
+const BACK_S: f64 = 0.1;
+/// Step of the stamps ahead of the log's time, s, from which a clock was set.
+const AHEAD_S: f64 = 0.5;
+/// Messages on either side of a step by which one is told from a recorder that stalled for a moment.
+const WINDOW: usize = 10;
+/// How much longer than poses another stream may take from its stamp to the log, s: exposure, transport and a slow tracker.
+const LATE_S: f64 = 0.5;
+/// How much shorter, s: no message comes before it was measured.
+const EARLY_S: f64 = 0.1;
+/// Share of the messages that may lie nearer than a difference of two clocks: a stall of the recorder delays some.
+const OUTLIERS: f64 = 0.1;
+/// Messages of a stream below which nothing is said of its clock.
+const FEW: usize = 2;
+
+/// Times of one message, ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Times {
+    log_ns: i64,
+    stamp_ns: i64,
+}
+
+impl Times {
+    /// Time from the stamp to the log, s.
+    fn delay_s(self) -> f64 {
+        since_s(self.log_ns, self.stamp_ns)
+    }
+}
+
+fn since_s(later_ns: i64, earlier_ns: i64) -> f64 {
+    (i128::from(later_ns) - i128::from(earlier_ns)) as f64 * 1e-9
+}
+
+/// A clock that was set while it stamped a topic.
+struct Step {
+    at_log_ns: i64,
+    by_s: f64,
+}
+
+/// Times of the messages of a bag, by topic, in order of log time.
+#[derive(Debug, Default)]
+pub(crate) struct Clocks {
+    topics: BTreeMap<String, Vec<Times>>,
+}
+
+impl Clocks {
+    /// Takes note of a message. A stamp of 0 is none.
+    pub(crate) fn push(&mut self, topic: &str, log_ns: i64, stamp_ns: i64) {
+        if stamp_ns != 0 {
+            self.topics.entry(topic.to_owned()).or_default().push(Times { log_ns, stamp_ns });
+        }
+    }
+
+    /// Clocks that were set, or that differ from that of the topic `reference`, in words.
+    pub(crate) fn notes(&self, reference: &str) -> Vec<String> {
+        let steps: Vec<(&str, Step)> =
+            self.topics.iter().filter_map(|(topic, times)| Some((topic.as_str(), step(times)?))).collect();
+        if !steps.is_empty() {
+            return step_notes(&steps);
+        }
+        let Some(known) = self.topics.get(reference) else { return Vec::new() };
+        let others = self.topics.iter().filter(|(topic, _)| *topic != reference);
+        others.filter_map(|(topic, times)| offset_note(topic, offset_s(times, known)?, reference)).collect()
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The first step of a topic's clock. A recorder that stalls logs late what was stamped in time, and recovers; a clock that was
+/// set stays so.
+fn step(times: &[Times]) -> Option<Step> {
+    (1..times.len()).find_map(|i| {
+        let stamps_s = since_s(times[i].stamp_ns, times[i - 1].stamp_ns);
+        let log_s = since_s(times[i].log_ns, times[i - 1].log_ns);
+        if stamps_s >= -BACK_S && stamps_s <= log_s + AHEAD_S {
+            return None;
+        }
+        let by_s = stamps_s - log_s;
+        let delay_s = |part: &[Times]| median(part.iter().map(|t| t.delay_s()).collect());
+        let before_s = delay_s(&times[i.saturating_sub(WINDOW)..i]);
+        let after_s = delay_s(&times[i..times.len().min(i + WINDOW)]);
+        let stays = (before_s - after_s).abs() > 0.5 * by_s.abs();
+        stays.then_some(Step { at_log_ns: times[i].log_ns, by_s })
+    })
+}
+
+/// One sentence for each step, with all topics whose clocks made it.
+fn step_notes(steps: &[(&str, Step)]) -> Vec<String> {
+    let alike = |a: &Step, b: &Step| (a.by_s - b.by_s).abs() <= 0.5 + 0.01 * a.by_s.abs();
+    let mut groups: Vec<(&Step, Vec<&str>)> = Vec::new();
+    for (topic, step) in steps {
+        match groups.iter_mut().find(|(first, _)| alike(first, step)) {
+            Some((_, topics)) => topics.push(topic),
+            None => groups.push((step, vec![topic])),
+        }
+    }
+    let note = |(step, topics): &(&Step, Vec<&str>)| {
+        let way = if step.by_s < 0.0 { "back" } else { "ahead" };
+        format!(
+            "{}: header.stamp: expected a clock that runs on, got one that steps {way} by {:.3} s at log time {:.3} s: it was set while the bag was recorded; record again with a clock that does not step",
+            topics.join(", "),
+            step.by_s.abs(),
+            step.at_log_ns as f64 * 1e-9
+        )
+    };
+    groups.iter().map(note).collect()
+}
+
+/// How much later than messages of the `known` topic those of another come, s from stamp to log: least of it, without a few
+/// outliers. Compared are messages that were logged at about the same time, as a bag may have been played at another rate.
+fn offset_s(times: &[Times], known: &[Times]) -> Option<f64> {
+    if times.len() < FEW || known.len() < FEW {
+        return None;
+    }
+    let nearest = |t: &Times| {
+        let next = known.partition_point(|k| k.log_ns < t.log_ns);
+        let near = known[next.saturating_sub(1)..known.len().min(next + 1)].iter();
+        near.min_by_key(|k| k.log_ns.abs_diff(t.log_ns)).map(|k| t.delay_s() - k.delay_s())
+    };
+    let mut offsets: Vec<f64> = times.iter().filter_map(nearest).collect();
+    offsets.sort_by(f64::total_cmp);
+    let at = |share: f64| offsets.get((share * (offsets.len() - 1) as f64).round() as usize).copied();
+    let (low, high) = (at(OUTLIERS)?, at(1.0 - OUTLIERS)?);
+    Some(if low > 0.0 { low } else { high.min(0.0) })
+}
+
+fn offset_note(topic: &str, offset_s: f64, reference: &str) -> Option<String> {
+    let what = if offset_s > LATE_S {
+        format!("stamps {offset_s:.3} s behind")
+    } else if offset_s < -EARLY_S {
+        format!("stamps {:.3} s ahead of", -offset_s)
+    } else {
+        return None;
+    };
+    Some(format!(
+        "{topic}: header.stamp: expected the clock of {reference}, got {what} its, for messages that were logged together: two clocks that differ, as a camera's own, or a node that is as slow; stamp both with the host's clock and record again"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Messages at 100 Hz for 4 s whose stamps and log times are those of `at` (ms).
+    fn clocks(topic: &str, at: impl Fn(i64) -> (i64, i64), into: Clocks) -> Clocks {
+        let mut clocks = into;
+        let mut all: Vec<(i64, i64)> = (0..400).map(|i| at(1_000_000 + 10 * i)).collect();
+        all.sort_unstable();
+        for (log_ms, stamp_ms) in all {
+            clocks.push(topic, 1_000_000 * log_ms, 1_000_000 * stamp_ms);
+        }
+        clocks
+    }
+
+    fn poses() -> Clocks {
+        clocks("/pose", |t| (t + 2, t), Clocks::default())
+    }
+
+    #[test]
+    fn a_clock_that_was_set_is_named_with_all_topics_that_it_stamps() {
+        for (step_ms, words) in [(-3_600_000, "back by 3600.0"), (-400, "back by 0.4"), (900, "ahead by 0.9")] {
+            let set = |t: i64| (t + 2, if t >= 1_002_000 { t + step_ms } else { t });
+            let notes = clocks("/b", set, clocks("/pose", set, Clocks::default())).notes("/pose");
+            assert!(notes.len() == 1 && notes[0].starts_with("/b, /pose: header.stamp"), "{notes:?}");
+            assert!(notes[0].contains(words) && notes[0].contains("log time 1002.002 s"), "{notes:?}");
+        }
+        assert_eq!(poses().notes("/pose"), [] as [String; 0]);
+    }
+
+    #[test]
+    fn a_recorder_that_stalls_or_loses_messages_sets_no_clock() {
+        let late = |t: i64| if (1_001_000..1_003_000).contains(&t) { 1_003_000 + (t - 1_001_000) / 100 } else { t + 2 };
+        assert_eq!(clocks("/pose", |t| (late(t), t), Clocks::default()).notes("/pose"), [] as [String; 0]);
+        let lost = |t: i64| if t > 1_002_000 { t + 3000 } else { t };
+        assert_eq!(clocks("/pose", |t| (lost(t) + 2, lost(t)), Clocks::default()).notes("/pose"), [] as [String; 0]);
+        // A slow tracker, and a bag that was recorded from another at a quarter of the rate.
+        let slow = clocks("/keypoints", |t| (4 * t + 150, t), clocks("/pose", |t| (4 * t, t), Clocks::default()));
+        assert_eq!(slow.notes("/pose"), [] as [String; 0]);
+    }
+
+    #[test]
+    fn clocks_that_differ_are_named_with_their_difference() {
+        for (offset_ms, words) in [(-700, "0.7"), (300, "0.3"), (86_400_000, "86400.0"), (-1_700_000_000, "1700000.0")]
+        {
+            let both = clocks("/keypoints", |t| (t + 40, t + offset_ms), poses());
+            let notes = both.notes("/pose");
+            let way = if offset_ms < 0 { "s behind its" } else { "s ahead of its" };
+            assert!(notes.len() == 1 && notes[0].starts_with("/keypoints: header.stamp"), "{notes:?}");
+            assert!(notes[0].contains(way) && notes[0].contains(&format!("stamps {words}")), "{notes:?}");
+        }
+        assert_eq!(clocks("/keypoints", |t| (t + 120, t), poses()).notes("/pose"), [] as [String; 0]);
+    }
+}

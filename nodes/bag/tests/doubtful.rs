@@ -1,0 +1,212 @@
+//! Recordings with bad data: what is wrong is named with topic, time, value and what was expected, and nothing else is lost.
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
+
+use catenary_bag::{BagMessage, BagReader, BagWriter, WriterOptions, episode_notes, read_measured};
+use catenary_core::Model;
+use catenary_core::episode::MeasuredTrack;
+use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::msg::{EpisodeEvent, Keypoints};
+use catenary_msgs::std_msgs::msg::Header;
+use catenary_msgs::{Interface, from_cdr};
+use catenary_shell::stamp;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+const POSE: &str = "/panda/current_pose";
+const KEYPOINTS: &str = "/dlo/keypoints";
+const EVENT: &str = "/episode/event";
+
+/// A message that is changed before it is written; the number counts those of its topic.
+enum Change<'a> {
+    Pose(usize, &'a mut PoseStamped),
+    Keypoints(usize, &'a mut Keypoints),
+    Event(&'a mut EpisodeEvent),
+}
+
+impl Change<'_> {
+    fn header(&mut self) -> &mut Header {
+        match self {
+            Change::Pose(_, m) => &mut m.header,
+            Change::Keypoints(_, m) => &mut m.header,
+            Change::Event(m) => &mut m.header,
+        }
+    }
+
+    /// Moves the stamp by so many ns.
+    fn shift(&mut self, by_ns: i64) {
+        let header = self.header();
+        header.stamp = stamp::to_msg(catenary_shell::Time::from_nanos(stamp::from_msg(&header.stamp).nanos() + by_ns));
+    }
+}
+
+fn sample() -> BagReader {
+    BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")).unwrap()
+}
+
+fn model() -> Model {
+    Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+}
+
+fn decoded<T: Interface + DeserializeOwned>(message: &BagMessage) -> T {
+    from_cdr(&message.data).unwrap()
+}
+
+/// The sample bag with changed messages, in a folder that is to be kept.
+fn changed(folder: &Path, mut change: impl FnMut(Change<'_>)) -> BagReader {
+    let path = folder.join("bag");
+    let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
+    let (mut poses, mut keypoints) = (0, 0);
+    fn write<T: Interface + Serialize>(bag: &mut BagWriter, message: &BagMessage, changed: &T) {
+        let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
+        bag.write(topic, message.log_time_ns, message.publish_time_ns, changed).unwrap();
+    }
+    for message in sample().messages_of(&[POSE, KEYPOINTS, EVENT]).map(Result::unwrap) {
+        match message.topic.name.as_str() {
+            POSE => {
+                let mut pose = decoded::<PoseStamped>(&message);
+                change(Change::Pose(poses, &mut pose));
+                poses += 1;
+                write(&mut bag, &message, &pose);
+            }
+            KEYPOINTS => {
+                let mut seen = decoded::<Keypoints>(&message);
+                change(Change::Keypoints(keypoints, &mut seen));
+                keypoints += 1;
+                write(&mut bag, &message, &seen);
+            }
+            _ => {
+                let mut event = decoded::<EpisodeEvent>(&message);
+                change(Change::Event(&mut event));
+                write(&mut bag, &message, &event);
+            }
+        }
+    }
+    bag.finish().unwrap();
+    BagReader::open(&path).unwrap()
+}
+
+/// What comes of the sample with changed messages: the track, and what `info` notes.
+fn outcome(change: impl FnMut(Change<'_>)) -> (Result<MeasuredTrack, String>, Vec<String>) {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = changed(folder.path(), change);
+    let measured = read_measured(&[bag.path().to_owned()], &[], &model()).map(|mut all| all.remove(0));
+    (measured.map_err(|e| e.to_string()), episode_notes(&bag))
+}
+
+fn whole() -> MeasuredTrack {
+    let (measured, notes) = outcome(|_| ());
+    assert_eq!(notes, [] as [String; 0], "the sample is in order");
+    measured.unwrap()
+}
+
+#[test]
+fn poses_that_are_impossible_or_no_numbers_are_left_out_with_topic_time_and_value() {
+    let (measured, notes) = outcome(|change| {
+        if let Change::Pose(70, pose) = change {
+            pose.pose = Default::default();
+            pose.pose.orientation.w = 1.0;
+        }
+    });
+    let measured = measured.unwrap();
+    assert_eq!(measured.track.frames.len(), whole().track.frames.len());
+    let warning = measured.warnings.iter().find(|w| w.starts_with(POSE)).unwrap();
+    assert!(warning.contains("1 of 206 poses left out") && warning.contains("position (0, 0, 0) m"), "{warning}");
+    assert!(warning.contains("stamp ") && warning.contains("3.4 m/s"), "{warning}");
+    assert!(notes.iter().any(|n| n.contains(warning.as_str())), "{notes:?}");
+    let (measured, _) = outcome(|change| {
+        if let Change::Pose(70 | 90, pose) = change {
+            pose.pose.position.x = f64::NAN;
+        }
+    });
+    let warnings = measured.unwrap().warnings;
+    assert!(warnings[0].starts_with("/panda/current_pose: 2 messages left out, the first: stamp "), "{warnings:?}");
+    assert!(warnings[0].contains("NaN") && warnings[0].contains("finite"), "{warnings:?}");
+}
+
+#[test]
+fn streams_in_other_units_frames_and_planes_are_named_with_the_field() {
+    let of = |each: fn(&mut PoseStamped)| {
+        outcome(move |change| {
+            if let Change::Pose(_, pose) = change {
+                each(pose);
+            }
+        })
+    };
+    let (refused, notes) = of(|p| {
+        p.pose.position.x *= 1e3;
+        p.pose.position.z *= 1e3;
+    });
+    let e = refused.unwrap_err();
+    assert!(e.contains("bag: episode 7: /panda/current_pose: pose.position: expected m") && e.contains("mm"), "{e}");
+    assert!(notes[0].contains("as if in mm"), "{notes:?}");
+    let (refused, _) = of(|p| p.pose.position.y = 0.5);
+    assert!(refused.unwrap_err().contains("pose.position.y: expected 0 m"));
+    let (measured, notes) = of(|p| p.header.frame_id = "world".into());
+    let warnings = measured.unwrap().warnings;
+    assert!(
+        warnings[0].contains("header.frame_id: expected \"panda_link0\", got \"world\" in 206 poses"),
+        "{warnings:?}"
+    );
+    assert!(notes[0] == warnings[0]);
+}
+
+#[test]
+fn stamps_that_are_none_step_or_differ_are_named() {
+    let (refused, notes) = outcome(|mut change| change.header().stamp = Default::default());
+    let e = refused.unwrap_err();
+    assert!(e.contains("bag: 83 keypoints and 206 poses have the stamp 0"), "{e}");
+    assert!(e.find("stamp 0").unwrap() < e.find("no complete episode").unwrap(), "the cause comes first: {e}");
+    assert!(notes.len() == 1 && notes[0].contains("206 poses have the stamp 0"), "{notes:?}");
+    // The clock is set back by an hour, and by half a second, and on by ten minutes, within the episode.
+    for (by_ns, words) in
+        [(-3_600_000_000_000_i64, "back by 3600"), (-500_000_000, "back by 0.5"), (600_000_000_000, "ahead by 600")]
+    {
+        let (mut poses, mut keypoints, mut events) = (0, 0, 0);
+        let (outcome, notes) = outcome(|mut change| {
+            let late = match &change {
+                Change::Pose(n, _) => (poses = *n, *n > 100).1,
+                Change::Keypoints(n, _) => (keypoints = *n, *n > 40).1,
+                Change::Event(_) => (events += 1, events > 1).1,
+            };
+            if late {
+                change.shift(by_ns);
+            }
+        });
+        let said = outcome.map_or_else(|e| e, |m| m.warnings.join("; "));
+        assert!(said.contains("header.stamp: expected a clock that runs on") && said.contains(words), "{said}");
+        assert!(said.contains(POSE) && said.contains(KEYPOINTS), "{said}");
+        assert!(notes.iter().any(|n| n.contains(words)), "{notes:?}");
+        assert_eq!(by_ns < -1_000_000_000, said.contains("s before its start"), "{said}");
+    }
+    // A camera with a clock of its own.
+    for (by_ns, words) in [(-1_000_000_000_i64, "1.0"), (300_000_000, "0.3"), (86_400_000_000_000, "86400.")] {
+        let (outcome, notes) = outcome(|mut change| {
+            if let Change::Keypoints(..) = change {
+                change.shift(by_ns);
+            }
+        });
+        let said = outcome.map_or_else(|e| e, |m| m.warnings.join("; "));
+        assert!(said.contains("/dlo/keypoints: header.stamp: expected the clock of /panda/current_pose"), "{said}");
+        assert!(said.contains(&format!("got stamps {words}")), "{said}");
+        assert!(notes.iter().any(|n| n.contains("two clocks that differ")), "{notes:?}");
+    }
+}
+
+#[test]
+fn an_episode_that_ended_with_a_fault_is_refused_unless_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = changed(folder.path(), |change| {
+        if let Change::Event(event) = change
+            && event.event == EpisodeEvent::ENDED
+        {
+            event.reason = "fault: cartesian_reflex".into();
+        }
+    });
+    let read = |numbers: &[u32]| read_measured(&[bag.path().to_owned()], numbers, &model());
+    let e = read(&[]).unwrap_err().to_string();
+    assert!(e.contains("bag: /episode/event: episode 7 ended with \"fault: cartesian_reflex\""), "{e}");
+    let asked = read(&[7]).unwrap().remove(0);
+    assert!(asked.warnings[0].contains("cartesian_reflex"), "{:?}", asked.warnings);
+    assert!(episode_notes(&bag)[0].contains("cartesian_reflex"), "{:?}", episode_notes(&bag));
+}
