@@ -79,7 +79,7 @@ impl Summary {
         match self.task.goal {
             Goal::PlaceTip { .. } => format!(
                 "Success: when the motion of {seconds} s ends, the free end of the bar (its outermost keypoint) is within {mm:.0} mm \
-                 of the target. The position of the hand does not count."
+                 of the target, as the camera sees both. The position of the hand does not count."
             ),
             Goal::Reach => format!(
                 "Success: at one of {} steps the bar's four keypoints are near the target, {mm:.0} mm in the root mean square. \

@@ -185,6 +185,7 @@ mod tests {
             posterior: &posterior,
             marginals: &marginals,
             predictive: Some(&predictive),
+            misfit: None,
             warnings: &["doubtful".into()],
             losses: vec![3.0, 2.0],
             simulations: 12_000,
