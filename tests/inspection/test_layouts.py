@@ -72,4 +72,4 @@ def test_rviz_asks_for_what_is_offered():
 
 @pytest.mark.parametrize("name", ["foxglove.json", "catenary.rviz"])
 def test_the_readme_names_it(name):
-    assert name in (LAUNCH_CONFIGS.parent / "README.md").read_text()
+    assert name in (LAUNCH_CONFIGS.parent / "nodes/inspect/README.md").read_text()

@@ -34,6 +34,6 @@ def test_rclpy_to_node_images(session, name, capsys):
 
 def test_the_profiles_are_those_that_the_readme_names():
     root = pathlib.Path(__file__).resolve().parents[2]
-    readme = (root / "README.md").read_text()
+    readme = (root / "launch_configs/README.md").read_text()
     for profile in sorted((root / "launch_configs").glob("fastdds_*.xml")):
         assert profile.name in readme

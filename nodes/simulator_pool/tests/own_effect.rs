@@ -182,7 +182,7 @@ fn they_act_beside_the_shipped_ones_and_a_name_is_taken_once() {
 
 #[test]
 fn readme_shows_an_effect_that_works() {
-    let readme = include_str!("../../../README.md");
+    let readme = include_str!("../README.md");
     let lines = readme.lines().skip_while(|line| *line != "    /// Steady wind along x.");
     let block = lines.take_while(|line| line.is_empty() || line.starts_with("    "));
     let code: Vec<&str> = block.map(|line| line.strip_prefix("    ").unwrap_or(line)).collect();

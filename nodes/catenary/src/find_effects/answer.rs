@@ -144,6 +144,7 @@ pub mod tests {
         let score = |rmse_mm: f64| Score { rmse_mm, energy_mm: rmse_mm };
         Finding {
             verdict: Verdict::Named,
+            misfit: None,
             conclusions: vec!["a step".into()],
             present: fitness(38.2, 2500.0, Vec::new()),
             places: Vec::new(),

@@ -146,8 +146,7 @@ impl<P: Plant> Front<P> {
         let accepted =
             node.publisher::<AcceptedTarget>(contract::ACCEPTED_TARGET.name, contract::ACCEPTED_TARGET.qos)?;
         let front = Arc::clone(self);
-        let targets =
-            node.take::<PoseStamped>(&self.targets, move |received| front.on_target(&accepted, &received))?;
+        let targets = node.take::<PoseStamped>(&self.targets, move |received| front.on_target(&accepted, &received))?;
         let front = Arc::clone(self);
         let events = node.subscription::<EpisodeEvent>(
             contract::EPISODE_EVENT.name,
@@ -212,11 +211,7 @@ impl<P: Plant> Front<P> {
         })?)
     }
 
-    fn on_target(
-        &self,
-        accepted: &Publisher<AcceptedTarget>,
-        received: &Received<PoseStamped>,
-    ) -> Result<(), Flaw> {
+    fn on_target(&self, accepted: &Publisher<AcceptedTarget>, received: &Received<PoseStamped>) -> Result<(), Flaw> {
         let message = &received.message;
         let (answer, verdict, is_first) = {
             let mut arm = self.arm();
