@@ -189,7 +189,7 @@ mod tests {
     fn clocks_that_differ_are_named_with_their_difference() {
         for (offset_ms, words) in [(-700, "0.7"), (300, "0.3"), (86_400_000, "86400.0"), (-1_700_000_000, "1700000.0")]
         {
-            let both = clocks("/keypoints", |t| (t + 40, t + offset_ms), poses());
+            let both = clocks("/keypoints", |t| (t + 2, t + offset_ms), poses());
             let notes = both.notes("/pose");
             let way = if offset_ms < 0 { "s behind its" } else { "s ahead of its" };
             assert!(notes.len() == 1 && notes[0].starts_with("/keypoints: header.stamp"), "{notes:?}");

@@ -17,8 +17,11 @@ const STAND_S: f64 = 2.0;
 const MARGIN_M: [f64; 4] = [0.12, 0.16, 0.12, 0.10];
 /// Difference in grey levels by which a moving part stands out from the background; the image noise has 3.
 const MOVES: u8 = 24;
-/// Pictures of which a median shows no trace of what moves.
+/// Pictures whose quantile shows no trace of a moving part.
 const FEWEST_SHOTS: usize = 4;
+/// Quantile of a byte that is the scene's. The simulated wall is brighter than hand, bar and shadow, and each of them covers a place
+/// for less than this share of the episode; a median shows the hand where it waits.
+const SCENE_QUANTILE: f64 = 0.8;
 /// Columns between the two halves.
 const GUTTER_PX: usize = 8;
 const WHITE: [u8; 3] = [255; 3];
@@ -154,7 +157,7 @@ pub fn write(path: &Path, films: [&Film; 2], camera: &Pinhole, judge: &Judge) ->
     gif.finish()
 }
 
-/// Median of each byte over the pictures of both episodes: the scene without what moves, and without noise.
+/// Upper quantile of each byte over the pictures of both episodes: the scene without the hand and the bar, and without noise.
 fn background(films: [&Film; 2]) -> Vec<u8> {
     let mut shots: Vec<&Shot> = films.iter().flat_map(|f| f.during()).collect();
     if shots.len() < FEWEST_SHOTS {
@@ -162,12 +165,12 @@ fn background(films: [&Film; 2]) -> Vec<u8> {
     }
     let bytes = shots.first().map_or(0, |s| s.rgb.len());
     let mut column = vec![0; shots.len()];
-    let median = |i: usize| {
+    let quantile = |i: usize| {
         column.iter_mut().zip(&shots).for_each(|(c, s)| *c = s.rgb[i]);
-        let middle = column.len() / 2;
-        *column.select_nth_unstable(middle).1
+        let place = ((column.len() as f64 * SCENE_QUANTILE) as usize).min(column.len() - 1);
+        *column.select_nth_unstable(place).1
     };
-    (0..bytes).map(median).collect()
+    (0..bytes).map(quantile).collect()
 }
 
 /// The picture with the background in place of what does not stand out from it. A GIF has few colours and stores noise badly.
