@@ -69,7 +69,7 @@ def poses(change):
 def refused(done, *says):
     """Asserts one line on stderr that says all of it, each part once, and nothing on stdout."""
     lines = done.stderr.splitlines()
-    assert done.returncode == 1 and done.stdout == "" and len(lines) == 1, (done.returncode, done.stdout, done.stderr)
+    assert done.returncode == 2 and done.stdout == "" and len(lines) == 1, (done.returncode, done.stdout, done.stderr)
     for part in says:
         assert lines[0].count(part) == 1, (part, lines[0])
     return lines[0]

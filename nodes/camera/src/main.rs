@@ -4,5 +4,6 @@ use std::process::ExitCode;
 
 #[allow(clippy::disallowed_methods, reason = "a main reads the command line")]
 fn main() -> ExitCode {
-    camera::node::main(std::env::args().skip(1).collect())
+    let words: Vec<_> = std::env::args_os().skip(1).collect();
+    catenary_shell::in_unicode(&words).map_or_else(|code| code, camera::node::main)
 }

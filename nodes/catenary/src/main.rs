@@ -40,6 +40,7 @@ use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use interrupted::Interrupted;
 use misfit::Misfit;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -54,17 +55,17 @@ fn main() -> ExitCode {
     // Commands that take part in a graph leave it however they end.
     let _leaving = catenary_shell::LeaveAtEnd;
     // A node reads its own command line, in ROS 2's form.
-    let mut arguments = std::env::args();
+    let mut arguments = std::env::args_os();
     let called = arguments.next().and_then(|path| Some(Path::new(&path).file_name()?.to_str()?.to_owned()));
-    let arguments: Vec<String> = arguments.collect();
+    let arguments: Vec<OsString> = arguments.collect();
     if let Some(name) = called.filter(|name| nodes::is_node(name)) {
-        return nodes::run(&name, arguments);
+        return catenary_shell::in_unicode(&arguments).map_or_else(|code| code, |words| nodes::run(&name, words));
     }
     if let [command, name, rest @ ..] = &arguments[..]
         && command == "node"
-        && !name.starts_with('-')
+        && let Some(name) = name.to_str().filter(|name| !name.starts_with('-'))
     {
-        return nodes::run(name, rest.to_vec());
+        return catenary_shell::in_unicode(rest).map_or_else(|code| code, |words| nodes::run(name, words));
     }
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,

@@ -28,7 +28,7 @@ pub fn read_with_text(path: &Path) -> Result<(Model, String)> {
 
 fn text(path: &Path) -> Result<String> {
     match shipped::model(path) {
-        Some(text) if !path.exists() => Ok(text.to_owned()),
+        Some(text) if !path.is_file() => Ok(text.to_owned()),
         _ => catenary_shell::files::read_text("model", path).map_err(|error| with_shipped(path, error)),
     }
 }

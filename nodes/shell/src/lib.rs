@@ -96,7 +96,7 @@ pub use publisher::Publisher;
 pub use qos::Qos;
 pub use raw::{PublishedTopic, RawMessage};
 pub use ros_home::{ros_home, ros_log_dir};
-pub use run::{Misconfigured, end_on_signals, in_one_line, main};
+pub use run::{Misconfigured, end_on_signals, in_one_line, in_unicode, main};
 pub use service::{Client, Service};
 pub use shutdown::Shutdown;
 pub use stamp_check::StampCheck;

@@ -10,6 +10,7 @@ use crate::spinner::in_words;
 use crate::{logging, network_loss};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
+use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::io::{Read, Write as _};
 use std::process::ExitCode;
@@ -52,6 +53,21 @@ pub fn main<S: Into<String>>(
             _ => fail(name, &error, 1),
         },
     }
+}
+
+/// Arguments of a process as text, which parameters and names of ROS 2 are.
+///
+/// # Errors
+/// The exit code of a wrong command line, said on stderr: an argument is not UTF-8.
+pub fn in_unicode(arguments: &[OsString]) -> Result<Vec<String>, ExitCode> {
+    let text = |argument: &OsString| match argument.to_str() {
+        Some(text) => Ok(text.to_owned()),
+        None => {
+            let _closed = writeln!(std::io::stderr(), "argument {argument:?}: expected UTF-8");
+            Err(ExitCode::from(USAGE))
+        }
+    };
+    arguments.iter().map(text).collect()
 }
 
 /// A mistake in what a node was given, found while it starts: exit code 2, for starting it again would not help.

@@ -50,7 +50,7 @@ fn an_unknown_field_is_named_with_those_that_there_are() {
     let e = message("axial_law:", "axial_lew:");
     assert_eq!(
         e,
-        "line 6, `object.axial_lew`: unknown field `axial_lew`, expected one of section, axial_law, keypoint_fractions, hidden_length_m, grip_angle_rad"
+        "line 6, `object.axial_lew`: unknown field `axial_lew`, expected one of section, axial_law, keypoint_fractions, hidden_length_m, grip_angle_rad; did you mean `axial_law`?"
     );
 }
 
