@@ -13,7 +13,7 @@ use crate::simulator::StartShape;
 use crate::track::End;
 use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use coverage::{frame_warning, path_coverage, start_warning};
-pub use log::{EpisodeLog, EpisodeStart, RecordKind};
+pub use log::{EpisodeLog, EpisodeStart, RecordKind, is_base_frame};
 use plausible::HandLimits;
 pub use plausible::MeasuredPose;
 use thiserror::Error;
