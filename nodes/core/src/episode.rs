@@ -6,6 +6,7 @@
 mod coverage;
 mod log;
 mod plausible;
+mod spikes;
 
 use crate::grip::GripError;
 use crate::model::{DriveKind, StartKind};
