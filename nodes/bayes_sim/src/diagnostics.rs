@@ -360,7 +360,7 @@ mod tests {
     #[test]
     fn a_check_that_could_not_be_made_says_why_and_is_no_misfit() {
         let mut measured = track(0.0, false);
-        measured.frames.push(measured.frames[0].clone());
+        measured.frames.push(measured.frames[0]);
         let of = |end: End, camera: &Camera, measured: &Track| {
             predictive(&[(measured, vec![Track { end, ..track(0.0, false) }; 3])], camera)
         };
