@@ -8,10 +8,16 @@ const BACK_S: f64 = 0.1;
 const AHEAD_S: f64 = 0.5;
 /// Messages on either side of a step by which one is told from a recorder that stalled for a moment.
 const WINDOW: usize = 10;
+/// Pace up to which stamps and log run alike: stamps of a clock that is not simulated jitter by less.
+const PACE_NEAR_1: f64 = 1.05;
+/// Share by which another pace may vary over a gap: that of a simulation depends on its load.
+const PACE_VARIES: f64 = 0.1;
 /// How much longer than poses another stream may take from its stamp to the log, s: exposure, transport and a slow tracker.
 const LATE_S: f64 = 0.5;
 /// How much shorter, s: no message comes before it was measured.
 const EARLY_S: f64 = 0.1;
+/// Messages that were logged farther apart are not compared, s: where stamps run faster than the log, they differ.
+const TOGETHER_S: f64 = 0.1;
 /// Share of the messages that may lie nearer than a difference of two clocks: a stall of the recorder delays some.
 const OUTLIERS: f64 = 0.1;
 /// Messages of a stream below which nothing is said of its clock.
@@ -41,7 +47,8 @@ struct Step {
     by_s: f64,
 }
 
-/// Times of the messages of a bag, by topic, in order of log time.
+/// Times of the messages of a bag, by topic, in order of log time. Latched topics do not belong here: a recorder that starts
+/// late logs their old messages at its own time.
 #[derive(Debug, Default)]
 pub(crate) struct Clocks {
     topics: BTreeMap<String, Vec<Times>>,
@@ -73,22 +80,41 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// The first step of a topic's clock. A recorder that stalls logs late what was stamped in time, and recovers; a clock that was
-/// set stays so.
+/// The first step of a topic's clock, relative to its pace: a bag may have been recorded from simulated time or a replay that
+/// ran faster than the log's. A recorder that stalls logs late what was stamped in time, and recovers; a clock that was set
+/// stays so.
 fn step(times: &[Times]) -> Option<Step> {
     (1..times.len()).find_map(|i| {
         let stamps_s = since_s(times[i].stamp_ns, times[i - 1].stamp_ns);
         let log_s = since_s(times[i].log_ns, times[i - 1].log_ns);
-        if stamps_s >= -BACK_S && stamps_s <= log_s + AHEAD_S {
+        let (before, after) = (&times[i.saturating_sub(WINDOW)..i], &times[i..times.len().min(i + WINDOW)]);
+        let is_back = stamps_s < -BACK_S;
+        // Where no neighbours show the pace, any step ahead may be the pace's.
+        let pace = match pace(&[before, after]) {
+            Some(pace) => pace.max(1.0),
+            None if is_back => 1.0,
+            None => return None,
+        };
+        let expected_s = pace * log_s;
+        let varied_s = if pace > PACE_NEAR_1 { PACE_VARIES * expected_s } else { 0.0 };
+        if !is_back && stamps_s <= expected_s + varied_s + AHEAD_S {
             return None;
         }
-        let by_s = stamps_s - log_s;
-        let delay_s = |part: &[Times]| median(part.iter().map(|t| t.delay_s()).collect());
-        let before_s = delay_s(&times[i.saturating_sub(WINDOW)..i]);
-        let after_s = delay_s(&times[i..times.len().min(i + WINDOW)]);
-        let stays = (before_s - after_s).abs() > 0.5 * by_s.abs();
+        let by_s = stamps_s - expected_s;
+        let delay_s = |t: &Times| pace * since_s(t.log_ns, times[i].log_ns) - since_s(t.stamp_ns, times[i].stamp_ns);
+        let delays_s = |part: &[Times]| median(part.iter().map(delay_s).collect());
+        let stays = (delays_s(before) - delays_s(after)).abs() > 0.5 * by_s.abs();
         stays.then_some(Step { at_log_ns: times[i].log_ns, by_s })
     })
+}
+
+/// How fast the stamps of `parts` run, s per second of the log; none where nothing shows it.
+fn pace(parts: &[&[Times]]) -> Option<f64> {
+    let ends = parts.iter().filter_map(|part| Some((part.first()?, part.last()?)));
+    let (stamps_s, log_s) = ends.fold((0.0, 0.0), |(stamps_s, log_s), (first, last)| {
+        (stamps_s + since_s(last.stamp_ns, first.stamp_ns), log_s + since_s(last.log_ns, first.log_ns))
+    });
+    (log_s > 0.0).then_some(stamps_s / log_s)
 }
 
 /// One sentence for each step, with all topics whose clocks made it.
@@ -122,11 +148,13 @@ fn offset_s(times: &[Times], known: &[Times]) -> Option<f64> {
     let nearest = |t: &Times| {
         let next = known.partition_point(|k| k.log_ns < t.log_ns);
         let near = known[next.saturating_sub(1)..known.len().min(next + 1)].iter();
-        near.min_by_key(|k| k.log_ns.abs_diff(t.log_ns)).map(|k| t.delay_s() - k.delay_s())
+        let nearest = near.min_by_key(|k| k.log_ns.abs_diff(t.log_ns));
+        let together = nearest.filter(|k| since_s(k.log_ns, t.log_ns).abs() <= TOGETHER_S);
+        together.map(|k| t.delay_s() - k.delay_s())
     };
     let mut offsets: Vec<f64> = times.iter().filter_map(nearest).collect();
     offsets.sort_by(f64::total_cmp);
-    let at = |share: f64| offsets.get((share * (offsets.len() - 1) as f64).round() as usize).copied();
+    let at = |share: f64| offsets.get((share * offsets.len().saturating_sub(1) as f64).round() as usize).copied();
     let (low, high) = (at(OUTLIERS)?, at(1.0 - OUTLIERS)?);
     Some(if low > 0.0 { low } else { high.min(0.0) })
 }
@@ -183,6 +211,25 @@ mod tests {
         // A slow tracker, and a bag that was recorded from another at a quarter of the rate.
         let slow = clocks("/keypoints", |t| (4 * t + 150, t), clocks("/pose", |t| (4 * t, t), Clocks::default()));
         assert_eq!(slow.notes("/pose"), [] as [String; 0]);
+    }
+
+    #[test]
+    fn stamps_that_run_faster_than_the_log_step_only_where_their_pace_does() {
+        // A policy that acts twice a second, and rests for 20 s between two episodes, with a pose every half second.
+        let slowly = |t: i64| 1_000_000 + 50 * (t - 1_000_000);
+        let rests = |t: i64| slowly(t) + if t >= 1_002_000 { 20_000 } else { 0 };
+        for pace in [2, 5, 20] {
+            let poses = clocks("/pose", |t| (slowly(t) / pace, slowly(t)), Clocks::default());
+            let both = clocks("/action", |t| (rests(t) / pace, rests(t) + 7), poses);
+            assert_eq!(both.notes("/pose"), [] as [String; 0], "{pace}");
+            let set = |t: i64| (t / pace, if t >= 1_002_000 { t + 900 } else { t });
+            let notes = clocks("/pose", set, Clocks::default()).notes("/pose");
+            assert!(notes.len() == 1 && notes[0].contains("steps ahead by 0."), "{notes:?}");
+        }
+        let mut two = Clocks::default();
+        two.push("/action", 1, 1);
+        two.push("/action", 6_000_000_000, 11_000_000_000);
+        assert_eq!(two.notes("/pose"), [] as [String; 0]);
     }
 
     #[test]

@@ -61,7 +61,7 @@ impl Feed for PoseStamped {
             let expected = "a unit quaternion".to_owned();
             return Err(ConvertError { field: "pose.orientation", expected, got: format!("one of norm {norm:.3}") });
         }
-        log.push_frame(&self.header.frame_id);
+        log.push_frame(self.stamp_ns(), &self.header.frame_id);
         log.push_pose(self.stamp_ns(), MeasuredPose { grip: grip_pose_from_msg(&self.pose), y_m: p.y });
         Ok(())
     }

@@ -6,6 +6,7 @@ use crate::error::BagError;
 use crate::reader::{BagMessage, BagReader};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{EpisodeLog, Model};
+use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_shell::contract;
@@ -163,7 +164,10 @@ fn record(
     ) -> Result<(), String> {
         let record = message.decode::<T>().map_err(|e| e.to_string())?;
         let stamp_ns = record.stamp_ns();
-        clocks.push(&message.topic.name, message.log_time_ns, stamp_ns);
+        // A latched topic, as that of events is, tells a recorder that starts late of what was long ago.
+        if !is_latched(message) {
+            clocks.push(&message.topic.name, message.log_time_ns, stamp_ns);
+        }
         record.feed(log).map_err(|e| format!("stamp {:.6} s: {e}", stamp_ns as f64 * 1e-9))
     }
     match &message.topic.name {
@@ -173,4 +177,10 @@ fn record(
         name if *name == topics.action => feed::<EefDelta>(log, clocks, message),
         _ => feed::<EpisodeEvent>(log, clocks, message),
     }
+}
+
+/// Whether a message may have been published before it could be logged: events are latched by contract, whatever a converted
+/// bag says of its profiles, and other topics where a publisher offered it.
+fn is_latched(message: &BagMessage) -> bool {
+    message.topic.type_name == EpisodeEvent::TYPE_NAME || message.topic.qos.iter().any(|qos| qos.is_transient_local())
 }

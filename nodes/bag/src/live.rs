@@ -1,7 +1,7 @@
 //! Episodes of the running graph.
 
 use crate::convert::Feed;
-use catenary_core::episode::EpisodeError;
+use catenary_core::episode::{EpisodeError, is_base_frame};
 use catenary_core::{Episode, EpisodeLog};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
@@ -17,8 +17,6 @@ const TIDY: Duration = Duration::from_secs(5);
 const SILENCE: Duration = Duration::from_secs(1);
 /// Longest time for which an episode is expected to go on: a node that dies does not tell its end.
 const LONGEST: Duration = Duration::from_secs(120);
-/// Frame of the arm's poses.
-const BASE_FRAME: &str = "panda_link0";
 /// How often a goal that waits for an episode looks for it.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -44,9 +42,13 @@ impl LiveEpisodes {
         let events = intake::<EpisodeEvent>(node, &contract::EPISODE_EVENT, events)?;
         let needed = [keypoints.clone(), poses.clone()];
         let (watching, clock) = (needed.clone(), node.clock().clone());
+        let doubted = poses.clone();
         let subscriptions = [
             follow::<Keypoints>(node, &log, &keypoints, |_| Ok(()))?,
-            follow::<PoseStamped>(node, &log, &poses, in_base_frame)?,
+            follow::<PoseStamped>(node, &log, &poses, move |pose| {
+                doubt_frame(&doubted, pose);
+                Ok(())
+            })?,
             follow::<EefDelta>(node, &log, &actions, |_| Ok(()))?,
             follow::<Observation>(node, &log, &observations, |_| Ok(()))?,
             follow::<EpisodeEvent>(node, &log, &events, move |event| {
@@ -129,10 +131,10 @@ fn follow<M: Msg + Feed>(
     })
 }
 
-/// Refuses poses in a frame that the model's arm does not stand in.
-fn in_base_frame(pose: &PoseStamped) -> Result<(), Flaw> {
-    match &pose.header.frame_id[..] {
-        BASE_FRAME => Ok(()),
-        other => Err(Flaw::new("frame", format!("expected frame `{BASE_FRAME}`, got `{other}`"))),
+/// Doubts a pose in a frame that the model's arm does not stand in. The log notes it, and uses the pose as a bag's is.
+fn doubt_frame(poses: &Intake, pose: &PoseStamped) {
+    let frame = &pose.header.frame_id;
+    if !is_base_frame(frame) {
+        poses.doubt(&Flaw::new("frame", format!("expected frame `panda_link0`, got `{frame}`")));
     }
 }

@@ -194,6 +194,38 @@ fn stamps_that_are_none_step_or_differ_are_named() {
 }
 
 #[test]
+fn latched_events_of_an_earlier_episode_are_no_clock_that_was_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag");
+    let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
+    let messages: Vec<BagMessage> = sample().messages_of(&[POSE, KEYPOINTS, EVENT]).map(Result::unwrap).collect();
+    let logged_ns = messages[0].log_time_ns;
+    // A recorder that starts an hour after an episode hears of it first.
+    for message in messages.iter().filter(|m| m.topic.name == EVENT) {
+        let mut event = decoded::<EpisodeEvent>(message);
+        Change::Event(&mut event).shift(-3_600_000_000_000);
+        event.episode -= 1;
+        let topic = bag.add_topic_of::<EpisodeEvent>(EVENT, message.topic.qos[0]).unwrap();
+        bag.write(topic, logged_ns, logged_ns, &event).unwrap();
+    }
+    fn copy<T: Interface + Serialize + DeserializeOwned>(bag: &mut BagWriter, message: &BagMessage) {
+        let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
+        bag.write(topic, message.log_time_ns, message.publish_time_ns, &decoded::<T>(message)).unwrap();
+    }
+    for message in &messages {
+        match message.topic.name.as_str() {
+            POSE => copy::<PoseStamped>(&mut bag, message),
+            KEYPOINTS => copy::<Keypoints>(&mut bag, message),
+            _ => copy::<EpisodeEvent>(&mut bag, message),
+        }
+    }
+    bag.finish().unwrap();
+    assert_eq!(episode_notes(&BagReader::open(&path).unwrap()), [] as [String; 0]);
+    let measured = read_measured(&[path], &[], &model()).unwrap().remove(0);
+    assert_eq!(measured, whole());
+}
+
+#[test]
 fn an_episode_that_ended_with_a_fault_is_refused_unless_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let bag = changed(folder.path(), |change| {

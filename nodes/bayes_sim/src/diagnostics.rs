@@ -1,6 +1,7 @@
 //! What should make one doubt a posterior.
 
 use catenary_core::mixture::MixtureError;
+use catenary_core::track::End;
 use catenary_core::{Camera, Posterior, Track};
 use serde::{Deserialize, Serialize};
 
@@ -52,6 +53,31 @@ pub struct Predictive {
     pub draws: usize,
 }
 
+/// Why posterior draws were not compared with the measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unchecked {
+    /// No draw could be simulated up to the last measured frame.
+    NoDraw,
+    /// Each draw that could be simulated reached the goal of the task, and ended, before the last measured frame of an episode.
+    GoalReached,
+    /// The camera cannot place a keypoint in the plane of motion.
+    NotPlaced,
+}
+
+impl Unchecked {
+    /// What to say of a posterior that does fit, as far as is known; nothing where [`misfit`] speaks.
+    pub fn warning(self) -> Option<String> {
+        let why = match self {
+            Self::NoDraw => return None,
+            Self::GoalReached => {
+                "every simulated draw reached the goal and ended before the last measured frame; set task.success_reward to 2, which nothing reaches, to have them go on"
+            }
+            Self::NotPlaced => "the model's camera cannot place a keypoint in the plane of motion",
+        };
+        Some(format!("the posterior's predictions were not compared with the measurement: {why}"))
+    }
+}
+
 /// Measured keypoints outside of what the camera sees.
 pub fn out_of_view(track: &Track) -> usize {
     let inside = |p: &&[f64; 2]| p.iter().all(|v| (-1.0..=1.0).contains(v));
@@ -59,15 +85,21 @@ pub fn out_of_view(track: &Track) -> usize {
 }
 
 /// Compares tracks simulated from posterior draws, noise included, with the measured ones: for each measured episode, its
-/// track and those of the draws. None where no draw reached every measured frame of all of them, or the camera cannot place
-/// a keypoint in the plane.
-pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Option<Predictive> {
+/// track and those of the draws.
+///
+/// # Errors
+/// [`Unchecked`] where no draw reached every measured frame of all of them, or the camera cannot place a keypoint.
+pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Result<Predictive, Unchecked> {
     let finite = |t: &Track| t.frames.iter().all(|f| f.dlo.as_flattened().iter().all(|v| v.is_finite()));
-    let draws = episodes.iter().map(|(_, tracks)| tracks.len()).min()?;
-    let usable =
-        |i: &usize| episodes.iter().all(|(m, tracks)| tracks[*i].frames.len() >= m.frames.len() && finite(&tracks[*i]));
-    let whole: Vec<usize> = (0..draws).filter(usable).collect();
-    let place = |p: [f64; 2]| camera.plane_from_scaled(p);
+    let draws = episodes.iter().map(|(_, tracks)| tracks.len()).min().unwrap_or(0);
+    let reaches = |m: &Track, t: &Track| t.frames.len() >= m.frames.len();
+    let all = |i: usize, check: &dyn Fn(&Track, &Track) -> bool| episodes.iter().all(|(m, t)| check(m, &t[i]));
+    let whole: Vec<usize> = (0..draws).filter(|i| all(*i, &|m, t| reaches(m, t) && finite(t))).collect();
+    if whole.is_empty() {
+        let ended = (0..draws).any(|i| all(i, &|m, t| finite(t) && (reaches(m, t) || t.end == End::Success)));
+        return Err(if ended { Unchecked::GoalReached } else { Unchecked::NoDraw });
+    }
+    let place = |p: [f64; 2]| camera.plane_from_scaled(p).ok_or(Unchecked::NotPlaced);
     let (mut squares, mut widths, mut inside, mut count) = (0.0, 0.0, 0usize, 0usize);
     let mut measured_points: Vec<[f64; 2]> = Vec::new();
     let mut distances = vec![0.0; whole.len() + 1];
@@ -78,7 +110,7 @@ pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Option<
             for k in 0..4 {
                 let seen = place(frame.dlo[k])?;
                 measured_points.push(seen);
-                let points = drawn.iter().map(|d| place(d[k])).collect::<Option<Vec<[f64; 2]>>>()?;
+                let points = drawn.iter().map(|d| place(d[k])).collect::<Result<Vec<[f64; 2]>, Unchecked>>()?;
                 for axis in 0..2 {
                     let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
                     add_distances(&mut distances, &values, seen[axis]);
@@ -96,7 +128,10 @@ pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Option<
     let farther = distances[1..].iter().filter(|d| **d >= distances[0]).count();
     // Two coordinates make one keypoint's distance.
     let root = |sum: f64, n: f64| 1e3 * (sum / n).sqrt();
-    (count > 0 && !whole.is_empty()).then(|| Predictive {
+    if count == 0 {
+        return Err(Unchecked::NoDraw);
+    }
+    Ok(Predictive {
         rmse_mm: root(squares, 0.5 * count as f64),
         coverage: inside as f64 / count as f64,
         half_width_mm: root(widths, count as f64),
@@ -211,12 +246,17 @@ pub fn doubts(mass_outside: f64, effective_sample_size: f64, predictive: Option<
     warnings
 }
 
-/// Why a posterior fits nothing of the measurement, in words, where its check was made and failed outright: no draw is as far
+/// Why a posterior fits nothing of the measurement, in words, where its check failed outright: no draw can be simulated, or none is as far
 /// from the others as the measurement is, and that lies far outside of the band or beyond what its own middle would predict.
 /// A model that merely lacks something is warned of by [`doubts`].
-pub fn misfit(predictive: Option<&Predictive>) -> Option<String> {
-    let Some(p) = predictive else {
-        return Some("no draw of the posterior could be simulated up to the last measured frame".into());
+pub fn misfit(predictive: &Result<Predictive, Unchecked>) -> Option<String> {
+    let p = match predictive {
+        Ok(p) => p,
+        Err(Unchecked::NoDraw) => {
+            return Some("no draw of the posterior could be simulated up to the last measured frame".into());
+        }
+        // Nothing is known that speaks against the posterior: a warning tells that.
+        Err(Unchecked::GoalReached | Unchecked::NotPlaced) => return None,
     };
     let is_rank_last = p.p_value * (p.draws as f64 + 1.0) <= 1.0 + 1e-9;
     let is_far = p.coverage < NO_COVERAGE && p.rmse_mm > FAR_HALF_WIDTHS * p.half_width_mm;
@@ -236,7 +276,6 @@ pub fn misfit(predictive: Option<&Predictive>) -> Option<String> {
 mod tests {
     use super::*;
     use catenary_core::camera::Plane;
-    use catenary_core::track::End;
     use catenary_core::{Frame, Mixture, Parameter, ParameterSpace, Prior};
     use nalgebra::{DMatrix, DVector};
 
@@ -264,7 +303,7 @@ mod tests {
         let centred: Vec<Track> = (0..21).map(|i| track(0.001 * (f64::from(i) - 10.0), false)).collect();
         let of = |draws: Vec<Track>| predictive(&[(&track(0.0, true), draws)], &CAMERA);
         assert_eq!(of(centred.clone()).unwrap().coverage, 1.0);
-        assert_eq!(of(Vec::new()), None);
+        assert_eq!(of(Vec::new()), Err(Unchecked::NoDraw));
         let broken: Vec<Track> = centred.iter().cloned().chain([track(f64::NAN, false)]).collect();
         assert_eq!(of(broken), of(centred), "a track that is no number predicts nothing");
     }
@@ -303,18 +342,40 @@ mod tests {
         let good =
             Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
         let lowest = 1.0 / 51.0;
-        assert_eq!(misfit(Some(&good)), None);
-        assert_eq!(misfit(Some(&Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good })), None);
-        assert_eq!(misfit(Some(&Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good })), None);
-        let far = misfit(Some(&Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good })).unwrap();
+        let misfit = |check: Result<Predictive, Unchecked>| super::misfit(&check);
+        assert_eq!(misfit(Ok(good.clone())), None);
+        assert_eq!(misfit(Ok(Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good })), None);
+        assert_eq!(misfit(Ok(Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good })), None);
+        let far = misfit(Ok(Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good })).unwrap();
         assert!(far.contains("15.0 mm off") && far.contains("8 times") && far.contains("10 %"), "{far}");
-        assert!(misfit(Some(&Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good })).is_some());
+        assert!(misfit(Ok(Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good })).is_some());
         // Of a posterior after a few simulations.
         let wide = Predictive { rmse_mm: 150.0, half_width_mm: 90.0, coverage: 0.4, p_value: 0.09, ..good };
-        assert_eq!(misfit(Some(&wide)), None);
-        assert!(misfit(Some(&Predictive { p_value: lowest, ..wide })).is_some());
-        assert!(misfit(Some(&Predictive { rmse_mm: f64::NAN, ..good })).is_some());
-        assert!(misfit(None).unwrap().contains("no draw"));
+        assert_eq!(misfit(Ok(wide.clone())), None);
+        assert!(misfit(Ok(Predictive { p_value: lowest, ..wide })).is_some());
+        assert!(misfit(Ok(Predictive { rmse_mm: f64::NAN, ..good })).is_some());
+        assert!(misfit(Err(Unchecked::NoDraw)).unwrap().contains("no draw"));
+    }
+
+    #[test]
+    fn a_check_that_could_not_be_made_says_why_and_is_no_misfit() {
+        let mut measured = track(0.0, false);
+        measured.frames.push(measured.frames[0]);
+        let of = |end: End, camera: &Camera, measured: &Track| {
+            predictive(&[(measured, vec![Track { end, ..track(0.0, false) }; 3])], camera)
+        };
+        let reached = of(End::Success, &CAMERA, &measured);
+        assert_eq!(reached, Err(Unchecked::GoalReached));
+        assert_eq!(super::misfit(&reached), None);
+        assert!(Unchecked::GoalReached.warning().unwrap().contains("reached the goal"));
+        assert_eq!(of(End::LeftWorkspace, &CAMERA, &measured), Err(Unchecked::NoDraw));
+        // A camera that looks away from the plane.
+        let pinhole = include_str!("../../../launch_configs/models/soft_bar.yaml");
+        let mut away = catenary_core::Model::from_yaml(pinhole).unwrap().camera.view;
+        if let Camera::Pinhole(p) = &mut away {
+            p.look_at_m = std::array::from_fn(|i| 2.0 * p.position_m[i] - p.look_at_m[i]);
+        }
+        assert_eq!(of(End::Complete, &away, &track(0.0, false)), Err(Unchecked::NotPlaced));
     }
 
     #[test]

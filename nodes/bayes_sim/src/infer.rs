@@ -90,7 +90,7 @@ pub fn infer(
     let number = iterations.len();
     let failed = |reason| InferenceError::Posterior { iteration: number, reason };
     let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
-    let predictive = match settings.predictive_draws {
+    let checked = match settings.predictive_draws {
         0 => None,
         draws => {
             let seed = seed::derive(settings.seed, PREDICTIVE_STREAM);
@@ -101,10 +101,12 @@ pub fn infer(
                 ControlFlow::Break(()) => Err(InferenceError::Cancelled { simulations }),
             };
             let predicted = predictions(&observed, &thetas, settings.seed, simulator, &mut tick)?;
-            diagnostics::predictive(&predicted, &model.camera.view)
+            Some(diagnostics::predictive(&predicted, &model.camera.view))
         }
     };
-    let misfit = if settings.predictive_draws > 0 { diagnostics::misfit(predictive.as_ref()) } else { None };
+    let misfit = checked.as_ref().and_then(diagnostics::misfit);
+    let unchecked = checked.as_ref().and_then(|check| check.as_ref().err()?.warning());
+    let predictive = checked.and_then(Result::ok);
     let marginals = posterior.marginals().map_err(failed)?;
     let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();
     warnings.extend(
@@ -117,6 +119,7 @@ pub fn infer(
     warnings.extend(diagnostics::edges(&posterior).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
+    warnings.extend(unchecked);
     if outside > 0 {
         warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
     }

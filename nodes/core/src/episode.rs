@@ -6,6 +6,7 @@
 mod coverage;
 mod log;
 mod plausible;
+mod spikes;
 
 use crate::grip::GripError;
 use crate::model::{DriveKind, StartKind};
@@ -13,7 +14,7 @@ use crate::simulator::StartShape;
 use crate::track::End;
 use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use coverage::{frame_warning, path_coverage, start_warning};
-pub use log::{EpisodeLog, EpisodeStart, RecordKind};
+pub use log::{EpisodeLog, EpisodeStart, RecordKind, is_base_frame};
 use plausible::HandLimits;
 pub use plausible::MeasuredPose;
 use thiserror::Error;
@@ -300,7 +301,7 @@ fn start_shape(
     let mut seen = keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
     let mut placed = || {
         let (time_s, k) = seen.next()?;
-        let points = k.dlo_px.map(|px| camera.plane_from_mask(px));
+        let points = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
         let [a, b, c, d] = points;
         let p = grip.at(*time_s);
         Some((*time_s, order_from([p.x_m, p.z_m], [a?, b?, c?, d?])))

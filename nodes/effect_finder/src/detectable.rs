@@ -4,7 +4,7 @@ use crate::calibrate::best_fit;
 use crate::candidate::Candidate;
 use crate::case::Case;
 use crate::error::FinderError;
-use crate::fit::{Fit, Problem, Start};
+use crate::fit::{Fit, OnRound, Problem, Start};
 use crate::settings::Settings;
 use catenary_core::Track;
 use nalgebra::DVector;
@@ -43,16 +43,26 @@ pub struct Limit {
 /// Limits of detection of the candidates, to first order: the present model's answer to each effect is a step along its
 /// derivatives at `fit`. [`detectable_size`] fits it anew instead, which takes a hundred times as long.
 ///
+/// `on_round` may end it before each candidate.
+///
 /// # Errors
-/// [`FinderError::NoFit`] where the present model cannot be simulated at the fit.
-pub fn limits(problem: &Problem<'_>, fit: &Fit, candidates: &[Candidate]) -> Result<Vec<Limit>, FinderError> {
+/// [`FinderError::NoFit`] where the present model cannot be simulated at the fit, [`FinderError::Cancelled`] where `on_round`
+/// breaks.
+pub fn limits(
+    problem: &Problem<'_>,
+    fit: &Fit,
+    candidates: &[Candidate],
+    on_round: OnRound<'_>,
+) -> Result<Vec<Limit>, FinderError> {
     let own = problem.tracks(&[&fit.point])?.pop().ok_or_else(|| FinderError::NoFit("no track came".into()))?;
-    let limit = |c: &Candidate| Limit {
-        name: c.name.clone(),
-        title: c.title.clone(),
-        size: first_order_size(problem, fit, &own, c),
+    let limit = |c: &Candidate| {
+        if on_round().is_break() {
+            return Err(FinderError::Cancelled("limits"));
+        }
+        let size = first_order_size(problem, fit, &own, c);
+        Ok(Limit { name: c.name.clone(), title: c.title.clone(), size })
     };
-    Ok(candidates.iter().map(limit).collect())
+    candidates.iter().map(limit).collect()
 }
 
 fn first_order_size(problem: &Problem<'_>, fit: &Fit, own: &[Track], candidate: &Candidate) -> Option<f64> {
@@ -234,7 +244,15 @@ mod tests {
             odds: 1.0,
         };
         let mass = Candidate { prior, range: [0.0, 1.0], ..named("tip_mass_kg", 1.0) };
-        let found = limits(&problem, &fit, &[mass, named("tip_mass_kg", 1e-6)]).unwrap();
+        let candidates = [mass, named("tip_mass_kg", 1e-6)];
+        let mut asked = 0;
+        let mut once = || {
+            asked += 1;
+            if asked > 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let stopped = limits(&problem, &fit, &candidates, &mut once);
+        assert!(matches!(stopped, Err(FinderError::Cancelled(_))), "{stopped:?}");
+        let found = limits(&problem, &fit, &candidates, &mut || ControlFlow::Continue(())).unwrap();
         let (first_order, fitted) = (found[0].size.unwrap(), size(&toy, gain).unwrap());
         assert!((first_order / fitted - 1.0).abs() < 0.1, "{first_order} {fitted}");
         assert_eq!(found[1].size, None, "a range that ends before it shows");

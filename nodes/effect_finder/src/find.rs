@@ -218,7 +218,9 @@ impl<'a> Search<'a> {
         let places = localise::localise(&fit, &self.problem.channels(), &detection);
         let mut outcome =
             Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
-        outcome.finding.limits = limits(self.problem, &fit, self.question.candidates)?;
+        let (problem, candidates) = (self.problem, self.question.candidates);
+        outcome.finding.limits =
+            self.telling.in_rounds(Stage::Detect, |on_round| limits(problem, &fit, candidates, on_round))?;
         let mut is_narrow = false;
         if is_gap {
             self.telling.conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;

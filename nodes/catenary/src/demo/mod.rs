@@ -12,6 +12,7 @@ pub mod summary;
 
 use crate::cli::DemoArgs;
 use crate::launch::{self, Process, Supervisor};
+use crate::misfit::Misfit;
 use crate::served::{show_inference, show_training};
 use crate::wrong_input::Given;
 use crate::{output, progress};
@@ -117,7 +118,8 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     summary.write(&demo.folder)?;
     let page = page::write(&demo.folder, &summary)?;
     eprintln!("report: {}", page.display());
-    output::result(&arguments.output, &summary, Summary::words)
+    output::result(&arguments.output, &summary, Summary::words)?;
+    Misfit::check(summary.inference.misfit.as_ref(), &demo.folder)
 }
 
 /// Builds the report of a demo's folder again.
@@ -369,6 +371,8 @@ impl Demo {
             mass_outside: result.mass_outside,
             simulations: result.simulations,
             warnings: result.warnings.clone(),
+            // With success, the message is why the posterior fits nothing.
+            misfit: (!result.message.is_empty()).then(|| result.message.clone()),
         })
     }
 }

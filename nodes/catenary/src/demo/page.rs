@@ -3,6 +3,7 @@
 use super::story::{REPEATS, quantity, training_words};
 use super::summary::{Episode, Summary};
 use crate::evaluate::{Estimate, Evaluated};
+use crate::misfit::Misfit;
 use crate::report::plots::{self, Series};
 use crate::report::{Mark, Page, Picture, posterior};
 use anyhow::{Context, Result};
@@ -69,6 +70,7 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     };
     let rows: Vec<Vec<String>> = summary.inference.marginals.iter().zip(&summary.truth).map(row).collect();
     page.table(&["", "hidden", "found", "with 90 %"], &rows);
+    summary.inference.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
     for warning in &summary.inference.warnings {
         page.warning(warning);
     }

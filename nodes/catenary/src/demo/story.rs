@@ -3,6 +3,7 @@
 use super::summary::{Episode, Summary};
 use crate::evaluate::Evaluated;
 use crate::figures::figures;
+use crate::misfit::Misfit;
 use catenary_core::Goal;
 use catenary_core::posterior::Marginal;
 use catenary_core::track::End;
@@ -105,7 +106,8 @@ impl Summary {
 
     /// The summary in a few lines.
     pub fn words(&self) -> String {
-        let mut lines = vec![self.headline()];
+        let mut lines: Vec<String> = self.inference.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+        lines.push(self.headline());
         lines.extend(self.findings());
         lines.push(self.aim());
         for (episode, scored) in self.episodes.iter().zip(&self.evaluation.policies) {

@@ -71,6 +71,9 @@ pub struct Inference {
     pub simulations: u32,
     /// What the service warns of.
     pub warnings: Vec<String>,
+    /// Why the posterior fits nothing of the recording; none where it does, or the demo is of an older program.
+    #[serde(default)]
+    pub misfit: Option<String>,
 }
 
 /// One training.

@@ -17,6 +17,9 @@ const RECENT_NS: i64 = 2_000_000_000;
 /// Longest episode that a live log waits for the end of, ns: a start that is older was left by a node that died.
 const OPEN_NS: i64 = 3_600_000_000_000;
 
+/// Share of the records of a kind from which stamps of 0 are more than the first moments of a node that has no clock yet.
+const UNSTAMPED: f64 = 0.05;
+
 /// The start of an episode, as `/episode/event` reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeStart {
@@ -64,6 +67,11 @@ pub(super) fn is_fault(reason: &str) -> bool {
     ["fault", "error", "abort", "failed", "failure"].iter().any(|word| reason.starts_with(word))
 }
 
+/// Whether poses in `frame` are in that of the arm's base: an empty one stands for it, and tf's first release wrote a slash.
+pub fn is_base_frame(frame: &str) -> bool {
+    frame.is_empty() || frame.trim_start_matches('/') == BASE_FRAME
+}
+
 /// Records of the steps of episodes: by number of the episode, stamp in ns and number of the step.
 type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 
@@ -83,10 +91,10 @@ pub struct EpisodeLog {
     ends: BTreeMap<(u32, i64), String>,
     /// Stamp of the record that came last.
     newest_ns: Option<i64>,
-    /// Records with the stamp 0, by kind: of a publisher without a clock.
-    unstamped: BTreeMap<RecordKind, usize>,
-    /// Poses in other frames than that of the arm's base, by frame.
-    foreign_frames: BTreeMap<String, usize>,
+    /// Records by kind: those with the stamp 0, of a publisher without a clock, and all.
+    counts: BTreeMap<RecordKind, (usize, usize)>,
+    /// Frames of poses that are not in that of the arm's base, by stamp.
+    foreign_frames: BTreeMap<i64, String>,
     /// What is doubtful about the recording, in words.
     notes: Vec<String>,
 }
@@ -109,19 +117,21 @@ impl EpisodeLog {
 
     /// What is doubtful about the recording as a whole, in words: stamps, frames, and what [`Self::note`] was told.
     pub fn notes(&self) -> Vec<String> {
-        let frame = |(frame, count): (&String, &usize)| {
+        let frame = |(frame, count): (&&String, &usize)| {
             format!(
                 "{POSES}: header.frame_id: expected \"{BASE_FRAME}\", got \"{frame}\" in {count} poses, which are used as if it were: where it is another frame, transform them and record again"
             )
         };
-        let frames = self.foreign_frames.iter().map(frame);
+        let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
+        self.foreign_frames.values().for_each(|frame| *counts.entry(frame).or_default() += 1);
+        let frames = counts.iter().map(frame);
         self.unstamped_note().into_iter().chain(frames).chain(self.notes.iter().cloned()).collect()
     }
 
-    /// What to say of records without a stamp. A single one is the first moment of a simulated clock.
+    /// What to say of records without a stamp. A few are the first moments of a simulated clock.
     fn unstamped_note(&self) -> Option<String> {
-        let many = self.unstamped.iter().filter(|(_, count)| **count > 1);
-        let named: Vec<String> = many.map(|(kind, count)| format!("{count} {}", kind.plural())).collect();
+        let many = self.counts.iter().filter(|(_, (none, all))| *none > 1 && *none as f64 > UNSTAMPED * *all as f64);
+        let named: Vec<String> = many.map(|(kind, (none, _))| format!("{none} {}", kind.plural())).collect();
         // Keypoints and poses come first in the order of kinds: they are what an inference lacks.
         let (listed, others) = match named.as_slice() {
             [] => return None,
@@ -139,15 +149,15 @@ impl EpisodeLog {
     /// Takes note of the stamp of a record.
     fn stamped(&mut self, kind: RecordKind, stamp_ns: i64) {
         self.newest_ns = Some(stamp_ns);
-        if stamp_ns == 0 {
-            *self.unstamped.entry(kind).or_default() += 1;
-        }
+        let (none, all) = self.counts.entry(kind).or_default();
+        *none += usize::from(stamp_ns == 0);
+        *all += 1;
     }
 
-    /// Takes note of the frame of a pose; an empty one stands for the arm's base.
-    pub fn push_frame(&mut self, frame: &str) {
-        if !frame.is_empty() && frame.trim_start_matches('/') != BASE_FRAME {
-            *self.foreign_frames.entry(frame.to_owned()).or_default() += 1;
+    /// Takes note of the frame of the pose at `stamp_ns`.
+    pub fn push_frame(&mut self, stamp_ns: i64, frame: &str) {
+        if !is_base_frame(frame) {
+            self.foreign_frames.insert(stamp_ns, frame.to_owned());
         }
     }
 
@@ -220,10 +230,15 @@ impl EpisodeLog {
         let kept = |stamp_ns: i64| stamp_ns >= from_ns || whole.as_ref().is_some_and(|w| w.contains(&stamp_ns));
         self.keypoints.retain(|stamp_ns, _| kept(*stamp_ns));
         self.poses.retain(|stamp_ns, _| kept(*stamp_ns));
+        self.foreign_frames.retain(|stamp_ns, _| kept(*stamp_ns));
         self.actions.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
         self.observations.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
         self.starts.retain(|(_, stamp_ns), _| kept(*stamp_ns));
         self.ends.retain(|(_, stamp_ns), _| kept(*stamp_ns));
+        // What had no stamp is gone.
+        if !kept(0) {
+            self.counts.clear();
+        }
     }
 
     /// What the log holds, in words.

@@ -1,5 +1,6 @@
 //! Samples that cannot be true: a hand and an object move at finite speeds, in metres, near the arm.
 
+use super::spikes::spikes;
 use crate::keypoints::KeypointOrder;
 use crate::model::ArmLaw;
 use crate::{Camera, GripPose, GripTrajectory, Keypoints, Model, Observation};
@@ -9,10 +10,12 @@ pub(super) const POSES: &str = "/panda/current_pose";
 /// Topic of the keypoints.
 pub(super) const KEYPOINTS: &str = "/dlo/keypoints";
 
-/// Cartesian speed limits of the Panda's hand: m/s and rad/s ("Limits for Panda" in Franka's documentation,
+/// Cartesian limits of the Panda's hand: m/s, rad/s, m/s^2 and rad/s^2 ("Limits for Panda" in Franka's documentation,
 /// https://frankaemika.github.io/docs/control_parameters.html).
 const PANDA_M_S: f64 = 1.7;
 const PANDA_RAD_S: f64 = 2.5;
+const PANDA_M_S2: f64 = 13.0;
+const PANDA_RAD_S2: f64 = 25.0;
 /// Factor on the limits: another arm, and speeds that joint motions reach beyond the Cartesian limits.
 const MARGIN: f64 = 2.0;
 /// Distance that needs no time, m and rad: stamps that jitter by 10 ms move a pose at the limits by as much.
@@ -20,13 +23,15 @@ const SLACK_M: f64 = 0.02;
 const SLACK_RAD: f64 = 0.03;
 /// Greatest speed of a keypoint, m/s: five times that of the fastest end among recordings of cables that two arms swing.
 const KEYPOINT_M_S: f64 = 10.0;
+/// Greatest acceleration of a keypoint, m/s^2: twice that of the fastest such end, 2 m/s, on a circle of 0.1 m.
+const KEYPOINT_M_S2: f64 = 80.0;
 /// Distance that a keypoint may move in no time, m: trackers slide along the object, and find it anew.
 const KEYPOINT_SLACK_M: f64 = 0.05;
 /// Age of the pose in an observation, s, at the greatest speed: at those of a policy it may be three times as old.
 const OBSERVATION_AGE_S: f64 = 0.05;
 /// Reach of a Panda from the origin of panda_link0, m: 0.855 m from the shoulder at 0.333 m, and 0.21 m of flange and hand.
 const REACH_M: f64 = 1.4;
-/// Share of the poses that may be left out: of more, nobody knows which ones are right.
+/// Share of the poses, or frames, that may be left out: of more, nobody knows which ones are right.
 const MOST_LEFT_OUT: f64 = 0.2;
 /// Distance of the hand from the plane y = 0, m, from which it is worth a warning: the position jitter of a camera is 5 mm,
 /// and 2 cm at a distance of 1.15 m change lengths by 2 %.
@@ -62,9 +67,14 @@ impl MeasuredPose {
 
     /// Turn in rad between the orientations, the shorter way round.
     fn turn(&self, other: &Self) -> f64 {
-        let turn = self.grip.pitch_rad - other.grip.pitch_rad;
-        (turn - std::f64::consts::TAU * (turn / std::f64::consts::TAU).round()).abs()
+        turn_rad(self, other).abs()
     }
+}
+
+/// Turn in rad from `b` to `a`, the shorter way round.
+fn turn_rad(a: &MeasuredPose, b: &MeasuredPose) -> f64 {
+    let turn = a.grip.pitch_rad - b.grip.pitch_rad;
+    turn - std::f64::consts::TAU * (turn / std::f64::consts::TAU).round()
 }
 
 /// Samples that can be used, with what to say of the others.
@@ -81,6 +91,8 @@ pub(super) struct Plausible<T> {
 pub(super) struct HandLimits {
     /// Greatest speed in m/s.
     speed_m_s: f64,
+    /// Greatest speed in m/s from which it turns back at once, as the model's arm does.
+    turn_back_m_s: f64,
     /// Greatest distance from the origin of panda_link0 that any hand is at, m.
     reach_m: f64,
 }
@@ -88,7 +100,7 @@ pub(super) struct HandLimits {
 impl Default for HandLimits {
     /// A Panda, with a margin.
     fn default() -> Self {
-        Self { speed_m_s: MARGIN * PANDA_M_S, reach_m: MARGIN * REACH_M }
+        Self { speed_m_s: MARGIN * PANDA_M_S, turn_back_m_s: 0.0, reach_m: MARGIN * REACH_M }
     }
 }
 
@@ -100,17 +112,53 @@ impl HandLimits {
             ArmLaw::Impedance(_) => 0.0,
         };
         let start = &model.arm.start;
-        Self { speed_m_s: MARGIN * PANDA_M_S.max(own_m_s), reach_m: MARGIN * REACH_M + start.x_m.hypot(start.z_m) }
+        Self {
+            speed_m_s: MARGIN * PANDA_M_S.max(own_m_s),
+            turn_back_m_s: own_m_s,
+            reach_m: MARGIN * REACH_M + start.x_m.hypot(start.z_m),
+        }
     }
 
     /// Whether a hand can be at `b` so long after it was at `a`, s.
     fn allow(&self, a: &MeasuredPose, b: &MeasuredPose, time_s: f64) -> bool {
-        self.allow_distance(a.distance(b), time_s) && a.turn(b) <= MARGIN * PANDA_RAD_S * time_s + SLACK_RAD
+        self.allow_distance(a.distance(b), time_s) && a.turn(b) <= turn_limit_rad(time_s)
     }
 
     fn allow_distance(&self, distance_m: f64, time_s: f64) -> bool {
-        distance_m <= self.speed_m_s * time_s + SLACK_M
+        distance_m <= self.distance_limit_m(time_s)
     }
+
+    fn distance_limit_m(&self, time_s: f64) -> f64 {
+        self.speed_m_s * time_s + SLACK_M
+    }
+
+    /// Flags of poses that leave the path of their neighbours and come back faster than it can.
+    fn spikes(&self, samples: &[(f64, MeasuredPose)]) -> Vec<bool> {
+        let position = |p: &MeasuredPose| [p.grip.x_m, p.grip.z_m, p.y_m];
+        let moved =
+            spikes(samples, [MARGIN * PANDA_M_S2, self.turn_back_m_s, SLACK_M], |poses| vec![poses.map(position)]);
+        // A measured attitude jitters: it may turn back at once.
+        let turned = spikes(samples, [MARGIN * PANDA_RAD_S2, PANDA_RAD_S, SLACK_RAD], |[a, b, c]| {
+            vec![[[turn_rad(a, b)], [0.0], [turn_rad(c, b)]]]
+        });
+        moved.into_iter().zip(turned).map(|(m, t)| m || t).collect()
+    }
+}
+
+/// Greatest turn of a hand in a time, rad.
+fn turn_limit_rad(time_s: f64) -> f64 {
+    MARGIN * PANDA_RAD_S * time_s + SLACK_RAD
+}
+
+/// Takes `also` out of the samples that `flags` keeps, one flag for each of those.
+fn take_out(flags: &mut [bool], also: &[bool]) {
+    let kept = flags.iter_mut().filter(|flag| **flag);
+    kept.zip(also).for_each(|(flag, out)| *flag = !out);
+}
+
+/// Samples that are kept.
+fn kept<T: Copy>(samples: &[(f64, T)], flags: &[bool]) -> Vec<(f64, T)> {
+    samples.iter().zip(flags).filter(|(_, flag)| **flag).map(|(sample, _)| *sample).collect()
 }
 
 /// Flags of the samples in the longest chain in which each can follow the one before. A fault cannot be told from its
@@ -176,15 +224,18 @@ pub(super) fn poses(
     start_ns: i64,
 ) -> Result<Plausible<MeasuredPose>, String> {
     check_unit(samples, limits)?;
-    let flags = longest_chain(samples, HURRY_S, |a, b| limits.allow(&a.1, &b.1, b.0 - a.0));
+    let mut flags = longest_chain(samples, HURRY_S, |a, b| limits.allow(&a.1, &b.1, b.0 - a.0));
+    let out_and_back = limits.spikes(&kept(samples, &flags));
+    take_out(&mut flags, &out_and_back);
     let out = flags.iter().filter(|f| !**f).count();
     let mut warnings = Vec::new();
     if out > 0 {
         let one = |((time_s, p), (other_s, q)): &((f64, MeasuredPose), (f64, MeasuredPose))| {
             let (apart_m, turn_rad, between_s) = (p.distance(q), p.turn(q), (time_s - other_s).abs());
-            let what = match limits.allow_distance(apart_m, between_s) {
-                false => format!("{apart_m:.3} m from the pose"),
-                true => format!("turned by {turn_rad:.2} rad from the pose"),
+            let is_far = apart_m / limits.distance_limit_m(between_s) >= turn_rad / turn_limit_rad(between_s);
+            let what = match is_far {
+                true => format!("{apart_m:.3} m from the pose"),
+                false => format!("turned by {turn_rad:.2} rad from the pose"),
             };
             format!(
                 "{} with position ({}, {}, {}) m and pitch {:.2} rad, {what} {:.0} ms away",
@@ -197,7 +248,13 @@ pub(super) fn poses(
             )
         };
         let places: Vec<String> = left_out(samples, &flags).iter().map(one).collect();
-        let speeds = format!("{:.1} m/s and {:.1} rad/s", limits.speed_m_s, MARGIN * PANDA_RAD_S);
+        let speeds = format!(
+            "{:.1} m/s and {:.1} rad/s, {:.0} m/s^2 and {:.0} rad/s^2",
+            limits.speed_m_s,
+            MARGIN * PANDA_RAD_S,
+            MARGIN * PANDA_M_S2,
+            MARGIN * PANDA_RAD_S2
+        );
         let of = samples.len();
         if out as f64 > MOST_LEFT_OUT * of as f64 {
             return Err(format!(
@@ -210,7 +267,7 @@ pub(super) fn poses(
             places.join(" to ")
         ));
     }
-    let kept: Vec<(f64, MeasuredPose)> = samples.iter().zip(&flags).filter(|(_, f)| **f).map(|(s, _)| *s).collect();
+    let kept = kept(samples, &flags);
     warnings.extend(off_plane(&kept)?);
     Ok(Plausible { kept, warnings })
 }
@@ -310,7 +367,12 @@ pub(super) fn keypoints(
     }
     type Placed = (f64, ([[f64; 2]; 4], Keypoints));
     let follows = |a: &Placed, b: &Placed| farthest_m(&a.1.0, &b.1.0) <= KEYPOINT_M_S * (b.0 - a.0) + KEYPOINT_SLACK_M;
-    let flags = longest_chain(&placed, 0.0, follows);
+    let mut flags = longest_chain(&placed, 0.0, follows);
+    let out_and_back =
+        spikes(&kept(&placed, &flags), [KEYPOINT_M_S2, 0.0, KEYPOINT_SLACK_M], |[(a, _), (b, _), (c, _)]| {
+            matched([a, b, c])
+        });
+    take_out(&mut flags, &out_and_back);
     let out = flags.iter().filter(|f| !**f).count() + behind.len();
     let mut warnings = Vec::new();
     if out > 0 {
@@ -330,14 +392,28 @@ pub(super) fn keypoints(
         places.extend(
             behind.first().map(|(t, k)| format!("{} with (u, v) {} px, behind the camera", at(*t, start_ns), value(k))),
         );
+        let speeds = format!("{KEYPOINT_M_S} m/s and {KEYPOINT_M_S2} m/s^2");
+        let (of, places) = (seen.len(), places.join(" to "));
+        if out as f64 > MOST_LEFT_OUT * of as f64 {
+            return Err(format!(
+                "{KEYPOINTS}: {out} of {of} frames contradict the others: expected keypoints that move at most at {speeds}, got {places}: check tracker, camera and clock of whoever publishes them"
+            ));
+        }
         warnings.push(format!(
-            "{KEYPOINTS}: {out} of {} frames left out, whose keypoints nothing reaches at {KEYPOINT_M_S} m/s: {}",
-            seen.len(),
-            places.join(" to ")
+            "{KEYPOINTS}: {out} of {of} frames left out, whose keypoints nothing reaches at {speeds}: {places}"
         ));
     }
-    let kept = placed.iter().zip(&flags).filter(|(_, f)| **f).map(|((t, (_, k)), _)| (*t, *k)).collect();
+    let kept = kept(&placed, &flags).into_iter().map(|(t, (_, k))| (t, k)).collect();
     Ok(Plausible { kept, warnings })
+}
+
+/// Each point of three frames, matched as sets: the third to the first, and the second to the middle of both.
+fn matched([a, b, c]: [&[[f64; 2]; 4]; 3]) -> Vec<[[f64; 2]; 3]> {
+    let order = KeypointOrder::Unknown.closest(c, a);
+    let c = order.map(|k| c[k]);
+    let middle = std::array::from_fn(|k| [0.5 * (a[k][0] + c[k][0]), 0.5 * (a[k][1] + c[k][1])]);
+    let order = KeypointOrder::Unknown.closest(b, &middle);
+    (0..4).map(|k| [a[k], b[order[k]], c[k]]).collect()
 }
 
 /// Greatest distance in m between points of two frames, matched as sets.
@@ -364,27 +440,4 @@ fn check_pixels(seen: &[(f64, Keypoints)]) -> Result<(), String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_longest_chain_finds_faults_at_either_end_in_a_row_and_one_by_one() {
-        let follows = |a: &(f64, f64), b: &(f64, f64)| (a.1 - b.1).abs() < 1.5;
-        let chain = |samples: &[f64]| {
-            let timed: Vec<(f64, f64)> = samples.iter().enumerate().map(|(i, s)| (i as f64, *s)).collect();
-            let flags = longest_chain(&timed, 0.0, follows);
-            samples.iter().zip(flags).filter(|(_, f)| *f).map(|(s, _)| *s).collect::<Vec<_>>()
-        };
-        assert_eq!(chain(&[]), [] as [f64; 0]);
-        assert_eq!(chain(&[9.0, 1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
-        assert_eq!(chain(&[1.0, 2.0, 3.0, 9.0]), [1.0, 2.0, 3.0]);
-        assert_eq!(chain(&[1.0, 9.0, 2.0, 90.0, 3.0, 30.0, 4.0]), [1.0, 2.0, 3.0, 4.0]);
-        assert_eq!(chain(&[1.0, 2.0, 9.0, 9.0, 9.0, 2.0, 3.0]), [1.0, 2.0, 2.0, 3.0]);
-        assert_eq!(chain(&[9.0, 9.0, 1.0, 2.0, 1.0]), [1.0, 2.0, 1.0]);
-    }
-
-    #[test]
-    fn stamps_are_written_with_their_sign_and_all_digits() {
-        assert_eq!([1_500_000_000, -1, 0].map(seconds), ["1.500000000", "-0.000000001", "0.000000000"]);
-    }
-}
+mod tests;

@@ -87,6 +87,13 @@ fn measured_start_is_ordered_from_the_grip_and_moves() {
     let StartShape::Measured { points_m, velocities_m_s } = measured.start else { panic!("{:?}", measured.start) };
     assert!(points_m.windows(2).all(|w| w[0][1] > w[1][1]), "{points_m:?}");
     assert!(velocities_m_s.iter().all(|v| v[0] > 0.0 && v[1].abs() < 1e-9), "{velocities_m_s:?}");
+    // An image of twice the size shows the same shape.
+    let mut episode = log().episode(None).unwrap();
+    for (_, k) in &mut episode.keypoints {
+        k.dlo_px = k.dlo_px.map(|p| p.map(|v| 2.0 * v));
+        (k.image_width_px, k.image_height_px) = (512, 512);
+    }
+    assert_eq!(episode.measured(&m).unwrap().start, measured.start);
 }
 
 /// Step `step` of a policy that tells its runs apart by `run`.

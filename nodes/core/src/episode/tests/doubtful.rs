@@ -162,15 +162,30 @@ fn records_without_stamps_are_counted_and_named_first() {
     );
     // A camera alone without a clock.
     let mut camera = log();
-    for _ in 0..7 {
+    for _ in 0..70 {
         camera.push_keypoints(0, keypoints(0.0, false));
     }
     let warnings = camera.episode(None).unwrap().measured(&model()).unwrap().warnings;
-    assert!(warnings.len() == 1 && warnings[0].starts_with("7 keypoints have the stamp 0"), "{warnings:?}");
+    assert!(warnings.len() == 1 && warnings[0].starts_with("70 keypoints have the stamp 0"), "{warnings:?}");
     // The first moment of a simulated clock.
     let mut simulated = log();
     simulated.push_pose(0, GripPose::default());
-    assert_eq!(simulated.notes(), [] as [String; 0]);
+    simulated.push_pose(0, GripPose::default());
+    assert_eq!(simulated.notes(), [] as [String; 0], "two of 302");
+    // They do not hide why there is no episode.
+    let mut open = EpisodeLog::default();
+    (0..100).for_each(|i| open.push_pose(if i < 2 { 0 } else { 5 + i }, GripPose::default()));
+    open.push_start(5, 2, start());
+    let e = open.episode(None).unwrap_err().to_string();
+    assert!(e.starts_with("/episode/event: episode 2 has no end"), "{e}");
+    // A live log forgets them with the records.
+    let mut live = EpisodeLog::default();
+    (0..100).for_each(|_| live.push_pose(0, GripPose::default()));
+    live.push_frame(0, "world");
+    assert_eq!(live.notes().len(), 2);
+    live.push_pose(60_000_000_000, GripPose::default());
+    live.forget_old();
+    assert_eq!(live.notes(), [] as [String; 0]);
 }
 
 #[test]
@@ -187,7 +202,8 @@ fn clocks_and_frames_that_are_not_the_contracts_are_named() {
     late.push_end(5, 2, "complete".into());
     assert!(late.episode(None).unwrap_err().to_string().contains("episode 2 ends without a start"));
     let mut world = log();
-    ["world", "panda_link0", "/panda_link0", "", "world"].iter().for_each(|frame| world.push_frame(frame));
+    let frames = ["world", "panda_link0", "/panda_link0", "", "world"];
+    (1_000_000_000..).zip(frames).for_each(|(stamp_ns, frame)| world.push_frame(stamp_ns, frame));
     let warnings = world.episode(None).unwrap().measured(&model()).unwrap().warnings;
     assert!(
         warnings.len() == 1 && warnings[0].contains("expected \"panda_link0\", got \"world\" in 2 poses"),
