@@ -289,6 +289,16 @@ impl Node {
         Ok(publishers.map(|publisher| graph.peer(publisher.gid, publisher.addresses)).collect())
     }
 
+    /// Other nodes that publish on one of these topics, each once.
+    ///
+    /// # Errors
+    /// [`ShellError::Name`].
+    pub fn publishing(&self, topics: &[&str]) -> Result<Vec<Peer>, ShellError> {
+        let names = topics.iter().map(|topic| Ok(format!("rt{}", self.resolve(topic)?)));
+        let names = names.collect::<Result<Vec<_>, ShellError>>()?;
+        Ok(self.graph().owners(|endpoint| endpoint.is_writer && names.contains(&endpoint.topic)))
+    }
+
     /// Other nodes that subscribe to a topic.
     ///
     /// # Errors

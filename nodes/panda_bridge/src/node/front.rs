@@ -113,7 +113,8 @@ impl<P: Plant> Front<P> {
             0 | 1 => vec![String::new(); publishers.len()],
             _ => words(publishers),
         };
-        Ok(Rivals { publishers, servers: words(servers) })
+        let arms = self.node.publishing(&contract::ARM_TOPICS).map_err(|e| e.to_string())?;
+        Ok(Rivals { publishers, servers: words(servers), arms: words(arms) })
     }
 
     /// Adds the arm's fault to a report; it stays until the arm is enabled again. To be called at every report.
