@@ -8,7 +8,7 @@ use crate::graph::Graph;
 use crate::middleware::Reader;
 use crate::node::Node;
 use crate::participant::data_ports_here;
-use crate::process_of::{is_local, process_at};
+use crate::process_of::{are_local, is_local, process_at};
 use crate::qos::Qos;
 use futures::StreamExt;
 use ros2_client::builtin_topics::ros_discovery;
@@ -349,7 +349,9 @@ impl Node {
     fn has_met_all_here(&self, peers: &[Peer]) -> bool {
         let Some((domain, number)) = self.graph().domain_and_number() else { return true };
         let own = 7400 + 250 * u32::from(domain) + 11 + 2 * u32::from(number);
-        let has = |port: u16| peers.iter().any(|peer| peer.addresses.iter().any(|address| address.port() == port));
+        // A participant of another machine may have the same port.
+        let is_at = |peer: &Peer, port| peer.addresses.iter().any(|address| address.port() == port);
+        let has = |port: u16| peers.iter().any(|peer| is_at(peer, port) && are_local(&peer.addresses));
         data_ports_here(domain).into_iter().all(|port| u32::from(port) == own || has(port))
     }
 }
