@@ -106,14 +106,15 @@ class Arm(StandIn):
 
 
 class Stranger(StandIn):
-    """Another laboratory's graph: whatever it is told to do it does, and notes. It tells no state."""
+    """Another laboratory's graph: whatever it is told to do it does, and notes. It tells no state, even where it has a publisher."""
 
     SERVICES = ("/panda/enable", "/panda/hold", "/panda/error_recovery", "/panda/set_compliance")
     ACTIONS = ("/panda/move_to_start", "/policy_runner/run_episode")
 
-    def __init__(self, domain, services=SERVICES, actions=ACTIONS, topics=("/panda/target_pose",)):
+    def __init__(self, domain, services=SERVICES, actions=ACTIONS, topics=("/panda/target_pose",), publishes=()):
         super().__init__(domain, "lab_robot")
         self.received = []
+        self.publishers = [self.publisher(name) for name in publishes]
         for name in services:
             self.serve(name, self.noting(name))
         for name in actions:

@@ -86,6 +86,27 @@ def test_the_arm_stands_beside_another_that_answers_under_one_of_its_names(cell)
     assert lab.received == []
 
 
+@pytest.mark.parametrize("name", ["/panda/current_pose", "/panda/arm_state"])
+def test_the_arm_stands_beside_another_that_serves_nothing_and_listens_to_targets(cell, name):
+    with Stranger(cell.domain, services=(), actions=(), publishes=(name,)) as lab:
+        cell.ros.wait_for(lambda: cell.ros.node.count_publishers(name) == 2, 20, "the stranger")
+        cell.ros.holds_within(lambda: False, 1)
+        enabled = cell.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))
+        moved = moves(cell.ros)
+        code, said = deploy(cell, f"beside_{name[7:]}")
+    assert not enabled.success and "/lab_robot" in enabled.message and "ROS_DOMAIN_ID" in enabled.message
+    assert not moved.success and "/lab_robot" in moved.message
+    assert code == 1 and "/lab_robot" in said and "nothing was sent" in said, said
+    assert lab.received == []
+
+
+def test_whoever_listens_alone_does_not_keep_the_arm_from_moving(cell):
+    with Stranger(cell.domain, services=(), actions=(), topics=("/panda/target_pose", "/panda/current_pose", "/panda/arm_state")) as lab:
+        cell.ros.holds_within(lambda: False, 1)
+        assert moves(cell.ros).success
+    assert "/panda/current_pose" in lab.received
+
+
 def test_a_stranger_beside_the_graph_is_told_nothing(cell):
     with Stranger(cell.domain) as lab:
         cell.ros.wait_for(lambda: "lab_robot" in cell.ros.node.get_node_names(), 20, "the stranger")

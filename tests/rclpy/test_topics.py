@@ -17,6 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rcl_interfaces.msg import Log
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import Trigger
 
 COUNT = 3
 ROWS = pytest.mark.parametrize("row", TOPICS, ids=lambda row: row.name)
@@ -121,9 +122,10 @@ def replayed(session_of_module, bag):
     heard = {row.name: [] for row in TOPICS}
     for row in TOPICS:
         ros.node.create_subscription(row.kind, row.name, heard[row.name].append, row.profile_of_depth(max(row.depth, 10)))
-    # Targets are replayed where a simulated arm, and no real one, is said to follow them.
+    # Targets are replayed where an arm is served that says it is simulated.
     arm = ros.node.create_publisher(ArmState, "/panda/arm_state", BY_NAME["/panda/arm_state"].profile)
-    arm.publish(ArmState(is_sim=True))
+    ros.node.create_service(Trigger, "/panda/hold", lambda request, response: response)
+    ros.node.create_timer(0.1, lambda: arm.publish(ArmState(is_sim=True)))
     options = ("wait_s:=10.0", "allow_replay:=true", "allow_others:=true")
     time.sleep(1)
     replayer = session.node("replayer", "-p", f"bag:={bag}", *(part for option in options for part in ("-p", option)))

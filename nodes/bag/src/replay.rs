@@ -8,11 +8,11 @@ mod settings;
 use crate::error::BagError;
 use crate::kinds;
 use crate::reader::{BagReader, Topic};
-use arm_watch::ArmWatch;
+use arm_watch::{ArmWatch, refuse_two_arms};
 use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock;
-use catenary_shell::{Node, contract, list_peers};
+use catenary_shell::{Node, list_peers};
 use player::Player;
 pub use settings::ReplaySettings;
 use std::time::Duration;
@@ -53,7 +53,10 @@ pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, B
     let states = chosen.iter().filter(|t| t.type_name == ArmState::TYPE_NAME).map(|t| t.name.clone());
     let watch = ArmWatch::start(node, states.collect())?;
     watch.wait_until_safe(node)?;
-    refuse_two_arms(node, &chosen)?;
+    let commands = chosen.iter().map(|topic| is_command(node, &topic.name)).collect::<Result<Vec<_>, _>>()?;
+    if commands.contains(&true) {
+        refuse_two_arms(node)?;
+    }
     if !settings.allow_others {
         refuse_others(node, &chosen, settings)?;
     }
@@ -90,21 +93,6 @@ fn refuse_others(node: &Node, topics: &[&Topic], settings: &ReplaySettings) -> R
             "others publish {} now, and nobody could tell theirs from the bag's; end them, replay in another \
              ROS_DOMAIN_ID, or allow_others",
             taken.join(", ")
-        ))),
-    }
-}
-
-/// Fails where commands are to be replayed and several nodes serve an arm: each would follow them, and that one of them says
-/// it is simulated tells nothing of the others.
-fn refuse_two_arms(node: &Node, topics: &[&Topic]) -> Result<(), BagError> {
-    let commands = topics.iter().map(|topic| is_command(node, &topic.name)).collect::<Result<Vec<_>, _>>()?;
-    let arms = node.servers(&contract::ARM)?;
-    match commands.contains(&true) && arms.len() > 1 {
-        false => Ok(()),
-        true => Err(BagError::Refused(format!(
-            "{} all serve an arm, and each would follow the commands of the bag; end all but one, or replay in another \
-             ROS_DOMAIN_ID",
-            list_peers(&arms)
         ))),
     }
 }

@@ -12,7 +12,8 @@ use catenary_bag::{
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{ArmState, EpisodeEvent, Keypoints};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
-use catenary_shell::contract::{ARM_STATE, CURRENT_POSE, EPISODE_EVENT, KEYPOINTS, TARGET_POSE};
+use catenary_msgs::std_srvs::srv::{Trigger, TriggerResponse};
+use catenary_shell::contract::{ARM_STATE, CURRENT_POSE, EPISODE_EVENT, HOLD, KEYPOINTS, TARGET_POSE};
 use catenary_shell::{Discovery, DomainClaim, Node, NodeBuilder, Qos, RosArgs, Time, stamp};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -240,12 +241,14 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     assert_eq!(drained(&|| targets.try_next().map(|_| 0)), [] as [i64; 0]);
 }
 
-/// Publishes states of an arm at 50 Hz until it is dropped.
+/// An arm that serves one of its names, and publishes states at 50 Hz until it is dropped.
 fn arm(number: u16, is_sim: bool) -> Node {
     let arm = node("arm", number);
+    let hold = arm.serve::<Trigger>(HOLD.name, |_| TriggerResponse::default()).unwrap();
     let states = arm.publisher::<ArmState>(ARM_STATE.name, ARM_STATE.qos).unwrap();
     let ticking = arm.clone();
     arm.spawn("states", move || {
+        let _served = hold;
         while !ticking.shutdown().wait_timeout(Duration::from_millis(20)) {
             states.send(ArmState { header: ticking.header(""), is_sim, ..ArmState::default() });
         }
@@ -328,6 +331,33 @@ fn commands_are_replayed_to_a_simulated_arm_and_to_nobody_else() {
     let _targets = unknown.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
     let reason = refusal(replay(&node("player", 8), &settings));
     assert!(reason.contains("/controller") && reason.contains("listens on /panda/target_pose"), "{reason}");
+}
+
+#[test]
+fn commands_are_replayed_to_no_arm_on_the_word_of_another_node() {
+    let commands = ReplaySettings {
+        filter: TopicFilter::of(&["/panda/target_pose"]),
+        rate: f64::INFINITY,
+        allow_replay: true,
+        ..ReplaySettings::new(sample())
+    };
+    // A state that nobody stands behind, from a node that serves no arm.
+    let teller = node("teller", 10);
+    let states = teller.publisher::<ArmState>(ARM_STATE.name, ARM_STATE.qos).unwrap();
+    states.publish(ArmState { header: teller.header(""), is_sim: true, ..ArmState::default() }).unwrap();
+    let controller = node("controller", 10);
+    let targets = controller.queue::<PoseStamped>(TARGET_POSE.name, TARGET_POSE.qos, 100).unwrap();
+    let reason = refusal(replay(&node("player", 10), &commands));
+    assert!(reason.contains("/teller"), "{reason}");
+    teller.stop();
+    drop((states, teller));
+    // A simulated arm beside a controller that tells its pose.
+    let simulated = arm(10, true);
+    let _pose = controller.publisher::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap();
+    let reason = refusal(replay(&node("player", 10), &commands));
+    assert!(reason.contains("/arm") && reason.contains("/controller"), "{reason}");
+    assert!(targets.try_next().is_none());
+    simulated.stop();
 }
 
 #[test]

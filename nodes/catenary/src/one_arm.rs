@@ -14,7 +14,7 @@ const LOOK: Duration = Duration::from_millis(700);
 const REMEDY: &str = "end one graph, or give each a ROS_DOMAIN_ID or a namespace of its own; nothing was sent";
 
 /// Waits for the servers of `needed`, looks who else is there, and fails where two nodes serve one name of an arm or of
-/// `needed`, or where somebody publishes targets who runs no episodes.
+/// `needed`, where somebody publishes targets who runs no episodes, or where somebody tells of an arm who serves none.
 pub fn ensure_one_arm(node: &Node, needed: &[&str], wait: Duration, interrupted: &Shutdown) -> Result<()> {
     let start = Instant::now();
     for name in needed {
@@ -43,6 +43,15 @@ pub fn ensure_one_arm(node: &Node, needed: &[&str], wait: Duration, interrupted:
         "{}: {} may command the arm, too: end it first; nothing was sent",
         node.resolve(topic)?,
         list_peers(&strangers)
+    );
+    // An arm that listens to targets may serve nothing.
+    let servers = node.servers(&contract::ARM)?;
+    let is_server = |peer: &Peer| servers.iter().any(|server| server.shares_participant(peer));
+    let arms: Vec<Peer> = node.publishing(&contract::ARM_TOPICS)?.into_iter().filter(|peer| !is_server(peer)).collect();
+    ensure!(
+        arms.is_empty(),
+        "{} publishes the pose or the state of an arm without its services, and may follow the targets: {REMEDY}",
+        list_peers(&arms)
     );
     Ok(())
 }

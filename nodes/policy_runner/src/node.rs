@@ -12,8 +12,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node, NodeBuilder, Outcome, Param,
-    ParamSpec, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
+    CallError, Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node, NodeBuilder,
+    Outcome, Param, ParamSpec, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -166,7 +166,7 @@ impl Shell {
         let own =
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
-        let held = self.pose.get().context("no pose on /panda/current_pose")?.message.pose.clone();
+        let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;
         let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
@@ -271,7 +271,12 @@ impl Shell {
     fn enable_arm(&self) -> Result<()> {
         // Only what moves an arm: to stop several is no fault.
         self.enable.ensure_one_server()?;
-        let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE)?;
+        let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE).inspect_err(|error| {
+            // It was asked, and may do it later.
+            if !matches!(error, CallError::NoServer { .. } | CallError::Ambiguous { .. }) {
+                self.disable_arm();
+            }
+        })?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
         self.wait_enabled().inspect_err(|_| self.disable_arm())
     }
@@ -290,7 +295,8 @@ impl Shell {
         let mut seen = 0;
         let start = self.node.now();
         loop {
-            let newest = self.arm.wait_newer(seen, ENABLE).context("no message on /panda/arm_state")?;
+            let newest = self.arm.wait_newer(seen, ENABLE);
+            let newest = newest.with_context(|| format!("no message on {}", self.arm.topic()))?;
             match convert::arm_fault(Some(&newest.message)) {
                 None => return Ok(()),
                 Some(why) if self.node.now().saturating_since(start) > ENABLE => return Err(anyhow!("the arm: {why}")),

@@ -142,6 +142,9 @@ endpoints! {
         "Locates, names and repairs what the model lacks.";
 }
 
+/// Default names of the topics that an arm publishes, or who replays what it published.
+pub const ARM_TOPICS: [&str; 2] = [CURRENT_POSE.name, ARM_STATE.name];
+
 /// Default names under which an arm is commanded.
 pub const ARM: [&str; 5] = [ENABLE.name, HOLD.name, ERROR_RECOVERY.name, SET_COMPLIANCE.name, MOVE_TO_START.name];
 

@@ -327,8 +327,10 @@ impl Graph {
                 return Some(met.answering.clone());
             }
         }
-        let there = |matches: &Matches| matched(matches) && !self.is_dead(server);
+        let there = |matches: &Matches| matched(matches) && !self.answering(server).is_empty();
         let met = self.wait_matched(shutdown, timeout, &there).then(|| self.meet(server));
+        // Between the two looks it may have left.
+        let met = met.filter(|met| !met.answering.is_empty());
         let answering = met.as_ref().map(|met| met.answering.clone());
         *server.met() = met;
         answering
@@ -343,12 +345,6 @@ impl Graph {
         let now = Instant::now();
         let living = self.writers_of(&server.replies).into_iter().filter(|writer| lives(writer, now));
         living.map(|writer| writer.writer_proxy.remote_writer_guid).collect()
-    }
-
-    /// Whether all are dead that were there.
-    fn is_dead(&self, server: &Server) -> bool {
-        let (known, now) = (self.writers_of(&server.replies), Instant::now());
-        !known.is_empty() && !known.iter().any(|writer| lives(writer, now))
     }
 
     fn writers_of(&self, dds_topic: &str) -> Vec<DiscoveredWriterData> {

@@ -197,8 +197,10 @@ impl Node {
     /// [`ShellError`]: the name, a type that the contract contradicts, the middleware.
     pub fn publisher<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Publisher<M>, ShellError> {
         let qos = qos.of_writer();
-        let commands = contract::topic(topic) == Some(&contract::TARGET_POSE);
-        let policies = if commands { qos.policies_of_commander() } else { qos.policies() };
+        // Whether a publisher of these is there decides whether an arm may move.
+        let decides = contract::topic(topic)
+            .is_some_and(|topic| *topic == contract::TARGET_POSE || contract::ARM_TOPICS.contains(&topic.name));
+        let policies = if decides { qos.policies_with_promise() } else { qos.policies() };
         let name = self.topic::<M>(topic)?;
         let writer = self.graph().writer(&name, M::TYPE_NAME, &policies)?;
         Ok(Publisher::new(writer, name, Arc::clone(self.graph()), self.shutdown().clone()))
@@ -254,7 +256,7 @@ impl Node {
     }
 
     /// How many publishers of a topic are known in the whole graph, this node's own included. One that was killed counts
-    /// until its lease ends: 50 s, for publishers of targets 6 s.
+    /// until its lease ends: 50 s, for publishers of targets, or of the pose or the state of an arm, 6 s.
     ///
     /// # Errors
     /// [`ShellError::Name`].

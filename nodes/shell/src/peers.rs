@@ -8,7 +8,7 @@ use crate::graph::Graph;
 use crate::middleware::Reader;
 use crate::node::Node;
 use crate::participant::data_ports_here;
-use crate::process_of::{is_local, process_at};
+use crate::process_of::{are_local, is_local, process_at};
 use crate::qos::Qos;
 use futures::StreamExt;
 use ros2_client::builtin_topics::ros_discovery;
@@ -289,6 +289,16 @@ impl Node {
         Ok(publishers.map(|publisher| graph.peer(publisher.gid, publisher.addresses)).collect())
     }
 
+    /// Other nodes that publish on one of these topics, each once.
+    ///
+    /// # Errors
+    /// [`ShellError::Name`].
+    pub fn publishing(&self, topics: &[&str]) -> Result<Vec<Peer>, ShellError> {
+        let names = topics.iter().map(|topic| Ok(format!("rt{}", self.resolve(topic)?)));
+        let names = names.collect::<Result<Vec<_>, ShellError>>()?;
+        Ok(self.graph().owners(|endpoint| endpoint.is_writer && names.contains(&endpoint.topic)))
+    }
+
     /// Other nodes that subscribe to a topic.
     ///
     /// # Errors
@@ -339,7 +349,9 @@ impl Node {
     fn has_met_all_here(&self, peers: &[Peer]) -> bool {
         let Some((domain, number)) = self.graph().domain_and_number() else { return true };
         let own = 7400 + 250 * u32::from(domain) + 11 + 2 * u32::from(number);
-        let has = |port: u16| peers.iter().any(|peer| peer.addresses.iter().any(|address| address.port() == port));
+        // A participant of another machine may have the same port.
+        let is_at = |peer: &Peer, port| peer.addresses.iter().any(|address| address.port() == port);
+        let has = |port: u16| peers.iter().any(|peer| is_at(peer, port) && are_local(&peer.addresses));
         data_ports_here(domain).into_iter().all(|port| u32::from(port) == own || has(port))
     }
 }

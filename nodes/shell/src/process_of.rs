@@ -6,12 +6,20 @@ use std::path::Path;
 
 /// Process number of the owner of a UDP socket that receives at one of the addresses.
 ///
-/// None: the address is another machine's or another container's, or the owner is another user's process.
+/// None: an address is another machine's or another container's, or the owner is another user's process.
 pub(crate) fn process_at(addresses: &[SocketAddr]) -> Option<u32> {
-    let here: Vec<&SocketAddr> = addresses.iter().filter(|address| is_local(address.ip())).collect();
+    if !are_local(addresses) {
+        return None;
+    }
     let table = std::fs::read_to_string("/proc/self/net/udp").ok()?;
-    let inode = here.into_iter().find_map(|address| inode_of(&table, *address))?;
+    let inode = addresses.iter().find_map(|address| inode_of(&table, *address))?;
     owner(&format!("socket:[{inode}]"))
+}
+
+/// Whether all addresses of a participant are this machine's, so that it runs here. One alone tells nothing: every machine with
+/// Docker has 172.17.0.1.
+pub(crate) fn are_local(addresses: &[SocketAddr]) -> bool {
+    !addresses.is_empty() && addresses.iter().all(|address| is_local(address.ip()))
 }
 
 /// Whether an address is one of this machine's.
@@ -69,7 +77,11 @@ mod tests {
         let port = any.local_addr().unwrap().port();
         assert_eq!(process_at(&[([127, 0, 0, 1], port).into()]), Some(std::process::id()));
         // TEST-NET-1 of RFC 5737 belongs to no machine.
-        assert_eq!(process_at(&[([192, 0, 2, 1], port).into()]), None);
+        let remote = ([192, 0, 2, 1], port).into();
+        assert_eq!(process_at(&[remote]), None);
+        let shared = ([127, 0, 0, 1], port).into();
+        assert_eq!(process_at(&[shared, remote]), None, "another machine with an address that this one has, too");
+        assert!(are_local(&[shared]) && !are_local(&[shared, remote]) && !are_local(&[]));
         drop(socket);
         assert_eq!(process_at(&[address]), None);
     }

@@ -31,9 +31,9 @@ const TRANSIENT_LOCAL_MAX_SAMPLES: i32 = 4096;
 /// Messages that a best-effort writer keeps at least until they have left.
 const UNSENT: u16 = 10;
 
-/// Silence after which whoever commands an arm is taken for dead. RustDDS gives a sign of life every 3 s for it. The lease of
+/// Silence after which whoever commands an arm, or tells its state, is taken for dead. RustDDS gives a sign of life every 3 s for it. The lease of
 /// its participants is 50 s, in which one that was killed would count beside the one that follows it.
-const COMMANDER_LEASE_S: i32 = 6;
+const PROMISE_S: i32 = 6;
 
 impl Qos {
     /// The command profile of ROS 2's defaults: reliable, volatile, depth 10.
@@ -112,9 +112,9 @@ impl Qos {
         }
     }
 
-    /// The policies of a writer that commands an arm: it promises signs of life.
-    pub(crate) fn policies_of_commander(self) -> QosPolicies {
-        let lease_duration = DdsDuration::from_secs(COMMANDER_LEASE_S);
+    /// The policies of a writer that commands an arm or tells its state: it promises signs of life.
+    pub(crate) fn policies_with_promise(self) -> QosPolicies {
+        let lease_duration = DdsDuration::from_secs(PROMISE_S);
         let promise = QosPolicyBuilder::new().liveliness(Liveliness::Automatic { lease_duration }).build();
         self.policies().modify_by(&promise)
     }
@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn whoever_commands_promises_signs_of_life_and_matches_who_expects_none() {
-        let offered = Qos::Reliable { depth: 1 }.policies_of_commander();
+        let offered = Qos::Reliable { depth: 1 }.policies_with_promise();
         assert!(offered.liveliness().is_some());
         assert_eq!(offered.history(), Some(History::KeepLast { depth: 1 }));
         assert_eq!(offered.compliance_failure_wrt(&Qos::Reliable { depth: 1 }.policies()), None);

@@ -2,8 +2,8 @@
 
 use crate::error::BagError;
 use catenary_msgs::msg::ArmState;
-use catenary_shell::{Node, Peer, Subscription, contract, list_peers, stamp};
-use std::collections::{BTreeSet, HashSet};
+use catenary_shell::{Node, Peer, Received, Subscription, contract, list_peers, stamp};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 const LISTEN: Duration = Duration::from_millis(1500);
 /// How much longer a publisher without a state is waited for.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Age at which a state of a simulated arm says nothing any more; states come at 50 Hz.
+const FRESH: Duration = Duration::from_secs(2);
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -18,7 +20,8 @@ const LOOK: Duration = Duration::from_millis(20);
 struct Heard {
     /// The topic of a real arm's state.
     real: Option<String>,
-    simulated: bool,
+    /// When a publisher last said that its arm is simulated.
+    simulated: HashMap<[u8; 16], Instant>,
     /// Stamps of the states that are replayed: those that come back are no arm's.
     replayed: HashSet<i64>,
 }
@@ -44,17 +47,18 @@ impl ArmWatch {
         let mut subscriptions = Vec::new();
         for name in names {
             let (heard, topic) = (Arc::clone(&heard), name.clone());
-            let listen = move |state: &ArmState| {
+            let listen = move |state: &ArmState, publisher| {
                 let mut heard = lock(&heard);
                 let is_replayed = heard.replayed.contains(&stamp::from_msg(&state.header.stamp).nanos());
                 match (is_replayed, state.is_sim) {
                     (true, _) => {}
-                    (false, true) => heard.simulated = true,
+                    (false, true) => _ = heard.simulated.insert(publisher, Instant::now()),
                     (false, false) => heard.real = Some(topic.clone()),
                 }
             };
             let qos = contract::ARM_STATE.qos;
-            subscriptions.push(node.subscription::<ArmState>(&name, qos, move |got| listen(&got.message))?);
+            let take = move |got: Received<ArmState>| listen(&got.message, got.publisher);
+            subscriptions.push(node.subscription::<ArmState>(&name, qos, take)?);
         }
         Ok(Self { heard, _subscriptions: subscriptions })
     }
@@ -65,7 +69,7 @@ impl ArmWatch {
         let _everybody = node.look_around(Duration::ZERO);
         // Nodes of an arm of which nobody knows whether it is real.
         let silent = || -> Result<Vec<Peer>, BagError> {
-            if self.has_simulated_arm() {
+            if self.has_simulated_arm(node)? {
                 return Ok(Vec::new());
             }
             let mut silent = node.publishers(contract::ARM_STATE.name)?;
@@ -102,13 +106,54 @@ impl ArmWatch {
         }
     }
 
-    /// Whether a simulated arm was heard.
-    pub(super) fn has_simulated_arm(&self) -> bool {
-        lock(&self.heard).simulated
+    /// Whether an arm that is served says that it is simulated. Anybody can publish a state: that of another node tells nothing
+    /// of the arm.
+    fn has_simulated_arm(&self, node: &Node) -> Result<bool, BagError> {
+        let heard = lock(&self.heard);
+        let fresh = heard.simulated.iter().filter(|(_, at)| at.elapsed() < FRESH);
+        let fresh: Vec<[u8; 16]> = fresh.map(|(publisher, _)| *publisher).collect();
+        drop(heard);
+        let servers = node.servers(&contract::ARM)?;
+        let is_server = |peer: Peer| servers.iter().any(|server| server.shares_participant(&peer));
+        Ok(fresh.into_iter().any(|publisher| is_server(node.peer(publisher))))
+    }
+
+    /// Fails unless all who may follow the commands on `topic`, a name before remapping, are one simulated arm.
+    pub(super) fn check_followers(&self, node: &Node, topic: &str) -> Result<(), BagError> {
+        refuse_two_arms(node)?;
+        if self.has_simulated_arm(node)? {
+            return Ok(());
+        }
+        Err(BagError::Refused(format!(
+            "{} listens on {}, and no state on {} says that it is a simulated arm; end it, or replay in another \
+             ROS_DOMAIN_ID",
+            list_peers(&node.subscribers(topic)?),
+            node.resolve(topic)?,
+            node.resolve(contract::ARM_STATE.name)?
+        )))
     }
 
     /// A state that is about to be replayed.
     pub(super) fn expect(&self, state: &ArmState) {
         lock(&self.heard).replayed.insert(stamp::from_msg(&state.header.stamp).nanos());
+    }
+}
+
+/// Fails where several nodes are an arm, by what they serve or tell: each would follow commands, and that one of them says it
+/// is simulated tells nothing of the others.
+pub(super) fn refuse_two_arms(node: &Node) -> Result<(), BagError> {
+    let mut arms = node.servers(&contract::ARM)?;
+    for teller in node.publishing(&contract::ARM_TOPICS)? {
+        if !arms.iter().any(|arm| arm.shares_participant(&teller)) {
+            arms.push(teller);
+        }
+    }
+    match arms.len() {
+        0 | 1 => Ok(()),
+        _ => Err(BagError::Refused(format!(
+            "{} all serve an arm, or publish its pose or state, and each would follow the commands of the bag; end all but \
+             one, or replay in another ROS_DOMAIN_ID",
+            list_peers(&arms)
+        ))),
     }
 }

@@ -10,13 +10,15 @@ use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, list_peers, stamp, wall_now};
+use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, stamp, wall_now};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 /// Messages and bytes per second at an infinite rate. A burst would be lost in the sockets of subscribers that cannot ask
 /// for a repetition.
 const FASTEST: [f64; 2] = [5_000.0, 1e8];
+/// Time between two looks at who follows commands.
+const LOOK: Duration = Duration::from_millis(200);
 /// Complaints come at most this often.
 const COMPLAIN: Duration = Duration::from_secs(5);
 
@@ -34,6 +36,8 @@ pub(super) struct Player<'a> {
     outlets: BTreeMap<String, Entry>,
     clock: Option<Publisher<Clock>>,
     watch: ArmWatch,
+    /// When those who follow commands were looked at.
+    looked: Option<Instant>,
     complaint: Throttle,
 }
 
@@ -65,7 +69,7 @@ impl<'a> Player<'a> {
         let clock = contract::CLOCK;
         let clock =
             if settings.clock_hz.is_some() { Some(node.publisher::<Clock>(clock.name, clock.qos)?) } else { None };
-        Ok(Self { node, outlets, clock, watch, complaint: Throttle::new(COMPLAIN) })
+        Ok(Self { node, outlets, clock, watch, looked: None, complaint: Throttle::new(COMPLAIN) })
     }
 
     pub(super) fn wait_for_subscribers(&self, patience: Duration) {
@@ -153,14 +157,10 @@ impl<'a> Player<'a> {
         if message.topic.type_name != *type_name {
             return Ok(());
         }
-        if *is_command && outlet.has_subscriber() && !self.watch.has_simulated_arm() {
-            return Err(BagError::Refused(format!(
-                "{} listens on {}, and no state on {} says that it is a simulated arm; end it, or replay in another \
-                 ROS_DOMAIN_ID",
-                list_peers(&self.node.subscribers(outlet.topic())?),
-                outlet.topic(),
-                self.node.resolve(contract::ARM_STATE.name)?
-            )));
+        let is_due = self.looked.is_none_or(|looked| looked.elapsed() >= LOOK);
+        if *is_command && outlet.has_subscriber() && is_due {
+            self.watch.check_followers(self.node, &message.topic.name)?;
+            self.looked = Some(Instant::now());
         }
         if message.topic.type_name == ArmState::TYPE_NAME
             && let Ok(state) = message.decode::<ArmState>()

@@ -57,7 +57,7 @@ fn look(id: u16) -> Result<Vec<Peer>, ShellError> {
 }
 
 /// Fails unless the arm that the demo is about to move is its own: one server of each name, started by `supervisor`, and no
-/// publisher of targets that it did not start.
+/// publisher of targets, or of the pose or the state of an arm, that it did not start.
 pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
     let own: Vec<u32> = supervisor.rows().iter().filter_map(|row| row.pid).collect();
     let episode = contract::RUN_EPISODE.name;
@@ -66,7 +66,10 @@ pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
         ensure!(servers.len() == 1, "{name}: expected one server, the demo's own, found {}", list_peers(&servers));
         ensure_started(name, &servers, &own)?;
     }
-    ensure_started(contract::TARGET_POSE.name, &node.publishers(contract::TARGET_POSE.name)?, &own)
+    for topic in contract::ARM_TOPICS.into_iter().chain([contract::TARGET_POSE.name]) {
+        ensure_started(topic, &node.publishers(topic)?, &own)?;
+    }
+    Ok(())
 }
 
 /// Fails where one of the nodes is in a process of this machine that is not one of `own`. Where /proc hides the process,

@@ -11,6 +11,7 @@ mod story;
 pub mod summary;
 
 use crate::cli::DemoArgs;
+use crate::interrupted::Interrupted;
 use crate::launch::{self, Process, Supervisor};
 use crate::misfit::Misfit;
 use crate::served::{show_inference, show_training};
@@ -102,14 +103,16 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let judge = Judge::of(&model).context("the demo's model needs a task")?;
     let truth = hidden_truth(&model, arguments.seed);
     let sizes = if arguments.paper { PAPER } else { DEFAULT };
-    let domain = OwnDomain::claim()?;
-    let demo = Demo { model, judge, folder, seed: arguments.seed, sizes, truth, domain };
-
-    let builder = NodeBuilder::new("demo", &RosArgs::default())?.domain(demo.domain.id(), Discovery::Localhost);
+    let builder = NodeBuilder::new("demo", &RosArgs::default())?;
     catenary_shell::end_on_signals(builder.shutdown())?;
-    let node = builder.build()?;
-    eprintln!("catenary demo: results go to {}{taken}", demo.folder.display());
-    eprintln!("catenary demo: {}", demo.domain.words());
+    let domain = OwnDomain::claim()?;
+    if builder.shutdown().is_triggered() {
+        return Err(Interrupted(String::new()).into());
+    }
+    let demo = Demo { model, judge, folder, seed: arguments.seed, sizes, truth, domain };
+    let node = builder.domain(demo.domain.id(), Discovery::Localhost).build()?;
+    output::tell(&format!("catenary demo: results go to {}{taken}", demo.folder.display()));
+    output::tell(&format!("catenary demo: {}", demo.domain.words()));
     let supervisor = demo.launch(&launch_file)?;
     let mut stages = Stages::new(&node, supervisor);
     let outcome = demo.algorithm(&node, &mut stages);
@@ -117,7 +120,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let summary = outcome?;
     summary.write(&demo.folder)?;
     let page = page::write(&demo.folder, &summary)?;
-    eprintln!("report: {}", page.display());
+    output::tell(&format!("report: {}", page.display()));
     output::result(&arguments.output, &summary, Summary::words)?;
     Misfit::check(summary.inference.misfit.as_ref(), &demo.folder)
 }

@@ -15,13 +15,15 @@ const LOOK: Duration = Duration::from_millis(700);
 /// Time for a graph that is just ending to be gone.
 const LEAVING: Duration = Duration::from_secs(3);
 
-/// Names that one process of the launch would take in its domain.
+/// Names that processes of the launch would take in a domain.
 #[derive(Debug, Default, PartialEq)]
 struct Names {
     /// Fully qualified names of nodes.
     nodes: BTreeSet<String>,
     /// Absolute names of services and actions.
     served: BTreeSet<String>,
+    /// Absolute names of the topics on which an arm tells of itself.
+    told: BTreeSet<String>,
 }
 
 /// Services and actions of one of our nodes, by default names.
@@ -35,8 +37,16 @@ fn served_by(node: &str) -> Vec<&'static str> {
     }
 }
 
+/// Topics on which one of our nodes tells of an arm, by default names.
+fn told_by(node: &str) -> Vec<&'static str> {
+    match node {
+        "simulated_cell" | "panda_bridge" => contract::ARM_TOPICS.to_vec(),
+        _ => Vec::new(),
+    }
+}
+
 /// The names that one of our nodes would take; none: another program, of which nothing is known.
-fn names(process: &Process) -> Option<(String, String, Vec<String>)> {
+fn names(process: &Process) -> Option<Names> {
     // Behind a prefix such as `gdb --args`, or behind `catenary node`, it is not the first word.
     let words = process.command.iter().take_while(|word| *word != "--ros-args");
     let base_names = words.map(|word| Path::new(word).file_name().and_then(|name| name.to_str()).unwrap_or_default());
@@ -45,29 +55,36 @@ fn names(process: &Process) -> Option<(String, String, Vec<String>)> {
     let nothing = |_: &Path| Ok("{}".to_owned());
     let (arguments, _) = RosArgs::parse_with(process.command[at + 1..].to_vec(), &nothing).ok()?;
     let (name, namespace) = arguments.node_identity(node, "/").ok()?;
-    let served = served_by(node).into_iter().filter_map(|served| arguments.resolve(served, &namespace, &name).ok());
-    let served = served.collect();
-    Some((name, namespace, served))
+    let resolved = |names: Vec<&str>| {
+        let names = names.into_iter().filter_map(|of_node| arguments.resolve(of_node, &namespace, &name).ok());
+        names.collect::<BTreeSet<String>>()
+    };
+    Some(Names {
+        nodes: BTreeSet::from([catenary_shell::names::node_path(&namespace, &name)]),
+        served: resolved(served_by(node)),
+        told: resolved(told_by(node)),
+    })
 }
 
 /// The names that the launch would take, by domain and range of discovery.
 fn by_domain(description: &LaunchDescription) -> Result<BTreeMap<(u16, bool), Names>> {
     let mut found: BTreeMap<(u16, bool), Names> = BTreeMap::new();
     for process in &description.processes {
-        let Some((name, namespace, served)) = names(process) else { continue };
+        let Some(new) = names(process) else { continue };
         let variable = |name: &str| match process.environment.get(name) {
             Some(set) => set.clone(),
             None => std::env::var(name).ok(),
         };
         let (domain, discovery) = domain_and_range(&variable)?;
         let names = found.entry((domain, discovery == Discovery::Localhost)).or_default();
-        names.nodes.insert(catenary_shell::names::node_path(&namespace, &name));
-        names.served.extend(served);
+        names.nodes.extend(new.nodes);
+        names.served.extend(new.served);
+        names.told.extend(new.told);
     }
     Ok(found)
 }
 
-/// Fails where nodes are in a domain of the launch that have one of its names, or serve under one.
+/// Fails where nodes are in a domain of the launch that have one of its names, or serve or tell of an arm under one.
 pub fn refuse_second_graph(description: &LaunchDescription, shutdown: &Shutdown) -> Result<()> {
     for ((domain, is_localhost), names) in by_domain(description)? {
         // What keeps to this machine is found by its ports, at once.
@@ -90,12 +107,14 @@ fn look(node: &Node, names: &Names, shutdown: &Shutdown) -> Result<Vec<Peer>> {
     let start = Instant::now();
     let mut peers = node.look_around(LOOK);
     loop {
-        let served: Vec<&str> = names.served.iter().map(String::as_str).collect();
+        let [served, told] = [&names.served, &names.told].map(|set| set.iter().map(String::as_str).collect::<Vec<_>>());
         let mut taken: Vec<Peer> =
             peers.into_iter().filter(|peer| peer.name().is_some_and(|name| names.nodes.contains(name))).collect();
-        let others = node.servers(&served)?.into_iter();
-        let others: Vec<Peer> = others.filter(|peer| taken.iter().all(|known| known.name() != peer.name())).collect();
-        taken.extend(others);
+        for other in node.servers(&served)?.into_iter().chain(node.publishing(&told)?) {
+            if taken.iter().all(|known| known.name() != other.name()) {
+                taken.push(other);
+            }
+        }
         if taken.is_empty() || start.elapsed() >= LEAVING || shutdown.wait_timeout(Duration::from_millis(100)) {
             return Ok(taken);
         }
@@ -126,7 +145,7 @@ mod tests {
 
     #[test]
     fn names_follow_remaps_and_namespaces() {
-        let (name, namespace, served) = names(&process(&[
+        let Names { nodes, served, told } = names(&process(&[
             "/opt/catenary/bin/simulated_cell",
             "--ros-args",
             "--params-file",
@@ -137,12 +156,16 @@ mod tests {
             "panda/hold:=/stop",
         ]))
         .unwrap();
-        assert_eq!((name.as_str(), namespace.as_str()), ("simulated_cell", "/lab"));
-        assert!(served.contains(&"/lab/panda/enable".to_owned()) && served.contains(&"/stop".to_owned()), "{served:?}");
-        let (name, ..) = names(&process(&["simulator_pool", "--ros-args", "-r", "__node:=pool_2"])).unwrap();
-        assert_eq!(name, "pool_2");
-        let (name, ..) = names(&process(&["gdb", "--args", "catenary", "node", "camera", "--ros-args"])).unwrap();
-        assert_eq!(name, "camera");
+        assert_eq!(nodes, BTreeSet::from(["/lab/simulated_cell".to_owned()]));
+        assert!(told.contains("/lab/panda/current_pose") && told.contains("/lab/panda/arm_state"), "{told:?}");
+        assert!(served.contains("/lab/panda/enable") && served.contains("/stop"), "{served:?}");
+        for (words, node) in [
+            (&["simulator_pool", "--ros-args", "-r", "__node:=pool_2"][..], "/pool_2"),
+            (&["gdb", "--args", "catenary", "node", "camera", "--ros-args"], "/camera"),
+        ] {
+            let Names { nodes, told, .. } = names(&process(words)).unwrap();
+            assert_eq!((nodes, told), (BTreeSet::from([node.to_owned()]), BTreeSet::new()));
+        }
         assert!(names(&process(&["rviz2"])).is_none());
     }
 

@@ -51,7 +51,7 @@ fn arm(follows: f64) -> Arm<Lag> {
 
 /// One publisher of targets, and no other arm.
 fn alone() -> Rivals {
-    Rivals { publishers: vec!["/policy_runner".to_owned()], servers: Vec::new() }
+    Rivals { publishers: vec!["/policy_runner".to_owned()], ..Rivals::default() }
 }
 
 /// Runs for a time of the arm, or until the move has ended.
@@ -158,7 +158,7 @@ fn a_move_ends_where_somebody_else_takes_the_controller() {
 #[test]
 fn a_move_begins_only_where_enabling_would() {
     let mut a = arm(0.2);
-    let beside = Rivals { publishers: vec!["/a".to_owned(), "/b".to_owned()], servers: Vec::new() };
+    let beside = Rivals { publishers: vec!["/a".to_owned(), "/b".to_owned()], ..Rivals::default() };
     let refused = Err(ArmError::Refused(Refusal::Publishers(beside.publishers.clone())));
     assert_eq!(a.begin_move(&beside, None, 0.15, 1.0, false), refused);
     assert_eq!(a.enable(&beside, false), refused);

@@ -14,7 +14,7 @@ fn command(x: f64) -> Command {
 /// A graph with so many publishers of targets.
 fn rivals(publishers: usize) -> Rivals {
     let publishers = ["/policy_runner", "/stranger"].into_iter().take(publishers).map(str::to_owned).collect();
-    Rivals { publishers, servers: Vec::new() }
+    Rivals { publishers, ..Rivals::default() }
 }
 
 fn gate() -> SafetyGate {
@@ -106,16 +106,20 @@ fn a_publisher_that_comes_later_ends_the_motion() {
 
 #[test]
 fn beside_another_arm_of_its_names_it_neither_enables_nor_moves_and_says_which() {
-    let beside = Rivals { publishers: Vec::new(), servers: vec!["/lab_arm (process 7)".to_owned()] };
-    let mut g = SafetyGate::new(GateSettings::default(), false);
-    g.on_measured(pose(0.4));
-    for refused in [g.on_enable(&beside, false).map(|_| ()), g.on_move_begins(&beside, false)] {
-        let words = refused.unwrap_err().to_string();
-        assert!(words.contains("/lab_arm (process 7)") && words.contains("ROS_DOMAIN_ID"), "{words}");
+    let lab_arm = vec!["/lab_arm (process 7)".to_owned()];
+    let serving = Rivals { servers: lab_arm.clone(), ..Rivals::default() };
+    let telling = Rivals { arms: lab_arm, ..Rivals::default() };
+    for beside in [serving, telling] {
+        let mut g = SafetyGate::new(GateSettings::default(), false);
+        g.on_measured(pose(0.4));
+        for refused in [g.on_enable(&beside, false).map(|_| ()), g.on_move_begins(&beside, false)] {
+            let words = refused.unwrap_err().to_string();
+            assert!(words.contains("/lab_arm (process 7)") && words.contains("ROS_DOMAIN_ID"), "{words}");
+        }
+        assert_eq!(g.mode(), Mode::Idle);
+        g.on_enable(&rivals(1), false).unwrap();
+        assert_eq!((g.on_rivals(&beside), g.mode()), (Some(Order::End), Mode::Idle));
     }
-    assert_eq!(g.mode(), Mode::Idle);
-    g.on_enable(&rivals(1), false).unwrap();
-    assert_eq!((g.on_rivals(&beside), g.mode()), (Some(Order::End), Mode::Idle));
 }
 
 #[test]

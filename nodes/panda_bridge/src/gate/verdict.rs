@@ -152,6 +152,8 @@ pub struct Rivals {
     pub publishers: Vec<String>,
     /// Other nodes that serve the arm's own services or its action.
     pub servers: Vec<String>,
+    /// Other nodes that publish an arm's pose or state under the arm's own names.
+    pub arms: Vec<String>,
 }
 
 impl Rivals {
@@ -162,6 +164,10 @@ impl Rivals {
         }
         if !self.servers.is_empty() {
             return Err(Refusal::Servers(self.servers.clone()));
+        }
+        // It need not serve anything to follow the targets.
+        if !self.arms.is_empty() {
+            return Err(Refusal::Arms(self.arms.clone()));
         }
         Ok(())
     }
@@ -182,6 +188,12 @@ pub enum Refusal {
         .0.join(", ")
     )]
     Servers(Vec<String>),
+    /// Another arm that may follow the same targets.
+    #[error(
+        "another node publishes the pose or the state of an arm under this arm's names, and may follow its targets: {}; end one of the two, or give one another ROS_DOMAIN_ID or namespace",
+        .0.join(", ")
+    )]
+    Arms(Vec<String>),
     /// A stop is latched.
     #[error("a {0} is latched: recover first")]
     Latched(&'static str),

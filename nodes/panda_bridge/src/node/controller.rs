@@ -1,6 +1,7 @@
 //! The controller behind the relay: it takes target poses on one topic and tells its pose on another.
 #![allow(clippy::disallowed_methods, reason = "silence and motion are timed on a clock that does not step")]
 
+use super::settings::ControllerNames;
 use crate::arm::Plant;
 use crate::convert;
 use crate::gate::Order;
@@ -16,6 +17,8 @@ pub struct Controller {
     origin: Time,
     started: Instant,
     frame_id: String,
+    /// Name of the targets' topic before remapping.
+    topic: String,
     targets: Publisher<PoseStamped>,
     measured: Option<ArmPose>,
     /// When that came.
@@ -26,14 +29,15 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A controller of which nothing is known, that takes targets in the frame `frame_id`.
-    pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, frame_id: String) -> Self {
+    /// A controller of which nothing is known, that takes `targets` in its frame.
+    pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, names: &ControllerNames) -> Self {
         Self {
             node: node.clone(),
             origin,
             started: Instant::now(),
             measured_at: Instant::now(),
-            frame_id,
+            frame_id: names.frame_id.clone(),
+            topic: names.target_pose.clone(),
             targets,
             measured: None,
             target: None,
@@ -106,7 +110,7 @@ impl Plant for Controller {
         if !self.targets.has_subscriber() {
             return Some(format!("no controller listens on {topic}"));
         }
-        match self.node.publishers(topic) {
+        match self.node.publishers(&self.topic) {
             Ok(others) if others.is_empty() => None,
             Ok(others) => Some(format!(
                 "{} more on {topic}: {}; expected this relay to be the only publisher",

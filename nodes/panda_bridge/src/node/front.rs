@@ -27,6 +27,15 @@ pub const RECHECK_S: f64 = 0.5;
 /// Longest settling that a goal may ask for, s.
 const MAX_SETTLE_S: f64 = 60.0;
 
+/// Time in which every other node is found: discovery takes less than half a second.
+const FIRST_LOOK: Duration = Duration::from_millis(700);
+
+/// Waits until the other nodes of the domain are known. To be called before the arm is served: an arm that answered at once
+/// would be enabled beside rivals that it has not met.
+pub fn meet_others(node: &Node) {
+    let _everybody = node.look_around(FIRST_LOOK);
+}
+
 /// How the arm moves to its start pose.
 pub struct MoveParameters {
     speed_m_s: Param<f64>,
@@ -113,7 +122,8 @@ impl<P: Plant> Front<P> {
             0 | 1 => vec![String::new(); publishers.len()],
             _ => words(publishers),
         };
-        Ok(Rivals { publishers, servers: words(servers) })
+        let arms = self.node.publishing(&contract::ARM_TOPICS).map_err(|e| e.to_string())?;
+        Ok(Rivals { publishers, servers: words(servers), arms: words(arms) })
     }
 
     /// Adds the arm's fault to a report; it stays until the arm is enabled again. To be called at every report.
@@ -133,7 +143,7 @@ impl<P: Plant> Front<P> {
         self.origin + Duration::from_secs_f64(time_s.max(0.0))
     }
 
-    /// Serves targets, services and the move to the start pose. `set_compliance` carries checked settings out; it may
+    /// Serves targets, services and the move to the start pose, after [`meet_others`]. `set_compliance` carries checked settings out; it may
     /// block, and gives a remark for the caller, or why it failed.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "the silence of a controller is measured on a clock that does not step")]
 
 use super::controller::Controller;
-use super::front::{Front, MoveParameters, RECHECK_S};
+use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::parameters;
 use super::settings::{ControllerNames, Settings};
 use crate::arm::Arm;
@@ -65,9 +65,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let node = builder.build()?;
     let names = settings.controller;
     refuse_collisions(&node, &names)?;
+    meet_others(&node);
     let origin = node.now();
     let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
-    let controller = Controller::new(&node, origin, targets, names.frame_id.clone());
+    let controller = Controller::new(&node, origin, targets, &names);
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
     let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };

@@ -46,18 +46,24 @@ impl Answer<'_> {
         (WHOLE + 1..=MOST).contains(&self.cdr.len())
     }
 
-    /// Sends the answer to a reader's addresses.
+    /// Sends the answer to a reader's addresses. Fails where none of them took it: a machine tells addresses of all its
+    /// networks, and to some no way leads from here.
     pub(super) fn send(&self, addresses: &[SocketAddr]) -> std::io::Result<()> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let datagram = self.datagram(since);
+        let mut outcome = Ok(());
+        let mut is_sent = false;
         for address in addresses {
             let own: SocketAddr = match address {
                 SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
                 SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
             };
-            UdpSocket::bind(own)?.send_to(&datagram, address)?;
+            match UdpSocket::bind(own).and_then(|socket| socket.send_to(&datagram, address)) {
+                Ok(_) => is_sent = true,
+                Err(error) => outcome = Err(error),
+            }
         }
-        Ok(())
+        if is_sent { Ok(()) } else { outcome }
     }
 
     /// The RTPS message, of a time since 1970.
@@ -127,6 +133,22 @@ mod tests {
         assert_eq!(data[40..48], [3, 0, 0, 0, 5, 0, 0, 0]);
         assert_eq!(data[data.len() - 2004..data.len() - 2000], SENTINEL);
         assert!(data.ends_with(&cdr));
+    }
+
+    #[test]
+    fn an_address_that_takes_nothing_keeps_no_other_from_the_answer() {
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        receiver.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let cdr = vec![7; 2000];
+        let to = RmwRequestId { writer_gid: Gid::from([2; 16]), sequence_number: 1 };
+        let answer = Answer { writer: GUID::from_bytes([1; 16]), sequence: 1, to, cdr: &cdr };
+        // Nobody may send to the broadcast address without asking for it.
+        let closed: SocketAddr = ([255, 255, 255, 255], 9).into();
+        assert!(answer.send(&[closed]).is_err());
+        for addresses in [[closed, receiver.local_addr().unwrap()], [receiver.local_addr().unwrap(), closed]] {
+            answer.send(&addresses).unwrap();
+            assert!(receiver.recv(&mut [0; 4096]).unwrap() > 2000);
+        }
     }
 
     #[test]

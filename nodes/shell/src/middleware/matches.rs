@@ -39,6 +39,13 @@ impl Matches {
                     others.remove(&guid);
                 }
             }
+            // RustDDS tells of a participant that was killed, or said goodbye, by this alone.
+            DomainParticipantStatusEvent::ParticipantLost { id, .. } => {
+                state.matched.retain(|own, _| own.prefix != id);
+                for others in state.matched.values_mut() {
+                    others.retain(|other| other.prefix != id);
+                }
+            }
             _ => return,
         }
         for waiting in state.waiting.drain(..) {
@@ -92,5 +99,24 @@ mod tests {
         matches.apply(&DomainParticipantStatusEvent::ReaderLost { guid: guid(2), reason: LostReason::Disposed });
         assert!(!matches.has_reader(guid(1)));
         assert_eq!(change.try_recv(), Ok(()));
+    }
+
+    #[test]
+    fn a_participant_that_is_lost_takes_all_its_endpoints_along_and_wakes_who_waits() {
+        let guid = |byte| GUID::from_bytes([byte; 16]);
+        let matches = Matches::default();
+        for other in [2, 3] {
+            matches.apply(&DomainParticipantStatusEvent::RemoteWriterMatched {
+                local_reader: guid(1),
+                remote_writer: guid(other),
+            });
+        }
+        for (lost, is_left) in [(2, true), (3, false)] {
+            let change = matches.change();
+            let id = guid(lost).prefix;
+            matches.apply(&DomainParticipantStatusEvent::ParticipantLost { id, reason: LostReason::Disposed });
+            assert_eq!(matches.has_writer(guid(1)), is_left);
+            assert_eq!(change.try_recv(), Ok(()));
+        }
     }
 }

@@ -19,7 +19,7 @@ use catenary_shell::{
     Misconfigured, Node, NodeBuilder, Param, ParamSpec, Publisher, Time, contract, read_model, stamp,
 };
 use panda_bridge::gate::BASE_FRAME;
-use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S};
+use panda_bridge::node::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use panda_bridge::{Arm, Mode, kinematics};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -87,6 +87,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let p = declare(&builder)?;
     let node = builder.build()?;
     let (cell, model, cell_seed) = cell(&p).map_err(Misconfigured::new)?;
+    // Before the arm's time begins, which would have to be made up for.
+    meet_others(&node);
     let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
     let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
     let started = Instant::now();
