@@ -163,7 +163,7 @@ def test_a_result_that_fits_nothing_has_its_own_exit_code_and_says_so_first(tmp_
     assert report["fits"] is False and "mm off the measured keypoints" in report["misfit"]
     assert json.loads((out / "posterior.json").read_text()) == report["posterior"]
     assert json.loads((out / "inference.json").read_text()) == report
-    assert "DOES NOT FIT" in (out / "report.html").read_text()
+    assert "does not fit the recording" in (out / "report.html").read_text()
     lines = done.stderr.splitlines()
     assert len(lines) == 1 and lines[0].startswith("catenary: the result") and str(out) in lines[0]
     done = infer(bag, out)

@@ -283,5 +283,5 @@ def test_a_value_that_has_no_type_is_refused_with_its_place(tmp_path):
         ("$(var list)", "list_of_int", "expected list_of_int"),
     ]:
         done = show(with_params(tmp_path / "x.launch.xml", [("some", value, kind)]), {})
-        assert done.returncode == 1 and done.stdout == "", value
+        assert done.returncode == 2 and done.stdout == "", value
         assert all(words in done.stderr for words in ("line 1", "<param>", "some", f"`{value}`", said)), done.stderr

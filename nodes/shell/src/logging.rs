@@ -171,6 +171,8 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosLayer {
 fn is_noise(level: tracing::Level, target: &str, message: &str) -> bool {
     match target {
         "rustdds::rtps::writer" => level == tracing::Level::WARN && !message.contains("QoS mismatch"),
+        // The event loop is busy with images when an endpoint goes. The participant's end takes the endpoint along.
+        "rustdds::dds::pubsub" => message.starts_with("Cannot remove"),
         "rustdds::dds::participant" => message.contains("ParticipantId"),
         // A node that ends as soon as it has begun hears of its own readers and writers when they are gone.
         "rustdds::discovery" | "rustdds::discovery::discovery" => message.contains("Did not find a local"),
