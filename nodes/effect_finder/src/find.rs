@@ -220,7 +220,7 @@ impl<'a> Search<'a> {
             Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
         let (problem, candidates) = (self.problem, self.question.candidates);
         outcome.finding.limits =
-            self.telling.in_rounds(Stage::Detect, |on_round| limits(problem, &fit, candidates, on_round))?;
+            self.telling.in_rounds(Stage::Localise, |on_round| limits(problem, &fit, candidates, on_round))?;
         let mut is_narrow = false;
         if is_gap {
             self.telling.conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;
