@@ -3,7 +3,6 @@ against the meaning that its documentation gives everywhere."""
 
 import importlib.util
 import json
-import math
 import os
 import pathlib
 import shutil
@@ -12,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 import yaml
+from given_parameters import of_rclpy
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
@@ -214,32 +214,13 @@ def with_params(path, params):
     return path
 
 
-def written(value):
-    """A value as the table has it: infinities and NaN in words."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return repr(value)
-    return value if value is None or isinstance(value, (bool, int, float, str)) else [written(item) for item in value]
-
-
 def of_node(texts, folder):
     """What a node of rclpy gets from parameter files with these texts, by name; None where it refuses them."""
-    rclpy = pytest.importorskip("rclpy")
     arguments = []
     for i, text in enumerate(texts):
         (folder / f"{i}.yaml").write_text(text)
         arguments += ["--params-file", str(folder / f"{i}.yaml")]
-    context = rclpy.Context()
-    try:
-        context.init(args=["x", "--ros-args", *arguments], domain_id=99)
-    except Exception:
-        return None
-    try:
-        node = rclpy.create_node("cam", context=context, enable_rosout=False, start_parameter_services=False)
-        values = {name: [value.type_.name, written(value.value)] for name, value in node._parameter_overrides.items()}
-        node.destroy_node()
-        return values
-    finally:
-        context.try_shutdown()
+    return of_rclpy(arguments)
 
 
 def parameter_texts(found):
