@@ -12,9 +12,9 @@ const WINDOW: usize = 10;
 const PACE_NEAR_1: f64 = 1.05;
 /// Share by which another pace may vary over a gap: that of a simulation depends on its load.
 const PACE_VARIES: f64 = 0.1;
-/// How much longer than poses another stream may take from its stamp to the log, s: exposure, transport and a slow tracker.
+/// Greatest delay of a stream from stamp to log beyond that of the poses, s: exposure, transport and a slow tracker.
 const LATE_S: f64 = 0.5;
-/// How much shorter, s: no message comes before it was measured.
+/// Greatest amount by which that delay may fall short of the poses', s: no message comes before it was measured.
 const EARLY_S: f64 = 0.1;
 /// Messages that were logged farther apart are not compared, s: where stamps run faster than the log, they differ.
 const TOGETHER_S: f64 = 0.1;
@@ -89,7 +89,7 @@ fn step(times: &[Times]) -> Option<Step> {
         let log_s = since_s(times[i].log_ns, times[i - 1].log_ns);
         let (before, after) = (&times[i.saturating_sub(WINDOW)..i], &times[i..times.len().min(i + WINDOW)]);
         let is_back = stamps_s < -BACK_S;
-        // Where no neighbours show the pace, any step ahead may be the pace's.
+        // Without neighbours that show the pace, any step ahead may be the pace's.
         let pace = match pace(&[before, after]) {
             Some(pace) => pace.max(1.0),
             None if is_back => 1.0,
@@ -108,7 +108,7 @@ fn step(times: &[Times]) -> Option<Step> {
     })
 }
 
-/// How fast the stamps of `parts` run, s per second of the log; none where nothing shows it.
+/// Pace of the stamps of `parts`, s per second of the log; none where nothing shows it.
 fn pace(parts: &[&[Times]]) -> Option<f64> {
     let ends = parts.iter().filter_map(|part| Some((part.first()?, part.last()?)));
     let (stamps_s, log_s) = ends.fold((0.0, 0.0), |(stamps_s, log_s), (first, last)| {
@@ -139,7 +139,7 @@ fn step_notes(steps: &[(&str, Step)]) -> Vec<String> {
     groups.iter().map(note).collect()
 }
 
-/// How much later than messages of the `known` topic those of another come, s from stamp to log: least of it, without a few
+/// Delay of a topic's messages beyond that of the `known` topic's, s from stamp to log: least of it, without a few
 /// outliers. Compared are messages that were logged at about the same time, as a bag may have been played at another rate.
 fn offset_s(times: &[Times], known: &[Times]) -> Option<f64> {
     if times.len() < FEW || known.len() < FEW {
