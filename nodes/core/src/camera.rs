@@ -1,7 +1,8 @@
-//! The camera that looks at the plane of motion.
+//! Camera that observes the plane of motion.
 //!
-//! World: frame panda_link0, m, x forward, y left, z up. Image: pixels, u right, v down, the centre of the first pixel at
-//! (0.5, 0.5). Two pixel grids are in use: the image (640 x 480) and the square mask (256 x 256) that is cut from its middle.
+//! World: frame panda_link0, m, x forward, y left, z up. Image: pixels, u right, v down, the centre of the first pixel
+//! at (0.5, 0.5). Two pixel grids are in use: the image (640 x 480), and the square mask (256 x 256) cut from its
+//! middle.
 
 use crate::ModelError;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -9,18 +10,20 @@ use serde::{Deserialize, Serialize};
 
 /// Side of the label mask in pixels.
 pub const MASK_SIZE_PX: u32 = 256;
+/// Half the side of the label mask in pixels: a pixel is 1 / 128 of the image coordinates, which are scaled to -1 .. 1.
+pub const HALF_MASK_PX: f64 = 0.5 * MASK_SIZE_PX as f64;
 
-/// A camera and how the mask is cut from its image.
+/// Camera together with the cut of the mask from its image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Camera {
-    /// A pinhole camera.
+    /// Pinhole camera.
     Pinhole(Pinhole),
-    /// Coordinates measured in the plane y = 0 itself (motion capture, or an import): a square of the x-z plane.
+    /// Square of the x-z plane, for coordinates measured in the plane y = 0 itself (motion capture, or an import).
     Plane(Plane),
 }
 
-/// A pinhole camera.
+/// Pinhole camera with roll and one radial lens coefficient.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pinhole {
@@ -32,17 +35,17 @@ pub struct Pinhole {
     pub focal_px: f64,
     /// Centre of projection in m.
     pub position_m: [f64; 3],
-    /// The point that the middle of the image shows, in m.
+    /// Point in the middle of the image, in m.
     pub look_at_m: [f64; 3],
-    /// Roll about the optical axis in rad, clockwise as the camera looks; an upright camera has none.
+    /// Roll about the optical axis in rad, clockwise along the viewing direction; 0 for an upright camera.
     #[serde(default)]
     pub roll_rad: f64,
-    /// First radial coefficient k1 of the lens: a point at r focal lengths from the axis is seen at r (1 + k1 r^2).
+    /// First radial coefficient k1 of the lens: a point at r focal lengths from the axis appears at r (1 + k1 r^2).
     #[serde(default)]
     pub distortion_k1: f64,
 }
 
-/// A square of the plane y = 0, as an image of its own.
+/// Square of the plane y = 0 that serves as an image.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plane {
@@ -50,21 +53,21 @@ pub struct Plane {
     pub centre_m: [f64; 2],
     /// Side of the square in m.
     pub side_m: f64,
-    /// Turn of the square in rad about its middle, clockwise as a reader sees x to the right and z up.
+    /// Rotation of the square in rad about its middle, clockwise in a drawing with x to the right and z up.
     #[serde(default)]
     pub roll_rad: f64,
-    /// First radial coefficient: a point at r sides from the middle is seen at r (1 + k1 r^2).
+    /// First radial coefficient: a point at r sides from the middle appears at r (1 + k1 r^2).
     #[serde(default)]
     pub distortion_k1: f64,
 }
 
-/// The point that a lens of radial coefficient `k1` shows at distance r (1 + k1 r^2) in the direction of `p`.
+/// Applies the lens: moves `p` from radius r to radius r (1 + k1 r^2).
 fn distorted(p: [f64; 2], k1: f64) -> [f64; 2] {
     let scale = 1.0 + k1 * (p[0] * p[0] + p[1] * p[1]);
     p.map(|v| v * scale)
 }
 
-/// The point that [`distorted`] takes to `p`, by Newton's method on the radius.
+/// Inverts [`distorted`] by Newton's method on the radius.
 fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
     let seen = p[0].hypot(p[1]);
     if k1 == 0.0 || seen == 0.0 {
@@ -77,7 +80,7 @@ fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
     p.map(|v| v * r / seen)
 }
 
-/// Rejects a roll that is not a number, and a lens that folds the picture over within one focal length of its axis.
+/// Rejects a roll that is not finite, and a lens that folds the image over within one focal length of its axis.
 fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
     let refuse = |field: &str, expected: &str, got: f64| {
         Err(ModelError::value(format!("camera.view.{kind}.{field}"), expected, got))
@@ -85,23 +88,24 @@ fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
     if !roll_rad.is_finite() {
         return refuse("roll_rad", "a finite number", roll_rad);
     }
+    // The derivative 1 + 3 k1 r^2 of the distorted radius is zero at r = 1 for k1 = -1/3.
     if !(k1.is_finite() && k1 > -1.0 / 3.0) {
         return refuse("distortion_k1", "a number above -1/3", k1);
     }
     Ok(())
 }
 
-/// Iterations of [`undistorted`]; the fourth already ends at rounding for the lenses that the checks let pass.
+/// Iterations of [`undistorted`]. For lenses that pass [`check_lens`], the fourth already converges to rounding.
 const UNDISTORT_ITERATIONS: usize = 8;
 
-/// `p` turned counter-clockwise by `angle_rad`.
+/// Rotates `p` counter-clockwise by `angle_rad`.
 fn turned([x, y]: [f64; 2], angle_rad: f64) -> [f64; 2] {
     let (sin, cos) = angle_rad.sin_cos();
     [cos * x - sin * y, sin * x + cos * y]
 }
 
 impl Camera {
-    /// Rejects numbers that make no camera; names the field in a model file.
+    /// Rejects numbers that make no camera. The error names the field in a model file.
     ///
     /// # Errors
     /// [`ModelError::Value`].
@@ -118,7 +122,7 @@ impl Camera {
         }
     }
 
-    /// Mask pixel (u, v) that shows `point_m` (x, y, z); none where the point lies behind the camera.
+    /// Projects `point_m` (x, y, z) to mask pixel (u, v); none if the point lies behind the camera.
     pub fn mask_from_world(&self, point_m: [f64; 3]) -> Option<[f64; 2]> {
         let size = f64::from(MASK_SIZE_PX);
         match self {
@@ -130,13 +134,13 @@ impl Camera {
         }
     }
 
-    /// The same, scaled to -1 .. 1 over the mask.
+    /// Projects `point_m` (x, y, z) to coordinates scaled to -1 .. 1 over the mask; none if it lies behind the camera.
     pub fn scaled_from_world(&self, point_m: [f64; 3]) -> Option<[f64; 2]> {
         let size = f64::from(MASK_SIZE_PX);
         self.mask_from_world(point_m).map(|px| px.map(|v| 2.0 * v / size - 1.0))
     }
 
-    /// (x, z) in m of the point of the plane y = 0 that mask pixel (u, v) shows; none where the ray misses the plane.
+    /// Back-projects mask pixel (u, v) to (x, z) in m in the plane y = 0; none if the ray misses the plane.
     pub fn plane_from_mask(&self, px: [f64; 2]) -> Option<[f64; 2]> {
         let size = f64::from(MASK_SIZE_PX);
         match self {
@@ -148,16 +152,17 @@ impl Camera {
         }
     }
 
-    /// The same for coordinates scaled to -1 .. 1 over the mask.
+    /// Back-projects coordinates scaled to -1 .. 1 over the mask to (x, z) in m in the plane y = 0; none if the ray
+    /// misses the plane.
     pub fn plane_from_scaled(&self, scaled: [f64; 2]) -> Option<[f64; 2]> {
         let size = f64::from(MASK_SIZE_PX);
         self.plane_from_mask(scaled.map(|v| 0.5 * (v + 1.0) * size))
     }
 }
 
-/// The same camera elsewhere, turned or with another lens.
+/// Copies of a camera with another place, roll, focal length or lens.
 impl Camera {
-    /// Moved by `shift_m` (x, y, z) in m without turning.
+    /// Camera moved by `shift_m` (x, y, z) in m, without rotation.
     pub fn moved(self, shift_m: [f64; 3]) -> Self {
         match self {
             Camera::Pinhole(p) => Camera::Pinhole(Pinhole {
@@ -171,7 +176,7 @@ impl Camera {
         }
     }
 
-    /// Rolled further by `angle_rad`, clockwise as it looks.
+    /// Camera rolled further by `angle_rad`, clockwise along its viewing direction.
     pub fn rolled(self, angle_rad: f64) -> Self {
         match self {
             Camera::Pinhole(p) => Camera::Pinhole(Pinhole { roll_rad: p.roll_rad + angle_rad, ..p }),
@@ -179,7 +184,7 @@ impl Camera {
         }
     }
 
-    /// With a focal length `factor` times as long: everything looks that much larger.
+    /// Camera with a focal length `factor` times as long: everything in the image is `factor` times as large.
     pub fn enlarged(self, factor: f64) -> Self {
         match self {
             Camera::Pinhole(p) => Camera::Pinhole(Pinhole { focal_px: p.focal_px * factor, ..p }),
@@ -187,7 +192,7 @@ impl Camera {
         }
     }
 
-    /// With `k1` added to the radial coefficient of its lens.
+    /// Camera with `k1` added to the radial coefficient of its lens.
     pub fn distorted(self, k1: f64) -> Self {
         match self {
             Camera::Pinhole(p) => Camera::Pinhole(Pinhole { distortion_k1: p.distortion_k1 + k1, ..p }),
@@ -197,13 +202,14 @@ impl Camera {
 }
 
 impl Plane {
-    /// Where roll and lens show the point (a, b), in sides from the middle, x right and z up.
+    /// Applies roll and lens to the point (a, b), in sides from the middle, x right and z up.
     fn lens(&self, p: [f64; 2]) -> [f64; 2] {
+        // Without roll and lens the coordinates keep every bit: an imported track comes out as it went in.
         let p = if self.roll_rad == 0.0 { p } else { turned(p, self.roll_rad) };
         if self.distortion_k1 == 0.0 { p } else { distorted(p, self.distortion_k1) }
     }
 
-    /// The inverse of [`Self::lens`].
+    /// Inverse of [`Self::lens`].
     fn through_lens(&self, p: [f64; 2]) -> [f64; 2] {
         let p = undistorted(p, self.distortion_k1);
         if self.roll_rad == 0.0 { p } else { turned(p, -self.roll_rad) }
@@ -230,6 +236,7 @@ impl Pinhole {
             }
         }
         let forward = self.forward();
+        // A camera that looks straight up or down has no right direction: its cross product with z is zero.
         if !(forward.norm() > 0.0 && forward.cross(&Vector3::z()).norm() > 1e-9 * forward.norm()) {
             let expected = "a point away from position_m and not straight above or below it";
             return refuse("look_at_m", expected, format!("{:?}", self.look_at_m));
@@ -241,7 +248,7 @@ impl Pinhole {
         Point3::from(self.look_at_m) - Point3::from(self.position_m)
     }
 
-    /// Rotation whose rows are the camera's right, down and forward directions in the world: the ROS optical frame.
+    /// Rotation from the world to the ROS optical frame. Its rows are the camera's right, down and forward directions.
     pub fn optical_from_world(&self) -> Matrix3<f64> {
         let forward = self.forward().normalize();
         let right = forward.cross(&Vector3::z()).normalize();
@@ -255,14 +262,15 @@ impl Pinhole {
         Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()])
     }
 
-    /// Image pixel (u, v) that shows `point_m`; none where the point lies behind the camera.
+    /// Projects `point_m` (x, y, z) to image pixel (u, v); none if the point lies behind the camera.
     pub fn image_from_world(&self, point_m: [f64; 3]) -> Option<[f64; 2]> {
         let p = self.optical_from_world() * (Point3::from(point_m) - Point3::from(self.position_m));
+        // A point in the plane of the lens would be divided by zero.
         (p.z > 1e-6).then(|| self.image_from_optical(p.into()))
     }
 
-    /// Image pixel (u, v) that shows a point (m) of the optical frame (x right, y down, z forward), which must lie before
-    /// the camera.
+    /// Projects a point in m of the optical frame (x right, y down, z forward) to image pixel (u, v). The point must
+    /// lie in front of the camera.
     pub fn image_from_optical(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         let bent = if self.distortion_k1 == 0.0 {
             [self.focal_px * x / z, self.focal_px * y / z]
@@ -272,7 +280,7 @@ impl Pinhole {
         [0.5 * f64::from(self.image_width_px) + bent[0], 0.5 * f64::from(self.image_height_px) + bent[1]]
     }
 
-    /// Direction in the world (unit length) of the ray through image pixel (u, v).
+    /// Unit direction in the world of the ray through image pixel (u, v).
     pub fn ray_from_image(&self, px: [f64; 2]) -> Vector3<f64> {
         let seen = [
             (px[0] - 0.5 * f64::from(self.image_width_px)) / self.focal_px,
@@ -283,7 +291,7 @@ impl Pinhole {
         (self.optical_from_world().transpose() * in_optical).normalize()
     }
 
-    /// Side in image pixels of the square that the mask is cut from, and its left and upper edge.
+    /// Square from which the mask is cut: its side in image pixels, and its left and upper edge.
     pub fn crop(&self) -> (f64, [f64; 2]) {
         let (w, h) = (f64::from(self.image_width_px), f64::from(self.image_height_px));
         let side = w.min(h);
@@ -336,7 +344,7 @@ mod tests {
             let [u, _] = see(&c, middle[0] + 0.1, middle[1]);
             let moved = see(&c.moved([0.1, 0.0, 0.0]), middle[0] + 0.1, middle[1]);
             assert!(moved[0].abs() < 1e-9 && moved[1].abs() < 1e-9, "{moved:?}");
-            // Rolled clockwise by a quarter, it sees what lay to the right above the middle.
+            // After a quarter turn clockwise, a point to the right of the middle appears above it.
             let rolled = see(&c.rolled(std::f64::consts::FRAC_PI_2), middle[0] + 0.1, middle[1]);
             assert!(rolled[0].abs() < 1e-9 && (rolled[1] + u).abs() < 1e-9, "{rolled:?} for {u}");
             assert!((see(&c.enlarged(1.5), middle[0] + 0.1, middle[1])[0] - 1.5 * u).abs() < 1e-9);

@@ -1,7 +1,11 @@
-//! The pose of the clamped end and its measured path.
+//! Pose of the clamped end of the object, and its path over time.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+/// Lever in m that converts the noise of the hand's position into that of its pitch, in simulated recordings and in residuals
+/// alike. It is about the length of a Panda's hand, 0.1034 m from flange to fingertips.
+pub const POSE_LEVER_M: f64 = 0.1;
 
 /// Pose of the clamped end in the plane of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -10,38 +14,41 @@ pub struct GripPose {
     pub x_m: f64,
     /// z in m, frame panda_link0, up.
     pub z_m: f64,
-    /// Rotation about +y in rad from the pose in which the model's grip angle holds; positive turns a hanging
-    /// object towards -x.
+    /// Rotation about +y in rad. At 0 the clamped tangent has the model's grip angle; positive turns a hanging object
+    /// towards -x.
     pub pitch_rad: f64,
 }
 
 impl GripPose {
-    /// Orientation (x, y, z, w) of panda_hand_tcp in panda_link0: the tool points down at pitch 0, turned about +y by the pitch.
+    /// Orientation (x, y, z, w) of panda_hand_tcp in panda_link0. The tool points down at pitch 0 and turns about +y.
     pub fn quaternion_xyzw(&self) -> [f64; 4] {
+        // A half turn about x points the tool down; the pitch about y follows it.
         let (s, c) = (0.5 * self.pitch_rad).sin_cos();
         [c, 0.0, -s, 0.0]
     }
 
-    /// The pitch of a tool whose orientation in panda_link0 is the unit quaternion (x, y, z, w): the angle by which its
-    /// approach axis has turned from straight down, about +y.
+    /// Pitch in rad of a tool whose orientation in panda_link0 is the unit quaternion (x, y, z, w): the angle about +y
+    /// between its approach axis and straight down.
     pub fn pitch_from_quaternion([x, y, z, w]: [f64; 4]) -> f64 {
+        // The third column of the rotation matrix: the tool's own z axis, of which only the part in the plane counts.
         let approach_x = 2.0 * (x * z + w * y);
         let approach_z = 1.0 - 2.0 * (x * x + y * y);
         (-approach_x).atan2(-approach_z)
     }
 }
 
-/// A path of the clamped end: poses at increasing times, linear between them, held before the first and after the last.
+/// Path of the clamped end: poses at increasing times. It is linear between them, and constant before the first and
+/// after the last.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct GripTrajectory {
     times_s: Vec<f64>,
     poses: Vec<GripPose>,
 }
 
-/// Why a path was refused.
+/// Reason for which a path is refused.
 #[derive(Debug, Error, PartialEq)]
 pub enum GripError {
-    /// No pose, or another number of poses than of times.
+    /// No poses, or numbers of poses and times that differ.
     #[error("a grip trajectory needs as many poses as times, and at least one: got {poses} poses, {times} times")]
     Length {
         /// Number of poses.
@@ -49,14 +56,14 @@ pub enum GripError {
         /// Number of times.
         times: usize,
     },
-    /// Times that stand still, run back, or are not finite.
+    /// Times that are not strictly increasing, or not finite.
     #[error("grip trajectory: time {index} is {time_s} s, not after {previous_s} s")]
     Order {
         /// Index of the offending time.
         index: usize,
-        /// Its value.
+        /// Offending time in s.
         time_s: f64,
-        /// The one before.
+        /// Time before it in s.
         previous_s: f64,
     },
     /// A pose that is not finite.
@@ -65,7 +72,10 @@ pub enum GripError {
 }
 
 impl GripTrajectory {
-    /// Checks lengths, order and finiteness. `times_s` in s, strictly increasing.
+    /// Builds a path from strictly increasing times in s and one pose for each.
+    ///
+    /// # Errors
+    /// [`GripError`] if lengths, order or finiteness are wrong.
     pub fn new(times_s: Vec<f64>, poses: Vec<GripPose>) -> Result<Self, GripError> {
         if times_s.is_empty() || times_s.len() != poses.len() {
             return Err(GripError::Length { poses: poses.len(), times: times_s.len() });
@@ -83,18 +93,19 @@ impl GripTrajectory {
         Ok(Self { times_s, poses })
     }
 
-    /// The sampled times in s.
+    /// Sampled times in s.
     pub fn times_s(&self) -> &[f64] {
         &self.times_s
     }
 
-    /// The sampled poses.
+    /// Sampled poses.
     pub fn poses(&self) -> &[GripPose] {
         &self.poses
     }
 
-    /// The pose at `time_s`, linear between samples and held outside them.
+    /// Pose at `time_s`: linear between samples, constant outside them.
     pub fn at(&self, time_s: f64) -> GripPose {
+        // Index of the first sample after `time_s`.
         let next = self.times_s.partition_point(|&t| t <= time_s);
         if next == 0 {
             return self.poses[0];

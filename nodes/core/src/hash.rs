@@ -1,7 +1,8 @@
-//! A number that stands for bytes, the same in every program and on every machine.
+//! Hash of bytes that is the same in every program and on every machine.
 
-/// Fowler, Noll and Vo's hash 1a of 64 bits.
+/// FNV-1a hash of 64 bits (Fowler, Noll and Vo).
 pub fn fnv1a(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    // Offset basis and prime are the authors' own for 64 bits.
     let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
     bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, step)
 }
@@ -10,7 +11,7 @@ pub fn fnv1a(bytes: impl IntoIterator<Item = u8>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Values of the authors' own list.
+    /// Expected values: the authors' test vectors.
     #[test]
     fn the_hash_is_that_of_its_authors() {
         let of = |text: &str| fnv1a(text.bytes());

@@ -1,4 +1,4 @@
-//! Images and label masks, row by row from the upper left corner.
+//! Images and label masks, stored row by row from the upper left corner.
 
 use thiserror::Error;
 
@@ -12,7 +12,7 @@ pub mod label {
     pub const TARGET: u8 = 2;
 }
 
-/// Data that do not fill the image that they are said to be.
+/// Data too short for the stated image size.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error("an image of {width} x {height} pixels and a row step of {step} bytes needs {needed} bytes, got {got}")]
 pub struct SizeError {
@@ -28,7 +28,7 @@ pub struct SizeError {
     pub got: usize,
 }
 
-/// A borrowed 8-bit RGB image.
+/// Borrowed 8-bit RGB image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RgbView<'a> {
     width: u32,
@@ -38,9 +38,13 @@ pub struct RgbView<'a> {
 }
 
 impl<'a> RgbView<'a> {
-    /// A view of `data`: `height` rows of `width` RGB triples, `step` bytes from one row to the next.
+    /// Views `data` as `height` rows of `width` RGB triples, with `step` bytes from one row to the next.
+    ///
+    /// # Errors
+    /// [`SizeError`] if a row is longer than `step`, the data are too short, or a side is zero.
     pub fn new(width: u32, height: u32, step: usize, data: &'a [u8]) -> Result<Self, SizeError> {
         let row = 3 * width as usize;
+        // The last row needs no padding behind it.
         let needed = (height as usize).saturating_sub(1) * step + if height == 0 { 0 } else { row };
         if step < row || data.len() < needed || width == 0 || height == 0 {
             return Err(SizeError { width, height, step, needed: needed.max(1), got: data.len() });
@@ -58,14 +62,14 @@ impl<'a> RgbView<'a> {
         self.height
     }
 
-    /// Row `v`: `width` RGB triples.
+    /// `width` RGB triples of row `v`.
     pub fn row(&self, v: u32) -> &'a [u8] {
         let start = v as usize * self.step;
         &self.data[start..start + 3 * self.width as usize]
     }
 }
 
-/// An owned 8-bit RGB image without padding.
+/// Owned 8-bit RGB image without padding.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RgbImage {
     /// Width in pixels.
@@ -77,18 +81,18 @@ pub struct RgbImage {
 }
 
 impl RgbImage {
-    /// A black image.
+    /// Black image.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, data: vec![0; 3 * width as usize * height as usize] }
     }
 
-    /// The image as a view.
+    /// Borrowed view of the image.
     pub fn view(&self) -> RgbView<'_> {
         RgbView { width: self.width, height: self.height, step: 3 * self.width as usize, data: &self.data }
     }
 }
 
-/// A label mask without padding: one of [`label`] a pixel.
+/// Label mask without padding. Each pixel holds one value of [`label`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LabelMask {
     /// Width in pixels.
@@ -100,12 +104,15 @@ pub struct LabelMask {
 }
 
 impl LabelMask {
-    /// A mask of background.
+    /// Mask in which every pixel is background.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, data: vec![label::BACKGROUND; width as usize * height as usize] }
     }
 
-    /// A mask of `data`, which must be `height` x `width` bytes.
+    /// Mask made of `data`, which must be `height` x `width` bytes.
+    ///
+    /// # Errors
+    /// [`SizeError`] if the length differs or a side is zero.
     pub fn from_data(width: u32, height: u32, data: Vec<u8>) -> Result<Self, SizeError> {
         let needed = width as usize * height as usize;
         if data.len() != needed || needed == 0 {
@@ -114,7 +121,7 @@ impl LabelMask {
         Ok(Self { width, height, data })
     }
 
-    /// The label of the pixel in column `u`, row `v`.
+    /// Label of the pixel in column `u`, row `v`.
     pub fn at(&self, u: u32, v: u32) -> u8 {
         self.data[v as usize * self.width as usize + u as usize]
     }

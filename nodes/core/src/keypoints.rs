@@ -1,19 +1,19 @@
-//! Keypoints of one label mask.
+//! Keypoints of one label mask, and the order in which they may come.
 
 use crate::model::DriveKind;
 use serde::{Deserialize, Serialize};
 
 /// Keypoints of the deformable object and of the target in one mask.
 ///
-/// Pixel coordinates: u to the right, v down, the centre of the first pixel at (0.5, 0.5). The four keypoints are a set:
-/// their order may flip between frames.
+/// Pixel coordinates: u to the right, v down, the centre of the first pixel at (0.5, 0.5). The four keypoints are a
+/// set: their order may flip between frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Keypoints {
     /// (u, v) of the object's four keypoints, in pixels.
     pub dlo_px: [[f64; 2]; 4],
-    /// (u, v) of the target's centre in pixels, where it was seen.
+    /// (u, v) of the target's centre in pixels; none if it was not seen.
     pub target_px: Option<[f64; 2]>,
-    /// Confidence of each keypoint, 0 to 1; 0 where it was not seen.
+    /// Confidence of each keypoint, 0 to 1; 0 if it was not seen.
     pub scores: [f32; 4],
     /// Confidence of the target, 0 to 1.
     pub target_score: f32,
@@ -24,38 +24,38 @@ pub struct Keypoints {
 }
 
 impl Keypoints {
-    /// `point` in pixels, scaled to -1 .. 1 over the image (x to the right, y down).
+    /// Converts `point` from pixels to -1 .. 1 over the image (x to the right, y down).
     pub fn scaled(&self, point: [f64; 2]) -> [f64; 2] {
         [2.0 * point[0] / f64::from(self.image_width_px) - 1.0, 2.0 * point[1] / f64::from(self.image_height_px) - 1.0]
     }
 
-    /// The four keypoints, scaled to -1 .. 1.
+    /// Four keypoints, scaled to -1 .. 1.
     pub fn dlo_scaled(&self) -> [[f64; 2]; 4] {
         self.dlo_px.map(|p| self.scaled(p))
     }
 
-    /// The target, scaled to -1 .. 1, where it was seen.
+    /// Target, scaled to -1 .. 1; none if it was not seen.
     pub fn target_scaled(&self) -> Option<[f64; 2]> {
         self.target_px.map(|p| self.scaled(p))
     }
 
-    /// Whether all four keypoints of the object were seen.
+    /// True if all four keypoints of the object were seen.
     pub fn dlo_seen(&self) -> bool {
         self.scores.iter().all(|&s| s > 0.0)
     }
 }
 
-/// What is known of the order of a frame's four keypoints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Knowledge about the order of a frame's four keypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum KeypointOrder {
-    /// Along the object, from one end or the other, as trackers follow it.
+    /// Along the object, from either end, as trackers follow it.
     Along,
-    /// Nothing: a policy's observation has them sorted by where they lie in the image.
+    /// Unknown: a policy's observation sorts them by their place in the image.
     Unknown,
 }
 
 impl KeypointOrder {
-    /// That of the frames of an episode that a model drives in this way.
+    /// Keypoint order of the frames of an episode with this drive.
     pub fn of(drive: DriveKind) -> Self {
         match drive {
             DriveKind::Grip => KeypointOrder::Along,
@@ -63,8 +63,10 @@ impl KeypointOrder {
         }
     }
 
-    /// The place of each predicted keypoint, which are in order from the grip on, among the `seen` ones: of all orders that may
-    /// be, the one with the least sum of squared distances.
+    /// Matches predicted keypoints to seen keypoints: entry k is the index in `seen` of predicted keypoint k.
+    ///
+    /// `predicted` is in order from the grip on. The match is the possible order with the least sum of squared
+    /// distances.
     pub fn closest(self, seen: &[[f64; 2]; 4], predicted: &[[f64; 2]; 4]) -> [usize; 4] {
         let all: &[[usize; 4]] = match self {
             KeypointOrder::Along => &[[0, 1, 2, 3], [3, 2, 1, 0]],
@@ -83,13 +85,14 @@ impl KeypointOrder {
     }
 }
 
-/// All orders of four things.
+/// All 24 permutations of four indices, in lexicographic order.
 const ORDERS: [[usize; 4]; 24] = orders();
 
 const fn orders() -> [[usize; 4]; 24] {
     let mut all = [[0; 4]; 24];
     let (mut number, mut code) = (0, 0);
     while code < 256 {
+        // The four base-4 digits of `code`; a permutation has each digit once.
         let order = [code / 64, code / 16 % 4, code / 4 % 4, code % 4];
         if (1 << order[0]) | (1 << order[1]) | (1 << order[2]) | (1 << order[3]) == 0b1111 {
             all[number] = order;

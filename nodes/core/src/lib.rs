@@ -1,14 +1,11 @@
-//! The language every crate of catenary speaks.
-//!
-//! Does: the types that algorithms exchange (parameters, tracks, episodes, mixtures, cameras, keypoints, policies,
-//! the model file) and the two traits through which inference and training reach a simulator.
-//! Does not: know ROS, read files or clocks, start threads, simulate, train. No tensor library and no physics engine.
+#![doc = include_str!("../README.md")]
 
 pub mod camera;
 pub mod env;
 pub mod episode;
 pub mod grip;
 pub mod hash;
+pub mod identity;
 pub mod image;
 pub mod keypoints;
 pub mod matrix;
@@ -23,6 +20,7 @@ pub mod regions;
 pub mod seed;
 pub mod simulator;
 pub mod spelling;
+pub mod statistics;
 pub mod task;
 pub mod track;
 

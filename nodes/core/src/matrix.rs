@@ -1,20 +1,21 @@
 //! Single-precision matrix products on row-major slices, by `matrixmultiply`.
 
-/// How an operand is read.
+/// Transposition of an operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transpose {
-    /// As it lies.
+    /// The operand as it is stored.
     No,
-    /// With rows and columns exchanged.
+    /// The transposed operand.
     Yes,
 }
 
-/// `c = alpha * op(a) * op(b) + beta * c`, with `op(a)` of `m` x `k`, `op(b)` of `k` x `n`, `c` of `m` x `n`, all row-major.
+/// `c = alpha * op(a) * op(b) + beta * c`, with `op(a)` of `m` x `k`, `op(b)` of `k` x `n`, `c` of `m` x `n`, all
+/// row-major.
 ///
-/// One thread; the same input gives the same bits on one machine.
+/// It runs on one thread. Equal inputs give equal bits on one machine.
 ///
 /// # Panics
-/// Where a slice is not exactly as long as its shape says.
+/// If the length of a slice does not match its shape.
 #[allow(clippy::too_many_arguments, reason = "the BLAS signature of sgemm")]
 pub fn gemm(
     (m, k, n): (usize, usize, usize),
@@ -26,6 +27,7 @@ pub fn gemm(
     beta: f32,
     c: &mut [f32],
 ) {
+    // These checks make the raw pointers below sound.
     assert_eq!(a.len(), m * k, "left operand of a {m} x {k} x {n} product");
     assert_eq!(b.len(), k * n, "right operand of a {m} x {k} x {n} product");
     assert_eq!(c.len(), m * n, "result of a {m} x {k} x {n} product");

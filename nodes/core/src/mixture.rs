@@ -6,13 +6,13 @@ use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Draws that a truncated sample may take before the mixture counts as lying outside the support.
+/// Number of rejected draws after which the mixture counts as lying outside the unit cube.
 const MAX_REJECTIONS: usize = 100_000;
 
-/// A mixture of K Gaussians over D coordinates.
+/// Mixture of K Gaussians over D coordinates.
 ///
-/// In this project the coordinates are the unit coordinates of [`crate::ParameterSpace`], and the distribution meant is
-/// the mixture truncated to the unit cube.
+/// The coordinates are the unit coordinates of [`crate::ParameterSpace`]. A posterior is the mixture truncated to the
+/// unit cube.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Mixture {
@@ -20,7 +20,7 @@ pub struct Mixture {
     components: Vec<Component>,
 }
 
-/// One Gaussian.
+/// Gaussian with its Cholesky factor.
 #[derive(Debug, Clone)]
 struct Component {
     mean: DVector<f64>,
@@ -36,7 +36,7 @@ impl PartialEq for Component {
     }
 }
 
-/// The mixture as it is written to files.
+/// File format of a mixture.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
@@ -45,30 +45,34 @@ struct Written {
     covariances: Vec<Vec<Vec<f64>>>,
 }
 
-/// Why a mixture was refused.
+/// Reason for which a mixture is refused.
 #[derive(Debug, Error, PartialEq)]
 pub enum MixtureError {
-    /// Numbers of weights, means and covariances, or their sizes, do not fit.
+    /// Numbers of weights, means and covariances that differ, or sizes that do not fit.
     #[error("mixture: expected {expected}, got {got}")]
     Shape {
-        /// What was expected.
+        /// Expected shape.
         expected: String,
-        /// What came.
+        /// Given shape.
         got: String,
     },
     /// Weights that are negative, not finite, or sum to zero.
     #[error("mixture: weights must be finite, not negative, and not all zero, got {0:?}")]
     Weights(Vec<f64>),
-    /// A covariance that is not symmetric positive definite, or a mean that is not finite.
-    #[error("mixture: component {0} has no finite mean and positive definite covariance")]
+    /// Component whose covariance is not symmetric positive definite, or whose mean is not finite.
+    #[error("mixture: component {0}: expected a finite mean and a symmetric positive definite covariance")]
     Component(usize),
-    /// The mixture has (nearly) no mass in the unit cube.
+    /// Mixture with (nearly) no mass in the unit cube.
     #[error("mixture: no draw in {MAX_REJECTIONS} fell inside the support of the prior")]
     OutsideSupport,
 }
 
 impl Mixture {
-    /// Checks shapes, normalises the weights (K), factors the covariances (K of D x D) around the means (K of D).
+    /// Builds a mixture from K weights, K means of length D and K covariances of D x D. Normalises the weights.
+    ///
+    /// # Errors
+    /// [`MixtureError`] if shapes do not fit, weights are negative or all zero, or a covariance is not positive
+    /// definite.
     pub fn new(
         weights: &[f64],
         means: Vec<DVector<f64>>,
@@ -82,7 +86,7 @@ impl Mixture {
             });
         }
         let total: f64 = weights.iter().sum();
-        // What was normalised once stays what it is, to the bit.
+        // Weights whose sum is within 1e-12 of 1 are not divided, so that a mixture read from a file has the same bits.
         let total = if (total - 1.0).abs() < 1e-12 { 1.0 } else { total };
         if !(total.is_finite() && total > 0.0 && weights.iter().all(|w| *w >= 0.0)) {
             return Err(MixtureError::Weights(weights.to_vec()));
@@ -101,12 +105,12 @@ impl Mixture {
         Ok(Self { weights: weights.iter().map(|w| w / total).collect(), components })
     }
 
-    /// D.
+    /// Number D of coordinates.
     pub fn dimension(&self) -> usize {
         self.components[0].mean.len()
     }
 
-    /// The K weights, sum 1.
+    /// K weights, which sum to 1.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
@@ -116,33 +120,43 @@ impl Mixture {
         (&self.components[k].mean, &self.components[k].covariance)
     }
 
-    /// Logarithm of the density of the untruncated mixture at `u` (length D).
+    /// Log density of the untruncated mixture at `u` (length D).
     pub fn log_density(&self, u: &[f64]) -> f64 {
         let terms: Vec<f64> = self
             .weights
             .iter()
             .zip(&self.components)
+            // The logarithm of a zero weight is minus infinity.
             .filter(|(w, _)| **w > 0.0)
             .map(|(w, c)| w.ln() + c.log_density(u))
             .collect();
         log_sum_exp(&terms)
     }
 
-    /// One draw from the untruncated mixture.
+    /// Draws one point (length D) from the untruncated mixture.
     pub fn sample<R: Rng>(&self, rng: &mut R) -> Vec<f64> {
         let k = self.pick(rng.random::<f64>());
         self.components[k].sample(rng)
     }
 
-    /// One draw from the mixture truncated to the unit cube, by rejection.
+    /// Draws one point (length D) from the mixture truncated to the unit cube, by rejection.
+    ///
+    /// # Errors
+    /// [`MixtureError::OutsideSupport`] if no draw falls inside.
     pub fn sample_truncated<R: Rng>(&self, rng: &mut R) -> Result<Vec<f64>, MixtureError> {
         (0..MAX_REJECTIONS).map(|_| self.sample(rng)).find(|u| in_unit_cube(u)).ok_or(MixtureError::OutsideSupport)
     }
 
-    /// `n` draws from the truncated mixture with low variance: systematic sampling picks the components, so that one of
-    /// weight over 1/n always contributes (Thrun, Burgard and Fox 2005, table 4.4); each then draws inside the unit cube.
-    /// The weights are those of the truncated mixture: a component's weight counts with its mass inside the cube.
+    /// Draws `n` points from the truncated mixture with low variance over the components.
+    ///
+    /// Systematic sampling picks the components (Thrun, Burgard and Fox 2005, table 4.4), so a component of weight over
+    /// 1/n always contributes. Each picked component draws inside the unit cube. The weights are those of the truncated
+    /// mixture: the weight of a component times its mass inside the cube.
+    ///
+    /// # Errors
+    /// [`MixtureError::OutsideSupport`] if no draw falls inside.
     pub fn sample_low_variance<R: Rng>(&self, n: usize, rng: &mut R) -> Result<Vec<Vec<f64>>, MixtureError> {
+        // 2000 draws estimate a mass inside the cube to 1 % (one standard error at a mass of one half).
         const MASS_DRAWS: usize = 2_000;
         let inside: Vec<f64> = self
             .components
@@ -167,7 +181,7 @@ impl Mixture {
             .collect()
     }
 
-    /// Share of `draws` draws of the untruncated mixture that lie outside the unit cube.
+    /// Estimates the mass of the untruncated mixture outside the unit cube from `draws` draws.
     pub fn mass_outside<R: Rng>(&self, draws: usize, rng: &mut R) -> f64 {
         (0..draws).filter(|_| !in_unit_cube(&self.sample(rng))).count() as f64 / draws as f64
     }
@@ -177,7 +191,7 @@ impl Mixture {
     }
 }
 
-/// Index of the component whose share of the cumulative weights holds `quantile`.
+/// Index of the component whose interval of the cumulative weights contains `quantile`.
 fn pick(weights: &[f64], quantile: f64) -> usize {
     let mut cumulative = 0.0;
     for (k, w) in weights.iter().enumerate() {
@@ -186,15 +200,16 @@ fn pick(weights: &[f64], quantile: f64) -> usize {
             return k;
         }
     }
+    // The weights sum to 1 up to rounding: a quantile beyond the sum belongs to the last component with a weight.
     weights.iter().rposition(|w| *w > 0.0).unwrap_or(0)
 }
 
-/// Whether every coordinate lies in [0, 1].
+/// True if every coordinate lies in [0, 1].
 pub fn in_unit_cube(u: &[f64]) -> bool {
     u.iter().all(|v| (0.0..=1.0).contains(v))
 }
 
-/// `ln(sum(exp(terms)))` without overflow; minus infinity for no terms.
+/// Computes `ln(sum(exp(terms)))` without overflow. It is minus infinity for no terms.
 pub fn log_sum_exp(terms: &[f64]) -> f64 {
     let greatest = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if greatest == f64::NEG_INFINITY {
@@ -207,6 +222,7 @@ impl Component {
     fn new(mean: DVector<f64>, covariance: DMatrix<f64>) -> Option<Self> {
         let finite = mean.iter().chain(covariance.iter()).all(|v| v.is_finite());
         let scale = covariance.amax();
+        // A product of matrices is symmetric up to rounding.
         let symmetric = (&covariance - covariance.transpose()).amax() <= 1e-9 * scale;
         if !finite || !symmetric {
             return None;
@@ -236,7 +252,10 @@ impl TryFrom<Written> for Mixture {
         let d = w.means.first().map_or(0, Vec::len);
         let ragged = w.covariances.iter().any(|c| c.len() != d || c.iter().any(|row| row.len() != d));
         if ragged {
-            return Err(MixtureError::Shape { expected: format!("covariances of {d} x {d}"), got: "others".into() });
+            return Err(MixtureError::Shape {
+                expected: format!("covariances of {d} x {d}"),
+                got: "other sizes".into(),
+            });
         }
         let covariances =
             w.covariances.iter().map(|c| DMatrix::from_row_iterator(d, d, c.iter().flatten().copied())).collect();
@@ -273,6 +292,7 @@ mod tests {
     #[test]
     fn density_integrates_to_one() {
         let m = two();
+        // A grid of 400 x 400 over -1 .. 2 holds all mass of both components.
         let n = 400;
         let h = 3.0 / n as f64;
         let grid = |i: usize| -1.0 + (i as f64 + 0.5) * h;
@@ -303,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn truncated_draws_lie_inside_and_hopeless_mixtures_say_so() {
+    fn truncated_draws_lie_inside_and_a_mixture_outside_the_cube_is_an_error() {
         let edge =
             Mixture::new(&[1.0], vec![DVector::from_vec(vec![1.05])], vec![DMatrix::from_element(1, 1, 0.01)]).unwrap();
         let mut rng = seed::rng(2, 0);

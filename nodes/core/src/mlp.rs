@@ -1,50 +1,54 @@
-//! A multilayer perceptron with tanh hidden layers and a linear output.
+//! Multilayer perceptron with tanh hidden layers and a linear output.
 
 use crate::matrix::{Transpose, gemm};
+use serde::Serialize;
 use thiserror::Error;
 
-/// A dense layer: `y = x W^T + b`.
-#[derive(Debug, Clone, PartialEq)]
+/// Dense layer: `y = x W^T + b`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Layer {
     /// Number of inputs.
     pub inputs: usize,
     /// Number of outputs.
     pub outputs: usize,
-    /// `outputs` x `inputs`, row-major.
+    /// Weights W, `outputs` x `inputs`, row-major.
     pub weight: Vec<f32>,
-    /// `outputs` biases.
+    /// Biases b, `outputs` values.
     pub bias: Vec<f32>,
 }
 
-/// Why layers make no network.
+/// Reason for which layers make no network.
 #[derive(Debug, Error, PartialEq)]
 pub enum MlpError {
     /// No layers.
     #[error("a network needs at least one layer")]
     Empty,
-    /// A layer whose shape does not fit itself or its neighbour.
+    /// Layer whose weights do not match its own sizes, or whose inputs do not match the outputs before it.
     #[error("layer {layer}: expected {expected}, got {got}")]
     Shape {
         /// Index of the layer.
         layer: usize,
-        /// What was expected.
+        /// Expected shape.
         expected: String,
-        /// What came.
+        /// Given shape.
         got: String,
     },
-    /// A weight that is not finite.
+    /// Layer with a weight or bias that is not finite.
     #[error("layer {0} holds a weight that is not finite")]
     NotFinite(usize),
 }
 
-/// A multilayer perceptron: tanh after every layer but the last.
-#[derive(Debug, Clone, PartialEq)]
+/// Multilayer perceptron with tanh after every layer but the last.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mlp {
     layers: Vec<Layer>,
 }
 
 impl Mlp {
-    /// Checks shapes and finiteness.
+    /// Builds a network from its layers, from the input to the output.
+    ///
+    /// # Errors
+    /// [`MlpError`] if shapes do not fit or a number is not finite.
     pub fn new(layers: Vec<Layer>) -> Result<Self, MlpError> {
         if layers.is_empty() {
             return Err(MlpError::Empty);
@@ -67,12 +71,12 @@ impl Mlp {
         Ok(Self { layers })
     }
 
-    /// The layers, from the input to the output.
+    /// Layers from the input to the output.
     pub fn layers(&self) -> &[Layer] {
         &self.layers
     }
 
-    /// The layers, to be trained in place. Shapes must stay as they are.
+    /// Layers for training in place. The caller must keep their shapes.
     pub fn layers_mut(&mut self) -> &mut [Layer] {
         &mut self.layers
     }
@@ -87,13 +91,14 @@ impl Mlp {
         self.layers[self.layers.len() - 1].outputs
     }
 
-    /// Outputs (`batch` x outputs, row-major) for `x` (`batch` x inputs, row-major).
+    /// Computes the outputs (`batch` x outputs, row-major) for `x` (`batch` x inputs, row-major).
     ///
     /// # Panics
-    /// Where `x` is not `batch` x inputs long.
+    /// If the length of `x` is not `batch` x inputs.
     pub fn forward(&self, x: &[f32], batch: usize) -> Vec<f32> {
         let mut current = x.to_vec();
         for (i, layer) in self.layers.iter().enumerate() {
+            // The product is added to the biases, so they are the initial value of each row.
             let mut next: Vec<f32> = layer.bias.iter().copied().cycle().take(batch * layer.outputs).collect();
             let shape = (batch, layer.inputs, layer.outputs);
             gemm(shape, 1.0, &current, Transpose::No, &layer.weight, Transpose::Yes, 1.0, &mut next);

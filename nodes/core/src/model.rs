@@ -1,4 +1,4 @@
-//! The model file: which simulator is meant, with which parameters and distributions.
+//! Model file: the object, its parameters and distributions, the camera, the arm and the task.
 
 mod check;
 mod error;
@@ -6,20 +6,20 @@ mod outline;
 mod rewrite;
 #[cfg(test)]
 mod tests;
+mod yaml;
 
 pub use error::{ModelError, Place};
 
 use crate::task::DeltaAnchor;
 use crate::{Camera, GripPose, Parameter, ParameterSpace, Prior, Task};
-use outline::Node;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The version of the format that this program reads and writes.
+/// Version of the format that this program reads and writes.
 pub const MODEL_VERSION: u32 = 1;
 
-/// The whole description of a model. Inference, training and the effect finder read and write it, and nothing else
-/// describes the model.
+/// Complete description of a model. Inference, training and the effect finder read and write it, and no other file
+/// describes a model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Model {
@@ -27,53 +27,53 @@ pub struct Model {
     pub version: u32,
     /// Name of the model.
     pub name: String,
-    /// The object's section and material law.
+    /// Section and material law of the object.
     pub object: Object,
-    /// Parameters with one value, by name with unit.
+    /// Fixed parameters: one value for each name, which ends with the unit.
     pub parameters: BTreeMap<String, f64>,
-    /// Parameters that are inferred, with their priors.
+    /// Inferred parameters with their priors.
     pub theta: ParameterSpace,
-    /// The object's own values, where they are known, of parameters in `theta` and `effects`: what a simulated cell holds
-    /// and `catenary simulate` shows. Inference and training do not read them.
+    /// Known true values of parameters in `theta` and `effects`. A simulated cell and `catenary simulate` use them.
+    /// Inference and training do not read them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub nominal: BTreeMap<String, f64>,
-    /// Parameters that are drawn anew for each episode: effects and nuisances, with their distributions.
+    /// Effects and nuisances: parameters that are drawn anew for each episode, with their distributions.
     #[serde(default)]
     pub effects: Vec<Effect>,
-    /// What an episode looks like to inference.
+    /// Frames, drive and start of an episode in inference.
     pub observation: ObservationModel,
-    /// The camera and its noise.
+    /// Camera and its noise.
     pub camera: CameraModel,
-    /// The arm.
+    /// Arm that moves the clamped end.
     pub arm: Arm,
-    /// The task of the policy; none for models that are inferred from recorded paths alone.
+    /// Task of the policy; none for models that are inferred from recorded paths alone.
     #[serde(default)]
     pub task: Option<Task>,
-    /// What is known beforehand of effects that the model lacks.
+    /// Prior knowledge about effects that the model lacks.
     #[serde(default, skip_serializing_if = "Lacking::is_empty")]
     pub lacking: Lacking,
 }
 
-/// What is known beforehand of effects that a model lacks: the effect finder reads it.
+/// Prior knowledge about effects that a model lacks. The effect finder reads it.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lacking {
-    /// Effects that are not present: they are not looked for.
+    /// Effects that are known to be absent. The effect finder does not test them.
     #[serde(default)]
     pub vetoes: Vec<String>,
-    /// How likely an effect is to be present, over the others, by name; 1 where nothing is said.
+    /// Prior odds of an effect relative to the others, by name; 1 for effects without an entry.
     #[serde(default)]
     pub prior_odds: BTreeMap<String, f64>,
 }
 
 impl Lacking {
-    /// Whether nothing is known.
+    /// True if nothing is known.
     pub fn is_empty(&self) -> bool {
         self.vetoes.is_empty() && self.prior_odds.is_empty()
     }
 }
 
-/// The object's section and material law.
+/// Section and material law of the object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Object {
@@ -81,10 +81,11 @@ pub struct Object {
     pub section: Section,
     /// Law of the axial force.
     pub axial_law: AxialLaw,
-    /// The four keypoints' places along the visible centre line, as fractions of its deformed length from the grip on,
-    /// increasing.
+    /// Places of the four keypoints along the visible centre line: increasing fractions of its deformed length, from
+    /// the grip on.
     pub keypoint_fractions: [f64; 4],
-    /// Deformed length next to the grip that the fingers hide from the camera, m: the visible centre line begins behind it.
+    /// Deformed length in m next to the grip that the fingers hide from the camera. The visible centre line begins
+    /// after it.
     #[serde(default)]
     pub hidden_length_m: f64,
     /// Angle in rad of the clamped tangent from +x, counter-clockwise in the x-z plane, at pitch 0:
@@ -96,12 +97,12 @@ pub struct Object {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Section {
-    /// A full square.
+    /// Full square.
     Square {
         /// Side in m.
         side_m: f64,
     },
-    /// A full circle.
+    /// Full circle.
     Round {
         /// Diameter in m.
         diameter_m: f64,
@@ -112,36 +113,36 @@ pub enum Section {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AxialLaw {
-    /// Force proportional to the stretch.
+    /// Axial force proportional to the stretch.
     Linear,
-    /// Incompressible neo-Hookean material; the section shrinks as the object stretches.
+    /// Incompressible neo-Hookean material. The section shrinks as the object stretches.
     NeoHookean,
 }
 
-/// A parameter that is drawn anew for each episode.
+/// Parameter that is drawn anew for each episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Effect {
     /// Name with unit.
     pub name: String,
-    /// Its distribution.
+    /// Distribution of the parameter.
     pub distribution: Prior,
 }
 
-/// How inference drives the simulator to reproduce a measured episode.
+/// Input with which inference drives the simulator to reproduce a measured episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DriveKind {
-    /// The measured path of the clamped end.
+    /// Measured path of the clamped end.
     Grip,
-    /// The recorded actions, through the arm model.
+    /// Recorded actions, executed by the arm model.
     Actions,
-    /// The policy that was run, through the arm model.
+    /// Recorded policy, executed by the arm model.
     Policy,
 }
 
 impl DriveKind {
-    /// Its name in a model file.
+    /// Name in a model file.
     pub fn name(self) -> &'static str {
         match self {
             DriveKind::Grip => "grip",
@@ -151,97 +152,99 @@ impl DriveKind {
     }
 }
 
-/// What the object's shape is at the start.
+/// Source of the object's shape at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StartKind {
-    /// It hangs at rest from the grip.
+    /// The object hangs at rest from the grip.
     HangingAtRest,
-    /// It has the shape and the velocity of the first measured frames.
+    /// The object has the shape and the velocity of the first measured frames.
     Measured,
 }
 
-/// What an episode looks like to inference.
+/// Frames, drive and start of an episode in inference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObservationModel {
-    /// What moves the clamped end in simulation.
+    /// Drive of the clamped end in simulation.
     pub drive: DriveKind,
-    /// The shape at the start.
+    /// Shape of the object at the start.
     pub start: StartKind,
-    /// Number of frames that inference looks at.
+    /// Number of frames that inference uses.
     pub frames: usize,
-    /// s between two of them.
+    /// Time between two frames in s.
     pub frame_period_s: f64,
-    /// Standard deviation of a measured start's velocities, m/s: simulations with noise start from draws around what was
-    /// measured, as the true start may have been.
+    /// Standard deviation of the velocities of a measured start in m/s. Simulations with noise draw their start
+    /// velocities around the measured ones.
     #[serde(default)]
     pub start_velocity_sd_m_s: f64,
 }
 
-/// The camera and its noise.
+/// Camera and its noise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraModel {
-    /// The camera itself.
+    /// Geometry of the camera.
     pub view: Camera,
     /// Frames per second.
     pub rate_hz: f64,
     /// Standard deviation of a keypoint coordinate in mask pixels.
     pub keypoint_noise_px: f64,
-    /// Half width of the uniform jitter of the camera's position from episode to episode, m.
+    /// Half width in m of the uniform jitter of the camera's position from episode to episode.
     pub position_jitter_m: f64,
 }
 
-/// The arm.
+/// Arm that moves the clamped end.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arm {
-    /// How it follows a target.
+    /// Law by which the arm follows a target.
     pub law: ArmLaw,
-    /// Pose at the start of an episode.
+    /// Pose of the clamped end at the start of an episode.
     pub start: GripPose,
-    /// Standard deviation of a measured coordinate of the hand in m, and of its pitch per 0.1 m of lever, where the arm's path
-    /// is a prediction (drive: actions or policy). A measured path that drives the simulation is taken as it is.
+    /// Standard deviation of a measured coordinate of the hand in m, and of its pitch times a lever of 0.1 m. It
+    /// applies if the arm's path is predicted (drive: actions or policy). A measured path that drives the simulation
+    /// has no noise.
     #[serde(default = "pose_noise_m")]
     pub pose_noise_m: f64,
 }
 
 fn pose_noise_m() -> f64 {
+    // Half a millimetre.
     5e-4
 }
 
-/// How the arm follows a target.
+/// Law by which the arm follows a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ArmLaw {
-    /// A first-order lag with a speed limit.
+    /// First-order lag with a speed limit.
     Lag {
         /// Time constant of the approach to the target in s.
         time_constant_s: f64,
         /// Greatest speed in m/s.
         max_speed_m_s: f64,
     },
-    /// A Cartesian impedance law, m x'' = K clip(r - x) - D x' - friction, whose reference r lags behind the target.
+    /// Cartesian impedance law, m x'' = K clip(r - x) - D x' - friction. Its reference r lags behind the target.
     Impedance(Impedance),
 }
 
-/// Constants of a Cartesian impedance law along x and z. What is left out has the values of a stiff law whose answer to a
-/// step of 6 cm was measured: 90 % after 0.45 s.
+/// Constants of a Cartesian impedance law along x and z. Omitted constants have the values of a stiff law with a
+/// measured step response: 90 % of a step of 6 cm after 0.45 s.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Impedance {
-    /// Stiffness K in N/m. Larger follows more stiffly and stands nearer to the target against friction.
+    /// Stiffness K in N/m. A larger value follows more stiffly and stops nearer to the target against friction.
     pub stiffness_n_m: f64,
     /// Damping D in N s/m.
     pub damping_n_s_m: f64,
-    /// Greatest error along an axis that the law takes, in m: with K it bounds the force, and with D the speed.
+    /// Limit of the error along an axis in m. Together with K it limits the force, and with D the speed.
     pub clip_m: f64,
     /// Time constant in s with which the reference follows the target.
     pub reference_time_constant_s: f64,
-    /// Mass of the arm as the hand feels it, in kg.
+    /// Effective mass of the arm at the hand in kg.
     pub mass_kg: f64,
-    /// Coulomb friction as the hand feels it, in N: a soft law stops short of its target by friction / K.
+    /// Effective Coulomb friction at the hand in N. A soft law stops short of its target by friction / K.
     pub friction_n: f64,
 }
 
@@ -259,7 +262,7 @@ impl Default for Impedance {
 }
 
 impl ArmLaw {
-    /// Constants that must be positive, and constants that must be at least zero, by name.
+    /// Constants that must be positive, and constants that must be at least zero, each with its field name.
     #[allow(clippy::type_complexity, reason = "two short lists of named numbers, read in one place")]
     pub(super) fn constants(&self) -> (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>) {
         match self {
@@ -284,34 +287,12 @@ impl ArmLaw {
 }
 
 impl Model {
-    /// Reads and checks a model file's text; errors name line and field.
-    ///
-    /// # Errors
-    /// [`ModelError`]: another version, no model, values that make no sense.
-    pub fn from_yaml(text: &str) -> Result<Self, ModelError> {
-        let outline = Node::of(text);
-        check::version(outline.as_ref())?;
-        let options = serde_saphyr::options! { with_snippet: false };
-        let read = serde_saphyr::from_str_with_options(text, options);
-        let model: Model = read.map_err(|e| ModelError::from_yaml(&e, text, outline.as_ref()))?;
-        model.check().map_err(|e| e.in_text(text))?;
-        Ok(model)
-    }
-
-    /// The model as a file's text; reading it gives the same model, to the bit.
-    ///
-    /// # Errors
-    /// [`ModelError`] where YAML cannot hold a value.
-    pub fn to_yaml(&self) -> Result<String, ModelError> {
-        serde_saphyr::to_string(self).map_err(|e| ModelError::text("", e))
-    }
-
-    /// What a delta is added to: the task's, or the default where there is no task.
+    /// Anchor of the task, or the default anchor for a model without a task.
     pub fn delta_anchor(&self) -> DeltaAnchor {
         self.task.map_or_else(DeltaAnchor::default, |t| t.delta_anchor)
     }
 
-    /// Theta of the object itself: its nominal values, and the prior's median where there is none.
+    /// Nominal theta: the nominal value of each parameter, or the median of its prior.
     pub fn nominal_theta(&self) -> Vec<f64> {
         let value = |p: &Parameter| self.nominal.get(&p.name).copied().unwrap_or_else(|| p.prior.from_unit(0.5));
         self.theta.parameters().iter().map(value).collect()

@@ -1,22 +1,23 @@
-//! The policy's observation.
+//! Observation of the policy.
 
 use serde::{Deserialize, Serialize};
 
-/// The 12 numbers of the contract: end effector x, z in m; then four keypoints of the object and the target, each
-/// (x, y) in the image scaled to -1 .. 1.
+/// The 12 numbers of `/policy/observation`: end effector x, z in m, then four keypoints of the object and the target,
+/// each (x, y) scaled to -1 .. 1 over the image.
 ///
-/// Trackers give the keypoints as a set. Here they are put into a fixed order (top to bottom, then left to right), so
-/// that a flip of the tracker's order does not change the observation.
+/// Trackers give the keypoints as a set. The constructor sorts them top to bottom, then left to right, so a flip of
+/// the tracker's order does not change the observation.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Observation(pub [f64; Observation::LEN]);
 
 impl Observation {
-    /// Length of an observation.
+    /// Number of values of an observation.
     pub const LEN: usize = 12;
 
-    /// Puts an observation together: `eef_m` = (x, z) in m, `dlo` and `target` scaled to -1 .. 1.
+    /// Builds an observation from `eef_m` = (x, z) in m, and `dlo` and `target` scaled to -1 .. 1. Sorts the keypoints.
     pub fn new(eef_m: [f64; 2], dlo: &[[f64; 2]; 4], target: [f64; 2]) -> Self {
         let mut order = *dlo;
+        // y grows downwards, so the topmost keypoint comes first.
         order.sort_by(|a, b| a[1].total_cmp(&b[1]).then(a[0].total_cmp(&b[0])));
         let mut values = [0.0; Self::LEN];
         values[..2].copy_from_slice(&eef_m);
@@ -32,17 +33,17 @@ impl Observation {
         [self.0[0], self.0[1]]
     }
 
-    /// The four keypoints, scaled.
+    /// Four keypoints (x, y), scaled to -1 .. 1 over the image.
     pub fn dlo(&self) -> [[f64; 2]; 4] {
         std::array::from_fn(|k| [self.0[2 + 2 * k], self.0[3 + 2 * k]])
     }
 
-    /// The target, scaled.
+    /// Target (x, y), scaled to -1 .. 1 over the image.
     pub fn target(&self) -> [f64; 2] {
         [self.0[10], self.0[11]]
     }
 
-    /// Reward of the position that was observed, by [`crate::task::reward`].
+    /// Reward of the observed position, by [`crate::task::reward`].
     pub fn reward(&self) -> f64 {
         crate::task::reward(&self.dlo(), self.target())
     }

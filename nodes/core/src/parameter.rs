@@ -8,54 +8,57 @@ use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// One inferred parameter.
+/// Inferred parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Parameter {
     /// Name with its unit, such as `length_m` or `youngs_modulus_pa`.
     pub name: String,
-    /// Prior distribution; its bounds are the support.
+    /// Prior distribution. Its bounds are the support.
     pub prior: Prior,
 }
 
-/// The space of the inferred parameters theta, D of them in order.
+/// Space of the D inferred parameters theta, in order.
 ///
-/// Unit coordinates: coordinate `i` of a point is the prior's cumulative distribution function of parameter `i`, so the
-/// prior is uniform on the unit cube whatever the kinds of its factors.
+/// Unit coordinate `i` of a theta is the prior's cumulative distribution function of parameter `i`. The prior is
+/// therefore uniform on the unit cube.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ParameterSpace {
     parameters: Vec<Parameter>,
 }
 
-/// Why a list of parameters or a value of theta was refused.
+/// Reason for which a list of parameters or a theta is refused.
 #[derive(Debug, Error, PartialEq)]
 pub enum ParameterError {
-    /// A prior's bounds make no distribution.
+    /// Prior whose numbers make no distribution.
     #[error("theta `{name}`: {what}")]
     Prior {
         /// Name of the parameter.
         name: String,
-        /// What was expected and what came.
+        /// Expectation and given value.
         what: String,
     },
-    /// A name was given twice.
+    /// Name that is listed twice.
     #[error("theta `{0}` is listed twice")]
     Duplicate(String),
-    /// A theta of the wrong length.
+    /// Theta of the wrong length.
     #[error("expected {expected} values of theta ({names}), got {got}")]
     Length {
-        /// Length wanted.
+        /// Expected length.
         expected: usize,
-        /// Length given.
+        /// Given length.
         got: usize,
-        /// The parameters' names.
+        /// Names of the parameters.
         names: String,
     },
 }
 
 impl ParameterSpace {
-    /// Checks names and priors.
+    /// Builds a space from parameters in order.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if a prior makes no distribution or a name comes twice.
     pub fn new(parameters: Vec<Parameter>) -> Result<Self, ParameterError> {
         for (i, p) in parameters.iter().enumerate() {
             p.prior.check().map_err(|what| ParameterError::Prior { name: p.name.clone(), what })?;
@@ -66,43 +69,47 @@ impl ParameterSpace {
         Ok(Self { parameters })
     }
 
-    /// The parameters in order.
+    /// Parameters in order.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
 
-    /// D, the number of parameters.
+    /// Number D of parameters.
     pub fn dimension(&self) -> usize {
         self.parameters.len()
     }
 
-    /// Position of the parameter called `name`.
+    /// Index of the parameter called `name`.
     pub fn index_of(&self, name: &str) -> Option<usize> {
         self.parameters.iter().position(|p| p.name == name)
     }
 
-    /// Unit coordinates of `theta` (length D).
+    /// Converts `theta` (length D) to unit coordinates (length D).
     pub fn to_unit(&self, theta: &[f64]) -> Vec<f64> {
         self.parameters.iter().zip(theta).map(|(p, &v)| p.prior.to_unit(v)).collect()
     }
 
-    /// The value of theta at unit coordinates `u` (length D).
+    /// Converts unit coordinates `u` (length D) to a theta (length D).
     pub fn from_unit(&self, u: &[f64]) -> Vec<f64> {
         self.parameters.iter().zip(u).map(|(p, &u)| p.prior.from_unit(u)).collect()
     }
 
-    /// One draw of theta from the prior.
+    /// Draws one theta (length D) from the prior.
     pub fn sample_prior<R: Rng>(&self, rng: &mut R) -> Vec<f64> {
         self.parameters.iter().map(|p| p.prior.from_unit(rng.random::<f64>())).collect()
     }
 
-    /// Names, values and priors of the parameters whose values in `theta` (length D) lie outside their priors' support.
+    /// Parameters whose values in `theta` (length D) lie outside the support of their priors: name, value and prior.
     pub fn outside<'a>(&'a self, theta: &'a [f64]) -> impl Iterator<Item = (&'a str, f64, &'a Prior)> {
         let given = self.parameters.iter().zip(theta);
+        // `holds` and not the bounds: the support of a mixture has gaps.
         given.filter(|(p, value)| !p.prior.holds(**value)).map(|(p, value)| (p.name.as_str(), *value, &p.prior))
     }
 
-    /// Splits a row-major matrix of thetas into its rows; rejects lengths that are no multiple of D.
+    /// Splits a row-major N x D matrix of thetas into its N rows.
+    ///
+    /// # Errors
+    /// [`ParameterError::Length`] if the length is not a multiple of D.
     pub fn rows(&self, flat: &[f64]) -> Result<Vec<Vec<f64>>, ParameterError> {
         let d = self.dimension();
         if d == 0 || !flat.len().is_multiple_of(d) {

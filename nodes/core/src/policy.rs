@@ -1,26 +1,28 @@
-//! A policy with everything that is needed to run it, and its file.
+//! Policy with everything that is needed to run it, and its file format.
 
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
 use crate::task::{DeltaAnchor, MAX_DELTA_M};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
+use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 use thiserror::Error;
 
-/// What the metadata of a file says of its format.
+/// Value of the metadata entry `format` of a policy file.
 const FORMAT: &str = "catenary policy 1";
-/// Greatest step limit of an episode that a file may name.
+/// Greatest step limit of an episode in a file. It bounds the memory that a damaged file can claim.
 const MOST_STEPS: usize = 100_000;
-/// Greatest standard deviation of an action that a file may name, in units of the action limit.
+/// Greatest standard deviation of an action in a file, in units of the action limit.
 const GREATEST_ACTION_SCALE: f32 = 100.0;
 
-/// A Gaussian policy over (dx, dz): the network gives the mean in units of the action limit.
-#[derive(Debug, Clone, PartialEq)]
+/// Gaussian policy over actions (dx, dz). The network gives the mean in units of the action limit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Policy {
-    /// Name, as episodes report it.
+    /// Name that episodes report.
     pub name: String,
-    /// Actor: 12 inputs (normalised observation), 2 outputs (mean of dx and dz, 1 = the action limit of 0.06 m).
+    /// Actor network: 12 inputs (normalised observation), 2 outputs (mean of dx and dz; 1 is the action limit of 0.06
+    /// m).
     pub actor: Mlp,
     /// Mean of each observation component in training.
     pub observation_mean: [f32; Observation::LEN],
@@ -28,36 +30,37 @@ pub struct Policy {
     pub observation_scale: [f32; Observation::LEN],
     /// Standard deviation of the sampled action, in units of the action limit.
     pub action_scale: [f32; 2],
-    /// s between two actions: part of what a delta means.
+    /// Time between two actions in s. A delta is a motion within this time.
     pub step_period_s: f64,
-    /// What a delta is added to: part of what a delta means.
+    /// Pose that a delta is added to.
     pub delta_anchor: DeltaAnchor,
     /// Step limit of an episode.
     pub steps: usize,
 }
 
-/// Why a policy file was refused.
+/// Reason for which a policy file is refused.
 #[derive(Debug, Error)]
 pub enum PolicyError {
     /// Not a safetensors file, or a truncated one.
-    #[error("is this a policy? It is no safetensors file: {0}")]
+    #[error("is this a policy? It is not a safetensors file: {0}")]
     Format(safetensors::SafeTensorError),
     /// A metadata field or a tensor is missing or unusable.
     #[error("policy: `{field}`: expected {expected}, got {got}")]
     Field {
-        /// The field.
+        /// Name of the field.
         field: String,
-        /// What was expected.
+        /// Expected value.
         expected: String,
-        /// What came.
+        /// Given value.
         got: String,
     },
-    /// Tensors that make no network.
+    /// Tensors from which no network can be built.
     #[error("policy: {0}")]
     Network(MlpError),
 }
 
-// Both word their cause themselves; were it their source too, who prints a chain of causes would say it twice.
+// Both messages include their cause. With `#[from]` the cause would also be the source, and a printed chain of causes
+// would state it twice.
 impl From<safetensors::SafeTensorError> for PolicyError {
     fn from(error: safetensors::SafeTensorError) -> Self {
         Self::Format(error)
@@ -71,27 +74,29 @@ impl From<MlpError> for PolicyError {
 }
 
 impl Policy {
-    /// Mean action (dx, dz) in m for one observation, within the action limits.
+    /// Computes the mean action (dx, dz) in m for one observation, within the action limits.
     pub fn act(&self, observation: &Observation) -> [f64; 2] {
         let mean = self.actor.forward(&self.normalised(observation), 1);
         [scaled_action(mean[0]), scaled_action(mean[1])]
     }
 
-    /// Action (dx, dz) in m with `noise` (two standard normal draws) added, within the action limits.
+    /// Computes the action (dx, dz) in m with `noise` (two standard normal draws), within the action limits.
     pub fn act_with_noise(&self, observation: &Observation, noise: [f32; 2]) -> [f64; 2] {
         let mean = self.actor.forward(&self.normalised(observation), 1);
         std::array::from_fn(|i| scaled_action(mean[i] + self.action_scale[i] * noise[i]))
     }
 
-    /// The observation as the network takes it: centred, scaled, clipped to +-10.
+    /// Normalised observation, the input of the network: centred, scaled, clipped to +-10.
     pub fn normalised(&self, observation: &Observation) -> [f32; Observation::LEN] {
         std::array::from_fn(|i| {
             let centred = observation.0[i] as f32 - self.observation_mean[i];
+            // The limit is 10 standard deviations, as in training. A component that hardly varied in training would otherwise
+            // give inputs of up to 1e6 times its deviation.
             (centred / self.observation_scale[i].max(1e-6)).clamp(-10.0, 10.0)
         })
     }
 
-    /// The policy as a safetensors file; the same policy gives the same bytes.
+    /// Writes the policy as a safetensors file. Equal policies give equal bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
         let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
@@ -119,6 +124,9 @@ impl Policy {
     }
 
     /// Reads a safetensors file written by [`Policy::to_bytes`].
+    ///
+    /// # Errors
+    /// [`PolicyError`] if the file is damaged, or a field is missing or out of range.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, PolicyError> {
         let (_, header) = SafeTensors::read_metadata(bytes)?;
         let file = SafeTensors::deserialize(bytes)?;
@@ -129,6 +137,7 @@ impl Policy {
             other => return Err(bad("format", FORMAT, &other)),
         }
         let mut layers = Vec::new();
+        // Layers are numbered from 0; the first number without a tensor ends them.
         while file.tensor(&format!("actor.{}.weight", layers.len())).is_ok() {
             layers.push(layer(&file, layers.len())?);
         }
@@ -169,8 +178,9 @@ impl Policy {
     }
 }
 
-/// A safetensors file with its header's entries by name: the library writes the metadata in a random order. The header is a
-/// length in eight bytes and a JSON object, padded with spaces to a multiple of eight.
+/// Sorts the entries of a safetensors file's header by name, because the library writes the metadata in a random order.
+///
+/// The header is a length in eight bytes and a JSON object, padded with spaces to a multiple of eight bytes.
 fn in_order(file: &[u8]) -> Vec<u8> {
     const VALID: &str = "the library wrote a valid header";
     let (length, rest) = file.split_first_chunk::<8>().expect(VALID);
@@ -185,12 +195,12 @@ fn in_order(file: &[u8]) -> Vec<u8> {
     [&(text.len() as u64).to_le_bytes()[..], &text, data].concat()
 }
 
-/// Network output (1 = the limit) to m, within the limits.
+/// Converts a network output (1 is the action limit) to m, within the limits.
 fn scaled_action(output: f32) -> f64 {
     f64::from(output.clamp(-1.0, 1.0)) * MAX_DELTA_M
 }
 
-/// The name of an anchor in files.
+/// Name of an anchor in files.
 fn anchor_name(anchor: DeltaAnchor) -> &'static str {
     match anchor {
         DeltaAnchor::Measured => "measured",
@@ -221,7 +231,7 @@ fn fixed<const N: usize>(file: &SafeTensors<'_>, name: &str) -> Result<[f32; N],
     data.try_into().map_err(|_| bad(name, &format!("{N} values"), &got.to_string()))
 }
 
-/// The values, where each of them is good.
+/// Returns the values if each of them passes `is_good`.
 fn within<const N: usize>(
     values: [f32; N],
     name: &str,

@@ -2,7 +2,7 @@
 
 use crate::image::LabelMask;
 
-/// One connected region.
+/// Connected region of pixels that have one label.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
     /// Number of pixels.
@@ -13,20 +13,26 @@ pub struct Region {
     pub columns: [usize; 2],
     /// First and last row, both within the region.
     pub rows: [usize; 2],
+    /// Index of its first pixel in the list of all pixels.
     first: usize,
 }
 
-/// Finds connected regions, with 8 neighbours to a pixel. Keeps its buffers: after the first mask of a size, a call
-/// allocates nothing unless it meets more regions or pixels than any before.
+/// Search for connected regions, with 8 neighbours for each pixel.
+///
+/// The buffers are reused: a later call on a mask of the same size allocates only if it finds more regions or pixels
+/// than every call before.
 #[derive(Debug, Clone, Default)]
 pub struct Regions {
+    /// Regions in the order of their first pixels.
     found: Vec<Region>,
+    /// Pixels of all regions, region after region, as v · width + u.
     pixels: Vec<u32>,
+    /// For each pixel the index of its region plus 1, or 0.
     ids: Vec<u32>,
 }
 
 impl Regions {
-    /// Finds the regions of `label`, in raster order of their first pixels.
+    /// Finds the regions of `label` and returns them in raster order of their first pixels.
     pub fn find(&mut self, mask: &LabelMask, label: u8) -> &[Region] {
         let (width, height) = (mask.width as usize, mask.height as usize);
         self.found.clear();
@@ -34,6 +40,7 @@ impl Regions {
         self.ids.clear();
         self.ids.resize(width * height, 0);
         for (v, row) in mask.data.chunks_exact(width.max(1)).enumerate().take(height) {
+            // Most rows of a mask are background: one pass over the bytes is cheaper than a test for each pixel.
             if !row.contains(&label) {
                 continue;
             }
@@ -46,27 +53,28 @@ impl Regions {
         &self.found
     }
 
-    /// The regions that the last call of [`Self::find`] found.
+    /// Regions found by the last call of [`Self::find`].
     pub fn found(&self) -> &[Region] {
         &self.found
     }
 
-    /// The largest region and its index; of equals, the first.
+    /// Largest region and its index. Among equals it is the first.
     pub fn largest(&self) -> Option<(usize, &Region)> {
+        // `max_by_key` returns the last of equals, so the order is reversed.
         self.found.iter().enumerate().rev().max_by_key(|(_, r)| r.area_px)
     }
 
-    /// The pixels of `region`, as v · width + u.
+    /// Pixels of `region`, as v · width + u.
     pub fn pixels(&self, region: &Region) -> &[u32] {
         &self.pixels[region.first..region.first + region.area_px]
     }
 
-    /// Index of the region that holds pixel v · width + u.
+    /// Index of the region that contains pixel v · width + u.
     pub fn at(&self, pixel: usize) -> Option<usize> {
         (self.ids[pixel] as usize).checked_sub(1)
     }
 
-    /// Collects the region of the pixel `start`: the list of its pixels serves as the queue.
+    /// Collects the region of the pixel `start` by breadth-first search. The list of its pixels serves as the queue.
     fn flood(&mut self, mask: &LabelMask, label: u8, start: [usize; 2]) {
         let (width, height) = (mask.width as usize, mask.height as usize);
         let (first, id) = (self.pixels.len(), self.found.len() as u32 + 1);

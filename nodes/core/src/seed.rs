@@ -1,20 +1,21 @@
-//! Seeds: every random stream is derived from one seed and its own index, so that results do not depend on the order
-//! or the number of workers.
+//! Seeds of random streams. Each stream is derived from one seed and its own index, so results do not depend on the
+//! order or the number of workers.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// The seed of stream `index` under `seed`: one round of SplitMix64 (Steele, Lea and Flood 2014) over both.
+/// Seed of stream `index` under `seed`: one round of SplitMix64 (Steele, Lea and Flood 2014) over both.
 ///
-/// Different indices give unrelated streams; the same pair gives the same seed on every machine.
+/// Different indices give unrelated streams. A pair gives the same seed on every machine.
 pub fn derive(seed: u64, index: u64) -> u64 {
+    // The factor of the index is large and odd: with a factor of 1, seed 3 index 1 would be seed 2 index 2.
     let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_add(index.wrapping_mul(0xd1b5_4a32_d192_ed03));
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
 
-/// The random generator used everywhere, for stream `index` under `seed`.
+/// Random generator (ChaCha8) of stream `index` under `seed`. Every crate draws from this one.
 pub fn rng(seed: u64, index: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(derive(seed, index))
 }

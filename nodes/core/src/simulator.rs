@@ -1,30 +1,30 @@
-//! The batch simulator, as inference sees it.
+//! Batch simulator: the interface through which inference reaches a simulator.
 
 use crate::{Frame, GripTrajectory, Policy, Track};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use thiserror::Error;
 
-/// How finely time and the object are divided.
+/// Resolution of a simulation in time and along the object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fidelity {
     /// Coarse time steps, for training.
     Fast,
-    /// The mesh of `Reference` in the time steps of `Fast`, for soft objects that fold or lie down.
+    /// Mesh of `Reference` and time steps of `Fast`, for soft objects that fold or lie down.
     FineMesh,
-    /// For inference.
+    /// Resolution for inference.
     #[default]
     Standard,
-    /// Fine mesh and time steps, for cells whose truth is to be found and for checks.
+    /// Fine mesh and time steps, for simulated cells with a hidden truth and for checks.
     Reference,
 }
 
 impl Fidelity {
-    /// All of them.
+    /// All fidelities.
     pub const ALL: [Fidelity; 4] = [Fidelity::Fast, Fidelity::FineMesh, Fidelity::Standard, Fidelity::Reference];
 
-    /// The name used in files, messages and on the command line.
+    /// Name in files, messages and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Fidelity::Fast => "fast",
@@ -34,7 +34,7 @@ impl Fidelity {
         }
     }
 
-    /// What it is for, in a few words.
+    /// Purpose in a few words, for `--help`.
     pub fn description(self) -> &'static str {
         match self {
             Fidelity::Fast => "coarse time steps, for training",
@@ -46,14 +46,14 @@ impl Fidelity {
         }
     }
 
-    /// The fidelity that is called `name`.
+    /// Fidelity with this name; none if no fidelity has it.
     pub fn from_name(name: &str) -> Option<Fidelity> {
         Self::ALL.into_iter().find(|f| f.name() == name)
     }
 }
 
-/// What moves the clamped end.
-#[derive(Debug, Clone, PartialEq)]
+/// Drive of the clamped end.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Drive {
     /// It follows a measured path.
     Grip(GripTrajectory),
@@ -63,51 +63,53 @@ pub enum Drive {
     Policy(Box<Policy>),
 }
 
-/// The shape that the object starts from.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// Shape of the object at the start.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub enum StartShape {
     /// It hangs at rest from the grip, as after a lift.
     #[default]
     HangingAtRest,
-    /// It passes through four points of its centre line, which move.
+    /// It passes through four moving points of its centre line.
     Measured {
-        /// (x, z) in m, frame panda_link0, at the keypoints' fractions of the length, from the grip on.
+        /// (x, z) in m, frame panda_link0, at the model's keypoint fractions of the length, from the grip on.
         points_m: [[f64; 2]; 4],
-        /// Their velocities in m/s.
+        /// Velocities (x, z) of the points in m/s.
         velocities_m_s: [[f64; 2]; 4],
     },
 }
 
-/// A batch of episodes of one model that differ in theta and in the seed alone.
-#[derive(Debug, Clone, PartialEq)]
+/// Request of a batch of N episodes of one model. They differ in theta, in effects and in the seed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SimulationRequest {
     /// N thetas in the model's order and units.
     pub thetas: Vec<Vec<f64>>,
-    /// Further parameters that the batch sets: name, and one value an episode.
+    /// Further parameters that the batch sets: name, and one value for each episode.
     pub effects: Vec<(String, Vec<f64>)>,
-    /// What moves the clamped end.
+    /// Drive of the clamped end.
     pub drive: Drive,
-    /// The shape that the object starts from.
+    /// Shape of the object at the start.
     pub start: StartShape,
-    /// When the episode is looked at, s since its start; empty: at every step of the policy.
+    /// Times of the frames in s since the start; empty for a frame at every step of the policy.
     pub frame_times_s: Vec<f64>,
-    /// (x, z) in m of the target; none: the model's, with its jitter.
+    /// (x, z) in m of the target; none for the model's target with its jitter.
     pub target_m: Option<[f64; 2]>,
     /// Fidelity of the simulation.
     pub fidelity: Fidelity,
-    /// Seed of the batch: episode i depends on it and on `first_episode + i` alone.
+    /// Seed of the batch. The random numbers of episode i depend on it and on `first_episode + i` alone.
     pub seed: u64,
-    /// Number of the first episode: a batch may be asked for in parts.
+    /// Number of the first episode. It lets a batch be requested in parts.
     pub first_episode: u64,
-    /// Whether the model's camera noise is added.
+    /// True to add the model's camera noise.
     pub noise: bool,
 }
 
 impl SimulationRequest {
-    /// The episodes of the batch at these places, as a batch of their own: they come out the same.
+    /// Request for the episodes at these indices alone. They are equal, bit by bit, to the same episodes of the whole
+    /// batch.
     pub fn part(&self, episodes: Range<usize>) -> SimulationRequest {
         let (from, to) = (episodes.start.min(self.thetas.len()), episodes.end.min(self.thetas.len()));
-        // Values that are not one an episode stay as they are, for the simulator to refuse.
+        // Effects without one value for each episode are kept unchanged: the simulator refuses them with its own
+        // message.
         let values = |v: &Vec<f64>| if v.len() == self.thetas.len() { v[from..to].to_vec() } else { v.clone() };
         SimulationRequest {
             thetas: self.thetas[from..to].to_vec(),
@@ -121,7 +123,7 @@ impl SimulationRequest {
     }
 }
 
-/// Why nothing was simulated.
+/// Reason for which nothing was simulated.
 #[derive(Debug, Error)]
 pub enum SimulatorError {
     /// The request or the model makes no sense; the message names the field and the value.
@@ -132,26 +134,31 @@ pub enum SimulatorError {
     Backend(String),
 }
 
-/// What is asked of a place of a batch and the frames of its episode so far, the newest last: whether that is enough of it.
+/// Stopping rule of an episode: called with its index in the batch and its frames so far, the newest last. It returns
+/// true if no further frame is needed.
 pub type IsEnough<'a> = &'a (dyn Fn(usize, &[Frame]) -> bool + Sync);
 
-/// Until when the episodes of a batch are asked for.
+/// Stopping rule of a batch, with its number in caches.
 #[derive(Clone, Copy)]
 pub struct Until<'a> {
-    /// Asked after each frame. The same frames must have the same answer.
+    /// Rule that is called after each frame. Equal frames must give equal answers.
     pub is_enough: IsEnough<'a>,
-    /// A number that stands for it where answers are kept: two that may say different things have different ones.
+    /// Identity of the rule in caches of tracks. Rules that may answer differently must have different numbers.
     pub number: u64,
 }
 
-/// Simulates batches of episodes of the model it was made for.
+/// Simulator of batches of episodes of one model.
 pub trait Simulator {
-    /// Simulates the batch. Returns one track a theta, in order; the same request gives the same bits.
+    /// Simulates the batch. Returns one track for each theta, in order. Equal requests give equal bits.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] if the request makes no sense or the service fails.
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError>;
 
-    /// As [`Self::simulate`], but an episode may end at a frame from which on nobody asks for it: its frames are then the first of
-    /// those that it would have had, without an action after the last, and its end says nothing. A simulator that cannot end sooner
-    /// gives the whole.
+    /// Simulates the batch as [`Self::simulate`] does, but may stop an episode early by the rule `until`.
+    ///
+    /// A stopped episode holds the first frames of the whole one, without an action after the last. Its end has no
+    /// meaning. The default implementation never stops early.
     ///
     /// # Errors
     /// As [`Self::simulate`].
@@ -161,36 +168,39 @@ pub trait Simulator {
     }
 }
 
-/// How a frame changes with a parameter, per unit of it.
+/// Derivative of a frame with respect to a parameter, per unit of the parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct FrameDerivative {
-    /// Of the object's keypoints (x, y), which are scaled to -1 .. 1 over the image.
+    /// Derivative of the object's four keypoints (x, y), which are scaled to -1 .. 1 over the image.
     pub dlo: [[f64; 2]; 4],
-    /// Of the target's centre (x, y), scaled likewise.
+    /// Derivative of the target's centre (x, y), which is scaled to -1 .. 1 over the image.
     pub target: [f64; 2],
-    /// Of the end effector's x and z in m and its pitch in rad.
+    /// Derivative of the end effector's x and z in m and its pitch in rad.
     pub eef: [f64; 3],
 }
 
-/// A track, and how it changes with parameters.
+/// Track with its derivatives with respect to parameters.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TrackSensitivities {
-    /// The track itself, as [`Simulator::simulate`] gives it, to the bit.
+    /// Track, equal to that of [`Simulator::simulate`] bit by bit.
     pub track: Track,
-    /// One entry a parameter, in the order asked for: the derivative of each frame by it.
+    /// Derivatives: for each parameter, in the requested order, one entry for each frame.
     pub derivatives: Vec<Vec<FrameDerivative>>,
-    /// The change of each parameter over which its derivative was taken, in its unit: tiny, but where a parameter's
-    /// presence alone changes the mesh, and the derivative is the mean slope up to a likely magnitude.
+    /// Step of each parameter, in its unit, over which its derivative was taken. It is tiny, except for a parameter
+    /// whose presence changes the mesh: its derivative is the mean slope up to a likely magnitude.
     pub changes: Vec<f64>,
 }
 
-/// A simulator that says how tracks change with its parameters.
+/// Simulator that also returns derivatives of tracks with respect to parameters.
 pub trait DifferentiableSimulator: Simulator {
-    /// Simulates the batch, and differentiates each track by the parameters and effects called `names`, at the values
-    /// that they have in it; an effect that is absent, at zero. Noise, where it is asked for, is that of the track, and an
-    /// effect that acts at random has the derivative zero. Where a parameter has a kink or an end, the derivative is that
-    /// to one side. The drive must be a path or actions: a policy's actions would have to be differentiated, too. An
-    /// episode that does not begin at rest where it should is refused.
+    /// Simulates the batch and differentiates each track with respect to the parameters and effects in `names`.
+    ///
+    /// Derivatives are taken at the values of the request, and at zero for an effect that is absent. Noise is held
+    /// constant. The derivative with respect to a random effect is zero. At a kink or an end of a parameter's range, the
+    /// derivative is one-sided. The drive must be a path or actions, because a policy's actions depend on the parameters, too.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] as for [`Simulator::simulate`], and for an episode whose start at rest is not at rest.
     fn sensitivities(
         &self,
         request: &SimulationRequest,

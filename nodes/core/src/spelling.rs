@@ -1,25 +1,25 @@
 //! Suggestions for misspelt names: "did you mean ...?".
 
-/// Least similarity (Jaro, 0 to 1) of a suggestion. Command lines use 0.7 for words; names here are longer and share
-/// parts such as units, so that unrelated ones reach it.
+/// Least similarity (Jaro, 0 to 1) of a suggestion. Command lines use 0.7 for words. Names here are longer and share
+/// parts such as units, so unrelated names reach 0.7.
 const LEAST_SIMILARITY: f64 = 0.78;
 /// Least length of a part that suggests the whole name, such as `mass` for `tip_mass_kg`.
 const LEAST_PART: usize = 3;
 
-/// Nearest of `names` to `name`, which is none of them; none where no name is near.
+/// Nearest of `names` to the unknown `name`, or none if no name is near.
 pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let plain = |text: &str| text.trim().to_lowercase().replace('-', "_");
     let asked = plain(name);
     let similarity = |known: &str| {
         let known = plain(known);
-        // A part of a name, such as one without its unit, is as good as a slip of the pen.
+        // A part of a name, such as a name without its unit, counts as the least similarity that is suggested.
         let holds = |long: &str, short: &str| short.chars().count() >= LEAST_PART && long.contains(short);
         let part = if holds(&known, &asked) || holds(&asked, &known) { LEAST_SIMILARITY } else { 0.0 };
         strsim::jaro(&asked, &known).max(part)
     };
     let rated = names.into_iter().map(|known| (similarity(known), known));
     let near = rated.filter(|(similarity, _)| *similarity >= LEAST_SIMILARITY);
-    // The first of equals: callers list names in the order that matters.
+    // First of equally similar names wins, because callers list preferred names first.
     near.fold(None, |best: Option<(f64, &str)>, next| match best {
         Some(best) if best.0 >= next.0 => Some(best),
         _ => Some(next),
@@ -27,7 +27,7 @@ pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Opti
     .map(|(_, known)| known)
 }
 
-/// The end of a message about an unknown name: `; did you mean ...?`, or nothing where no name is near.
+/// End of a message about an unknown name: `; did you mean ...?`, or nothing if no name is near.
 pub fn did_you_mean<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> String {
     nearest(name, names).map_or_else(String::new, |known| format!("; did you mean `{known}`?"))
 }
@@ -46,7 +46,7 @@ mod tests {
     ];
 
     #[test]
-    fn slips_of_the_pen_find_the_name() {
+    fn misspelt_names_find_the_name() {
         let found = |name| nearest(name, NAMES);
         assert_eq!(found("lenght_m"), Some("length_m"));
         assert_eq!(found("Length_M"), Some("length_m"));
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn what_resembles_nothing_suggests_nothing() {
+    fn a_name_that_resembles_no_other_gets_no_suggestion() {
         for name in ["", "x", "wind", "seed", "colour", "gravity"] {
             assert_eq!(nearest(name, NAMES), None, "{name}");
             assert_eq!(did_you_mean(name, NAMES), "");

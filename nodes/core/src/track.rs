@@ -1,24 +1,25 @@
-//! What was seen of one episode.
+//! Track of one episode: its frames over time, and its end.
 
 use crate::Camera;
 use serde::{Deserialize, Serialize};
 
-/// What was seen at one moment.
+/// Observed state at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
-    /// s since the start of the episode.
+    /// Time since the start of the episode in s.
     pub time_s: f64,
-    /// The object's four keypoints (x, y), scaled to -1 .. 1 over the image: a set, its order may flip between frames.
+    /// Four keypoints (x, y) of the object, scaled to -1 .. 1 over the image. They are a set: the order may flip
+    /// between frames.
     pub dlo: [[f64; 2]; 4],
-    /// The target's centre (x, y), scaled likewise.
+    /// Centre of the target (x, y), scaled to -1 .. 1 over the image.
     pub target: [f64; 2],
     /// End effector x, z in m (frame panda_link0) and pitch in rad.
     pub eef: [f64; 3],
-    /// The action (dx, dz) in m that follows this moment; zero where none does.
+    /// Action (dx, dz) in m that follows this time; zero if none follows.
     pub action: [f64; 2],
 }
 
-/// Why a simulated or a measured episode ended.
+/// Reason for the end of a simulated or a measured episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
@@ -34,7 +35,7 @@ pub enum End {
 }
 
 impl End {
-    /// The name used in messages and recordings.
+    /// Name in messages and recordings.
     pub fn name(self) -> &'static str {
         match self {
             End::Success => "success",
@@ -44,22 +45,23 @@ impl End {
         }
     }
 
-    /// The end that is called `name`.
+    /// End with this name; none if no end has it.
     pub fn from_name(name: &str) -> Option<End> {
         [End::Success, End::StepLimit, End::LeftWorkspace, End::Complete].into_iter().find(|e| e.name() == name)
     }
 }
 
-/// A track: F frames in order of time. An episode that ended early has fewer frames than was asked for.
+/// F frames in order of time. An episode that ended early has fewer frames than requested.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Track {
-    /// The frames, in order of time.
+    /// Frames in order of time.
     pub frames: Vec<Frame>,
-    /// Why the episode ended.
+    /// Reason for the end of the episode.
     pub end: End,
 }
-/// Root mean square distance, in mm, of the keypoints of tracks from their own middle: the error of a prediction of nothing
-/// but that middle. None without keypoints, or where the camera cannot place one in the plane.
+
+/// Root mean square distance in mm of the keypoints of tracks from their common mean: the error of a predictor that
+/// always returns the mean. None without keypoints, or if the camera cannot place a keypoint in the plane.
 pub fn spread_mm<'a>(tracks: impl IntoIterator<Item = &'a Track>, camera: &Camera) -> Option<f64> {
     let points = tracks.into_iter().flat_map(|t| &t.frames).flat_map(|f| f.dlo);
     let points = points.map(|p| camera.plane_from_scaled(p)).collect::<Option<Vec<[f64; 2]>>>()?;
@@ -68,6 +70,7 @@ pub fn spread_mm<'a>(tracks: impl IntoIterator<Item = &'a Track>, camera: &Camer
         let mean = points.iter().map(|p| p[axis]).sum::<f64>() / n;
         points.iter().map(|p| (p[axis] - mean).powi(2)).sum::<f64>() / n
     };
+    // From m to mm.
     (!points.is_empty()).then(|| 1e3 * (variance(0) + variance(1)).sqrt())
 }
 

@@ -1,39 +1,28 @@
-//! The records of a recording or of live topics, and the episodes in them.
+//! Log of stamped records, from a recording or from live topics, and the episodes in it.
 
+use super::complete::{Episode, EpisodeStart, is_fault};
+use super::error::EpisodeError;
 use super::plausible::{KEYPOINTS, MeasuredPose, POSES, seconds};
-use super::{Episode, EpisodeError};
-use crate::task::DeltaAnchor;
 use crate::{Keypoints, Observation};
 use std::collections::BTreeMap;
 
-/// Frame of the poses.
+/// Frame in which poses are expected.
 const BASE_FRAME: &str = "panda_link0";
 
-/// Time before an episode's start from which records still belong to it, ns: the pose and the frame that it starts from.
+/// Time in ns before an episode's start from which records still belong to it: they hold the pose and the frame at the
+/// start.
 const LEAD_NS: i64 = 200_000_000;
 
-/// What a live log keeps of the newest records, ns: an episode that starts now may have begun with them.
+/// Age in ns of the newest records that a live log keeps: an episode whose start arrives late begins with them.
 const RECENT_NS: i64 = 2_000_000_000;
-/// Longest episode that a live log waits for the end of, ns: a start that is older was left by a node that died.
+/// Age in ns of an open start after which a live log stops waiting for its end: the node that sent it has died.
 const OPEN_NS: i64 = 3_600_000_000_000;
 
-/// Share of the records of a kind from which stamps of 0 are more than the first moments of a node that has no clock yet.
+/// Share of records with the stamp 0 above which a note is made. A few are normal: a node under simulated time has no
+/// clock at first.
 const UNSTAMPED: f64 = 0.05;
 
-/// The start of an episode, as `/episode/event` reports it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EpisodeStart {
-    /// Name of the policy that runs; `recorded` where a path was recorded without one.
-    pub policy: String,
-    /// Seed of the episode.
-    pub seed: u64,
-    /// s between two actions.
-    pub step_period_s: f64,
-    /// What a delta is added to.
-    pub delta_anchor: DeltaAnchor,
-}
-
-/// Kinds of records, by topic.
+/// Kind of a record; each kind comes from one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum RecordKind {
     /// Keypoints of an image.
@@ -49,7 +38,7 @@ pub enum RecordKind {
 }
 
 impl RecordKind {
-    /// Plural in a sentence.
+    /// Plural for sentences.
     fn plural(self) -> &'static str {
         match self {
             Self::Keypoints => "keypoints",
@@ -61,65 +50,60 @@ impl RecordKind {
     }
 }
 
-/// Whether the end of an episode called `reason` is a fault of the arm or of a node, instead of the task's or the user's.
-pub(super) fn is_fault(reason: &str) -> bool {
-    let reason = reason.trim_start().to_ascii_lowercase();
-    ["fault", "error", "abort", "failed", "failure"].iter().any(|word| reason.starts_with(word))
-}
-
-/// Whether poses in `frame` are in that of the arm's base: an empty one stands for it, and tf's first release wrote a slash.
+/// True if `frame` is the frame of the arm's base. An empty name stands for it, and tf's first release wrote a leading
+/// slash.
 pub fn is_base_frame(frame: &str) -> bool {
     frame.is_empty() || frame.trim_start_matches('/') == BASE_FRAME
 }
 
-/// Records of the steps of episodes: by number of the episode, stamp in ns and number of the step.
+/// Records of steps, by number of the episode, stamp in ns and number of the step.
 type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 
-/// Stamped records of the topics that inference needs. Stamps are ns of one clock.
+/// Stamped records of the topics that inference needs. Stamps are in ns of one clock.
 ///
-/// A number may come twice, as when the node that gives them was started again: an episode is one start, and what bears
-/// its number up to the next start of that number is its own.
+/// An episode number may come twice, because a node that is started again counts anew. An episode is therefore one
+/// start event; the records with its number belong to it until the next start with that number.
 #[derive(Debug, Clone, Default)]
 pub struct EpisodeLog {
     keypoints: BTreeMap<i64, Keypoints>,
     poses: BTreeMap<i64, MeasuredPose>,
     actions: Steps<[f64; 2]>,
     observations: Steps<Observation>,
-    /// By number of the episode and stamp.
+    /// Starts, by number of the episode and stamp.
     starts: BTreeMap<(u32, i64), EpisodeStart>,
-    /// By number of the episode and stamp.
+    /// Reasons of ends, by number of the episode and stamp.
     ends: BTreeMap<(u32, i64), String>,
-    /// Stamp of the record that came last.
+    /// Stamp of the last record in order of arrival.
     newest_ns: Option<i64>,
-    /// Records by kind: those with the stamp 0, of a publisher without a clock, and all.
+    /// Counts by kind: records with the stamp 0 (their publisher has no clock), and all records.
     counts: BTreeMap<RecordKind, (usize, usize)>,
-    /// Frames of poses that are not in that of the arm's base, by stamp.
+    /// Frames of poses that differ from the arm's base, by stamp.
     foreign_frames: BTreeMap<i64, String>,
-    /// What is doubtful about the recording, in words.
+    /// Doubts about the recording, one sentence each.
     notes: Vec<String>,
 }
 
-/// An episode that both started and ended, by its stamps in ns.
+/// Complete episode: its number and the stamps in ns of its start and end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Span {
     start_ns: i64,
     number: u32,
     end_ns: i64,
-    /// Where the next episode of the same number begins.
+    /// Start of the next episode with the same number.
     until_ns: i64,
 }
 
 impl EpisodeLog {
-    /// Notes what is doubtful about the recording: every episode of it comes with that.
+    /// Adds a doubt about the recording. Every episode carries it in [`Episode::notes`].
     pub fn note(&mut self, note: String) {
         self.notes.push(note);
     }
 
-    /// What is doubtful about the recording as a whole, in words: stamps, frames, and what [`Self::note`] was told.
+    /// Doubts about the recording as a whole: stamps, frames, and those added by [`Self::note`].
     pub fn notes(&self) -> Vec<String> {
         let frame = |(frame, count): (&&String, &usize)| {
             format!(
-                "{POSES}: header.frame_id: expected \"{BASE_FRAME}\", got \"{frame}\" in {count} poses, which are used as if it were: where it is another frame, transform them and record again"
+                "{POSES}: header.frame_id: expected \"{BASE_FRAME}\", got \"{frame}\" in {count} poses, which are used as if they were in panda_link0: if the frames differ, transform the poses and record again"
             )
         };
         let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
@@ -128,11 +112,12 @@ impl EpisodeLog {
         self.unstamped_note().into_iter().chain(frames).chain(self.notes.iter().cloned()).collect()
     }
 
-    /// What to say of records without a stamp. A few are the first moments of a simulated clock.
+    /// Note on records without a stamp, if they are more than the first moments of a simulated clock.
     fn unstamped_note(&self) -> Option<String> {
+        // A single record without a stamp among few others exceeds the share, but means nothing.
         let many = self.counts.iter().filter(|(_, (none, all))| *none > 1 && *none as f64 > UNSTAMPED * *all as f64);
         let named: Vec<String> = many.map(|(kind, (none, _))| format!("{none} {}", kind.plural())).collect();
-        // Keypoints and poses come first in the order of kinds: they are what an inference lacks.
+        // Keypoints and poses come first in the order of kinds: inference needs them.
         let (listed, others) = match named.as_slice() {
             [] => return None,
             [only] => (only.clone(), String::new()),
@@ -142,11 +127,11 @@ impl EpisodeLog {
             }
         };
         Some(format!(
-            "{listed} have the stamp 0{others}: nodes with use_sim_time that hear no /clock stamp so; publish /clock or set use_sim_time to false, and record again"
+            "{listed} have the stamp 0{others}: nodes with use_sim_time stamp 0 if they receive no /clock; publish /clock or set use_sim_time to false, and record again"
         ))
     }
 
-    /// Takes note of the stamp of a record.
+    /// Counts the stamp of a record.
     fn stamped(&mut self, kind: RecordKind, stamp_ns: i64) {
         self.newest_ns = Some(stamp_ns);
         let (none, all) = self.counts.entry(kind).or_default();
@@ -154,7 +139,7 @@ impl EpisodeLog {
         *all += 1;
     }
 
-    /// Takes note of the frame of the pose at `stamp_ns`.
+    /// Records the frame of the pose at `stamp_ns`, if it is not the arm's base.
     pub fn push_frame(&mut self, stamp_ns: i64, frame: &str) {
         if !is_base_frame(frame) {
             self.foreign_frames.insert(stamp_ns, frame.to_owned());
@@ -197,9 +182,10 @@ impl EpisodeLog {
         self.ends.insert((episode, stamp_ns), reason);
     }
 
-    /// The episodes that both started and ended, in order of their starts.
+    /// Complete episodes in order of their starts.
     fn spans(&self) -> Vec<Span> {
         let span = |&(number, start_ns): &(u32, i64)| {
+            // An end after the next start of the same number belongs to that start: this episode was killed.
             let after = (number, start_ns.saturating_add(1))..=(number, i64::MAX);
             let until_ns = self.starts.range(after.clone()).next().map_or(i64::MAX, |((_, next_ns), _)| *next_ns);
             let end_ns = self.ends.range(after).next().map(|((_, end_ns), _)| *end_ns).filter(|e| *e < until_ns)?;
@@ -210,14 +196,16 @@ impl EpisodeLog {
         spans
     }
 
-    /// Numbers of the episodes that both started and ended, in order of their starts.
+    /// Numbers of the complete episodes in order of their starts.
     pub fn complete(&self) -> Vec<u32> {
         self.spans().into_iter().map(|s| s.number).collect()
     }
 
-    /// Drops what live inference has no use for, so that a log that runs for days stays small. Kept are the last complete
-    /// episode, those that started within the last hour and have not ended yet, and the newest two seconds; the time is that
-    /// of the record that came last.
+    /// Drops records that live inference does not need, so a log that runs for days stays small.
+    ///
+    /// It keeps the last complete episode, episodes that started within the last hour and have not ended, and the
+    /// newest two seconds. The present is the stamp of the last record in order of arrival: a replay may run back in
+    /// time.
     pub fn forget_old(&mut self) {
         let Some(newest_ns) = self.newest_ns else { return };
         let spans = self.spans();
@@ -235,13 +223,13 @@ impl EpisodeLog {
         self.observations.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
         self.starts.retain(|(_, stamp_ns), _| kept(*stamp_ns));
         self.ends.retain(|(_, stamp_ns), _| kept(*stamp_ns));
-        // What had no stamp is gone.
+        // Records with the stamp 0 were dropped above, so the note about them must go too.
         if !kept(0) {
             self.counts.clear();
         }
     }
 
-    /// What the log holds, in words.
+    /// Numbers of the records by kind, as text.
     pub fn summary(&self) -> String {
         format!(
             "{} keypoints, {} poses, {} observations, {} actions, {} episode starts, {} episode ends",
@@ -254,7 +242,7 @@ impl EpisodeLog {
         )
     }
 
-    /// What keeps starts and ends from making an episode, in words.
+    /// Note on starts and ends that do not form an episode.
     fn unpaired_note(&self) -> Option<String> {
         if let Some(((number, start_ns), _)) = self.starts.last_key_value() {
             let before = self.ends.range((*number, i64::MIN)..=(*number, *start_ns)).next_back();
@@ -270,23 +258,27 @@ impl EpisodeLog {
                     seconds(*start_ns)
                 ),
                 None => format!(
-                    "/episode/event: episode {number} has no end: the recording ended, or the node that ran it, before it did"
+                    "/episode/event: episode {number} has no end: the recording, or the node that ran the episode, ended before"
                 ),
             });
         }
         let ((number, _), _) = self.ends.first_key_value()?;
-        Some(format!("/episode/event: episode {number} ends without a start: the recording began after it did"))
+        Some(format!("/episode/event: episode {number} ends without a start: the recording began after the episode"))
     }
 
-    /// Why there is no complete episode.
+    /// Error of a log without a complete episode.
     fn no_episode(&self) -> EpisodeError {
-        // Stamps of 0 explain all the rest.
+        // Stamps of 0 also cause unpaired events: only the cause is named.
         let unpaired = self.unstamped_note().is_none().then(|| self.unpaired_note()).flatten();
         let cause = unpaired.into_iter().chain(self.notes()).map(|note| format!("{note}: ")).collect();
         EpisodeError::NoEpisode { cause, found: self.summary() }
     }
 
-    /// The last complete episode called `number`; none: the last one of all that no fault ended.
+    /// Returns the last complete episode called `number`. Without a number: the last complete episode that no fault
+    /// ended.
+    ///
+    /// # Errors
+    /// [`EpisodeError::NoEpisode`], [`EpisodeError::NoSuchEpisode`] or [`EpisodeError::Fault`].
     pub fn episode(&self, number: Option<u32>) -> Result<Episode, EpisodeError> {
         let spans = self.spans();
         let last = *spans.last().ok_or_else(|| self.no_episode())?;
@@ -297,37 +289,42 @@ impl EpisodeLog {
         Ok(self.gather(span, &spans))
     }
 
-    /// The last episode that no fault ended, with a note on those that came after it. `last` is the last one of all.
+    /// Returns the last episode that no fault ended, with a note if `last`, the last complete episode, is another one.
     fn last_in_order(&self, last: Span, spans: &[Span]) -> Result<Episode, EpisodeError> {
         let reason = |s: &Span| self.ends[&(s.number, s.end_ns)].as_str();
         let fault = format!("/episode/event: episode {} ended with \"{}\"", last.number, reason(&last));
+        // An episode with a fault is used only if its number is given.
         let in_order = spans.iter().rfind(|s| !is_fault(reason(s)));
         let span = in_order.ok_or_else(|| EpisodeError::Fault(fault.clone()))?;
         let mut episode = self.gather(*span, spans);
         if *span != last {
-            episode.notes.push(format!("{fault} and is passed over: this is episode {}", span.number));
+            episode.notes.push(format!("{fault} and is passed over: episode {} is used instead", span.number));
         }
         Ok(episode)
     }
 
-    /// The very last complete episode, whatever ended it.
+    /// Returns the last complete episode, also if a fault ended it.
+    ///
+    /// # Errors
+    /// [`EpisodeError::NoEpisode`].
     pub fn last(&self) -> Result<Episode, EpisodeError> {
         let spans = self.spans();
         let last = *spans.last().ok_or_else(|| self.no_episode())?;
         Ok(self.gather(last, &spans))
     }
 
-    /// Every complete episode, in order of their starts.
+    /// All complete episodes in order of their starts.
     pub fn episodes(&self) -> Vec<Episode> {
         let spans = self.spans();
         spans.iter().map(|span| self.gather(*span, &spans)).collect()
     }
 
-    /// The records of an episode.
+    /// Collects the records of an episode.
     fn gather(&self, span: Span, all: &[Span]) -> Episode {
         let Span { start_ns, number, end_ns, until_ns } = span;
         let since_s = |ns: i64| ns.saturating_sub(start_ns) as f64 * 1e-9;
         let from_ns = start_ns.saturating_sub(LEAD_NS);
+        // Steps may be stamped after the end, but not within the lead of the next episode with this number.
         let steps = (number, from_ns, 0)..(number, until_ns.saturating_sub(LEAD_NS).max(end_ns), u32::MAX);
         Episode {
             number,
@@ -344,7 +341,7 @@ impl EpisodeLog {
         }
     }
 
-    /// Streams that have records, and none of them between two stamps: of other clocks than the events have.
+    /// Notes on streams that have records, but none between two stamps: another clock stamps them than the events.
     fn elsewhere(&self, from_ns: i64, end_ns: i64) -> Vec<String> {
         fn span<T>(records: &BTreeMap<i64, T>, from_ns: i64, end_ns: i64) -> Option<[i64; 2]> {
             let (first, last) = (records.first_key_value()?, records.last_key_value()?);
@@ -365,7 +362,7 @@ impl EpisodeLog {
     }
 }
 
-/// The records of the steps in the order of the steps.
+/// Values with the numbers of their steps, sorted by step.
 fn in_order<'a, T: Copy + 'a>(records: impl Iterator<Item = (&'a (u32, i64, u32), &'a T)>) -> Vec<(u32, T)> {
     let mut steps: Vec<(u32, T)> = records.map(|((_, _, step), value)| (*step, *value)).collect();
     steps.sort_by_key(|(step, _)| *step);

@@ -1,10 +1,12 @@
-//! Episodes and tracks out of logs.
+//! Tests of episodes and tracks from logs.
 
 mod doubtful;
 
 use super::*;
-use crate::GripPose;
+use crate::model::{DriveKind, StartKind};
+use crate::simulator::StartShape;
 use crate::task::DeltaAnchor;
+use crate::{GripPose, Keypoints, Model, Observation};
 
 fn keypoints(shift: f64, flip: bool) -> Keypoints {
     let mut dlo_px = [0.0, 1.0, 2.0, 3.0].map(|i: f64| [100.0 + shift, 100.0 + 10.0 * i]);
@@ -69,7 +71,7 @@ fn the_order_of_arrival_does_not_matter() {
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_streams_and_episodes_are_named() {
     let empty = EpisodeLog::default().episode(None).unwrap_err().to_string();
     assert!(empty.contains("0 keypoints") && empty.contains("/episode/event"), "{empty}");
     let other = log().episode(Some(9)).unwrap_err();
@@ -87,7 +89,7 @@ fn measured_start_is_ordered_from_the_grip_and_moves() {
     let StartShape::Measured { points_m, velocities_m_s } = measured.start else { panic!("{:?}", measured.start) };
     assert!(points_m.windows(2).all(|w| w[0][1] > w[1][1]), "{points_m:?}");
     assert!(velocities_m_s.iter().all(|v| v[0] > 0.0 && v[1].abs() < 1e-9), "{velocities_m_s:?}");
-    // An image of twice the size shows the same shape.
+    // A mask of twice the size must give an equal shape.
     let mut episode = log().episode(None).unwrap();
     for (_, k) in &mut episode.keypoints {
         k.dlo_px = k.dlo_px.map(|p| p.map(|v| 2.0 * v));
@@ -96,7 +98,7 @@ fn measured_start_is_ordered_from_the_grip_and_moves() {
     assert_eq!(episode.measured(&m).unwrap().start, measured.start);
 }
 
-/// Step `step` of a policy that tells its runs apart by `run`.
+/// Adds step `step` of a policy. The values `run` tell its runs apart.
 fn push_step(log: &mut EpisodeLog, stamp_ns: i64, episode: u32, step: u32, run: f64) {
     log.push_observation(stamp_ns, episode, step, Observation([run; 12]));
     log.push_action(stamp_ns + 1, episode, step, [run, 0.0]);
@@ -105,7 +107,7 @@ fn push_step(log: &mut EpisodeLog, stamp_ns: i64, episode: u32, step: u32, run: 
 #[test]
 fn a_number_that_comes_twice_names_two_episodes() {
     let mut log = EpisodeLog::default();
-    // The second run is the shorter one, and its records come first, as from a graph whose topics are read one by one.
+    // The second run is shorter, and its records arrive first, as from a graph whose topics are read one by one.
     for (start_ns, steps, run) in [(20_000_000_000, 2, 2.0), (1_000_000_000, 4, 1.0)] {
         log.push_start(start_ns, 1, start());
         for step in 0..steps {
@@ -119,7 +121,7 @@ fn a_number_that_comes_twice_names_two_episodes() {
     assert_eq!(last.actions, [(0, [2.0, 0.0]), (1, [2.0, 0.0])]);
     assert_eq!(last.observations, [0, 1].map(|step| (step, Observation([2.0; 12]))));
     assert_eq!(last.namesakes, 1);
-    // A run that was killed has no end: the end of the next one is not its own.
+    // A killed run has no end; the end of the next run must not be taken for it.
     log.push_start(30_000_000_000, 1, start());
     push_step(&mut log, 30_000_000_000, 1, 0, 3.0);
     assert_eq!(log.episode(None).unwrap(), last);
@@ -130,7 +132,7 @@ fn a_number_that_comes_twice_names_two_episodes() {
 }
 
 #[test]
-fn an_ambiguous_number_is_said() {
+fn an_ambiguous_number_gives_a_warning() {
     let mut twice = log();
     assert_eq!(twice.episode(None).unwrap().measured(&model()).unwrap().warnings, [] as [String; 0]);
     twice.push_start(100, 4, start());
@@ -139,7 +141,7 @@ fn an_ambiguous_number_is_said() {
     assert!(warnings.len() == 1 && warnings[0].contains("2 complete episodes called 4"), "{warnings:?}");
 }
 
-/// A log whose policy took `steps` steps and saw where it ended; observation and action of step i carry i.
+/// Log of a policy of `steps` steps with a final observation. Observation and action of step i carry the value i.
 fn driven(steps: u32) -> EpisodeLog {
     let mut log = log();
     for step in 0..=steps {
@@ -194,7 +196,7 @@ fn a_measured_path_needs_no_actions() {
     assert_eq!(episode.measured(&model()).unwrap().track.frames.len(), 33);
 }
 
-/// The episode of 8.1 s without the records whose times `lost` names.
+/// Episode of 8.1 s without the records at times for which `poses` and `keypoints` return true.
 fn without(poses: fn(f64) -> bool, keypoints: fn(f64) -> bool) -> Episode {
     let mut episode = log().episode(None).unwrap();
     episode.poses.retain(|(t, _)| !poses(*t));
@@ -244,7 +246,7 @@ fn a_thin_track_says_so() {
     assert_eq!((some.track.frames.len(), some.warnings.len()), (32, 0), "a lost image or two: {:?}", some.warnings);
     let short = Episode { duration_s: 1.0, ..without(|t| t > 1.0, |t| t > 1.0) }.measured(&model).unwrap();
     assert_eq!(short.warnings.len(), 1, "{:?}", short.warnings);
-    assert!(short.warnings[0].contains("5 frames, and the model looks at 33"), "{:?}", short.warnings);
+    assert!(short.warnings[0].contains("5 frames, and the model uses 33"), "{:?}", short.warnings);
     model.observation.start = StartKind::Measured;
     assert_eq!(without(none, none).measured(&model).unwrap().warnings, [] as [String; 0]);
     let late = without(none, |t| t < 0.2).measured(&model).unwrap();

@@ -1,11 +1,11 @@
-//! Checks of a model's values. Each error names the path of the field, and with it the line.
+//! Checks of the values of a model. Each error names the path of the field; the line follows from the path.
 
 use super::outline::{Content, Node};
 use super::{MODEL_VERSION, Model, ModelError, Place, Section};
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
-/// Rejects another version, before fields that it may have confuse anybody.
+/// Rejects a file of another version, with a hint for newer versions and for a missing field.
 pub(super) fn version(outline: Option<&Node>) -> Result<(), ModelError> {
     let Some(outline) = outline.filter(|o| matches!(o.content, Content::Map { .. })) else { return Ok(()) };
     let line = Some(outline.line_of("version"));
@@ -26,10 +26,10 @@ pub(super) fn version(outline: Option<&Node>) -> Result<(), ModelError> {
 }
 
 impl Model {
-    /// Checks every value; the error names the field that makes no sense.
+    /// Checks every value.
     ///
     /// # Errors
-    /// [`ModelError::Value`] or [`ModelError::Text`] of the first such field.
+    /// [`ModelError::Value`] or [`ModelError::Text`] of the first field that makes no sense.
     pub fn check(&self) -> Result<(), ModelError> {
         if self.version != MODEL_VERSION {
             return Err(ModelError::value("version", MODEL_VERSION.to_string(), self.version));
@@ -42,6 +42,7 @@ impl Model {
         }
         self.check_object()?;
         let o = &self.observation;
+        // A single frame shows no motion; 10 000 frames are 2 min 47 s at the 60 Hz of the cell's camera.
         if !(2..=10_000).contains(&o.frames) {
             return Err(ModelError::value("observation.frames", "2 to 10000", o.frames));
         }
@@ -56,8 +57,8 @@ impl Model {
         self.task.as_ref().map_or(Ok(()), check_task)
     }
 
-    /// Where the parameter of this name is set: `parameters.NAME`, `theta.NAME` or `effects.NAME`; `parameters` where it is
-    /// set nowhere.
+    /// Path of the field that sets the parameter `name`: `parameters.NAME`, `theta.NAME` or `effects.NAME`. It is
+    /// `parameters` if no field sets it.
     pub fn field_of(&self, name: &str) -> String {
         let is_theta = self.theta.index_of(name).is_some();
         let is_effect = self.effects.iter().any(|e| e.name == name);
@@ -84,10 +85,11 @@ impl Model {
         Ok(())
     }
 
-    /// A parameter may be fixed, inferred or drawn, but only one of them, and once.
+    /// Checks that each parameter is either fixed, inferred or drawn, and only once.
     fn check_names(&self) -> Result<(), ModelError> {
         let theta = self.theta.parameters().iter().enumerate().map(|(i, p)| (format!("theta.{i}"), &p.name));
         let effects = self.effects.iter().enumerate().map(|(i, e)| (format!("effects.{i}"), &e.name));
+        // `parameters` is a map, so its own names come once.
         let mut seen: BTreeSet<&String> = self.parameters.keys().collect();
         for (field, name) in theta.chain(effects) {
             if !seen.insert(name) {
@@ -98,7 +100,7 @@ impl Model {
         Ok(())
     }
 
-    /// Nominal values belong to parameters that vary, and lie where those may lie.
+    /// Checks that nominal values belong to parameters of `theta` or `effects` and lie within their bounds.
     fn check_nominal(&self) -> Result<(), ModelError> {
         for (name, value) in &self.nominal {
             let theta = self.theta.parameters().iter().find(|p| p.name == *name).map(|p| &p.prior);

@@ -1,4 +1,4 @@
-//! What is wrong with a model file, and where.
+//! Errors of model files, with line and field.
 
 use super::outline::{Content, Node};
 use crate::spelling::did_you_mean;
@@ -6,12 +6,12 @@ use serde_saphyr::{Error as YamlError, MessageFormatter, UserMessageFormatter};
 use std::fmt;
 use thiserror::Error;
 
-/// Where in a model file something is wrong.
+/// Place of an error in a model file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Place {
-    /// Line in the text, from 1; none where the model was not read from a text.
+    /// Line in the text, from 1; none if the model was not read from a text.
     pub line: Option<usize>,
-    /// Path of the field, such as `theta.length_m.prior`; empty for the whole.
+    /// Path of the field, such as `theta.length_m.prior`; empty for the whole model.
     pub field: String,
 }
 
@@ -26,42 +26,42 @@ impl fmt::Display for Place {
     }
 }
 
-/// Why a model was refused.
+/// Reason for which a model is refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ModelError {
-    /// A field's value makes no sense.
+    /// Value of a field that makes no sense.
     #[error("{place}: expected {expected}, got {got}")]
     Value {
-        /// Where.
+        /// Place of the error.
         place: Place,
-        /// What was expected.
+        /// Expected value.
         expected: String,
-        /// What came.
+        /// Given value.
         got: String,
     },
-    /// The text is no model.
+    /// Text that is no model.
     #[error("{place}: {what}")]
     Text {
-        /// Where.
+        /// Place of the error.
         place: Place,
-        /// What is wrong.
+        /// Description of the error.
         what: String,
     },
 }
 
 impl ModelError {
-    /// A value that makes no sense, in the field at a path.
+    /// Error about the value of a field.
     pub fn value(field: impl Into<String>, expected: impl Into<String>, got: impl fmt::Display) -> Self {
         let place = Place { line: None, field: field.into() };
         Self::Value { place, expected: expected.into(), got: got.to_string() }
     }
 
-    /// Something else that is wrong with the field at a path.
+    /// Error about a field, in free words.
     pub fn text(field: impl Into<String>, what: impl fmt::Display) -> Self {
         Self::Text { place: Place { line: None, field: field.into() }, what: what.to_string() }
     }
 
-    /// The same, with the line at which its field stands in the model file's text.
+    /// Adds the line of the field in the text of the model file, if the error has none.
     #[must_use]
     pub fn in_text(mut self, text: &str) -> Self {
         let (Self::Value { place, .. } | Self::Text { place, .. }) = &mut self;
@@ -71,7 +71,7 @@ impl ModelError {
         self
     }
 
-    /// What the YAML reader has to say, at the place in the text where it says so.
+    /// Converts an error of the YAML reader, with its place in the text.
     pub(super) fn from_yaml(error: &YamlError, text: &str, outline: Option<&Node>) -> Self {
         let error = error.without_snippet();
         let location = error.location();
@@ -79,6 +79,7 @@ impl ModelError {
         let found = at.zip(outline).map(|(at, outline)| outline.at(at as usize));
         let (mut field, value) = found.map_or((String::new(), None), |(path, node)| (path, Some(node)));
         let line = location.map(|l| l.line() as usize);
+        // The reader reports a tab as an unexpected token, which does not help: YAML indents by spaces alone.
         let begins_with_tab = |l: &str| l.trim_start_matches(' ').starts_with('\t');
         if line.and_then(|l| text.lines().nth(l - 1)).is_some_and(begins_with_tab) {
             let place = Place { line, field };
@@ -94,7 +95,7 @@ impl ModelError {
             YamlError::Unexpected { expected: "sequence start", .. } => "a list",
             YamlError::Unexpected { expected, .. } => expected,
             YamlError::SerdeMissingField { .. } => {
-                // The reader names the last field that is there.
+                // The reader points at the last field that exists; the missing one belongs to the map around it.
                 field.truncate(field.rfind('.').unwrap_or_default());
                 ""
             }

@@ -1,38 +1,39 @@
-//! The outline of a YAML text: which value stands where, so that errors can name lines and values can be changed in place.
+//! Outline of a YAML text: its values with their places, so errors can name lines and values can be changed in place.
 
 use serde_saphyr::granit_parser::{Event, Parser, Span, StructureStyle};
 use std::ops::Range;
 
-/// Collections in collections that are followed; a model file has six.
+/// Greatest depth of nested collections. A model file has a depth of six; the limit keeps the recursion off deep
+/// garbage.
 const DEEPEST: usize = 32;
 
-/// A value with its place in the text.
+/// Value with its place in the text.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Node {
-    /// Bytes of the value: of a block from its first key or item to the end of its last value.
+    /// Byte range of the value. A block spans from its first key or item to the end of its last value.
     pub(super) span: Range<usize>,
     /// Line of its first byte, from 1.
     pub(super) line: usize,
-    /// What it is.
+    /// Kind and content of the value.
     pub(super) content: Content,
 }
 
-/// Kinds of values.
+/// Kind and content of a value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Content {
-    /// A scalar, unquoted.
+    /// Scalar, without quotes.
     Scalar(String),
-    /// `key: value` lines, or `{key: value}` in flow style.
+    /// Map: `key: value` lines, or `{key: value}` in flow style.
     Map { flow: bool, entries: Vec<Entry> },
-    /// `- item` lines, or `[item]` in flow style.
+    /// List: `- item` lines, or `[item]` in flow style.
     List { flow: bool, items: Vec<Node> },
 }
 
-/// A key with its value.
+/// Key with its value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entry {
     pub(super) key: String,
-    /// Bytes of the key.
+    /// Byte range of the key.
     pub(super) span: Range<usize>,
     /// Line of the key, from 1.
     pub(super) line: usize,
@@ -40,7 +41,7 @@ pub(super) struct Entry {
 }
 
 impl Node {
-    /// The outline of a text; none where it is no YAML, or uses what no model file needs (anchors, several documents).
+    /// Parses a text. None if it is not YAML, or uses features that no model file needs (anchors, several documents).
     pub(super) fn of(text: &str) -> Option<Self> {
         let mut events = Parser::new_from_str(text).filter(|e| !matches!(e, Ok((Event::Comment(..), _))));
         loop {
@@ -51,7 +52,7 @@ impl Node {
         }
     }
 
-    /// Entries of a map; none of anything else.
+    /// Entries of a map; empty for other values.
     pub(super) fn entries(&self) -> &[Entry] {
         match &self.content {
             Content::Map { entries, .. } => entries,
@@ -59,12 +60,12 @@ impl Node {
         }
     }
 
-    /// Value of a map's key.
+    /// Value of a key of a map.
     pub(super) fn get(&self, key: &str) -> Option<&Node> {
         self.entries().iter().find(|e| e.key == key).map(|e| &e.value)
     }
 
-    /// The name of a list's item: its `name`.
+    /// Value of the key `name`, which identifies items of a list.
     pub(super) fn name(&self) -> Option<&str> {
         match &self.get("name")?.content {
             Content::Scalar(name) => Some(name),
@@ -72,8 +73,8 @@ impl Node {
         }
     }
 
-    /// Line of the value at `path`, such as `theta.length_m.prior`, where a list's items go by their names or places; of the
-    /// nearest value around it where it is absent.
+    /// Line of the value at `path`, such as `theta.length_m.prior`. Items of a list are addressed by name or index. An
+    /// absent value has the line of the nearest value around it.
     pub(super) fn line_of(&self, path: &str) -> usize {
         let (mut node, mut line) = (self, self.line);
         for step in path.split('.') {
@@ -93,7 +94,8 @@ impl Node {
         line
     }
 
-    /// The innermost value at the byte `at`, or at whose key it is, with its path; the path of the whole is empty.
+    /// Innermost value that contains the byte `at` in its key or content, with its path. The path of the whole is
+    /// empty.
     pub(super) fn at(&self, at: usize) -> (String, &Node) {
         let mut steps: Vec<String> = Vec::new();
         let mut node = self;
@@ -140,6 +142,7 @@ fn node<'a>(event: Event<'a>, span: Span, events: &mut Events<'a>, depth: usize)
                 entries.push(Entry { key, span: at.byte_range()?, line: at.start.line(), value });
             };
             let flow = style == StructureStyle::Flow;
+            // The parser ends a block at the next token, beyond comments and blank lines; it ends with its last value.
             let last = entries.last().map(|e| e.value.span.end.max(e.span.end));
             range.end = if flow { end.byte_range()?.end } else { last? };
             Content::Map { flow, entries }
@@ -205,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_model_file_needs_has_no_outline() {
+    fn yaml_features_beyond_those_of_model_files_have_no_outline() {
         for text in [
             "",
             "a: [1",

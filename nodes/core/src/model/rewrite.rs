@@ -1,26 +1,28 @@
-//! A model file written back with other values and the user's own words.
+//! Rewriting of a model file: new values are put into the user's text.
 //!
-//! The model of the old text and the new model are written in the same way and compared; where they differ, the old text is
-//! changed in place. Comments, order and the spelling of all other values stay.
+//! The old and the new model are written in one format and compared. The old text is changed at the differences alone.
+//! Comments, order and the spelling of all other values stay.
 
 use super::outline::{Content, Entry, Node};
 use super::{Model, ModelError};
 use std::ops::Range;
 
 impl Model {
-    /// `text`, a model file, changed so that it says this model: values are changed in place, new ones are added after the
-    /// last of their kind, and comments, order and the spelling of everything else stay. What stands on a removed entry's
-    /// own lines goes with it. Reading the result gives this model, to the bit.
+    /// Changes `text`, a model file, so that it describes this model. Reading the result gives this model, bit by bit.
     ///
-    /// Where that cannot be had (a text with anchors, a model of another shape) the result is [`Model::to_yaml`], without
-    /// comments.
+    /// Values are changed in place, and new entries are added after the last of their kind. Comments, order and the
+    /// spelling of everything else stay. A removed entry takes its own lines with it, including comments on them.
+    ///
+    /// If the text cannot be changed in place (a text with anchors, a model of another shape), the result is
+    /// [`Model::to_yaml`], without comments.
     ///
     /// # Errors
-    /// [`ModelError`] where `text` is no model file, or this model none that can be read back.
+    /// [`ModelError`] if `text` is no model file, or this model cannot be read back.
     pub fn rewrite(&self, text: &str) -> Result<String, ModelError> {
         let (before, after) = (Model::from_yaml(text)?.to_yaml()?, self.to_yaml()?);
         let says_this = |text: &str| Model::from_yaml(text).and_then(|m| m.to_yaml()).is_ok_and(|yaml| yaml == after);
         let ended = if text.ends_with('\n') { text.to_owned() } else { format!("{text}\n") };
+        // The result is read back before it is used: an edit that went wrong must not reach the user's file.
         if let Some(changed) = Changes::between(&ended, &before, &after)
             && says_this(&changed)
         {
@@ -31,19 +33,20 @@ impl Model {
     }
 }
 
-/// Changes of a text.
+/// Edits of a text.
 struct Changes<'a> {
     text: &'a str,
     edits: Vec<(Range<usize>, String)>,
 }
 
 impl<'a> Changes<'a> {
-    /// `text` with every difference between the texts `before` and `after` applied to it; none where it has no outline.
+    /// Applies every difference between the texts `before` and `after` to `text`; none if it has no outline.
     fn between(text: &'a str, before: &str, after: &str) -> Option<String> {
         let mut changes = Self { text, edits: Vec::new() };
         changes.compare(&Node::of(text)?, &Node::of(before)?, &Node::of(after)?);
         let Self { mut edits, .. } = changes;
-        // From the end to the beginning, so that places stay what they are; of insertions at one place the last goes first.
+        // Edits run from the end to the beginning, so earlier byte ranges stay valid. Of insertions at one place the
+        // last goes first, which keeps their order.
         edits.reverse();
         edits.sort_by_key(|(range, _)| std::cmp::Reverse((range.start, range.end)));
         let mut out = text.to_owned();
@@ -53,14 +56,14 @@ impl<'a> Changes<'a> {
         Some(out)
     }
 
-    /// Changes the value `old` where `after` says something else than `before`.
+    /// Edits the value `old` if `after` differs from `before`.
     fn compare(&mut self, old: &Node, before: &Node, after: &Node) {
         if same(before, after) {
             return;
         }
         match (&old.content, &before.content, &after.content) {
             (Content::Map { flow, entries }, Content::Map { .. }, Content::Map { entries: new, .. }) => {
-                // Another kind of prior or camera is another value, not a change of its fields.
+                // A prior or camera of another kind is replaced as a whole: its fields differ.
                 let is_kind = new.len() == 1 && entries.len() == 1 && new[0].key != entries[0].key;
                 if is_kind || new.is_empty() {
                     self.replace(old, after);
@@ -103,7 +106,7 @@ impl<'a> Changes<'a> {
         }
     }
 
-    /// Items go by their names: a list of parameters or effects.
+    /// Compares a list of parameters or effects, whose items are matched by name.
     fn compare_named(&mut self, old: &Node, flow: bool, before: &[Node], after: &[Node]) {
         let Content::List { items, .. } = &old.content else { return };
         let of = |items: &'_ [Node], name: Option<&str>| items.iter().position(|i| i.name() == name);
@@ -129,13 +132,13 @@ impl<'a> Changes<'a> {
         self.edits.push((old.span.clone(), flow_text(new)));
     }
 
-    /// Takes out the whole lines of an entry, up to the end of the line on which it ends.
+    /// Removes the whole lines of an entry.
     fn remove_lines(&mut self, span: Range<usize>) {
         let start = self.line_start(span.start);
         self.edits.push((start..self.line_end(span.end) + 1, String::new()));
     }
 
-    /// Adds an entry or an item after the last one of a collection, in its style.
+    /// Adds an entry or an item after the last one of a collection, in the style of the collection.
     fn insert(&mut self, collection: &Node, flow: bool, new: &str) {
         let (first, last, is_empty) = match &collection.content {
             Content::Map { entries, .. } => (
@@ -153,7 +156,7 @@ impl<'a> Changes<'a> {
             let end = last.unwrap_or(collection.span.start + 1);
             self.edits.push((end..end, format!("{comma}{new}")));
         } else if let (Some(first), Some(last)) = (first, last) {
-            // What stands before the first one on its line: indentation, and the dash of an item.
+            // Text before the first entry on its line: the indentation, and the dash of an item.
             let margin = &self.text[self.line_start(first)..first];
             let margin = if margin.trim().is_empty() || margin.trim() == "-" { margin } else { "" };
             let margin = match &collection.content {
@@ -169,7 +172,7 @@ impl<'a> Changes<'a> {
         self.text[..at].rfind('\n').map_or(0, |i| i + 1)
     }
 
-    /// The line break that ends a line: the text ends with one.
+    /// Place of the line break that ends the line of `at`. The text ends with a line break.
     fn line_end(&self, at: usize) -> usize {
         self.text[at..].find('\n').map_or(self.text.len() - 1, |i| at + i)
     }
@@ -179,7 +182,7 @@ fn list(items: &[Node]) -> Content {
     Content::List { flow: true, items: items.to_vec() }
 }
 
-/// Whether two values say the same; both were written by the same hand.
+/// True if two values are equal. Both come from [`Model::to_yaml`], so scalars are compared as text.
 fn same(a: &Node, b: &Node) -> bool {
     match (&a.content, &b.content) {
         (Content::Scalar(a), Content::Scalar(b)) => a == b,
@@ -193,7 +196,7 @@ fn same(a: &Node, b: &Node) -> bool {
     }
 }
 
-/// A value on one line.
+/// Value on one line, in flow style.
 fn flow_text(node: &Node) -> String {
     let join = |parts: Vec<String>| parts.join(", ");
     match &node.content {
@@ -206,7 +209,7 @@ fn flow_text(node: &Node) -> String {
     }
 }
 
-/// A scalar as it may stand anywhere: plain where it is a word or a number, else in double quotes.
+/// Scalar that is valid in every context: plain if it is a word or a number, else in double quotes.
 fn quoted(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.' | '+' | '-');
     let starts = text.starts_with(|c: char| c.is_ascii_alphanumeric() || c == '.' || c == '_');
@@ -215,7 +218,7 @@ fn quoted(text: &str) -> String {
         return text.to_owned();
     }
     let escaped: String = text.chars().flat_map(|c| c.escape_default()).collect();
-    // YAML knows \u with four digits and \U with eight.
+    // Rust escapes characters as \u{...}; YAML has \u with four digits and \U with eight.
     let mut out = String::from("\"");
     let mut rest = escaped.as_str();
     while let Some(at) = rest.find("\\u{") {

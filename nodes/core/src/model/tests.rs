@@ -7,7 +7,7 @@ use proptest::prelude::*;
 const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 const CABLE: &str = include_str!("../../../../launch_configs/models/measured_cable.yaml");
 
-/// Bits are compared by what is written: the shortest text that reads as the same number.
+/// Text that identifies every bit: `{:?}` prints the shortest decimal that reads back as the same number.
 fn bits(model: &Model) -> String {
     format!("{model:?}")
 }
@@ -21,11 +21,11 @@ fn shipped_models_are_valid_and_round_trip() {
     }
 }
 
-/// The message about the soft bar's file with `old` replaced by `new`; its line is that of `new`'s first character that is
-/// no line break.
+/// Error message about the soft bar's file after `old` is replaced by `new`.
 fn message(old: &str, new: &str) -> String {
     assert_eq!(SOFT_BAR.matches(old).count(), 1, "{old}");
     let error = Model::from_yaml(&SOFT_BAR.replace(old, new)).unwrap_err().to_string();
+    // Errors of a command take one line.
     assert!(!error.contains('\n'), "{error}");
     error
 }
@@ -46,7 +46,7 @@ fn a_newer_a_missing_and_a_strange_version_say_what_this_program_reads() {
 }
 
 #[test]
-fn an_unknown_field_is_named_with_those_that_there_are() {
+fn an_unknown_field_is_named_with_the_known_fields() {
     let e = message("axial_law:", "axial_lew:");
     assert_eq!(
         e,
@@ -55,7 +55,7 @@ fn an_unknown_field_is_named_with_those_that_there_are() {
 }
 
 #[test]
-fn a_wrong_word_is_named_with_those_that_are_right() {
+fn a_wrong_word_is_named_with_the_valid_words() {
     let e = message("axial_law: neo_hookean", "axial_law: neohookean");
     assert_eq!(e, "line 6, `object.axial_law`: unknown variant `neohookean`, expected one of linear, neo_hookean");
     let e = message("{low: 0.3, high: 0.6}}}", "{low: 0.3, high: 0.6}}}".replace("low: 0.3", "lowest: 0.3").as_str());
@@ -92,7 +92,7 @@ fn swapped_bounds_are_named() {
 }
 
 #[test]
-fn what_is_no_finite_number_is_named() {
+fn a_value_that_is_no_finite_number_is_named() {
     let e = message("density_kg_m3: 1055.0", "density_kg_m3: .nan");
     assert_eq!(e, "line 11, `parameters.density_kg_m3`: expected a finite number, got NaN");
     let e = message("density_kg_m3: 1055.0", "density_kg_m3: heavy");
@@ -133,7 +133,7 @@ fn a_tab_is_named() {
 }
 
 #[test]
-fn what_is_missing_or_left_open_is_named() {
+fn missing_fields_and_open_brackets_are_named() {
     let e = message("  rate_hz: 60.0\n", "");
     assert!(e.ends_with("`camera`: missing field `rate_hz`"), "{e}");
     let e = message("{low: 0.3, high: 0.6}", "{low: 0.3, high: 0.6");
@@ -141,7 +141,7 @@ fn what_is_missing_or_left_open_is_named() {
 }
 
 #[test]
-fn nominal_values_belong_to_what_varies_and_lie_in_its_prior() {
+fn nominal_values_belong_to_parameters_that_vary_and_lie_in_their_priors() {
     let nominal = |text: &str| Model::from_yaml(&SOFT_BAR.replace("theta:\n", &format!("nominal: {text}\ntheta:\n")));
     let model = nominal("{youngs_modulus_pa: 2.0e+4, table_friction: 0.4}").unwrap();
     assert_eq!(model.nominal_theta(), [0.25, 2e4]);
@@ -201,7 +201,7 @@ fn effects_are_added_and_taken_out_by_lines() {
         text.contains("\n  - {name: tip_mass_two_kg, distribution: {log_uniform: {low: 0.001, high: 0.3}}}\n"),
         "{text}"
     );
-    assert!(text.contains("# How straight the clamp holds the cable"), "{text}");
+    assert!(text.contains("# The tilt of the cable in the clamp"), "{text}");
     assert_eq!(Model::from_yaml(&text).unwrap(), model);
 }
 

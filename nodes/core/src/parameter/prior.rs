@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::{SQRT_2, TAU};
 use std::fmt;
 
-/// Halvings that find a quantile to the last bit of a number between the bounds.
+/// Number of bisections of a quantile. 80 halvings of the bounds exceed the 52 bits of a double's fraction.
 const HALVINGS: usize = 80;
-/// Least share of a Gaussian inside its bounds: below it the bounds are not the tail of a prior but a mistake.
+/// Least mass of a Gaussian inside its bounds. Below it the bounds are taken for a mistake.
 const LEAST_INSIDE: f64 = 1e-6;
 
-/// The prior distribution of one parameter. All have bounds: what lies outside of them is impossible, whatever the data say.
+/// Prior distribution of one parameter. Every prior has bounds; values outside them are impossible, whatever the data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Prior {
@@ -27,33 +27,33 @@ pub enum Prior {
         /// Upper bound.
         high: f64,
     },
-    /// Gaussian, truncated to `[low, high]`, in the parameter's own unit.
+    /// Gaussian truncated to `[low, high]`, in the parameter's own unit.
     Normal {
         /// Mean of the Gaussian before its truncation.
         mean: f64,
-        /// Its standard deviation, above zero.
+        /// Standard deviation of the Gaussian before its truncation, above zero.
         sd: f64,
         /// Lower bound.
         low: f64,
         /// Upper bound.
         high: f64,
     },
-    /// One of several, by their weights.
+    /// Mixture of priors with weights.
     Mixture(Vec<Weighted>),
 }
 
-/// A part of a mixture.
+/// Component of a mixture of priors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Weighted {
-    /// Weight relative to the others', above zero.
+    /// Weight relative to the other components, above zero.
     pub weight: f64,
-    /// The part; no mixture itself.
+    /// Prior of the component, which must not be a mixture.
     pub prior: Prior,
 }
 
 impl Prior {
-    /// The support `(low, high)`, in the parameter's unit; a mixture may have gaps in it.
+    /// Bounds `(low, high)` of the support, in the parameter's unit. The support of a mixture may have gaps.
     pub fn bounds(&self) -> (f64, f64) {
         match self {
             Prior::Uniform { low, high } | Prior::LogUniform { low, high } | Prior::Normal { low, high, .. } => {
@@ -66,7 +66,7 @@ impl Prior {
         }
     }
 
-    /// Whether `value` lies in the support; a mixture's may have gaps.
+    /// True if `value` lies in the support. The support of a mixture may have gaps.
     pub fn holds(&self, value: f64) -> bool {
         match self {
             Prior::Mixture(parts) => parts.iter().any(|part| part.prior.holds(value)),
@@ -74,7 +74,8 @@ impl Prior {
         }
     }
 
-    /// Cumulative distribution function: the unit coordinate of `value`, outside `[0, 1]` where it lies outside the support.
+    /// Cumulative distribution function: the unit coordinate of `value`. It continues outside `[0, 1]` for values
+    /// outside the support, so a search can be led back.
     pub fn to_unit(&self, value: f64) -> f64 {
         let (low, high) = self.bounds();
         match self {
@@ -93,7 +94,7 @@ impl Prior {
         }
     }
 
-    /// Quantile function: the value at unit coordinate `u`; the inverse of [`Prior::to_unit`] outside `[0, 1]` too.
+    /// Quantile function: the value at unit coordinate `u`. It inverts [`Prior::to_unit`], also outside `[0, 1]`.
     pub fn from_unit(&self, u: f64) -> f64 {
         let (low, high) = self.bounds();
         match self {
@@ -112,7 +113,7 @@ impl Prior {
         }
     }
 
-    /// Density at `value`, per unit of it.
+    /// Density at `value`, per unit of the parameter.
     pub fn density(&self, value: f64) -> f64 {
         let (low, high) = self.bounds();
         match self {
@@ -130,7 +131,8 @@ impl Prior {
         }
     }
 
-    /// How the value changes with its unit coordinate where it is `value`: the inverse of the density, on the edges too.
+    /// Derivative of the value with respect to its unit coordinate, at `value`: 1 over the density. Values outside the
+    /// bounds take the density at the nearest bound.
     pub fn slope(&self, value: f64) -> f64 {
         match self {
             Prior::Uniform { low, high } => high - low,
@@ -142,8 +144,11 @@ impl Prior {
         }
     }
 
-    /// Rejects numbers that are not finite, bounds that are not in order, or not positive where a logarithm is taken,
-    /// Gaussians outside of their bounds, and mixtures of nothing or of mixtures.
+    /// Rejects numbers that are not finite, bounds out of order, bounds of a log-uniform prior that are not positive,
+    /// Gaussians with no mass inside their bounds, empty mixtures, and mixtures of mixtures.
+    ///
+    /// # Errors
+    /// A sentence with expectation and given value.
     pub fn check(&self) -> Result<(), String> {
         if let Prior::Mixture(parts) = self {
             return check_parts(parts);
@@ -203,9 +208,10 @@ impl fmt::Display for Prior {
     }
 }
 
-/// Mass of the standard normal distribution between `a` and `b`, to relative precision in either tail.
+/// Mass of the standard normal distribution between `a` and `b`, with full relative precision in both tails.
 fn gaussian_mass(a: f64, b: f64) -> f64 {
     let above = |z: f64| 0.5 * libm::erfc(z / SQRT_2);
+    // The smaller tail is subtracted: 1 - erfc would lose the digits of a mass far from the middle.
     if a > 0.0 { above(a) - above(b) } else { above(-b) - above(-a) }
 }
 
@@ -269,7 +275,7 @@ mod tests {
             let (low, high) = prior.bounds();
             let step = 1e-6 * (high - low);
             for i in 1..40 {
-                // No place falls onto an edge of a part.
+                // The offset 0.123 keeps the values off the edges of the components, at which the density jumps.
                 let value = low + (high - low) * (f64::from(i) + 0.123) / 40.5;
                 let slope = (prior.to_unit(value + step) - prior.to_unit(value - step)) / (2.0 * step);
                 let density = prior.density(value);
@@ -286,7 +292,8 @@ mod tests {
         for (u, z) in [(0.5, 0.0), (0.841_344_746_068_543, 1.0), (0.025, -1.959_963_984_540_054)] {
             assert!((wide.from_unit(u) - (10.0 + 2.0 * z)).abs() < 1e-9, "{u}: {}", wide.from_unit(u));
         }
-        // Far out in the tail the truncated Gaussian is an exponential one of rate z: its median lies ln 2 / z beyond.
+        // Far out in the tail, a truncated Gaussian is close to an exponential distribution of rate z: its median lies
+        // ln 2 / z beyond the bound.
         let tail = normal(0.0, 1.0, 4.9, 5.9);
         assert!((tail.from_unit(0.5) - 4.9 - std::f64::consts::LN_2 / 4.9).abs() < 0.01, "{}", tail.from_unit(0.5));
     }

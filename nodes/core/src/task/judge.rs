@@ -1,8 +1,9 @@
 //! Rules of a task: the reward of a step, success, and the end of an episode.
 //!
-//! The simulator's environment, the policy runner and the reports judge with this code, so that a reward means one thing.
+//! The simulator's environment, the policy runner and the reports share this code, so a reward is the same everywhere.
 
-use super::{Goal, LEFT_WORKSPACE_REWARD, Task, reward};
+use super::definition::{Goal, Task};
+use super::reward::{LEFT_WORKSPACE_REWARD, REWARD_RANGE, reward};
 use crate::track::End;
 use crate::{Camera, Frame, Model, Observation, Track};
 
@@ -13,23 +14,23 @@ pub struct Judge {
     camera: Camera,
 }
 
-/// State after a step, as the camera and the arm report it.
+/// State after a step, as camera and arm report it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// End effector (x, z) in m.
     pub eef_m: [f64; 2],
-    /// The object's four keypoints, scaled to -1 .. 1, in any order.
+    /// Four keypoints of the object, scaled to -1 .. 1, in any order.
     pub dlo: [[f64; 2]; 4],
-    /// The target, scaled to -1 .. 1.
+    /// Target, scaled to -1 .. 1.
     pub target: [f64; 2],
-    /// The hand or the target of the hand lies outside the workspace.
+    /// True if the hand or its target pose lies outside the workspace.
     pub left_workspace: bool,
-    /// No further step follows, whatever the verdict.
+    /// True if no further step follows, whatever the verdict.
     pub is_last: bool,
 }
 
 impl Moment {
-    /// The moment that a policy observed.
+    /// Moment that a policy observed.
     pub fn of(observation: &Observation, left_workspace: bool, is_last: bool) -> Self {
         let (eef_m, dlo, target) = (observation.eef_m(), observation.dlo(), observation.target());
         Self { eef_m, dlo, target, left_workspace, is_last }
@@ -41,22 +42,22 @@ impl Moment {
 pub struct Verdict {
     /// Reward of the step that led here.
     pub reward: f64,
-    /// End of the episode by the task's rules. None lets the episode go on to its step limit, where its value goes on.
+    /// End of the episode by the task's rules; none if the episode continues to its step limit.
     pub end: Option<End>,
 }
 
 impl Judge {
-    /// A judge of `task`, seen by `camera`.
+    /// Judge of `task` observed by `camera`.
     pub fn new(task: Task, camera: Camera) -> Self {
         Self { task, camera }
     }
 
-    /// The judge of a model's task, where it has one.
+    /// Judge of a model's task; none if the model has no task.
     pub fn of(model: &Model) -> Option<Self> {
         model.task.map(|task| Self::new(task, model.camera.view))
     }
 
-    /// The task.
+    /// Task that is judged.
     pub fn task(&self) -> &Task {
         &self.task
     }
@@ -71,7 +72,7 @@ impl Judge {
                 let reward = reward(&moment.dlo, moment.target);
                 Verdict { reward, end: (reward >= self.task.success_reward).then_some(End::Success) }
             }
-            // The place on the way is free: only the last moment counts, and nothing is earned after it.
+            // Only the last moment counts: the path to it is free.
             Goal::PlaceTip { .. } if !moment.is_last => Verdict { reward: 0.0, end: None },
             Goal::PlaceTip { reward_range_m } => {
                 let distance_m = self.distance_m(moment);
@@ -82,8 +83,8 @@ impl Judge {
         }
     }
 
-    /// Distance in m that the task asks to be small: of the tip from the target (`place_tip`), or the root mean square of
-    /// the four keypoints' distances (`reach`). Infinite where the camera's ray misses the plane of the motion.
+    /// Distance in m from the goal: of the tip from the target (`place_tip`), or the root mean square of the four
+    /// keypoints' distances (`reach`). It is infinite if the camera's ray misses the plane of motion.
     pub fn distance_m(&self, moment: &Moment) -> f64 {
         let place = |p: [f64; 2]| self.camera.plane_from_scaled(p).unwrap_or([f64::INFINITY; 2]);
         let target = place(moment.target);
@@ -95,8 +96,8 @@ impl Judge {
         })
     }
 
-    /// Distance of a whole episode in m: the least over its steps (`reach`), or that at its end (`place_tip`). Infinite for
-    /// an episode of no steps.
+    /// Distance of a whole episode in m: the least over its steps (`reach`), or that at its end (`place_tip`). It is
+    /// infinite for an episode without steps.
     pub fn achieved_m(&self, moments: impl IntoIterator<Item = Moment>) -> f64 {
         let distances = moments.into_iter().map(|m| self.distance_m(&m));
         match self.task.goal {
@@ -105,33 +106,35 @@ impl Judge {
         }
     }
 
-    /// Index of the keypoint at the object's free end: the one farthest from the hand, since trackers may flip the order.
+    /// Index of the keypoint at the object's free end: the keypoint farthest from the hand, since trackers may flip the
+    /// order.
     pub fn tip(&self, moment: &Moment) -> usize {
         let from_hand = moment.dlo.map(|p| self.camera.plane_from_scaled(p).map_or(0.0, |m| distance(m, moment.eef_m)));
         (0..4).max_by(|&a, &b| from_hand[a].total_cmp(&from_hand[b])).unwrap_or(3)
     }
 
-    /// Distance in m at which a step counts as a success: 20 mm for a tip, for example. For `reach` the distance is that of
-    /// four keypoints at one place, which the object's length keeps out of reach of zero.
+    /// Distance in m at which a step counts as a success, for example 20 mm for a tip. For `reach` it is the distance
+    /// if all four keypoints were at one place; a real object cannot reach zero because of its length.
     pub fn success_distance_m(&self) -> f64 {
         let share = 1.0 - self.task.success_reward;
         match self.task.goal {
             Goal::PlaceTip { reward_range_m } => share * reward_range_m,
+            // Four equal distances d have the Frobenius norm 2 d, hence the factor 0.5.
             Goal::Reach => {
-                let scaled = 0.5 * super::REWARD_RANGE * share;
+                let scaled = 0.5 * REWARD_RANGE * share;
                 let place = |x: f64| self.camera.plane_from_scaled([x, 0.0]).unwrap_or([f64::INFINITY; 2]);
                 distance(place(scaled), place(0.0))
             }
         }
     }
 
-    /// Moment of frame number `step` of a track whose frames are a step apart.
+    /// Moment of frame `step` of a track whose frames are one step apart.
     pub fn moment(&self, frame: &Frame, step: usize, left_workspace: bool) -> Moment {
         let is_last = step >= self.task.steps;
         Moment { eef_m: [frame.eef[0], frame.eef[1]], dlo: frame.dlo, target: frame.target, left_workspace, is_last }
     }
 
-    /// Reward after each step of an episode of the task: one fewer than frames.
+    /// Rewards of the steps of an episode of the task: one fewer than its frames.
     pub fn rewards(&self, track: &Track) -> Vec<f64> {
         let last = track.frames.len().saturating_sub(1);
         let reward = |(step, frame)| {
@@ -150,10 +153,20 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
     use crate::camera::Plane;
+    use crate::task::{DeltaAnchor, Workspace};
 
-    /// A camera whose scaled coordinates are metres around (0, 0), and x to the right.
+    /// Judge whose camera maps scaled coordinates to metres around (0, 0), with x to the right.
     fn judge(goal: Goal, success_reward: f64) -> Judge {
-        let task = Task { goal, success_reward, steps: 2, ..crate::task::tests::task() };
+        let task = Task {
+            goal,
+            steps: 2,
+            step_period_s: 0.5,
+            delta_anchor: DeltaAnchor::LastTarget,
+            workspace: Workspace::default(),
+            target_m: [0.5, 0.15],
+            target_jitter_m: 0.0,
+            success_reward,
+        };
         Judge::new(task, Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0, ..Plane::default() }))
     }
 

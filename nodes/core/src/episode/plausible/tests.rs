@@ -1,6 +1,9 @@
-//! Samples that are left out, and those that are not.
+//! Tests of samples that are left out, and of samples that must be kept.
 
+use super::chain::longest_chain;
+use super::hand::{PANDA_M_S, PANDA_M_S2, PANDA_RAD_S};
 use super::*;
+use crate::{Camera, GripPose, Keypoints};
 
 #[test]
 fn the_longest_chain_finds_faults_at_either_end_in_a_row_and_one_by_one() {
@@ -18,7 +21,7 @@ fn the_longest_chain_finds_faults_at_either_end_in_a_row_and_one_by_one() {
     assert_eq!(chain(&[9.0, 9.0, 1.0, 2.0, 1.0]), [1.0, 2.0, 1.0]);
 }
 
-/// A hand that swings at the limits of speed and acceleration for 6 s at this rate, with a fault at a sample.
+/// Poses of a hand that swings at the limits of speed and acceleration for 6 s, with a fault in z at one sample.
 fn swinging(rate_hz: f64, fault: (usize, f64)) -> Vec<(f64, MeasuredPose)> {
     let frequency = PANDA_M_S2 / PANDA_M_S;
     let pose = |i: usize| {
@@ -47,7 +50,7 @@ fn a_single_fault_is_left_out_at_any_rate_and_a_fast_swing_is_not() {
             assert!(found.warnings[0].contains("1 of") && found.warnings[0].contains(" m from the pose"));
         }
     }
-    // An arm that steps where it is told to be does not come back.
+    // A step of an ideal arm does not come back, so it is no spike.
     let step =
         |i: usize| (0.1 * i as f64, GripPose { x_m: if i < 20 { 0.3 } else { 0.6 }, ..GripPose::default() }.into());
     let steps: Vec<(f64, MeasuredPose)> = (0..40).map(step).collect();
@@ -62,7 +65,7 @@ fn a_single_fault_is_left_out_at_any_rate_and_a_fast_swing_is_not() {
 fn keypoints_that_jump_once_are_left_out_at_any_rate_and_a_whipping_end_is_not() {
     let camera =
         Camera::Plane(crate::camera::Plane { centre_m: [0.0, 0.0], side_m: 2.0, roll_rad: 0.0, distortion_k1: 0.0 });
-    // An end that swings at 2 m/s on 0.1 m, in an image of 1000 px for 2 m.
+    // The free end swings at 2 m/s on a circle of 0.1 m. The image shows 2 m on 1000 px.
     let frame = |rate_hz: f64, jump_px: f64, wrong: &dyn Fn(usize) -> bool, i: usize| {
         let time_s = i as f64 / rate_hz;
         let (sine, cosine) = (20.0 * time_s).sin_cos();

@@ -1,8 +1,8 @@
-//! Episodes of recordings with bad data.
+//! Tests of episodes from recordings with bad data.
 
 use super::*;
 
-/// The episode with some of its poses changed; the third number of a pose is its y in m.
+/// Measured track of the episode after `change` was applied to its poses (x, z, y) in m.
 fn posed(change: impl Fn(usize, [f64; 3]) -> [f64; 3]) -> Result<MeasuredTrack, EpisodeError> {
     let mut episode = log().episode(None).unwrap();
     for (i, (_, pose)) in episode.poses.iter_mut().enumerate() {
@@ -65,14 +65,14 @@ fn a_stream_of_another_unit_or_off_the_plane_is_refused() {
     let near = posed(|_, [x, z, _]| [x, z, 0.03]).unwrap().warnings;
     assert!(near.len() == 1 && near[0].contains("pose.position.y") && near[0].contains("0.030 m"), "{near:?}");
     assert_eq!(posed(|_, [x, z, _]| [x, z, 0.005]).unwrap().warnings, [] as [String; 0]);
-    // An ideal arm, which is at once where it is told to be, costs one pose and nothing else.
+    // An ideal simulated arm jumps to its target: it loses one pose, and no other.
     let ideal = posed(|i, [x, z, y]| [if i < 120 { x } else { x + 0.15 }, z, y]).unwrap();
     assert!(
         ideal.warnings.len() == 1 && ideal.warnings[0].starts_with("/panda/current_pose: 1 of "),
         "{:?}",
         ideal.warnings
     );
-    // Half of the poses say one thing, half another: nobody knows which are right.
+    // Two halves of the poses contradict each other: it is unknown which half is right.
     let e = posed(|i, [x, z, y]| [if i < 120 { x } else { x + 1.0 }, z, y]).unwrap_err().to_string();
     assert!(e.contains("poses contradict the others") && e.contains("check units, frame and clock"), "{e}");
 }
@@ -134,7 +134,10 @@ fn an_episode_that_a_fault_ended_is_used_only_where_it_is_asked_for() {
     let mut only = log();
     only.push_end(9_000_000_000, 4, "fault: no pose".into());
     let e = only.episode(None).unwrap_err().to_string();
-    assert!(e.contains("episode 4 ended with \"fault: no pose\"") && e.contains("by its number"), "{e}");
+    assert!(
+        e.contains("episode 4 ended with \"fault: no pose\"") && e.contains("give the number of an episode"),
+        "{e}"
+    );
     let asked = only.episode(Some(4)).unwrap().measured(&model()).unwrap();
     assert!(asked.warnings[0].contains("fault: no pose"), "{:?}", asked.warnings);
     for reason in ["cancelled", "success", "left_workspace", "complete", ""] {
@@ -160,25 +163,25 @@ fn records_without_stamps_are_counted_and_named_first() {
         ),
         "{e}"
     );
-    // A camera alone without a clock.
+    // Only the camera has no clock.
     let mut camera = log();
     for _ in 0..70 {
         camera.push_keypoints(0, keypoints(0.0, false));
     }
     let warnings = camera.episode(None).unwrap().measured(&model()).unwrap().warnings;
     assert!(warnings.len() == 1 && warnings[0].starts_with("70 keypoints have the stamp 0"), "{warnings:?}");
-    // The first moment of a simulated clock.
+    // Two poses before the first tick of a simulated clock.
     let mut simulated = log();
     simulated.push_pose(0, GripPose::default());
     simulated.push_pose(0, GripPose::default());
     assert_eq!(simulated.notes(), [] as [String; 0], "two of 302");
-    // They do not hide why there is no episode.
+    // The note must not hide the reason for the missing episode.
     let mut open = EpisodeLog::default();
     (0..100).for_each(|i| open.push_pose(if i < 2 { 0 } else { 5 + i }, GripPose::default()));
     open.push_start(5, 2, start());
     let e = open.episode(None).unwrap_err().to_string();
     assert!(e.starts_with("/episode/event: episode 2 has no end"), "{e}");
-    // A live log forgets them with the records.
+    // A live log drops the note together with the records.
     let mut live = EpisodeLog::default();
     (0..100).for_each(|_| live.push_pose(0, GripPose::default()));
     live.push_frame(0, "world");
@@ -209,7 +212,7 @@ fn clocks_and_frames_that_are_not_the_contracts_are_named() {
         warnings.len() == 1 && warnings[0].contains("expected \"panda_link0\", got \"world\" in 2 poses"),
         "{warnings:?}"
     );
-    // Keypoints of a camera whose own clock began when it was switched on.
+    // The camera stamps with its own clock, which starts at its power-up.
     let whole = log().episode(None).unwrap();
     let mut apart = EpisodeLog::default();
     apart.push_start(1_000_000_000, 4, start());

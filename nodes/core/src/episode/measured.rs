@@ -1,0 +1,238 @@
+//! Measured track of an episode, as a model's simulator would return it.
+
+use super::complete::Episode;
+use super::coverage::{frame_warning, path_coverage, start_warning};
+use super::error::EpisodeError;
+use super::plausible::{self, HandLimits};
+use crate::model::{DriveKind, StartKind};
+use crate::simulator::StartShape;
+use crate::statistics::median_high;
+use crate::track::End;
+use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
+use serde::Serialize;
+
+/// Measured track with the inputs that a simulator needs to reproduce it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MeasuredTrack {
+    /// Observed frames and end.
+    pub track: Track,
+    /// Measured path of the clamped end.
+    pub grip: GripTrajectory,
+    /// Actions (dx, dz) in m, one for each step; empty if the measured path drives the simulator.
+    pub actions: Vec<[f64; 2]>,
+    /// Shape of the object at the start.
+    pub start: StartShape,
+    /// (x, z) in m of the target in the plane of motion; none if the camera cannot place it.
+    pub target_m: Option<[f64; 2]>,
+    /// Doubts about the track, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl Episode {
+    /// Builds the measured track in the form in which the model's simulator returns tracks.
+    ///
+    /// # Errors
+    /// [`EpisodeError`] if streams are missing, impossible or too short for the model's drive.
+    pub fn measured(&self, model: &Model) -> Result<MeasuredTrack, EpisodeError> {
+        let missing = |needed: &str| self.missing(needed);
+        if self.poses.is_empty() {
+            return Err(missing("poses on /panda/current_pose"));
+        }
+        let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
+        let hand = plausible::poses(&self.poses, &HandLimits::of(model), self.start_ns).map_err(impossible)?;
+        let seen = plausible::keypoints(&self.keypoints, &model.camera.view, self.start_ns).map_err(impossible)?;
+        let (times_s, path) = hand.kept.iter().map(|(time_s, pose)| (*time_s, pose.grip)).unzip();
+        let grip = GripTrajectory::new(times_s, path)?;
+        let mut warnings = self.notes.clone();
+        warnings.extend(self.fault_warning());
+        warnings.extend(self.namesake_warning());
+        warnings.extend(hand.warnings);
+        warnings.extend(seen.warnings);
+        let seen = seen.kept;
+        let (frames, actions) = match model.observation.drive {
+            DriveKind::Grip => {
+                let covered = path_coverage(grip.times_s(), self.duration_s);
+                let frames = sampled_frames(&seen, model, &grip, covered.until_s);
+                let room = self.room(model, covered.until_s);
+                warnings.extend(covered.warning);
+                warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
+                (frames, Vec::new())
+            }
+            // A policy's observations are its frames: the simulator is compared at the steps of the policy.
+            DriveKind::Actions | DriveKind::Policy => {
+                let (actions, observations) = self.steps()?;
+                plausible::observations(&observations, &grip, self.start.step_period_s, &HandLimits::of(model))
+                    .map_err(impossible)?;
+                (self.policy_frames(&grip, &actions, &observations), actions)
+            }
+        };
+        // A single frame shows no motion to compare.
+        if frames.len() < 2 {
+            return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
+        }
+        let camera = &model.camera.view;
+        // The target stands still: the median drops frames that mistake something else for it.
+        let target = median_target(&frames);
+        let start = match model.observation.start {
+            StartKind::HangingAtRest => StartShape::HangingAtRest,
+            StartKind::Measured => {
+                let shown = start_shape(&seen, camera, &grip);
+                let (shape, times_s) = shown.ok_or_else(|| missing("two first frames that the camera can place"))?;
+                warnings.extend(start_warning(times_s));
+                shape
+            }
+        };
+        // Ends by the user or by a fault have no name among the task's ends.
+        let end = End::from_name(&self.end).unwrap_or(End::Complete);
+        Ok(MeasuredTrack {
+            track: Track { frames, end },
+            grip,
+            actions,
+            start,
+            target_m: target.and_then(|t| camera.plane_from_scaled(t)),
+            warnings,
+        })
+    }
+
+    /// Error of an episode that lacks the records described by `needed`.
+    fn missing(&self, needed: &str) -> EpisodeError {
+        EpisodeError::Missing {
+            episode: self.number,
+            cause: self.cause(),
+            needed: needed.to_owned(),
+            found: format!(
+                "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
+                self.keypoints.len(),
+                self.poses.len(),
+                self.observations.len(),
+                self.actions.len(),
+                self.duration_s
+            ),
+        }
+    }
+
+    /// Number of the model's frame times that lie within the episode and not after `until_s`.
+    fn room(&self, model: &Model, until_s: f64) -> usize {
+        let last_s = self.duration_s.min(until_s);
+        (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
+    }
+
+    /// Actions and observations of all steps from 0 on. A lost step is an error: it would shift all later steps in
+    /// time.
+    fn steps(&self) -> Result<(Vec<[f64; 2]>, Vec<Observation>), EpisodeError> {
+        let missing = |needed: &str, found: String| EpisodeError::Missing {
+            episode: self.number,
+            cause: self.cause(),
+            needed: needed.to_owned(),
+            found,
+        };
+        let actions = each_once(&self.actions)
+            .map_err(|found| missing("the actions of all steps from 0 on, each once, on /policy/action", found))?;
+        let observations = each_once(&self.observations).map_err(|found| {
+            missing("the observations of all steps from 0 on, each once, on /policy/observation", found)
+        })?;
+        if !(actions.len()..=actions.len() + 1).contains(&observations.len()) {
+            let found = format!("{} observations, {} actions", observations.len(), actions.len());
+            return Err(missing("an observation before each action, and at most one after the last", found));
+        }
+        Ok((actions, observations))
+    }
+
+    /// Frames at the steps of the policy, made from its observations.
+    fn policy_frames(&self, grip: &GripTrajectory, actions: &[[f64; 2]], observations: &[Observation]) -> Vec<Frame> {
+        let frame = |(i, o): (usize, &Observation)| {
+            let time_s = i as f64 * self.start.step_period_s;
+            let [x, z] = o.eef_m();
+            let action = actions.get(i).copied().unwrap_or_default();
+            Frame { time_s, dlo: o.dlo(), target: o.target(), eef: [x, z, grip.at(time_s).pitch_rad], action }
+        };
+        observations.iter().enumerate().map(frame).collect()
+    }
+}
+
+/// Frames nearest to the model's frame times, between the start of the episode and `until_s`. A frame time without a
+/// frame within half a period is skipped.
+fn sampled_frames(keypoints: &[(f64, Keypoints)], model: &Model, grip: &GripTrajectory, until_s: f64) -> Vec<Frame> {
+    let period_s = model.observation.frame_period_s;
+    let usable = |(t, k): &&(f64, Keypoints)| (0.0..=until_s).contains(t) && k.dlo_seen();
+    let seen: Vec<&(f64, Keypoints)> = keypoints.iter().filter(usable).collect();
+    let mut target = seen.iter().find_map(|(_, k)| k.target_scaled()).unwrap_or([0.0, 0.0]);
+    let mut frames: Vec<Frame> = Vec::new();
+    for i in 0..model.observation.frames {
+        let wanted_s = i as f64 * period_s;
+        let next = seen.partition_point(|(t, _)| *t < wanted_s);
+        let near = seen[next.saturating_sub(1)..seen.len().min(next + 1)]
+            .iter()
+            .min_by(|a, b| (a.0 - wanted_s).abs().total_cmp(&(b.0 - wanted_s).abs()));
+        let Some((time_s, k)) = near.filter(|(t, _)| (t - wanted_s).abs() <= 0.5 * period_s) else { continue };
+        // At a camera rate below the model's, one frame can be the nearest of two frame times.
+        if frames.last().is_some_and(|f| f.time_s >= *time_s) {
+            continue;
+        }
+        // The target does not move: a frame that misses it takes the last place seen.
+        target = k.target_scaled().unwrap_or(target);
+        let p = grip.at(*time_s);
+        let eef = [p.x_m, p.z_m, p.pitch_rad];
+        frames.push(Frame { time_s: *time_s, dlo: k.dlo_scaled(), target, eef, action: [0.0; 2] });
+    }
+    frames
+}
+
+/// Points and velocities at the first frame at or after the start, ordered from the grip on, and the times in s of the
+/// two frames behind the velocities. None without two frames that the camera can place.
+fn start_shape(
+    keypoints: &[(f64, Keypoints)],
+    camera: &Camera,
+    grip: &GripTrajectory,
+) -> Option<(StartShape, [f64; 2])> {
+    // Times were converted from ns: a frame stamped at the start may lie below 0 by rounding.
+    let mut seen = keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
+    let mut placed = || {
+        let (time_s, k) = seen.next()?;
+        let points = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
+        let [a, b, c, d] = points;
+        let p = grip.at(*time_s);
+        Some((*time_s, order_from([p.x_m, p.z_m], [a?, b?, c?, d?])))
+    };
+    let (t0, first) = placed()?;
+    let (t1, second) = placed()?;
+    let velocity = |i: usize, j: usize| (second[i][j] - first[i][j]) / (t1 - t0);
+    let shape = StartShape::Measured {
+        points_m: first,
+        velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
+    };
+    Some((shape, [t0, t1]))
+}
+
+/// Values of steps 0, 1, 2 and so on. The error describes the first step that is missing or comes twice.
+fn each_once<T: Copy>(steps: &[(u32, T)]) -> Result<Vec<T>, String> {
+    match steps.iter().enumerate().find(|(i, (step, _))| *i as u64 != u64::from(*step)) {
+        Some((i, (step, _))) => Err(format!("step {step} in place of step {i}, among {} in all", steps.len())),
+        None => Ok(steps.iter().map(|(_, value)| *value).collect()),
+    }
+}
+
+/// Order of four unordered points along the object: the shortest path from the grip through all of them.
+pub fn order_from(grip_m: [f64; 2], points_m: [[f64; 2]; 4]) -> [[f64; 2]; 4] {
+    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let length = |order: &[usize; 4]| {
+        let path = std::iter::once(grip_m).chain(order.iter().map(|&i| points_m[i]));
+        let points: Vec<[f64; 2]> = path.collect();
+        points.windows(2).map(|w| distance(w[0], w[1])).sum::<f64>()
+    };
+    // The 24 permutations among the 256 codes of four base-4 digits.
+    let orders = (0..256usize)
+        .map(|code| std::array::from_fn(|i| (code >> (2 * i)) & 3))
+        .filter(|o: &[usize; 4]| (0..4).all(|i| o.contains(&i)));
+    let best = orders.min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or([0, 1, 2, 3]);
+    best.map(|i| points_m[i])
+}
+
+/// Median of the target's position over the frames, coordinate by coordinate.
+fn median_target(frames: &[Frame]) -> Option<[f64; 2]> {
+    let median = |i: usize| {
+        let mut values: Vec<f64> = frames.iter().map(|f| f.target[i]).collect();
+        median_high(&mut values)
+    };
+    Some([median(0)?, median(1)?])
+}

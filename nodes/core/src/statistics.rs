@@ -1,0 +1,184 @@
+//! Statistics of samples: mean, standard deviation, quantiles, medians, Wilson's interval, and the Kolmogorov-Smirnov
+//! test of uniformity.
+//!
+//! The crate `statrs` is not used for them. Its quantile is Hyndman and Fan's type 8, which would change every figure
+//! in a report. Its Kolmogorov-Smirnov test has an exact p-value that refuses ties, which ranks have, and overflows
+//! from 144 values on; its asymptotic one has no correction for few values (0.057 instead of 0.05 for 60 values).
+
+/// Standard normal quantile of a two-sided interval of 95 %.
+pub const Z_95: f64 = 1.959_964;
+
+/// Mean of `values`; NaN for none.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Sample variance of `values`, with n - 1 in the denominator; NaN for fewer than two.
+pub fn variance(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)
+}
+
+/// Sample standard deviation of `values`, the root of [`variance`].
+pub fn sd(values: &[f64]) -> f64 {
+    variance(values).sqrt()
+}
+
+/// Choice of the value at the position of a quantile, which usually lies between two order statistics. The names are
+/// those of `numpy.quantile`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum QuantileMethod {
+    /// Linear interpolation between the two order statistics: Hyndman and Fan's type 7 (1996).
+    Linear,
+    /// Nearest order statistic.
+    Nearest,
+    /// Lower of the two order statistics.
+    Lower,
+}
+
+/// Quantile `q` (0 to 1) of the sorted values; NaN for none.
+///
+/// Its position among the n order statistics, counted from 0, is q (n - 1) with every method. Summaries of draws take
+/// [`QuantileMethod::Nearest`]. The other methods exist because a change would change figures or random streams:
+/// `Linear` for the predictive band, `Lower` for bootstrap intervals and for thresholds of densities.
+pub fn quantile(sorted: &[f64], q: f64, method: QuantileMethod) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let position = q * last as f64;
+    let at = |i: usize| sorted[i.min(last)];
+    match method {
+        QuantileMethod::Linear => {
+            let (below, share) = (position.floor() as usize, position.fract());
+            at(below) + share * (at(below + 1) - at(below))
+        }
+        QuantileMethod::Nearest => at(position.round() as usize),
+        QuantileMethod::Lower => at(position as usize),
+    }
+}
+
+/// Median of `values`, which it sorts: the mean of the two middle values of an even number. NaN for none.
+pub fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n => 0.5 * (values[(n - 1) / 2] + values[n / 2]),
+    }
+}
+
+/// High median of `values`, which it sorts: the larger of the two middle values of an even number, so always one of the
+/// values. None for none.
+pub fn median_high(values: &mut [f64]) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// Interval of 95 % `[low, high]` of a share of which `hits` of `trials` were observed (Wilson 1927).
+pub fn wilson_interval(hits: usize, trials: usize) -> [f64; 2] {
+    let n = trials as f64;
+    let share = hits as f64 / n;
+    let (middle, square) = (share + Z_95 * Z_95 / (2.0 * n), Z_95 * Z_95 / n);
+    let half = Z_95 * (share * (1.0 - share) / n + Z_95 * Z_95 / (4.0 * n * n)).sqrt();
+    // Rounding may carry an end beyond a share's range.
+    [((middle - half) / (1.0 + square)).max(0.0), ((middle + half) / (1.0 + square)).min(1.0)]
+}
+
+/// Factor that makes the distance of n values follow Kolmogorov's limiting distribution (Stephens 1970).
+fn stephens(n: f64) -> f64 {
+    n.sqrt() + 0.12 + 0.11 / n.sqrt()
+}
+
+/// Terms of the series of Kolmogorov's distribution. The hundredth is below 1e-300 wherever the series is used.
+const TERMS: i32 = 100;
+
+/// p-value of the Kolmogorov-Smirnov test that the sorted `values` come from the uniform distribution on 0 .. 1.
+pub fn uniformity(sorted: &[f64]) -> f64 {
+    let n = sorted.len() as f64;
+    if sorted.is_empty() {
+        return 1.0;
+    }
+    let gap = |(i, v): (usize, &f64)| (v - i as f64 / n).abs().max(((i + 1) as f64 / n - v).abs());
+    let greatest = sorted.iter().enumerate().map(gap).fold(0.0, f64::max);
+    let scaled = stephens(n) * greatest;
+    // Below 0.2 the p-value is 1 to twelve digits, and the alternating series converges slowly.
+    if scaled < 0.2 {
+        return 1.0;
+    }
+    let term = |k: i32| 2.0 * f64::from(1 - 2 * ((k - 1) % 2)) * (-2.0 * f64::from(k * k) * scaled * scaled).exp();
+    (1..=TERMS).map(term).sum::<f64>().clamp(0.0, 1.0)
+}
+
+/// Half width of the band around the diagonal that contains the whole empirical distribution function of `count`
+/// uniform values in 95 of 100 cases.
+pub fn uniformity_band(count: f64) -> f64 {
+    // 1.358 is the quantile 0.95 of Kolmogorov's distribution.
+    1.358 / stephens(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed;
+    use rand::RngExt;
+
+    const METHODS: [QuantileMethod; 3] = [QuantileMethod::Linear, QuantileMethod::Nearest, QuantileMethod::Lower];
+
+    /// Expected values: `numpy.quantile(values, q, method=...)`.
+    #[test]
+    fn quantiles_are_those_of_numpy() {
+        let values = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+        let at = |q: f64| METHODS.map(|method| quantile(&values, q, method));
+        assert_eq!(at(0.0), [1.0; 3]);
+        assert_eq!(at(1.0), [32.0; 3]);
+        assert_eq!(at(0.25), [2.5, 2.0, 2.0]);
+        assert_eq!(at(0.35), [3.5, 4.0, 2.0]);
+        assert!(
+            METHODS.iter().all(|method| quantile(&[], 0.5, *method).is_nan() && quantile(&[3.0], 0.9, *method) == 3.0)
+        );
+    }
+
+    #[test]
+    fn medians_differ_for_an_even_number_alone() {
+        assert_eq!((median(&mut [3.0, 1.0, 2.0]), median_high(&mut [3.0, 1.0, 2.0])), (2.0, Some(2.0)));
+        assert_eq!((median(&mut [4.0, 1.0, 2.0, 3.0]), median_high(&mut [4.0, 1.0, 2.0, 3.0])), (2.5, Some(3.0)));
+        assert!(median(&mut []).is_nan() && median_high(&mut []).is_none());
+    }
+
+    #[test]
+    fn mean_and_standard_deviation_are_those_of_a_sample() {
+        assert_eq!((mean(&[1.0, 2.0, 3.0, 4.0]), variance(&[1.0, 2.0, 3.0, 4.0])), (2.5, 5.0 / 3.0));
+        assert!(mean(&[]).is_nan() && sd(&[1.0]).is_nan());
+    }
+
+    /// Expected values: `scipy.stats.binomtest(hits, trials).proportion_ci(method="wilson")`.
+    #[test]
+    fn wilson_intervals_are_those_of_scipy() {
+        for (hits, trials, [low, high]) in
+            [(5, 100, [0.02154, 0.11175]), (0, 10, [0.0, 0.27753]), (10, 10, [0.72247, 1.0])]
+        {
+            let [l, h] = wilson_interval(hits, trials);
+            assert!((l - low).abs() < 1e-5 && (h - high).abs() < 1e-5, "{hits} of {trials}: {l} to {h}");
+        }
+    }
+
+    #[test]
+    fn the_test_of_uniformity_has_the_error_that_it_states() {
+        let values = |i: u64| {
+            let mut rng = seed::rng(6, i);
+            let mut values: Vec<f64> = (0..60).map(|_| rng.random()).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let refused = (0..1_000).filter(|&i| uniformity(&values(i)) < 0.05).count();
+        // 50 expected, with a standard deviation of 7.
+        assert!((22..78).contains(&refused), "{refused} of 1000");
+        let bent: Vec<f64> = values(1).iter().map(|v| v * v).collect();
+        assert!(uniformity(&bent) < 1e-2 && uniformity(&[]) == 1.0 && uniformity(&[0.5]) > 0.8);
+    }
+
+    #[test]
+    fn the_band_is_the_distance_at_which_the_test_rejects() {
+        let n = 60;
+        let shifted: Vec<f64> =
+            (0..n).map(|i| (f64::from(i) + 1.0) / f64::from(n) - uniformity_band(f64::from(n))).collect();
+        assert!((uniformity(&shifted) - 0.05).abs() < 1e-3, "{}", uniformity(&shifted));
+    }
+}
