@@ -1,0 +1,11 @@
+#![doc = include_str!("../README.md")]
+
+pub mod cell;
+#[cfg(feature = "node")]
+pub mod convert;
+#[cfg(feature = "node")]
+pub mod node;
+pub mod render;
+pub mod scene;
+
+pub use cell::Cell;

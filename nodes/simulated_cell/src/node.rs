@@ -1,0 +1,129 @@
+//! Node of the simulated cell: the robot's and the camera's side of the contract, in real time or faster.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the ROS side reads the model file that a parameter names, and paces itself"
+)]
+
+mod arm;
+mod camera;
+mod measuring;
+
+use crate::Cell;
+use anyhow::{Context, Result, ensure};
+use catenary_core::{Camera, Fidelity, Model, seed};
+use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
+use catenary_shell::{Misconfigured, NodeBuilder, Param, ParamSpec, Time, contract, read_model};
+use catenary_simulator::model_text;
+use measuring::Measuring;
+use panda_bridge::Arm;
+use panda_bridge::node::front::{Front, MoveParameters, meet_others};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Random stream of theta, if the parameter `theta` is empty.
+const THETA_STREAM: u64 = 23;
+
+/// Runs the node from the arguments after the program's name.
+pub fn main(args: Vec<String>) -> ExitCode {
+    catenary_shell::main("simulated_cell", args, run)
+}
+
+/// Parameters of the node.
+struct Parameters {
+    model_file: Param<String>,
+    theta: Param<Vec<f64>>,
+    fidelity: Param<String>,
+    seed: Param<i64>,
+    publish_clock: Param<bool>,
+    real_time_factor: Param<f64>,
+    image_noise: Param<f64>,
+    moves: MoveParameters,
+}
+
+fn declare(b: &NodeBuilder) -> Result<Parameters> {
+    let text = |t: &str| ParamSpec::new(t).read_only();
+    Ok(Parameters {
+        model_file: b.declare_string("model_file", "", text("Model file of the cell."))?,
+        theta: b.declare(
+            "theta",
+            Vec::new(),
+            text("Values of the model's inferred parameters; empty: its nominal ones, and draws from the prior of others."),
+        )?,
+        fidelity: b.declare_string(
+            "fidelity",
+            Fidelity::Standard.name(),
+            text("Fidelity of the simulation.").choices(&Fidelity::ALL.map(Fidelity::name)),
+        )?,
+        seed: b.declare_i64("seed", 1, text("Seed of effects, jitter and noise.").integer_range(0..=i64::MAX))?,
+        publish_clock: b.declare_bool(
+            "publish_clock",
+            false,
+            text("Stamp with a simulated time that begins at zero, and publish it on /clock."),
+        )?,
+        real_time_factor: b.declare_f64(
+            "real_time_factor",
+            1.0,
+            text("Simulated seconds per second, where the cell publishes /clock.").range(0.01..=1000.0),
+        )?,
+        image_noise: b.declare_f64(
+            "image_noise",
+            3.0,
+            text("Standard deviation of the image noise in grey levels.").range(0.0..=50.0),
+        )?,
+        moves: MoveParameters::declare(b)?,
+    })
+}
+
+fn run(builder: NodeBuilder) -> Result<()> {
+    let p = declare(&builder)?;
+    let node = builder.build()?;
+    let (cell, model, cell_seed) = cell(&p).map_err(Misconfigured::new)?;
+    // Discovery takes time. It comes before the arm's time begins, or the loop would have to catch up.
+    meet_others(&node);
+    let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
+    let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
+    let started = Instant::now();
+    let arm = Arm::new(cell, arm::settings(&model));
+    let front = Front::new(&node, origin, p.moves, arm)?;
+    // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
+    // arm.
+    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
+    let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
+    camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    let reported = Arc::clone(&front);
+    node.report_diagnostics(move |report| {
+        reported.report(report);
+        report.value("simulated_time_s", format!("{:.3}", reported.arm().plant().time_s()));
+        let counters = reported.arm().plant().counters();
+        report.value("unconverged_steps", counters.unconverged_steps);
+        report.value("unconverged_equilibria", counters.unconverged_equilibria);
+    })?;
+    let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
+    Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
+}
+
+/// Makes the cell that the parameters describe. Returns it with its model and its seed.
+fn cell(p: &Parameters) -> Result<(Cell, Model, u64)> {
+    let path = p.model_file.get();
+    ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
+    let model = read_model("model_file", path.as_ref(), model_text::read)?;
+    let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
+    let cell_seed = p.seed.get().cast_unsigned();
+    let theta = match p.theta.get() {
+        given if given.is_empty() => hidden_theta(&model, cell_seed),
+        given => given,
+    };
+    let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
+    for (name, value, prior) in model.theta.outside(&theta) {
+        tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
+    }
+    Ok((cell, model, cell_seed))
+}
+
+/// Returns theta of a cell without given values: the model's nominal values, and draws from the prior for the others.
+fn hidden_theta(model: &Model, cell_seed: u64) -> Vec<f64> {
+    let drawn = model.theta.sample_prior(&mut seed::rng(cell_seed, THETA_STREAM));
+    let parameters = model.theta.parameters().iter().zip(drawn);
+    parameters.map(|(p, drawn)| model.nominal.get(&p.name).copied().unwrap_or(drawn)).collect()
+}

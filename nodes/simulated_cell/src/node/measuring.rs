@@ -1,0 +1,134 @@
+//! Fast loop of the simulated cell: time, measurements and collisions.
+#![allow(clippy::disallowed_methods, reason = "the loop paces itself by the wall clock")]
+
+use super::arm::arm_pose;
+use crate::cell::{Cell, collisions};
+use crate::convert;
+use crate::scene::Contact;
+use anyhow::Result;
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
+use catenary_msgs::msg::ArmState;
+use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
+use catenary_msgs::sensor_msgs::msg::JointState;
+use catenary_msgs::std_msgs::msg::Header;
+use catenary_msgs::tf2_msgs::msg::TFMessage;
+use catenary_shell::{Node, Publisher, contract, stamp};
+use panda_bridge::gate::BASE_FRAME;
+use panda_bridge::node::front::{Front, RECHECK_S};
+use panda_bridge::{Arm, Mode, kinematics};
+use std::time::{Duration, Instant};
+
+/// Period in s of the arm's measurements.
+const MEASURE_PERIOD_S: f64 = 0.005;
+/// Number of measurements between two messages on arm_state, and between two collision checks.
+const SLOW_EVERY: u64 = 4;
+/// Fast loop: advances time and publishes the arm's measurements.
+pub(super) struct Measuring {
+    pose: Publisher<PoseStamped>,
+    twist: Publisher<TwistStamped>,
+    wrench: Publisher<WrenchStamped>,
+    joints: Publisher<JointState>,
+    tf: Publisher<TFMessage>,
+    state: Publisher<ArmState>,
+    clock: Option<Publisher<ClockMsg>>,
+    angles_rad: [f64; kinematics::JOINTS],
+}
+
+impl Measuring {
+    pub fn new(node: &Node, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
+        Ok(Self {
+            pose: node.publisher(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
+            twist: node.publisher(contract::CURRENT_TWIST.name, contract::CURRENT_TWIST.qos)?,
+            wrench: node.publisher(contract::EXTERNAL_WRENCH.name, contract::EXTERNAL_WRENCH.qos)?,
+            joints: node.publisher(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?,
+            tf: node.publisher(contract::TF.name, contract::TF.qos)?,
+            state: node.publisher(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
+            clock,
+            angles_rad: kinematics::READY_RAD,
+        })
+    }
+
+    /// Runs until shutdown. Time follows the wall clock times `factor`. If the machine is too slow, several steps are
+    /// made at once and only the newest is published.
+    pub fn run(mut self, front: &Front<Cell>, started: Instant, factor: f64) -> Result<()> {
+        let node = front.node();
+        let mut scene = front.arm().plant().scene();
+        let mut count: u64 = 0;
+        let mut last_mode = None;
+        let recheck = (RECHECK_S / MEASURE_PERIOD_S).round() as u64;
+        let mut next_check = recheck;
+        while !node.is_shutdown() {
+            let wanted_s = started.elapsed().as_secs_f64() * factor;
+            let next_s =
+                ((wanted_s / MEASURE_PERIOD_S).floor() * MEASURE_PERIOD_S).max((count + 1) as f64 * MEASURE_PERIOD_S);
+            let early_s = (next_s - wanted_s) / factor;
+            if early_s > 0.0 {
+                std::thread::sleep(Duration::from_secs_f64(early_s));
+            }
+            let last = count;
+            count = (next_s / MEASURE_PERIOD_S).round() as u64;
+            let elapsed_s = (count - last) as f64 * MEASURE_PERIOD_S;
+            let time = front.stamp(next_s);
+            let (state, snapshot) = {
+                let mut arm = front.arm();
+                arm.steer();
+                arm.plant_mut().advance(next_s);
+                arm.watch();
+                self.publish(arm.plant(), &stamp::header(time, BASE_FRAME), elapsed_s);
+                (front.state(&arm, 1.0, time), count.is_multiple_of(SLOW_EVERY).then(|| arm.plant().snapshot()))
+            };
+            if let Some(snapshot) = snapshot {
+                scene.update(snapshot.grip, &snapshot.nodes);
+                if let Some(contact) = collisions(&scene.contacts(0.0)).next() {
+                    collide(&mut front.arm(), contact);
+                }
+            }
+            // A change of mode is published at once, without waiting for the slower period.
+            if count.is_multiple_of(SLOW_EVERY) || last_mode != Some(state.mode) {
+                last_mode = Some(state.mode);
+                self.state.send(state);
+            }
+            if count >= next_check {
+                next_check = count + recheck;
+                front.recheck();
+            }
+            if let Some(clock) = &self.clock {
+                clock.send(ClockMsg { clock: stamp::to_msg(time) });
+            }
+        }
+        node.wait_for_shutdown()
+    }
+
+    /// Publishes the cell, `elapsed_s` after the last time.
+    fn publish(&mut self, cell: &Cell, header: &Header, elapsed_s: f64) {
+        let grip = cell.grip();
+        let pose = catenary_shell::convert::grip_pose_to_msg(&grip);
+        let measured = arm_pose(&grip);
+        self.pose.send(PoseStamped { header: header.clone(), pose });
+        self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(cell.velocity_m_s()) });
+        self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&cell.wrench()) });
+        self.tf.send(TFMessage { transforms: vec![convert::hand_transform(&grip, header.clone())] });
+        let before = self.angles_rad;
+        // A pose without a solution keeps the last angles.
+        if let Some(angles) = kinematics::inverse(&measured, &before) {
+            self.angles_rad = angles;
+        }
+        let velocity = self.angles_rad.iter().zip(before).map(|(now, then)| (now - then) / elapsed_s).collect();
+        self.joints.send(JointState {
+            header: header.clone(),
+            name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
+            position: self.angles_rad.to_vec(),
+            velocity,
+            effort: Vec::new(),
+        });
+    }
+}
+
+/// Stops the arm by a reflex after a collision of the hand.
+fn collide(arm: &mut Arm<Cell>, contact: &Contact) {
+    if arm.mode() != Mode::Reflex {
+        let what = format!("{:?} touches {:?}", contact.first, contact.second);
+        tracing::error!("reflex: {what}");
+        arm.reflex(&what);
+    }
+}

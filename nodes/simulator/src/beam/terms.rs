@@ -1,0 +1,68 @@
+//! Terms from outside: forces, materials and grips that are added to a beam.
+
+use super::grip::{GripReaction, GripState};
+use std::fmt;
+use std::sync::Arc;
+
+/// State of a piece of the beam in motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointState {
+    /// Time since the start in s.
+    pub time_s: f64,
+    /// Material coordinate: fraction of the rest length from the grip (0) to the tip (1).
+    pub fraction: f64,
+    /// Rest length of the piece in m.
+    pub length_m: f64,
+    /// (x, z) in m.
+    pub position_m: [f64; 2],
+    /// (x, z) in m/s.
+    pub velocity_m_s: [f64; 2],
+}
+
+/// Force on every piece of the beam. It is evaluated at the predicted state at the end of a time step and held constant
+/// within the step, so that it must not change much within one.
+pub trait ForceTerm: Send + Sync {
+    /// Returns the force (x, z) in N on a piece.
+    fn force_n(&self, at: &PointState) -> [f64; 2];
+}
+
+/// Material of one element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ElementMaterial {
+    /// Axial stiffness EA in N, shear stiffness GA in N and bending stiffness EI in N m^2.
+    pub stiffness: [f64; 3],
+    /// Curvature at rest in 1/m.
+    pub rest_curvature_per_m: f64,
+    /// Mass per rest length in kg/m.
+    pub mass_per_length_kg_m: f64,
+}
+
+/// Change of the material along the beam.
+pub trait MaterialTerm: Send + Sync {
+    /// Changes the element whose middle lies at `fraction` of the rest length from the grip (0) to the tip (1).
+    fn change(&self, fraction: f64, element: &mut ElementMaterial);
+}
+
+/// Change of the grip.
+pub trait GripTerm: Send + Sync {
+    /// Changes the state of the clamped section at `time_s`. `reaction` is its load at the end of the last step.
+    fn change(&self, time_s: f64, reaction: &GripReaction, grip: &mut GripState);
+}
+
+/// Terms from outside of one beam, in the order in which they act.
+#[derive(Clone, Default)]
+pub struct Terms {
+    /// Forces along the beam. They add up.
+    pub forces: Vec<Arc<dyn ForceTerm>>,
+    /// Changes of the material.
+    pub materials: Vec<Arc<dyn MaterialTerm>>,
+    /// Changes of the grip.
+    pub grips: Vec<Arc<dyn GripTerm>>,
+}
+
+impl fmt::Debug for Terms {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { forces, materials, grips } = self;
+        write!(f, "{} forces, {} materials, {} grips", forces.len(), materials.len(), grips.len())
+    }
+}

@@ -1,0 +1,130 @@
+//! Fixtures of the effects' tests.
+
+use super::{Effect, Registry};
+use crate::beam::{Beam, BeamParameters, Discretisation, GripState};
+use crate::episode_model::EpisodeModel;
+use crate::imperfect_camera::ImperfectCamera;
+use crate::parameters::Values;
+use crate::parameters::tests::soft_bar;
+use crate::simulator::BeamSimulator;
+use catenary_core::model::Section;
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, SimulationRequest, Simulator, Track};
+
+/// Length in m and Young's modulus in Pa of the bar.
+pub const THETA: [f64; 2] = [0.25, 2e4];
+pub const DOWN: f64 = -std::f64::consts::FRAC_PI_2;
+pub const GRAVITY: f64 = 9.81;
+
+/// Simulates an episode with camera noise in which the bar swings, is pressed on the table and drags over it.
+pub fn episode(effects: &[(&str, f64)], drive: Drive) -> Track {
+    let request = SimulationRequest {
+        thetas: vec![THETA.to_vec()],
+        effects: effects.iter().map(|(name, v)| ((*name).to_owned(), vec![*v])).collect(),
+        drive,
+        start: StartShape::HangingAtRest,
+        frame_times_s: (0..25).map(|i| 0.1 * f64::from(i)).collect(),
+        target_m: None,
+        fidelity: Fidelity::Fast,
+        seed: 3,
+        first_episode: 0,
+        noise: true,
+    };
+    BeamSimulator::new(&bare_bar(), 1).unwrap().simulate(&request).unwrap().remove(0)
+}
+
+/// Returns the shipped soft bar without effects of its own.
+fn bare_bar() -> Model {
+    let mut model = soft_bar();
+    model.effects.clear();
+    model
+}
+
+/// Returns five steps of the arm, down to the table and along it.
+pub fn actions() -> Drive {
+    Drive::Actions(vec![[0.03, -0.06], [0.02, -0.06], [0.0, -0.06], [0.05, -0.04], [0.05, 0.0]])
+}
+
+/// Fails unless the effect changes no bit at magnitude zero, and some bit at a large magnitude.
+#[track_caller]
+pub fn zero_is_the_base(effect: &dyn Effect) {
+    let name = effect.about().name;
+    let nothing = episode(&[], actions());
+    assert_eq!(episode(&[(name, 0.0)], actions()), nothing, "{name}");
+    let much = effect.about().prior.from_unit(0.9);
+    assert_ne!(episode(&[(name, much)], actions()), nothing, "{name} at {much} does nothing");
+}
+
+/// Makes the settings of the bar, undamped and without a table.
+fn base() -> EpisodeModel {
+    let mut model = bare_bar();
+    model.parameters.remove("table_height_m");
+    Values::resolve(Registry::shipped(), &model, &THETA, []).unwrap().episode_model(&model).unwrap()
+}
+
+/// Makes the settings of the bar with one effect.
+pub fn episode_model(effect: &dyn Effect, magnitude: f64) -> EpisodeModel {
+    let mut episode = base();
+    effect.apply(magnitude, &mut episode).unwrap();
+    episode
+}
+
+/// Makes a beam of the given Young's modulus in Pa, changed by `change`, with one effect.
+pub fn beam(
+    effect: &dyn Effect,
+    magnitude: f64,
+    youngs_modulus_pa: f64,
+    change: impl FnOnce(&mut BeamParameters),
+) -> BeamParameters {
+    let mut episode = base();
+    let section = Section::Square { side_m: 0.015 };
+    episode.beam = BeamParameters::from_youngs_modulus(THETA[0], section, 1055.0, youngs_modulus_pa, 0.45);
+    change(&mut episode.beam);
+    effect.apply(magnitude, &mut episode).unwrap();
+    episode.beam
+}
+
+/// Makes a beam at rest, held at the origin with the given tangent in rad.
+pub fn at_rest(parameters: BeamParameters, tangent_rad: f64) -> Beam {
+    let grip = GripState { tangent_rad, ..GripState::default() };
+    let mut beam = Beam::new(parameters, Discretisation::of(Fidelity::Standard), grip).unwrap();
+    assert!(beam.hang_at_rest(grip).converged);
+    beam
+}
+
+/// Returns the force in N along x that holds a bar at `speed_m_s` along x after `duration_s`, when the motion is
+/// steady.
+pub fn steady_drag_n(parameters: BeamParameters, speed_m_s: f64, duration_s: f64) -> f64 {
+    let mut beam = at_rest(parameters, DOWN);
+    beam.set_velocity([speed_m_s, 0.0]);
+    beam.advance_to(duration_s, |t| GripState { x_m: speed_m_s * t, z_m: 0.0, tangent_rad: DOWN });
+    beam.grip_reaction().force_x_n
+}
+
+/// Returns the image of (x, z) in m, scaled to -1 .. 1.
+pub fn seen(effect: &dyn Effect, magnitude: f64, [x, z]: [f64; 2]) -> [f64; 2] {
+    episode_model(effect, magnitude).camera.view.scaled_from_world([x, 0.0, z]).unwrap()
+}
+
+/// Fails unless a point that moves steadily along x at height `z_m` is seen at its place `age_s` ago.
+#[track_caller]
+pub fn is_seen_late(effect: &dyn Effect, magnitude: f64, z_m: f64, age_s: f64) {
+    let (settings, now_s) = (episode_model(effect, magnitude).camera, 0.1);
+    let mut camera = ImperfectCamera::new(&settings, settings.view, None, None);
+    let place = |t: f64| [0.5 + 0.5 * t, z_m];
+    (0..50).map(|i| 2e-3 * f64::from(i)).for_each(|t| camera.remember(t, [place(t); 4]));
+    let [then, _] = seen(effect, magnitude, place(now_s - age_s));
+    close(camera.capture(now_s, [place(now_s); 4])[0][0], then, 1e-4);
+}
+
+/// Makes the path of a grip that moves along x at `speed_m_s`, from (0.4, 0.42) m.
+pub fn gliding(speed_m_s: f64) -> Drive {
+    let pose = |x_m| GripPose { x_m, z_m: 0.42, pitch_rad: 0.0 };
+    Drive::Grip(GripTrajectory::new(vec![0.0, 10.0], vec![pose(0.4), pose(0.4 + 10.0 * speed_m_s)]).unwrap())
+}
+
+/// Fails with both numbers unless `got` is within `share` of `expected`.
+#[track_caller]
+pub fn close(got: f64, expected: f64, share: f64) {
+    assert!((got - expected).abs() <= share * expected.abs(), "got {got}, expected {expected} within {share}");
+}

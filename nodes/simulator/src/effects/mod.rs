@@ -1,0 +1,53 @@
+//! Effects: ways in which reality may differ from the base simulator, one per file.
+//!
+//! An effect has one magnitude. At zero it changes no bit of a track. A model may fix an effect (`parameters`), infer
+//! it (`theta`) or draw it anew for each episode (`effects`). Any number of effects act together, in the registry's
+//! order.
+//!
+//! A new effect is a file here that implements [`Effect`], and a line in [`Registry::shipped`]. Nothing else changes.
+//! Physics that [`crate::EpisodeModel`] has no field for comes in through the terms of its hook,
+//! [`crate::beam::ForceTerm`] and its like.
+
+mod effect;
+#[cfg(test)]
+mod fixtures;
+mod registry;
+#[cfg(test)]
+mod tests;
+
+mod arm_delay;
+mod arm_lag;
+mod arm_standing_error;
+mod axial_law;
+mod camera_offset_x;
+mod camera_offset_z;
+mod camera_scale;
+mod camera_tilt;
+mod creep;
+mod delta_anchor;
+mod density;
+mod dropped_frames;
+mod exposure;
+mod frame_delay;
+mod gravity_tilt;
+mod grip_angle;
+mod grip_compliance;
+mod grip_slip;
+mod kelvin_voigt;
+mod keypoint_bias;
+mod keypoint_noise;
+mod lens_distortion;
+mod linear_drag;
+mod overhang;
+mod quadratic_drag;
+mod rest_curvature;
+mod rolling_shutter;
+mod stiffness_gradient;
+mod table_adhesion;
+mod table_friction;
+mod table_height;
+mod tip_mass;
+mod unlisted;
+
+pub use effect::{About, Effect, Hook, Sign};
+pub use registry::Registry;

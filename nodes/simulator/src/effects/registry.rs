@@ -1,0 +1,98 @@
+//! Registry of effects.
+
+use super::effect::Effect;
+use super::{
+    arm_delay, arm_lag, arm_standing_error, axial_law, camera_offset_x, camera_offset_z, camera_scale, camera_tilt,
+    creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
+    grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
+    rest_curvature, rolling_shutter, stiffness_gradient, table_adhesion, table_friction, table_height, tip_mass,
+    unlisted,
+};
+use std::sync::{Arc, LazyLock};
+
+/// Ordered list of effects with unique names.
+#[derive(Clone)]
+pub struct Registry {
+    effects: Vec<Arc<dyn Effect>>,
+}
+
+impl Registry {
+    /// Returns the effects of this crate that searches offer.
+    pub fn shipped() -> &'static Registry {
+        static SHIPPED: LazyLock<Registry> = LazyLock::new(|| Registry {
+            effects: vec![
+                // material
+                Arc::new(kelvin_voigt::KelvinVoigt),
+                Arc::new(creep::Creep),
+                Arc::new(rest_curvature::RestCurvature),
+                Arc::new(stiffness_gradient::StiffnessGradient),
+                Arc::new(axial_law::AxialLawChange),
+                Arc::new(density::Density),
+                // forces
+                Arc::new(tip_mass::TipMass),
+                Arc::new(linear_drag::LinearDrag),
+                Arc::new(quadratic_drag::QuadraticDrag),
+                Arc::new(gravity_tilt::GravityTilt),
+                Arc::new(table_friction::TableFriction),
+                Arc::new(table_adhesion::TableAdhesion),
+                Arc::new(table_height::TableHeight),
+                // boundary
+                Arc::new(grip_angle::GripAngle),
+                Arc::new(grip_compliance::GripCompliance),
+                Arc::new(grip_slip::GripSlip),
+                Arc::new(overhang::Overhang),
+                // actuation
+                Arc::new(arm_delay::ArmDelay),
+                Arc::new(arm_lag::ArmLag),
+                Arc::new(arm_standing_error::ArmStandingError),
+                Arc::new(delta_anchor::DeltaAnchorChange),
+                // observation
+                Arc::new(camera_offset_x::CameraOffsetX),
+                Arc::new(camera_offset_z::CameraOffsetZ),
+                Arc::new(camera_tilt::CameraTilt),
+                Arc::new(camera_scale::CameraScale),
+                Arc::new(lens_distortion::LensDistortion),
+                Arc::new(frame_delay::FrameDelay),
+                Arc::new(exposure::Exposure),
+                Arc::new(rolling_shutter::RollingShutter),
+                Arc::new(dropped_frames::DroppedFrames),
+                Arc::new(keypoint_bias::KeypointBias),
+                Arc::new(keypoint_noise::KeypointNoise),
+            ],
+        });
+        &SHIPPED
+    }
+
+    /// Returns all effects of this crate: those that searches offer, and the unlisted ones of blind tests.
+    pub fn with_unlisted() -> Registry {
+        unlisted::all().into_iter().fold(Self::shipped().clone(), |registry, effect| registry.with(effect))
+    }
+
+    /// Returns this list with one more effect.
+    ///
+    /// # Panics
+    /// Panics if the name is taken.
+    pub fn with(&self, effect: Arc<dyn Effect>) -> Registry {
+        let name = effect.about().name;
+        assert!(self.find(name).is_none(), "effect `{name}` is in the registry already");
+        let mut effects = self.effects.clone();
+        effects.push(effect);
+        Registry { effects }
+    }
+
+    /// Returns the effects in the order in which they act.
+    pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
+        self.effects.iter().map(AsRef::as_ref)
+    }
+
+    /// Returns the effect with a name.
+    pub fn find(&self, name: &str) -> Option<&dyn Effect> {
+        self.effects().find(|e| e.about().name == name)
+    }
+}
+
+impl std::fmt::Debug for Registry {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_list().entries(self.effects().map(|e| e.about().name)).finish()
+    }
+}

@@ -1,0 +1,264 @@
+//! Vectorised environment of a model's task.
+
+use crate::arm::ArmModel;
+use crate::effects::Registry;
+use crate::episode::{Conditions, EpisodeSimulation, verdict};
+use crate::parameters::ParameterError;
+use crate::workers;
+use catenary_core::env::EnvError;
+use catenary_core::task::Verdict;
+use catenary_core::{Env, Fidelity, Judge, Model, Observation, Transition, seed};
+use rand::RngExt;
+use thiserror::Error;
+
+/// Random stream that selects the domain of an episode.
+const DOMAIN_STREAM: u64 = 17;
+
+/// Error of environments that cannot be opened.
+#[derive(Debug, Error, PartialEq)]
+pub enum OpenError {
+    /// Parameters that make no beam.
+    #[error(transparent)]
+    Parameters(#[from] ParameterError),
+    /// Missing task, no environments, too few domains, or domains of the wrong length.
+    #[error("environments: {0}")]
+    Input(String),
+}
+
+/// Environment of one object.
+struct Member {
+    simulation: EpisodeSimulation,
+    arm: ArmModel,
+    step: usize,
+    seed: u64,
+    episodes: u64,
+    /// Domain of the present episode.
+    domain: Option<usize>,
+}
+
+/// N environments of one model, each with its own object.
+pub struct VectorEnv {
+    model: Model,
+    judge: Judge,
+    domains: Vec<Vec<f64>>,
+    members: Vec<Member>,
+    workers: usize,
+}
+
+impl VectorEnv {
+    /// Opens `count` environments of `model`. With as many `domains` (thetas) as environments, environment i keeps row
+    /// i. With more, each episode draws one.
+    ///
+    /// # Errors
+    /// [`OpenError`] if there is no task, no environment, a missing or bad domain, or no object.
+    pub fn open(
+        model: &Model,
+        count: usize,
+        domains: Vec<Vec<f64>>,
+        fidelity: Fidelity,
+        env_seed: u64,
+        workers: usize,
+    ) -> Result<Self, OpenError> {
+        let input = |what: String| OpenError::Input(what);
+        let judge = Judge::of(model).ok_or_else(|| input(format!("model `{}` has no task", model.name)))?;
+        if count == 0 || domains.len() < count {
+            return Err(input(format!(
+                "expected at least one environment and a domain for each, got {count} and {}",
+                domains.len()
+            )));
+        }
+        let d = model.theta.dimension();
+        if let Some(bad) = domains.iter().find(|t| t.len() != d) {
+            return Err(input(format!("expected {d} values a domain, got {}", bad.len())));
+        }
+        crate::parameters::check(model)?;
+        let member = |i: usize| -> Result<Member, ParameterError> {
+            let simulation = EpisodeSimulation::new(model, Registry::shipped(), fidelity)?;
+            Ok(Member {
+                arm: simulation.arm([model.arm.start.x_m, model.arm.start.z_m]),
+                simulation,
+                step: 0,
+                seed: seed::derive(env_seed, i as u64),
+                episodes: 0,
+                domain: None,
+            })
+        };
+        let members = (0..count).map(member).collect::<Result<_, _>>()?;
+        Ok(Self { model: model.clone(), judge, domains, members, workers })
+    }
+
+    /// Runs `work` on every environment with an item of its own, on the workers.
+    fn each<T: Send, R: Send>(
+        &mut self,
+        items: Vec<T>,
+        work: impl Fn(&Shared<'_>, usize, &mut Member, T) -> R + Sync,
+    ) -> Vec<R> {
+        let shared =
+            Shared { model: &self.model, judge: &self.judge, domains: &self.domains, count: self.members.len() };
+        let pairs: Vec<(&mut Member, T)> = self.members.iter_mut().zip(items).collect();
+        workers::map(pairs, self.workers, |i, (member, item)| work(&shared, i, member, item))
+    }
+}
+
+/// Data that all environments read.
+struct Shared<'a> {
+    model: &'a Model,
+    judge: &'a Judge,
+    domains: &'a [Vec<f64>],
+    count: usize,
+}
+
+impl Member {
+    /// Starts an episode. Returns its first observation.
+    fn reset(&mut self, shared: &Shared<'_>, index: usize) -> Result<Observation, EnvError> {
+        let episode_seed = seed::derive(self.seed, self.episodes);
+        let domain = if shared.domains.len() == shared.count {
+            index
+        } else {
+            seed::rng(episode_seed, DOMAIN_STREAM).random_range(0..shared.domains.len())
+        };
+        self.domain = Some(domain);
+        self.episodes += 1;
+        self.step = 0;
+        let conditions = Conditions {
+            theta: &shared.domains[domain],
+            effects: &[],
+            seed: episode_seed,
+            noise: true,
+            target_m: None,
+        };
+        self.simulation.prepare(&conditions).map_err(|e| EnvError::Input(e.to_string()))?;
+        let start = shared.model.arm.start;
+        self.arm = self.simulation.arm([start.x_m, start.z_m]);
+        self.simulation.hang(start);
+        Ok(self.observe(0.0, [start.x_m, start.z_m]))
+    }
+
+    fn observe(&mut self, time_s: f64, eef_m: [f64; 2]) -> Observation {
+        let dlo = self.simulation.keypoints(time_s);
+        Observation::new(eef_m, &dlo, self.simulation.target_scaled())
+    }
+
+    fn step(&mut self, shared: &Shared<'_>, index: usize, action: [f64; 2]) -> Result<Transition, EnvError> {
+        let task = shared.judge.task();
+        let period_s = task.step_period_s;
+        let (now_s, next_s) = (self.step as f64 * period_s, (self.step + 1) as f64 * period_s);
+        self.arm.set_delta(now_s, action);
+        self.arm.run_to(next_s);
+        let (arm, pitch_rad) = (&self.arm, shared.model.arm.start.pitch_rad);
+        self.simulation.advance(next_s, |t| arm.grip(t, pitch_rad));
+        self.step += 1;
+        let eef_m = arm.position_m(next_s);
+        let observation = self.observe(next_s, eef_m);
+        let is_last = self.step >= task.steps;
+        let Verdict { reward, end } = verdict(shared.judge, &self.arm, &observation, is_last);
+        let terminated = end.is_some();
+        let truncated = !terminated && is_last;
+        // As in Gymnasium's vector environments: the next episode begins at once, and the last observation is given
+        // apart.
+        let next = if terminated || truncated { self.reset(shared, index)? } else { observation };
+        Ok(Transition { observation: next, reward, terminated, truncated, final_observation: observation })
+    }
+}
+
+impl Env for VectorEnv {
+    fn count(&self) -> usize {
+        self.members.len()
+    }
+
+    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
+        let nothing = vec![(); self.members.len()];
+        self.each(nothing, |shared, i, member, ()| member.reset(shared, i)).into_iter().collect()
+    }
+
+    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
+        if actions.len() != self.members.len() {
+            return Err(EnvError::Input(format!("expected {} actions, got {}", self.members.len(), actions.len())));
+        }
+        if let Some(bad) = actions.iter().find(|a| !a.iter().all(|v| v.is_finite())) {
+            return Err(EnvError::Input(format!("expected finite actions, got {bad:?}")));
+        }
+        self.each(actions.to_vec(), |shared, i, member, action| member.step(shared, i, action)).into_iter().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::tests::soft_bar;
+    use catenary_core::Goal;
+    use catenary_core::task::{MAX_DELTA_M, Moment};
+
+    fn open(count: usize, domains: usize, workers: usize) -> VectorEnv {
+        let rows = (0..domains).map(|i| vec![0.2 + 0.1 * i as f64 / domains as f64, 2e4]).collect();
+        VectorEnv::open(&soft_bar(), count, rows, Fidelity::Fast, 7, workers).unwrap()
+    }
+
+    fn roll(mut env: VectorEnv, actions: &[[f64; 2]], steps: usize) -> Vec<Vec<Transition>> {
+        env.reset().unwrap();
+        (0..steps).map(|_| env.step(actions).unwrap()).collect()
+    }
+
+    #[test]
+    fn the_number_of_workers_does_not_change_a_bit() {
+        let actions = [[0.01, -0.02], [-0.01, 0.0], [0.0, -0.03]];
+        let one = roll(open(3, 8, 1), &actions, 3);
+        assert_eq!(one, roll(open(3, 8, 2), &actions, 3));
+        assert_eq!(one, roll(open(3, 8, 8), &actions, 3));
+    }
+
+    #[test]
+    fn an_episode_is_cut_off_at_the_step_limit_and_starts_anew() {
+        let steps = roll(open(1, 1, 1), &[[0.0, 0.0]], 17);
+        assert!(steps[..15].iter().all(|t| !t[0].truncated && !t[0].terminated));
+        let last = &steps[15][0];
+        assert!(last.truncated && !last.terminated && last.observation != last.final_observation);
+        assert!(!steps[16][0].truncated);
+    }
+
+    #[test]
+    fn placing_the_tip_ends_with_the_last_step_which_alone_is_rewarded() {
+        let mut model = soft_bar();
+        let task = model.task.as_mut().unwrap();
+        (task.goal, task.steps, task.step_period_s) = (Goal::PlaceTip { reward_range_m: 0.5 }, 3, 0.25);
+        let mut env = VectorEnv::open(&model, 1, vec![vec![0.25, 2e4]], Fidelity::Fast, 7, 1).unwrap();
+        env.reset().unwrap();
+        let steps: Vec<Transition> = (0..4).map(|_| env.step(&[[0.02, -0.02]]).unwrap().remove(0)).collect();
+        assert!(steps[..2].iter().all(|t| t.reward == 0.0 && !t.terminated && !t.truncated), "{steps:?}");
+        // The value ends with the episode: it is terminated and not cut off.
+        assert!(steps[2].reward > 0.1 && steps[2].terminated && !steps[2].truncated, "{:?}", steps[2]);
+        assert!(!steps[3].terminated, "the next episode has begun");
+        let judge = Judge::of(&model).unwrap();
+        let moment = Moment::of(&steps[2].final_observation, false, true);
+        assert_eq!(steps[2].reward, judge.verdict(&moment).reward);
+    }
+
+    #[test]
+    fn leaving_the_workspace_ends_the_episode_with_minus_one() {
+        let steps = roll(open(1, 1, 1), &[[-MAX_DELTA_M, 0.0]], 3);
+        let end = steps.iter().find(|t| t[0].terminated).expect("0.4 m less 0.18 m lies outside");
+        assert_eq!(end[0].reward, -1.0);
+        assert!(end[0].final_observation.eef_m()[0] < 0.4 && end[0].observation.eef_m() == [0.4, 0.42]);
+    }
+
+    #[test]
+    fn the_reward_is_that_of_the_observed_position() {
+        let steps = roll(open(2, 2, 1), &[[0.02, -0.04], [0.0, -0.01]], 2);
+        for t in steps.iter().flatten().filter(|t| !t.terminated) {
+            assert!((t.reward - t.final_observation.reward()).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn bad_domains_and_actions_are_refused() {
+        let model = soft_bar();
+        let open_with =
+            |count, rows| VectorEnv::open(&model, count, rows, Fidelity::Fast, 1, 1).err().map(|e| e.to_string());
+        assert!(open_with(2, vec![vec![0.2, 1e4]]).unwrap().contains("2 and 1"));
+        assert!(open_with(1, vec![vec![0.2]]).unwrap().contains("2 values"));
+        let mut env = open(2, 2, 1);
+        env.reset().unwrap();
+        assert!(env.step(&[[0.0; 2]]).is_err());
+        assert!(env.step(&[[f64::NAN, 0.0], [0.0; 2]]).is_err());
+    }
+}

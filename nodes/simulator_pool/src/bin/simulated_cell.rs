@@ -1,9 +1,0 @@
-//! The executable of the node `simulated_cell`.
-
-use std::process::ExitCode;
-
-#[allow(clippy::disallowed_methods, reason = "a main reads the command line")]
-fn main() -> ExitCode {
-    let words: Vec<_> = std::env::args_os().skip(1).collect();
-    catenary_shell::in_unicode(&words).map_or_else(|code| code, simulator_pool::node::cell::main)
-}
