@@ -1,7 +1,10 @@
-//! Episodes of a bag.
+//! Episodes in a bag, and in the running graph.
 
-use crate::clocks::Clocks;
-use crate::convert::Feed;
+mod clocks;
+mod convert;
+#[cfg(feature = "node")]
+mod live;
+
 use crate::error::BagError;
 use crate::reader::{BagMessage, BagReader};
 use catenary_core::episode::MeasuredTrack;
@@ -10,22 +13,26 @@ use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_shell::contract;
+use clocks::Clocks;
+pub use convert::Feed;
+#[cfg(feature = "node")]
+pub use live::LiveEpisodes;
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// Names of the topics that an episode is put together from.
+/// Names of the topics from which an episode is assembled.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EpisodeTopics {
     /// Keypoints, `/dlo/keypoints` by default.
     pub keypoints: String,
-    /// Poses of the grip, `/panda/current_pose` by default.
+    /// Poses of the hand, `/panda/current_pose` by default.
     pub pose: String,
     /// Observations, `/policy/observation` by default.
     pub observation: String,
     /// Actions, `/policy/action` by default.
     pub action: String,
-    /// Starts and ends, `/episode/event` by default.
+    /// Starts and ends of episodes, `/episode/event` by default.
     pub event: String,
 }
 
@@ -43,19 +50,22 @@ impl Default for EpisodeTopics {
 }
 
 impl EpisodeTopics {
-    /// The five names.
+    /// All five names.
     #[must_use]
     pub fn names(&self) -> [&str; 5] {
         [&self.keypoints, &self.pose, &self.observation, &self.action, &self.event]
     }
 }
 
-/// Fills a log with everything that a bag says about episodes. Messages that cannot be read or have no meaning are left
-/// out, with a note for each topic; so are clocks that step or differ noted, and other frames than the contract's.
+/// Reads all messages of a bag that concern episodes into a log.
+///
+/// Unreadable and meaningless messages are left out, with a note for each topic. Clocks that step or differ, and frames
+/// other than the contract's, are noted, too.
 ///
 /// # Errors
-/// [`BagError::NoTopic`] where the bag has none of the topics, [`BagError::Type`] where one has another type.
+/// [`BagError::NoTopic`] if the bag has none of the topics, [`BagError::Type`] if a topic has another type.
 pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
+    // Types are checked once for each topic: a wrong type concerns all of its messages.
     let present = topics.names().into_iter().filter_map(|name| bag.topic(name));
     if present.clone().next().is_none() {
         return Err(BagError::NoTopic {
@@ -87,6 +97,7 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
         }
     }
     for (place, (count, first)) in left_out {
+        // Errors of the reader begin with the path, which the note already has.
         let first = first.strip_prefix(&format!("{place}: ")).unwrap_or(&first);
         log.note(match count {
             1 => format!("{place}: 1 message left out: {first}"),
@@ -97,14 +108,15 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
     Ok(log)
 }
 
-/// What is doubtful about the episodes of a bag, in words: stamps, clocks, frames, messages without meaning, and ends by a
-/// fault. Nothing for a bag that records no episode.
+/// Doubts about the episodes of a bag: stamps, clocks, frames, meaningless messages, and ends by a fault. Empty for a
+/// bag without episode topics.
 #[must_use]
 pub fn episode_notes(bag: &BagReader) -> Vec<String> {
     let topics = EpisodeTopics::default();
-    // A bag of other topics, or of other types on them, is no bag of episodes: nothing is wrong with it.
+    // A bag of other topics, or of other types on them, is a valid bag without episodes.
     let Ok(log) = read_episodes(bag, &topics) else { return Vec::new() };
     let episodes = log.episodes();
+    // Events without a complete episode are a defect; a bag without events was recorded for another purpose.
     if episodes.is_empty() && bag.topic(&topics.event).is_some_and(|t| t.messages > 0) {
         return log.episode(None).err().map(|error| error.to_string()).into_iter().collect();
     }
@@ -114,12 +126,14 @@ pub fn episode_notes(bag: &BagReader) -> Vec<String> {
     log.notes().into_iter().chain(doubts).collect()
 }
 
-/// The measured tracks of episodes of one object, as `model` sees them. `numbers` says which: any number of episodes of the
-/// only one of `bags`, or one for each of several; 0 is the last complete one. None at all: the last complete one of each.
+/// Reads the measured tracks of episodes of one object, for the frames and the camera of `model`.
+///
+/// `numbers` chooses the episodes: any number of them for a single bag, or one for each of several bags. The number 0
+/// is the last complete episode. Without numbers, the last complete episode of each bag is read.
 ///
 /// # Errors
-/// [`BagError::Setting`] where numbers and bags do not fit or an episode is named twice, [`BagError::Episode`] where one is
-/// not there or lacks what the model's drive needs, and those of [`read_episodes`].
+/// [`BagError::Setting`] if numbers and bags do not fit or an episode comes twice; [`BagError::Episode`] if an episode
+/// is absent or lacks records that the model's drive needs; and those of [`read_episodes`].
 pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result<Vec<MeasuredTrack>, BagError> {
     let setting = |name, expected: &str, got: String| BagError::Setting { name, expected: expected.to_owned(), got };
     let chosen: Vec<(&PathBuf, u32)> = match (bags, numbers) {
@@ -150,7 +164,7 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
     Ok(measured)
 }
 
-/// Records a message; the error says why it cannot be, with its stamp.
+/// Feeds a message to the log and its times to the clocks. The error has the stamp of a message that was left out.
 fn record(
     log: &mut EpisodeLog,
     clocks: &mut Clocks,
@@ -164,7 +178,8 @@ fn record(
     ) -> Result<(), String> {
         let record = message.decode::<T>().map_err(|e| e.to_string())?;
         let stamp_ns = record.stamp_ns();
-        // A latched topic, as that of events is, tells a recorder that starts late of what was long ago.
+        // A recorder that starts late receives old messages of latched topics, such as events. Their log times are its
+        // own.
         if !is_latched(message) {
             clocks.push(&message.topic.name, message.log_time_ns, stamp_ns);
         }
@@ -179,8 +194,8 @@ fn record(
     }
 }
 
-/// Whether a message may have been published before it could be logged: events are latched by contract, whatever a converted
-/// bag says of its profiles, and other topics where a publisher offered it.
+/// True if a message may have been published long before it was logged. Events are latched by contract, even if a
+/// converted bag has lost the profile; other topics are latched if a publisher offered it.
 fn is_latched(message: &BagMessage) -> bool {
     message.topic.type_name == EpisodeEvent::TYPE_NAME || message.topic.qos.iter().any(|qos| qos.is_transient_local())
 }

@@ -1,4 +1,4 @@
-//! What can go wrong with a bag.
+//! Errors of bags.
 
 use catenary_core::episode::EpisodeError;
 use catenary_shell::ShellError;
@@ -6,110 +6,122 @@ use catenary_shell::convert::ConvertError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a bag cannot be written, read, imported, recorded or replayed.
+/// Reason for which a bag cannot be written, read, imported, recorded or replayed.
 #[derive(Debug, Error)]
 pub enum BagError {
-    /// There is no bag at the path.
+    /// Path without a bag.
     #[error("{}: expected a bag folder or an .mcap or .db3 file, found {found}", path.display())]
     NotABag {
-        /// The path that was given.
+        /// Given path.
         path: PathBuf,
-        /// What is there.
+        /// Description of the thing at the path.
         found: String,
     },
-    /// A bag, but of a kind that is not read here.
+    /// Bag of a kind that is not supported.
     #[error("{}: {found} not supported yet; {remedy}", path.display())]
     Unsupported {
-        /// The bag or the file.
+        /// Bag or file.
         path: PathBuf,
-        /// What it is, with its verb.
+        /// Description of the kind, with its verb.
         found: String,
-        /// What to do about it.
+        /// Advice to the user.
         remedy: &'static str,
     },
-    /// The folder of a new bag exists already.
-    #[error("{}: expected a folder that does not exist yet, because a bag is never written over", path.display())]
+    /// Folder of a new bag that already exists.
+    #[error("{}: expected a folder that does not exist yet, because a bag is never overwritten", path.display())]
     Exists {
-        /// The folder.
+        /// Folder.
         path: PathBuf,
     },
-    /// The file system refuses.
+    /// Refusal by the file system.
     #[error("{}: cannot {action}: {reason}", path.display())]
     Io {
-        /// What was tried.
+        /// Attempted action.
         action: &'static str,
-        /// With which file.
+        /// File of the action.
         path: PathBuf,
-        /// Why not.
+        /// Reason of the file system.
         reason: std::io::Error,
     },
-    /// A bag cannot be written any further; the file ends with its last complete chunk.
-    #[error("{}: cannot write on: {reason}; the {safe} messages up to the last complete chunk are safe", path.display())]
+    /// Failed write. The file ends with its last complete chunk.
+    #[error("{}: cannot write any further: {reason}; the {safe} messages up to the last complete chunk are safe", path.display())]
     Write {
-        /// The file.
+        /// File.
         path: PathBuf,
-        /// Why not.
+        /// Reason of the failure.
         reason: String,
-        /// Messages that can be read back.
+        /// Number of messages that can be read back.
         safe: u64,
     },
-    /// One chunk or message of a file is damaged; the others can be read.
+    /// Damaged chunk or message of a file. The others can be read.
     #[error("{}: damaged at byte {offset}: {reason}", path.display())]
     Damaged {
-        /// The file.
+        /// File.
         path: PathBuf,
-        /// Where the damaged record begins.
+        /// Byte offset of the damaged record.
         offset: u64,
-        /// What is wrong with it.
+        /// Description of the damage.
         reason: String,
     },
-    /// A database of sqlite3 is damaged, or cannot be opened.
+    /// Message that cannot be decompressed. The others can be read.
+    #[error("{}: topic {topic}: the message logged at {log_time_ns} ns: {reason}", path.display())]
+    Unpack {
+        /// File.
+        path: PathBuf,
+        /// Name of the topic.
+        topic: String,
+        /// Log time in ns.
+        log_time_ns: i64,
+        /// Damage, or size and limit.
+        reason: String,
+    },
+    /// Database of sqlite3 that is damaged or cannot be opened.
     #[error("{}: {reason}", path.display())]
     Database {
-        /// The file.
+        /// File.
         path: PathBuf,
-        /// What sqlite says.
+        /// Message of sqlite.
         reason: String,
     },
-    /// A topic has another type, or another version of its type, than was asked for.
+    /// Topic with another type, or another version of its type, than expected.
     #[error("topic {topic}: expected {expected}, found {found}")]
     Type {
         /// Name of the topic.
         topic: String,
-        /// The type that was asked for.
+        /// Expected type.
         expected: String,
-        /// The type that was recorded.
+        /// Recorded type.
         found: String,
     },
-    /// The bytes of a message are no message of the topic's type.
+    /// Message whose bytes cannot be decoded as the topic's type.
     #[error("topic {topic}: the message logged at {log_time_ns} ns: {reason}")]
     Message {
         /// Name of the topic.
         topic: String,
-        /// When it was logged, ns.
+        /// Log time in ns.
         log_time_ns: i64,
-        /// What is wrong with it.
+        /// Description of the defect.
         reason: String,
     },
-    /// The bag has none of the topics that are needed.
+    /// Bag without any of the needed topics.
     #[error("{}: needs {needed}; found {found}", path.display())]
     NoTopic {
-        /// The bag.
+        /// Bag.
         path: PathBuf,
-        /// Topics of which at least one is needed.
+        /// Needed topics; one of them is enough.
         needed: String,
-        /// Topics that it has.
+        /// Topics of the bag.
         found: String,
     },
-    /// An episode that is not there, or lacks what is needed of it.
+    /// Episode that is absent or incomplete.
     #[error("{}: {reason}", path.display())]
     Episode {
-        /// The bag.
+        /// Bag.
         path: PathBuf,
-        /// What is missing.
+        /// Missing episode or records.
         reason: EpisodeError,
     },
-    /// A value of a CSV track.
+    /// Invalid value in a CSV track.
     #[error("{file}: line {line}, column {column}: expected {expected}, got {got}")]
     Csv {
         /// Name of the file.
@@ -118,14 +130,14 @@ pub enum BagError {
         line: u64,
         /// Name of the column.
         column: String,
-        /// What was expected.
+        /// Expected value.
         expected: String,
-        /// What is there.
+        /// Given value.
         got: String,
     },
-    /// A track of which the model's camera would have seen nothing.
+    /// Track without any point in the image of the model's camera.
     #[error(
-        "{file}: expected points in metres within the image of the model's camera, got all {points} outside of it, the first of line {line} at ({}, {}) m: is the track in m, and the model the track's?",
+        "{file}: expected points in metres within the image of the model's camera, got all {points} outside of it, the first of line {line} at ({}, {}) m: check that the track is in m and belongs to this model",
         first_m[0], first_m[1]
     )]
     OutOfView {
@@ -133,42 +145,42 @@ pub enum BagError {
         file: String,
         /// Line of the first row.
         line: u64,
-        /// Points of the track.
+        /// Number of points of the track.
         points: usize,
-        /// (x, z) in m of the first one.
+        /// (x, z) in m of the first point.
         first_m: [f64; 2],
     },
-    /// A setting makes no sense.
+    /// Setting that makes no sense.
     #[error("{name}: expected {expected}, got {got}")]
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// What was expected.
+        /// Expected value.
         expected: String,
-        /// What came.
+        /// Given value.
         got: String,
     },
-    /// A file of profiles by topic that makes no sense.
+    /// Invalid file of QoS overrides.
     #[error("QoS overrides {}: {reason}", path.display())]
     Overrides {
-        /// The file.
+        /// File.
         path: PathBuf,
-        /// What is wrong, and where.
+        /// Defect and its place.
         reason: String,
     },
-    /// Replaying was refused, or stopped, because a real arm may listen.
+    /// Replay that was refused or stopped, because a real arm may listen.
     #[error("not replayed: {0}")]
     Refused(String),
-    /// A message without meaning.
+    /// Message with a field that makes no sense.
     #[error(transparent)]
     Convert(#[from] ConvertError),
-    /// The graph.
+    /// Failure of the ROS 2 graph.
     #[error(transparent)]
     Shell(#[from] ShellError),
 }
 
 impl BagError {
-    /// An [`BagError::Io`], for `map_err`.
+    /// Constructor of [`BagError::Io`] for `map_err`.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |reason| Self::Io { action, path, reason }

@@ -1,14 +1,14 @@
-//! Which topics are recorded or replayed, by the rules of `ros2 bag`. Pure.
+//! Choice of topics to record or replay, by the rules of `ros2 bag`. Pure.
 
 use crate::error::BagError;
 use regex::Regex;
 
-/// A regular expression over topic names.
+/// Regular expression over topic names.
 #[derive(Debug, Clone)]
 pub struct Pattern(Regex);
 
 impl Pattern {
-    /// Matches every name that contains a match, as `ros2 bag record` takes it.
+    /// Pattern that matches every name that contains a match, as in `ros2 bag record`.
     ///
     /// # Errors
     /// [`BagError::Setting`] for the setting called `name`.
@@ -16,7 +16,7 @@ impl Pattern {
         Self::new(name, text, text)
     }
 
-    /// Matches names that match as a whole, as `ros2 bag play` takes it.
+    /// Pattern that must match the whole name, as in `ros2 bag play`.
     ///
     /// # Errors
     /// As [`Pattern::within`].
@@ -28,7 +28,7 @@ impl Pattern {
         Regex::new(meant).map(Self).map_err(|e| BagError::Setting {
             name,
             expected: "a regular expression".to_owned(),
-            // Its last line says what is wrong; the others point at the place.
+            // The last line of the regex error describes the error; the lines before it draw its place.
             got: format!("{given:?} ({})", e.to_string().lines().last().unwrap_or_default().trim()),
         })
     }
@@ -38,22 +38,23 @@ impl Pattern {
     }
 }
 
-/// A choice of topics: what `all`, `topics`, `types` or `regex` take, without what an `exclude` takes.
+/// Choice of topics: those selected by `all`, `topics`, `types` or `regex`, without those selected by an `exclude`
+/// field.
 #[derive(Debug, Clone, Default)]
 pub struct TopicFilter {
     /// Every topic that is not hidden.
     pub all: bool,
-    /// Names, with or without the leading slash; `*` at the end for all that begin so.
+    /// Names, with or without the leading slash. A `*` at the end selects all names with that beginning.
     pub topics: Vec<String>,
     /// Type names, `package/msg/Type`.
     pub types: Vec<String>,
-    /// Names that match.
+    /// Pattern of names.
     pub regex: Option<Pattern>,
-    /// Names that are left out.
+    /// Names to leave out.
     pub exclude_topics: Vec<String>,
-    /// Types that are left out.
+    /// Types to leave out.
     pub exclude_types: Vec<String>,
-    /// Names that match are left out.
+    /// Pattern of names to leave out.
     pub exclude_regex: Option<Pattern>,
 }
 
@@ -65,19 +66,19 @@ fn is_named(names: &[String], topic: &str) -> bool {
     })
 }
 
-/// Whether ROS 2 hides the topic: a part of its name begins with an underscore.
+/// True if ROS 2 hides the topic: a part of its name begins with an underscore.
 fn is_hidden(topic: &str) -> bool {
     topic.split('/').any(|part| part.starts_with('_'))
 }
 
 impl TopicFilter {
-    /// Names alone.
+    /// Filter that selects topics by name alone.
     #[must_use]
     pub fn of(topics: &[&str]) -> Self {
         Self { topics: topics.iter().map(|t| (*t).to_owned()).collect(), ..Self::default() }
     }
 
-    /// Rejects names that no topic can have.
+    /// Rejects names that no topic, and types that no message, can have.
     ///
     /// # Errors
     /// [`BagError::Setting`].
@@ -103,13 +104,13 @@ impl TopicFilter {
         Ok(())
     }
 
-    /// Whether it takes anything by itself. What leaves something out does not count.
+    /// True if a field other than the `exclude` fields is set.
     #[must_use]
     pub fn chooses(&self) -> bool {
         self.all || !self.topics.is_empty() || !self.types.is_empty() || self.regex.is_some()
     }
 
-    /// Whether a topic is left out that has these names, before and after remapping.
+    /// True if an `exclude` field selects a topic with these names, before and after remapping.
     #[must_use]
     pub fn excludes(&self, names: &[&str], type_name: &str) -> bool {
         let excluded = |name: &str| {
@@ -118,11 +119,11 @@ impl TopicFilter {
         self.exclude_types.iter().any(|t| t == type_name) || names.iter().any(|name| excluded(name))
     }
 
-    /// Whether it takes a topic that has these names.
+    /// True if the filter selects a topic with these names, before and after remapping.
     #[must_use]
     pub fn takes(&self, names: &[&str], type_name: &str) -> bool {
         let taken = |name: &str| {
-            // A hidden topic has to be named.
+            // A hidden topic is selected by its name alone, never by `all` or a pattern.
             is_named(&self.topics, name)
                 || !is_hidden(name) && (self.all || self.regex.as_ref().is_some_and(|p| p.matches(name)))
         };
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_chosen_adds_up_and_what_is_excluded_goes_last() {
+    fn selections_add_up_and_exclusions_apply_last() {
         let within = |text: &str| Some(Pattern::within("regex", text).unwrap());
         assert_eq!(taken(&TopicFilter::default()), [] as [&str; 0]);
         assert_eq!(taken(&TopicFilter { all: true, ..TopicFilter::default() }).len(), 4);

@@ -1,4 +1,4 @@
-//! A measured track in CSV becomes a bag.
+//! Import of a measured track in CSV into a bag.
 
 mod table;
 
@@ -14,32 +14,33 @@ use catenary_shell::{Time, contract, stamp};
 use std::path::Path;
 use table::{Row, read_rows};
 
-/// The track's time 0 in the bag, ns: a stamp of zero means "no time" in ROS.
+/// Stamp in ns of the track's time 0: a stamp of zero means "no time" in ROS.
 const EPOCH_NS: i64 = 1_000_000_000;
 /// Frame of poses and wrenches.
 const BASE_FRAME: &str = "panda_link0";
 /// Frame of keypoints.
 const CAMERA_FRAME: &str = "camera_color_optical_frame";
-/// Number of the one episode.
+/// Number of the only episode.
 const EPISODE: u32 = 1;
 
-/// Writes a track as a bag with one episode of the policy `recorded`, as if the model's camera had seen it.
+/// Writes a track as a bag with one episode, whose policy has the name `recorded`. The points of the track are projected
+/// into the model's camera.
 ///
 /// `csv` has a header line and the columns `t_s` (increasing), `grip_x_m`, `grip_z_m`, `grip_pitch_rad`, `p1_x_m`,
-/// `p1_z_m` to `p4_x_m`, `p4_z_m`, and optionally `grip_fx_n`, `grip_fz_n`, `grip_ty_nm`, in any order; m and rad, frame
-/// panda_link0, in the plane y = 0. `source` names it in messages. The bag gets `/dlo/keypoints` without a target,
-/// `/panda/current_pose`, `/panda/external_wrench` where there is one, and `/episode/event`; the stamps are the track's
-/// times, a second after the epoch.
+/// `p1_z_m` to `p4_x_m`, `p4_z_m`, and optionally `grip_fx_n`, `grip_fz_n`, `grip_ty_nm`, in any order. Units are s, m,
+/// rad, N and N m; the frame is panda_link0, in the plane y = 0. `source` is the name of the track in messages. The bag
+/// has the topics `/dlo/keypoints` without a target, `/panda/current_pose`, `/panda/external_wrench` if the track has a
+/// wrench, and `/episode/event`. The stamp of a row is its `t_s` plus 1 s.
 ///
 /// # Errors
-/// [`BagError::Csv`] naming line and column; [`BagError::OutOfView`] where no point is in the image; those of
-/// [`BagWriter`].
+/// [`BagError::Csv`] with line and column; [`BagError::OutOfView`] if no point is in the image; those of [`BagWriter`].
 pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<BagSummary, BagError> {
     let rows = read_rows(source, csv)?;
     let camera = &model.camera.view;
     let keypoints = rows.iter().map(|row| keypoints(source, camera, row)).collect::<Result<Vec<_>, _>>()?;
     let size = f64::from(MASK_SIZE_PX);
     let outside = keypoints.iter().flat_map(|k| k.dlo_px).filter(|p| p.iter().any(|v| !(0.0..=size).contains(v)));
+    // Some points outside are normal, as a swinging end may leave the image. All of them mean a wrong unit or model.
     match outside.count() {
         0 => {}
         n if n == 4 * rows.len() => {
@@ -53,7 +54,7 @@ pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Resul
     write(&rows, &keypoints, model, out)
 }
 
-/// What the camera sees of one row.
+/// Keypoints of one row in the camera's mask.
 fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagError> {
     let mut dlo_px = [[0.0; 2]; 4];
     for (i, ([x, z], px)) in row.points_m.iter().zip(&mut dlo_px).enumerate() {
@@ -61,7 +62,7 @@ fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagE
             file: source.to_owned(),
             line: row.line,
             column: format!("p{}_x_m", i + 1),
-            expected: "a point before the model's camera".to_owned(),
+            expected: "a point in front of the model's camera".to_owned(),
             got: format!("({x}, {z}) m, which lies behind it"),
         })?;
     }

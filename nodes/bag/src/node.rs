@@ -1,14 +1,21 @@
-//! The nodes `recorder` and `replayer`: parameters in, a bag or its messages out.
+//! Nodes `recorder` and `replayer`: parameters in, a bag or its messages out.
 #![allow(clippy::disallowed_methods, reason = "a recording without a name is called after the wall clock")]
+
+mod backlog;
+mod definitions;
+mod kinds;
+mod overrides;
+mod record;
+mod replay;
 
 use crate::error::BagError;
 use crate::filter::{Pattern, TopicFilter};
-use crate::overrides::QosOverrides;
-use crate::record::{RecordSettings, record};
-use crate::replay::{ReplaySettings, replay};
 use crate::writer::{Compression, Split};
 use anyhow::{Context, Result, ensure};
 use catenary_shell::{Misconfigured, NodeBuilder, ParamSpec, wall_now};
+pub use overrides::QosOverrides;
+pub use record::{RecordSettings, record};
+pub use replay::{ReplaySettings, ReplaySummary, replay};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -24,23 +31,24 @@ pub fn replayer(args: Vec<String>) -> ExitCode {
 }
 
 fn run_recorder(builder: NodeBuilder) -> Result<()> {
-    let out = "Folder of the bag to make; empty: rosbag2_ and the time, in the present folder.";
+    let out = "Folder of the new bag; empty for rosbag2_ and the time, in the current folder.";
     let out = builder.declare_string("output", "", ParamSpec::new(out).read_only())?.get();
-    let images = ParamSpec::new("Record the camera's images, too, where no topics are chosen.").read_only();
+    let images = ParamSpec::new("Record the camera's images, too, if no topics are chosen.").read_only();
     let images = builder.declare_bool("images", false, images)?.get();
     let choices = Compression::ALL.map(Compression::name);
     let compression = ParamSpec::new("Compression of the chunks.").choices(&choices).read_only();
     let compression = builder.declare_string("compression", Compression::default().name(), compression)?.get();
     let compression = Compression::from_name(&compression).context("parameter compression")?;
-    let size = ParamSpec::new("Size after which the bag goes on in a new file; 0: never.").unit("B").read_only();
+    let size = ParamSpec::new("Size after which a new file begins; 0 for never.").unit("B").read_only();
     let size = builder.declare_i64("max_bag_size", 0, size)?.get();
-    let duration = "Log time after which the bag goes on in a new file; 0: never.";
+    let duration = "Log time after which a new file begins; 0 for never.";
     let duration = ParamSpec::new(duration).unit("s").range(0.0..=1e9).read_only();
     let duration = builder.declare_f64("max_bag_duration_s", 0.0, duration)?.get();
     let choice = Choice::declare(&builder, "containing a match of")?;
     let all = "Record every topic of the graph that is not hidden, also those beyond the contract.";
     let all = builder.declare_bool("all", false, ParamSpec::new(all).read_only())?.get();
     let out = if out.is_empty() { PathBuf::from(name_after(wall_now().nanos())) } else { PathBuf::from(out) };
+    // Settings are checked after the node exists, so its log and its parameters show the error.
     let given = || -> Result<RecordSettings> {
         let bytes = u64::try_from(size).context("parameter max_bag_size: expected a number of at least zero")?;
         let (filter, overrides) = choice.read(Pattern::within)?;
@@ -70,14 +78,14 @@ fn run_replayer(builder: NodeBuilder) -> Result<()> {
     let repeat = ParamSpec::new("Begin anew at the end.").read_only();
     let clock = ParamSpec::new("Publish /clock in step with the bag.").read_only();
     let clock = builder.declare_bool("clock", false, clock)?.get();
-    let clock_hz = ParamSpec::new("How often /clock is published.").unit("Hz").range(0.1..=10_000.0).read_only();
+    let clock_hz = ParamSpec::new("Rate of /clock in wall time.").unit("Hz").range(0.1..=10_000.0).read_only();
     let clock_hz = builder.declare_f64("clock_hz", ReplaySettings::CLOCK_HZ, clock_hz)?.get();
-    let duration = ParamSpec::new("Part of the bag to play; 0: all.").unit("s").range(0.0..=1e9).read_only();
+    let duration = ParamSpec::new("Part of the bag to play; 0 for all.").unit("s").range(0.0..=1e9).read_only();
     let duration_s = builder.declare_f64("playback_duration_s", 0.0, duration)?.get();
-    let delay = ParamSpec::new("How long to wait before the bag.").unit("s").range(0.0..=1e6).read_only();
-    let allow = "Replay commands to the arm, too, where no arm or a simulated one follows them.";
-    let others = "Replay what the arm and the camera measure even where others publish it, too.";
-    let wait = ParamSpec::new("How long to wait until every topic has a subscriber.").unit("s").range(0.0..=600.0);
+    let delay = ParamSpec::new("Delay before each pass through the bag.").unit("s").range(0.0..=1e6).read_only();
+    let allow = "Replay commands to the arm, too, if no arm or a simulated arm follows them.";
+    let others = "Replay measurements of the arm and the camera even if other nodes publish them, too.";
+    let wait = ParamSpec::new("Longest wait until every topic has a subscriber.").unit("s").range(0.0..=600.0);
     let settings = ReplaySettings {
         rate: if rate == 0.0 { f64::INFINITY } else { rate },
         start_offset_s: builder.declare_f64("start_offset_s", d.start_offset_s, offset)?.get(),
@@ -104,7 +112,7 @@ fn run_replayer(builder: NodeBuilder) -> Result<()> {
     Ok(())
 }
 
-/// The parameters that choose topics and profiles.
+/// Parameters that choose topics and profiles.
 struct Choice {
     filter: TopicFilter,
     regex: String,
@@ -113,7 +121,7 @@ struct Choice {
 }
 
 impl Choice {
-    /// `matching` says how names are compared with a regular expression.
+    /// Declares the parameters. `matching` describes for `--help` how a name is compared with a regular expression.
     fn declare(builder: &NodeBuilder, matching: &str) -> Result<Self> {
         let list = |name: &str, about: &str| -> Result<Vec<String>> {
             Ok(builder.declare(name, Vec::<String>::new(), ParamSpec::new(about).read_only())?.get())
@@ -122,7 +130,10 @@ impl Choice {
             Ok(builder.declare_string(name, "", ParamSpec::new(about).read_only())?.get())
         };
         let filter = TopicFilter {
-            topics: list("topics", "Names of topics, `*` at the end for all that begin so; empty: the usual ones.")?,
+            topics: list(
+                "topics",
+                "Names of topics, `*` at the end for all names with that beginning; empty for the usual topics.",
+            )?,
             types: list("topic_types", "Types of topics.")?,
             exclude_topics: list("exclude_topics", "Names of topics to leave out.")?,
             exclude_types: list("exclude_topic_types", "Types of topics to leave out.")?,
@@ -148,11 +159,12 @@ impl Choice {
     }
 }
 
-/// The name that `ros2 bag record` would give a bag that begins at `ns` since 1970, in UTC.
+/// Name that `ros2 bag record` gives a bag that begins at `ns` since 1970, in UTC.
 fn name_after(ns: i64) -> String {
     let seconds = ns.div_euclid(1_000_000_000);
     let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
-    // Gregorian calendar with years that begin in March, after which all months but the last have a fixed length.
+    // Gregorian calendar with years that begin in March: the leap day is then the last day of the year. 719 468 is the
+    // number of days from 0000-03-01 to 1970-01-01, and 146 097 the number of days in 400 years.
     let from_march_0000 = days + 719_468;
     let era = from_march_0000.div_euclid(146_097);
     let day_of_era = from_march_0000.rem_euclid(146_097);

@@ -1,97 +1,30 @@
-//! Writes a bag: a folder with MCAP files and `metadata.yaml`, as `ros2 bag record` makes it.
+//! Writer of bags: a folder with MCAP files and `metadata.yaml`, in the form of `ros2 bag record`.
 #![allow(clippy::disallowed_methods, reason = "bags are files")]
 
 mod mcap_file;
+mod options;
 mod tail;
 
 use crate::error::BagError;
-use crate::metadata::{self, FileFacts, Origin, TopicFacts};
-use crate::profile::Profile;
-use crate::reserve::{self, Reserve};
+use crate::format::metadata::{self, FileFacts, Origin, TopicFacts};
+use crate::format::profile::Profile;
+use crate::format::reserve::{self, Reserve};
 use catenary_msgs::{Interface, InterfaceInfo};
 use catenary_shell::Qos;
 use mcap_file::McapFile;
+pub use options::{Compression, Split, WriterOptions};
 use serde::Serialize;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-/// How the chunks of a file are compressed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Compression {
-    /// Not at all.
-    None,
-    /// By lz4, chunk by chunk: faster, and larger.
-    Lz4,
-    /// By zstd, chunk by chunk.
-    #[default]
-    Zstd,
-}
-
-impl Compression {
-    /// The name in settings.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Lz4 => "lz4",
-            Self::Zstd => "zstd",
-        }
-    }
-
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::None, Self::Lz4, Self::Zstd];
-
-    /// The compression that is called `name`.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|c| c.name() == name)
-    }
-}
-
-/// When a bag goes on in a new file, as rosbag2 splits: before the first message after a limit was reached.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Split {
-    /// Bytes of complete chunks; none: no limit.
-    pub bytes: Option<u64>,
-    /// Log time since the first message of the file; none: no limit.
-    pub duration: Option<Duration>,
-}
-
-/// How a bag is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WriterOptions {
-    /// Compression of the chunks.
-    pub compression: Compression,
-    /// Bytes of messages after which a chunk ends, default 256 KiB. Larger compresses better and loses more where the
-    /// process is killed or the disk is full. Where a sixteenth of the file is more, that counts, up to 4 MiB: what a file
-    /// says of each of its chunks at its end is kept in memory until then.
-    pub chunk_bytes: usize,
-    /// Log time after which a chunk ends that is not full, default 1 s.
-    pub chunk_period: Duration,
-    /// When a file ends, default never.
-    pub split: Split,
-}
-
-impl Default for WriterOptions {
-    fn default() -> Self {
-        Self {
-            compression: Compression::default(),
-            chunk_bytes: 256 * 1024,
-            chunk_period: Duration::from_secs(1),
-            split: Split::default(),
-        }
-    }
-}
-
-/// The type of a topic, as a bag states it.
+/// Type of a topic, as stored in a bag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicType<'a> {
     /// `package/msg/Type`.
     pub name: &'a str,
-    /// RIHS01 hash; empty where nobody knows it.
+    /// RIHS01 hash; empty if unknown.
     pub hash: &'a str,
-    /// ros2msg text with all nested definitions.
+    /// Definition: the ros2msg text with all nested definitions.
     pub definition: &'a str,
 }
 
@@ -101,16 +34,16 @@ impl From<&InterfaceInfo> for TopicType<'static> {
     }
 }
 
-/// A topic of the bag that is being written.
+/// Handle of a topic of the bag that is being written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicId(usize);
 
-/// What was written.
+/// Contents of a finished bag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BagSummary {
     /// Folder of the bag.
     pub path: PathBuf,
-    /// Messages in all.
+    /// Number of all messages.
     pub messages: u64,
     /// Topics with the number of their messages.
     pub topics: Vec<(String, u64)>,
@@ -120,33 +53,33 @@ pub struct BagSummary {
     pub files: Vec<String>,
 }
 
-/// A bag that is being written. Dropping it ends the file in order, too, but nobody hears of errors.
+/// Bag that is being written. Dropping it finishes the bag, too, but errors are only logged.
 ///
-/// At any moment the files can be read up to the last complete chunk. A failed write is final: every later one fails too.
+/// The files can be read up to the last complete chunk at any time. After a failed write, every later write fails.
 pub struct BagWriter {
     folder: PathBuf,
     options: WriterOptions,
-    /// Every topic with the messages in the files that have ended, in the order of their numbers.
+    /// Topics in the order of their ids, with the numbers of their messages in finished files.
     topics: Vec<TopicFacts>,
-    /// Definitions of the topics' types.
+    /// Definitions of the topics' types, in the order of their ids.
     definitions: Vec<String>,
-    /// Files that have ended.
+    /// Finished files.
     ended: Vec<FileFacts>,
-    /// None after its end.
+    /// Open file; none after the end of the bag.
     file: Option<McapFile<File>>,
     reserve: Reserve,
-    /// Whether a caller has heard of an error.
+    /// True if an error was returned to the caller, so dropping the bag does not log it again.
     failed: bool,
 }
 
-/// Name of the file with this number, from 0.
+/// Name of the file with this number, counted from 0.
 fn file_name(folder: &Path, number: usize) -> String {
     let name = folder.file_name().map_or_else(|| "bag".to_owned(), |n| n.to_string_lossy().into_owned());
     format!("{name}_{number}.mcap")
 }
 
 impl BagWriter {
-    /// Makes the folder with an empty bag in it, `FOLDER/NAME_0.mcap` and `FOLDER/metadata.yaml`.
+    /// Creates the folder with an empty bag: `FOLDER/NAME_0.mcap` and `FOLDER/metadata.yaml`.
     ///
     /// # Errors
     /// [`BagError::Exists`], [`BagError::Io`], [`BagError::Write`].
@@ -154,6 +87,7 @@ impl BagWriter {
         if folder.exists() {
             return Err(BagError::Exists { path: folder.to_owned() });
         }
+        // Existing folders are refused above: a bag is never overwritten.
         std::fs::create_dir_all(folder).map_err(BagError::io("make the folder", folder))?;
         let file = Some(new_file(folder, 0, options, 0)?);
         let reserve = Reserve::new(folder).map_err(BagError::io("make files in the folder", folder))?;
@@ -167,20 +101,21 @@ impl BagWriter {
             reserve,
             failed: false,
         };
+        // A killed recorder must leave a folder that other tools recognise as a bag.
         writer.write_metadata()?;
         Ok(writer)
     }
 
-    /// The bag's folder.
+    /// Folder of the bag.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Adds a topic with the profiles that its publishers offer; again with the same type: the same topic.
+    /// Adds a topic with the profiles that its publishers offer. A known topic of the same type gives its id again.
     ///
     /// # Errors
-    /// [`BagError::Type`] where the topic has another type already, [`BagError::Write`].
+    /// [`BagError::Type`] if the topic already has another type, [`BagError::Write`].
     pub fn add_topic(&mut self, name: &str, kind: &TopicType<'_>, qos: &[Qos]) -> Result<TopicId, BagError> {
         if let Some(known) = self.topics.iter().position(|t| t.name == name) {
             let found = &self.topics[known].type_name;
@@ -205,7 +140,7 @@ impl BagWriter {
         Ok(TopicId(self.topics.len() - 1))
     }
 
-    /// Adds a topic of messages of type `T`: see [`BagWriter::add_topic`].
+    /// Adds a topic of messages of type `T` with [`BagWriter::add_topic`].
     ///
     /// # Errors
     /// As [`BagWriter::add_topic`].
@@ -213,8 +148,8 @@ impl BagWriter {
         self.add_topic(name, &TopicType::from(&InterfaceInfo::of::<T>()), &[qos])
     }
 
-    /// Writes a message. Times are ns since the epoch of the recorder's clock and of the sender's; times before it
-    /// count as the epoch.
+    /// Writes a message. Times are in ns since the epoch, of the recorder's clock and of the sender's clock. Times
+    /// before the epoch count as the epoch.
     ///
     /// # Errors
     /// [`BagError::Write`].
@@ -233,7 +168,7 @@ impl BagWriter {
         self.write_cdr(topic, log_time_ns, publish_time_ns, &cdr)
     }
 
-    /// Writes a message that is CDR already, with its encapsulation header.
+    /// Writes a message that is already in CDR, with its encapsulation header.
     ///
     /// # Errors
     /// [`BagError::Write`].
@@ -253,7 +188,7 @@ impl BagWriter {
         written
     }
 
-    /// Ends the open chunk: what was written up to now survives the end of the process.
+    /// Ends the open chunk. All messages written before survive the end of the process.
     ///
     /// # Errors
     /// [`BagError::Write`].
@@ -266,7 +201,7 @@ impl BagWriter {
     /// Ends the file and writes the final `metadata.yaml`.
     ///
     /// # Errors
-    /// [`BagError::Write`], [`BagError::Io`]; the file can be read up to its last complete chunk all the same.
+    /// [`BagError::Write`], [`BagError::Io`]. The file can then be read up to its last complete chunk.
     pub fn finish(mut self) -> Result<BagSummary, BagError> {
         self.end()
     }
@@ -277,7 +212,7 @@ impl BagWriter {
         self.file.as_mut().ok_or(BagError::Write { path, reason: "it was ended".to_owned(), safe })
     }
 
-    /// What there is, the open file included.
+    /// Topics and files of the bag, including the open file.
     fn facts(&self) -> (Vec<TopicFacts>, Vec<FileFacts>) {
         let (mut topics, mut files) = (self.topics.clone(), self.ended.clone());
         if let Some(open) = &self.file {
@@ -293,8 +228,11 @@ impl BagWriter {
         metadata::write(&self.folder, &topics, &files, &Origin::default())
     }
 
-    /// Keeps room on the disk for what the end of the bag adds to it: definitions and profiles, twice, and the index.
+    /// Reserves disk space for the end of the bag.
     fn keep_room(&mut self) -> Result<(), BagError> {
+        // The end repeats each topic's definition and, in two places, its profiles (2 KiB for each topic). It adds a
+        // chunk index for each chunk, with 10 bytes for each channel. 16 KiB cover statistics, footer and
+        // metadata.yaml.
         let topics: usize = self.definitions.iter().map(|text| text.len() + 2048).sum();
         let chunks = self.file.as_ref().map_or(0, McapFile::chunks);
         let needed = 16 * 1024 + topics + chunks * (128 + 10 * self.definitions.len());
@@ -303,7 +241,7 @@ impl BagWriter {
         self.reserve.grow(needed).map_err(|e| BagError::Write { path: path.clone(), reason: e.to_string(), safe })
     }
 
-    /// Goes on in a new file.
+    /// Continues in a new file.
     fn split(&mut self) -> Result<(), BagError> {
         self.end_file()?;
         let before = self.ended.iter().map(|f| f.messages).sum();
@@ -319,6 +257,7 @@ impl BagWriter {
     fn end_file(&mut self) -> Result<(), BagError> {
         let (topics, files) = self.facts();
         let embedded = metadata::embedded_text(&topics, &files).unwrap_or_default();
+        // The space is needed from here on.
         reserve::free(&self.folder);
         let finished = self.file()?.finish(embedded);
         let closed = self.file.take().map_or(Ok(()), McapFile::close);
@@ -340,7 +279,7 @@ impl BagWriter {
     }
 }
 
-/// The file with this number, behind files that hold `before` messages.
+/// Creates the file with this number. The files before it hold `before` messages.
 fn new_file(folder: &Path, number: usize, options: &WriterOptions, before: u64) -> Result<McapFile<File>, BagError> {
     let path = folder.join(file_name(folder, number));
     let target = File::create_new(&path).map_err(BagError::io("make the file", &path))?;

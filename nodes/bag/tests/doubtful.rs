@@ -1,4 +1,4 @@
-//! Recordings with bad data: what is wrong is named with topic, time, value and what was expected, and nothing else is lost.
+//! Recordings with bad data: each defect is named with topic, time, value and expectation, and nothing else is lost.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::{BagMessage, BagReader, BagWriter, WriterOptions, episode_notes, read_measured};
@@ -17,7 +17,7 @@ const POSE: &str = "/panda/current_pose";
 const KEYPOINTS: &str = "/dlo/keypoints";
 const EVENT: &str = "/episode/event";
 
-/// A message that is changed before it is written; the number counts those of its topic.
+/// Message that a test may change before it is written. The number is its index among the messages of its topic.
 enum Change<'a> {
     Pose(usize, &'a mut PoseStamped),
     Keypoints(usize, &'a mut Keypoints),
@@ -33,7 +33,7 @@ impl Change<'_> {
         }
     }
 
-    /// Moves the stamp by so many ns.
+    /// Shifts the stamp by `by_ns`.
     fn shift(&mut self, by_ns: i64) {
         let header = self.header();
         header.stamp = stamp::to_msg(catenary_shell::Time::from_nanos(stamp::from_msg(&header.stamp).nanos() + by_ns));
@@ -52,7 +52,7 @@ fn decoded<T: Interface + DeserializeOwned>(message: &BagMessage) -> T {
     from_cdr(&message.data).unwrap()
 }
 
-/// The sample bag with changed messages, in a folder that is to be kept.
+/// Sample bag with changed messages. The caller must keep the folder.
 fn changed(folder: &Path, mut change: impl FnMut(Change<'_>)) -> BagReader {
     let path = folder.join("bag");
     let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
@@ -86,7 +86,7 @@ fn changed(folder: &Path, mut change: impl FnMut(Change<'_>)) -> BagReader {
     BagReader::open(&path).unwrap()
 }
 
-/// What comes of the sample with changed messages: the track, and what `info` notes.
+/// Result for the sample bag with changed messages: the track, and the notes of `catenary info`.
 fn outcome(change: impl FnMut(Change<'_>)) -> (Result<MeasuredTrack, String>, Vec<String>) {
     let folder = tempfile::tempdir().unwrap();
     let bag = changed(folder.path(), change);
@@ -152,13 +152,13 @@ fn streams_in_other_units_frames_and_planes_are_named_with_the_field() {
 }
 
 #[test]
-fn stamps_that_are_none_step_or_differ_are_named() {
+fn missing_stepping_and_differing_stamps_are_named() {
     let (refused, notes) = outcome(|mut change| change.header().stamp = Default::default());
     let e = refused.unwrap_err();
     assert!(e.contains("bag: 83 keypoints and 206 poses have the stamp 0"), "{e}");
     assert!(e.find("stamp 0").unwrap() < e.find("no complete episode").unwrap(), "the cause comes first: {e}");
     assert!(notes.len() == 1 && notes[0].contains("206 poses have the stamp 0"), "{notes:?}");
-    // The clock is set back by an hour, and by half a second, and on by ten minutes, within the episode.
+    // Within the episode the clock is set back by an hour or half a second, or ahead by ten minutes.
     for (by_ns, words) in
         [(-3_600_000_000_000_i64, "back by 3600"), (-500_000_000, "back by 0.5"), (600_000_000_000, "ahead by 600")]
     {
@@ -179,7 +179,7 @@ fn stamps_that_are_none_step_or_differ_are_named() {
         assert!(notes.iter().any(|n| n.contains(words)), "{notes:?}");
         assert_eq!(by_ns < -1_000_000_000, said.contains("s before its start"), "{said}");
     }
-    // A camera with a clock of its own.
+    // The camera stamps with its own clock.
     for (by_ns, words) in [(-1_000_000_000_i64, "1.0"), (300_000_000, "0.3"), (86_400_000_000_000, "86400.")] {
         let (outcome, notes) = outcome(|mut change| {
             if let Change::Keypoints(..) = change {
@@ -200,7 +200,7 @@ fn latched_events_of_an_earlier_episode_are_no_clock_that_was_set() {
     let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
     let messages: Vec<BagMessage> = sample().messages_of(&[POSE, KEYPOINTS, EVENT]).map(Result::unwrap).collect();
     let logged_ns = messages[0].log_time_ns;
-    // A recorder that starts an hour after an episode hears of it first.
+    // A recorder that starts an hour after an episode receives its latched events first.
     for message in messages.iter().filter(|m| m.topic.name == EVENT) {
         let mut event = decoded::<EpisodeEvent>(message);
         Change::Event(&mut event).shift(-3_600_000_000_000);

@@ -1,4 +1,4 @@
-//! Recorder and replayer over the loopback interface. What breaks here loses measurements, or moves an arm.
+//! Recorder and replayer over the loopback interface. A failure here would lose measurements, or move an arm.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -22,9 +22,10 @@ use std::sync::Mutex;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+// Discovery takes less than a second; a busy machine needs more.
 const SOON: Duration = Duration::from_secs(5);
 
-/// The domain of test `number`, which nobody else is in, the user's graph least of all.
+/// ROS domain of test `number`, which no other process uses.
 fn domain(number: u16) -> u16 {
     static CLAIMS: Mutex<BTreeMap<u16, DomainClaim>> = Mutex::new(BTreeMap::new());
     let mut claims = CLAIMS.lock().unwrap();
@@ -60,14 +61,14 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// Records on a thread of its own until the node is told to end.
+/// Records on its own thread until the node is told to shut down.
 fn recording(recorder: &Node, settings: RecordSettings) -> JoinHandle<Result<BagSummary, BagError>> {
     let recorder = recorder.clone();
     std::thread::spawn(move || record(&recorder, &settings))
 }
 
 #[test]
-fn what_is_published_is_in_the_bag() {
+fn published_messages_are_in_the_bag() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("bag");
     let sender = node("sender", 1);
@@ -97,7 +98,7 @@ fn what_is_published_is_in_the_bag() {
     let targets: Vec<PoseStamped> =
         bag.messages_of(&["/panda/target_pose"]).map(|m| m.unwrap().decode().unwrap()).collect();
     assert_eq!(targets, (0..100).map(|i| pose(-i)).collect::<Vec<_>>());
-    // Best effort: a busy machine loses some.
+    // Best effort: a busy machine loses some messages.
     assert!(bag.topic("/panda/current_pose").unwrap().messages >= 50, "{}", bag.describe_topics());
     let topic = &bag.topic("/panda/current_pose").unwrap().topic;
     assert_eq!(topic.qos, [CURRENT_POSE.qos]);
@@ -110,9 +111,9 @@ fn what_is_published_is_in_the_bag() {
     }
 }
 
-/// Who waits for the end of an episode and interrupts the recorder then is faster than the message that tells of it.
+/// A script that waits for the end of an episode and then interrupts the recorder is faster than the end event.
 #[test]
-fn what_comes_just_after_the_end_is_in_the_bag() {
+fn a_message_just_after_the_shutdown_request_is_in_the_bag() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("bag");
     let sender = node("sender", 10);
@@ -192,13 +193,14 @@ fn a_killed_recorder_loses_the_last_second_at_most() {
         targets.publish(pose(index)).unwrap();
         std::thread::sleep(Duration::from_millis(10));
     }
+    // SIGKILL: the recorder cannot finish its file.
     recorder.kill().unwrap();
     recorder.wait().unwrap();
     let bag = BagReader::open(&out).unwrap();
     assert!(bag.notes()[0].contains("was not finished"), "{:?}", bag.notes());
     let got: Vec<f64> = bag.messages().map(|m| m.unwrap().decode::<PoseStamped>().unwrap().pose.position.x).collect();
     assert_eq!(got, (0..got.len()).map(|i| i as f64).collect::<Vec<_>>());
-    // A hundred a second, and some time for this busy machine.
+    // A second at 100 Hz, and 0.3 s for a busy machine.
     assert!(got.len() >= 250 - 130, "{} of 250", got.len());
 }
 
@@ -216,7 +218,7 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     let start = Instant::now();
     let summary = replay(&player, &settings).unwrap();
     let took = start.elapsed();
-    // 4.1 s of bag without the first 0.6 s, at twice the speed, behind the looks for arms and subscribers.
+    // 4.1 s of bag without the first 0.6 s at twice the speed, after 1.5 s of listening for arms.
     assert!(took > Duration::from_millis(1500 + 1750), "{took:?}");
     assert_eq!(summary.failed, 0);
     assert_eq!(summary.left_out.len(), 1, "{:?}", summary.left_out);
@@ -224,12 +226,12 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     let drained = |queue: &dyn Fn() -> Option<i64>| std::iter::from_fn(queue).collect::<Vec<i64>>();
     let stamp_ns = |s: &catenary_msgs::builtin_interfaces::msg::Time| stamp::from_msg(s).nanos();
     let events = drained(&|| events.try_next().map(|e| i64::from(e.message.event)));
-    // What latched topics held at the start comes first.
+    // The latched event from before the start comes first.
     assert_eq!(events, [EpisodeEvent::STARTED, EpisodeEvent::ENDED].map(i64::from));
     let states = drained(&|| states.try_next().map(|s| stamp_ns(&s.message.header.stamp)));
     assert_eq!(states.len(), 1 + 18, "{states:?}");
     let arrivals: Vec<_> = std::iter::from_fn(|| poses.try_next()).collect();
-    // Best effort: a busy machine loses some.
+    // Best effort: a busy machine loses some messages.
     assert!(arrivals.len() > 90, "{} of 175 poses", arrivals.len());
     let (first, last) = (&arrivals[0], &arrivals[arrivals.len() - 1]);
     let wall_s = last.received.secs_since(first.received);
@@ -241,7 +243,7 @@ fn a_replayed_bag_arrives_complete_in_time_and_without_commands() {
     assert_eq!(drained(&|| targets.try_next().map(|_| 0)), [] as [i64; 0]);
 }
 
-/// An arm that serves one of its names, and publishes states at 50 Hz until it is dropped.
+/// Simulated or real arm: it serves one of an arm's services and publishes states at 50 Hz until it is stopped.
 fn arm(number: u16, is_sim: bool) -> Node {
     let arm = node("arm", number);
     let hold = arm.serve::<Trigger>(HOLD.name, |_| TriggerResponse::default()).unwrap();
@@ -302,7 +304,7 @@ fn states_of_a_real_arm_in_the_bag_do_not_end_their_own_replay() {
         bag.write(states, i * 20_000_000, 0, &ArmState { header, is_sim: false, ..ArmState::default() }).unwrap();
     }
     bag.finish().unwrap();
-    // On the loopback interface alone a participant does not hear itself; on networks it does.
+    // A participant hears itself on networks, but not on the loopback interface alone.
     let player = builder("player", 9, &[]).domain(domain(9), Discovery::Subnet).build().unwrap();
     let listener = builder("listener", 9, &[]).domain(domain(9), Discovery::Subnet).build().unwrap();
     let heard = listener.queue::<ArmState>(ARM_STATE.name, ARM_STATE.qos, 100).unwrap();
@@ -341,7 +343,7 @@ fn commands_are_replayed_to_no_arm_on_the_word_of_another_node() {
         allow_replay: true,
         ..ReplaySettings::new(sample())
     };
-    // A state that nobody stands behind, from a node that serves no arm.
+    // The state comes from a node that serves no arm, so it proves nothing.
     let teller = node("teller", 10);
     let states = teller.publisher::<ArmState>(ARM_STATE.name, ARM_STATE.qos).unwrap();
     states.publish(ArmState { header: teller.header(""), is_sim: true, ..ArmState::default() }).unwrap();
@@ -351,7 +353,7 @@ fn commands_are_replayed_to_no_arm_on_the_word_of_another_node() {
     assert!(reason.contains("/teller"), "{reason}");
     teller.stop();
     drop((states, teller));
-    // A simulated arm beside a controller that tells its pose.
+    // A controller that publishes a pose counts as a second arm.
     let simulated = arm(10, true);
     let _pose = controller.publisher::<PoseStamped>(CURRENT_POSE.name, CURRENT_POSE.qos).unwrap();
     let reason = refusal(replay(&node("player", 10), &commands));
@@ -361,7 +363,7 @@ fn commands_are_replayed_to_no_arm_on_the_word_of_another_node() {
 }
 
 #[test]
-fn what_a_live_arm_measures_is_not_replayed_over_it_and_what_is_computed_may_be() {
+fn measurements_are_not_replayed_over_those_of_a_live_arm_but_computed_topics_are() {
     let simulated = arm(0, true);
     let tracker = node("keypoint_tracker", 0);
     let _keypoints = tracker.publisher::<Keypoints>(KEYPOINTS.name, KEYPOINTS.qos).unwrap();

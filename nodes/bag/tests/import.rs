@@ -1,4 +1,4 @@
-//! A track that is imported comes out of the bag as it went in.
+//! An imported track is read from the bag with its original values.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::{BagReader, EpisodeTopics, import_track, read_episodes};
@@ -12,7 +12,7 @@ use std::path::Path;
 const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
 const BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
 
-/// A swinging cable, at 30 Hz, beginning at `start_s`.
+/// CSV text of a swinging cable at 30 Hz, from `start_s` on.
 fn track(start_s: f64, rows: usize) -> String {
     let mut csv = "t_s,grip_x_m,grip_z_m,grip_pitch_rad,p1_x_m,p1_z_m,p2_x_m,p2_z_m,p3_x_m,p3_z_m,p4_x_m,p4_z_m,\
                    grip_fx_n,grip_fz_n,grip_ty_nm\n"
@@ -35,7 +35,7 @@ fn numbers(csv: &str) -> Vec<Vec<f64>> {
     csv.lines().skip(1).map(|l| l.split(',').map(|v| v.parse().unwrap()).collect()).collect()
 }
 
-/// Imports `csv` and compares what is measured with its rows, to 1e-9 m and 1e-9 s.
+/// Imports `csv` and compares the measured track with its rows: to 1e-9 m, and to 2e-9 s, because stamps are in ns.
 fn check_round_trip(csv: &str, model: &Model) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("track");

@@ -1,4 +1,4 @@
-//! `reindex` on bags that others wrote: what it cannot do well it leaves as it is.
+//! `reindex` on bags of other recorders: a bag that it cannot improve is left unchanged.
 #![allow(clippy::unwrap_used, clippy::disallowed_methods, reason = "a test of files")]
 
 use catenary_bag::{BagReader, reindex};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-/// The sample bag in a folder of its own.
+/// Copy of the sample bag in its own folder.
 fn swing() -> (tempfile::TempDir, PathBuf) {
     let (folder, sample) =
         (tempfile::tempdir().unwrap(), Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing"));
@@ -57,12 +57,12 @@ fn a_file_that_nobody_listed_is_noted_and_taken_in() {
     assert_eq!((after.message_count(), after.notes().len()), (2 * count, 0));
 }
 
-/// A profile that says more than is kept to here, as rosbag2 writes it.
+/// Profile in the form of rosbag2, with policies that this crate stores but does not apply.
 const PROFILE: &str = "- history: keep_all\n  depth: 0\n  reliability: reliable\n  durability: volatile\n  \
     deadline:\n    sec: 1\n    nsec: 500\n  lifespan:\n    sec: 2\n    nsec: 0\n  liveliness: manual_by_topic\n  \
     liveliness_lease_duration:\n    sec: 3\n    nsec: 0\n  avoid_ros_namespace_conventions: false\n";
 
-/// A bag folder with a file that another recorder did not finish: three messages, an attachment, metadata.
+/// Bag folder with an unfinished file of another recorder: three messages, an attachment and metadata.
 fn unfinished(chunked: bool) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let bag = folder.path().join("lab");
@@ -128,7 +128,7 @@ fn a_listed_file_that_is_missing_is_remembered_until_it_is_back() {
     let notes = BagReader::open(&bag).unwrap().notes().to_vec();
     assert_eq!(notes.len(), 1, "{notes:?}");
     assert!(notes[0].contains("lab_1.mcap: missing since") && notes[0].contains("12 messages"), "{notes:?}");
-    // Every reader refuses a bag that lists what is not there.
+    // Readers of ROS 2 refuse a bag that lists a missing file.
     assert!(metadata(&bag).contains("relative_file_paths:\n  - lab_0.mcap\n  files"), "{}", metadata(&bag));
     assert_eq!(reindex(&bag).unwrap(), notes);
     assert_eq!(BagReader::open(&bag).unwrap().notes(), notes);
@@ -140,11 +140,11 @@ fn a_listed_file_that_is_missing_is_remembered_until_it_is_back() {
 }
 
 #[test]
-fn a_file_without_chunks_is_said_to_have_none_and_stays_as_it_is() {
+fn a_file_without_chunks_is_noted_and_left_unchanged() {
     let (_folder, bag) = unfinished(false);
     let file = bag.join("lab_0.mcap");
     let before = std::fs::read(&file).unwrap();
     let notes = reindex(&file).unwrap();
-    assert!(notes[0].contains("3 messages were found outside of chunks; such a file is not reindexed"), "{notes:?}");
+    assert!(notes[0].contains("3 messages were found outside of chunks; reindex cannot finish"), "{notes:?}");
     assert_eq!(std::fs::read(&file).unwrap(), before);
 }

@@ -1,4 +1,4 @@
-//! What is written is read back: messages, order, topics, metadata; and what is no bag is called by its name.
+//! Messages, order, topics and metadata of a written bag are read back, and errors name things that are no bags.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::{BagError, BagReader, BagWriter, Compression, Split, WriterOptions, reindex};
@@ -19,8 +19,9 @@ fn image(value: u8) -> Image {
     Image { width: 64, height: 64, step: 64, encoding: "mono8".into(), data: vec![value; 4096], ..Image::default() }
 }
 
-/// A bag of 200 poses and 20 images whose log times run against the order of writing within each ten.
+/// Writes a bag of 200 poses and 20 images. Within each ten poses, the log times run against the order of writing.
 fn write(folder: &Path, compression: Compression) {
+    // Small chunks, so the reader has to merge chunks that overlap in time.
     let options = WriterOptions { compression, chunk_bytes: 3000, ..WriterOptions::default() };
     let mut bag = BagWriter::create(folder, &options).unwrap();
     let poses = bag.add_topic_of::<PoseStamped>("/pose", Qos::BestEffort { depth: 1 }).unwrap();
@@ -135,7 +136,7 @@ fn a_chunk_ends_after_a_second_of_log_time() {
     assert_eq!(BagReader::open(&folder.path().join("at_once")).unwrap().message_count(), 1);
 }
 
-/// Writes 100 poses, ten a second, from 5 s on; the summary, and first x and number of the messages in each file.
+/// Writes 100 poses, ten a second, from 5 s on. Returns the first x and the number of messages of each file.
 fn write_split(folder: &Path, split: Split) -> Vec<(f64, usize)> {
     let options = WriterOptions { compression: Compression::None, split, ..WriterOptions::default() };
     let mut bag = BagWriter::create(folder, &options).unwrap();
@@ -167,7 +168,7 @@ fn a_bag_is_split_by_time_before_the_message_that_is_too_late() {
     let folder = tempfile::tempdir().unwrap();
     let split = Split { bytes: None, duration: Some(Duration::from_secs(3)) };
     let files = write_split(&folder.path().join("long"), split);
-    // As rosbag2: a file lasts until more than three seconds have passed since its first message.
+    // As in rosbag2, a file lasts until more than three seconds have passed since its first message.
     assert_eq!(files, [(0.0, 31), (31.0, 31), (62.0, 31), (93.0, 7)]);
     let text = std::fs::read_to_string(folder.path().join("long/metadata.yaml")).unwrap();
     let listed = "relative_file_paths:\n  - long_0.mcap\n  - long_1.mcap\n  - long_2.mcap\n  - long_3.mcap\n";
@@ -185,7 +186,8 @@ fn a_bag_is_split_by_size_when_a_file_has_reached_it() {
     assert_eq!(files.iter().map(|(_, n)| n).sum::<usize>(), 100);
     for i in 0..files.len() - 1 {
         let size = std::fs::metadata(path.join(format!("large_{i}.mcap"))).unwrap().len();
-        // Beyond the limit go a chunk of a quarter of it, definitions behind the first chunk, and both and metadata at the end.
+        // A file may exceed the limit by a chunk of a quarter of it, the definitions behind the first chunk, and the
+        // summary and metadata at its end.
         assert!((4000..20_000).contains(&size) && files[i].1 < 40, "{size} bytes, {files:?}");
     }
     assert_eq!(write_split(&folder.path().join("whole"), Split::default()), [(0.0, 100)]);
@@ -232,7 +234,7 @@ fn split_files_are_read_as_one_bag() {
 }
 
 #[test]
-fn what_is_no_bag_is_called_by_its_name() {
+fn errors_name_things_that_are_no_bags() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("thing");
     let error = |path: &Path| BagReader::open(path).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! The sample bag in the repository is what its example writes, and an episode comes out of it.
+//! The sample bag in the repository equals the output of its example program, and contains a readable episode.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 #[path = "../examples/make_sample_bag/swing.rs"]
@@ -17,7 +17,7 @@ fn messages(bag: &BagReader) -> Vec<BagMessage> {
 }
 
 #[test]
-fn the_committed_bag_is_what_the_example_writes() {
+fn the_committed_bag_equals_the_output_of_the_example() {
     let folder = tempfile::tempdir().unwrap();
     let fresh = folder.path().join("swing");
     swing::write_bag(&fresh).unwrap();
@@ -70,5 +70,6 @@ fn an_episode_comes_out_of_it() {
 #[test]
 fn it_is_tiny() {
     let size: u64 = std::fs::read_dir(sample()).unwrap().map(|e| e.unwrap().metadata().unwrap().len()).sum();
+    // Everybody who clones the repository downloads it.
     assert!(size < 100_000, "{size} bytes");
 }

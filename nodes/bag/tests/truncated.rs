@@ -1,5 +1,5 @@
-//! Nothing measured is lost: a file that was cut off anywhere gives every complete chunk; damage is an error, never a
-//! panic. What would break: a recorder killed in the middle of an episode.
+//! No measurement is lost: a file that was truncated anywhere gives every complete chunk, and damage is an error, never
+//! a panic. A failure here would lose the data of a recorder that is killed in the middle of an episode.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions, reindex};
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Bytes of a bag's file, and for each complete chunk its end and the messages up to there.
+/// Bytes of a bag's file, and for each complete chunk its end and the number of messages up to it.
 type Bag = (Vec<u8>, Vec<(usize, usize)>);
 
 fn bag(compression: Compression) -> &'static Bag {
@@ -32,6 +32,7 @@ fn write(compression: Compression) -> Bag {
         let mut pose = PoseStamped::default();
         pose.pose.position.x = i as f64;
         bag.write(topic, i as i64 + 1, 0, &pose).unwrap();
+        // Chunks of six messages, so a test knows the number of messages before each cut.
         if i % 6 == 5 {
             bag.flush().unwrap();
             ends.push((size(), i + 1));
@@ -41,7 +42,7 @@ fn write(compression: Compression) -> Bag {
     (std::fs::read(file).unwrap(), ends)
 }
 
-/// Opens `bytes` as a file and reads all that can be had: positions x, errors and notes.
+/// Opens `bytes` as a file and reads every readable message: positions x, number of errors, and notes.
 fn read(path: &Path, bytes: &[u8]) -> Option<(Vec<f64>, usize, Vec<String>)> {
     std::fs::write(path, bytes).unwrap();
     let bag = BagReader::open(path).ok()?;
@@ -57,8 +58,9 @@ fn every_complete_chunk_of_a_file_cut_off_anywhere_is_read() {
     for compression in Compression::ALL {
         let (bytes, ends) = bag(compression);
         let near_ends = ends.iter().flat_map(|(end, _)| end - 3..end + 4);
+        // Every 7th byte takes seconds, and the bytes around each chunk's end are the critical ones.
         for cut in (8..bytes.len()).step_by(7).chain(near_ends) {
-            // A chunk counts from its own end on; `ends` are those of its index.
+            // A chunk is readable from its own end on; `ends` holds the ends of its message index.
             let whole = ends.iter().filter(|(end, _)| *end <= cut).map(|(_, n)| *n).next_back().unwrap_or(0);
             let (x, errors, notes) = read(&path, &bytes[..cut]).unwrap();
             assert!(x.len() == whole || x.len() == whole + 6, "{} of {whole} at {cut}", x.len());
@@ -73,11 +75,12 @@ fn every_complete_chunk_of_a_file_cut_off_anywhere_is_read() {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_is_finished_and_loses_nothing_by_it() {
+fn a_file_cut_off_anywhere_is_finished_without_a_loss() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.mcap");
     for compression in Compression::ALL {
         let (bytes, ends) = bag(compression);
+        // Each cut syncs a file to the disk, hence the long step.
         for cut in (8..bytes.len() - 1).step_by(301).chain(ends.iter().map(|(end, _)| *end)) {
             let before = read(&path, &bytes[..cut]).unwrap();
             let notes = reindex(&path).unwrap();
@@ -128,7 +131,8 @@ fn a_damaged_first_chunk_costs_no_other_chunk_its_channels() {
     }
 }
 
-/// A file of another writer, whose channels stand in its chunks alone: channel 1 in the first, channel 2 in the second.
+/// File of another writer that defines channels inside chunks alone: channel 1 in the first chunk, channel 2 in the
+/// second.
 fn foreign() -> (Vec<u8>, usize) {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let mut writer = mcap::WriteOptions::new().chunk_size(None).compression(None).create(&mut bytes).unwrap();
@@ -158,7 +162,7 @@ fn messages_of_channels_that_nothing_defines_are_left_out_and_counted() {
     bytes.truncate(len);
     let (x, errors, notes) = read(&path, &bytes).unwrap();
     assert_eq!((x.len(), errors, notes.len()), (9, 0, 1), "{notes:?}");
-    // In the first chunk, whose channel the second uses, too.
+    // Byte 200 lies in the first chunk, whose channel the second chunk uses, too.
     bytes[200] ^= 0x55;
     let (_, errors, notes) = read(&path, &bytes).unwrap();
     let bag = BagReader::open(&path).unwrap();
@@ -170,7 +174,7 @@ fn messages_of_channels_that_nothing_defines_are_left_out_and_counted() {
     assert_eq!((bag.notes(), bag.message_count()), (&[] as &[String], 2));
 }
 
-/// The bag with bytes behind its magic replaced.
+/// Bytes of the bag with some bytes behind its magic replaced.
 fn spoilt(compression: Compression, hits: Vec<(prop::sample::Index, u8)>) -> Vec<u8> {
     let mut bytes = bag(compression).0.clone();
     for (place, value) in hits {
@@ -205,7 +209,7 @@ proptest! {
 }
 
 proptest! {
-    // Each case waits for the disk.
+    // Few cases, because each of them syncs a file to the disk.
     #![proptest_config(ProptestConfig { cases: 50, ..ProptestConfig::default() })]
 
     #[test]

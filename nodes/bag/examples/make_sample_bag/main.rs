@@ -1,4 +1,4 @@
-//! Writes the sample bag into the folder given: `make_sample_bag FOLDER`.
+//! Program that writes the sample bag into a new folder: `make_sample_bag FOLDER`.
 
 mod swing;
 

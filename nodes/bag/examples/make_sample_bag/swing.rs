@@ -1,5 +1,5 @@
-//! A made-up episode: a stiff pendulum hangs from a grip that takes eight steps to and fro. No measurement is in it, and
-//! no claim about any object: it has the topics, types, rates and stamps of a real one.
+//! Synthetic episode: a rigid pendulum hangs from a grip that makes eight steps to and fro. It contains no measurement
+//! and describes no real object; its topics, types, rates and stamps are those of a real recording.
 
 use catenary_bag::{BagError, BagSummary, BagWriter, TopicId, WriterOptions};
 use catenary_core::camera::MASK_SIZE_PX;
@@ -17,20 +17,20 @@ use std::path::Path;
 pub const EPISODE: u32 = 7;
 /// Steps of its policy.
 pub const STEPS: u32 = 8;
-/// s between two of them.
+/// Time between two steps in s.
 pub const STEP_PERIOD_S: f64 = 0.5;
-/// Its start, ns.
+/// Stamp of the start in ns.
 pub const START_NS: i64 = 100_000_000_000;
-/// ns between two turns of the pendulum.
+/// Time step of the pendulum's integration in ns.
 const TURN_NS: i64 = 1_000_000;
 
-/// The model whose camera looks on.
+/// Model whose camera observes the episode.
 pub fn model() -> Model {
     Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml"))
         .expect("the shipped model is valid")
 }
 
-/// Grip, pendulum and what the camera sees of them.
+/// Simulated scene: grip, pendulum and camera.
 struct Scene {
     model: Model,
     grip: GripPose,
@@ -49,13 +49,15 @@ impl Scene {
         Self { target_x_m: grip.x_m, model, grip, speed_m_s: 0.0, angle_rad: 0.1, rate_rad_s: 0.0 }
     }
 
-    /// Moves on by one turn: the grip follows its target with a lag, the pendulum follows the grip.
+    /// Advances the scene by one time step: the grip follows its target with a lag, the pendulum follows the grip.
     fn turn(&mut self) {
         let dt = TURN_NS as f64 * 1e-9;
+        // Stiffness and damping of an almost critically damped grip (6.3 rad/s, damping ratio 0.95).
         let acceleration = 40.0 * (self.target_x_m - self.grip.x_m) - 12.0 * self.speed_m_s;
         self.speed_m_s += acceleration * dt;
         self.grip.x_m += self.speed_m_s * dt;
         let pull = -9.81 * self.angle_rad.sin() - acceleration * self.angle_rad.cos();
+        // A uniform rod about its end: 1.5 / length. The damping of 1/s is arbitrary.
         self.rate_rad_s += (1.5 * pull / Self::LENGTH_M - 1.0 * self.rate_rad_s) * dt;
         self.angle_rad += self.rate_rad_s * dt;
     }
@@ -120,7 +122,7 @@ impl Topics {
     }
 }
 
-/// Writes the episode as a bag, the same bytes every time.
+/// Writes the episode as a bag. Every call gives equal messages.
 pub fn write_bag(folder: &Path) -> Result<BagSummary, BagError> {
     let mut bag = BagWriter::create(folder, &WriterOptions::default())?;
     let topics = Topics::add(&mut bag)?;
@@ -130,23 +132,26 @@ pub fn write_bag(folder: &Path) -> Result<BagSummary, BagError> {
     let mut now_ns = START_NS - 100_000_000;
     while now_ns <= end_ns {
         let since_ns = now_ns - START_NS;
-        let mut put = Put { bag: &mut bag, now_ns };
+        let mut recorder = Recorder { bag: &mut bag, now_ns };
         if since_ns % 200_000_000 == 0 {
             let state =
                 ArmState { mode: ArmState::MODE_TRACKING, success_rate: 1.0, is_sim: true, ..ArmState::default() };
-            put.message(topics.arm, &ArmState { header: put.header(""), ..state })?;
+            recorder.message(topics.arm, &ArmState { header: recorder.header(""), ..state })?;
         }
         if since_ns % 20_000_000 == 0 {
             let pose = grip_pose_to_msg(&scene.grip);
-            put.message(topics.pose, &PoseStamped { header: put.header("panda_link0"), pose })?;
-            put.message(topics.wrench, &WrenchStamped { header: put.header("panda_link0"), wrench: scene.wrench() })?;
+            recorder.message(topics.pose, &PoseStamped { header: recorder.header("panda_link0"), pose })?;
+            recorder.message(
+                topics.wrench,
+                &WrenchStamped { header: recorder.header("panda_link0"), wrench: scene.wrench() },
+            )?;
         }
         if since_ns % 50_000_000 == 0 {
-            let header = put.header("camera_color_optical_frame");
-            put.message(topics.keypoints, &KeypointsMsg { header, ..keypoints_to_msg(&scene.keypoints()) })?;
+            let header = recorder.header("camera_color_optical_frame");
+            recorder.message(topics.keypoints, &KeypointsMsg { header, ..keypoints_to_msg(&scene.keypoints()) })?;
         }
         if since_ns >= 0 && since_ns % step_ns == 0 {
-            step(&mut put, &topics, &mut scene, (since_ns / step_ns) as u32)?;
+            step(&mut recorder, &topics, &mut scene, (since_ns / step_ns) as u32)?;
         }
         scene.turn();
         now_ns += TURN_NS;
@@ -154,28 +159,28 @@ pub fn write_bag(folder: &Path) -> Result<BagSummary, BagError> {
     bag.finish()
 }
 
-struct Put<'a> {
+struct Recorder<'a> {
     bag: &'a mut BagWriter,
     now_ns: i64,
 }
 
-impl Put<'_> {
+impl Recorder<'_> {
     fn header(&self, frame: &str) -> Header {
         stamp::header(Time::from_nanos(self.now_ns), frame)
     }
 
     fn message<T: Serialize>(&mut self, topic: TopicId, message: &T) -> Result<(), BagError> {
-        // The recorder hears of everything half a millisecond later.
+        // A recorder receives a message about half a millisecond after it was sent.
         self.bag.write(topic, self.now_ns + 500_000, self.now_ns, message)
     }
 }
 
-/// One step of the policy, or the end after the last.
-fn step(put: &mut Put<'_>, topics: &Topics, scene: &mut Scene, index: u32) -> Result<(), BagError> {
-    let stamp = put.header("").stamp;
+/// Writes one step of the policy, or the end after the last step.
+fn step(recorder: &mut Recorder<'_>, topics: &Topics, scene: &mut Scene, index: u32) -> Result<(), BagError> {
+    let stamp = recorder.header("").stamp;
     let anchor = anchor_to_msg(scene.model.delta_anchor());
     let event = EpisodeEvent {
-        header: put.header(""),
+        header: recorder.header(""),
         episode: EPISODE,
         policy: "to and fro".to_owned(),
         seed: 1,
@@ -184,26 +189,27 @@ fn step(put: &mut Put<'_>, topics: &Topics, scene: &mut Scene, index: u32) -> Re
         ..EpisodeEvent::default()
     };
     if index == 0 {
-        put.message(topics.event, &event)?;
+        recorder.message(topics.event, &event)?;
     }
     let observation = ObservationMsg {
-        header: put.header("panda_link0"),
+        header: recorder.header("panda_link0"),
         episode: EPISODE,
         step: index,
         values: scene.observation().0,
         keypoints_stamp: stamp.clone(),
         pose_stamp: stamp,
     };
-    put.message(topics.observation, &observation)?;
+    recorder.message(topics.observation, &observation)?;
     if index == STEPS {
         let reason = "step_limit".to_owned();
         let ended = EpisodeEvent { event: EpisodeEvent::ENDED, reason, steps: STEPS, ..event };
-        return put.message(topics.event, &ended);
+        return recorder.message(topics.event, &ended);
     }
+    // Within the action limit of 0.06 m.
     let dx = if index.is_multiple_of(2) { 0.05 } else { -0.04 };
     scene.target_x_m += dx;
-    let header = put.header("panda_link0");
-    put.message(topics.action, &EefDelta { header, episode: EPISODE, step: index, dx, dz: 0.0, anchor })?;
+    let header = recorder.header("panda_link0");
+    recorder.message(topics.action, &EefDelta { header, episode: EPISODE, step: index, dx, dz: 0.0, anchor })?;
     let pose = grip_pose_to_msg(&GripPose { x_m: scene.target_x_m, ..scene.grip });
-    put.message(topics.target, &PoseStamped { header: put.header("panda_link0"), pose })
+    recorder.message(topics.target, &PoseStamped { header: recorder.header("panda_link0"), pose })
 }

@@ -1,10 +1,10 @@
-//! The rows of a track in CSV.
+//! Rows of a track in CSV.
 
 use crate::error::BagError;
 use catenary_core::GripPose;
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-/// Columns that every track has.
+/// Columns of every track.
 const NEEDED: [&str; 12] = [
     "t_s",
     "grip_x_m",
@@ -19,23 +19,23 @@ const NEEDED: [&str; 12] = [
     "p4_x_m",
     "p4_z_m",
 ];
-/// Columns of the wrench: all or none.
+/// Columns of the wrench: all or none of them.
 const WRENCH: [&str; 3] = ["grip_fx_n", "grip_fz_n", "grip_ty_nm"];
-/// Longest track, s: stamps of messages hold 68 years.
+/// Longest track in s: 11 days, far below the 68 years that stamps of messages hold.
 const LONGEST_S: f64 = 1e6;
 
-/// One moment of a track.
+/// Row of a track: the state at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Row {
     /// Line in the file, from 1.
     pub(super) line: u64,
     /// Time since the first row, ns.
     pub(super) time_ns: i64,
-    /// The clamped end.
+    /// Pose of the clamped end.
     pub(super) grip: GripPose,
-    /// The four points (x, z), m.
+    /// Four points (x, z) of the object in m.
     pub(super) points_m: [[f64; 2]; 4],
-    /// Force along x and z in N and torque about y in N m, at the grip.
+    /// Force along x and z in N, and torque about y in N m, at the grip.
     pub(super) wrench: Option<[f64; 3]>,
 }
 
@@ -50,7 +50,7 @@ impl Table<'_> {
         BagError::Csv { file, line, column, expected: expected.into(), got: got.into() }
     }
 
-    /// Checks that the columns are those of a track; whether the wrench is among them.
+    /// Checks the columns. Returns true if the track has a wrench.
     fn check_header(&self) -> Result<bool, BagError> {
         for (i, name) in self.header.iter().enumerate() {
             if !NEEDED.contains(&name.as_str()) && !WRENCH.contains(&name.as_str()) {
@@ -92,13 +92,14 @@ impl Table<'_> {
     }
 }
 
-/// Reads the rows of a track; `file` names it in messages.
+/// Reads the rows of a track. `file` is the name of the track in messages.
 pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
     if csv.trim().is_empty() {
         let (file, column) = (file.to_owned(), NEEDED[0].to_owned());
         let (expected, got) = ("a header line and rows of numbers".to_owned(), "an empty file".to_owned());
         return Err(BagError::Csv { file, line: 1, column, expected, got });
     }
+    // A flexible reader passes rows of a wrong length on; the check below names their line.
     let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(csv.as_bytes());
     let header = reader.headers().map(|h| h.iter().map(str::to_owned).collect()).unwrap_or_default();
     let table = Table { file, header };
@@ -124,6 +125,7 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
             return Err(table.error(line, "t_s", expected, time_s.to_string()));
         }
         let time_ns = ((time_s - first_s) * 1e9).round() as i64;
+        // Compared in ns, because stamps are: two times within a nanosecond would get one stamp.
         if rows.last().is_some_and(|r| time_ns <= r.time_ns) {
             return Err(table.error(line, "t_s", "a later time than in the row before", time_s.to_string()));
         }

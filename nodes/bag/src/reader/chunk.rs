@@ -1,17 +1,18 @@
-//! The records in a chunk.
+//! Records in a chunk.
 
 use mcap::records::{ChunkHeader, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Bytes of opcode and length before each record's body.
-pub(super) const RECORD_HEADER: u64 = 9;
+/// Number of bytes of opcode and length before each record's body.
+pub(crate) const RECORD_HEADER: u64 = 9;
 
-/// The largest record and the largest unpacked chunk that are read. A length beyond it is taken for damage.
+/// Limit in bytes of a record and of a decompressed chunk: 256 MiB. A greater length is taken for damage, so a wrong
+/// length does not exhaust the memory.
 pub(super) const LARGEST: u64 = 1 << 28;
 
-/// Calls `visit` with opcode and body of every record in a chunk, after its checksum was found right; `body` is that of
-/// the chunk record. The error says what is wrong, where `visit` has seen none, some or all of the records.
-pub(super) fn visit_records(
+/// Calls `visit` with opcode and body of every record in a chunk, after its checksum was verified. `body` is the body
+/// of the chunk record. After an error, `visit` may have seen none, some or all of the records.
+pub(crate) fn visit_records(
     body: &[u8],
     mut visit: impl FnMut(u8, &[u8]) -> Result<(), String>,
 ) -> Result<ChunkHeader, String> {
@@ -21,7 +22,7 @@ pub(super) fn visit_records(
     if header.uncompressed_size > LARGEST {
         return Err(format!("expected a chunk of at most {LARGEST} bytes, got one of {}", header.uncompressed_size));
     }
-    // The reader must see this one record and nothing behind it.
+    // The reader of the crate `mcap` reads whole files: it must see this record and nothing behind it.
     let head = body.get(..data_offset(&header)).unwrap_or(body);
     let length = (head.len() + data.len()) as u64;
     let record = [&[op::CHUNK], &length.to_le_bytes()[..], head, &data].concat();
@@ -48,7 +49,7 @@ pub(super) fn visit_records(
     Ok(header)
 }
 
-/// Bytes of a chunk's body before its records.
+/// Number of bytes of a chunk's body before its records.
 fn data_offset(header: &ChunkHeader) -> usize {
     3 * 8 + 4 + 4 + header.compression.len() + 8
 }

@@ -1,138 +1,76 @@
-//! One file of a bag: which topics it has, and where its messages lie.
+//! Opening of a bag file: its kind, and its index by summary, scan or database.
 
 use super::chunk::{LARGEST, RECORD_HEADER};
-use super::messages::ZSTD_MAGIC;
+use super::index::{Definitions, IndexedFile, Piece, PieceKind, nanoseconds};
 use super::scan::scan;
-use super::{Topic, TopicCount, sqlite};
+use super::sqlite;
+use super::zstd_data::{ZSTD_MAGIC, unpack};
 use crate::error::BagError;
-use crate::metadata::joined;
-use crate::profile::{self, Profile};
 use mcap::MAGIC;
-use mcap::records::{Channel, ChunkIndex, Record, Statistics, op};
-use std::collections::BTreeMap;
+use mcap::records::{ChunkIndex, Record, Statistics, op};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use tempfile::TempPath;
+use std::path::Path;
 
-/// What a piece is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
-    Chunk,
-    /// A message that stands alone.
-    Message,
-    /// Messages of a database.
-    Rows,
-}
-
-/// Messages that are read at once.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Piece {
-    /// Earliest and latest log time in ns.
-    pub(super) span: (i64, i64),
-    /// Where its record begins; of a database: the number of its first message.
-    pub(super) offset: u64,
-    /// Bytes of the record's body; of a database: messages.
-    pub(super) len: u64,
-    pub(super) place: Place,
-}
-
-/// A file that was looked through.
-#[derive(Debug)]
-pub(super) struct IndexedFile {
-    pub(super) path: PathBuf,
-    /// What is read: the file, or what was unpacked from it.
-    pub(super) source: PathBuf,
-    /// Deletes what was unpacked.
-    pub(super) _unpacked: Option<TempPath>,
-    pub(super) pieces: Vec<Piece>,
-    pub(super) channels: BTreeMap<u16, Arc<Topic>>,
-    pub(super) counts: BTreeMap<u16, u64>,
-    /// What is missing or damaged.
-    pub(super) notes: Vec<String>,
-    /// Whether nothing is missing at its end.
-    pub(super) is_finished: bool,
-    /// Of a database: where each message is, by time.
-    pub(super) rows: Vec<sqlite::Entry>,
-}
-
-impl IndexedFile {
-    /// Looks a file through.
-    pub(super) fn open(path: &Path) -> Result<Self, BagError> {
-        match kind_of(path)? {
-            Kind::Mcap => Self::open_mcap(path, path),
-            Kind::Sqlite => sqlite::index(path, path),
-            Kind::Zstd => {
-                let unpacked = unpack(path).map_err(BagError::io("unpack", path))?;
-                let file = match kind_of(&unpacked)? {
-                    Kind::Mcap => Self::open_mcap(path, &unpacked)?,
-                    Kind::Sqlite => sqlite::index(path, &unpacked)?,
-                    Kind::Zstd => return Err(BagError::NotABag { path: path.to_owned(), found: TWICE.to_owned() }),
-                };
-                // What was unpacked can be finished as little as any other copy.
-                Ok(Self { _unpacked: Some(unpacked), is_finished: true, ..file })
-            }
+/// Indexes a file.
+pub(super) fn open(path: &Path) -> Result<IndexedFile, BagError> {
+    match kind_of(path)? {
+        Kind::Mcap => open_mcap(path, path),
+        Kind::Sqlite => sqlite::index(path, path),
+        Kind::Zstd => {
+            let unpacked = unpack(path).map_err(BagError::io("unpack", path))?;
+            let file = match kind_of(&unpacked)? {
+                Kind::Mcap => open_mcap(path, &unpacked)?,
+                Kind::Sqlite => sqlite::index(path, &unpacked)?,
+                Kind::Zstd => return Err(BagError::NotABag { path: path.to_owned(), found: TWICE.to_owned() }),
+            };
+            // The decompressed copy is temporary: finishing it would not change the file.
+            Ok(IndexedFile { _unpacked: Some(unpacked), is_finished: true, ..file })
         }
     }
+}
 
-    /// Looks an MCAP file through: by its summary where it has one, else record by record.
-    fn open_mcap(path: &Path, source: &Path) -> Result<Self, BagError> {
-        let mut file = File::open(source).map_err(BagError::io("open", path))?;
-        let len = file.metadata().map_err(BagError::io("open", path))?.len();
-        let summary = summary(&mut file, len).map_err(BagError::io("read", path))?;
-        let definitions = match summary {
-            Some(summary) => Definitions { is_finished: true, ..summary },
-            None => scan(&file, len).map_err(BagError::io("read", path))?,
-        };
-        if let Some(name) = definitions.foreign_compression {
-            return Err(BagError::Unsupported {
-                path: path.to_owned(),
-                found: format!("chunks compressed by {name:?} are"),
-                remedy: "`mcap compress --compression zstd` makes a file that is read here",
-            });
-        }
-        Ok(Self {
+/// Indexes an MCAP file by its summary, or record by record if it has none.
+fn open_mcap(path: &Path, source: &Path) -> Result<IndexedFile, BagError> {
+    let mut file = File::open(source).map_err(BagError::io("open", path))?;
+    let len = file.metadata().map_err(BagError::io("open", path))?.len();
+    let summary = summary(&mut file, len).map_err(BagError::io("read", path))?;
+    let definitions = match summary {
+        Some(summary) => Definitions { is_finished: true, ..summary },
+        None => scan(&file, len).map_err(BagError::io("read", path))?,
+    };
+    if let Some(name) = definitions.foreign_compression {
+        return Err(BagError::Unsupported {
             path: path.to_owned(),
-            source: source.to_owned(),
-            _unpacked: None,
-            pieces: definitions.pieces,
-            channels: definitions.channels,
-            counts: definitions.counts,
-            notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
-            is_finished: definitions.is_finished,
-            rows: Vec::new(),
-        })
+            found: format!("chunks compressed by {name:?} are"),
+            remedy: "`mcap compress --compression zstd` makes a file that is read here",
+        });
     }
-
-    pub(super) fn messages(&self) -> u64 {
-        self.counts.values().sum()
-    }
-
-    /// First and last log time in ns.
-    pub(super) fn span_ns(&self) -> Option<(i64, i64)> {
-        joined(self.pieces.iter().map(|p| Some(p.span)))
-    }
-
-    /// Topics with the number of their messages.
-    pub(super) fn topics(&self) -> impl Iterator<Item = TopicCount> {
-        let count = |id: &u16| self.counts.get(id).copied().unwrap_or(0);
-        self.channels.iter().map(move |(id, topic)| TopicCount { topic: Arc::clone(topic), messages: count(id) })
-    }
+    Ok(IndexedFile {
+        path: path.to_owned(),
+        source: source.to_owned(),
+        _unpacked: None,
+        pieces: definitions.pieces,
+        channels: definitions.channels,
+        counts: definitions.counts,
+        notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
+        is_finished: definitions.is_finished,
+        rows: Vec::new(),
+    })
 }
 
-/// What a file is by its first bytes.
+/// Kind of a file by its first bytes.
 enum Kind {
     Mcap,
     Sqlite,
-    /// A file that was compressed as a whole.
+    /// File that was compressed as a whole.
     Zstd,
 }
 
-/// What is found in a file that was compressed twice.
+/// Description of a file that was compressed twice.
 const TWICE: &str = "a compressed file within a compressed file";
 
-/// Says what kind of bag a file is, and what it is where it is none.
+/// Determines the kind of a bag file. The error describes a file that is none.
 fn kind_of(path: &Path) -> Result<Kind, BagError> {
     let file = File::open(path).map_err(BagError::io("open", path))?;
     let len = file.metadata().map_err(BagError::io("open", path))?.len();
@@ -161,85 +99,9 @@ fn kind_of(path: &Path) -> Result<Kind, BagError> {
     Err(BagError::NotABag { path: path.to_owned(), found })
 }
 
-/// Unpacks a file into a temporary one. Of a file that was cut off comes what can be had.
-fn unpack(path: &Path) -> std::io::Result<TempPath> {
-    let mut packed = zstd::Decoder::new(File::open(path)?)?;
-    let mut unpacked = tempfile::NamedTempFile::new()?;
-    let copied = std::io::copy(&mut packed, &mut unpacked);
-    match copied {
-        Err(error) if unpacked.as_file().metadata()?.len() == 0 => Err(error),
-        Err(error) if error.kind() == std::io::ErrorKind::StorageFull => Err(error),
-        _ => Ok(unpacked.into_temp_path()),
-    }
-}
-
-/// What the records of a file define.
-#[derive(Debug, Default)]
-pub(super) struct Definitions {
-    schemas: BTreeMap<u16, String>,
-    pub(super) channels: BTreeMap<u16, Arc<Topic>>,
-    pub(super) counts: BTreeMap<u16, u64>,
-    pub(super) pieces: Vec<Piece>,
-    pub(super) notes: Vec<String>,
-    /// Whether nothing is missing at the end of the file.
-    pub(super) is_finished: bool,
-    foreign_compression: Option<String>,
-}
-
-impl Definitions {
-    /// Takes a schema or a channel; the first of a number counts, as the format demands that all are equal.
-    pub(super) fn define(&mut self, record: Record<'_>) {
-        match record {
-            Record::Schema { header, .. } => {
-                self.schemas.entry(header.id).or_insert(header.name);
-            }
-            Record::Channel(channel) if !self.channels.contains_key(&channel.id) => {
-                let type_name = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                self.channels.insert(channel.id, Arc::new(topic(channel, type_name)));
-            }
-            _ => {}
-        }
-    }
-
-    pub(super) fn check_compression(&mut self, compression: &str) {
-        if !matches!(compression, "" | "zstd" | "lz4") {
-            self.foreign_compression = Some(compression.to_owned());
-        }
-    }
-}
-
-fn topic(mut channel: Channel, type_name: String) -> Topic {
-    let mut take = |key: &str| channel.metadata.remove(key).unwrap_or_default();
-    let (hash, profiles) = (take("topic_type_hash"), profile::parse(&take("offered_qos_profiles")));
-    Topic {
-        name: channel.topic,
-        type_name,
-        encoding: channel.message_encoding,
-        // Middleware that announces no hashes leaves an invalid one behind.
-        type_hash: hash.starts_with("RIHS01_").then_some(hash),
-        qos: profiles.iter().map(Profile::qos).collect(),
-        profiles,
-    }
-}
-
-/// A log time of MCAP, which has no negative ones; beyond the year 2262 the greatest that an i64 can hold.
-pub(super) fn nanoseconds(time: u64) -> i64 {
-    i64::try_from(time).unwrap_or(i64::MAX)
-}
-
-/// Body of the record at `offset`; its length is known to lie within the file.
-pub(super) fn read_body(mut file: impl Read + Seek, offset: u64, len: u64) -> std::io::Result<Vec<u8>> {
-    if len > LARGEST {
-        return Err(std::io::Error::other(format!("expected a record of at most {LARGEST} bytes, got one of {len}")));
-    }
-    file.seek(SeekFrom::Start(offset + RECORD_HEADER))?;
-    let mut body = vec![0; usize::try_from(len).unwrap_or(usize::MAX)];
-    file.read_exact(&mut body)?;
-    Ok(body)
-}
-
-/// What the summary of a finished file defines; none where there is no summary that says where all messages are.
+/// Definitions of the summary of a finished file; none if there is no complete summary.
 fn summary(file: &mut File, len: u64) -> std::io::Result<Option<Definitions>> {
+    // The footer's body has 20 bytes, and the magic behind it 8.
     const FOOTER: u64 = RECORD_HEADER + 20 + 8;
     let Some(footer_start) = len.checked_sub(FOOTER) else { return Ok(None) };
     file.seek(SeekFrom::Start(footer_start))?;
@@ -248,6 +110,7 @@ fn summary(file: &mut File, len: u64) -> std::io::Result<Option<Definitions>> {
     let footer = mcap::parse_record(op::FOOTER, &end[RECORD_HEADER as usize..29]);
     let Ok(Record::Footer(footer)) = footer else { return Ok(None) };
     let whole = end[0] == op::FOOTER && &end[29..] == MAGIC;
+    // A start of 0 means that the file has no summary.
     let section = footer_start.checked_sub(footer.summary_start).filter(|s| *s <= LARGEST);
     let (true, Some(section)) = (whole && footer.summary_start > 0, section) else { return Ok(None) };
     file.seek(SeekFrom::Start(footer.summary_start))?;
@@ -280,11 +143,12 @@ fn read_summary(mut bytes: &[u8], data_end: u64) -> Option<Definitions> {
         }
     }
     let statistics = statistics?;
+    // The writer of a summary may leave parts out: it is used only if its numbers agree with its statistics.
     let chunks = definitions.pieces.len() as u64 == u64::from(statistics.chunk_count);
     let indexed = statistics.message_count == 0 || !definitions.pieces.is_empty();
     let counted: u64 = statistics.channel_message_counts.values().sum();
     let known = statistics.channel_message_counts.keys().all(|id| definitions.channels.contains_key(id));
-    // A chunk that holds definitions alone has no times.
+    // A chunk of definitions alone has the times 0, which lie before the first message.
     definitions.pieces.retain(|p| p.span.1 >= nanoseconds(statistics.message_start_time));
     definitions.counts = statistics.channel_message_counts;
     (chunks && indexed && known && counted == statistics.message_count).then_some(definitions)
@@ -294,5 +158,5 @@ fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
     let end = index.chunk_start_offset.checked_add(index.chunk_length)?;
     let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
     let span = (nanoseconds(index.message_start_time), nanoseconds(index.message_end_time));
-    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, place: Place::Chunk })
+    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, kind: PieceKind::Chunk })
 }

@@ -1,14 +1,14 @@
-//! Looks an MCAP file through record by record: one that was not finished, or whose summary does not say where all
-//! messages are.
+//! Scan of an MCAP file record by record, for files that were not finished or whose summary is not complete.
 
 use super::chunk::{RECORD_HEADER, visit_records};
-use super::file::{Definitions, Piece, Place, nanoseconds, read_body};
+use super::index::{Definitions, Piece, PieceKind, nanoseconds, read_body};
 use mcap::MAGIC;
 use mcap::records::{Record, op};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
-/// Reads a file from the front, for what can be had of it.
+/// Reads a file of `len` bytes from the front and collects every readable definition, chunk and message outside of
+/// chunks.
 pub(super) fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
     let mut input = BufReader::new(file);
     let mut definitions = Definitions::default();
@@ -24,10 +24,12 @@ pub(super) fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
         } else {
             u64::MAX
         };
+        // Opcode 0 is invalid: a machine that lost power leaves zeros at the end of its files.
         if head[0] == 0 || body_len > left.saturating_sub(RECORD_HEADER) {
             definitions.notes.push(format!("it ends within a record: the last {left} bytes are lost"));
             break;
         }
+        // The records behind DATA_END repeat earlier ones.
         ended = head[0] == op::DATA_END;
         let interesting = matches!(head[0], op::SCHEMA | op::CHANNEL | op::CHUNK | op::MESSAGE);
         if interesting && let Err(reason) = take_record(&mut definitions, &mut input, head[0], offset, body_len) {
@@ -43,7 +45,8 @@ pub(super) fn scan(file: &File, len: u64) -> std::io::Result<Definitions> {
     Ok(definitions)
 }
 
-/// Counts no messages on channels that the file does not define, as where the chunk that did is damaged.
+/// Removes messages on undefined channels from the counts, and notes them. The chunk that defined a channel may be
+/// damaged.
 fn leave_out_undefined(definitions: &mut Definitions) {
     let (counts, channels) = (&mut definitions.counts, &definitions.channels);
     let all: u64 = counts.values().sum();
@@ -55,12 +58,13 @@ fn leave_out_undefined(definitions: &mut Definitions) {
     }
 }
 
-/// Says what was found in the file, and whether its end is there.
+/// Decides if the file is finished, and notes the state of a file that is not. A file is finished if it has DATA_END, the
+/// magic bytes at its end, messages outside of chunks, and no chunk.
 fn conclude(definitions: &mut Definitions, ended: bool, has_footer: bool) {
     let messages: u64 = definitions.counts.values().sum();
-    let chunks = definitions.pieces.iter().filter(|p| p.place == Place::Chunk).count();
+    let chunks = definitions.pieces.iter().filter(|p| p.kind == PieceKind::Chunk).count();
     let has_loose = definitions.pieces.len() > chunks;
-    // Without chunks there is nothing that a summary could say where it is.
+    // A summary of a file without chunks indexes nothing, so the file counts as finished without one.
     definitions.is_finished = ended && has_footer && has_loose && chunks == 0;
     if definitions.is_finished {
         return;
@@ -74,12 +78,14 @@ fn conclude(definitions: &mut Definitions, ended: bool, has_footer: bool) {
         (true, 0) => "outside of chunks".to_owned(),
         (true, _) => format!("in {chunks} complete chunks and outside of them"),
     };
-    let remedy =
-        if has_loose { "; such a file is not reindexed, `mcap recover` makes one with chunks of it" } else { "" };
+    let remedy = match has_loose {
+        true => "; reindex cannot finish a file with messages outside of chunks: convert it with `mcap recover`",
+        false => "",
+    };
     definitions.notes.insert(0, format!("{state}: {messages} messages were found {places}{remedy}"));
 }
 
-/// Takes what one record defines.
+/// Adds the definitions of one record, or its chunk or message as a piece.
 fn take_record(
     definitions: &mut Definitions,
     input: &mut BufReader<&File>,
@@ -88,7 +94,7 @@ fn take_record(
     len: u64,
 ) -> Result<(), String> {
     let body = read_body(input, offset, len).map_err(|e| e.to_string())?;
-    let piece = |span, place| Piece { span, offset, len, place };
+    let piece = |span, kind| Piece { span, offset, len, kind };
     match opcode {
         op::CHUNK => {
             let mut found = Vec::new();
@@ -104,6 +110,8 @@ fn take_record(
                 }
                 _ => Ok(()),
             });
+            // Compression is checked before an error of the read is returned: a chunk of an unknown compression cannot
+            // be read, and would be reported only as damaged.
             if let Ok(Record::Chunk { header, .. }) = mcap::parse_record(op::CHUNK, &body) {
                 definitions.check_compression(&header.compression);
             }
@@ -113,21 +121,21 @@ fn take_record(
             for (channel, _) in &found {
                 *definitions.counts.entry(*channel).or_default() += 1;
             }
-            definitions.pieces.extend(span.map(|s| piece(s, Place::Chunk)));
+            definitions.pieces.extend(span.map(|s| piece(s, PieceKind::Chunk)));
         }
         op::MESSAGE => {
             let (channel, time) = message_key(&body)?;
             *definitions.counts.entry(channel).or_default() += 1;
             let time = nanoseconds(time);
-            definitions.pieces.push(piece((time, time), Place::Message));
+            definitions.pieces.push(piece((time, time), PieceKind::Message));
         }
         _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),
     }
     Ok(())
 }
 
-/// Channel and log time of a message.
-pub(super) fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
+/// Channel and log time of a message record.
+pub(crate) fn message_key(body: &[u8]) -> Result<(u16, u64), String> {
     match mcap::parse_record(op::MESSAGE, body) {
         Ok(Record::Message { header, .. }) => Ok((header.channel_id, header.log_time)),
         _ => Err("a message's header is not readable".to_owned()),

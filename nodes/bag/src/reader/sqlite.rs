@@ -1,30 +1,21 @@
-//! Bags in rosbag2's format before MCAP: one sqlite3 database for each file.
+//! Bag files in rosbag2's format before MCAP: sqlite3 databases.
 
-use super::file::{IndexedFile, Piece, Place};
-use super::{BagMessage, Topic};
+use super::contents::{BagMessage, Topic};
+use super::index::{IndexedFile, MessageRow, Piece, PieceKind};
 use crate::error::BagError;
-use crate::profile::{self, Profile};
+use crate::format::profile::{self, Profile};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Rows that are read at once.
+/// Number of rows of a piece: few enough for memory, and enough to make queries rare.
 const ROWS: usize = 256;
 
-/// Where a message is.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Entry {
-    /// Log time in ns; negative before 1970, as of a clock that was never set.
-    time: i64,
-    id: i64,
-    channel: u16,
-}
-
-/// Opens a database for reading alone.
+/// Opens a database read-only.
 pub(super) fn connect(path: &Path) -> Result<Connection, BagError> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    // Without the pragma a database that is shorter than it says is not read at all. Nothing is written by it.
+    // Without the pragma, sqlite refuses a database that is shorter than its header states. The pragma writes nothing.
     let opened = Connection::open_with_flags(path, flags)
         .and_then(|database| database.pragma_update(None, "writable_schema", true).map(|()| database));
     opened.map_err(|e| damaged(path, &e))
@@ -34,13 +25,13 @@ fn damaged(path: &Path, error: &rusqlite::Error) -> BagError {
     BagError::Database { path: path.to_owned(), reason: error.to_string() }
 }
 
-/// Looks through the database at `source`, which is called `path` in messages.
+/// Indexes the database at `source`. Messages name it `path`.
 pub(super) fn index(path: &Path, source: &Path) -> Result<IndexedFile, BagError> {
     let database = connect(source)?;
     let topics = topics(&database).map_err(|e| damaged(path, &e))?;
     let mut notes = Vec::new();
     let mut rows = Vec::new();
-    // In the order of the file, so that of one that was cut off everything before the cut is found.
+    // Rows are read in the order of the file: of a truncated file, everything before the cut is found.
     let mut unknown = 0_u64;
     if let Err(error) = entries(&database, &topics, &mut rows, &mut unknown) {
         notes.push(format!("{}: damaged: {} messages were found: {error}", path.display(), rows.len()));
@@ -50,9 +41,9 @@ pub(super) fn index(path: &Path, source: &Path) -> Result<IndexedFile, BagError>
         notes.push(format!("{}: {unknown} messages are left out, {why}", path.display()));
     }
     rows.sort_by_key(|entry| (entry.time, entry.id));
-    let piece = |(i, rows): (usize, &[Entry])| {
+    let piece = |(i, rows): (usize, &[MessageRow])| {
         let span = (rows.first()?.time, rows.last()?.time);
-        Some(Piece { span, offset: (i * ROWS) as u64, len: rows.len() as u64, place: Place::Rows })
+        Some(Piece { span, offset: (i * ROWS) as u64, len: rows.len() as u64, kind: PieceKind::Rows })
     };
     let mut counts = BTreeMap::new();
     rows.iter().for_each(|entry| *counts.entry(entry.channel).or_default() += 1);
@@ -64,13 +55,13 @@ pub(super) fn index(path: &Path, source: &Path) -> Result<IndexedFile, BagError>
         channels: (0..).zip(topics.into_values()).collect(),
         counts,
         notes,
-        // Nothing can be done about one that is not.
+        // A database has no end that could be added.
         is_finished: true,
         rows,
     })
 }
 
-/// The topics by their numbers in the database.
+/// Topics by their ids in the database.
 fn topics(database: &Connection) -> rusqlite::Result<BTreeMap<i64, Arc<Topic>>> {
     let mut statement = database.prepare("SELECT * FROM topics")?;
     // Older recorders wrote neither profiles nor hashes.
@@ -91,21 +82,22 @@ fn topics(database: &Connection) -> rusqlite::Result<BTreeMap<i64, Arc<Topic>>> 
     statement.query_map([], topic)?.collect()
 }
 
-/// Finds where the messages are, and counts those whose topic or time is `unknown`.
+/// Finds the places of the messages, and counts messages of `unknown` topic or time.
 fn entries(
     database: &Connection,
     topics: &BTreeMap<i64, Arc<Topic>>,
-    found: &mut Vec<Entry>,
+    found: &mut Vec<MessageRow>,
     unknown: &mut u64,
 ) -> rusqlite::Result<()> {
     let channels: BTreeMap<i64, u16> = topics.keys().copied().zip(0..).collect();
+    // NOT INDEXED: the index on timestamps lies elsewhere in the file, and may be lost with its end.
     let mut statement = database.prepare("SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id")?;
     let mut rows = statement.query([])?;
     while let Some(row) = rows.next()? {
         let channel = row.get(1).ok().and_then(|id: i64| channels.get(&id));
         match (channel, row.get::<_, i64>(2)) {
             (Some(channel), Ok(time)) => {
-                found.push(Entry { time, id: row.get(0)?, channel: *channel });
+                found.push(MessageRow { time, id: row.get(0)?, channel: *channel });
             }
             _ => *unknown += 1,
         }
@@ -113,7 +105,8 @@ fn entries(
     Ok(())
 }
 
-/// The messages of a piece, with their places in it. The error is that of the first that cannot be read.
+/// Reads the messages of a piece and passes each to `take` with its index in the piece. The error is that of the first
+/// unreadable message.
 pub(super) fn read(
     file: &IndexedFile,
     database: &Connection,
@@ -138,45 +131,4 @@ pub(super) fn read(
         }
     }
     outcome
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::reader::BagReader;
-    use rusqlite::Connection;
-
-    /// A bag of one database with the `rows` (topic_id, timestamp).
-    fn bag_of(folder: &std::path::Path, rows: &[&str]) -> BagReader {
-        let path = folder.join("bag.db3");
-        let database = Connection::open(&path).unwrap();
-        let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)";
-        database.execute(topics, []).unwrap();
-        database.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/Int32', 'cdr')", []).unwrap();
-        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)", []).unwrap();
-        for row in rows {
-            database
-                .execute(&format!("INSERT INTO messages(topic_id, timestamp, data) VALUES ({row}, x'00')"), [])
-                .unwrap();
-        }
-        drop(database);
-        BagReader::open(&path).unwrap()
-    }
-
-    #[test]
-    fn times_before_1970_keep_their_order_and_their_span() {
-        let folder = tempfile::tempdir().unwrap();
-        let bag = bag_of(folder.path(), &["1, -5000000000", "1, 7", "1, -9000000000", "1, -1"]);
-        assert_eq!(bag.span_ns(), Some((-9_000_000_000, 7)));
-        let times: Vec<i64> = bag.messages().map(|m| m.unwrap().log_time_ns).collect();
-        assert_eq!(times, [-9_000_000_000, -5_000_000_000, -1, 7]);
-    }
-
-    #[test]
-    fn rows_of_no_topic_are_counted_and_end_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let bag = bag_of(folder.path(), &["1, 10", "7, 11", "NULL, 12", "'x', 13", "1, NULL", "1, 15"]);
-        assert_eq!((bag.message_count(), bag.span_ns(), bag.verify()), (2, Some((10, 15)), (2, Vec::new())));
-        assert_eq!(bag.notes().len(), 1, "{:?}", bag.notes());
-        assert!(bag.notes()[0].contains("4 messages are left out"), "{:?}", bag.notes());
-    }
 }

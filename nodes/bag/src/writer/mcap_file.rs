@@ -1,10 +1,10 @@
-//! One MCAP file of a bag: topics, chunks, and when a chunk ends.
+//! MCAP file of a bag: its topics and chunks, and the end of a chunk.
 
-use super::tail::{Behind, Tail, Target};
-use super::{Compression, Split, WriterOptions};
+use super::options::{Compression, Split, WriterOptions};
+use super::tail::{Tail, Target, TrailingRecords};
 use crate::error::BagError;
-use crate::metadata::TopicFacts;
-use crate::records::{list, map, record};
+use crate::format::metadata::TopicFacts;
+use crate::format::records::{list, map, record};
 use mcap::records::{MessageHeader, Metadata, op};
 use mcap::{McapError, WriteOptions};
 use std::collections::BTreeMap;
@@ -12,8 +12,10 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
 
-/// Share of a file that a chunk may have, and the bytes that it has at most for that.
+/// A chunk may grow to 1/16 of the file: a long recording then has few chunks in its index.
 const CHUNK_SHARE: u64 = 16;
+/// Limit of that growth in message bytes. A larger option `chunk_bytes` replaces it. A chunk ends with the message that
+/// reaches its size.
 const LARGEST_CHUNK: u64 = 4 << 20;
 
 struct Topic {
@@ -21,7 +23,7 @@ struct Topic {
     messages: u64,
 }
 
-/// Writes one file. After its first error it writes no more.
+/// File that is being written. After its first error it writes no more.
 pub(super) struct McapFile<F: Target> {
     path: PathBuf,
     mcap: mcap::Writer<Tail<F>>,
@@ -35,13 +37,13 @@ pub(super) struct McapFile<F: Target> {
     messages: u64,
     bytes: u64,
     chunks: usize,
-    /// Messages that can be read back, those in `before` earlier files included.
+    /// Number of messages that can be read back, including `before` messages in earlier files.
     safe: u64,
     before: u64,
-    /// Bytes of complete chunks.
+    /// Number of bytes of complete chunks.
     written: Arc<AtomicU64>,
-    /// Definitions once more, outside of chunks.
-    behind: Behind,
+    /// Second copy of the definitions, outside of chunks.
+    trailing: TrailingRecords,
 }
 
 impl<F: Target> McapFile<F> {
@@ -52,9 +54,9 @@ impl<F: Target> McapFile<F> {
             Compression::Zstd => Some(mcap::Compression::Zstd),
         };
         let tail = Tail::new(target);
-        let (written, behind) = (tail.written(), tail.behind());
-        // Chunks end where this file says so, and are put together in memory. Threads for compressing 256 KiB cost more
-        // than they bring.
+        let (written, trailing) = (tail.written(), tail.trailing());
+        // Chunk size is None, because `write` decides when a chunk ends. Seeking is disabled, so that the library
+        // assembles each chunk in memory. Compression threads are 0: chunks of 256 KiB are too small to gain from threads.
         let made = WriteOptions::new()
             .profile("ros2")
             .library(concat!("catenary ", env!("CARGO_PKG_VERSION")))
@@ -62,12 +64,14 @@ impl<F: Target> McapFile<F> {
             .compression_threads(0)
             .chunk_size(None)
             .disable_seeking(true)
-            // Some records reach the file beside the writer. Every chunk has a checksum of its own.
+            // Trailing records bypass `mcap::Writer`, so that its checksum of the data section would be wrong. Every
+            // chunk has its own checksum.
             .calculate_data_section_crc(false)
             .create(tail)
             .and_then(|mut mcap| mcap.flush().map(|()| mcap));
         let mcap = made.map_err(|e| write_error(&path, before, &e))?;
-        // A limit on the file has to be seen before it is passed by far.
+        // The size is checked between chunks: with chunks of a quarter of the limit, a file exceeds it by a quarter at
+        // most.
         let quarter = options.split.bytes.map_or(u64::MAX, |b| b / 4);
         Ok(Self {
             path,
@@ -84,7 +88,7 @@ impl<F: Target> McapFile<F> {
             safe: before,
             before,
             written,
-            behind,
+            trailing,
         })
     }
 
@@ -92,12 +96,12 @@ impl<F: Target> McapFile<F> {
         self.messages
     }
 
-    /// Complete chunks.
+    /// Number of complete chunks.
     pub(super) fn chunks(&self) -> usize {
         self.chunks
     }
 
-    /// Messages that can be read back, those in earlier files included.
+    /// Number of messages that can be read back, including those in earlier files.
     pub(super) fn safe(&self) -> u64 {
         self.safe
     }
@@ -106,12 +110,12 @@ impl<F: Target> McapFile<F> {
         self.span_ns
     }
 
-    /// Messages of each topic.
+    /// Number of messages of each topic.
     pub(super) fn counts(&self) -> impl Iterator<Item = u64> {
         self.topics.iter().map(|t| t.messages)
     }
 
-    /// Whether a message of this log time belongs into the next file.
+    /// True if a message of this log time belongs into the next file.
     pub(super) fn is_full(&self, split: &Split, log_ns: i64) -> bool {
         let is_long = |(first, _)| {
             let age = u64::try_from(log_ns.saturating_sub(first)).unwrap_or(0);
@@ -121,8 +125,9 @@ impl<F: Target> McapFile<F> {
         self.messages > 0 && (is_large || self.span_ns.is_some_and(is_long))
     }
 
-    /// Adds the next topic. Its definition goes into the open chunk, and once more behind that, outside of any chunk: a
-    /// damaged chunk costs its messages then, and not the channels of all others.
+    /// Adds the next topic. Its definition goes into the open chunk and, a second time, behind it outside of any chunk.
+    /// Damage to a chunk then loses only the messages of that chunk. Messages in later chunks keep their channel
+    /// definitions.
     pub(super) fn add_topic(&mut self, facts: &TopicFacts, definition: &str) -> Result<(), BagError> {
         let metadata = BTreeMap::from([
             ("offered_qos_profiles".to_owned(), serde_saphyr::to_string(&facts.profiles).unwrap_or_default()),
@@ -133,11 +138,11 @@ impl<F: Target> McapFile<F> {
             Ok((schema.to_le_bytes(), channel))
         });
         let (schema, channel) = added.map_err(|e| self.error(&e))?;
-        let mut behind = self.behind.lock().unwrap_or_else(PoisonError::into_inner);
-        record(&mut behind, op::SCHEMA, &[&schema, &list(&facts.type_name), &list("ros2msg"), &list(definition)]);
+        let mut trailing = self.trailing.lock().unwrap_or_else(PoisonError::into_inner);
+        record(&mut trailing, op::SCHEMA, &[&schema, &list(&facts.type_name), &list("ros2msg"), &list(definition)]);
         let parts = [&channel.to_le_bytes()[..], &schema, &list(&facts.name), &list("cdr"), &map(&metadata)];
-        record(&mut behind, op::CHANNEL, &parts);
-        drop(behind);
+        record(&mut trailing, op::CHANNEL, &parts);
+        drop(trailing);
         self.topics.push(Topic { channel, messages: 0 });
         Ok(())
     }
@@ -147,11 +152,11 @@ impl<F: Target> McapFile<F> {
             let reason = "a topic of another bag was given".to_owned();
             return Err(BagError::Write { path: self.path.clone(), reason, safe: self.safe });
         };
-        // MCAP's times are unsigned.
+        // Times of MCAP are unsigned.
         let time = |ns: i64| u64::try_from(ns).unwrap_or(0);
         let header = MessageHeader {
             channel_id: topic.channel,
-            // Sequences are of 32 bits, and begin anew.
+            // Sequence numbers have 32 bits and wrap around.
             sequence: topic.messages as u32,
             log_time: time(log_ns),
             publish_time: time(publish_ns),
@@ -191,7 +196,7 @@ impl<F: Target> McapFile<F> {
             .map_err(|e| self.error(&e))
     }
 
-    /// Brings a finished file to the disk.
+    /// Syncs a finished file to the disk.
     pub(super) fn close(self) -> Result<(), BagError> {
         let (path, safe) = (self.path, self.safe);
         let mut tail = self.mcap.into_inner();
@@ -224,7 +229,7 @@ mod tests {
     use std::io::{self, Write};
     use std::sync::Mutex;
 
-    /// A disk that is full after `capacity` bytes.
+    /// Disk that is full after `capacity` bytes.
     #[derive(Clone)]
     struct Disk {
         bytes: Arc<Mutex<Vec<u8>>>,
@@ -270,7 +275,7 @@ mod tests {
         }
     }
 
-    /// Writes poses until the disk is full or `count` are written; the outcome and what the disk holds.
+    /// Writes poses until the disk is full or `count` are written. Returns the outcome and the bytes on the disk.
     fn fill(capacity: usize, count: i64) -> (Result<(), BagError>, Vec<u8>) {
         let disk = Disk { bytes: Arc::default(), capacity };
         let options = WriterOptions { compression: Compression::None, chunk_bytes: 1000, ..WriterOptions::default() };

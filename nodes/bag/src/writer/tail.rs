@@ -1,15 +1,15 @@
-//! The end of a file that only grows, and only by whole chunks.
+//! End of a file that grows by whole chunks alone.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Something that is written from front to back and can be cut off.
+/// Output that is written from front to back and can be truncated.
 pub(super) trait Target: Write {
-    /// Makes it end after `len` bytes.
+    /// Truncates it to `len` bytes.
     fn cut(&mut self, len: u64) -> io::Result<()>;
-    /// Brings what was written to the disk itself.
+    /// Syncs the written bytes to the disk.
     fn sync(&mut self) -> io::Result<()>;
 }
 
@@ -23,32 +23,38 @@ impl Target for File {
     }
 }
 
-/// Records that come behind the next chunk, shared with whoever adds to them.
-pub(super) type Behind = Arc<Mutex<Vec<u8>>>;
+/// Records that the next flush writes behind the chunk, shared with the code that adds them.
+pub(super) type TrailingRecords = Arc<Mutex<Vec<u8>>>;
 
-/// Holds back what is written until it is flushed, so that the file ends with a complete chunk at any moment: a flush that
-/// fails half way, as on a full disk, cuts the file back to where it was.
+/// Writer that holds bytes back until a flush, so the file ends with a complete chunk at any time. A flush that fails
+/// half way, for example on a full disk, truncates the file to its length before.
 pub(super) struct Tail<F: Target> {
     target: F,
     held_back: Vec<u8>,
-    behind: Behind,
+    trailing: TrailingRecords,
     written: Arc<AtomicU64>,
     broken: bool,
 }
 
 impl<F: Target> Tail<F> {
     pub(super) fn new(target: F) -> Self {
-        Self { target, held_back: Vec::new(), behind: Behind::default(), written: Arc::default(), broken: false }
+        Self {
+            target,
+            held_back: Vec::new(),
+            trailing: TrailingRecords::default(),
+            written: Arc::default(),
+            broken: false,
+        }
     }
 
-    /// Bytes in the file so far, kept up to date.
+    /// Shared counter of the bytes in the file.
     pub(super) fn written(&self) -> Arc<AtomicU64> {
         Arc::clone(&self.written)
     }
 
-    /// Takes whole records; the next flush writes them behind what was written until then. There must be no chunk open.
-    pub(super) fn behind(&self) -> Behind {
-        Arc::clone(&self.behind)
+    /// Shared list of whole records that the next flush appends. A flush must not happen within a chunk.
+    pub(super) fn trailing(&self) -> TrailingRecords {
+        Arc::clone(&self.trailing)
     }
 
     fn position(&self) -> u64 {
@@ -73,10 +79,10 @@ impl<F: Target> Write for Tail<F> {
 
     fn flush(&mut self) -> io::Result<()> {
         self.check()?;
-        self.held_back.append(&mut self.behind.lock().unwrap_or_else(PoisonError::into_inner));
+        self.held_back.append(&mut self.trailing.lock().unwrap_or_else(PoisonError::into_inner));
         if let Err(error) = self.target.write_all(&self.held_back).and_then(|()| self.target.flush()) {
             self.broken = true;
-            // Where even this fails the file ends within a record, which readers recover from.
+            // If this fails, too, the file ends within a record. Readers recover from that.
             let _ends_within_a_record = self.target.cut(self.position());
             return Err(error);
         }
@@ -87,7 +93,7 @@ impl<F: Target> Write for Tail<F> {
 }
 
 impl<F: Target> Seek for Tail<F> {
-    /// Tells the position; goes nowhere.
+    /// Returns the position. Other seeks are refused.
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
             SeekFrom::Current(0) => Ok(self.position() + self.held_back.len() as u64),

@@ -1,6 +1,6 @@
-//! Episodes of the running graph.
+//! Live episodes of the running graph.
 
-use crate::convert::Feed;
+use crate::episodes::convert::Feed;
 use catenary_core::episode::{EpisodeError, is_base_frame};
 use catenary_core::{Episode, EpisodeLog};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -9,28 +9,29 @@ use catenary_shell::{Act, Flaw, GoalHandle, Intake, Msg, Names, Node, ShellError
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Messages of a topic that may wait for the log.
+/// Number of messages of a topic that may wait for the log.
 const BURST: u16 = 256;
-/// How often the log drops what nobody needs.
+/// Period at which the log drops records that are not needed.
 const TIDY: Duration = Duration::from_secs(5);
 /// Silence of poses or keypoints within an episode that counts as a fault.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Longest time for which an episode is expected to go on: a node that dies does not tell its end.
+/// Longest time for which an open episode is expected to continue, several times that of a usual one: a node that dies
+/// sends no end.
 const LONGEST: Duration = Duration::from_secs(120);
-/// How often a goal that waits for an episode looks for it.
+/// Period at which a waiting goal checks for an episode.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What the topics say of episodes while this lives: the last complete one, and those under way.
+/// Log of the episodes on the topics, filled while it lives: the last complete episode and open ones.
 pub struct LiveEpisodes {
     log: Arc<Mutex<EpisodeLog>>,
     _subscriptions: [Subscription; 5],
 }
 
 impl LiveEpisodes {
-    /// Listens from now on, until the node ends.
+    /// Subscribes to the topics. The log is filled until the node shuts down.
     ///
     /// # Errors
-    /// [`ShellError`] where a topic cannot be subscribed to.
+    /// [`ShellError`] if a topic cannot be subscribed to.
     pub fn listen(node: &Node) -> Result<Self, ShellError> {
         let log = Arc::new(Mutex::new(EpisodeLog::default()));
         let keypoints = intake::<Keypoints>(node, &contract::KEYPOINTS, Names { one: "keypoints", many: "keypoints" })?;
@@ -52,7 +53,7 @@ impl LiveEpisodes {
             follow::<EefDelta>(node, &log, &actions, |_| Ok(()))?,
             follow::<Observation>(node, &log, &observations, |_| Ok(()))?,
             follow::<EpisodeEvent>(node, &log, &events, move |event| {
-                // An event of long ago comes from a latched topic.
+                // Events are latched: an old one reports an episode that is over.
                 let age = clock.now().saturating_since(stamp::from_msg(&event.header.stamp));
                 let begins = event.event == EpisodeEvent::STARTED && age < LONGEST;
                 watching.iter().for_each(|intake| intake.need(begins));
@@ -73,21 +74,22 @@ impl LiveEpisodes {
         Ok(Self { log, _subscriptions: subscriptions })
     }
 
-    /// The last complete episode, where anything of it was seen. Events are told to late joiners: one without poses and
-    /// keypoints ended before this listened.
+    /// Last complete episode with poses or keypoints. Events are latched, so an episode without both ended before this
+    /// subscription began.
     ///
     /// # Errors
-    /// [`EpisodeError::NoEpisode`] where there is none.
+    /// [`EpisodeError::NoEpisode`] if there is none.
     pub fn last(&self) -> Result<Episode, EpisodeError> {
         let log = lock(&self.log);
         let episode = log.last()?;
+        // Its records were sent before the subscription, and only its latched events were received.
         if episode.poses.is_empty() && episode.keypoints.is_empty() {
             return Err(EpisodeError::NoEpisode { cause: String::new(), found: log.summary() });
         }
         Ok(episode)
     }
 
-    /// The last complete episode, as [`LiveEpisodes::last`] knows it, waited for; none where the goal is cancelled before.
+    /// Waits for an episode of [`LiveEpisodes::last`] and returns it; none if the goal is cancelled before.
     #[must_use]
     pub fn wait<A: Act>(&self, goal: &GoalHandle<A>) -> Option<Episode> {
         loop {
@@ -100,7 +102,7 @@ impl LiveEpisodes {
         }
     }
 
-    /// What was heard, in words.
+    /// Numbers of the received records by kind, as text.
     #[must_use]
     pub fn summary(&self) -> String {
         lock(&self.log).summary()
@@ -111,13 +113,13 @@ fn lock(log: &Mutex<EpisodeLog>) -> MutexGuard<'_, EpisodeLog> {
     log.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Intake of a topic of the contract, deep enough for the bursts of a fast replay.
+/// Intake of a topic of the contract, with a depth for the bursts of a fast replay.
 fn intake<M: Msg>(node: &Node, topic: &contract::Topic, names: Names) -> Result<Intake, ShellError> {
     let qos = if topic.qos.is_transient_local() { topic.qos } else { topic.qos.with_depth(BURST) };
     node.intake::<M>(topic.name, qos, names, SILENCE)
 }
 
-/// Feeds every message that `check` finds no flaw in to the log: all of a burst, and not the newest alone.
+/// Feeds every message that passes `check` to the log: all messages of a burst, and not the newest alone.
 fn follow<M: Msg + Feed>(
     node: &Node,
     log: &Arc<Mutex<EpisodeLog>>,
@@ -131,7 +133,7 @@ fn follow<M: Msg + Feed>(
     })
 }
 
-/// Doubts a pose in a frame that the model's arm does not stand in. The log notes it, and uses the pose as a bag's is.
+/// Reports a pose in a frame other than the arm's base. The log notes it and uses the pose, as for a bag.
 fn doubt_frame(poses: &Intake, pose: &PoseStamped) {
     let frame = &pose.header.frame_id;
     if !is_base_frame(frame) {

@@ -1,36 +1,36 @@
-//! What is recorded, and whereto.
+//! Settings of a recording.
 
 use crate::error::BagError;
 use crate::filter::TopicFilter;
-use crate::overrides::QosOverrides;
+use crate::node::overrides::QosOverrides;
 use crate::writer::{Compression, Split, WriterOptions};
 use catenary_shell::contract::{self, Topic};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// The least size in bytes after which a file may end, as for rosbag2.
+/// Least limit in bytes of a file, as in rosbag2.
 const LEAST_SIZE: u64 = 1024;
 
-/// What is recorded, and whereto.
+/// Settings of a recording: topics, output and splitting.
 #[derive(Debug, Clone)]
 pub struct RecordSettings {
     /// Folder of the bag; it must not exist yet.
     pub out: PathBuf,
-    /// Topics of the whole graph. Where it chooses none: those of the contract but `/clock` and the camera's images, less
-    /// what it excludes.
+    /// Topics of the whole graph. A filter that chooses none means those of the contract without `/clock`, the camera's
+    /// images, and excluded topics.
     pub filter: TopicFilter,
-    /// Whether the camera's images are recorded, too, where the filter chooses nothing.
+    /// True to record the camera's images, too, if the filter chooses nothing.
     pub images: bool,
     /// Compression of the chunks.
     pub compression: Compression,
-    /// When the bag goes on in a new file.
+    /// Limits of a file.
     pub split: Split,
-    /// Profiles of subscriptions other than those that fit.
+    /// Overrides of the profiles of subscriptions.
     pub overrides: QosOverrides,
 }
 
 impl RecordSettings {
-    /// The contract's topics but images and `/clock`, compressed, in one file.
+    /// Settings that record the contract's topics without images and `/clock`, compressed, into one file.
     #[must_use]
     pub fn new(out: PathBuf) -> Self {
         Self {
@@ -43,7 +43,7 @@ impl RecordSettings {
         }
     }
 
-    /// Rejects names that no topic has, limits without sense, and a folder that is there or cannot be made.
+    /// Rejects impossible names and limits, and a folder that exists or cannot be created.
     ///
     /// # Errors
     /// [`BagError::Setting`], [`BagError::Exists`], [`BagError::Io`].
@@ -57,6 +57,7 @@ impl RecordSettings {
             return Err(BagError::Exists { path: self.out.clone() });
         }
         let parents = self.out.ancestors().skip(1).map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
+        // The nearest existing parent decides if the folder can be created.
         let Some(nearest) = parents.into_iter().find(|p| p.exists()) else { return Ok(()) };
         let refuse = |kind: ErrorKind| Err(BagError::io("make the folder", &self.out)(kind.into()));
         match std::fs::metadata(nearest) {
@@ -67,7 +68,7 @@ impl RecordSettings {
         }
     }
 
-    /// Whether a topic is recorded that has these names, before and after remapping.
+    /// True if a topic with these names, before and after remapping, is recorded.
     pub(super) fn takes(&self, names: &[&str], type_name: &str) -> bool {
         if self.filter.chooses() {
             return self.filter.takes(names, type_name);
@@ -76,8 +77,8 @@ impl RecordSettings {
         names.iter().any(|name| contract::topic(name).is_some_and(is_usual)) && !self.filter.excludes(names, type_name)
     }
 
-    /// The contract's topics that are recorded whether or not somebody publishes them by now, given their names after
-    /// remapping. Where everything is recorded, `/clock` is waited for.
+    /// Topics of the contract that are subscribed to before anybody publishes them. `resolve` applies the remapping.
+    /// With `all`, `/clock` is subscribed to only when it is published.
     pub(super) fn agreed(&self, resolve: impl Fn(&str) -> String) -> Vec<&'static Topic> {
         let taken = |topic: &&Topic| {
             self.takes(&[topic.name, &resolve(topic.name)], topic.type_name)

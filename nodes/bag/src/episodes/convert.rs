@@ -1,6 +1,6 @@
-//! From wire messages to the records of an [`EpisodeLog`], for bag readers and live subscriptions alike.
+//! Conversion of wire messages to records of an [`EpisodeLog`], for bag readers and live subscriptions.
 //!
-//! Knows neither files nor the graph. Conversions that other nodes need, too, are those of [`catenary_shell::convert`].
+//! It knows neither files nor the graph. Conversions for all nodes are in [`catenary_shell::convert`].
 
 use catenary_core::episode::{EpisodeStart, MeasuredPose};
 use catenary_core::{EpisodeLog, Observation};
@@ -11,18 +11,18 @@ use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation as Obser
 use catenary_shell::convert::{ConvertError, anchor_from_msg, grip_pose_from_msg, keypoints_from_msg};
 use catenary_shell::stamp;
 
-/// How far the norm of a quaternion may lie from 1.
+/// Greatest deviation of the norm of a quaternion from 1: drivers that send single precision stay far below it.
 const NORM_TOLERANCE: f64 = 0.01;
 
-/// A message that an [`EpisodeLog`] takes a record from.
+/// Message that gives an [`EpisodeLog`] a record.
 pub trait Feed: Interface {
-    /// The message's own stamp, ns.
+    /// Stamp of the message in ns.
     fn stamp_ns(&self) -> i64;
 
-    /// Records the message at its own stamp.
+    /// Adds the message to the log at its own stamp.
     ///
     /// # Errors
-    /// [`ConvertError`] naming the field that has no meaning; the log stays as it was.
+    /// [`ConvertError`] names the field that makes no sense. The log is then unchanged.
     fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError>;
 }
 
@@ -61,6 +61,7 @@ impl Feed for PoseStamped {
             let expected = "a unit quaternion".to_owned();
             return Err(ConvertError { field: "pose.orientation", expected, got: format!("one of norm {norm:.3}") });
         }
+        // Nothing is added before the last check: a refused message must leave no trace.
         log.push_frame(self.stamp_ns(), &self.header.frame_id);
         log.push_pose(self.stamp_ns(), MeasuredPose { grip: grip_pose_from_msg(&self.pose), y_m: p.y });
         Ok(())
@@ -110,11 +111,11 @@ impl Feed for EpisodeEvent {
     }
 }
 
-/// How the episode started that a STARTED event reports.
+/// Converts a STARTED event.
 ///
 /// # Errors
-/// [`ConvertError`]: a step period that is none, an unknown anchor.
-pub fn start_from_msg(message: &EpisodeEvent) -> Result<EpisodeStart, ConvertError> {
+/// [`ConvertError`] for a step period that is not positive, or an unknown anchor.
+fn start_from_msg(message: &EpisodeEvent) -> Result<EpisodeStart, ConvertError> {
     let step_period_s = message.step_period;
     if !(step_period_s.is_finite() && step_period_s > 0.0) {
         let expected = "a positive number of seconds".to_owned();
@@ -150,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn events_keep_what_they_say() {
+    fn events_become_an_episode_with_their_values() {
         let mut log = EpisodeLog::default();
         let started = EpisodeEvent {
             header: stamp::header(catenary_shell::Time::from_nanos(5), ""),

@@ -1,12 +1,12 @@
-//! Quality-of-service profiles as rosbag2 stores them: a YAML list in the metadata of each topic.
+//! Quality-of-service profiles in the form of rosbag2: a YAML list in the metadata of each topic.
 
 use catenary_shell::Qos;
 use serde::{Deserialize, Serialize};
 
-/// What a history that keeps all becomes, because every [`Qos`] keeps a number of messages.
+/// Depth that replaces a history that keeps all, because every [`Qos`] has a finite depth.
 pub(crate) const KEEP_ALL: u16 = 4096;
 
-/// rosbag2's "for ever": the greatest ns that a signed 64-bit number holds.
+/// Infinite duration of rosbag2: the greatest ns of a signed 64-bit number.
 const FOREVER: Span = Span { sec: 9_223_372_036, nsec: 854_775_807 };
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -15,7 +15,7 @@ struct Span {
     nsec: u64,
 }
 
-/// One offered profile, in the words of metadata version 9.
+/// Offered profile in the words of metadata version 9.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct Profile {
     history: String,
@@ -46,10 +46,10 @@ impl From<Qos> for Profile {
 }
 
 impl Profile {
-    /// What of it is kept to here. Whatever is neither best effort nor transient local counts as reliable and volatile, as
-    /// rosbag2 takes it.
+    /// Part of the profile that this crate applies. Values other than best effort and transient local count as reliable
+    /// and volatile, as in rosbag2.
     pub(crate) fn qos(&self) -> Qos {
-        // Discovery does not carry the depth: other recorders write 0.
+        // Discovery does not carry the depth, so other recorders write 0.
         let depth = match (self.history.as_str(), self.depth) {
             ("keep_all", _) => KEEP_ALL,
             (_, 0) => Qos::DEFAULT.depth(),
@@ -63,14 +63,14 @@ impl Profile {
     }
 }
 
-/// Words for the numbers of the rmw enumerations, which stood in their place before version 9.
+/// Words for the numbers of the rmw enumerations: before version 9, files held numbers.
 const HISTORIES: &[&str] = &["system_default", "keep_last", "keep_all"];
 const RELIABILITIES: &[&str] = &["system_default", "reliable", "best_effort", "unknown", "best_available"];
 const DURABILITIES: &[&str] = &["system_default", "transient_local", "volatile", "unknown", "best_available"];
 const LIVELINESSES: &[&str] =
     &["system_default", "automatic", "unknown", "manual_by_topic", "unknown", "best_available"];
 
-/// A policy's value: a word or a number.
+/// Value of a policy: a word or a number.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Word {
@@ -122,7 +122,7 @@ impl From<Offered> for Profile {
     }
 }
 
-/// The profiles in the text of a topic's `offered_qos_profiles`, of any version. Text that is no such list gives none.
+/// Parses the text of a topic's `offered_qos_profiles`, of any version. Text that is no such list gives no profiles.
 pub(crate) fn parse(text: &str) -> Vec<Profile> {
     let offered: Vec<Offered> = serde_saphyr::from_str(text).unwrap_or_default();
     offered.into_iter().map(Profile::from).collect()
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_kept_to_here_is_kept() {
+    fn policies_that_are_not_applied_are_still_stored() {
         let old = "- history: 2\n  depth: 0\n  reliability: 1\n  durability: 2\n  deadline:\n    sec: 1\n    nsec: 2\n  \
                    lifespan:\n    sec: 3\n    nsec: 4\n  liveliness: 3\n  liveliness_lease_duration:\n    sec: 5\n    nsec: 6\n  \
                    avoid_ros_namespace_conventions: true\n";

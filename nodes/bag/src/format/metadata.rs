@@ -1,16 +1,16 @@
 //! `metadata.yaml`, version 9, as rosbag2 of ROS 2 Jazzy writes it.
 
 use crate::error::BagError;
-use crate::profile::Profile;
+use crate::format::profile::Profile;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Name of the file.
 pub(crate) const FILE_NAME: &str = "metadata.yaml";
-/// The version that is written.
+/// Version that is written.
 const VERSION: u32 = 9;
-/// What rosbag2 gives as the start of a bag without messages.
+/// Start that rosbag2 writes for a bag without messages.
 const NO_START_NS: i64 = i64::MAX;
 
 #[derive(Debug, Serialize)]
@@ -23,7 +23,7 @@ struct Start {
     nanoseconds_since_epoch: i64,
 }
 
-/// A topic with its messages.
+/// Topic with the number of its messages.
 #[derive(Debug, Serialize)]
 struct TopicEntry<'a> {
     topic_metadata: TopicMetadata<'a>,
@@ -69,7 +69,7 @@ struct Document<'a> {
     rosbag2_bagfile_information: Information<'a>,
 }
 
-/// What `metadata.yaml` says of one topic.
+/// Entry of one topic.
 #[derive(Debug, Clone)]
 pub(crate) struct TopicFacts {
     pub(crate) name: String,
@@ -80,27 +80,27 @@ pub(crate) struct TopicFacts {
     pub(crate) messages: u64,
 }
 
-/// What it says of one file.
+/// Entry of one file.
 #[derive(Debug, Clone)]
 pub(crate) struct FileFacts {
     /// Name within the folder.
     pub(crate) name: String,
-    /// First and last log time in ns; none without messages.
+    /// First and last log time in ns; none for a file without messages.
     pub(crate) span_ns: Option<(i64, i64)>,
     pub(crate) messages: u64,
 }
 
-/// What it says of the recording as a whole.
+/// Entries about the recording as a whole.
 #[derive(Debug, Clone)]
 pub(crate) struct Origin {
-    /// What users added, by name.
+    /// Entries that users added, by name.
     pub(crate) custom_data: BTreeMap<String, String>,
-    /// The distribution of ROS 2 that recorded it; empty where nobody knows.
+    /// ROS 2 distribution that recorded the bag; empty if unknown.
     pub(crate) ros_distro: String,
 }
 
 impl Default for Origin {
-    /// That of a bag of our own.
+    /// Origin of a bag that this crate writes.
     fn default() -> Self {
         Self { custom_data: BTreeMap::new(), ros_distro: "jazzy".to_owned() }
     }
@@ -114,7 +114,7 @@ fn duration(span_ns: Option<(i64, i64)>) -> Duration {
     Duration { nanoseconds: span_ns.map_or(0, |s| s.1.saturating_sub(s.0)) }
 }
 
-/// The first and last time of several spans.
+/// Earliest start and latest end of several spans; none if all are none.
 pub(crate) fn joined(spans: impl IntoIterator<Item = Option<(i64, i64)>>) -> Option<(i64, i64)> {
     spans.into_iter().flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
@@ -157,17 +157,17 @@ fn yaml(value: &impl Serialize) -> Result<String, String> {
     serde_saphyr::to_string(value).map_err(|e| e.to_string())
 }
 
-/// The text that rosbag2 keeps inside of the MCAP file: the information alone.
+/// Text that rosbag2 stores inside the MCAP file: the information without its enclosing key.
 pub(crate) fn embedded_text(topics: &[TopicFacts], files: &[FileFacts]) -> Result<String, String> {
     yaml(&information(topics, files, &Origin::default()))
 }
 
-/// The text of the file.
+/// Text of the file.
 pub(crate) fn text(topics: &[TopicFacts], files: &[FileFacts], origin: &Origin) -> Result<String, String> {
     yaml(&Document { rosbag2_bagfile_information: information(topics, files, origin) })
 }
 
-/// Writes the file into `folder`; what was there is replaced in one step.
+/// Writes the file into `folder`. An existing file is replaced atomically.
 #[allow(clippy::disallowed_methods, reason = "bags are files")]
 pub(crate) fn write(
     folder: &Path,
@@ -181,6 +181,7 @@ pub(crate) fn write(
         path: path.clone(),
         reason: std::io::Error::other(e),
     })?;
+    // A rename within a folder is atomic: a reader finds the old or the new file, and never half of one.
     let draft = folder.join(".metadata.yaml.part");
     std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(|reason| {
         let _there_is_none = std::fs::remove_file(&draft);
@@ -188,10 +189,10 @@ pub(crate) fn write(
     })
 }
 
-/// What reading or finishing a bag needs of the file, of any version.
+/// Parts of the file, of any version, that reading and finishing a bag need.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Layout {
-    /// Names of the files, in order.
+    /// Names of the bag files, in order.
     pub(crate) relative_file_paths: Vec<String>,
     #[serde(default)]
     custom_data: Option<BTreeMap<String, String>>,
@@ -201,7 +202,7 @@ pub(crate) struct Layout {
     files: Option<Vec<ListedFile>>,
     #[serde(default)]
     topics_with_message_count: Option<Vec<ListedTopic>>,
-    /// `message` or `file` where the recorder compressed what the files hold, or the files; empty or `none` otherwise.
+    /// `message` or `file` if the recorder compressed single messages or whole files; empty or `none` otherwise.
     #[serde(default)]
     pub(crate) compression_mode: String,
 }
@@ -226,11 +227,12 @@ struct ListedType {
     type_description_hash: Option<String>,
 }
 
-/// What the name of a file that is missing has before it in the custom data of a bag that was finished without it.
+/// Prefix of custom-data entries about missing files. The rest of the key is the name of a file that was listed but
+/// missing when the bag was finished.
 const MISSING: &str = "missing_file ";
 
 impl Layout {
-    /// What it says of the recording; the files in `missing` are remembered, those in `present` no longer.
+    /// Entries about the recording. Files in `missing` get an entry in the custom data; files in `present` lose theirs.
     pub(crate) fn origin(&self, missing: &[String], present: &[String]) -> Origin {
         let mut custom_data = self.custom_data.clone().unwrap_or_default();
         let messages = |name: &String| {
@@ -244,12 +246,12 @@ impl Layout {
         Origin { custom_data, ros_distro: self.ros_distro.clone().unwrap_or_default() }
     }
 
-    /// Files that were missing when the bag was finished, with what is known of them.
+    /// Files that were missing when the bag was finished, each with the number of its messages as text.
     pub(crate) fn missing_before(&self) -> impl Iterator<Item = (&str, &str)> {
         self.custom_data.iter().flatten().filter_map(|(key, known)| Some((key.strip_prefix(MISSING)?, known.as_str())))
     }
 
-    /// The hash of a topic's type.
+    /// RIHS01 hash of a topic's type.
     pub(crate) fn type_hash(&self, name: &str, type_name: &str) -> Option<&str> {
         let mut topics = self.topics_with_message_count.iter().flatten().map(|t| &t.topic_metadata);
         topics.find(|t| t.name == name && t.type_name == type_name)?.type_description_hash.as_deref()
@@ -261,7 +263,7 @@ struct LayoutDocument {
     rosbag2_bagfile_information: Layout,
 }
 
-/// Reads what is needed from the file's text.
+/// Parses the text of the file. The error is the first line of the parser's message.
 pub(crate) fn parse(text: &str) -> Result<Layout, String> {
     serde_saphyr::from_str::<LayoutDocument>(text)
         .map(|d| d.rosbag2_bagfile_information)

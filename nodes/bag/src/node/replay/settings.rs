@@ -1,8 +1,8 @@
-//! What is replayed, and how.
+//! Settings of a replay.
 
 use crate::error::BagError;
 use crate::filter::TopicFilter;
-use crate::overrides::QosOverrides;
+use crate::node::overrides::QosOverrides;
 use crate::reader::{BagReader, Topic};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,41 +12,42 @@ const RATES: [f64; 2] = [1e-3, 1e6];
 /// Least and greatest rate of `/clock` in Hz.
 const CLOCK_RATES: [f64; 2] = [0.1, 10_000.0];
 
-/// What is replayed, and how.
+/// Settings of a replay: topics, speed, range and safety.
 #[derive(Debug, Clone)]
 pub struct ReplaySettings {
     /// Bag folder or file.
     pub bag: PathBuf,
-    /// Topics of the bag. Where it chooses none: all, less what it excludes.
+    /// Topics of the bag. A filter that chooses none means all topics without the excluded ones.
     pub filter: TopicFilter,
-    /// Speed, default 1; larger is faster, infinite as fast as subscribers can take it: 5000 messages and 100 MB a second.
+    /// Speed, default 1. A larger value is faster; infinite means 5000 messages and 100 MB a second, which subscribers
+    /// can follow.
     pub rate: f64,
-    /// s of the bag to skip, default 0.
+    /// Part of the bag to skip in s, default 0.
     pub start_offset_s: f64,
-    /// s of the bag to play, default all, and so where it is less than zero.
+    /// Part of the bag to play in s; none or a negative value, the default, means all.
     pub duration_s: Option<f64>,
-    /// s to wait before the bag, each time, default 0.
+    /// Time to wait before each pass through the bag in s, default 0.
     pub delay_s: f64,
-    /// Whether to begin anew at the end, default no.
+    /// True to begin anew at the end, default false.
     pub repeat: bool,
-    /// Whether to publish `/clock` in step with the bag instead of what the bag has of it, and how often, Hz of wall time;
-    /// default no.
+    /// Rate in Hz of wall time at which `/clock` is published in step with the bag, in place of a recorded `/clock`;
+    /// none, the default, publishes none.
     pub clock_hz: Option<f64>,
-    /// Profiles other than those that the bag says were offered.
+    /// Overrides of the recorded profiles.
     pub overrides: QosOverrides,
-    /// Whether to replay commands, too, where no arm or a simulated one follows them, default no.
+    /// True to replay commands, too, if no arm or a simulated arm follows them, default false.
     pub allow_replay: bool,
-    /// Whether to replay what an arm and a camera measure where others publish it, too, default no.
+    /// True to replay measurements of an arm and a camera even if other nodes publish them, too, default false.
     pub allow_others: bool,
-    /// How long to wait until every topic has a subscriber, default 2 s. Replaying begins in any case.
+    /// Greatest time to wait until every topic has a subscriber, default 2 s. The replay begins in any case.
     pub wait: Duration,
 }
 
 impl ReplaySettings {
-    /// How often `/clock` is published where nobody says otherwise, Hz.
+    /// Default rate of `/clock` in Hz.
     pub const CLOCK_HZ: f64 = 200.0;
 
-    /// The whole bag once, at its own speed, without commands.
+    /// Settings that play the whole bag once, at its own speed, without commands.
     #[must_use]
     pub fn new(bag: PathBuf) -> Self {
         Self {
@@ -65,7 +66,7 @@ impl ReplaySettings {
         }
     }
 
-    /// Opens the bag, having checked the numbers.
+    /// Checks the settings and opens the bag.
     ///
     /// # Errors
     /// [`BagError::Setting`], and those of [`BagReader::open`].
@@ -112,7 +113,7 @@ impl ReplaySettings {
         Ok(())
     }
 
-    /// Whether a topic of the bag is replayed.
+    /// True if a topic of the bag is replayed.
     pub(super) fn takes(&self, topic: &Topic) -> bool {
         let (names, kind) = ([topic.name.as_str()], &topic.type_name);
         if self.filter.chooses() { self.filter.takes(&names, kind) } else { !self.filter.excludes(&names, kind) }

@@ -1,17 +1,17 @@
-//! Room on the disk that is kept free until it is needed.
-#![allow(clippy::disallowed_methods, reason = "room on a disk is a file")]
+//! Reserve file: disk space that is held until the end of a bag is written.
+#![allow(clippy::disallowed_methods, reason = "the reserve is a file")]
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Name of the file.
+/// Name of the reserve file.
 const FILE_NAME: &str = ".reserve";
-/// Bytes by which it grows.
+/// Bytes by which the reserve grows.
 const STEP: usize = 64 * 1024;
 
-/// A file in a bag's folder that takes the room which the end of the bag will need, so that a full disk does not keep the
-/// bag from being finished. Whoever finishes the bag removes it first. It is locked while the bag is written.
+/// File in a bag's folder that occupies the disk space which the end of the bag will need. It is removed before the end
+/// is written, so a bag can be finished on a full disk. It is locked while a recorder writes the bag.
 pub(crate) struct Reserve {
     file: File,
     bytes: usize,
@@ -20,13 +20,14 @@ pub(crate) struct Reserve {
 impl Reserve {
     pub(crate) fn new(folder: &Path) -> io::Result<Self> {
         let file = File::create(folder.join(FILE_NAME))?;
-        // File systems without locks are none the worse for it.
+        // Some file systems have no locks. The lock only protects against a reindex of a bag that is being written.
         let _unlocked = file.try_lock();
         Ok(Self { file, bytes: 0 })
     }
 
-    /// Makes room for `needed` bytes.
+    /// Grows the reserve to at least `needed` bytes.
     pub(crate) fn grow(&mut self, needed: usize) -> io::Result<()> {
+        // A byte other than zero: file systems may store zeros without occupying blocks.
         while self.bytes < needed {
             self.file.write_all(&[0x5a; STEP])?;
             self.bytes += STEP;
@@ -35,15 +36,15 @@ impl Reserve {
     }
 }
 
-/// Frees the room in a bag's folder, also what a killed recorder has left.
+/// Removes the reserve from a bag's folder, also one left by a killed recorder.
 pub(crate) fn free(folder: &Path) {
     let _there_is_none = std::fs::remove_file(folder.join(FILE_NAME));
 }
 
-/// Fails where a recorder is still at work in a bag's folder.
+/// Fails if a recorder is writing to a bag's folder.
 ///
 /// # Errors
-/// It is.
+/// [`io::ErrorKind::ResourceBusy`] if the reserve is locked.
 pub(crate) fn check(folder: &Path) -> io::Result<()> {
     if let Ok(file) = File::open(folder.join(FILE_NAME))
         && let Err(TryLockError::WouldBlock) = file.try_lock()

@@ -1,9 +1,9 @@
-//! Subscriptions of a recording: those of the contract at once, all others when somebody publishes them.
+//! Subscriptions of a recording: to the contract's topics at once, to all others when they are published.
 
 use super::settings::RecordSettings;
-use crate::backlog::Backlog;
 use crate::error::BagError;
-use crate::kinds::Source;
+use crate::node::backlog::Backlog;
+use crate::node::kinds::Source;
 use crate::writer::{BagWriter, TopicId};
 use catenary_msgs::Interface;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
@@ -13,43 +13,43 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Messages that a subscription keeps at most, of large types and of others.
+/// Greatest depth of a subscription, for large types and for others.
 const DEPTHS: (u16, u16) = (16, 256);
-/// Complaints about lost messages come at most this often.
+/// Least time between two log lines about lost messages.
 const COMPLAIN: Duration = Duration::from_secs(5);
-/// After this time a topic that was named and that nobody publishes is mentioned.
+/// Time after which a topic that was named and is not published is logged.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// A topic that is recorded.
-struct Taken {
-    /// Its name before remapping.
+/// Topic that is recorded.
+struct RecordedTopic {
+    /// Name before remapping.
     topic: String,
     type_name: String,
     qos: Qos,
-    /// Its place among the subscriptions.
+    /// Index of its subscription.
     number: usize,
-    /// Whether a message of it came.
+    /// True if a message of it was received.
     came: Arc<AtomicBool>,
 }
 
-/// A topic that is subscribed to and not in the bag yet.
-struct Expected {
+/// Topic that is subscribed to, but not yet in the bag.
+struct PendingTopic {
     name: String,
     source: Source,
     offered: Qos,
 }
 
-/// The topics of a recording.
+/// Topics of a recording.
 pub(super) struct Topics<'a> {
     node: &'a Node,
     settings: &'a RecordSettings,
     backlog: Arc<Backlog>,
-    taken: BTreeMap<String, Taken>,
-    expected: Vec<Expected>,
+    taken: BTreeMap<String, RecordedTopic>,
+    expected: Vec<PendingTopic>,
     subscriptions: Vec<Option<Subscription>>,
     ids: Vec<TopicId>,
-    /// Topics that are not recorded in full, with the reason; each is logged once.
-    told: Arc<Mutex<BTreeSet<String>>>,
+    /// Sentences about topics that are not recorded in full. Each is logged once.
+    warned: Arc<Mutex<BTreeSet<String>>>,
     since: Instant,
     is_patient: bool,
 }
@@ -60,7 +60,7 @@ impl<'a> Topics<'a> {
         node: &'a Node,
         settings: &'a RecordSettings,
         backlog: Arc<Backlog>,
-        told: Arc<Mutex<BTreeSet<String>>>,
+        warned: Arc<Mutex<BTreeSet<String>>>,
     ) -> Result<Self, BagError> {
         let mut topics = Self {
             node,
@@ -70,7 +70,7 @@ impl<'a> Topics<'a> {
             expected: Vec::new(),
             subscriptions: Vec::new(),
             ids: Vec::new(),
-            told,
+            warned,
             since: Instant::now(),
             is_patient: true,
         };
@@ -78,25 +78,25 @@ impl<'a> Topics<'a> {
             let Some(source) = Source::find(topic.type_name) else { continue };
             let name = node.resolve(topic.name)?;
             topics.add(topic.name, &name, &source, topic.qos)?;
-            topics.expected.push(Expected { name, source, offered: topic.qos });
+            topics.expected.push(PendingTopic { name, source, offered: topic.qos });
         }
         Ok(topics)
     }
 
-    /// Puts the topics that are subscribed to already into the bag.
-    pub(super) fn enter(&mut self, bag: &mut BagWriter) -> Result<usize, BagError> {
-        for Expected { name, source, offered } in std::mem::take(&mut self.expected) {
+    /// Adds the topics that are already subscribed to to the bag. Returns their number.
+    pub(super) fn add_pending(&mut self, bag: &mut BagWriter) -> Result<usize, BagError> {
+        for PendingTopic { name, source, offered } in std::mem::take(&mut self.expected) {
             self.ids.push(bag.add_topic(&name, &source.topic_type(), &[offered])?);
         }
         Ok(self.ids.len())
     }
 
-    /// The bag's number of the topic with this number.
+    /// Id in the bag of the topic with this subscription index.
     pub(super) fn id(&self, number: usize) -> TopicId {
         self.ids[number]
     }
 
-    /// Takes what others publish by now.
+    /// Subscribes to newly published topics, and checks the publishers of known ones.
     pub(super) fn discover(&mut self, bag: &mut BagWriter) -> Result<(), BagError> {
         let published = self.node.published_topics();
         for topic in &published {
@@ -108,40 +108,41 @@ impl<'a> Topics<'a> {
         }
         if self.is_patient && self.since.elapsed() >= PATIENCE {
             self.is_patient = false;
-            self.tell_of_missing();
+            self.warn_of_missing();
         }
         Ok(())
     }
 
-    fn tell(&mut self, topic: &str, what: &str) {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        if told.insert(format!("{topic}: {what}")) {
+    fn warn_once(&mut self, topic: &str, what: &str) {
+        let mut warned = self.warned.lock().unwrap_or_else(PoisonError::into_inner);
+        if warned.insert(format!("{topic}: {what}")) {
             tracing::warn!("{topic}: {what}");
         }
     }
 
-    /// Asks for less where a publisher is not heard, as long as nothing is lost by it; says so otherwise.
+    /// Subscribes again with a weaker profile if a publisher is not heard. If that could lose messages, it only warns.
     fn check(&mut self, topic: &PublishedTopic) -> Result<(), BagError> {
         let Some(taken) = self.taken.get(&topic.name) else { return Ok(()) };
         let (qos, number) = (taken.qos, taken.number);
         if taken.type_name != topic.type_name {
             let what = format!("not recorded as {}, because its type was another before", topic.type_name);
-            self.tell(&topic.name, &what);
+            self.warn_once(&topic.name, &what);
             return Ok(());
         }
         let unheard = topic.offered.iter().filter(|offered| qos.unheard(**offered).is_some()).count();
-        let wanted = heard_from_all(&topic.offered).with_depth(qos.depth());
+        let wanted = offered_by_all(&topic.offered).with_depth(qos.depth());
         let wanted = self.settings.overrides.apply(&topic.name, wanted);
-        // To ask anew loses messages of those that are heard by now, and may repeat what they latched.
+        // A new subscription loses messages of publishers that are already heard, and may repeat latched messages.
         let is_free = !taken.came.load(Ordering::Relaxed) || unheard == topic.offered.len();
         if unheard == 0 {
             return Ok(());
         }
         if !is_free || wanted == qos {
-            self.tell(&topic.name, &format!("a publisher offers less than {qos}, and is not recorded"));
+            self.warn_once(&topic.name, &format!("a publisher offers less than {qos}, and is not recorded"));
             return Ok(());
         }
         let (before, Some(source)) = (taken.topic.clone(), Source::find(&topic.type_name)) else { return Ok(()) };
+        // The old subscription ends first: two would record each message twice.
         tracing::info!("{}: a publisher offers less than {qos}; recorded as {wanted}", topic.name);
         self.subscriptions[number] = None;
         self.subscribe_to(&before, &topic.name, &source, wanted, number)
@@ -154,12 +155,13 @@ impl<'a> Topics<'a> {
         bag: &mut BagWriter,
     ) -> Result<(), BagError> {
         let kind = &topic.type_name;
+        // A bag has one type for each topic, and the publishers give no hint which of them is meant.
         if published.iter().any(|other| other.name == topic.name && other.type_name != *kind) {
-            self.tell(&topic.name, "not recorded, because it has several types");
+            self.warn_once(&topic.name, "not recorded, because it has several types");
             return Ok(());
         }
         let Some(source) = Source::find(kind) else {
-            self.tell(
+            self.warn_once(
                 &topic.name,
                 &format!("not recorded: {kind} is not built in, and no .msg file of it is on AMENT_PREFIX_PATH"),
             );
@@ -168,13 +170,13 @@ impl<'a> Topics<'a> {
         let mut offered = topic.offered.clone();
         offered.dedup();
         let id = bag.add_topic(&topic.name, &source.topic_type(), &offered)?;
-        self.add(&topic.name, &topic.name, &source, heard_from_all(&topic.offered))?;
+        self.add(&topic.name, &topic.name, &source, offered_by_all(&topic.offered))?;
         self.ids.push(id);
         tracing::info!("{}: recorded from now on", topic.name);
         Ok(())
     }
 
-    /// Subscribes to `topic`, which is called `name` after remapping.
+    /// Subscribes to `topic`, whose name after remapping is `name`.
     fn add(&mut self, topic: &str, name: &str, source: &Source, qos: Qos) -> Result<(), BagError> {
         let number = self.subscriptions.len();
         self.subscriptions.push(None);
@@ -187,7 +189,7 @@ impl<'a> Topics<'a> {
         self.subscriptions.iter_mut().for_each(|subscription| *subscription = None);
     }
 
-    /// Makes the subscription with this number.
+    /// Creates the subscription with this index.
     fn subscribe_to(
         &mut self,
         topic: &str,
@@ -205,17 +207,17 @@ impl<'a> Topics<'a> {
             if !backlog.push(number, arrival)
                 && let Some(before) = complaint.pass(wall_now())
             {
-                tracing::error!("{said}: a message was lost because the disk is too slow (and {before} before)");
+                tracing::error!("{said}: a message was lost because the disk is too slow ({before} before it)");
             }
         });
         let deep = reader_qos(qos, source);
         self.subscriptions[number] = Some(source.subscribe(self.node, topic, deep, inbox)?);
         let type_name = source.topic_type().name.to_owned();
-        self.taken.insert(name.to_owned(), Taken { topic: topic.to_owned(), type_name, qos, number, came });
+        self.taken.insert(name.to_owned(), RecordedTopic { topic: topic.to_owned(), type_name, qos, number, came });
         Ok(())
     }
 
-    fn tell_of_missing(&mut self) {
+    fn warn_of_missing(&mut self) {
         let is_known = |name: &str| {
             contract::topic(name).is_some() || self.node.resolve(name).is_ok_and(|n| self.taken.contains_key(&n))
         };
@@ -223,14 +225,15 @@ impl<'a> Topics<'a> {
         let missing: Vec<String> = named.filter(|name| !is_known(name)).cloned().collect();
         for name in missing {
             let near = nearest(&name).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
-            self.tell(&name, &format!("nobody publishes it yet{near}"));
+            self.warn_once(&name, &format!("nobody publishes it yet{near}"));
         }
     }
 }
 
-/// The name of the contract that is one or two letters from `name`.
+/// Name of the contract within an edit distance of two from `name`.
 fn nearest(name: &str) -> Option<String> {
     let bare: Vec<char> = name.trim_start_matches('/').chars().collect();
+    // Levenshtein distance with one row of the table.
     let distance = |other: &str| {
         let mut row: Vec<usize> = (0..=bare.len()).collect();
         for (i, letter) in other.chars().enumerate() {
@@ -247,8 +250,8 @@ fn nearest(name: &str) -> Option<String> {
     names.map(|n| (distance(n), n)).filter(|(d, _)| *d <= 2).min().map(|(_, n)| format!("/{n}"))
 }
 
-/// The most that can be asked for of all publishers, as rosbag2 adapts to them.
-fn heard_from_all(offered: &[Qos]) -> Qos {
+/// Strongest profile that all publishers offer, as rosbag2 adapts to them.
+fn offered_by_all(offered: &[Qos]) -> Qos {
     let depth = Qos::DEFAULT.depth();
     match (offered.iter().all(|q| q.is_reliable()), offered.iter().all(|q| q.is_transient_local())) {
         (true, true) => Qos::ReliableTransientLocal { depth },
@@ -257,8 +260,10 @@ fn heard_from_all(offered: &[Qos]) -> Qos {
     }
 }
 
-/// The topic's profile, deep enough for bursts. What a latched topic keeps of the past stays as it was asked for, but for
-/// transforms: a single one would drive out that of another broadcaster.
+/// Profile of a subscription: `qos`, deep enough for bursts.
+///
+/// A latched topic keeps its depth, which decides how much of the past is repeated. Transforms are the exception: with
+/// a depth of one, a broadcaster's transform would replace that of another.
 fn reader_qos(qos: Qos, source: &Source) -> Qos {
     let depth = if source.is_large() { DEPTHS.0 } else { DEPTHS.1 };
     let is_state = qos.is_transient_local() && source.topic_type().name != TFMessage::TYPE_NAME;
@@ -281,9 +286,9 @@ mod tests {
     fn a_subscription_asks_for_what_every_publisher_offers() {
         let [best, reliable, latched] =
             [Qos::BestEffort { depth: 10 }, Qos::Reliable { depth: 10 }, Qos::ReliableTransientLocal { depth: 10 }];
-        assert_eq!(heard_from_all(&[latched, latched]), latched);
-        assert_eq!(heard_from_all(&[latched, reliable]), reliable);
-        assert_eq!(heard_from_all(&[latched, best]), best);
+        assert_eq!(offered_by_all(&[latched, latched]), latched);
+        assert_eq!(offered_by_all(&[latched, reliable]), reliable);
+        assert_eq!(offered_by_all(&[latched, best]), best);
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! Types of messages: those that are built in, and those of the ROS 2 packages that `AMENT_PREFIX_PATH` names.
+//! Definitions of message types: built in, or from the ROS 2 packages on `AMENT_PREFIX_PATH`.
 #![allow(clippy::disallowed_methods, reason = "installed packages are found by the environment, and are files")]
 
 use crate::writer::TopicType;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A message type by name.
+/// Message type with its RIHS01 hash and its ros2msg text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Definition {
     pub(crate) name: String,
@@ -19,7 +19,7 @@ impl Definition {
     }
 }
 
-/// The type called `name`; none: nobody here knows it.
+/// Definition of the type called `name`; none if it is neither built in nor installed.
 pub(crate) fn find(name: &str) -> Option<Definition> {
     if let Some(info) = catenary_msgs::find(name) {
         let (hash, text) = (info.type_hash.to_owned(), info.definition.to_owned());
@@ -37,6 +37,7 @@ fn find_installed(name: &str, prefixes: &[PathBuf]) -> Option<Definition> {
     };
     let root = split(name)?;
     let mut text = file(root, "msg")?.trim_end().to_owned();
+    // A ros2msg text holds the definitions of all nested types behind the type itself, each of them once.
     let mut waiting: Vec<String> = nested(&text, root.0);
     let mut known = BTreeSet::from([name.to_owned()]);
     while !waiting.is_empty() {
@@ -54,7 +55,7 @@ fn find_installed(name: &str, prefixes: &[PathBuf]) -> Option<Definition> {
     Some(Definition { name: name.to_owned(), hash, text: format!("{text}\n") })
 }
 
-/// Package and type of `package/msg/Type`.
+/// Splits `package/msg/Type` into package and type.
 fn split(name: &str) -> Option<(&str, &str)> {
     let mut parts = name.split('/');
     match (parts.next()?, parts.next()?, parts.next()?, parts.next()) {
@@ -63,9 +64,10 @@ fn split(name: &str) -> Option<(&str, &str)> {
     }
 }
 
-/// Types that the fields of a .msg text have and that are messages of their own.
+/// Message types of the fields of a .msg text. Primitive types are left out.
 fn nested(text: &str, package: &str) -> Vec<String> {
     let fields = text.lines().filter_map(|line| line.split('#').next()?.split_whitespace().next());
+    // Bounds of arrays and strings (`[3]`, `[<=8]`, `<=5`) follow the name of the type.
     let kinds = fields.map(|field| field.split(['[', '<']).next().unwrap_or_default());
     let is_message = |kind: &&str| kind.contains('/') || kind.starts_with(|c: char| c.is_ascii_uppercase());
     kinds
@@ -77,7 +79,7 @@ fn nested(text: &str, package: &str) -> Vec<String> {
         .collect()
 }
 
-/// The hash that rosidl installed beside a type.
+/// RIHS01 hash in the .json file that rosidl installs beside a type.
 fn hash(json: &str, name: &str) -> Option<String> {
     let document: serde_json::Value = serde_json::from_str(json).ok()?;
     let row = document["type_hashes"].as_array()?.iter().find(|row| row["type_name"] == name)?.clone();

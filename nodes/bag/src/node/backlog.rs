@@ -1,6 +1,6 @@
-//! Messages that wait to be written.
+//! Backlog: messages that wait to be written.
 
-use crate::kinds::Arrival;
+use crate::node::kinds::Arrival;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -13,8 +13,8 @@ struct State {
     taken: u64,
 }
 
-/// A queue between the threads of the subscriptions and the one that writes, bounded in bytes: where the disk is slower
-/// than the topics the newest messages are lost, and counted.
+/// Queue between the threads of the subscriptions and the writing thread, bounded in bytes. If the disk is slower than
+/// the topics, the newest messages are lost and counted.
 pub(crate) struct Backlog {
     state: Mutex<State>,
     filled: Condvar,
@@ -30,9 +30,10 @@ impl Backlog {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Appends a message of the topic with this number; false: there is no room, and it is lost.
+    /// Appends a message of the topic with this number. Returns false if there is no room; the message is then lost.
     pub(crate) fn push(&self, topic: usize, arrival: Arrival) -> bool {
         let mut state = self.lock();
+        // The newest is dropped: the messages before it form a bag without gaps.
         if state.bytes + arrival.cdr.len() > self.capacity_bytes {
             state.lost += 1;
             return false;
@@ -44,7 +45,7 @@ impl Backlog {
         true
     }
 
-    /// The oldest message with the number of its topic; none where none comes in time.
+    /// Removes the oldest message and returns it with the number of its topic; none if none arrives before the timeout.
     pub(crate) fn next(&self, timeout: Duration) -> Option<(usize, Arrival)> {
         let state = self.lock();
         let waited = self.filled.wait_timeout_while(state, timeout, |s| s.waiting.is_empty());
@@ -55,7 +56,7 @@ impl Backlog {
         Some(next)
     }
 
-    /// Messages taken out so far, and messages lost.
+    /// Numbers of messages removed so far, and of messages lost.
     pub(crate) fn counts(&self) -> (u64, u64) {
         let state = self.lock();
         (state.taken, state.lost)
@@ -68,7 +69,7 @@ mod tests {
     use catenary_shell::Time;
 
     #[test]
-    fn what_finds_no_room_is_lost_and_counted() {
+    fn messages_beyond_the_capacity_are_lost_and_counted() {
         let arrival = |bytes| Arrival { cdr: vec![0; bytes], received: Time::ZERO, sent: None };
         let backlog = Backlog::new(100);
         assert!(backlog.push(0, arrival(60)));

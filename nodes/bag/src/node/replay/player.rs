@@ -1,10 +1,11 @@
-//! Publishes the messages of a bag in time.
+//! Player: publishes the messages of a bag at their recorded times.
 
 use super::arm_watch::ArmWatch;
-use super::{ReplaySettings, ReplaySummary, is_command};
+use super::choice::is_command;
+use super::settings::ReplaySettings;
 use crate::error::BagError;
-use crate::kinds::{self, Outlet};
-use crate::profile::KEEP_ALL;
+use crate::format::profile::KEEP_ALL;
+use crate::node::kinds::{self, Outlet};
 use crate::reader::{BagMessage, BagReader, Topic};
 use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
@@ -14,29 +15,41 @@ use catenary_shell::{Node, Publisher, Qos, Throttle, Time, contract, stamp, wall
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-/// Messages and bytes per second at an infinite rate. A burst would be lost in the sockets of subscribers that cannot ask
-/// for a repetition.
+/// Messages and bytes per second at an infinite rate. A faster burst would overflow the sockets of best-effort
+/// subscribers.
 const FASTEST: [f64; 2] = [5_000.0, 1e8];
-/// Time between two looks at who follows commands.
+/// Time between two checks of the followers of commands.
 const LOOK: Duration = Duration::from_millis(200);
-/// Complaints come at most this often.
+/// Least time between two log lines about failed messages.
 const COMPLAIN: Duration = Duration::from_secs(5);
+
+/// Result of a replay.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReplaySummary {
+    /// Number of published messages.
+    pub published: u64,
+    /// Number of messages that were unreadable or could not be published, each with a warning. A damaged chunk counts
+    /// once, because the number of its messages is unknown.
+    pub failed: u64,
+    /// Topics that were left out, with the reason.
+    pub left_out: Vec<String>,
+}
 
 struct Entry {
     type_name: String,
     outlet: Box<dyn Outlet>,
     is_command: bool,
-    /// Messages that late subscribers get; none: the topic is not latched.
+    /// Number of messages for late subscribers; none if the topic is not latched.
     latched: Option<u16>,
 }
 
-/// Publishers and time of a replay.
+/// Publishers and clock of a replay.
 pub(super) struct Player<'a> {
     node: &'a Node,
     outlets: BTreeMap<String, Entry>,
     clock: Option<Publisher<Clock>>,
     watch: ArmWatch,
-    /// When those who follow commands were looked at.
+    /// Time of the last check of the followers of commands.
     looked: Option<Instant>,
     complaint: Throttle,
 }
@@ -52,6 +65,7 @@ impl<'a> Player<'a> {
         let mut outlets = BTreeMap::new();
         for topic in topics {
             let others = node.publisher_count(&topic.name)?;
+            // Every node publishes on these two topics.
             if others > 0 && topic.name != "/rosout" && topic.name != "/diagnostics" {
                 tracing::warn!("{}: {others} others publish there, too", topic.name);
             }
@@ -78,12 +92,13 @@ impl<'a> Player<'a> {
             |entry: &&Entry| !entry.outlet.wait_for_subscriber(until.saturating_duration_since(Instant::now()));
         let unheard: Vec<&str> = self.outlets.values().filter(unheard).map(|e| e.outlet.topic()).collect();
         if !unheard.is_empty() {
-            tracing::info!("nobody listens to {}", unheard.join(", "));
+            tracing::info!("no subscribers to {}", unheard.join(", "));
         }
     }
 
-    /// Publishes the bag once; false: the node shall end. Of latched topics it begins with what a subscriber that came at the
-    /// start would have got.
+    /// Publishes the bag once. Returns false if the node is told to shut down.
+    ///
+    /// It begins with the latched messages that a subscriber at the start of the played part would have received.
     pub(super) fn play(
         &mut self,
         bag: &BagReader,
@@ -113,6 +128,7 @@ impl<'a> Player<'a> {
                 }
             };
             let at_ns = message.log_time_ns;
+            // The reader clips later times to this one.
             if at_ns == i64::MAX {
                 tracing::warn!("{}: a message that was logged after the year 2262 is left out", message.topic.name);
                 summary.failed += 1;
@@ -154,6 +170,7 @@ impl<'a> Player<'a> {
         let Some(Entry { type_name, outlet, is_command, .. }) = self.outlets.get(&message.topic.name) else {
             return Ok(());
         };
+        // Two topics of one name and different types: only the first is replayed.
         if message.topic.type_name != *type_name {
             return Ok(());
         }
@@ -162,6 +179,7 @@ impl<'a> Player<'a> {
             self.watch.check_followers(self.node, &message.topic.name)?;
             self.looked = Some(Instant::now());
         }
+        // The watch must know the stamp before the state is published, or it would take it for that of an arm.
         if message.topic.type_name == ArmState::TYPE_NAME
             && let Ok(state) = message.decode::<ArmState>()
         {
@@ -180,7 +198,7 @@ impl<'a> Player<'a> {
     }
 }
 
-/// The profile to offer, as rosbag2 chooses it: that of the recorded publishers where they agree.
+/// Profile to offer, as in rosbag2: the profile of the recorded publishers if they agree.
 fn offered_before(topic: &Topic) -> Qos {
     let agreed = contract::topic(&topic.name).map_or(Qos::DEFAULT, |t| t.qos);
     match &topic.qos[..] {
@@ -193,15 +211,15 @@ fn offered_before(topic: &Topic) -> Qos {
     }
 }
 
-/// The profile with room for all transforms of `/tf_static`: each of its broadcasters latches its own, and here one
-/// publisher stands for them all.
+/// Profile with a depth for all transforms of `/tf_static`. Each of its broadcasters latches its own transforms, and a
+/// replay has one publisher for all of them.
 fn kept_for_all(topic: &Topic, qos: Qos, messages: u64) -> Qos {
     let is_static = qos.is_transient_local() && topic.type_name == TFMessage::TYPE_NAME;
     let depth = u16::try_from(messages).unwrap_or(KEEP_ALL).min(KEEP_ALL);
     if is_static { qos.with_depth(qos.depth().max(depth)) } else { qos }
 }
 
-/// The last messages of latched topics from before the start.
+/// Last messages of latched topics from before the start.
 #[derive(Default)]
 struct Latched(BTreeMap<String, VecDeque<BagMessage>>);
 
@@ -220,17 +238,17 @@ impl Latched {
     }
 }
 
-/// How the bag's time runs on the wall's.
+/// Relation of the bag's time to wall time.
 struct Pace {
     start_ns: i64,
     since: Instant,
     rate: f64,
-    /// s that what was published takes at an infinite rate.
+    /// Least time in s for the messages published so far, at an infinite rate.
     busy_s: f64,
 }
 
 impl Pace {
-    /// Waits for a time of the bag; false: the node shall end.
+    /// Waits for a time of the bag. Returns false if the node is told to shut down.
     fn wait(&self, node: &Node, at_ns: i64) -> bool {
         let seconds = (at_ns.saturating_sub(self.start_ns) as f64 * 1e-9 / self.rate).max(self.busy_s);
         let due = Duration::try_from_secs_f64(seconds).unwrap_or_default();
@@ -238,7 +256,7 @@ impl Pace {
         if left.is_zero() { !node.is_shutdown() } else { !node.shutdown().wait_timeout(left) }
     }
 
-    /// A message of so many bytes was published, or a tick of the clock.
+    /// Counts a published message of so many bytes, or a tick of the clock.
     fn account(&mut self, bytes: usize) {
         if self.rate.is_infinite() {
             self.busy_s += (1.0 / FASTEST[0]).max(bytes as f64 / FASTEST[1]);

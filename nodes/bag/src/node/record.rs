@@ -1,12 +1,12 @@
-//! Records topics into a bag.
+//! Recording of topics into a bag.
 #![allow(clippy::disallowed_methods, reason = "recording follows the wall clock")]
 
 mod discovery;
 mod settings;
 
-use crate::backlog::Backlog;
 use crate::error::BagError;
-use crate::reader::reindex;
+use crate::node::backlog::Backlog;
+use crate::reindex::reindex;
 use crate::writer::{BagSummary, BagWriter};
 use catenary_shell::{Health, Node, Time};
 use discovery::Topics;
@@ -15,27 +15,29 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Wall time after which what came is in the file: what a killed recorder loses.
+/// Wall time after which a received message is in the file. A killed recorder loses at most this.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
-/// How often the writing thread looks whether it shall end, and whether there are new topics.
+/// Period at which the writing thread checks for the shutdown and for new topics.
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
-/// How long messages are waited for that were sent before the recording was told to end.
+/// Time after the shutdown request in which messages that were sent before it can still arrive.
 const LINGER: Duration = Duration::from_millis(200);
-/// Time without a message after which a recording is warned of.
+/// Time without any message after which a warning is given.
 const EMPTY: Duration = Duration::from_secs(5);
-/// Bytes that wait for the disk at most.
+/// Greatest number of bytes that wait for the disk: 256 MiB, about 10 s of RGB images of 640 x 480 at 30 Hz.
 const BACKLOG_BYTES: usize = 256 << 20;
 
-/// Records until 0.2 s after the node is told to end, then ends the bag in order: what was sent until then may be on its way still.
+/// Records until 0.2 s after the node is told to shut down, then finishes the bag. The delay lets messages arrive that
+/// were sent before.
 ///
-/// A message is logged at the time at which it came, in the node's clock, and published at the time at which it was sent,
-/// in the sender's. Under simulated time recording begins with the first `/clock`. The folder appears when all
-/// subscriptions to the contract's topics are there; other topics are subscribed to within 0.1 s after the first
-/// publisher is known. A message is in the file a second after it came at the latest.
+/// The log time of a message is its reception in the node's clock, the publish time its sending in the sender's clock.
+/// Under simulated time, recording begins with the first `/clock`. The folder is created after the node has
+/// subscribed to all recorded topics of the contract. Other topics are subscribed to within 0.1 s after their first
+/// publisher is known. A message is in the file a second after its reception at the latest.
 ///
 /// # Errors
-/// [`BagError`]: settings, an existing folder, the graph, the disk. A full disk ends the recording; the bag can be read up
-/// to its last complete chunk.
+/// [`BagError`] if the settings are invalid, the folder exists, the node cannot subscribe to a topic or report
+/// diagnostics, or a write to the disk fails. A full disk ends the recording; the bag can be read up to its last complete
+/// chunk.
 pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagError> {
     settings.check()?;
     let backlog = Arc::new(Backlog::new(BACKLOG_BYTES));
@@ -45,15 +47,16 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     let unbound = node.unbound();
     let mut topics = Topics::subscribe(&unbound, settings, Arc::clone(&backlog), left_out)?;
     let mut bag = BagWriter::create(&settings.out, &settings.writer_options())?;
-    let written = topics.enter(&mut bag).and_then(|count| {
+    let written = topics.add_pending(&mut bag).and_then(|count| {
         tracing::info!("recording {count} topics into {}", settings.out.display());
         write_until_shutdown(node, &mut bag, &mut topics, &backlog)
     });
     drop(topics);
     if let Err(error) = written {
+        // The bag is dropped first: reindex refuses a bag that is still being written.
         drop(bag);
         if let Err(also) = reindex(&settings.out) {
-            tracing::warn!("metadata.yaml stays as it was at the start: {also}");
+            tracing::warn!("metadata.yaml could not be updated: {also}");
         }
         return Err(error);
     }
@@ -64,7 +67,7 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     bag.finish()
 }
 
-/// Reports what a recording lacks: an error while messages are being lost, a warning from then on, for the bag has a gap.
+/// Reports the gaps of a recording: an error while messages are being lost, and a warning afterwards.
 fn report(node: &Node, backlog: &Arc<Backlog>, left_out: &Arc<Mutex<BTreeSet<String>>>) -> Result<(), BagError> {
     let (backlog, left_out) = (Arc::clone(backlog), Arc::clone(left_out));
     let (mut lost_before, started) = (0, Instant::now());
@@ -78,7 +81,7 @@ fn report(node: &Node, backlog: &Arc<Backlog>, left_out: &Arc<Mutex<BTreeSet<Str
             report.problem(Health::Warn, &format!("{lost} messages are missing in the bag: the disk was too slow"));
         }
         if messages == 0 && started.elapsed() > EMPTY {
-            report.problem(Health::Warn, "nothing was recorded yet: no topic of the recording has a message");
+            report.problem(Health::Warn, "nothing was recorded yet: no recorded topic has a message");
         }
         for why in left_out.lock().unwrap_or_else(PoisonError::into_inner).iter() {
             report.problem(Health::Warn, why);
@@ -92,6 +95,7 @@ fn wait_for_clock(node: &Node) {
     if waiting() {
         tracing::info!("waiting for /clock");
     }
+    // A recording under simulated time would log its first messages at time 0.
     while waiting() && !node.shutdown().wait_timeout(LOOK_PERIOD / 10) {}
 }
 
@@ -103,6 +107,7 @@ fn write_until_shutdown(
 ) -> Result<(), BagError> {
     let mut flush_at = Instant::now() + FLUSH_PERIOD;
     let mut look_at = Instant::now();
+    // New topics are no longer accepted after the shutdown request; known ones are drained for LINGER.
     let mut end_at = None;
     loop {
         let now = Instant::now();
@@ -119,6 +124,7 @@ fn write_until_shutdown(
         }
         match backlog.next(if is_over { Duration::ZERO } else { LOOK_PERIOD }) {
             Some((number, arrival)) => {
+                // Some publishers send no source timestamp.
                 let sent = arrival.sent.unwrap_or(arrival.received);
                 bag.write_cdr(topics.id(number), arrival.received.nanos(), sent.nanos(), &arrival.cdr)?;
             }

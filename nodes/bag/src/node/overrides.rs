@@ -1,13 +1,13 @@
-//! Profiles by topic from a file, as `ros2 bag` reads them with `--qos-profile-overrides-path`.
+//! QoS overrides: profiles by topic from a file in the format of `ros2 bag --qos-profile-overrides-path`.
 
 use crate::error::BagError;
-use crate::profile::KEEP_ALL;
+use crate::format::profile::KEEP_ALL;
 use catenary_shell::Qos;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Profiles of topics that the user wants other than they are.
+/// Overrides of the profiles of topics.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct QosOverrides {
     by_topic: BTreeMap<String, Override>,
@@ -51,8 +51,9 @@ struct Span {
 }
 
 impl Span {
-    /// Whether it is rosbag2's "for ever" or "not said".
+    /// True for the values with which rosbag2 writes "infinite" and "unspecified".
     fn is_unlimited(&self) -> bool {
+        // DDS writes an infinite duration as 2^31 - 1 s; that of rosbag2 is longer.
         (self.sec, self.nsec) == (0, 0) || self.sec >= 2_147_483_647
     }
 }
@@ -69,7 +70,7 @@ impl QosOverrides {
         Self::parse(&text).map_err(wrong)
     }
 
-    /// Reads a file's text. The error says what is wrong and where.
+    /// Parses the text of a file. The error names topic and policy.
     fn parse(text: &str) -> Result<Self, String> {
         let profiles: BTreeMap<String, Profile> =
             serde_saphyr::from_str(text).map_err(|e| e.to_string().lines().next().unwrap_or_default().to_owned())?;
@@ -84,18 +85,18 @@ impl QosOverrides {
         Ok(Self { by_topic })
     }
 
-    /// The topics with an override.
+    /// Topics with an override.
     pub fn topics(&self) -> impl Iterator<Item = &str> {
         self.by_topic.keys().map(String::as_str)
     }
 
-    /// The profile of `topic` that would be `qos` without an override.
+    /// Applies the override of `topic` to `qos`.
     #[must_use]
     pub fn apply(&self, topic: &str, qos: Qos) -> Qos {
         let Some(changed) = self.by_topic.get(topic) else { return qos };
         let depth = changed.depth.unwrap_or(qos.depth());
         let is_latched = changed.is_latched.unwrap_or(qos.is_transient_local());
-        // What is latched is reliable, unless the override says otherwise.
+        // Latched topics are reliable, unless the override states otherwise.
         let is_reliable = changed.is_reliable.unwrap_or(qos.is_reliable() || is_latched);
         match (is_reliable, is_latched) {
             (false, _) => Qos::BestEffort { depth },
@@ -105,7 +106,7 @@ impl QosOverrides {
     }
 }
 
-/// Which of two words a policy has; none: it stays as it is.
+/// Parses a policy with two values: true for `yes`, false for `no`, none for the defaults that change nothing.
 fn choice(policy: &str, value: Option<&str>, no: &str, yes: &str) -> Result<Option<bool>, String> {
     match value {
         None | Some("system_default" | "best_available") => Ok(None),
@@ -132,7 +133,7 @@ impl Profile {
             return Err("reliability: expected reliable where durability is transient_local, got best_effort".into());
         }
         if choice("liveliness", self.liveliness.as_deref(), "manual_by_topic", "automatic")? == Some(false) {
-            return Err("liveliness: expected automatic, got manual_by_topic, which nobody here asserts".into());
+            return Err("liveliness: expected automatic, got manual_by_topic, which catenary does not support".into());
         }
         let spans = [
             ("deadline", &self.deadline),
@@ -142,7 +143,9 @@ impl Profile {
         for (policy, span) in spans {
             if let Some(span) = span.as_ref().filter(|s| !s.is_unlimited()) {
                 let Span { sec, nsec } = span;
-                return Err(format!("{policy}: expected none, got {sec} s and {nsec} ns, which is not kept to here"));
+                return Err(format!(
+                    "{policy}: expected none, got {sec} s and {nsec} ns, which catenary does not enforce"
+                ));
             }
         }
         if self.avoid_ros_namespace_conventions == Some(true) {
@@ -170,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_named() {
+    fn invalid_policies_and_topics_are_named() {
         let wrong = |text: &str| QosOverrides::parse(text).unwrap_err();
         assert_eq!(
             wrong("/a:\n  reliability: perhaps\n"),

@@ -1,11 +1,11 @@
-//! Gives a file that was cut off the end that it lacks, so that every reader of MCAP can read it.
+//! Finishing of a truncated file: adds the missing end, so every reader of MCAP can read it.
 #![allow(clippy::disallowed_methods, reason = "bags are files")]
 
-use super::chunk::{RECORD_HEADER, visit_records};
-use super::file::read_body;
-use super::scan::message_key;
 use crate::error::BagError;
-use crate::records::{list, record};
+use crate::format::records::{list, record};
+use crate::reader::chunk::{RECORD_HEADER, visit_records};
+use crate::reader::index::read_body;
+use crate::reader::scan::message_key;
 use mcap::MAGIC;
 use mcap::records::{ChunkHeader, Record, op};
 use std::collections::BTreeMap;
@@ -13,21 +13,22 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// A chunk in the file.
+/// Chunk of the file.
 struct Chunk {
     header: ChunkHeader,
     start: u64,
     len: u64,
-    /// Where the message index of each channel begins, and the bytes of all.
+    /// Byte offset of the message index of each channel.
     index: BTreeMap<u16, u64>,
+    /// Length in bytes of all its message indexes.
     index_len: u64,
-    /// Log time and place of the messages of each channel.
+    /// Log time and byte offset in the chunk of the messages of each channel.
     messages: BTreeMap<u16, Vec<(u64, u64)>>,
 }
 
-/// What was found in a file.
+/// Contents of a file, read from the front.
 #[derive(Default)]
-struct Found {
+struct Contents {
     chunks: Vec<Chunk>,
     /// Bodies of schemas and channels.
     schemas: BTreeMap<u16, Vec<u8>>,
@@ -36,19 +37,20 @@ struct Found {
     /// Bodies of the index entries of attachments and of metadata.
     attachments: Vec<Vec<u8>>,
     metadata: Vec<Vec<u8>>,
-    /// Where the last complete chunk ends, or what stands alone behind it.
+    /// End of the last complete chunk, definition, attachment or metadata.
     end: u64,
     has_loose_messages: bool,
 }
 
-/// Writes message indexes, summary and footer behind the last complete chunk, definition, attachment or metadata of a file
-/// that lacks them; what came behind it, an incomplete record, is cut off. A file without chunks, whose messages stand alone, stays as it is.
+/// Writes message indexes, summary and footer behind the last complete chunk, definition, attachment or metadata.
+///
+/// An incomplete record behind it is cut off. A file whose messages stand outside of chunks is left unchanged.
 ///
 /// # Errors
-/// [`BagError::Io`]: the file ends with its last complete chunk then.
+/// [`BagError::Io`]. The file then ends with its last complete chunk.
 pub(super) fn finish(path: &Path) -> Result<(), BagError> {
     let mut file = File::options().read(true).write(true).open(path).map_err(BagError::io("open for writing", path))?;
-    let mut found = look_through(&file).map_err(BagError::io("read", path))?;
+    let mut found = read_contents(&file).map_err(BagError::io("read", path))?;
     if found.has_loose_messages {
         return Ok(());
     }
@@ -64,10 +66,10 @@ pub(super) fn finish(path: &Path) -> Result<(), BagError> {
     })
 }
 
-fn look_through(file: &File) -> io::Result<Found> {
+fn read_contents(file: &File) -> io::Result<Contents> {
     let len = file.metadata()?.len();
     let mut input = BufReader::new(file);
-    let mut found = Found { end: MAGIC.len() as u64, ..Found::default() };
+    let mut found = Contents { end: MAGIC.len() as u64, ..Contents::default() };
     let mut offset = found.end;
     while len - offset >= RECORD_HEADER {
         input.seek(SeekFrom::Start(offset))?;
@@ -75,6 +77,7 @@ fn look_through(file: &File) -> io::Result<Found> {
         input.read_exact(&mut head)?;
         let body_len = u64::from_le_bytes(head[1..].try_into().unwrap_or_default());
         let left = len - offset - RECORD_HEADER;
+        // An end that was begun is cut off and written again.
         if head[0] == 0 || head[0] == op::DATA_END || body_len > left {
             break;
         }
@@ -86,7 +89,7 @@ fn look_through(file: &File) -> io::Result<Found> {
                 found.end = offset + record_len;
             }
             op::ATTACHMENT | op::METADATA => {
-                found.take_aside(head[0], &read_body(&mut input, offset, body_len)?, offset);
+                found.take_attachment_or_metadata(head[0], &read_body(&mut input, offset, body_len)?, offset);
                 found.end = offset + record_len;
             }
             op::CHUNK => found.take_chunk(&read_body(&mut input, offset, body_len)?, offset),
@@ -99,12 +102,12 @@ fn look_through(file: &File) -> io::Result<Found> {
     Ok(found)
 }
 
-/// The number that schemas, channels and message indexes begin with.
+/// Id at the beginning of schemas, channels and message indexes.
 fn number(body: &[u8]) -> Option<u16> {
     Some(u16::from_le_bytes(body.get(..2)?.try_into().ok()?))
 }
 
-impl Found {
+impl Contents {
     fn define(&mut self, opcode: u8, body: &[u8]) {
         let known = if opcode == op::SCHEMA { &mut self.schemas } else { &mut self.channels };
         if let Some(id) = number(body) {
@@ -112,7 +115,7 @@ impl Found {
         }
     }
 
-    /// Takes a chunk; one that is damaged is left out.
+    /// Adds a chunk; a damaged chunk is skipped.
     fn take_chunk(&mut self, body: &[u8], start: u64) {
         let mut messages = BTreeMap::<u16, Vec<(u64, u64)>>::new();
         let mut place = 0;
@@ -131,6 +134,7 @@ impl Found {
         if let Ok(header) = visited {
             let len = RECORD_HEADER + body.len() as u64;
             self.end = start + len;
+            // Readers refuse an index of an undefined channel.
             messages.retain(|channel, _| self.channels.contains_key(channel));
             for (channel, of_channel) in &messages {
                 *self.counts.entry(*channel).or_default() += of_channel.len() as u64;
@@ -139,7 +143,7 @@ impl Found {
         }
     }
 
-    /// Takes a message index, which belongs to the chunk before it.
+    /// Adds a message index to the chunk before it.
     fn take_index(&mut self, body: &[u8], start: u64) {
         let before = self.chunks.last_mut().filter(|chunk| chunk.start + chunk.len + chunk.index_len == start);
         if let (Some(chunk), Some(channel)) = (before, number(body)) {
@@ -148,8 +152,8 @@ impl Found {
         }
     }
 
-    /// Takes an attachment or metadata.
-    fn take_aside(&mut self, opcode: u8, body: &[u8], start: u64) {
+    /// Adds an attachment or a metadata record.
+    fn take_attachment_or_metadata(&mut self, opcode: u8, body: &[u8], start: u64) {
         let place = [start.to_le_bytes(), (RECORD_HEADER + body.len() as u64).to_le_bytes()].concat();
         match mcap::parse_record(opcode, body) {
             Ok(Record::Attachment { header, data, .. }) => {
@@ -161,10 +165,11 @@ impl Found {
         }
     }
 
-    /// The bytes that belong behind the last chunk, or behind what stands alone after it.
+    /// Bytes of the missing end: message indexes of the last chunk, summary and footer.
     fn ending(&mut self) -> Vec<u8> {
         let mut out = Vec::new();
         let start = self.end;
+        // Only the last chunk can lack its message indexes: the writer puts them right behind each chunk.
         if let Some(chunk) = self.chunks.last_mut().filter(|chunk| chunk.start + chunk.len == start) {
             chunk.index.clear();
             for (channel, messages) in &mut chunk.messages {
@@ -179,6 +184,7 @@ impl Found {
             }
             chunk.index_len = out.len() as u64;
         }
+        // A checksum of 0 means that none was computed, here and in the footer.
         record(&mut out, op::DATA_END, &[&[0; 4]]);
         let summary_start = start + out.len() as u64;
         let mut groups = Vec::new();
@@ -227,13 +233,13 @@ impl Found {
 }
 
 impl Chunk {
-    /// First and last log time of its messages. Those in its header have no checksum.
+    /// First and last log time of its messages. The times in its header are not used, because they have no checksum.
     fn span(&self) -> Option<(u64, u64)> {
         let times = || self.messages.values().flatten().map(|(time, _)| *time);
         Some((times().min()?, times().max()?))
     }
 
-    /// The body of its entry in the summary.
+    /// Body of its chunk index in the summary.
     fn index(&self) -> Vec<u8> {
         let offsets = self.index.iter().flat_map(|(id, at)| [&id.to_le_bytes()[..], &at.to_le_bytes()].concat());
         let (first, last) = self.span().unwrap_or_default();

@@ -1,29 +1,32 @@
-//! Clocks of a recording: stamps of messages against the times at which they were logged.
+//! Clocks of a recording: comparison of the stamps of messages with their log times.
 
+use catenary_core::statistics::{QuantileMethod, median_high, quantile};
 use std::collections::BTreeMap;
 
-/// Step of the stamps back, s, from which a clock was set: messages of one publisher overtake one another by less.
+/// Backward step of the stamps in s above which a clock was set. Messages of one publisher overtake each other by less.
 const BACK_S: f64 = 0.1;
-/// Step of the stamps ahead of the log's time, s, from which a clock was set.
+/// Step of the stamps ahead of the log times in s above which a clock was set.
 const AHEAD_S: f64 = 0.5;
-/// Messages on either side of a step by which one is told from a recorder that stalled for a moment.
+/// Number of messages on either side of a step that distinguish it from a stall of the recorder.
 const WINDOW: usize = 10;
-/// Pace up to which stamps and log run alike: stamps of a clock that is not simulated jitter by less.
+/// Pace of the stamps below which they run with the log times: the jitter of a clock that is not simulated is smaller.
 const PACE_NEAR_1: f64 = 1.05;
-/// Share by which another pace may vary over a gap: that of a simulation depends on its load.
+/// Share by which a faster pace may vary over a gap: the pace of a simulation depends on its load.
 const PACE_VARIES: f64 = 0.1;
-/// Greatest delay of a stream from stamp to log beyond that of the poses, s: exposure, transport and a slow tracker.
+/// Greatest delay in s of a stream from stamp to log beyond that of the poses: exposure, transport and a slow tracker.
 const LATE_S: f64 = 0.5;
-/// Greatest amount by which that delay may fall short of the poses', s: no message comes before it was measured.
+/// Greatest time in s by which a stream's delay may be shorter than that of the poses: no message arrives before it was
+/// measured.
 const EARLY_S: f64 = 0.1;
-/// Messages that were logged farther apart are not compared, s: where stamps run faster than the log, they differ.
+/// Greatest time in s between the log times of two messages that are compared. Farther apart, a faster pace of the
+/// stamps would count as a difference.
 const TOGETHER_S: f64 = 0.1;
-/// Share of the messages that may lie nearer than a difference of two clocks: a stall of the recorder delays some.
+/// Share of the messages that may be closer than the difference of two clocks: a stall of the recorder delays some.
 const OUTLIERS: f64 = 0.1;
-/// Messages of a stream below which nothing is said of its clock.
+/// Least number of messages of a stream for a statement about its clock.
 const FEW: usize = 2;
 
-/// Times of one message, ns.
+/// Times of one message in ns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Times {
     log_ns: i64,
@@ -31,7 +34,7 @@ struct Times {
 }
 
 impl Times {
-    /// Time from the stamp to the log, s.
+    /// Time from stamp to log in s.
     fn delay_s(self) -> f64 {
         since_s(self.log_ns, self.stamp_ns)
     }
@@ -41,31 +44,32 @@ fn since_s(later_ns: i64, earlier_ns: i64) -> f64 {
     (i128::from(later_ns) - i128::from(earlier_ns)) as f64 * 1e-9
 }
 
-/// A clock that was set while it stamped a topic.
+/// Step of a clock that was set while it stamped a topic.
 struct Step {
     at_log_ns: i64,
     by_s: f64,
 }
 
-/// Times of the messages of a bag, by topic, in order of log time. Latched topics do not belong here: a recorder that starts
-/// late logs their old messages at its own time.
+/// Times of the messages of a bag, by topic, in order of log time. Latched topics must not be added: a recorder that
+/// starts late logs their old messages at its own time.
 #[derive(Debug, Default)]
 pub(crate) struct Clocks {
     topics: BTreeMap<String, Vec<Times>>,
 }
 
 impl Clocks {
-    /// Takes note of a message. A stamp of 0 is none.
+    /// Adds the times of a message. A stamp of 0 means no stamp and is skipped.
     pub(crate) fn push(&mut self, topic: &str, log_ns: i64, stamp_ns: i64) {
         if stamp_ns != 0 {
             self.topics.entry(topic.to_owned()).or_default().push(Times { log_ns, stamp_ns });
         }
     }
 
-    /// Clocks that were set, or that differ from that of the topic `reference`, in words.
+    /// Sentences about clocks that were set, or that differ from the clock of the topic `reference`.
     pub(crate) fn notes(&self, reference: &str) -> Vec<String> {
         let steps: Vec<(&str, Step)> =
             self.topics.iter().filter_map(|(topic, times)| Some((topic.as_str(), step(times)?))).collect();
+        // A clock that was set also differs from others afterwards: only the cause is named.
         if !steps.is_empty() {
             return step_notes(&steps);
         }
@@ -75,21 +79,17 @@ impl Clocks {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// The first step of a topic's clock, relative to its pace: a bag may have been recorded from simulated time or a replay that
-/// ran faster than the log's. A recorder that stalls logs late what was stamped in time, and recovers; a clock that was set
-/// stays so.
+/// First step of a topic's clock, relative to its pace.
+///
+/// The pace is not 1 for a bag that was recorded from simulated time or from a faster replay. A recorder that stalls
+/// logs messages late and recovers; a clock that was set stays so.
 fn step(times: &[Times]) -> Option<Step> {
     (1..times.len()).find_map(|i| {
         let stamps_s = since_s(times[i].stamp_ns, times[i - 1].stamp_ns);
         let log_s = since_s(times[i].log_ns, times[i - 1].log_ns);
         let (before, after) = (&times[i.saturating_sub(WINDOW)..i], &times[i..times.len().min(i + WINDOW)]);
         let is_back = stamps_s < -BACK_S;
-        // Without neighbours that show the pace, any step ahead may be the pace's.
+        // Without neighbours that show the pace, any step ahead may be due to a fast pace.
         let pace = match pace(&[before, after]) {
             Some(pace) => pace.max(1.0),
             None if is_back => 1.0,
@@ -102,13 +102,14 @@ fn step(times: &[Times]) -> Option<Step> {
         }
         let by_s = stamps_s - expected_s;
         let delay_s = |t: &Times| pace * since_s(t.log_ns, times[i].log_ns) - since_s(t.stamp_ns, times[i].stamp_ns);
-        let delays_s = |part: &[Times]| median(part.iter().map(delay_s).collect());
+        let delays_s = |part: &[Times]| median_high(&mut part.iter().map(delay_s).collect::<Vec<f64>>()).unwrap_or(0.0);
+        // After a stall, the median delay is the same on both sides; after a step, it differs by the step.
         let stays = (delays_s(before) - delays_s(after)).abs() > 0.5 * by_s.abs();
         stays.then_some(Step { at_log_ns: times[i].log_ns, by_s })
     })
 }
 
-/// Pace of the stamps of `parts`, s per second of the log; none where nothing shows it.
+/// Pace of the stamps of `parts`, in s of the stamps for each s of the log; none if the log times do not advance.
 fn pace(parts: &[&[Times]]) -> Option<f64> {
     let ends = parts.iter().filter_map(|part| Some((part.first()?, part.last()?)));
     let (stamps_s, log_s) = ends.fold((0.0, 0.0), |(stamps_s, log_s), (first, last)| {
@@ -117,8 +118,9 @@ fn pace(parts: &[&[Times]]) -> Option<f64> {
     (log_s > 0.0).then_some(stamps_s / log_s)
 }
 
-/// One sentence for each step, with all topics whose clocks made it.
+/// Sentences about steps: one for each step, with all topics whose clocks made it.
 fn step_notes(steps: &[(&str, Step)]) -> Vec<String> {
+    // Each topic estimates the step from its own messages, so the estimates differ by jitter and pace.
     let alike = |a: &Step, b: &Step| (a.by_s - b.by_s).abs() <= 0.5 + 0.01 * a.by_s.abs();
     let mut groups: Vec<(&Step, Vec<&str>)> = Vec::new();
     for (topic, step) in steps {
@@ -139,12 +141,14 @@ fn step_notes(steps: &[(&str, Step)]) -> Vec<String> {
     groups.iter().map(note).collect()
 }
 
-/// Delay of a topic's messages beyond that of the `known` topic's, s from stamp to log: least of it, without a few
-/// outliers. Compared are messages that were logged at about the same time, as a bag may have been played at another rate.
+/// Difference in s of the delays, from stamp to log, of a topic and of the `known` topic: the smallest difference apart
+/// from a few outliers. Only messages that were logged at about the same time are compared, because a bag may have been
+/// recorded from a replay at another rate.
 fn offset_s(times: &[Times], known: &[Times]) -> Option<f64> {
     if times.len() < FEW || known.len() < FEW {
         return None;
     }
+    // Both lists are sorted by log time: the nearest is one of two neighbours.
     let nearest = |t: &Times| {
         let next = known.partition_point(|k| k.log_ns < t.log_ns);
         let near = known[next.saturating_sub(1)..known.len().min(next + 1)].iter();
@@ -154,8 +158,11 @@ fn offset_s(times: &[Times], known: &[Times]) -> Option<f64> {
     };
     let mut offsets: Vec<f64> = times.iter().filter_map(nearest).collect();
     offsets.sort_by(f64::total_cmp);
-    let at = |share: f64| offsets.get((share * offsets.len().saturating_sub(1) as f64).round() as usize).copied();
-    let (low, high) = (at(OUTLIERS)?, at(1.0 - OUTLIERS)?);
+    if offsets.is_empty() {
+        return None;
+    }
+    let [low, high] = [OUTLIERS, 1.0 - OUTLIERS].map(|q| quantile(&offsets, q, QuantileMethod::Nearest));
+    // The difference nearest to zero: if most are positive it is the low end, if most are negative the high end.
     Some(if low > 0.0 { low } else { high.min(0.0) })
 }
 
@@ -168,7 +175,7 @@ fn offset_note(topic: &str, offset_s: f64, reference: &str) -> Option<String> {
         return None;
     };
     Some(format!(
-        "{topic}: header.stamp: expected the clock of {reference}, got {what} its, for messages that were logged together: two clocks that differ, as a camera's own, or a node that is as slow; stamp both with the host's clock and record again"
+        "{topic}: header.stamp: expected the clock of {reference}, got {what} its, for messages that were logged together: two clocks that differ, such as a camera's own clock, or a slow node; stamp both with the host's clock and record again"
     ))
 }
 
@@ -176,7 +183,7 @@ fn offset_note(topic: &str, offset_s: f64, reference: &str) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Messages at 100 Hz for 4 s whose stamps and log times are those of `at` (ms).
+    /// Messages at 100 Hz for 4 s. `at` maps a time to the log time and the stamp, all in ms.
     fn clocks(topic: &str, at: impl Fn(i64) -> (i64, i64), into: Clocks) -> Clocks {
         let mut clocks = into;
         let mut all: Vec<(i64, i64)> = (0..400).map(|i| at(1_000_000 + 10 * i)).collect();
@@ -208,14 +215,14 @@ mod tests {
         assert_eq!(clocks("/pose", |t| (late(t), t), Clocks::default()).notes("/pose"), [] as [String; 0]);
         let lost = |t: i64| if t > 1_002_000 { t + 3000 } else { t };
         assert_eq!(clocks("/pose", |t| (lost(t) + 2, lost(t)), Clocks::default()).notes("/pose"), [] as [String; 0]);
-        // A slow tracker, and a bag that was recorded from another at a quarter of the rate.
+        // A slow tracker, in a bag that was recorded from a replay at a quarter of the rate.
         let slow = clocks("/keypoints", |t| (4 * t + 150, t), clocks("/pose", |t| (4 * t, t), Clocks::default()));
         assert_eq!(slow.notes("/pose"), [] as [String; 0]);
     }
 
     #[test]
     fn stamps_that_run_faster_than_the_log_step_only_where_their_pace_does() {
-        // A policy that acts twice a second, and rests for 20 s between two episodes, with a pose every half second.
+        // A policy that acts twice a second and rests for 20 s between two episodes, with a pose every half second.
         let slowly = |t: i64| 1_000_000 + 50 * (t - 1_000_000);
         let rests = |t: i64| slowly(t) + if t >= 1_002_000 { 20_000 } else { 0 };
         for pace in [2, 5, 20] {

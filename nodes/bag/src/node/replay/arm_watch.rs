@@ -1,4 +1,4 @@
-//! Whether an arm is in the graph, and whether it is a real one.
+//! Watch for arms in the graph, and for real arms among them.
 
 use crate::error::BagError;
 use catenary_msgs::msg::ArmState;
@@ -7,26 +7,26 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long a state of an arm that is there takes to be heard at most: discovery takes less than half a second.
+/// Time within which a state of a present arm is heard: discovery takes less than half a second.
 const LISTEN: Duration = Duration::from_millis(1500);
-/// How much longer a publisher without a state is waited for.
+/// Additional time for a publisher from which no state has come.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Age at which a state of a simulated arm says nothing any more; states come at 50 Hz.
+/// Age at which a state of a simulated arm becomes invalid. States come at 50 Hz.
 const FRESH: Duration = Duration::from_secs(2);
-/// Between two looks.
+/// Time between two checks.
 const LOOK: Duration = Duration::from_millis(20);
 
 #[derive(Default)]
 struct Heard {
-    /// The topic of a real arm's state.
+    /// Topic on which a real arm's state was heard.
     real: Option<String>,
-    /// When a publisher last said that its arm is simulated.
+    /// Time at which each publisher last stated that its arm is simulated.
     simulated: HashMap<[u8; 16], Instant>,
-    /// Stamps of the states that are replayed: those that come back are no arm's.
+    /// Stamps of replayed states. A received state with such a stamp comes from the bag, and not from an arm.
     replayed: HashSet<i64>,
 }
 
-/// Listens for states of arms that are not replayed.
+/// Subscription to states of arms, apart from replayed ones.
 pub(super) struct ArmWatch {
     heard: Arc<Mutex<Heard>>,
     _subscriptions: Vec<Subscription>,
@@ -37,7 +37,7 @@ fn lock(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
 }
 
 impl ArmWatch {
-    /// Listens on the contract's topic and on the `topics` that will be replayed.
+    /// Subscribes to the contract's topic and to the `topics` that will be replayed.
     pub(super) fn start(node: &Node, topics: Vec<String>) -> Result<Self, BagError> {
         let heard = Arc::<Mutex<Heard>>::default();
         let mut names = BTreeSet::from([node.resolve(contract::ARM_STATE.name)?]);
@@ -63,11 +63,15 @@ impl ArmWatch {
         Ok(Self { heard, _subscriptions: subscriptions })
     }
 
-    /// Returns when it is known that no real arm is there.
+    /// Waits until no real arm can be in the graph.
+    ///
+    /// # Errors
+    /// [`BagError::Refused`] if an arm is real, or does not tell whether it is.
     pub(super) fn wait_until_safe(&self, node: &Node) -> Result<(), BagError> {
         let start = Instant::now();
+        // Waits until the participants of this machine, and with them their names, are known.
         let _everybody = node.look_around(Duration::ZERO);
-        // Nodes of an arm of which nobody knows whether it is real.
+        // Nodes of an arm that has not told whether it is real.
         let silent = || -> Result<Vec<Peer>, BagError> {
             if self.has_simulated_arm(node)? {
                 return Ok(Vec::new());
@@ -95,7 +99,7 @@ impl ArmWatch {
         Ok(())
     }
 
-    /// Fails where a real arm was heard.
+    /// Fails if a real arm was heard.
     pub(super) fn check(&self) -> Result<(), BagError> {
         match &lock(&self.heard).real {
             Some(topic) => Err(BagError::Refused(format!(
@@ -106,8 +110,8 @@ impl ArmWatch {
         }
     }
 
-    /// Whether an arm that is served says that it is simulated. Anybody can publish a state: that of another node tells nothing
-    /// of the arm.
+    /// True if a node that serves an arm states that it is simulated. A state from any other node proves nothing about
+    /// the arm.
     fn has_simulated_arm(&self, node: &Node) -> Result<bool, BagError> {
         let heard = lock(&self.heard);
         let fresh = heard.simulated.iter().filter(|(_, at)| at.elapsed() < FRESH);
@@ -118,7 +122,8 @@ impl ArmWatch {
         Ok(fresh.into_iter().any(|publisher| is_server(node.peer(publisher))))
     }
 
-    /// Fails unless all who may follow the commands on `topic`, a name before remapping, are one simulated arm.
+    /// Fails unless one simulated arm is the only possible follower of the commands on `topic`, a name before
+    /// remapping.
     pub(super) fn check_followers(&self, node: &Node, topic: &str) -> Result<(), BagError> {
         refuse_two_arms(node)?;
         if self.has_simulated_arm(node)? {
@@ -133,14 +138,14 @@ impl ArmWatch {
         )))
     }
 
-    /// A state that is about to be replayed.
+    /// Notes a state that is about to be replayed.
     pub(super) fn expect(&self, state: &ArmState) {
         lock(&self.heard).replayed.insert(stamp::from_msg(&state.header.stamp).nanos());
     }
 }
 
-/// Fails where several nodes are an arm, by what they serve or tell: each would follow commands, and that one of them says it
-/// is simulated tells nothing of the others.
+/// Fails if several nodes serve an arm or publish its pose or state: each would follow commands, and the state of one
+/// proves nothing about the others.
 pub(super) fn refuse_two_arms(node: &Node) -> Result<(), BagError> {
     let mut arms = node.servers(&contract::ARM)?;
     for teller in node.publishing(&contract::ARM_TOPICS)? {

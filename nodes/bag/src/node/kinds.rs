@@ -1,40 +1,40 @@
-//! The message types that nodes record and replay. Those of the contract's topics are decoded on the way, so that only
-//! valid messages get into a bag or onto a topic; all others go through as they are.
+//! Message types that the nodes record and replay. Types of the contract's topics are decoded on the way, so only valid
+//! messages get into a bag or onto a topic. All other types pass through as bytes.
 
-use crate::definitions::{self, Definition};
 use crate::error::BagError;
+use crate::node::definitions::{self, Definition};
 use crate::reader::{BagMessage, Topic};
 use crate::writer::TopicType;
 use catenary_msgs::{InterfaceInfo, diagnostic_msgs, geometry_msgs, msg, rcl_interfaces, sensor_msgs, tf2_msgs};
 use catenary_shell::{Msg, Node, Publisher, Qos, RawMessage, ShellError, Subscription, Time};
 use std::time::Duration;
 
-/// A message that came, in CDR.
+/// Received message, in CDR.
 pub(crate) struct Arrival {
     pub(crate) cdr: Vec<u8>,
     pub(crate) received: Time,
     pub(crate) sent: Option<Time>,
 }
 
-/// Takes what comes on a topic, on the thread of its subscription.
+/// Callback for messages of a topic. It runs on the thread of the subscription.
 pub(crate) type Inbox = Box<dyn FnMut(Arrival) + Send>;
 
-/// Publishes the messages of a bag's topic.
+/// Publisher of the messages of a bag's topic.
 pub(crate) trait Outlet {
     fn publish(&self, message: &BagMessage) -> Result<(), BagError>;
     fn has_subscriber(&self) -> bool;
     fn wait_for_subscriber(&self, timeout: Duration) -> bool;
-    /// The absolute topic after remapping.
+    /// Absolute topic name after remapping.
     fn topic(&self) -> &str;
 }
 
-/// Makes the outlet of a topic.
+/// Constructor of an outlet.
 type NewOutlet = fn(&Node, &str, Qos) -> Result<Box<dyn Outlet>, ShellError>;
 
-/// What is done with one message type.
+/// Functions that record and replay one message type.
 pub(crate) struct Kind {
     pub(crate) info: InterfaceInfo,
-    /// Whether messages are so large that few of them are kept.
+    /// True if messages are so large that subscriptions keep few of them.
     pub(crate) is_large: bool,
     subscribe: fn(&Node, &str, Qos, Inbox) -> Result<Subscription, ShellError>,
     outlet: NewOutlet,
@@ -65,6 +65,7 @@ impl Kind {
     }
 }
 
+// The types of the contract's topics; a test compares both lists.
 static KINDS: [Kind; 17] = [
     Kind::large::<sensor_msgs::msg::Image>(),
     Kind::of::<sensor_msgs::msg::CameraInfo>(),
@@ -85,7 +86,7 @@ static KINDS: [Kind; 17] = [
     Kind::of::<catenary_msgs::rosgraph_msgs::msg::Clock>(),
 ];
 
-/// The kind whose type is called `type_name`.
+/// Kind of the type called `type_name`; none if the type is not built in.
 pub(crate) fn find(type_name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|k| k.info.type_name == type_name)
 }
@@ -120,14 +121,14 @@ impl<T: Msg> Outlet for Publisher<T> {
     }
 }
 
-/// A type that can be recorded: one that is decoded, or one that is known by its definition.
+/// Type that can be recorded: decoded, or passed through with a known definition.
 pub(crate) enum Source {
     Decoded(&'static Kind),
     Raw(Definition),
 }
 
 impl Source {
-    /// The type called `type_name`; none: nobody here knows it.
+    /// Type called `type_name`; none if it is neither built in nor installed.
     pub(crate) fn find(type_name: &str) -> Option<Self> {
         find(type_name).map(Self::Decoded).or_else(|| definitions::find(type_name).map(Self::Raw))
     }
@@ -139,7 +140,7 @@ impl Source {
         }
     }
 
-    /// Whether messages are so large that few of them are kept.
+    /// True if messages are so large that subscriptions keep few of them.
     pub(crate) fn is_large(&self) -> bool {
         matches!(self, Self::Decoded(kind) if kind.is_large)
     }
@@ -160,7 +161,7 @@ impl Source {
     }
 }
 
-/// The outlet of a topic whose messages go through as they are.
+/// Outlet of a topic whose messages pass through as bytes.
 pub(crate) fn raw_outlet(node: &Node, topic: &str, type_name: &str, qos: Qos) -> Result<Box<dyn Outlet>, ShellError> {
     Ok(Box::new(RawOutlet(node.raw_publisher(topic, type_name, qos)?)))
 }
