@@ -1,4 +1,4 @@
-//! What an inference spends its time on: embedding tracks, training steps, and the draws for the next training domains.
+//! Costly steps of an inference: embedding tracks, training steps, and draws for training domains.
 
 use std::hint::black_box;
 use std::ops::ControlFlow;
@@ -6,16 +6,20 @@ use std::ops::ControlFlow;
 use bayes_sim::Settings;
 use bayes_sim::embedding::TrackInput;
 use bayes_sim::network::{Network, Samples, Shape, train};
+use bayes_sim::settings::Schedule;
 use catenary_core::track::End;
 use catenary_core::{Frame, Mixture, Parameter, ParameterSpace, Posterior, Prior, Track, seed};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use rand::RngExt;
 
+/// Frames of a track: eight seconds at 4 Hz.
 const FRAMES: usize = 33;
+/// Tracks of a batch.
 const TRACKS: usize = 100;
+/// Environments of a training.
 const DOMAINS: usize = 12;
 
-/// Tracks of keypoints that wander, and an end effector that follows its own path in each.
+/// Random tracks.
 fn tracks() -> Samples {
     let mut samples = Samples::new(FRAMES, 2);
     for i in 0..TRACKS as u64 {
@@ -47,8 +51,8 @@ fn networks(c: &mut Criterion) {
         group.sample_size(10);
         group.throughput(Throughput::Elements(TRACKS as u64));
         group.bench_function("embed 100 tracks", |b| b.iter(|| black_box(network.columns(&samples))));
-        // One step on a whole batch, and the look at one held-out track before and after it.
-        let schedule = train::Schedule { max_epochs: 1, batch_size: TRACKS, ..settings.schedule };
+        // One step on a whole batch, with the loss of one held-out track before and after it.
+        let schedule = Schedule { max_epochs: 1, batch_size: TRACKS, ..settings.schedule };
         let indices: Vec<usize> = (0..settings.schedule.batch_size).collect();
         group.throughput(Throughput::Elements(indices.len() as u64));
         group.bench_function("one training step", |b| {

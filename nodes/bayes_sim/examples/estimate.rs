@@ -1,5 +1,5 @@
-//! One training of the networks on plain rows: JSON in on stdin, JSON out on stdout. The benchmark against other
-//! estimators runs it.
+//! Training of the networks on plain rows: reads a JSON problem from stdin and writes a JSON answer to stdout. The benchmark
+//! against the estimators of `sbi` runs it.
 
 use bayes_sim::network::{Ensemble, Samples, Shape, Training};
 use bayes_sim::{Settings, settings};
@@ -9,28 +9,29 @@ use serde_json::{Map, Value};
 use std::error::Error;
 use std::ops::ControlFlow;
 
-/// What is to be learnt, and where it is to be looked at.
+/// Training data, and the observations at which the posterior is evaluated.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Problem {
-    /// The parameters, with their priors.
+    /// Parameters with their priors.
     parameters: ParameterSpace,
     /// N thetas of D numbers, in the parameters' units.
     thetas: Vec<Vec<f64>>,
-    /// N rows of X numbers that the thetas gave.
+    /// N rows of X numbers, simulated at the thetas.
     rows: Vec<Vec<f32>>,
-    /// Rows at which the posterior is wanted.
+    /// Rows at which the posterior is evaluated.
     observations: Vec<Vec<f32>>,
     /// Thetas behind the observations.
     truths: Vec<Vec<f64>>,
-    /// Draws from each posterior.
+    /// Number of draws from each posterior.
     draws: usize,
     /// Seed of the training and of the draws.
     seed: u64,
-    /// Fields of the settings that are not the default preset's.
+    /// Fields of the settings that replace the default preset's.
     settings: Map<String, Value>,
 }
 
+/// Posteriors at the observations.
 #[derive(Serialize)]
 struct Answer {
     epochs: usize,
@@ -41,7 +42,7 @@ struct Answer {
     draws: Vec<Vec<Vec<f64>>>,
 }
 
-/// Puts the fields of `over` in the place of those in `under`; those of the schedule one by one.
+/// Replaces fields of `under` by those of `over`, and fields of the schedule one by one.
 fn merge(under: &mut Value, over: Map<String, Value>) {
     for (name, value) in over {
         match value {
@@ -63,9 +64,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let units = problem.thetas.iter().flat_map(|t| space.to_unit(t)).collect();
     let samples = Samples::of_rows(problem.rows.concat(), width, units, d);
     let shape = Shape::of_samples(&samples, &settings);
-    let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
+    let (weights, split_keys) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
     let seeds = [1, 2].map(|stream| seed::derive(problem.seed, stream));
-    let training = Training { data: &samples, weights: &weights, lots: &lots, seed: seeds[0], held_out_seed: seeds[1] };
+    let training = Training {
+        data: &samples,
+        weights: &weights,
+        split_keys: &split_keys,
+        seed: seeds[0],
+        held_out_seed: seeds[1],
+    };
     let (ensemble, outcome) =
         Ensemble::train(&shape, &settings, None, training, &mut |_, _| ControlFlow::Continue(()))?;
     let (mut draws, mut log_probabilities) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Between wire types and the inference's.
+//! Conversion between ROS messages and the types of inference.
 
 use crate::infer::InferenceResult;
 use crate::sequential::Iteration;
@@ -9,7 +9,7 @@ use catenary_msgs::msg::GripTrajectory as GripMsg;
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 
-/// A batch of a model's file as the pool takes it.
+/// Request to a simulator pool for the model in `model_yaml`.
 #[must_use]
 pub fn simulate_request(request: &SimulationRequest, model_yaml: &str) -> SimulateRequest {
     let mut message = SimulateRequest {
@@ -47,6 +47,7 @@ pub fn simulate_request(request: &SimulationRequest, model_yaml: &str) -> Simula
     message
 }
 
+/// Message of a gripper trajectory.
 fn grip(path: &GripTrajectory) -> GripMsg {
     GripMsg {
         time: path.times_s().to_vec(),
@@ -56,7 +57,7 @@ fn grip(path: &GripTrajectory) -> GripMsg {
     }
 }
 
-/// How far an inference is.
+/// Feedback message after an iteration.
 #[must_use]
 pub fn feedback(iteration: &Iteration, of: usize, posterior: &Posterior) -> InferFeedback {
     InferFeedback {
@@ -69,11 +70,12 @@ pub fn feedback(iteration: &Iteration, of: usize, posterior: &Posterior) -> Infe
     }
 }
 
-/// What an inference gave.
+/// Result message of an inference.
 #[must_use]
 pub fn result(result: &InferenceResult) -> InferResult {
     InferResult {
         success: true,
+        // A misfit is no failure of the action: the posterior is sent with the reason not to use it.
         message: result.misfit.clone().unwrap_or_default(),
         posterior: convert::posterior_to_msg(&result.posterior),
         mass_outside: result.mass_outside,

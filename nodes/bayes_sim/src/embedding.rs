@@ -1,4 +1,4 @@
-//! The RKHS embedding of one frame: the mean of random Fourier features over its set of keypoints.
+//! RKHS embedding of one frame: the mean of random Fourier features over its set of keypoints.
 //!
 //! Shapes: N frames (of any number of tracks), 4 keypoints each, M random features.
 //! `cos_only`: feature m of a frame is the mean over its keypoints p of `cos(w_m . (s * p) + b_m)`; the frequencies w
@@ -21,24 +21,24 @@ use serde::{Deserialize, Serialize};
 use std::f32::consts::TAU;
 use trig::cos_sin;
 
-/// Which features a frequency gives.
+/// Kind of the features of a frequency.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fourier {
-    /// One: a cosine with a trained phase.
+    /// One feature: a cosine with a trained phase.
     #[default]
     CosOnly,
-    /// Two: a cosine and a sine without a phase.
+    /// Two features: a cosine and a sine without a phase.
     CosSin,
 }
 
-/// The embedding's shape. Its parameters lie in one slice: M frequencies along x, M along y, M phases (cos-only), and the
-/// logarithms of the two inverse length scales.
+/// Shape of the embedding. Its parameters lie in one slice: M frequencies along x, M along y, M phases (cosines only), and
+/// the logarithms of the two inverse length scales.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Embedding {
-    /// M, the number of frequencies.
+    /// M, number of frequencies.
     pub frequencies: usize,
-    /// Features of each.
+    /// Kind of the features of each frequency.
     pub fourier: Fourier,
 }
 
@@ -57,8 +57,8 @@ impl Embedding {
         2 * self.frequencies + phases + 2
     }
 
-    /// Parameters to start from: frequencies of a Gaussian kernel of `length_scale` (in the coordinates of the points),
-    /// phases uniform.
+    /// Initial parameters: frequencies of a Gaussian kernel of `length_scale`, in the coordinates of the points, and uniform
+    /// phases.
     pub fn initial<R: Rng>(&self, length_scale: f64, rng: &mut R) -> Vec<f32> {
         let m = self.frequencies;
         let mut parameters: Vec<f32> = (0..2 * m).map(|_| rng.sample(StandardNormal)).collect();
@@ -69,7 +69,7 @@ impl Embedding {
         parameters
     }
 
-    /// Frequencies times inverse length scales along x and y, and the phases (zeros where there are none).
+    /// Frequencies times inverse length scales along x and along y, and the phases (zeros for cosines and sines).
     fn unpack(&self, parameters: &[f32]) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
         assert_eq!(parameters.len(), self.parameter_count(), "parameters of the embedding");
         let m = self.frequencies;
@@ -105,8 +105,8 @@ impl Embedding {
         }
     }
 
-    /// Adds to `gradient` (one value a parameter) the gradient of a loss whose derivatives by the features stand at the
-    /// head of each row of `by_feature` (N rows of `stride`).
+    /// Adds to `gradient` (one value for each parameter) the gradient of a loss. Its derivatives with respect to the
+    /// features are at the head of each row of `by_feature` (N rows of `stride`).
     pub fn backward(
         &self,
         parameters: &[f32],
@@ -131,6 +131,7 @@ impl Embedding {
         }
         let n = parameters.len();
         for (axis, (by_scaled, scaled)) in [(&by_x, &wx), (&by_y, &wy)].into_iter().enumerate() {
+            // The scale is the exponential of its parameter, so that its derivative is the scale itself.
             let scale = parameters[n - 2 + axis].exp();
             gradient[axis * m..(axis + 1) * m].iter_mut().zip(by_scaled).for_each(|(g, d)| *g += d * scale);
             gradient[n - 2 + axis] += by_scaled.iter().zip(scaled).map(|(d, w)| d * w).sum::<f32>();
@@ -144,12 +145,14 @@ impl Embedding {
 /// Share of one keypoint in the mean.
 const SHARE: f32 = 0.25;
 
+/// Adds the features of one keypoint.
 fn add_cos((x, y): (f32, f32), (wx, wy, phase): (&[f32], &[f32], &[f32]), out: &mut [f32]) {
     for (((o, wx), wy), b) in out.iter_mut().zip(wx).zip(wy).zip(phase) {
         *o += SHARE * cos_sin(x * wx + y * wy + b).0;
     }
 }
 
+/// Adds the features of one keypoint to the cosines and the sines.
 fn add_cos_sin((x, y): (f32, f32), (wx, wy): (&[f32], &[f32]), cosines: &mut [f32], sines: &mut [f32]) {
     for (((c, s), wx), wy) in cosines.iter_mut().zip(sines).zip(wx).zip(wy) {
         let (cos, sin) = cos_sin(x * wx + y * wy);
@@ -158,7 +161,7 @@ fn add_cos_sin((x, y): (f32, f32), (wx, wy): (&[f32], &[f32]), cosines: &mut [f3
     }
 }
 
-/// Adds the derivatives by `w_x s_x`, `w_y s_y` and the phase that one keypoint contributes.
+/// Adds the contribution of one keypoint to the derivatives with respect to `w_x s_x`, `w_y s_y` and the phase.
 fn add_gradient(
     (x, y): (f32, f32),
     (wx, wy, phase): (&[f32], &[f32], &[f32]),

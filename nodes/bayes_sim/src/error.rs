@@ -1,95 +1,88 @@
-//! Why an inference gave no posterior.
+//! Errors of an inference.
 
 use crate::embedding::InputError;
 use crate::network::TrainingError;
-use crate::sequential::StateError;
+use crate::settings::SettingsError;
 use catenary_core::SimulatorError;
 use catenary_core::mixture::MixtureError;
 use thiserror::Error;
 
-/// Why an inference gave no posterior.
+/// Reason for which an inference gave no posterior.
 #[derive(Debug, Error)]
 pub enum InferenceError {
-    /// A setting that makes no sense.
-    #[error("settings: `{field}`: expected {expected}, got {got}")]
-    Setting {
-        /// The field.
-        field: &'static str,
-        /// What was expected.
-        expected: String,
-        /// What came.
-        got: String,
-    },
+    /// A setting is out of range.
+    #[error(transparent)]
+    Setting(#[from] SettingsError),
     /// The measured track cannot be used.
     #[error("the measured {0}")]
     Observation(InputError),
-    /// Nothing of the measured track lies in what the model's camera sees.
+    /// Every keypoint of the measured track lies outside of the view of the model's camera.
     #[error(
-        "the measured track: expected keypoints within the view of the model's camera, got all {points} outside of it: the model and the recording are not one another's, or the track is not in metres"
+        "the measured track: expected keypoints within the view of the model's camera, got all {points} outside of it: check that the model belongs to the recording and that the track is in metres"
     )]
     OutOfView {
-        /// Keypoints of the track.
+        /// Number of keypoints of the track.
         points: usize,
     },
-    /// The model asks for a drive that the caller did not give.
+    /// The caller did not give the drive that the model needs.
     #[error("the model drives the simulator by {drive}: expected {expected}, got none")]
     Drive {
-        /// The model's drive.
+        /// Drive of the model.
         drive: &'static str,
-        /// What is needed for it.
+        /// Data that the drive needs.
         expected: &'static str,
     },
-    /// The state to go on from is not of this inference.
+    /// The saved state belongs to another inference or is damaged.
     #[error("the state of an earlier inference: {0}")]
     State(StateError),
     /// The simulator failed.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
-    /// The simulator gave another number of tracks than it was asked for.
+    /// The simulator returned a wrong number of tracks.
     #[error("simulator: expected {expected} tracks, got {got}")]
     TrackCount {
-        /// Tracks asked for.
+        /// Number of tracks requested.
         expected: usize,
-        /// Tracks that came.
+        /// Number of tracks received.
         got: usize,
     },
-    /// Too few usable tracks to train on.
+    /// Too few usable tracks for a training.
     #[error("iteration {iteration}: expected at least {expected} usable tracks to train on, got {got}{because}")]
     TooFewTracks {
         /// Iteration, from 1.
         iteration: usize,
-        /// Needed.
+        /// Least number of tracks.
         expected: usize,
-        /// Found.
+        /// Number of usable tracks.
         got: usize,
-        /// Why the last track was refused, with a leading separator; empty where none was.
+        /// Reason for which the last track was refused, with a leading separator; empty if none was refused.
         because: String,
     },
-    /// A network could not be trained.
+    /// The training of a network failed.
     #[error("iteration {iteration}: {reason}")]
     Training {
         /// Iteration, from 1.
         iteration: usize,
-        /// What happened.
+        /// Cause.
         reason: TrainingError,
     },
-    /// A network's mixture at the measured track is none, or lies outside the prior's support.
+    /// The networks' output at the measured track is no valid mixture, or the mixture lies outside of the prior's support.
     #[error("iteration {iteration}: the posterior at the measured track is unusable: {reason}")]
     Posterior {
         /// Iteration, from 1.
         iteration: usize,
-        /// What is wrong with it.
+        /// Defect of the mixture.
         reason: MixtureError,
     },
-    /// The region that proposals are drawn from could not be sampled.
+    /// The region of the proposal is too thin to be sampled.
     #[error("iteration {iteration}: no draw in {draws} fell inside the region of the newest posterior")]
     EmptyRegion {
         /// Iteration, from 1.
         iteration: usize,
-        /// Draws made.
+        /// Number of draws made.
         draws: usize,
     },
-    /// The caller asked to stop.
+    /// The caller stopped the inference.
     #[error("inference was cancelled after {simulations} simulations")]
     Cancelled {
         /// Simulations run so far.
@@ -97,9 +90,28 @@ pub enum InferenceError {
     },
 }
 
-// It words its cause itself; were it its source too, who prints a chain of causes would say it twice.
+// Written by hand instead of `#[from]`: that would make the cause a source, too, and printing a chain of causes would
+// repeat it.
 impl From<StateError> for InferenceError {
     fn from(error: StateError) -> Self {
         Self::State(error)
     }
+}
+
+/// Reason for which an inference cannot continue from a state.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum StateError {
+    /// The state belongs to another inference.
+    #[error("it belongs to another model, recording, setting or program")]
+    Other,
+    /// The parts of the state do not fit together.
+    #[error("{what}: expected {expected}, got {got}")]
+    Broken {
+        /// Name of the part.
+        what: &'static str,
+        /// Expected contents.
+        expected: String,
+        /// Contents found.
+        got: String,
+    },
 }

@@ -1,50 +1,52 @@
-//! The whole inference: iterations, posterior, and what is to be said about it.
+//! Whole inference: iterations, posterior, posterior predictive check and warnings.
 
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
+use crate::fingerprint::fingerprint;
 use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, episode_seed};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
-use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, hash, seed};
+use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, seed};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
-/// Draws behind the share of the mixture that lies outside the prior's support.
+/// Number of draws for the share of the mixture outside of the prior's support: good to half a percentage point.
 const MASS_DRAWS: usize = 10_000;
-/// Random streams of the last steps, beyond those of the iterations.
+/// Random stream of the posterior predictive check, beyond those of the iterations.
 const PREDICTIVE_STREAM: u64 = 101;
+/// Random stream of the mass outside of the prior's support.
 const MASS_STREAM: u64 = 102;
 
-/// What an inference gave.
+/// Result of an inference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InferenceResult {
-    /// The posterior.
+    /// Posterior over the model's parameters.
     pub posterior: Posterior,
-    /// Its marginals, in the parameters' units.
+    /// Marginals of the posterior in the parameters' units.
     pub marginals: Vec<Marginal>,
-    /// What each iteration did.
+    /// Account of each iteration.
     pub iterations: Vec<Iteration>,
-    /// Share of the untruncated mixture that lies outside the prior's support.
+    /// Share of the untruncated mixture outside of the prior's support.
     pub mass_outside: f64,
-    /// How well the posterior predicts the measured track; none where no draws were asked for.
+    /// Posterior predictive check; none if no draws were requested or the check was impossible.
     pub predictive: Option<Predictive>,
-    /// Why the posterior fits nothing of the measured tracks, where its check failed outright; none: it may be used.
+    /// Reason for which the posterior must not be used, if the predictive check failed outright.
     #[serde(default)]
     pub misfit: Option<String>,
-    /// What should make one doubt.
+    /// Reasons to doubt the result.
     pub warnings: Vec<String>,
 }
 
 impl InferenceResult {
-    /// Simulations in all, without those of the posterior's check.
+    /// Total number of simulations, without those of the predictive check.
     pub fn simulations(&self) -> usize {
         self.iterations.last().map_or(0, |i| i.simulations)
     }
 
-    /// Effective sample size of the last iteration's weights.
+    /// Effective sample size of the weights in the last iteration.
     pub fn effective_sample_size(&self) -> f64 {
         self.iterations.last().map_or(0.0, |i| i.effective_sample_size)
     }
@@ -55,10 +57,15 @@ impl InferenceResult {
     }
 }
 
-/// Infers the posterior over the parameters of `model` from the episodes `measured`, all of one object: its parameters are the
-/// same in all, and what the model draws anew for each episode is not. `policy` is the one that the episodes ran, where the
-/// model drives by policy. It goes on from `state`, where a whole one of the same [`question`] is given; from another it does
-/// not, and says so in a warning.
+/// Infers the posterior over the parameters of `model` from the episodes `measured` of one object. The parameters are equal
+/// in all episodes; quantities that the model draws for each episode are not. `policy` is the policy of the episodes, needed
+/// by a model that drives by policy.
+///
+/// The inference continues from `state` if that is complete and has the same [`fingerprint`]. Otherwise it starts over and adds
+/// a warning.
+///
+/// # Errors
+/// [`InferenceError`] with the step that failed.
 pub fn infer(
     model: &Model,
     measured: &[MeasuredTrack],
@@ -73,10 +80,11 @@ pub fn infer(
     if outside == points && points > 0 {
         return Err(InferenceError::OutOfView { points });
     }
+    // Partly out of view is a warning below: a camera may lose an end for a while.
     let observed = measured.iter().map(|m| Observed::new(model, m, policy, settings.fidelity));
     let observed = observed.collect::<Result<Vec<_>, _>>()?;
-    let question = question(model, measured, policy, settings);
-    let mut sequential = Sequential::new(&model.theta, observed.clone(), settings, question)?;
+    let fingerprint = fingerprint(model, measured, policy, settings);
+    let mut sequential = Sequential::new(&model.theta, observed.clone(), settings, fingerprint)?;
     let refused = state.and_then(|state| sequential.resume(state).err());
     while sequential.state().iterations().len() < settings.iterations {
         sequential.step(simulator, on_progress)?;
@@ -105,37 +113,31 @@ pub fn infer(
         }
     };
     let misfit = checked.as_ref().and_then(diagnostics::misfit);
-    let unchecked = checked.as_ref().and_then(|check| check.as_ref().err()?.warning());
-    let predictive = checked.and_then(Result::ok);
+    let incomplete = checked.as_ref().and_then(|check| match check {
+        Ok(check) => check.warning(),
+        Err(unchecked) => unchecked.warning(),
+    });
+    let predictive = checked.and_then(Result::ok).map(|check| check.figures);
     let marginals = posterior.marginals().map_err(failed)?;
     let mut warnings: Vec<String> = measured.iter().flat_map(|m| m.warnings.clone()).collect();
     warnings.extend(
-        refused.map(|why| format!("begun anew: the state of an earlier process cannot be gone on from: {why}")),
+        refused.map(|why| format!("the inference started over: the state of an earlier process cannot be used: {why}")),
     );
     let drive = model.observation.drive;
     if policy.is_some() && drive != DriveKind::Policy {
         warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
     }
-    warnings.extend(diagnostics::edges(&posterior).map_err(failed)?);
+    warnings.extend(diagnostics::edge_warnings(&posterior).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
-    warnings.extend(diagnostics::doubts(mass_outside, effective, predictive.as_ref()));
-    warnings.extend(unchecked);
+    warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
+    warnings.extend(incomplete);
     if outside > 0 {
         warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
     }
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, misfit, warnings })
 }
 
-/// Counts the ways in which networks have been trained: states of another one are begun anew.
-const METHOD: u32 = 2;
-
-/// A number that stands for all that an inference's outcome depends on, but the simulator: a state of it can be told by that.
-pub fn question(model: &Model, measured: &[MeasuredTrack], policy: Option<&Policy>, settings: &Settings) -> u64 {
-    let program = env!("CARGO_PKG_VERSION");
-    hash::fnv1a(format!("{program} {METHOD} {model:?} {measured:?} {policy:?} {settings:?}").into_bytes())
-}
-
-/// Each measured track with those that the simulator makes of `thetas`; `tick` may stop it between two parts.
+/// Pairs each measured track with its simulations at `thetas`. `tick` may stop the simulations between two parts.
 fn predictions<'a>(
     observed: &[Observed<'a>],
     thetas: &[Vec<f64>],
@@ -143,6 +145,7 @@ fn predictions<'a>(
     simulator: &dyn Simulator,
     tick: &mut dyn FnMut() -> Result<(), InferenceError>,
 ) -> Result<Vec<(&'a Track, Vec<Track>)>, InferenceError> {
+    // Not the stream of the draws themselves: thetas and noise must be independent.
     let seed = seed::derive(seed, PREDICTIVE_STREAM + 1);
     let of = |(episode, o): (usize, &Observed<'a>)| {
         let seed = episode_seed(seed, episode);
@@ -171,7 +174,7 @@ mod tests {
 
     const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
 
-    /// The linear-Gaussian toy over the model's parameters; it keeps what it was asked for.
+    /// Linear-Gaussian toy over the model's parameters, which records its requests.
     struct Toy<'a>(&'a Model, RefCell<Vec<SimulationRequest>>);
 
     impl Simulator for Toy<'_> {
@@ -214,32 +217,32 @@ mod tests {
         assert_eq!(result.predictive.as_ref().map(|p| p.draws), Some(25));
         assert!((0.0..1.0).contains(&result.mass_outside), "{}", result.mass_outside);
         // 80 simulations are under the 100 effective ones that a posterior should rest on.
-        assert!(result.warnings.iter().any(|w| w.contains("effective samples only")), "{:?}", result.warnings);
+        assert!(result.warnings.iter().any(|w| w.contains("effective samples")), "{:?}", result.warnings);
         assert_eq!(result.warnings[0], measured().warnings[0], "what is doubtful about the track comes along");
         let back: InferenceResult = serde_json::from_str(&serde_json::to_string(&result).unwrap()).unwrap();
-        // The last bit of a number may be lost in the text.
+        // JSON may lose the last bit of a number.
         let density = |r: &InferenceResult| r.posterior.log_density_unit(&[0.25, 1e4]);
         assert!((density(&back) - density(&result)).abs() < 1e-9, "{} against {}", density(&back), density(&result));
         assert_eq!((back.warnings, back.iterations.len()), (result.warnings, 2));
     }
 
     #[test]
-    fn a_state_that_cannot_be_gone_on_from_is_said_and_left_behind() {
+    fn a_state_that_does_not_fit_is_ignored_with_a_warning() {
         let model = Model::from_yaml(SOFT_BAR).unwrap();
         let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
-        let asked = question(&model, &[measured()], None, &settings);
-        // Of another number of frames.
+        let asked = fingerprint(&model, &[measured()], None, &settings);
+        // The measured track has six frames.
         let state = State::new(asked, crate::network::Samples::new(3, 2));
         let simulator = Toy(&model, RefCell::default());
         let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
         let result = infer(&model, &[measured()], None, &settings, Some(state), &simulator, &mut listen).unwrap();
         assert_eq!(result.iterations.len(), 1);
-        let said = result.warnings.iter().find(|w| w.starts_with("begun anew")).unwrap();
+        let said = result.warnings.iter().find(|w| w.starts_with("the inference started over")).unwrap();
         assert!(said.contains("samples: expected whole tracks of 6 frames"), "{said}");
     }
 
     #[test]
-    fn a_track_out_of_view_is_refused_and_one_partly_out_of_it_is_warned_of() {
+    fn a_track_out_of_view_is_refused_and_one_partly_out_of_view_gets_a_warning() {
         let model = Model::from_yaml(SOFT_BAR).unwrap();
         let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
         let outcome = |shift: f64, frames: usize| {
@@ -287,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_policy_that_drives_nothing_is_said() {
+    fn an_unused_policy_gets_a_warning() {
         let model = Model::from_yaml(SOFT_BAR).unwrap();
         let settings = Settings { iterations: 1, predictive_draws: 0, ..quick() };
         let warned = |policy: Option<&Policy>| {
@@ -311,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_that_is_not_there_is_named() {
+    fn a_missing_drive_is_named() {
         let mut model = Model::from_yaml(SOFT_BAR).unwrap();
         let mut refusal = |drive| {
             model.observation.drive = drive;

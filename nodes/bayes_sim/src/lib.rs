@@ -1,8 +1,4 @@
-//! Likelihood-free inference: BayesSim with an RKHS embedding of keypoint tracks.
-//!
-//! Does: embed tracks, train a mixture density network on simulated ones, draw anew from what was learnt, say what the
-//! posterior is worth, and decide which of several simulators does which episodes.
-//! Does not: simulate (it asks `catenary_core::Simulator`), know ROS (the `node` feature does), read files or clocks.
+#![doc = include_str!("../README.md")]
 
 pub mod calibration;
 #[cfg(feature = "node")]
@@ -11,6 +7,7 @@ pub mod diagnostics;
 pub mod dispatch;
 pub mod embedding;
 pub mod error;
+mod fingerprint;
 pub mod infer;
 pub mod network;
 #[cfg(feature = "node")]
@@ -20,5 +17,6 @@ pub mod settings;
 
 pub use diagnostics::Predictive;
 pub use error::InferenceError;
+pub use fingerprint::fingerprint;
 pub use infer::{InferenceResult, infer};
-pub use settings::Settings;
+pub use settings::{Settings, SettingsError};

@@ -1,4 +1,4 @@
-//! The executable of the node `bayes_sim`.
+//! Executable of the node `bayes_sim`.
 
 use std::process::ExitCode;
 

@@ -1,129 +1,46 @@
-//! The mixture density network: embedding of every frame, dense layers, mixture head, with a hand-written gradient.
+//! Mixture density network (Bishop 1994): embedding of every frame, dense layers and mixture head, with a hand-written
+//! gradient.
 //!
-//! Shapes: B tracks of F frames; C columns a frame (features, then channels); I inputs of the first dense layer: all
-//! F x C columns, or their P leading principal components, and X plain numbers. All parameters lie in one vector: the embedding's, then each
-//! layer's weights (outputs x inputs, row-major) and biases, then the weights of the linear path.
+//! Shapes: B tracks of F frames; C columns in a frame (features, then channels). The first dense layer has I inputs: all
+//! F x C columns or their P leading principal components, and X plain numbers. All parameters lie in one vector: those of the
+//! embedding, then the weights (outputs x inputs, row-major) and biases of each layer, then the weights of the linear path.
 
-pub mod cut;
 mod ensemble;
 pub mod head;
+mod inflation;
 mod packed;
 mod projection;
 mod restart;
 mod samples;
-mod spread;
+mod shape;
 mod standard;
 #[cfg(test)]
 mod tests;
 pub mod train;
+pub mod truncation;
 
 pub use ensemble::{Ensemble, Outcome, Training};
 pub use head::MixtureHead;
 pub use projection::Projection;
 pub use samples::Samples;
+pub use shape::Shape;
 pub use standard::Standardisation;
 pub use train::{Epoch, Trained, TrainingError, train};
 
-use crate::embedding::Embedding;
-use crate::settings::Settings;
 use catenary_core::matrix::{Transpose, gemm};
-use cut::Lattice;
 use head::Parts;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
+use standard::Affine;
+use truncation::Lattice;
 
-/// Points at which the mass inside the unit cube is taken of the mixture that is asked for, and of those of held-out tracks.
+/// Lattice points for the mass inside of the unit cube of a mixture that is returned.
 const MASS_POINTS: usize = 1024;
+/// Lattice points for the mass inside of the unit cube of each held-out track's mixture, of which there are many.
 const WATCH_POINTS: usize = 16;
 
-/// Sizes of a network.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Shape {
-    /// F.
-    pub frames: usize,
-    /// X, plain numbers of a sample beside its frames.
-    pub plain: usize,
-    /// Which channels of [`crate::embedding::input`] are looked at.
-    pub channels: Vec<usize>,
-    /// The embedding of a frame.
-    pub embedding: Embedding,
-    /// P, principal components that the dense layers see; none: they see all columns.
-    pub projection: Option<usize>,
-    /// Units of each hidden layer.
-    pub hidden: Vec<usize>,
-    /// Whether the inputs of the first dense layer also act on the raw outputs directly, linearly.
-    pub skip: bool,
-    /// The mixture.
-    pub head: MixtureHead,
-}
-
-impl Shape {
-    /// That of networks which learn from `samples`: from their tracks, their rows of plain numbers, or both.
-    pub fn of_samples(samples: &Samples, settings: &Settings) -> Self {
-        let (frames, dimension) = (samples.frames(), samples.dimension());
-        Self {
-            frames,
-            plain: samples.plain(),
-            channels: samples.varying_channels(),
-            embedding: settings.embedding,
-            projection: settings.projection.filter(|_| frames > 0),
-            hidden: settings.hidden.clone(),
-            skip: settings.skip,
-            head: MixtureHead { components: settings.components, dimension },
-        }
-    }
-
-    /// C, the columns of a frame.
-    pub fn columns(&self) -> usize {
-        self.embedding.features() + self.channels.len()
-    }
-
-    /// Inputs of the first dense layer that come from the frames.
-    fn framed(&self) -> usize {
-        if self.frames == 0 { 0 } else { self.projection.unwrap_or(self.frames * self.columns()) }
-    }
-
-    /// I, the inputs of the first dense layer.
-    pub fn inputs(&self) -> usize {
-        self.framed() + self.plain
-    }
-
-    /// Inputs and outputs of each dense layer.
-    pub fn layers(&self) -> Vec<(usize, usize)> {
-        let mut inputs = self.inputs();
-        let mut layers = Vec::with_capacity(self.hidden.len() + 1);
-        for outputs in self.hidden.iter().copied().chain([self.head.outputs()]) {
-            layers.push((inputs, outputs));
-            inputs = outputs;
-        }
-        layers
-    }
-
-    /// Number of parameters of the whole network.
-    pub fn parameter_count(&self) -> usize {
-        let dense: usize = self.layers().iter().map(|(inputs, outputs)| (inputs + 1) * outputs).sum();
-        self.embedding.parameter_count() + dense + self.skip_count()
-    }
-
-    /// Number of weights of the linear path, outputs x inputs; they come last.
-    fn skip_count(&self) -> usize {
-        if self.skip { self.inputs() * self.head.outputs() } else { 0 }
-    }
-
-    /// First parameter of each layer's weights and of its biases.
-    fn offsets(&self) -> Vec<(usize, usize)> {
-        let mut next = self.embedding.parameter_count();
-        let mut offsets = Vec::new();
-        for (inputs, outputs) in self.layers() {
-            offsets.push((next, next + inputs * outputs));
-            next += (inputs + 1) * outputs;
-        }
-        offsets
-    }
-}
-
-/// A mixture density network over the unit coordinates of theta.
+/// Mixture density network over the unit coordinates of theta.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Network {
@@ -134,7 +51,7 @@ pub struct Network {
     parameters: Vec<f32>,
 }
 
-/// What a forward pass leaves behind for the backward pass.
+/// Activations of a forward pass, for the backward pass.
 #[derive(Debug, Default)]
 pub struct Activations {
     /// B x units of each hidden layer.
@@ -144,17 +61,19 @@ pub struct Activations {
 }
 
 impl Network {
-    /// A network with random parameters, standardised by `samples` (all of them are used, weighted by `weights`).
+    /// Network with random parameters, standardised by all `samples` with `weights`.
     pub fn new<R: Rng>(shape: Shape, length_scale: f64, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
         let mut parameters = shape.embedding.initial(length_scale, rng);
         let last = shape.hidden.len();
         for (layer, (inputs, outputs)) in shape.layers().into_iter().enumerate() {
+            // A smaller spread in the head: the initial mixture depends little on the track.
             let spread = if layer == last { 0.3 } else { 1.0 } / (inputs as f32).sqrt();
             parameters.extend((0..inputs * outputs).map(|_| spread * rng.sample::<f32, _>(StandardNormal)));
             parameters.extend(std::iter::repeat_n(0.0, outputs));
         }
         let [means, diagonals, _] = shape.head.offsets();
         let biases = parameters.len() - shape.head.outputs();
+        // Different means break the symmetry between the components.
         for mean in &mut parameters[biases + means..biases + diagonals] {
             *mean = 0.5 * rng.sample::<f32, _>(StandardNormal);
         }
@@ -165,17 +84,18 @@ impl Network {
         network
     }
 
-    /// Centres and scales all but the keypoints, which the embedding's parameters are meant for, by `samples`.
+    /// Standardises everything except the keypoints by `samples`: the embedding's parameters belong to the old scale of these.
     fn standardise<R: Rng>(&mut self, samples: &Samples, weights: &[f64], rng: &mut R) {
         self.standard.fit_theta(samples, weights);
-        self.standard.columns = self.fitted_columns(samples, weights);
-        self.standard.plain = self.fitted_plain(samples, weights);
+        let (columns, presence) = (self.raw_columns(samples), self.standard.presence);
+        self.standard.columns = Affine::of_columns(&columns, samples, weights, &self.shape, presence);
+        self.standard.plain = Affine::of_plain(samples, weights, &self.shape);
         if let Some(components) = self.shape.projection.filter(|_| self.shape.frames > 0) {
             self.projection = Some(Projection::fit(&self.columns(samples), weights, components, rng));
         }
     }
 
-    /// Whether all parts are as long as the sizes say, which those of a file may not be.
+    /// Returns true if all parts have the lengths that the shape requires. Those from a file may not.
     pub(crate) fn is_whole(&self) -> bool {
         let columns = self.shape.frames * self.shape.columns();
         let projects = self.shape.projection.filter(|_| self.shape.frames > 0);
@@ -185,12 +105,12 @@ impl Network {
             && self.projection.as_ref().is_none_or(Projection::is_whole)
     }
 
-    /// Whether every number of the kinds that a file can hold as anything is finite.
+    /// Returns true if every number that a file holds in binary form is finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.parameters.iter().all(|v| v.is_finite()) && self.projection.as_ref().is_none_or(Projection::is_finite)
     }
 
-    /// Sizes.
+    /// Sizes of the network.
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
@@ -200,7 +120,7 @@ impl Network {
         &self.parameters
     }
 
-    /// All parameters, to be trained in place.
+    /// All parameters, for training in place.
     pub fn parameters_mut(&mut self) -> &mut [f32] {
         &mut self.parameters
     }
@@ -236,7 +156,7 @@ impl Network {
         columns
     }
 
-    /// B x I: what the dense layers see of `batch`.
+    /// B x I inputs of the dense layers for `batch`.
     pub fn inputs(&self, batch: &Samples) -> Vec<f32> {
         let columns = self.columns(batch);
         let framed = match &self.projection {
@@ -286,9 +206,9 @@ impl Network {
         &work.raw
     }
 
-    /// Mean over the batch of weight times negative log density (in whitened coordinates) at `theta` (B x D, unit
-    /// coordinates), and its gradient in `gradient` (one value a parameter, overwritten; zero for the embedding).
-    /// Returns the loss and its derivatives by `x` (B x I).
+    /// Mean over the batch of weight times negative log density, in whitened coordinates, at `theta` (B x D, unit
+    /// coordinates). Writes its gradient to `gradient`, one value for each parameter and zero for the embedding's. Returns the
+    /// loss and its derivatives with respect to `x` (B x I).
     pub fn loss_and_gradient(
         &self,
         x: &[f32],
@@ -313,8 +233,8 @@ impl Network {
         (total, self.backward(x, work, by_raw, gradient))
     }
 
-    /// The mixture over unit coordinates at the one track in `batch`. The sum of the weights is the inverse of its mass inside
-    /// the unit cube, so that a mean over networks is one of truncated densities.
+    /// Mixture over unit coordinates at the one track in `batch`. The sum of its weights is the inverse of its mass inside of
+    /// the unit cube: the mean over networks is then a mean of truncated densities.
     pub fn mixture_parts(&self, batch: &Samples) -> Parts {
         let mut work = Activations::default();
         let raw = self.forward(&self.inputs(batch), &mut work);
@@ -326,6 +246,7 @@ impl Network {
         (weights, means, covariances)
     }
 
+    /// Writes the gradient of the dense layers and returns the derivatives with respect to `x`.
     fn backward(&self, x: &[f32], work: &Activations, by_raw: Vec<f32>, gradient: &mut [f32]) -> Vec<f32> {
         let inputs = self.shape.inputs();
         let rows = x.len() / inputs;
@@ -352,6 +273,7 @@ impl Network {
             let mut by_input = vec![0.0; rows * inputs];
             gemm((rows, outputs, inputs), 1.0, &by_output, Transpose::No, w, Transpose::No, 0.0, &mut by_input);
             if layer > 0 {
+                // Derivative of tanh from its output.
                 by_input.iter_mut().zip(x).for_each(|(d, y)| *d *= 1.0 - y * y);
             }
             by_output = by_input;
@@ -360,7 +282,7 @@ impl Network {
         by_output
     }
 
-    /// Adds to `gradient` what the embedding's parameters contribute, from the derivatives by the inputs (B x I).
+    /// Adds the gradient of the embedding's parameters to `gradient`, from the derivatives with respect to the inputs (B x I).
     pub fn embedding_gradient(&self, batch: &Samples, by_input: Vec<f32>, gradient: &mut [f32]) {
         let width = self.shape.framed();
         if width == 0 {
@@ -380,13 +302,13 @@ impl Network {
         self.shape.embedding.backward(parameters, &points, &by_column, columns, &mut gradient[..count]);
     }
 
-    /// Weighted mean of the negative log density in unit coordinates (nat) at `theta` (B x D) for `x` (B x I).
+    /// Weighted mean of the negative log density in nat, in unit coordinates, at `theta` (B x D) for `x` (B x I).
     pub fn loss(&self, x: &[f32], theta: &[f64], weights: &[f64], work: &mut Activations) -> f64 {
         let raw = self.forward(x, work);
         self.mean_loss(raw, theta, weights, |raw, v| self.shape.head.loss(raw, v, 1.0, None))
     }
 
-    /// The same of the density truncated to the unit cube, for raw outputs of the head (B x outputs).
+    /// Weighted mean of the negative log density truncated to the unit cube in nat, for raw outputs of the head (B x outputs).
     pub fn truncated_loss(&self, raw: &[f32], theta: &[f64], weights: &[f64]) -> f64 {
         let (head, support) = (self.shape.head, self.standard.support());
         let lattice = Lattice::new(WATCH_POINTS, head.dimension);
@@ -394,7 +316,7 @@ impl Network {
         self.mean_loss(raw, theta, weights, loss)
     }
 
-    /// Weighted mean in unit coordinates of `loss`, which is told the raw outputs and the whitened coordinates of each theta.
+    /// Weighted mean of `loss(raw outputs, whitened theta)`, converted to unit coordinates.
     fn mean_loss(&self, raw: &[f32], theta: &[f64], weights: &[f64], loss: impl Fn(&[f32], &[f64]) -> f64) -> f64 {
         let outputs = self.shape.head.outputs();
         let d = self.shape.head.dimension;

@@ -1,5 +1,5 @@
-//! The node: an action that infers from bags, or from the last episode on the topics.
-#![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name, and keeps states")]
+//! ROS node: an action that infers from bags or from the last episode on the topics.
+#![allow(clippy::disallowed_methods, reason = "the node reads the bags of a goal and saves states")]
 
 mod pools;
 mod state_file;
@@ -8,7 +8,8 @@ pub use self::state_file::StateFile;
 
 use self::pools::Pools;
 use crate::error::InferenceError;
-use crate::infer::{infer, question};
+use crate::fingerprint::fingerprint;
+use crate::infer::infer;
 use crate::sequential::Progress;
 use crate::{Settings, convert};
 use anyhow::{Context, Result, bail};
@@ -36,10 +37,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
         "Simulator pools that may be asked: patterns of their services' names with *, or namespaces, separated by commas.",
     );
     let patterns = builder.declare_string("pools", "*", spec)?;
-    let spec = ParamSpec::new("How long an inference waits for a pool while none is at work.").unit("s");
+    let spec = ParamSpec::new("Time that an inference waits for a pool while none is at work.").unit("s");
     let stall_s = builder.declare_f64("pool_patience_s", 60.0, spec.range(1.0..=86400.0))?;
     let spec = ParamSpec::new(
-        "Where an inference keeps its state while it runs, to go on from after a kill; none: catenary/bayes_sim in ROS_HOME or ~/.ros.",
+        "Folder of the states of running inferences, from which they continue after a kill; empty: catenary/bayes_sim in ROS_HOME or ~/.ros.",
     );
     let states = builder.declare_string("state_folder", "", spec)?;
     let node = builder.build()?;
@@ -65,6 +66,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
+/// Runs a goal, publishes its posterior and reports its outcome.
 fn serve(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
@@ -89,6 +91,7 @@ fn serve(
     }
 }
 
+/// Infers as the goal asks.
 fn infer_goal(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
@@ -112,7 +115,7 @@ fn infer_goal(
     if let Some(first) = measured.first_mut() {
         first.warnings.extend(overridden);
     }
-    let asked = question(&model, &measured, policy.as_ref(), &settings);
+    let asked = fingerprint(&model, &measured, policy.as_ref(), &settings);
     states.inspect(|folder| remove_old_states(folder, state_file::EXTENSION));
     let file = states.map(|folder| StateFile::in_folder(folder, asked));
     let state = file.as_ref().and_then(StateFile::read);
@@ -123,7 +126,7 @@ fn infer_goal(
     let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
     let result = infer(&model, &measured, policy.as_ref(), &settings, state, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior, state } = progress {
-            // What a client was told of is not lost.
+            // Saved before the client hears of it: an iteration that was reported is never lost.
             file.iter().for_each(|file| file.write(state));
             handle.feedback(convert::feedback(iteration, *of, posterior));
         }
@@ -135,23 +138,23 @@ fn infer_goal(
     }
     match result {
         Err(InferenceError::Cancelled { .. }) => bail!("cancelled"),
-        // Pools that are asked end at a cancel, too.
+        // A cancel also ends the requests to the pools, which then fail.
         Err(InferenceError::Simulator(_)) if handle.is_cancelled() => bail!("cancelled"),
         other => Ok(convert::result(&other?)),
     }
 }
 
-/// The goal's model with the goal's drive, and what to say where the model file has another one.
+/// Model of the goal with the drive of the goal, and a warning if the model file has another drive.
 fn model(goal: &InferGoal) -> Result<(Model, Option<String>)> {
     let mut model = Model::from_yaml(&goal.model_yaml)?;
     let drive = wire::drive_from_msg(goal.drive)?;
     let own = std::mem::replace(&mut model.observation.drive, drive);
-    let overridden = (own != drive).then(|| {
-        format!("the goal's drive by {} took the place of the model file's drive by {}", drive.name(), own.name())
-    });
+    let overridden = (own != drive)
+        .then(|| format!("the goal's drive by {} replaced the model file's drive by {}", drive.name(), own.name()));
     Ok((model, overridden))
 }
 
+/// Settings of the goal: its preset with the goal's numbers, if they are not zero.
 fn settings(goal: &InferGoal) -> Result<Settings> {
     let preset = if goal.preset.is_empty() { "default" } else { &goal.preset };
     let mut settings = Settings::preset(preset).context("preset")?;
@@ -172,7 +175,7 @@ mod tests {
     use catenary_msgs::srv::SimulateRequest;
 
     #[test]
-    fn a_drive_that_is_not_the_model_files_is_said() {
+    fn a_drive_other_than_the_model_files_gets_a_warning() {
         let model_yaml = include_str!("../../../launch_configs/models/soft_bar.yaml").to_owned();
         let of = |drive| model(&InferGoal { model_yaml: model_yaml.clone(), drive, ..InferGoal::default() }).unwrap();
         let (same, nothing) = of(SimulateRequest::DRIVE_GRIP);

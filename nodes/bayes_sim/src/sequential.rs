@@ -1,101 +1,47 @@
-//! Algorithm 1: iterations of simulating, training on all tracks so far, and drawing anew from what was learnt.
+//! Sequential inference: iterations of drawing thetas, simulating them, and training on all tracks so far.
 
+mod iteration;
+mod progress;
 mod proposal;
 mod region;
 mod request;
+mod resume;
 mod state;
 #[cfg(test)]
 pub(crate) mod tests;
 
+pub use iteration::Iteration;
+pub use progress::{OnProgress, Progress};
 pub use proposal::{Proposal, balance_weights, effective_sample_size};
 pub use region::Region;
 pub use request::{Observed, request};
-pub use state::{State, StateError};
+pub use state::State;
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
 use crate::network::{Ensemble, Epoch, Network, Outcome, Samples, Shape, Training, TrainingError};
 use crate::settings::{LEAST_TRACKS, Settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
-use serde::{Deserialize, Serialize};
-use std::ops::ControlFlow;
 
-/// Simulations that are asked for at once: between two parts the caller may stop.
+/// Number of simulations in one request. The caller may stop between two requests.
 pub(crate) const PART: usize = 64;
-
-/// What one iteration did.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Iteration {
-    /// Number, from 1.
-    pub iteration: usize,
-    /// Thetas simulated so far, each in every measured episode.
-    pub simulations: usize,
-    /// Thetas whose tracks the networks were trained on, held-out ones included.
-    pub tracks: usize,
-    /// Thetas so far with an unusable track.
-    pub unusable: usize,
-    /// Held-out negative log density in nat, unit coordinates, of the widened mixtures truncated to the prior's support; mean over the
-    /// networks.
-    pub loss: f64,
-    /// Effective sample size of the importance weights.
-    pub effective_sample_size: f64,
-    /// Share of the prior's volume that thetas were drawn from.
-    pub proposal_volume: f64,
-    /// Passes over the tracks, summed over the networks.
-    pub epochs: usize,
-}
-
-/// What the caller hears while inference runs.
-#[derive(Debug)]
-pub enum Progress<'a> {
-    /// A part of the simulations is done, or of a pass over the tracks: a chance to stop.
-    Working {
-        /// Iteration, from 1.
-        iteration: usize,
-        /// Simulations run so far.
-        simulations: usize,
-    },
-    /// A network made a pass over the tracks.
-    Epoch {
-        /// Iteration, from 1.
-        iteration: usize,
-        /// Which network, from 0.
-        network: usize,
-        /// How far it is.
-        epoch: Epoch,
-    },
-    /// An iteration ended.
-    Iteration {
-        /// What it did.
-        iteration: &'a Iteration,
-        /// Iterations in all.
-        of: usize,
-        /// The present estimate.
-        posterior: &'a Posterior,
-        /// What is needed to go on from here.
-        state: &'a State,
-    },
-}
-
-/// Called with each [`Progress`]; `Break` cancels the inference.
-pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>;
 
 /// Networks, tracks and proposals of an inference, after any number of iterations.
 pub struct Sequential<'a> {
     space: &'a ParameterSpace,
     settings: &'a Settings,
-    /// All measured episodes, joined.
+    /// Joined tracks of all measured episodes.
     observed: TrackInput,
-    /// What reproduces each, and its greatest number of frames.
+    /// Request that reproduces each measured episode, and the largest number of frames of its tracks.
     episodes: Vec<(SimulationRequest, usize)>,
     state: State,
-    /// With the number of draws of each, unusable ones included.
+    /// Proposals of all iterations with their numbers of draws, unusable ones included.
     proposals: Vec<(Proposal, usize)>,
+    /// Reason for which the last unusable track was refused.
     refused: Option<String>,
 }
 
-/// Adds a theta's next track, unless it or one before it is unusable.
+/// Adds the next track of a theta, unless it or an earlier track of the theta is unusable.
 fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: usize) {
     let Ok(list) = inputs else { return };
     match TrackInput::new(track, frames) {
@@ -104,17 +50,18 @@ fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: 
     }
 }
 
-/// Those of `samples` that `proposal` could have given: what an iteration trains on.
+/// Indices of the samples on which an iteration with `proposal` trains: those in its support.
 fn covered(samples: &Samples, proposal: &Proposal) -> Vec<usize> {
     (0..samples.len()).filter(|&i| proposal.covers(samples.theta(i))).collect()
 }
 
-/// Seed of the simulations of one measured episode, from that of all.
+/// Seed of the simulations of one measured episode, derived from the seed of all.
 pub(crate) fn episode_seed(seed: u64, episode: usize) -> u64 {
+    // The first episode keeps the seed: its simulations are the same alone and among several.
     if episode == 0 { seed } else { seed::derive(seed, episode as u64) }
 }
 
-/// Streams of random numbers, derived from the seed of the settings.
+/// Random streams derived from the seed of the settings.
 #[derive(Clone, Copy)]
 enum Stream {
     Thetas = 1,
@@ -125,21 +72,24 @@ enum Stream {
 }
 
 impl<'a> Sequential<'a> {
-    /// Prepares an inference of the parameters of `space` from the episodes `observed`, which one theta gave: for each
-    /// theta the simulator reproduces all of them, and the networks see their tracks side by side. `question` is a number that
-    /// stands for all that the outcome depends on: a state is resumed where it is the same.
+    /// Prepares an inference of the parameters of `space` from the episodes `observed` of one object. The simulator
+    /// reproduces all episodes at each theta, and the networks get their tracks side by side. `fingerprint` identifies the
+    /// inference ([`crate::fingerprint()`]): only a state with an equal one is resumed.
+    ///
+    /// # Errors
+    /// [`InferenceError::Setting`] or [`InferenceError::Observation`].
     pub fn new(
         space: &'a ParameterSpace,
         observed: Vec<Observed<'_>>,
         settings: &'a Settings,
-        question: u64,
+        fingerprint: u64,
     ) -> Result<Self, InferenceError> {
         settings.check()?;
         let inputs = observed.iter().map(|o| TrackInput::new(o.track, o.frames)).collect::<Result<Vec<_>, _>>();
         let episodes: Vec<_> = observed.into_iter().map(|o| (o.template, o.frames)).collect();
         let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
         let samples = Samples::new(observed.frames(), space.dimension());
-        let state = State::new(question, samples);
+        let state = State::new(fingerprint, samples);
         Ok(Self { space, settings, observed, episodes, state, proposals: Vec::new(), refused: None })
     }
 
@@ -147,33 +97,36 @@ impl<'a> Sequential<'a> {
         seed::derive(seed::derive(self.settings.seed, stream as u64), index as u64)
     }
 
-    /// The networks.
+    /// Networks after the last iteration.
     pub fn networks(&self) -> &[Network] {
         self.state.ensemble.networks()
     }
 
-    /// The newest proposal.
+    /// Proposal of the last iteration.
     pub fn proposal(&self) -> Option<&Proposal> {
         self.proposals.last().map(|(p, _)| p)
     }
 
-    /// All usable tracks so far.
+    /// Samples with usable tracks so far.
     pub fn samples(&self) -> &Samples {
         &self.state.samples
     }
 
-    /// All that the iterations so far have left behind.
+    /// State after the last iteration.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// The measured track as the networks see it.
+    /// Measured tracks as the input of the networks.
     pub fn observed(&self) -> &TrackInput {
         &self.observed
     }
 
-    /// One iteration: draws thetas from the newest posterior, simulates them with `simulator`, trains, and returns what was
-    /// done and the new posterior.
+    /// Runs one iteration: draws thetas from the proposal, simulates them with `simulator`, and trains the networks. Returns
+    /// its account and the new posterior.
+    ///
+    /// # Errors
+    /// [`InferenceError`] with the number of the iteration; [`InferenceError::Cancelled`] if `on_progress` breaks.
     pub fn step(
         &mut self,
         simulator: &dyn Simulator,
@@ -192,6 +145,7 @@ impl<'a> Sequential<'a> {
                 because: self.refused.as_ref().map_or(String::new(), |why| format!("; the last refused one: {why}")),
             });
         }
+        // The whole prior for proposals that cover it with some density everywhere.
         let proposal_volume = if let Proposal::Region(region) = newest { region.volume() } else { 1.0 };
         let weights = balance_weights(indices.iter().map(|&i| self.state.samples.theta(i)), &self.proposals);
         let data = self.state.samples.gather(&indices);
@@ -218,6 +172,7 @@ impl<'a> Sequential<'a> {
         Ok((iteration, posterior))
     }
 
+    /// Proposal of iteration `number`: the prior in the first one.
     fn next_proposal(&self, number: usize) -> Result<Proposal, InferenceError> {
         let newest = self.proposals.last().zip(self.state.posteriors.last());
         let Some(((last, _), mixture)) = newest else { return Ok(Proposal::Prior) };
@@ -225,8 +180,8 @@ impl<'a> Sequential<'a> {
         Proposal::next(self.settings.proposal, mixture, last, number, &mut rng)
     }
 
-    /// Draws, simulates, and keeps the usable tracks. Leaving the others out is exact: what is learnt is the posterior
-    /// given usable tracks, and the measured ones are usable.
+    /// Draws thetas, simulates them and keeps the usable tracks. Leaving out the others introduces no bias: the networks learn
+    /// the posterior given that tracks are usable, and the measured tracks are usable.
     fn simulate(
         &mut self,
         number: usize,
@@ -257,6 +212,7 @@ impl<'a> Sequential<'a> {
                 for (slot, track) in joined.iter_mut().zip(&tracks) {
                     add(slot, track, *frames);
                 }
+                // A theta counts as simulated once all its episodes are.
                 let simulations = self.state.simulations + u.len() * usize::from(episode + 1 == self.episodes.len());
                 if on_progress(&Progress::Working { iteration: number, simulations }).is_break() {
                     return Err(InferenceError::Cancelled { simulations });
@@ -290,7 +246,7 @@ impl<'a> Sequential<'a> {
         };
         let seeds = [self.seed(Stream::Training, number), seed::derive(self.settings.seed, Stream::HeldOut as u64)];
         let before = Some(&self.state.ensemble).filter(|_| self.settings.warm_start);
-        let training = Training { data, weights, lots: indices, seed: seeds[0], held_out_seed: seeds[1] };
+        let training = Training { data, weights, split_keys: indices, seed: seeds[0], held_out_seed: seeds[1] };
         let (ensemble, outcome) =
             Ensemble::train(&Shape::of_samples(data, self.settings), self.settings, before, training, &mut listen)
                 .map_err(|source| match source {
@@ -301,9 +257,10 @@ impl<'a> Sequential<'a> {
         Ok(outcome)
     }
 
-    /// The mean of the networks' mixtures at the measured track.
+    /// Mean of the networks' mixtures at the measured tracks.
     fn mixture(&self) -> Result<Mixture, catenary_core::mixture::MixtureError> {
         let mut batch = Samples::new(self.observed.frames(), self.space.dimension());
+        // A sample needs a theta, which the mixture does not depend on.
         batch.push(&self.observed, &vec![0.5; self.space.dimension()]);
         self.state.ensemble.mixture(&batch)
     }

@@ -1,73 +1,111 @@
-//! Everything that inference can be told, in one place.
+//! Settings of an inference.
 
 use crate::embedding::{Embedding, Fourier};
-use crate::error::InferenceError;
-use crate::network::train::Schedule;
 use catenary_core::Fidelity;
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-/// Where the thetas of the second iteration and of all later ones are drawn from.
+/// Setting out of range.
+#[derive(Debug, Error, Clone, PartialEq)]
+#[error("settings: `{field}`: expected {expected}, got {got}")]
+pub struct SettingsError {
+    /// Name of the field.
+    pub field: &'static str,
+    /// Expected values.
+    pub expected: String,
+    /// Value received.
+    pub got: String,
+}
+
+/// Proposal distribution of theta from the second iteration on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ProposalKind {
-    /// The prior, restricted to the region of highest density of the newest posterior (Deistler, Goncalves and Macke
-    /// 2022, "Truncated proposals for scalable and hassle-free simulation-based inference"). Prior over proposal is then
-    /// the same for all tracks of one iteration.
+    /// Prior restricted to the highest-density region of the newest posterior (Deistler, Goncalves and Macke 2022,
+    /// "Truncated proposals for scalable and hassle-free simulation-based inference"). The ratio of prior to proposal is
+    /// then equal for all tracks of one iteration.
     Truncated {
-        /// Posterior mass that the region leaves out. Smaller is safer, and spends more simulations on the tails: of 1e-3, 90 %
-        /// intervals of the soft bar's length held 81 % of 126 truths where damping and friction are inferred, too.
+        /// Posterior mass outside of the region. Smaller is safer and spends more simulations on the tails: with 1e-3, 90 %
+        /// intervals of the soft bar's length held 81 % of 126 truths when damping and friction were inferred as well.
         tail: f64,
-        /// Least volume of the region as a share of the last one's: how much one iteration may rule out.
+        /// Least volume of the region as a share of the previous region's volume. Larger rules out less in one iteration.
         least_shrink: f64,
     },
-    /// The newest posterior, truncated to the prior's support, mixed with the prior.
+    /// Mixture of the prior and the newest posterior, truncated to the prior's support.
     Posterior {
-        /// Share of the draws from the prior. It bounds the importance weights by its inverse.
+        /// Share of the draws that come from the prior. Its inverse bounds the importance weights.
         prior_share: f64,
     },
 }
 
-/// Settings of an inference. The doc of each field says what larger and smaller do.
+/// Schedule of the training of one network.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    /// Adam's step size. Larger learns faster until the loss becomes unstable.
+    pub learning_rate: f64,
+    /// Decoupled decay of the dense weights and biases in each step, as a share of the learning rate. Beyond
+    /// [`DECAYED_TRACKS`] tracks it falls in inverse proportion to their number. Larger trusts few tracks less.
+    pub weight_decay: f64,
+    /// True to train the embedding with the rest; false to leave it random.
+    pub train_embedding: bool,
+    /// Number of tracks in a step.
+    pub batch_size: usize,
+    /// Largest number of passes over the training tracks.
+    pub max_epochs: usize,
+    /// Number of passes without a better held-out loss after which the training stops. The best parameters are kept.
+    pub patience_epochs: usize,
+    /// Number of steps over which parameters are averaged with exponentially falling weights. Early in a training it is a
+    /// tenth of the steps so far. 1 for no averaging.
+    pub averaged_steps: usize,
+    /// Largest Euclidean norm of the whole gradient.
+    pub max_gradient_norm: f64,
+}
+
+/// Number of tracks beyond which weights decay less: the influence of a prior over weights falls with the number of data.
+pub const DECAYED_TRACKS: usize = 3_000;
+
+/// Settings of an inference. The documentation of a field says what larger and smaller values do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Iterations of Algorithm 1: simulate, train, draw anew.
+    /// Number of iterations: each one draws thetas, simulates them and trains the networks.
     pub iterations: usize,
-    /// Simulations of each.
+    /// Number of thetas drawn in each iteration.
     pub simulations: usize,
-    /// Where thetas are drawn from after the first iteration.
+    /// Proposal distribution of theta after the first iteration.
     pub proposal: ProposalKind,
-    /// Embedding of a frame: number of random frequencies, and the features of each.
+    /// Embedding of a frame: number of random frequencies and the features of each.
     pub embedding: Embedding,
-    /// Length scale that the frequencies start from, in standard deviations of the keypoints; trained from there.
+    /// Initial length scale of the frequencies, in standard deviations of the keypoints. Training changes it.
     pub length_scale: f64,
-    /// P, principal components of the embedding that the dense layers see; none: they see all of it.
+    /// P, number of principal components of the embedding that enter the dense layers; none for the whole embedding.
     pub projection: Option<usize>,
-    /// Units of each hidden layer.
+    /// Number of units of each hidden layer.
     pub hidden: Vec<usize>,
-    /// Whether the embedding also acts on the mixture's parameters directly, linearly.
+    /// True to add a linear path from the inputs of the dense layers to the mixture's parameters.
     pub skip: bool,
-    /// K, Gaussians of each network's mixture.
+    /// K, number of Gaussians in the mixture of each network.
     pub components: usize,
-    /// Networks that are trained side by side, each with its own held-out tracks; the posterior is their mean. More are
-    /// better calibrated, and cost in proportion.
+    /// Number of networks, each with its own held-out tracks. The posterior is the mean of their mixtures. More networks are
+    /// better calibrated and cost in proportion.
     pub ensemble: usize,
-    /// Whether the training of each iteration goes on from the last one's networks, and not from random ones.
+    /// True for a warm start: each iteration continues the training of the previous networks instead of random ones.
     pub warm_start: bool,
-    /// Share of the tracks that each network holds out to know when to stop.
+    /// Share of the tracks that each network holds out for early stopping.
     pub held_out_share: f64,
-    /// Adam and its limits.
+    /// Schedule of the training of each network.
     pub schedule: Schedule,
     /// Fidelity of the simulations.
     pub fidelity: Fidelity,
-    /// Posterior draws that are simulated at the end to check the posterior; 0: none.
+    /// Number of posterior draws that are simulated for the posterior predictive check; 0 for no check.
     pub predictive_draws: usize,
-    /// Seed of everything that is random.
+    /// Seed of all random streams.
     pub seed: u64,
 }
 
 impl Default for Settings {
-    /// Small, fast, and calibrated on a linear-Gaussian model: see the tests.
+    /// Small and fast settings, calibrated on a linear-Gaussian model (see the tests of `sequential`).
     fn default() -> Self {
         Self {
             iterations: 15,
@@ -93,6 +131,7 @@ impl Default for Settings {
                 max_gradient_norm: 5.0,
             },
             fidelity: Fidelity::Standard,
+            // With 99 draws and the measurement, p values are multiples of 1 %.
             predictive_draws: 99,
             seed: 0,
         }
@@ -100,7 +139,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The sizes and the step size of the paper: 500 cosines, three layers of 1024 units, learning rate 1e-6.
+    /// Sizes and learning rate of Kamaras and Ramamoorthy: 500 cosines, three layers of 1024 units, learning rate 1e-6.
     pub fn paper() -> Self {
         Self {
             embedding: Embedding { frequencies: 500, fourier: Fourier::CosOnly },
@@ -122,24 +161,25 @@ impl Settings {
         }
     }
 
-    /// The preset called `name`: `default` or `paper`.
-    pub fn preset(name: &str) -> Result<Self, InferenceError> {
+    /// Preset with the name `default` or `paper`.
+    ///
+    /// # Errors
+    /// [`SettingsError`] for any other name.
+    pub fn preset(name: &str) -> Result<Self, SettingsError> {
         match name {
             "default" => Ok(Self::default()),
             "paper" => Ok(Self::paper()),
-            other => Err(InferenceError::Setting {
-                field: "preset",
-                expected: "default or paper".into(),
-                got: other.to_owned(),
-            }),
+            other => Err(SettingsError { field: "preset", expected: "default or paper".into(), got: other.to_owned() }),
         }
     }
 
-    /// Rejects values that make no inference; names the field.
-    pub fn check(&self) -> Result<(), InferenceError> {
-        let refuse = |field, expected: &str, got: String| {
-            Err(InferenceError::Setting { field, expected: expected.to_owned(), got })
-        };
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// [`SettingsError`] with the field that is out of range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let refuse =
+            |field, expected: &str, got: String| Err(SettingsError { field, expected: expected.to_owned(), got });
         let counts = [
             ("iterations", self.iterations),
             ("embedding.frequencies", self.embedding.frequencies),
@@ -161,6 +201,7 @@ impl Settings {
         if self.iterations > MOST_ITERATIONS {
             return refuse("iterations", &format!("at most {MOST_ITERATIONS}"), self.iterations.to_string());
         }
+        // By division: the product of the two may overflow.
         if self.simulations > MOST_TRACKS / self.iterations {
             let most = format!("at most {} in each of {} iterations", MOST_TRACKS / self.iterations, self.iterations);
             return refuse("simulations", &most, self.simulations.to_string());
@@ -194,11 +235,11 @@ impl Settings {
     }
 }
 
-/// Fewest tracks that a network is trained on.
+/// Least number of tracks of a training.
 pub const LEAST_TRACKS: usize = 10;
-/// Most iterations.
+/// Largest number of iterations.
 pub const MOST_ITERATIONS: usize = 1_000;
-/// Most simulations in all iterations together: their tracks are kept, and take a gigabyte where they are long.
+/// Largest number of simulations in all iterations together. Their tracks stay in memory: 100,000 long ones take a gigabyte.
 pub const MOST_TRACKS: usize = 100_000;
 
 #[cfg(test)]
@@ -206,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_presets_are_sound_and_others_are_refused() {
+    fn both_presets_are_valid_and_other_names_are_refused() {
         for (name, settings) in [("default", Settings::default()), ("paper", Settings::paper())] {
             assert_eq!(Settings::preset(name).unwrap(), settings);
             settings.check().unwrap();
@@ -216,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn check_names_the_field_what_was_expected_and_what_came() {
+    fn a_refusal_has_the_field_the_expected_and_the_received_value() {
         type Change = fn(&mut Settings);
         let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
         let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));

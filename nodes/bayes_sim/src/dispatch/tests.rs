@@ -1,3 +1,5 @@
+//! Assignment of parts to pools that answer, fall silent, leave and return.
+
 use super::*;
 use proptest::prelude::*;
 
@@ -35,7 +37,7 @@ fn every_free_pool_gets_a_part_and_no_pool_two() {
 
 #[test]
 fn a_faster_pool_does_more_and_the_last_parts_are_small() {
-    // /a takes 0.05 s an episode, /b 0.5 s.
+    // Pool /a needs 0.05 s for an episode, /b 0.5 s.
     let mut dispatch = begun(200, &["/a", "/b"]);
     let seconds = |pool: &str| if pool == "/a" { 0.05 } else { 0.5 };
     let mut due: Vec<(f64, Assignment)> = Vec::new();
@@ -62,7 +64,7 @@ fn a_faster_pool_does_more_and_the_last_parts_are_small() {
 fn a_silent_pool_is_noticed_by_the_times_that_were_measured_and_its_part_is_done_by_another() {
     let mut dispatch = begun(40, &["/a", "/b"]);
     let (a, b) = (dispatch.next(0.0).unwrap(), dispatch.next(0.0).unwrap());
-    // Before anything is measured, nobody can tell silence from work.
+    // Before any measurement, silence and work cannot be distinguished.
     assert_eq!(dispatch.expire(19.0), []);
     dispatch.answered(a.call, 4.0);
     dispatch.answered(b.call, 4.0);
@@ -82,7 +84,7 @@ fn a_silent_pool_is_noticed_by_the_times_that_were_measured_and_its_part_is_done
 }
 
 #[test]
-fn of_two_answers_to_one_part_the_first_counts_and_the_tally_says_who_gave_it() {
+fn the_first_of_two_answers_to_a_part_counts_and_is_in_the_tally() {
     for late_is_first in [false, true] {
         let mut dispatch = begun(4, &["/a"]);
         let silent = dispatch.next(0.0).unwrap();
@@ -101,7 +103,7 @@ fn of_two_answers_to_one_part_the_first_counts_and_the_tally_says_who_gave_it() 
 }
 
 #[test]
-fn a_pool_that_leaves_is_not_waited_for_and_one_that_comes_gets_work_at_once() {
+fn a_pool_that_leaves_is_not_awaited_and_one_that_joins_gets_work_at_once() {
     let mut dispatch = begun(4, &["/a"]);
     let part = dispatch.next(0.0).unwrap();
     let left = Event::Left { pool: "/a".into(), episodes: Some(part.episodes.clone()) };
@@ -123,14 +125,14 @@ fn an_answer_to_an_earlier_batch_does_not_count() {
 }
 
 #[test]
-fn a_refused_pool_gets_nothing_more_and_the_end_says_why() {
+fn a_refused_pool_gets_no_more_parts_and_the_error_has_the_reason() {
     let mut dispatch = begun(4, &["/a"]);
     let part = dispatch.next(0.0).unwrap();
     dispatch.refused(part.call, "it is version 0.0.9");
     assert_eq!((dispatch.next(50.0), dispatch.stalled(59.0)), (None, None));
     let said = dispatch.stalled(60.0).unwrap();
     assert_eq!(said, "no pool has been at work for 60 s, 1 in the graph; /a: it is version 0.0.9");
-    // Once it has been away, it may be another one.
+    // After an absence it may be another pool.
     dispatch.set_pools(&names(&[]));
     dispatch.set_pools(&names(&["/a"]));
     assert_eq!(dispatch.next(61.0).unwrap().episodes, 0..2);
@@ -149,7 +151,7 @@ fn the_wait_for_a_pool_ends_and_one_that_is_at_work_is_waited_for() {
     assert!(dispatch.stalled(130.0).unwrap().ends_with("1 in the graph; /a: garbled"));
 }
 
-/// What happens next in a random run.
+/// Step of a random run.
 #[derive(Debug, Clone)]
 enum Step {
     Answer(usize),
@@ -172,7 +174,7 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     proptest::collection::vec(step, 0..200)
 }
 
-/// Books an answer: the episodes that are new must not have come before.
+/// Counts the episodes of an answer that is accepted.
 fn book(dispatch: &mut Dispatch, part: &Assignment, now_s: f64, count: &mut [usize]) -> Result<(), TestCaseError> {
     if let Answered::First(episodes) = dispatch.answered(part.call, now_s) {
         prop_assert_eq!(&episodes, &part.episodes);
@@ -192,7 +194,7 @@ proptest! {
             while let Some(part) = dispatch.next(now_s) {
                 asked.push(part);
             }
-            // Any request ever made may be answered at any time, also again.
+            // Any request may be answered at any time, and more than once.
             let pick = |k: usize| asked.get(k % asked.len().max(1)).cloned();
             match step {
                 Step::Answer(k) => if let Some(part) = pick(k) { book(&mut dispatch, &part, now_s, &mut count)? },
@@ -211,7 +213,7 @@ proptest! {
             prop_assert!(count.iter().all(|n| *n <= 1), "counted twice: {:?}", count);
             prop_assert_eq!(dispatch.is_done(), count.iter().all(|n| *n == 1));
         }
-        // From here on one new pool answers everything.
+        // A new pool that answers everything must finish the batch.
         dispatch.set_pools(&names(&["/new"]));
         for _ in 0..10 * (episodes + 1) {
             dispatch.expire(now_s);

@@ -1,50 +1,53 @@
-//! A track as numbers of fixed shape.
+//! Track as numbers of a fixed shape.
 
 use catenary_core::Track;
 use thiserror::Error;
 
-/// Numbers of one frame's keypoints: four of (x, y).
+/// Number of values of one frame's keypoints: four times (x, y).
 pub const POINT_VALUES: usize = 8;
-/// Numbers of a frame besides its keypoints: end effector x, z, pitch; action dx, dz; target x, y; presence.
+/// Number of channels of a frame: end effector x, z, pitch; action dx, dz; target x, y; presence.
 pub const CHANNELS: usize = 8;
-/// The channel that is 1 where the track has the frame, 0 where it is padding.
+/// Index of the presence channel: 1 for a frame of the track, 0 for padding.
 pub const PRESENCE: usize = 7;
 
-/// A track, padded with zeros to F frames.
+/// Track padded with zeros to F frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackInput {
-    /// F x 4 x 2: keypoints (x, y) scaled to -1 .. 1, in each frame sorted by y, then x.
+    /// F x 4 x 2: keypoints (x, y) scaled to -1 .. 1, sorted by y and then x in each frame.
     ///
-    /// The trackers' order means nothing; sorted, every sum over the set runs in the same order, so that what follows
-    /// does not depend on it to the last bit.
+    /// The tracker's order has no meaning. Sorted keypoints make every sum over the set run in one order, so that results do
+    /// not depend on the tracker's order to the last bit.
     pub points: Vec<f32>,
     /// F x [`CHANNELS`].
     pub channels: Vec<f32>,
 }
 
-/// Why a track cannot be taken.
+/// Reason for which a track is unusable.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum InputError {
-    /// More frames than the network was made for, or none.
+    /// The track has more frames than the networks take, or none.
     #[error("track: expected 1 to {most} frames, got {got}")]
     Frames {
-        /// F.
+        /// F, number of frames of the networks' input.
         most: usize,
-        /// Frames of the track.
+        /// Number of frames of the track.
         got: usize,
     },
-    /// A number that is NaN or infinite, in single precision.
+    /// A number is NaN or infinite in single precision.
     #[error("track: frame {frame} (at {time_s} s) holds a number that is not finite")]
     NotFinite {
         /// Index of the frame.
         frame: usize,
-        /// Its time in s.
+        /// Time of the frame in s.
         time_s: f64,
     },
 }
 
 impl TrackInput {
     /// Pads `track` to `frames` frames.
+    ///
+    /// # Errors
+    /// [`InputError`] if the track is empty, too long or not finite.
     pub fn new(track: &Track, frames: usize) -> Result<Self, InputError> {
         let got = track.frames.len();
         if got == 0 || got > frames {
@@ -68,7 +71,7 @@ impl TrackInput {
         Ok(Self { points, channels })
     }
 
-    /// Several episodes as one track: the frames of the first, then those of the second, and so on.
+    /// Joins several episodes into one track: the frames of the first episode, then of the second, and so on.
     pub fn join(episodes: Vec<Self>) -> Self {
         let mut joined = Self { points: Vec::new(), channels: Vec::new() };
         for episode in episodes {
@@ -78,12 +81,12 @@ impl TrackInput {
         joined
     }
 
-    /// F.
+    /// F, number of frames.
     pub fn frames(&self) -> usize {
         self.points.len() / POINT_VALUES
     }
 
-    /// Whether frame `index` is in the track.
+    /// Returns true if frame `index` is no padding.
     pub fn present(&self, index: usize) -> bool {
         self.channels[index * CHANNELS + PRESENCE] > 0.0
     }

@@ -1,6 +1,8 @@
-//! Finite differences are taken in single precision: a feature is good to about 2e-7 and a loss is a sum of a few hundred of
-//! them, so a central difference of step 1e-2 carries 1e-4 of rounding and 1e-4 of curvature. The tests ask for 1 % of the
-//! gradient's norm, parameter kind by parameter kind; a wrong sign or factor is off by 100 % or more.
+//! Embedding of frames and its gradient.
+//!
+//! Finite differences are taken in single precision. A feature is good to about 2e-7, and a loss is a sum of a few hundred of
+//! them: a central difference of step 1e-2 has an error of 1e-4 from rounding and of 1e-4 from curvature. The bound is 1 % of
+//! the gradient's norm for each kind of parameter. A wrong sign or factor is off by 100 % or more.
 
 use super::input::{CHANNELS, PRESENCE};
 use super::*;
@@ -42,7 +44,7 @@ fn a_frame_is_the_set_of_its_keypoints_to_rounding() {
         let pairs = features(&embedding, &parameters, &straight);
         let worst = pairs.iter().zip(features(&embedding, &parameters, &shuffled)).map(|(a, b)| (a - b).abs());
         let worst = worst.fold(0.0, f32::max);
-        // Four terms of at most 1/4 each, in another order.
+        // Rounding of four terms of at most 1/4 each, summed in another order.
         assert!(worst <= 4.0 * f32::EPSILON, "{fourier:?}: {worst:e}");
     }
 }
@@ -73,12 +75,12 @@ fn a_short_track_is_padded_with_absent_zeros() {
 }
 
 #[test]
-fn a_track_that_cannot_be_taken_says_why() {
+fn an_unusable_track_is_an_error_with_the_reason() {
     let with = |dlo| Track { frames: vec![frame([[0.5; 2]; 4]), frame(dlo)], end: End::Complete };
     let long = TrackInput::new(&with([[0.5; 2]; 4]), 1).unwrap_err();
     assert_eq!(long.to_string(), "track: expected 1 to 1 frames, got 2");
     assert_eq!(TrackInput::new(&Track::default(), 3), Err(InputError::Frames { most: 3, got: 0 }));
-    // 1e300 is a number, but not one of single precision.
+    // 1e300 is infinite in single precision.
     for bad in [f64::NAN, f64::INFINITY, 1e300] {
         let refused = TrackInput::new(&with([[0.5; 2], [0.5, bad], [0.5; 2], [0.5; 2]]), 2);
         assert_eq!(refused, Err(InputError::NotFinite { frame: 1, time_s: 0.25 }), "{bad}");

@@ -1,10 +1,12 @@
-//! Cosine and sine in single precision, written so that the compiler turns loops over them into vector code.
+//! Cosine and sine in single precision without branches and calls, so that the compiler vectorises loops over them.
 
-/// 1.5 * 2^23: adding it to a small number rounds that to a whole one, which then stands in the lowest bits.
+/// 1.5 * 2^23: adding it rounds a small number to an integer, whose parity is then the lowest bit.
 const ROUNDER: f32 = 12_582_912.0;
-/// pi, split so that subtracting a multiple of it loses nothing: 8 + 11 + 24 bits.
+/// Leading 8 bits of pi: products with small integers are exact (Cody and Waite 1980).
 const PI_HIGH: f32 = 3.140_625;
+/// Next 11 bits of pi.
 const PI_MIDDLE: f32 = 9.675_026e-4;
+/// Next 24 bits of pi.
 const PI_LOW: f32 = 1.509_957_9e-7;
 
 /// `(cos x, sin x)` to 2e-7 for |x| < 1000, by reduction to [-pi/2, pi/2] and the Taylor series.
@@ -12,6 +14,7 @@ const PI_LOW: f32 = 1.509_957_9e-7;
 pub fn cos_sin(x: f32) -> (f32, f32) {
     let shifted = x * std::f32::consts::FRAC_1_PI + ROUNDER;
     let n = shifted - ROUNDER;
+    // An odd multiple of pi flips the signs of both.
     let odd = shifted.to_bits() << 31;
     let r = ((x - n * PI_HIGH) - n * PI_MIDDLE) - n * PI_LOW;
     let r2 = r * r;

@@ -1,6 +1,7 @@
-//! Networks trained side by side on the same samples; the density is the mean of theirs.
+//! Ensemble of networks. Each network holds out its own share of the samples and trains on the rest. The density of the
+//! ensemble is the mean of the networks' densities.
 
-use super::spread::{self, Member};
+use super::inflation::{self, Member};
 use super::{Epoch, Network, Samples, Shape, TrainingError, train};
 use crate::settings::Settings;
 use catenary_core::mixture::MixtureError;
@@ -8,53 +9,57 @@ use catenary_core::{Mixture, seed};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
-/// The networks, in order.
+/// Ensemble of networks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ensemble {
     networks: Vec<Network>,
 }
 
-/// Samples to train on.
+/// Training data of an ensemble.
 #[derive(Debug, Clone, Copy)]
 pub struct Training<'a> {
-    /// N samples.
+    /// Samples, N.
     pub data: &'a Samples,
-    /// N importance weights.
+    /// Importance weights, N.
     pub weights: &'a [f64],
-    /// N numbers, one a sample and the same in every training that the sample takes part in: they decide which network
-    /// holds it out, so that held-out losses of different trainings can be compared.
-    pub lots: &'a [usize],
-    /// Seed of the parameters and of the order of the samples.
+    /// Keys, N, by which each network decides which samples it holds out. A sample keeps its key in all trainings, so that
+    /// the held-out losses of different trainings are comparable.
+    pub split_keys: &'a [usize],
+    /// Seed of the initial parameters and of the order of the samples.
     pub seed: u64,
-    /// Seed of what is held out.
+    /// Seed of the choice of held-out samples.
     pub held_out_seed: u64,
 }
 
-/// What a training did.
+/// Outcome of the training of an ensemble.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
     /// Passes over the samples, summed over the networks.
     pub epochs: usize,
-    /// Held-out negative log density in nat, unit coordinates, of the widened mixtures truncated to the prior's support; mean over the
-    /// networks.
+    /// Held-out loss, mean over the networks: negative log density in nat, in unit coordinates. The density is that of a
+    /// network's mixture after the inflation of its covariances (see `inflation`) and truncation to the prior's support.
     pub held_out_loss: f64,
 }
 
 impl Ensemble {
-    /// Whether every network is a whole one of `shape` with finite numbers, which those of a file may not be.
+    /// Returns true if every network is complete, finite and of `shape`. Networks from a file can be
+    /// incomplete, not finite or of another shape.
     pub(crate) fn fits(&self, shape: &Shape) -> bool {
         self.networks.iter().all(|n| n.is_whole() && n.is_finite() && n.shape() == shape)
     }
 
-    /// The networks.
+    /// Networks in order.
     pub fn networks(&self) -> &[Network] {
         &self.networks
     }
 
-    /// Trains `settings.ensemble` networks of `shape`, from `before`'s parameters on where those are networks of that shape,
-    /// and else from random ones. `listen` hears which network made a pass, and none of it after
-    /// each batch; it may stop the run.
+    /// Trains `settings.ensemble` networks of `shape`, with a warm start from networks of that shape in `before`. `listen` gets
+    /// the index of a network, and its [`Epoch`] after each pass. After each batch and during the inflation it gets None instead.
+    /// `listen` stops the training by returning `Break`.
+    ///
+    /// # Errors
+    /// [`TrainingError`] if a loss is not finite or `listen` breaks.
     pub fn train(
         shape: &Shape,
         settings: &Settings,
@@ -80,11 +85,14 @@ impl Ensemble {
             members.push(Member::new(network, data, weights, &held_out));
         }
         let mut tick = || listen(settings.ensemble - 1, None);
-        let (networks, held_out_loss) = spread::widened(members, shape.head.dimension, &mut tick)?;
+        let (networks, held_out_loss) = inflation::inflated(members, shape.head.dimension, &mut tick)?;
         Ok((Self { networks }, Outcome { epochs, held_out_loss }))
     }
 
-    /// The mean of the networks' mixtures at the one sample in `batch`.
+    /// Mean of the networks' mixtures at the one sample in `batch`.
+    ///
+    /// # Errors
+    /// [`MixtureError`] if the outputs of the networks are no valid mixture.
     pub fn mixture(&self, batch: &Samples) -> Result<Mixture, MixtureError> {
         let (mut weights, mut means, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
         for network in &self.networks {
@@ -97,12 +105,14 @@ impl Ensemble {
     }
 }
 
-/// The samples that network `member` holds out, and those that it trains on.
+/// Indices of the samples that network `member` holds out, and of those on which it trains.
 fn split(training: &Training<'_>, held_out_share: f64, member: usize) -> (Vec<usize>, Vec<usize>) {
     let stream = seed::derive(training.held_out_seed, member as u64);
+    // The upper 53 bits of a hash as a number from 0 to 1.
     let lot = |i: usize| (seed::derive(stream, i as u64) >> 11) as f64 / (1u64 << 53) as f64;
     let (mut held_out, mut used): (Vec<usize>, Vec<usize>) =
-        (0..training.lots.len()).partition(|&i| lot(training.lots[i]) < held_out_share);
+        (0..training.split_keys.len()).partition(|&i| lot(training.split_keys[i]) < held_out_share);
+    // Both lists need a sample: few samples may all fall on one side.
     if held_out.is_empty() {
         held_out.extend(used.pop());
     }

@@ -1,57 +1,58 @@
-//! The mixture density head: raw outputs of the last layer -> a mixture of K Gaussians over D coordinates.
+//! Mixture density head: raw outputs of the last layer to a mixture of K Gaussians over D coordinates.
 //!
-//! Raw outputs of one track, in order: K logits of the weights; K x D means; K x D logarithms of the diagonals and
+//! The raw outputs of one track are, in order: K logits of the weights; K x D means; K x D logarithms of the diagonals and
 //! K x D(D-1)/2 entries below the diagonals (row by row) of lower triangular factors A. Component k has the precision
-//! matrix `A^T A`, so it is positive definite whatever the outputs are. The logarithms of the diagonals are bent to
-//! +-[`DIAGONAL_LIMIT`] by `L tanh(raw / L)`, which bounds precisions without ever stopping their gradient.
-//! The coordinates here are whitened ones, `v = (u - centre) / scale`.
+//! matrix `A^T A`, which is positive definite for all outputs. The logarithms of the diagonals are bent to
+//! +-[`DIAGONAL_LIMIT`] by `L tanh(raw / L)`, which bounds the precisions and keeps their gradient.
+//! All coordinates are whitened, `v = (u - centre) / scale`.
 
-use super::cut::{Lattice, Support};
+use super::truncation::{Lattice, Support};
 use catenary_core::Mixture;
 use catenary_core::mixture::{MixtureError, log_sum_exp};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Bound of the logarithm of a diagonal element of A: standard deviations down to e^-7 of the whitened unit.
+/// Bound of the logarithm of a diagonal element of A: standard deviations are at least e^-7 of the whitened unit.
 pub const DIAGONAL_LIMIT: f64 = 7.0;
 
-/// Variance that a component has in every direction at least, as a share of its greatest: without it, rounding makes those
-/// indefinite that a network gives far from all that it has learnt.
+/// Least variance of a component in any direction, as a share of its largest entry. Without it, rounding makes covariances
+/// indefinite that a network returns far from its training data.
 const LEAST_VARIANCE: f64 = 1e-12;
 
-/// Share of the bound that [`unbend`] goes to: beyond, a small change of what is bent is a great one of what is not.
+/// Share of the bound up to which [`unbend`] inverts the bend. Beyond it the inverse is too steep.
 const MOST_BENT: f64 = 0.95;
 
-/// Logarithm of the weight of a component below which its mass inside is not asked for: e^-8 is 0.03 %.
+/// Logarithm of the weight below which the mass of a component inside counts as one: e^-8 is 0.03 %.
 const LEAST_LOG_WEIGHT: f64 = -8.0;
 
+/// Logarithm of 2 pi.
 const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
 /// Shape of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MixtureHead {
-    /// K.
+    /// K, number of components.
     pub components: usize,
-    /// D.
+    /// D, number of coordinates.
     pub dimension: usize,
 }
 
 /// Weights, means and covariances of a mixture's components.
 pub type Parts = (Vec<f64>, Vec<DVector<f64>>, Vec<DMatrix<f64>>);
 
-/// One component, read from raw outputs.
+/// One component at a point.
 struct Component {
-    /// `v - mean`.
+    /// Difference from the mean, `v - mean`.
     difference: Vec<f64>,
-    /// A, row-major, D x D.
+    /// Factor A of the precision, D x D, row-major.
     factor: Vec<f64>,
-    /// `A (v - mean)`.
+    /// Whitened difference, `A (v - mean)`.
     whitened: Vec<f64>,
     log_density: f64,
 }
 
 impl MixtureHead {
-    /// Entries below the diagonal of one factor.
+    /// Number of entries below the diagonal of one factor.
     fn below(&self) -> usize {
         self.dimension * (self.dimension - 1) / 2
     }
@@ -61,7 +62,7 @@ impl MixtureHead {
         self.components * (1 + 2 * self.dimension + self.below())
     }
 
-    /// First raw output of the means, of the diagonals, of the entries below them.
+    /// Indices of the first raw output of the means, of the diagonals and of the entries below the diagonals.
     pub fn offsets(&self) -> [usize; 3] {
         let (k, d) = (self.components, self.dimension);
         [k, k + k * d, k + 2 * k * d]
@@ -74,8 +75,8 @@ impl MixtureHead {
         logits.iter().map(|l| l - total).collect()
     }
 
-    /// What each raw output is multiplied by, and what is added to it, for column i of each A to become `scale[i]` (D) times
-    /// itself. The bend of the diagonals is taken as straight about `mean`, what the raw outputs are on average.
+    /// Factor and term for each raw output that multiply column i of each A by `scale[i]` (D). The bend of the diagonals is
+    /// linearised about `mean`, the mean raw outputs.
     pub(super) fn scaled(&self, mean: &[f64], scale: &[f64]) -> Vec<(f64, f64)> {
         let mut changes = vec![(1.0, 0.0); self.outputs()];
         let [_, diagonals, mut below] = self.offsets();
@@ -94,7 +95,7 @@ impl MixtureHead {
         changes
     }
 
-    /// The factor A of component `k`, row-major.
+    /// Factor A of component `k`, row-major.
     fn factor(&self, raw: &[f32], k: usize) -> Vec<f64> {
         let d = self.dimension;
         let [_, diagonals, belows] = self.offsets();
@@ -109,6 +110,7 @@ impl MixtureHead {
         factor
     }
 
+    /// Component `k` at `v`.
     fn component(&self, raw: &[f32], k: usize, v: &[f64]) -> Component {
         let d = self.dimension;
         let means = self.offsets()[0] + k * d;
@@ -121,8 +123,8 @@ impl MixtureHead {
         Component { difference, factor, whitened, log_density: log_det - 0.5 * (square + d as f64 * LN_TAU) }
     }
 
-    /// Negative log density of the mixture of `raw` at `v`. Where `gradient` is given (one value a raw output), `weight`
-    /// times the derivatives by the raw outputs are written to it.
+    /// Negative log density at `v` of the mixture with the raw outputs `raw`. Writes `weight` times its derivatives with
+    /// respect to the raw outputs to `gradient` if that is given.
     pub fn loss(&self, raw: &[f32], v: &[f64], weight: f64, gradient: Option<&mut [f32]>) -> f64 {
         let log_weights = self.log_weights(raw);
         let components: Vec<Component> = (0..self.components).map(|k| self.component(raw, k, v)).collect();
@@ -132,6 +134,7 @@ impl MixtureHead {
         let d = self.dimension;
         let [means, diagonals, belows] = self.offsets();
         for (k, c) in components.iter().enumerate() {
+            // Posterior probability of the component given v (Bishop 1994).
             let responsibility = (terms[k] - total).exp();
             gradient[k] = (weight * (log_weights[k].exp() - responsibility)) as f32;
             let scale = weight * responsibility;
@@ -151,7 +154,7 @@ impl MixtureHead {
         -total
     }
 
-    /// The mixture over `u = centre + scale * v`: log weights, means and covariances.
+    /// Weights, means and covariances of the mixture over `u = centre + scale * v`.
     pub fn parts(&self, raw: &[f32], centre: &[f64], scale: &[f64]) -> Parts {
         let d = self.dimension;
         let weights = self.log_weights(raw).iter().map(|w| w.exp()).collect();
@@ -169,8 +172,8 @@ impl MixtureHead {
         (weights, means, covariances)
     }
 
-    /// Logarithm of the mass that the mixture of `raw` has inside `support`, by `lattice` where several edges cut a component,
-    /// and [`super::cut::LEAST_INSIDE`] of each at least. Those of next to no weight count as whole.
+    /// Logarithm of the mass of the mixture inside of `support`, with `lattice` for components that several axes cut. Each
+    /// component counts with at least [`super::truncation::LEAST_INSIDE`]; a component of negligible weight counts as whole.
     pub fn log_mass(&self, raw: &[f32], support: &Support, lattice: &Lattice) -> f64 {
         let d = self.dimension;
         let inside = |(k, weight): (usize, f64)| {
@@ -184,14 +187,17 @@ impl MixtureHead {
         log_sum_exp(&self.log_weights(raw).into_iter().enumerate().map(inside).collect::<Vec<_>>())
     }
 
-    /// The mixture over `u = centre + scale * v`.
+    /// Mixture over `u = centre + scale * v`.
+    ///
+    /// # Errors
+    /// [`MixtureError`] if a weight, mean or covariance is invalid.
     pub fn mixture(&self, raw: &[f32], centre: &[f64], scale: &[f64]) -> Result<Mixture, MixtureError> {
         let (weights, means, covariances) = self.parts(raw, centre, scale);
         Mixture::new(&weights, means, covariances)
     }
 }
 
-/// The inverse of the lower triangular `factor` (D x D, row-major), whose diagonal is positive.
+/// Inverse of the lower triangular `factor` (D x D, row-major) with a positive diagonal, by forward substitution.
 fn inverse(factor: &[f64], d: usize) -> Vec<f64> {
     let mut inverse = vec![0.0; d * d];
     for i in 0..d {
@@ -203,17 +209,17 @@ fn inverse(factor: &[f64], d: usize) -> Vec<f64> {
     inverse
 }
 
-/// The bounded logarithm of a diagonal element.
+/// Bounded logarithm of a diagonal element.
 fn bend(raw: f64) -> f64 {
     DIAGONAL_LIMIT * (raw / DIAGONAL_LIMIT).tanh()
 }
 
-/// Its derivative.
+/// Derivative of [`bend`].
 fn bend_slope(raw: f64) -> f64 {
     1.0 - (raw / DIAGONAL_LIMIT).tanh().powi(2)
 }
 
-/// The raw output whose bounded logarithm is `bent`; for one near the bound or beyond, one inside.
+/// Raw output whose bounded logarithm is `bent`, clamped to the inside of the bound.
 fn unbend(bent: f64) -> f64 {
     DIAGONAL_LIMIT * (bent / DIAGONAL_LIMIT).clamp(-MOST_BENT, MOST_BENT).atanh()
 }
@@ -232,8 +238,7 @@ mod tests {
 
     #[test]
     fn the_density_integrates_to_one() {
-        // Midpoints over +-40 with steps of 1/20: the narrowest component has a standard deviation over e^-2, the widest
-        // under e^2.
+        // Midpoints over +-40 with steps of 1/20: the standard deviations of the components lie between e^-2 and e^2.
         let line = |i: usize| -40.0 + (i as f64 + 0.5) / 20.0;
         for stream in 0..3 {
             let one = MixtureHead { components: 3, dimension: 1 };
@@ -294,7 +299,7 @@ mod tests {
             };
             let ((above, to), (below, from)) = (at(STEP), at(-STEP));
             let difference = 0.4 * (above - below) / (to - from);
-            // The loss is in double precision; what is left is the curvature, STEP^2 times a third derivative of order 10.
+            // The loss is in double precision: the error is the curvature, STEP^2 times a third derivative of order 10.
             assert!((difference - f64::from(gradient[i])).abs() < 3e-4, "{i}: {difference} against {}", gradient[i]);
         }
     }

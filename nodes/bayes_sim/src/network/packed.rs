@@ -1,4 +1,4 @@
-//! Long lists of single-precision numbers in text: base64 of their little-endian bytes, to the bit.
+//! Serialisation of long lists of single-precision numbers: base64 of their little-endian bytes, exact to the bit.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -1,4 +1,4 @@
-//! The leading principal components of the columns, whitened but for the weakest.
+//! Leading principal components of the columns, whitened except for the weakest.
 
 use super::packed;
 use catenary_core::matrix::{Transpose, gemm};
@@ -7,29 +7,29 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-/// Rounds of the subspace iteration.
+/// Number of rounds of the subspace iteration.
 const ROUNDS: usize = 4;
-/// Share of the greatest component's standard deviation under which a component counts as noise of the arithmetic.
+/// Share of the first component's standard deviation below which a component is rounding noise.
 const LEAST_SHARE: f64 = 1e-4;
-/// The same under which a component stays below unit variance. Amplified a hundredfold, it is carried away by each step of an
-/// embedding that learns, and nothing else is learnt.
+/// Share of the first component's standard deviation below which a component is not scaled to unit variance. Amplified a
+/// hundredfold, weak components change with every step of the embedding, and the dense layers learn nothing else.
 const WHITE_SHARE: f64 = 0.1;
 
-/// A linear map from W columns to P components.
+/// Linear map from W columns to P components.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Projection {
     columns: usize,
     components: usize,
-    /// P x W, row-major.
+    /// Matrix of the map, P x W, row-major.
     #[serde(with = "packed")]
     matrix: Vec<f32>,
 }
 
 impl Projection {
-    /// The map to the `components` leading principal components of `x` (rows of equal width, centred, weighted by
-    /// `weights`), each scaled to unit variance, or, where it is weaker than a tenth of the first one, as if it were that
-    /// strong; by randomised subspace iteration (Halko, Martinsson and Tropp 2011).
+    /// Fits the map to the `components` leading principal components of `x` (centred rows of equal width with `weights`) by
+    /// randomised subspace iteration (Halko, Martinsson and Tropp 2011). Each component is scaled to unit variance. One weaker
+    /// than a tenth of the first is scaled as if it were that strong.
     pub fn fit<R: Rng>(x: &[f32], weights: &[f64], components: usize, rng: &mut R) -> Self {
         let rows = weights.len();
         let columns = x.len() / rows;
@@ -64,29 +64,30 @@ impl Projection {
         Self { columns, components, matrix }
     }
 
-    /// W and P.
+    /// W and P, numbers of columns and of components.
     pub fn shape(&self) -> (usize, usize) {
         (self.columns, self.components)
     }
 
-    /// Whether the matrix is as long as its shape says.
+    /// Returns true if the matrix has the length that the shape requires.
     pub(super) fn is_whole(&self) -> bool {
         self.matrix.len() == self.columns * self.components
     }
 
-    /// Whether every entry is finite.
+    /// Returns true if every entry is finite.
     pub(super) fn is_finite(&self) -> bool {
         self.matrix.iter().all(|v| v.is_finite())
     }
 
-    /// Entry `i` of the matrix, to be spoilt.
+    /// Entry `i` of the matrix, for tests that spoil it.
     #[cfg(test)]
     pub(super) fn entry_mut(&mut self, i: usize) -> &mut f32 {
         &mut self.matrix[i]
     }
 
-    /// B x P derivatives by the components from B x W derivatives by the columns, where the columns are what the
-    /// components say of them: the rows of the map are orthogonal.
+    /// B x P derivatives with respect to the components from B x W derivatives with respect to the columns, for columns in the
+    /// span of the components. The rows of the map are orthogonal, so that its pseudo-inverse is its transpose over the squared
+    /// lengths.
     pub fn apply_inverse_transposed(&self, by_column: &[f32]) -> Vec<f32> {
         let mut out = self.apply(by_column);
         let squares: Vec<f32> =
@@ -106,7 +107,7 @@ impl Projection {
         out
     }
 
-    /// B x W derivatives by the columns from B x P derivatives by the components.
+    /// B x W derivatives with respect to the columns from B x P derivatives with respect to the components.
     pub fn apply_transposed(&self, by_component: &[f32]) -> Vec<f32> {
         let rows = by_component.len() / self.components;
         let mut out = vec![0.0; rows * self.columns];
@@ -135,7 +136,7 @@ mod tests {
     /// Standard deviation of the other directions.
     const REST: f64 = 0.1;
 
-    /// Orthonormal directions (columns), and rows of Gaussians with the spreads along the first three of them.
+    /// Orthonormal directions (columns), and Gaussian rows with [`SPREADS`] along the first three of them.
     fn data() -> (DMatrix<f64>, Vec<f32>) {
         let mut rng = seed::rng(31, 0);
         let directions = DMatrix::from_fn(WIDTH, WIDTH, |_, _| rng.sample::<f64, _>(StandardNormal)).qr().q();
@@ -168,7 +169,7 @@ mod tests {
             assert!(cosine.abs() > 0.999, "component {p}: cosine {cosine}");
             assert!((length * spread - 1.0).abs() < 0.05, "component {p}: {length} for a spread of {spread}");
         }
-        // A fourth one is a fiftieth of the first, and taken for a tenth.
+        // The fourth component is a fiftieth of the first and scaled as if it were a tenth.
         let weak = row(&Projection::fit(&x, &[1.0; ROWS], 4, &mut seed::rng(32, 0)), 3);
         let length = weak.iter().map(|v| v * v).sum::<f64>().sqrt();
         assert!((length * WHITE_SHARE * SPREADS[0] - 1.0).abs() < 0.05, "{length} for a spread of {REST}");
@@ -191,7 +192,7 @@ mod tests {
         let plain = Projection::fit(part, &[1.0; 40], 2, &mut seed::rng(33, 0));
         let gap = |a: &Projection, b: &Projection| {
             let pairs = a.apply(part).into_iter().zip(b.apply(part)).collect::<Vec<_>>();
-            // A component's sign is free.
+            // The sign of a component is arbitrary.
             let of =
                 |s: f32, p: usize| pairs.iter().skip(p).step_by(2).map(|(a, b)| (a - s * b).abs()).fold(0.0, f32::max);
             (0..2).map(|p| of(1.0, p).min(of(-1.0, p))).fold(0.0, f32::max)

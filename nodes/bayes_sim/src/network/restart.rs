@@ -1,14 +1,14 @@
-//! A network that goes on from another one's parameters on other samples: standardised anew, and still the same function
-//! of its raw inputs, so that training begins where it ended.
+//! Warm start of a network on new samples. The standardisation changes and the function of the raw inputs stays, so that the
+//! training continues where it ended.
 
 use super::{Activations, Network, Samples};
 use crate::network::standard::Affine;
 use rand::Rng;
 
 impl Network {
-    /// This network, standardised by `samples` with `weights`. Where it sees principal components, those of `samples` take
-    /// the place of the earlier ones, and what lies outside of their span is left out; the bend of the diagonals
-    /// ([`super::head::DIAGONAL_LIMIT`]) is taken as straight about what the diagonals are on average.
+    /// Returns this network standardised by `samples` with `weights`. The function stays up to two approximations: the
+    /// principal components become those of `samples`, which drops variation outside of their span; and the bend of the
+    /// diagonals ([`super::head::DIAGONAL_LIMIT`]) is linearised about their mean.
     pub fn restarted<R: Rng>(&self, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
         let mut next = self.clone();
         next.standardise(samples, weights, rng);
@@ -19,7 +19,7 @@ impl Network {
         next
     }
 
-    /// Has the first layer, and the linear path, see of the new inputs what they saw of `before`'s.
+    /// Rewrites the first layer and the linear path from the inputs of `before` to the inputs of this network.
     fn carry_inputs(&mut self, before: &Network) {
         let layers = self.shape.layers();
         let (inputs, outputs) = layers[0];
@@ -29,11 +29,13 @@ impl Network {
         if self.shape.skip {
             let first = self.parameters.len() - self.shape.skip_count();
             let shifts = self.carry_rows(before, first..self.parameters.len());
+            // The biases of the last layer stand directly before the linear path.
             self.parameters[first - shifts.len()..first].iter_mut().zip(&shifts).for_each(|(b, s)| *b += s);
         }
     }
 
-    /// Turns rows of weights by `before`'s inputs into rows by this network's; what a bias must be moved by for each.
+    /// Converts rows of weights on the inputs of `before` to rows on this network's inputs. Returns the shift of each row's
+    /// bias.
     fn carry_rows(&mut self, before: &Network, at: std::ops::Range<usize>) -> Vec<f32> {
         let (inputs, framed) = (self.shape.inputs(), self.shape.framed());
         let rows = at.len() / inputs;
@@ -61,7 +63,7 @@ impl Network {
         shifts
     }
 
-    /// The weighted mean of each of the raw outputs (N x outputs).
+    /// Weighted mean of the raw outputs (N x outputs).
     pub(super) fn mean_outputs(&self, raw: &[f32], weights: &[f64]) -> Vec<f64> {
         let total: f64 = weights.iter().sum();
         let mut mean = vec![0.0; self.shape.head.outputs()];
@@ -71,7 +73,7 @@ impl Network {
         mean
     }
 
-    /// Has the head say in the new whitened coordinates what it said in `before`'s, whose raw outputs are `mean` on average.
+    /// Rewrites the head from the whitened coordinates of `before`, whose mean raw outputs are `mean`, to this network's.
     fn carry_outputs(&mut self, before: &Network, mean: &[f64]) {
         let head = self.shape.head;
         let ((from, spread), (to, narrow)) = (before.standard.theta(), self.standard.theta());
@@ -87,7 +89,7 @@ impl Network {
         self.change_outputs(&changes);
     }
 
-    /// Has each raw output be multiplied by the first of its `changes`, and the second added to it.
+    /// Multiplies each raw output by the first of its `changes` and adds the second.
     pub(super) fn change_outputs(&mut self, changes: &[(f64, f64)]) {
         let last = self.shape.hidden.len();
         let (inputs, outputs) = self.shape.layers()[last];
@@ -103,12 +105,12 @@ impl Network {
             let bias = &mut self.parameters[biases + output];
             *bias = (f64::from(*bias) * factor + term) as f32;
         }
-        debug_assert_eq!(biases + outputs, skip, "the linear path comes behind the last layer");
+        debug_assert_eq!(biases + outputs, skip, "the linear path follows the last layer");
     }
 }
 
-/// Turns rows of derivatives by values that `before` standardised into rows by those that `after` standardises, and adds to
-/// each row's shift what the change of the centres makes. A column that is constant by now counts as its centre.
+/// Converts rows of weights on columns standardised by `before` to rows on columns standardised by `after`. Adds the effect of
+/// the new centres to the shift of each row. A column that is now constant counts with its centre.
 fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut [f32]) {
     if before.centre.is_empty() {
         return;
@@ -120,8 +122,8 @@ fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut 
     }
 }
 
-/// The same for frames of `width` columns. Those of an absent frame are zero before and after but for its presence, so that
-/// what the change of the other centres makes hangs on that.
+/// Converts rows of weights on frames of `width` columns, as [`carry_affine`]. The columns of an absent frame are zero before
+/// and after, except for its presence. The effect of the other columns' centres is therefore carried by the presence column.
 fn carry_frames(
     before: &Affine,
     after: &Affine,
@@ -149,8 +151,7 @@ fn carry_frames(
     }
 }
 
-/// Turns the derivative by column `c` as `before` standardised it into that by the column as `after` does; what the change
-/// of its centre adds.
+/// Converts the weight on column `c` from the standardisation `before` to `after`. Returns the effect of the new centre.
 fn carry(before: &Affine, after: &Affine, c: usize, value: &mut f32) -> f32 {
     let by_raw = *value * before.inverse_scale[c];
     *value = if after.inverse_scale[c] > 0.0 { by_raw / after.inverse_scale[c] } else { 0.0 };

@@ -1,28 +1,28 @@
-//! Simulated tracks with their thetas, in the layout that training reads.
+//! Simulated tracks with their thetas, in the memory layout of the training.
 
 use crate::embedding::TrackInput;
 use crate::embedding::input::{CHANNELS, POINT_VALUES, PRESENCE};
 use serde::{Deserialize, Serialize};
 
-/// N samples over D coordinates: tracks of F frames, rows of X plain numbers, or both.
+/// N samples of D coordinates each, with tracks of F frames, rows of X plain numbers, or both.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Samples {
     frames: usize,
     plain: usize,
     dimension: usize,
-    /// N x F x 4 x 2.
+    /// Keypoints, N x F x 4 x 2.
     points: Vec<f32>,
-    /// N x F x [`CHANNELS`].
+    /// Channels, N x F x [`CHANNELS`].
     channels: Vec<f32>,
-    /// N x X.
+    /// Plain numbers, N x X.
     rows: Vec<f32>,
-    /// N x D: unit coordinates of theta.
+    /// Unit coordinates of theta, N x D.
     theta: Vec<f64>,
 }
 
 impl Samples {
-    /// Whether the lists are as long as the sizes say, which those of a file may not be.
+    /// Returns true if the lists have the lengths that the sizes require. Those from a file may not.
     pub(crate) fn is_whole(&self) -> bool {
         let n = self.len();
         self.theta.len() == n * self.dimension
@@ -31,24 +31,24 @@ impl Samples {
             && self.rows.len() == n * self.plain
     }
 
-    /// None yet, of F = `frames` and D = `dimension`.
+    /// No samples yet, with F = `frames` and D = `dimension`.
     pub fn new(frames: usize, dimension: usize) -> Self {
         Self { frames, dimension, ..Self::default() }
     }
 
-    /// Samples without frames: `rows` (N x X, X = `plain`) and the unit coordinates of the thetas that gave them (N x D).
+    /// Samples without frames: `rows` (N x X, X = `plain`) with the unit coordinates of their thetas (N x D).
     ///
     /// # Panics
-    /// Where the numbers of rows differ.
+    /// If the numbers of rows and thetas differ.
     pub fn of_rows(rows: Vec<f32>, plain: usize, theta: Vec<f64>, dimension: usize) -> Self {
         assert_eq!(rows.len() * dimension, theta.len() * plain, "as many rows as thetas");
         Self { plain, dimension, rows, theta, ..Self::default() }
     }
 
-    /// Adds a track and the unit coordinates of the theta that gave it.
+    /// Adds a track with the unit coordinates of its theta.
     ///
     /// # Panics
-    /// Where either has another shape than the others.
+    /// If either has another shape than earlier samples.
     pub fn push(&mut self, track: &TrackInput, theta: &[f64]) {
         assert_eq!((track.frames(), theta.len()), (self.frames, self.dimension), "shape of a sample");
         assert_eq!(self.plain, 0, "a track has no plain numbers");
@@ -57,32 +57,32 @@ impl Samples {
         self.theta.extend_from_slice(theta);
     }
 
-    /// N.
+    /// N, number of samples.
     pub fn len(&self) -> usize {
         self.theta.len() / self.dimension.max(1)
     }
 
-    /// Whether N is zero.
+    /// Returns true if there are no samples.
     pub fn is_empty(&self) -> bool {
         self.theta.is_empty()
     }
 
-    /// F.
+    /// F, number of frames.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// X.
+    /// X, number of plain numbers of a sample.
     pub fn plain(&self) -> usize {
         self.plain
     }
 
-    /// N x X: the plain numbers.
+    /// Plain numbers, N x X.
     pub(crate) fn rows(&self) -> &[f32] {
         &self.rows
     }
 
-    /// D.
+    /// D, number of coordinates of theta.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
@@ -92,27 +92,27 @@ impl Samples {
         &self.theta[i * self.dimension..(i + 1) * self.dimension]
     }
 
-    /// N x D: unit coordinates of all samples.
+    /// Unit coordinates of all samples, N x D.
     pub fn thetas(&self) -> &[f64] {
         &self.theta
     }
 
-    /// All keypoints, N x F x 4 x 2.
+    /// Keypoints of all samples, N x F x 4 x 2.
     pub(crate) fn points(&self) -> &[f32] {
         &self.points
     }
 
-    /// Channels of frame `row`, counted over all tracks.
+    /// Channels of frame `row` in the frames of all tracks.
     pub(crate) fn channels(&self, row: usize) -> &[f32] {
         &self.channels[row * CHANNELS..(row + 1) * CHANNELS]
     }
 
-    /// Whether frame `row`, counted over all tracks, is no padding.
+    /// Returns true if frame `row` in the frames of all tracks is no padding.
     pub(crate) fn present(&self, row: usize) -> bool {
         self.channels[row * CHANNELS + PRESENCE] > 0.0
     }
 
-    /// The samples at `indices`, in that order.
+    /// Samples at `indices`, in that order.
     pub fn gather(&self, indices: &[usize]) -> Self {
         let mut picked = Self { plain: self.plain, ..Self::new(self.frames, self.dimension) };
         for &i in indices {
@@ -125,7 +125,7 @@ impl Samples {
         picked
     }
 
-    /// The channels that are not the same in all samples, frame by frame.
+    /// Channels that differ between samples in at least one frame.
     pub fn varying_channels(&self) -> Vec<usize> {
         let track = self.frames * CHANNELS;
         let varies = |c: &usize| {

@@ -1,42 +1,42 @@
-//! Centres and scales that bring inputs and thetas to about zero and one.
+//! Standardisation of inputs and thetas to a mean of about zero and a standard deviation of about one.
 
-use super::cut::Support;
-use super::{Network, Samples, Shape};
+use super::truncation::Support;
+use super::{Samples, Shape};
 use crate::embedding::input::{POINT_VALUES, PRESENCE};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation under which a column counts as constant.
+/// Standard deviation below which a column counts as constant.
 const LEAST_SPREAD: f64 = 1e-5;
 
-/// Centres and inverse scales of a list of columns; an inverse scale of zero switches a constant column off.
+/// Centres and inverse scales of a list of columns. The inverse scale of a constant column is zero, which switches it off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Affine {
-    /// Subtracted.
+    /// Subtracted from a value.
     pub centre: Vec<f32>,
-    /// Multiplied.
+    /// Multiplied with the difference.
     pub inverse_scale: Vec<f32>,
 }
 
-/// All standardisation of a network.
+/// Standardisation of a network's inputs and thetas.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Standardisation {
-    /// F x 2: mean keypoint of each frame.
+    /// Mean keypoint of each frame, F x 2.
     point_centre: Vec<f32>,
-    /// One inverse scale for both coordinates and all frames, so that shapes stay what they are.
+    /// Inverse scale of keypoints, one for both coordinates and all frames, which preserves shapes.
     point_inverse_scale: f32,
-    /// F x C: of features and channels.
+    /// Standardisation of features and channels, F x C.
     pub(super) columns: Affine,
-    /// X: of plain numbers.
+    /// Standardisation of plain numbers, X.
     pub(super) plain: Affine,
-    /// Which of the C columns says whether a frame is there; none where it is not looked at.
+    /// Index of the presence column among the C columns; none if it does not enter the network.
     pub(super) presence: Option<usize>,
-    /// D.
+    /// Centre of whitened coordinates in unit coordinates, D.
     theta_centre: Vec<f64>,
-    /// D.
+    /// Scale of whitened coordinates in unit coordinates, D.
     theta_scale: Vec<f64>,
 }
 
-/// Running weighted mean and variance.
+/// Weighted sums for a mean and a variance.
 #[derive(Clone, Copy, Default)]
 struct Moments {
     weight: f64,
@@ -45,6 +45,7 @@ struct Moments {
 }
 
 impl Moments {
+    /// Adds a value.
     fn add(&mut self, weight: f64, value: f64) {
         self.weight += weight;
         self.sum += weight * value;
@@ -62,7 +63,7 @@ impl Moments {
 }
 
 impl Affine {
-    /// To zero mean and unit variance.
+    /// Standardisation to zero mean and unit variance.
     fn of(moments: &[Moments]) -> Self {
         let inverse = |spread: f64| if spread < LEAST_SPREAD { 0.0 } else { (1.0 / spread) as f32 };
         Self {
@@ -73,7 +74,7 @@ impl Affine {
 }
 
 impl Standardisation {
-    /// Standardises the keypoints by `samples`; the rest is the identity.
+    /// Standardisation of the keypoints by `samples`; identity for everything else.
     pub(super) fn of_points(shape: &Shape, samples: &Samples) -> Self {
         let mut by_frame = vec![[Moments::default(); 2]; shape.frames];
         for (row, frame) in samples.points().chunks_exact(POINT_VALUES).enumerate() {
@@ -99,7 +100,7 @@ impl Standardisation {
         }
     }
 
-    /// Whether all lists are as long as `shape` says.
+    /// Returns true if all lists have the lengths that `shape` requires.
     pub(super) fn is_whole(&self, shape: &Shape) -> bool {
         let columns = shape.frames * shape.columns();
         let affine = |a: &Affine, n| a.centre.len() == n && a.inverse_scale.len() == n;
@@ -110,7 +111,7 @@ impl Standardisation {
             && [&self.theta_centre, &self.theta_scale].iter().all(|list| list.len() == shape.head.dimension)
     }
 
-    /// Centres and scales theta by the weighted mean and standard deviation of `samples`.
+    /// Sets the centre and the scale of theta to the weighted mean and standard deviation of `samples`.
     pub(super) fn fit_theta(&mut self, samples: &Samples, weights: &[f64]) {
         let mut moments = vec![Moments::default(); samples.dimension()];
         for (i, weight) in weights.iter().enumerate() {
@@ -133,7 +134,7 @@ impl Standardisation {
         points
     }
 
-    /// Standardises the columns of `batch` in place, N x F x C; absent frames stay zero but for their absence.
+    /// Standardises the columns of `batch` (N x F x C) in place. Of an absent frame only the presence column changes.
     pub(super) fn standardise_columns(&self, batch: &Samples, columns: &mut [f32]) {
         let width = self.columns.centre.len() / batch.frames().max(1);
         if width == 0 {
@@ -148,7 +149,8 @@ impl Standardisation {
         }
     }
 
-    /// Turns derivatives by standardised columns into derivatives by raw ones; absent frames have none.
+    /// Converts derivatives with respect to standardised columns to derivatives with respect to raw ones. The latter are zero in
+    /// absent frames.
     pub(super) fn scale_gradient(&self, batch: &Samples, gradient: &mut [f32]) {
         let width = self.columns.centre.len() / batch.frames().max(1);
         for (row, values) in gradient.chunks_exact_mut(width).enumerate() {
@@ -166,46 +168,52 @@ impl Standardisation {
         u.iter().zip(&self.theta_centre).zip(&self.theta_scale).map(|((u, c), s)| (u - c) / s).collect()
     }
 
-    /// Logarithm of the volume of a unit of whitened coordinates.
+    /// Logarithm of the volume of the whitened unit cube in unit coordinates.
     pub fn log_scale(&self) -> f64 {
         self.theta_scale.iter().map(|s| s.ln()).sum()
     }
 
-    /// The unit cube in whitened coordinates.
+    /// Unit cube in whitened coordinates.
     pub fn support(&self) -> Support {
         let dimension = self.theta_centre.len();
         Support { low: self.whiten(&vec![0.0; dimension]), high: self.whiten(&vec![1.0; dimension]) }
     }
 
-    /// Centre and scale of whitened coordinates.
+    /// Centre and scale of whitened coordinates in unit coordinates.
     pub fn theta(&self) -> (&[f64], &[f64]) {
         (&self.theta_centre, &self.theta_scale)
     }
 }
 
-impl Network {
-    /// Centres and inverse scales of the columns over the frames of `samples`; that of presence over absent ones too.
-    pub(super) fn fitted_columns(&self, samples: &Samples, weights: &[f64]) -> Affine {
-        let width = self.shape.columns();
-        let mut moments = vec![Moments::default(); self.shape.frames * width];
-        let columns = self.raw_columns(samples);
+impl Affine {
+    /// Standardisation of `columns`, B x F x C of the tracks `samples`, over present frames. The column `presence` is averaged
+    /// over absent frames as well.
+    pub(super) fn of_columns(
+        columns: &[f32],
+        samples: &Samples,
+        weights: &[f64],
+        shape: &Shape,
+        presence: Option<usize>,
+    ) -> Self {
+        let width = shape.columns();
+        let mut moments = vec![Moments::default(); shape.frames * width];
         for (row, values) in columns.chunks_exact(width).enumerate() {
-            let at = width * (row % self.shape.frames);
-            let weight = weights[row / self.shape.frames];
-            let seen = if samples.present(row) { 0..width } else { self.standard.presence.map_or(0..0, |c| c..c + 1) };
+            let at = width * (row % shape.frames);
+            let weight = weights[row / shape.frames];
+            let seen = if samples.present(row) { 0..width } else { presence.map_or(0..0, |c| c..c + 1) };
             for c in seen {
                 moments[at + c].add(weight, f64::from(values[c]));
             }
         }
-        Affine::of(&moments)
+        Self::of(&moments)
     }
 
-    /// Centres and inverse scales of the plain numbers of `samples`.
-    pub(super) fn fitted_plain(&self, samples: &Samples, weights: &[f64]) -> Affine {
-        let mut moments = vec![Moments::default(); self.shape.plain];
-        for (row, weight) in samples.rows().chunks_exact(self.shape.plain.max(1)).zip(weights) {
+    /// Standardisation of the plain numbers of `samples`.
+    pub(super) fn of_plain(samples: &Samples, weights: &[f64], shape: &Shape) -> Self {
+        let mut moments = vec![Moments::default(); shape.plain];
+        for (row, weight) in samples.rows().chunks_exact(shape.plain.max(1)).zip(weights) {
             moments.iter_mut().zip(row).for_each(|(m, v)| m.add(*weight, f64::from(*v)));
         }
-        Affine::of(&moments)
+        Self::of(&moments)
     }
 }

@@ -1,9 +1,12 @@
-//! Finite differences of a loss whose forward pass is in single precision: the loss is good to about 1e-6, the step is 2e-3
-//! times the parameters' size or more, so a derivative carries about 3e-4; a kind's whole gradient is asked to agree to
-//! 2 % of its norm. A missing or doubled term is off by tens of percent.
+//! Networks, their gradients, their training and their warm start.
+//!
+//! Finite differences are taken of a loss whose forward pass is in single precision. The loss is good to about 1e-6 and the
+//! step is at least 2e-3 times the parameters' size: a derivative has an error of about 3e-4. The bound is 2 % of the norm of
+//! each kind's gradient. A missing or doubled term is off by tens of percent.
 
 use super::*;
-use crate::embedding::{Fourier, TrackInput};
+use crate::embedding::{Embedding, Fourier, TrackInput};
+use crate::settings::Schedule;
 use catenary_core::track::End;
 use catenary_core::{Frame, Track, seed};
 use std::ops::{ControlFlow, Range};
@@ -46,7 +49,7 @@ fn shape(samples: &Samples, projection: Option<usize>, fourier: Fourier) -> Shap
     }
 }
 
-/// A network whose dense parameters have all left the values they start from, zeros included.
+/// Network whose dense parameters all differ from their initial values, including zeros.
 fn network(samples: &Samples, weights: &[f64], projection: Option<usize>, fourier: Fourier) -> Network {
     let mut rng = seed::rng(42, 0);
     let mut network = Network::new(shape(samples, projection, fourier), 1.0, samples, weights, &mut rng);
@@ -57,7 +60,7 @@ fn network(samples: &Samples, weights: &[f64], projection: Option<usize>, fourie
     network
 }
 
-/// Every kind of parameter, with its places.
+/// Kinds of parameters with their indices.
 fn kinds(shape: &Shape) -> Vec<(String, Range<usize>)> {
     let m = shape.embedding.frequencies;
     let embedding = shape.embedding.parameter_count();
@@ -69,7 +72,7 @@ fn kinds(shape: &Shape) -> Vec<(String, Range<usize>)> {
         kinds.push((format!("weights of layer {layer}"), weights..biases));
         kinds.push((format!("biases of layer {layer}"), biases..biases + outputs));
     }
-    // The head's biases are its raw outputs' derivatives, kind by kind.
+    // Derivatives with respect to the head's biases equal those with respect to its raw outputs.
     let head = shape.parameter_count() - shape.skip_count() - shape.head.outputs();
     let [means, diagonals, belows] = shape.head.offsets();
     let ends = [0, means, diagonals, belows, shape.head.outputs()];
@@ -122,7 +125,7 @@ fn the_losses_of_training_and_of_watching_differ_by_the_volume_of_whitening() {
     let whitened = network.loss_and_gradient(&x, samples.thetas(), &[1.0; 12], &mut work, &mut gradient).0;
     let unit = network.loss(&x, samples.thetas(), &[1.0; 12], &mut work);
     assert!((unit - whitened - network.standard().log_scale()).abs() < 1e-9, "{unit}, {whitened}");
-    // And unit coordinates are those of the mixture that a posterior is made of.
+    // Unit coordinates are those of the posterior's mixture.
     let mut density = 0.0;
     for i in 0..12 {
         let (w, m, c) = network.mixture_parts(&samples.gather(&[i]));
@@ -149,7 +152,7 @@ fn inputs_are_centred_and_scaled_frame_by_frame() {
             squares += weights[i] * v * v;
         }
         let (mean, variance) = (sum / total, squares / total);
-        // A channel that is the same in all tracks is switched off.
+        // A channel that is constant over all tracks is switched off.
         let channel = (column % width).checked_sub(5).map(|c| fresh.shape().channels[c]);
         let varies = matches!(channel, None | Some(0)) || presence && frame == FRAMES - 1;
         let expected = if varies { 1.0 } else { 0.0 };
@@ -165,7 +168,7 @@ fn inputs_are_centred_and_scaled_frame_by_frame() {
 }
 
 #[test]
-fn shapes_of_keypoints_keep_their_aspect() {
+fn keypoints_keep_their_aspect_ratio() {
     let samples = samples(40, 2);
     let fresh = network(&samples, &[1.0; 40], None, Fourier::CosOnly);
     let (raw, scaled) = (samples.points(), fresh.standard.points(&samples));
@@ -175,7 +178,7 @@ fn shapes_of_keypoints_keep_their_aspect() {
 }
 
 #[test]
-fn of_an_absent_frame_the_network_sees_that_it_is_absent_and_nothing_else() {
+fn an_absent_frame_enters_only_by_its_presence() {
     let samples = samples(30, 2);
     let network = network(&samples, &[1.0; 30], None, Fourier::CosOnly);
     let width = network.shape().columns();
@@ -189,24 +192,24 @@ fn of_an_absent_frame_the_network_sees_that_it_is_absent_and_nothing_else() {
     let seen = [&of_short, &of_whole].map(|columns| columns[absent + presence]);
     assert!((seen[0] + 2.0_f32.sqrt()).abs() < 1e-4 && (seen[1] - 0.5_f32.sqrt()).abs() < 1e-4, "{seen:?}");
     assert!(of_short[..absent].iter().any(|v| *v != 0.0));
-    // Nor does the embedding's gradient come from a frame that is not there.
+    // An absent frame contributes nothing to the embedding's gradient.
     let mut by_column = vec![1.0; FRAMES * width];
     network.standard.scale_gradient(&short, &mut by_column);
     assert!(by_column[absent..].iter().all(|v| *v == 0.0));
 }
 
 #[test]
-fn channels_that_never_vary_are_not_looked_at() {
-    // The first two tracks are whole: only the end effector's x differs. A short one is padded with zeros.
+fn constant_channels_do_not_enter_the_network() {
+    // The first two tracks are complete and differ in the end effector's x. A short one is padded with zeros.
     assert_eq!(samples(2, 2).varying_channels(), vec![0]);
     assert_eq!(samples(30, 2).varying_channels(), vec![0, 1, 5, 6, crate::embedding::input::PRESENCE]);
 }
 
-fn schedule() -> train::Schedule {
-    train::Schedule { max_epochs: 15, patience_epochs: 15, batch_size: 10, ..crate::Settings::default().schedule }
+fn schedule() -> Schedule {
+    Schedule { max_epochs: 15, patience_epochs: 15, batch_size: 10, ..crate::Settings::default().schedule }
 }
 
-fn trained(schedule: &train::Schedule, stream: u64) -> (Network, Result<Trained, TrainingError>, Vec<Epoch>) {
+fn trained(schedule: &Schedule, stream: u64) -> (Network, Result<Trained, TrainingError>, Vec<Epoch>) {
     let samples = samples(100, 2);
     let (training, held_out): (Vec<usize>, Vec<usize>) = (0..100).partition(|i| i % 5 != 0);
     let mut rng = seed::rng(44, stream);
@@ -223,8 +226,7 @@ fn trained(schedule: &train::Schedule, stream: u64) -> (Network, Result<Trained,
 
 #[test]
 fn training_keeps_the_parameters_of_the_best_pass() {
-    let greedy =
-        train::Schedule { learning_rate: 1e-2, weight_decay: 0.0, max_epochs: 60, patience_epochs: 60, ..schedule() };
+    let greedy = Schedule { learning_rate: 1e-2, weight_decay: 0.0, max_epochs: 60, patience_epochs: 60, ..schedule() };
     let (network, outcome, heard) = trained(&greedy, 0);
     let outcome = outcome.unwrap();
     let best = heard.iter().map(|e| e.held_out_loss).fold(f64::INFINITY, f64::min);
@@ -240,13 +242,13 @@ fn training_keeps_the_parameters_of_the_best_pass() {
 
 #[test]
 fn patience_ends_training_and_a_frozen_embedding_stays() {
-    let hasty = train::Schedule { learning_rate: 1e-30, patience_epochs: 2, max_epochs: 50, ..schedule() };
+    let hasty = Schedule { learning_rate: 1e-30, patience_epochs: 2, max_epochs: 50, ..schedule() };
     let (_, outcome, _) = trained(&hasty, 0);
     assert_eq!(outcome.unwrap().epochs, 2);
     let count = shape(&samples(3, 2), None, Fourier::CosOnly).embedding.parameter_count();
-    let frozen = trained(&train::Schedule { train_embedding: false, ..schedule() }, 0).0;
+    let frozen = trained(&Schedule { train_embedding: false, ..schedule() }, 0).0;
     let free = trained(&schedule(), 0).0;
-    let start = trained(&train::Schedule { max_epochs: 0, ..schedule() }, 0).0;
+    let start = trained(&Schedule { max_epochs: 0, ..schedule() }, 0).0;
     assert_eq!(frozen.parameters()[..count], start.parameters()[..count]);
     assert_ne!(frozen.parameters()[count..], start.parameters()[count..]);
     assert_ne!(free.parameters()[..count], start.parameters()[..count]);
@@ -254,7 +256,7 @@ fn patience_ends_training_and_a_frozen_embedding_stays() {
 
 #[test]
 fn a_loss_that_is_not_finite_is_a_clear_error() {
-    let wild = train::Schedule { learning_rate: 1e30, max_gradient_norm: 1e30, weight_decay: 0.0, ..schedule() };
+    let wild = Schedule { learning_rate: 1e30, max_gradient_norm: 1e30, weight_decay: 0.0, ..schedule() };
     let error = trained(&wild, 0).1.unwrap_err();
     let TrainingError::NotFinite { epoch: 1, .. } = error else { panic!("{error:?}") };
     let words = error.to_string();
@@ -265,15 +267,15 @@ fn a_loss_that_is_not_finite_is_a_clear_error() {
 #[test]
 fn a_restarted_network_is_the_same_function_in_other_coordinates() {
     let all = samples(60, 2);
-    // Thetas in a corner of the prior: other centres and scales. Some tracks are short.
+    // Thetas in a corner of the prior have other centres and scales. Some tracks are short.
     let corner: Vec<usize> = (0..60).filter(|&i| all.theta(i).iter().all(|u| *u > 0.4)).collect();
     assert!(corner.iter().any(|i| i % 3 == 2) && corner.iter().any(|i| i % 3 != 2));
     let part = all.gather(&corner);
     let weights: Vec<f64> = (0..part.len()).map(|i| 1.0 + (i % 3) as f64).collect();
-    // So many components that none of the columns' variance is left out.
+    // 45 components cover all of the columns' variance.
     for projection in [None, Some(45)] {
         let mut before = network(&all, &[1.0; 60], projection, Fourier::CosOnly);
-        // Diagonals where their bend is felt.
+        // Diagonals at which the bend is strong.
         let biases = before.shape.parameter_count() - before.shape.skip_count() - before.shape.head.outputs();
         let [_, diagonals, belows] = before.shape.head.offsets();
         before.parameters[biases + diagonals..biases + belows].iter_mut().for_each(|p| *p += 3.0);
@@ -289,13 +291,13 @@ fn a_restarted_network_is_the_same_function_in_other_coordinates() {
                 worst[2] = worst[2].max((&c[k] - &d[k]).amax() / c[k].amax());
             }
         }
-        // Single precision; covariances are right where the diagonals are as on average, and else to the curvature of the bend.
+        // Single precision. Covariances are exact at the mean diagonals, and elsewhere up to the curvature of the bend.
         assert!(worst[0] < 1e-3 && worst[1] < 1e-3 && worst[2] < 0.08, "{projection:?}: {worst:?}");
     }
 }
 
 #[test]
-fn networks_survive_text_to_the_bit_and_parts_that_do_not_fit_are_seen() {
+fn networks_survive_json_to_the_bit_and_parts_that_do_not_fit_are_detected() {
     let samples = samples(20, 2);
     let whole = network(&samples, &[1.0; 20], Some(6), Fourier::CosSin);
     let text = serde_json::to_string(&whole).unwrap();

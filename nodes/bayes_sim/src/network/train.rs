@@ -1,73 +1,46 @@
-//! Training of one network: Adam on shuffled batches, clipped by the global norm, stopped early on held-out tracks.
+//! Training of one network: Adam on shuffled batches, clipping of the global norm, early stopping on held-out tracks.
 
 use super::{Activations, Network, Samples};
+use crate::settings::{DECAYED_TRACKS, Schedule};
 use rand::Rng;
 use rand::seq::SliceRandom;
-use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use thiserror::Error;
-
-/// How a network is trained.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Schedule {
-    /// Adam's step size. Larger learns faster, up to where the loss jumps.
-    pub learning_rate: f64,
-    /// Decoupled decay of the dense weights and biases, a share of the learning rate a step; of more than
-    /// [`DECAYED_TRACKS`] in inverse proportion to their number. Larger trusts few tracks less.
-    pub weight_decay: f64,
-    /// Whether the embedding is trained with the rest, or stays random.
-    pub train_embedding: bool,
-    /// Tracks a step.
-    pub batch_size: usize,
-    /// Most passes over the training tracks.
-    pub max_epochs: usize,
-    /// Passes without a better held-out loss after which training stops; the best parameters are kept.
-    pub patience_epochs: usize,
-    /// Steps over which parameters are averaged, with exponentially falling weights: this many, and while a training is young
-    /// a tenth of its steps. 1: not at all.
-    pub averaged_steps: usize,
-    /// Bound of the Euclidean norm of the whole gradient.
-    pub max_gradient_norm: f64,
-}
-
-/// Tracks beyond which weights decay less: a prior over the weights counts less the more there is to learn from.
-pub const DECAYED_TRACKS: usize = 3_000;
 
 /// State of a training run after a pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
-    /// Passes made.
+    /// Number of passes so far.
     pub epoch: usize,
-    /// Held-out loss in nat, unit coordinates.
+    /// Held-out loss in nat, in unit coordinates.
     pub held_out_loss: f64,
 }
 
 /// Outcome of a training run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trained {
-    /// Passes made.
+    /// Number of passes.
     pub epochs: usize,
-    /// Best held-out loss in nat, unit coordinates.
+    /// Best held-out loss in nat, in unit coordinates.
     pub held_out_loss: f64,
 }
 
-/// Why a network was not trained.
+/// Reason for which a network was not trained.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TrainingError {
-    /// The loss or the gradient stopped being finite.
+    /// The loss or the gradient is not finite.
     #[error(
         "training failed in epoch {epoch}: {what} is {value}, expected a finite number; a lower learning rate or gradient norm may help"
     )]
     NotFinite {
-        /// Pass, from 1.
+        /// Number of the pass, from 1.
         epoch: usize,
-        /// What was not finite.
+        /// Name of the value that is not finite.
         what: &'static str,
-        /// Its value.
+        /// Value.
         value: f64,
     },
-    /// The caller asked to stop.
+    /// The caller stopped the training.
     #[error("training was stopped by the caller")]
     Stopped,
 }
@@ -79,16 +52,19 @@ struct Adam {
     steps: i32,
 }
 
-/// Which parameters decay, and how strongly.
+/// Weight decay of a training.
 struct Decay {
-    /// The first that does.
+    /// Index of the first parameter that decays.
     from: usize,
-    /// Share of the learning rate.
+    /// Strength as a share of the learning rate.
     strength: f64,
 }
 
+/// Decay of Adam's first moment (Kingma and Ba 2015).
 const BETA_1: f32 = 0.9;
+/// Decay of Adam's second moment (Kingma and Ba 2015).
 const BETA_2: f32 = 0.999;
+/// Term in Adam's denominator (Kingma and Ba 2015).
 const EPSILON: f32 = 1e-8;
 
 impl Adam {
@@ -96,7 +72,7 @@ impl Adam {
         Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
     }
 
-    /// One step; `scale` multiplies the gradient.
+    /// Takes one step against `scale` times the gradient.
     fn step(&mut self, parameters: &mut [f32], gradient: &[f32], scale: f32, learning_rate: f64, decay: &Decay) {
         self.steps += 1;
         let correction_1 = 1.0 - BETA_1.powi(self.steps);
@@ -115,12 +91,18 @@ impl Adam {
     }
 }
 
-/// Greatest share of the steps so far that parameters are averaged over: those at the beginning are far from where it ends.
+/// Largest share of the steps so far over which parameters are averaged: those of the beginning are far from the optimum.
 const AVERAGED_SHARE: f32 = 0.1;
 
-/// Trains `network` on the samples at `training`, watching those at `held_out`; `weights` (N) belong to all samples.
-/// `listen` hears of every pass, and none of it after each batch; it may stop the run.
-#[allow(clippy::too_many_arguments, reason = "data, its two parts, its weights, how, chance, and who listens")]
+/// Trains `network` on the samples at `training` with early stopping on those at `held_out`. `weights` (N) belong to all
+/// samples. `listen` gets the state after each pass and none after each batch; it may stop the training.
+///
+/// # Errors
+/// [`TrainingError`] if the loss or the gradient is not finite, or `listen` breaks.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "data, two index lists, weights, schedule, random source and listener belong to different owners"
+)]
 pub fn train<R: Rng>(
     network: &mut Network,
     samples: &Samples,
@@ -131,6 +113,7 @@ pub fn train<R: Rng>(
     rng: &mut R,
     listen: &mut dyn FnMut(Option<Epoch>) -> ControlFlow<()>,
 ) -> Result<Trained, TrainingError> {
+    // A fixed embedding is evaluated once.
     let all = if schedule.train_embedding { Vec::new() } else { network.inputs(samples) };
     let width = network.shape().inputs();
     let picked = |network: &Network, indices: &[usize]| {
@@ -143,6 +126,7 @@ pub fn train<R: Rng>(
         (batch, x)
     };
     let watched_weights: Vec<f64> = held_out.iter().map(|&i| weights[i]).collect();
+    // Weights are scaled to a mean of one, so that the learning rate does not depend on their size.
     let mean_weight = training.iter().map(|&i| weights[i]).sum::<f64>() / training.len() as f64;
     let mut work = Activations::default();
     let mut gradient = vec![0.0; network.parameters().len()];
@@ -184,6 +168,7 @@ pub fn train<R: Rng>(
         }
         let held_out_loss = watch(&averaged, &mut work);
         check(epoch, "the held-out loss", held_out_loss)?;
+        // The loss before the first pass may be infinite, for a warm start far from the new tracks.
         if held_out_loss < best.0 || !best.0.is_finite() {
             best = (held_out_loss, epoch, averaged.parameters().to_vec());
         }
@@ -195,6 +180,7 @@ pub fn train<R: Rng>(
     Ok(Trained { epochs: epoch, held_out_loss: best.0 })
 }
 
+/// Fails if `value` is not finite.
 fn check(epoch: usize, what: &'static str, value: f64) -> Result<(), TrainingError> {
     if value.is_finite() { Ok(()) } else { Err(TrainingError::NotFinite { epoch, what, value }) }
 }

@@ -1,7 +1,7 @@
-//! The simulator pools of the graph, asked as one simulator.
+//! Simulator pools of the graph as one simulator.
 //!
-//! [`Dispatch`] decides; here are the threads that ask, the clock, and the look at the graph.
-#![allow(clippy::disallowed_methods, reason = "the ROS side asks for the time and starts threads")]
+//! [`Dispatch`] assigns the work. This module holds the threads that wait for answers, the clock and the view of the graph.
+#![allow(clippy::disallowed_methods, reason = "the node reads the clock and starts threads")]
 
 use crate::convert;
 use crate::dispatch::{Answered, Dispatch, Event, Limits};
@@ -16,44 +16,44 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::Scope;
 use std::time::{Duration, Instant};
 
-/// Bytes of the tracks of one part.
+/// Largest size of the tracks of one part in bytes.
 const REPLY_BYTES: usize = 48_000;
-/// Bytes of one frame of a track on the wire.
+/// Size of one frame of a track on the wire: 17 numbers of 8 bytes.
 const FRAME_BYTES: usize = 17 * 8;
-/// Frames of a track where the policy's steps decide.
+/// Assumed frames of a track whose length depends on the steps of a policy: 16 steps and the start.
 const DEFAULT_FRAMES: usize = 17;
-/// Time between two looks at the graph.
-const LOOK: Duration = Duration::from_millis(100);
-/// Longest wait for one answer. That for a part is shorter, and [`Dispatch`]'s.
+/// Period at which the pools in the graph are updated.
+const GRAPH_PERIOD: Duration = Duration::from_millis(100);
+/// Longest wait for one answer. [`Dispatch`] gives up a part much earlier.
 const CALL: Duration = Duration::from_secs(3600);
-/// How long a pool that died may count beside the one that was started in its place, s: somewhat more than its lease.
-const SUCCESSION_S: f64 = 15.0;
-/// Whose answers are taken: pools of another version may mean something else.
+/// Time in s for which a pool that died may still count beside its replacement: somewhat more than its lease in discovery.
+const TAKEOVER_S: f64 = 15.0;
+/// Version of the pools whose answers are accepted: another version may simulate something else.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What all inferences of this node have asked for.
+/// Figures of all inferences of this node.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Totals {
-    /// Episodes that were simulated.
+    /// Number of simulated episodes.
     pub episodes: usize,
-    /// Episodes that a pool was asked for and another did.
+    /// Number of episodes that one pool was asked for and another one simulated.
     pub redone: usize,
-    /// Time steps that did not converge in the episodes that counted.
+    /// Number of time steps without convergence in the accepted episodes.
     pub unconverged_steps: u64,
-    /// Pools in the graph when it was looked at last.
+    /// Number of pools at the last update of the graph.
     pub pools: usize,
-    /// A batch is under way.
+    /// True while a batch is being simulated.
     pub asking: bool,
 }
 
-/// The pools that this node may ask.
+/// Pools that this node may ask.
 pub struct Pools {
     node: Node,
-    /// Patterns of their names.
+    /// Patterns of the names of their services.
     patterns: Param<String>,
-    /// How long an inference waits for a pool, s.
+    /// Time in s that an inference waits for a pool.
     stall_s: Param<f64>,
-    /// Those that were asked, by name.
+    /// Clients of the pools, by the name of the service.
     clients: Mutex<BTreeMap<String, Client<Simulate>>>,
     totals: Mutex<Totals>,
 }
@@ -63,75 +63,80 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Pools {
-    /// Those of the node's graph whose service fits one of the patterns, which are separated by commas.
+    /// Pools in the graph of `node` whose service matches one of the comma-separated `patterns`.
     pub fn new(node: Node, patterns: Param<String>, stall_s: Param<f64>) -> Self {
         Self { node, patterns, stall_s, clients: Mutex::default(), totals: Mutex::default() }
     }
 
-    /// What has been asked for so far.
+    /// Figures so far.
     pub fn totals(&self) -> Totals {
         *lock(&self.totals)
     }
 
-    /// A simulator of one model, for as long as `is_cancelled` does not hold.
+    /// Simulator of one model, which fails once `is_cancelled` returns true.
     pub fn simulator<'a>(&'a self, model_yaml: &'a str, is_cancelled: &'a dyn Fn() -> bool) -> PoolsSimulator<'a> {
         let dispatch = Dispatch::new(Limits::of_parts(1));
-        let state = State { dispatch, meaning: None, doubles: BTreeMap::new() };
+        let state = State { dispatch, fingerprint: None, shared_names: BTreeMap::new() };
         PoolsSimulator { pools: self, model_yaml, is_cancelled, start: Instant::now(), state: Mutex::new(state) }
     }
 
-    /// The services that there are now, with how many nodes serve each.
+    /// Services present in the graph, each with the number of nodes that serve it.
     fn present(&self) -> Result<BTreeMap<String, usize>, SimulatorError> {
         let mut found = self.node.services_of_type::<Simulate>().map_err(|e| backend(&e))?;
         let patterns = self.patterns.get();
         let trimmed = |pattern: &'_ str| pattern.trim().trim_end_matches('/').to_owned();
-        found.retain(|name, _| patterns.split(',').any(|pattern| fits(&trimmed(pattern), name)));
+        found.retain(|name, _| patterns.split(',').any(|pattern| matches_pattern(&trimmed(pattern), name)));
         lock(&self.totals).pools = found.len();
         Ok(found)
     }
 }
 
-/// Whether a name fits a pattern, in which `*` stands for anything. A pattern without it may also name the namespace or node.
-fn fits(pattern: &str, name: &str) -> bool {
+/// Returns true if `name` matches `pattern`, in which `*` stands for any text. A pattern without `*` may also be the namespace
+/// or the node.
+fn matches_pattern(pattern: &str, name: &str) -> bool {
     match pattern.split_once('*') {
         None if pattern.is_empty() => false,
         None => name == pattern || (name.starts_with(pattern) && name[pattern.len()..].starts_with('/')),
         Some((head, rest)) => match name.strip_prefix(head) {
             Some(_) if rest.is_empty() => true,
-            Some(tail) => (0..=tail.len()).any(|at| tail.get(at..).is_some_and(|tail| fits_to_the_end(rest, tail))),
+            Some(tail) => (0..=tail.len()).any(|at| tail.get(at..).is_some_and(|tail| matches_to_the_end(rest, tail))),
             None => false,
         },
     }
 }
 
-fn fits_to_the_end(pattern: &str, name: &str) -> bool {
-    if pattern.contains('*') { fits(pattern, name) } else { name == pattern }
+/// Returns true if `pattern` matches the whole rest of a name: a rest without `*` is no namespace.
+fn matches_to_the_end(pattern: &str, name: &str) -> bool {
+    if pattern.contains('*') { matches_pattern(pattern, name) } else { name == pattern }
 }
 
-/// Episodes that pools were asked for and others did.
+/// Number of episodes that one pool was asked for and another one simulated.
 fn lost(dispatch: &Dispatch) -> usize {
     dispatch.tallies().map(|(_, tally)| tally.lost).sum()
 }
 
+/// Error of the simulator from that of a pool.
 fn backend(error: &dyn std::fmt::Display) -> SimulatorError {
     SimulatorError::Backend(error.to_string())
 }
 
+/// State of a simulator over several pools.
 struct State {
     dispatch: Dispatch,
-    /// What the first pool made of the model, and its name.
-    meaning: Option<(u64, String)>,
-    /// Services that are served by several nodes.
-    doubles: BTreeMap<String, Double>,
+    /// Fingerprint of the model in the first answer, and the pool that gave it.
+    fingerprint: Option<(u64, String)>,
+    /// Services that several nodes serve under one name.
+    shared_names: BTreeMap<String, SharedName>,
 }
 
-/// A service that several nodes serve.
-struct Double {
+/// Service that several nodes serve under one name.
+struct SharedName {
     since_s: f64,
-    is_told: bool,
+    /// True once a warning was given.
+    is_reported: bool,
 }
 
-/// All pools as one simulator of one model.
+/// Simulator of one model over all pools.
 pub struct PoolsSimulator<'a> {
     pools: &'a Pools,
     model_yaml: &'a str,
@@ -140,15 +145,18 @@ pub struct PoolsSimulator<'a> {
     state: Mutex<State>,
 }
 
+/// Number of a call, its pool and the answer.
 type Message = (u64, String, Result<SimulateResponse, CallError>);
 
-/// One batch on its way.
+/// Batch that is being simulated.
 struct Batch<'scope, 'a> {
     simulator: &'a PoolsSimulator<'a>,
     request: &'a SimulationRequest,
+    /// Accepted tracks by episode.
     tracks: Vec<Option<Track>>,
-    /// Ends the requests of each pool.
+    /// Switch that ends the newest request to each pool.
     stops: BTreeMap<String, Shutdown>,
+    /// Switch that ends all requests.
     stop: Shutdown,
     sender: Sender<Message>,
     scope: &'scope Scope<'scope, 'a>,
@@ -170,7 +178,7 @@ impl Simulator for PoolsSimulator<'_> {
             let mut batch =
                 Batch { simulator: self, request, tracks, stops: BTreeMap::new(), stop: stop.clone(), sender, scope };
             let outcome = batch.run(&mut state, &receiver);
-            // The threads that still wait for answers that nobody needs end now.
+            // Threads may still wait for answers that are no longer needed: the scope must not wait for them.
             stop.trigger();
             outcome.map(|()| batch.tracks)
         });
@@ -186,11 +194,12 @@ impl Simulator for PoolsSimulator<'_> {
 }
 
 impl PoolsSimulator<'_> {
+    /// Time in s since the simulator was made.
     fn now_s(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
     }
 
-    /// Which pool did how much, in words.
+    /// Episodes and share of each pool, in words.
     pub fn summary(&self) -> String {
         let state = lock(&self.state);
         let total: usize = state.dispatch.tallies().map(|(_, tally)| tally.episodes).sum();
@@ -204,16 +213,17 @@ impl PoolsSimulator<'_> {
 }
 
 impl<'scope, 'a> Batch<'scope, 'a> {
+    /// Simulates the batch until every episode has a track.
     fn run(&mut self, state: &mut State, receiver: &Receiver<Message>) -> Result<(), SimulatorError> {
-        let mut looked: Option<Instant> = None;
+        let mut updated: Option<Instant> = None;
         loop {
-            if looked.is_none_or(|at| at.elapsed() >= LOOK) {
-                self.look(state)?;
-                looked = Some(Instant::now());
+            if updated.is_none_or(|at| at.elapsed() >= GRAPH_PERIOD) {
+                self.update_pools(state)?;
+                updated = Some(Instant::now());
             }
             let now_s = self.simulator.now_s();
             let silent = state.dispatch.expire(now_s);
-            self.tell(&silent);
+            self.log(&silent);
             while let Some(part) = state.dispatch.next(now_s) {
                 self.ask(part.call, part.pool, part.episodes)?;
             }
@@ -226,26 +236,29 @@ impl<'scope, 'a> Batch<'scope, 'a> {
             if (self.simulator.is_cancelled)() || self.stop.is_triggered() {
                 return Err(SimulatorError::Backend("cancelled".to_owned()));
             }
-            let wait = Duration::from_secs_f64(state.dispatch.wait_s(now_s)).min(LOOK);
+            // At most a period, also to notice a cancel.
+            let wait = Duration::from_secs_f64(state.dispatch.wait_s(now_s)).min(GRAPH_PERIOD);
             match receiver.recv_timeout(wait) {
-                Ok((call, pool, answer)) => self.hear(state, call, &pool, answer)?,
+                Ok((call, pool, answer)) => self.receive(state, call, &pool, answer)?,
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
             }
         }
     }
 
-    /// Looks who is in the graph.
-    fn look(&mut self, state: &mut State) -> Result<(), SimulatorError> {
+    /// Updates the pools from the graph.
+    fn update_pools(&mut self, state: &mut State) -> Result<(), SimulatorError> {
         let pools = self.simulator.pools;
         let present = pools.present()?;
         let now_s = self.simulator.now_s();
-        state.doubles.retain(|name, _| present.get(name).is_some_and(|nodes| *nodes > 1));
+        state.shared_names.retain(|name, _| present.get(name).is_some_and(|nodes| *nodes > 1));
         for (name, _) in present.iter().filter(|(_, nodes)| **nodes > 1) {
-            let double = state.doubles.entry(name.clone()).or_insert(Double { since_s: now_s, is_told: false });
-            if !double.is_told && now_s - double.since_s > SUCCESSION_S {
-                double.is_told = true;
+            let shared =
+                state.shared_names.entry(name.clone()).or_insert(SharedName { since_s: now_s, is_reported: false });
+            // A pool that was killed stays in the graph until its lease ends: no warning before.
+            if !shared.is_reported && now_s - shared.since_s > TAKEOVER_S {
+                shared.is_reported = true;
                 tracing::warn!(
-                    "{name}: several pools have this name and do the same work: give each a namespace of its own"
+                    "{name}: several pools have this name and simulate the same episodes: give each a namespace of its own"
                 );
             }
         }
@@ -267,21 +280,22 @@ impl<'scope, 'a> Batch<'scope, 'a> {
                 Event::Silent { .. } => {}
             }
         }
-        self.tell(&events);
+        self.log(&events);
         Ok(())
     }
 
-    fn tell(&self, events: &[Event]) {
+    /// Logs what happened to the pools.
+    fn log(&self, events: &[Event]) {
         for event in events {
             match event {
-                Event::Joined { pool } => tracing::info!("{pool} is there"),
-                Event::Left { pool, episodes: None } => tracing::info!("{pool} has left"),
+                Event::Joined { pool } => tracing::info!("{pool} joined"),
+                Event::Left { pool, episodes: None } => tracing::info!("{pool} left"),
                 Event::Left { pool, episodes: Some(episodes) } => {
-                    tracing::warn!("{pool} has left: its {} episodes are done by others", episodes.len());
+                    tracing::warn!("{pool} left: its {} episodes go to other pools", episodes.len());
                 }
                 Event::Silent { pool, episodes, waited_s } => {
                     tracing::warn!(
-                        "{pool}: no answer after {waited_s:.1} s: its {} episodes are done by others",
+                        "{pool}: no answer after {waited_s:.1} s: its {} episodes go to other pools",
                         episodes.len()
                     );
                 }
@@ -289,7 +303,7 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         }
     }
 
-    /// Asks a pool for a part, on a thread of its own; what it was asked before need not be answered any more.
+    /// Asks a pool for a part on a new thread, which ends an earlier request to the pool.
     fn ask(&mut self, call: u64, pool: String, part: Range<usize>) -> Result<(), SimulatorError> {
         let client = lock(&self.simulator.pools.clients).get(&pool).cloned();
         let client = client.ok_or_else(|| backend(&format!("{pool}: no client")))?;
@@ -302,13 +316,14 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         let sender = self.sender.clone();
         self.scope.spawn(move || {
             let answer = client.call_until(message, CALL, &stop);
-            // The batch may have ended meanwhile.
+            // No one receives if the batch has ended meanwhile.
             let _ = sender.send((call, pool, answer));
         });
         Ok(())
     }
 
-    fn hear(
+    /// Processes an answer.
+    fn receive(
         &mut self,
         state: &mut State,
         call: u64,
@@ -318,7 +333,7 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         let now_s = self.simulator.now_s();
         let answer = match answer {
             Ok(answer) => answer,
-            // It was told to give up.
+            // This side ended the request.
             Err(CallError::Shutdown { .. }) => return Ok(()),
             Err(error) => {
                 tracing::warn!("{error}");
@@ -326,6 +341,7 @@ impl<'scope, 'a> Batch<'scope, 'a> {
                 return Ok(());
             }
         };
+        // The version comes first: a failure that a pool of another version reports must not fail the batch.
         if let Err(reason) = self.check(state, pool, &answer) {
             tracing::error!("{pool} is left out: {reason}");
             state.dispatch.refused(call, &reason);
@@ -349,7 +365,7 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         Ok(())
     }
 
-    /// Whether a pool's answer belongs to this program and to the others' answers.
+    /// Checks that an answer has the version of this program and the fingerprint of the other pools' answers.
     fn check(&self, state: &mut State, pool: &str, answer: &SimulateResponse) -> Result<(), String> {
         if answer.version != VERSION {
             return Err(format!("expected a pool of version {VERSION}, got {:?}", answer.version));
@@ -357,10 +373,10 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         if !answer.success {
             return Ok(());
         }
-        let (meaning, first) = state.meaning.get_or_insert_with(|| (answer.fingerprint, pool.to_owned()));
-        if *meaning != answer.fingerprint {
+        let (fingerprint, first) = state.fingerprint.get_or_insert_with(|| (answer.fingerprint, pool.to_owned()));
+        if *fingerprint != answer.fingerprint {
             return Err(format!(
-                "its model or its arithmetic is another than that of {first}: fingerprint {:016x}, not {meaning:016x}",
+                "its model or its arithmetic differs from that of {first}: fingerprint {:016x}, not {fingerprint:016x}",
                 answer.fingerprint
             ));
         }
@@ -373,15 +389,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn patterns_choose_pools_by_name_or_part_of_it() {
+    fn patterns_choose_pools_by_name_namespace_or_node() {
         let name = "/cluster/node3/simulator_pool/simulate";
         for pattern in
             ["*", "/cluster/*", "*/simulate", "/cluster/node*/simulator_pool/*", name, "/cluster", "/cluster/node3"]
         {
-            assert!(fits(pattern, name), "{pattern}");
+            assert!(matches_pattern(pattern, name), "{pattern}");
         }
         for pattern in ["", "/clus", "/lab/*", "*/simulat", "/cluster/node4", "/cluster/node", "node3*"] {
-            assert!(!fits(pattern, name), "{pattern}");
+            assert!(!matches_pattern(pattern, name), "{pattern}");
         }
     }
 }

@@ -1,62 +1,63 @@
-//! The state of an inference in a file, for a process that may be killed.
+//! File with the state of an inference, for a process that may be killed.
 
 use crate::sequential::State;
 use catenary_shell::{remove_state, state_file};
 use std::path::{Path, PathBuf};
 
-/// Of the files of a folder of states.
+/// Extension of the files in a folder of states.
 pub const EXTENSION: &str = "json";
 
-/// A file that holds the state of one inference while it runs.
+/// File that holds the state of one inference while it runs.
 #[derive(Debug, Clone)]
 pub struct StateFile {
     path: PathBuf,
-    question: u64,
+    fingerprint: u64,
 }
 
 impl StateFile {
-    /// The file at `path`, of the inference that `question` stands for.
-    pub fn new(path: PathBuf, question: u64) -> Self {
-        Self { path, question }
+    /// File at `path` of the inference identified by `fingerprint`.
+    pub fn new(path: PathBuf, fingerprint: u64) -> Self {
+        Self { path, fingerprint }
     }
 
-    /// A file of its own in `folder`.
-    pub fn in_folder(folder: &Path, question: u64) -> Self {
-        Self::new(state_file(folder, question, EXTENSION), question)
+    /// File in `folder` whose name contains `fingerprint`.
+    pub fn in_folder(folder: &Path, fingerprint: u64) -> Self {
+        Self::new(state_file(folder, fingerprint, EXTENSION), fingerprint)
     }
 
-    /// Where it lies.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The state that an earlier process left behind; none where there is none, it is of another inference, or it cannot be
-    /// read, which is said.
+    /// State of an earlier process. None if there is none; none with a warning if it belongs to another inference or cannot be
+    /// read.
     pub fn read(&self) -> Option<State> {
         let bytes = match std::fs::read(&self.path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return None,
             Err(error) => {
-                tracing::warn!("{}: {error}; begun anew", self.path.display());
+                tracing::warn!("{}: {error}; the inference starts over", self.path.display());
                 return None;
             }
         };
         match serde_json::from_slice::<State>(&bytes) {
-            Ok(state) if state.answers(self.question) => Some(state),
+            Ok(state) if state.belongs_to(self.fingerprint) => Some(state),
             Ok(_) => {
-                tracing::warn!("{}: of another inference; begun anew", self.path.display());
+                tracing::warn!("{}: the state of another inference; this one starts over", self.path.display());
                 None
             }
             Err(error) => {
-                tracing::warn!("{}: {error}; begun anew", self.path.display());
+                tracing::warn!("{}: {error}; the inference starts over", self.path.display());
                 None
             }
         }
     }
 
-    /// Puts `state` in the place of what is there; a process that is killed meanwhile leaves one of the two. What fails is
-    /// said, and the inference goes on without.
+    /// Replaces the file's contents by `state`. A process that is killed meanwhile leaves the old or the new contents. A failure
+    /// is a warning: the inference continues without a saved state.
     pub fn write(&self, state: &State) {
+        // Written beside and renamed: a rename is atomic. The process id keeps two processes apart.
         let draft = self.path.with_extension(format!("{}.draft", std::process::id()));
         let write = || -> std::io::Result<()> {
             if let Some(folder) = self.path.parent() {
@@ -67,7 +68,7 @@ impl StateFile {
         };
         if let Err(error) = write() {
             tracing::warn!(
-                "{}: {error}; the inference cannot go on from here if its process dies",
+                "{}: {error}; if the process is killed, the inference cannot continue from here",
                 self.path.display()
             );
         }
@@ -85,7 +86,7 @@ mod tests {
     use crate::network::Samples;
 
     #[test]
-    fn a_state_is_read_back_until_its_inference_has_ended() {
+    fn a_state_is_read_back_until_its_file_is_removed() {
         let folder = std::env::temp_dir().join(format!("catenary_state_{}", std::process::id()));
         let (file, other) = (StateFile::in_folder(&folder, 7), StateFile::in_folder(&folder, 8));
         assert_eq!(file.read(), None);
@@ -93,9 +94,9 @@ mod tests {
         file.write(&state);
         assert_eq!((file.read(), other.read()), (Some(state.clone()), None));
         let stranger = StateFile::new(file.path().to_owned(), 8);
-        assert_eq!(stranger.read(), None, "another inference's");
+        assert_eq!(stranger.read(), None, "the state of another inference");
         std::fs::write(file.path(), "{\"version\": 1").unwrap();
-        assert_eq!(file.read(), None, "half a file");
+        assert_eq!(file.read(), None, "a truncated file");
         file.write(&state);
         file.remove();
         file.remove();

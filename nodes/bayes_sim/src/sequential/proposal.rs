@@ -1,4 +1,4 @@
-//! What thetas are drawn from, with its density.
+//! Proposal distribution of thetas and importance weights of its draws.
 
 use super::region::{MOST_DRAWS, Region};
 use crate::error::InferenceError;
@@ -7,30 +7,33 @@ use catenary_core::Mixture;
 use catenary_core::mixture::{MixtureError, in_unit_cube};
 use rand::{Rng, RngExt};
 
-/// Mixture draws behind the mass inside the unit cube.
+/// Number of mixture draws for the mass inside of the unit cube.
 const MASS_DRAWS: usize = 20_000;
 
-/// A distribution over unit coordinates, zero outside the unit cube.
+/// Distribution over unit coordinates. Its density is zero outside of the unit cube.
 #[derive(Debug, Clone)]
 pub enum Proposal {
-    /// The prior.
+    /// Prior.
     Prior,
-    /// The prior restricted to a region.
+    /// Prior restricted to a region.
     Region(Box<Region>),
-    /// A truncated mixture and a share of the prior.
+    /// Truncated mixture with a share of the prior.
     Mixture {
-        /// The mixture.
+        /// Mixture before truncation.
         mixture: Box<Mixture>,
-        /// Its mass inside the unit cube.
+        /// Mass of the mixture inside of the unit cube.
         inside: f64,
-        /// Share of the prior.
+        /// Share of the draws that come from the prior.
         prior_share: f64,
     },
 }
 
 impl Proposal {
-    /// The proposal of `kind` for the posterior `mixture`; `last` is the proposal before, which stays where none of the mixture is
-    /// inside the prior's support: networks of few tracks may say so of one that they learnt nothing like.
+    /// Proposal of `kind` for the posterior `mixture`. The previous proposal `last` is kept if the mixture has no mass inside
+    /// of the prior's support: networks trained on few tracks may extrapolate so far.
+    ///
+    /// # Errors
+    /// [`InferenceError::Posterior`] with the number of the iteration if the mixture cannot be sampled.
     pub fn next<R: Rng>(
         kind: ProposalKind,
         mixture: &Mixture,
@@ -57,7 +60,7 @@ impl Proposal {
         }
     }
 
-    /// Density at `u`.
+    /// Density at `u` in unit coordinates.
     pub fn density(&self, u: &[f64]) -> f64 {
         if !in_unit_cube(u) {
             return 0.0;
@@ -67,12 +70,13 @@ impl Proposal {
             Proposal::Region(region) if region.contains(u) => 1.0 / region.volume(),
             Proposal::Region(_) => 0.0,
             Proposal::Mixture { mixture, inside, prior_share } => {
+                // The mass is an estimate: at least one draw counts as inside.
                 prior_share + (1.0 - prior_share) * mixture.log_density(u).exp() / inside.max(1.0 / MASS_DRAWS as f64)
             }
         }
     }
 
-    /// Whether networks should look at a track from `u` while this is the newest proposal.
+    /// Returns true if networks train on a track simulated at `u` while this is the newest proposal.
     pub fn covers(&self, u: &[f64]) -> bool {
         match self {
             Proposal::Region(region) => region.contains(u),
@@ -80,7 +84,10 @@ impl Proposal {
         }
     }
 
-    /// One draw.
+    /// Draws one theta in unit coordinates.
+    ///
+    /// # Errors
+    /// [`InferenceError::EmptyRegion`] or [`InferenceError::Posterior`] with the number of the iteration.
     pub fn sample<R: Rng>(&self, dimension: usize, iteration: usize, rng: &mut R) -> Result<Vec<f64>, InferenceError> {
         let prior = |rng: &mut R| (0..dimension).map(|_| rng.random::<f64>()).collect();
         match self {
@@ -98,9 +105,9 @@ impl Proposal {
     }
 }
 
-/// Importance weights of draws `theta` that came from several proposals: prior over the mixture of all of them, by the
-/// balance heuristic (Veach and Guibas 1995). `proposals` are (proposal, number of its draws). Draws whose tracks were
-/// unusable count in that number: whether a track is usable depends on theta, not on what theta was drawn from.
+/// Importance weights of the draws `theta` from several proposals: the ratio of the prior to the mixture of all proposals, by
+/// the balance heuristic (Veach and Guibas 1995). `proposals` holds each proposal with its number of draws, including draws
+/// with unusable tracks: usability depends on theta and not on the proposal.
 pub fn balance_weights<'a>(theta: impl Iterator<Item = &'a [f64]>, proposals: &[(Proposal, usize)]) -> Vec<f64> {
     let total: usize = proposals.iter().map(|(_, n)| n).sum();
     theta
@@ -111,7 +118,7 @@ pub fn balance_weights<'a>(theta: impl Iterator<Item = &'a [f64]>, proposals: &[
         .collect()
 }
 
-/// Kish's effective sample size, `(sum w)^2 / sum w^2`.
+/// Kish's effective sample size `(sum w)^2 / sum w^2`; 0 for no weights.
 pub fn effective_sample_size(weights: &[f64]) -> f64 {
     let sum: f64 = weights.iter().sum();
     let squares: f64 = weights.iter().map(|w| w * w).sum();
@@ -134,7 +141,7 @@ mod tests {
         Proposal::next(kind, &posterior(), &Proposal::Prior, 2, &mut seed::rng(61, stream)).unwrap()
     }
 
-    /// The prior, a region and a mixture, with unlike numbers of draws.
+    /// Prior, region and mixture, with different numbers of draws.
     fn proposals() -> Vec<(Proposal, usize)> {
         vec![
             (Proposal::Prior, 2_000),
@@ -143,14 +150,14 @@ mod tests {
         ]
     }
 
-    /// Draws from every proposal, those that `usable` refuses left out.
+    /// Draws from all proposals that `usable` accepts.
     fn draws(proposals: &[(Proposal, usize)], usable: &dyn Fn(&[f64]) -> bool, stream: u64) -> Vec<Vec<f64>> {
         let mut rng = seed::rng(62, stream);
         let all = proposals.iter().flat_map(|(p, n)| std::iter::repeat_n(p, *n));
         all.map(|p| p.sample(2, 2, &mut rng).unwrap()).filter(|u| usable(u)).collect()
     }
 
-    /// Weighted mean of `f`, and its standard error (delta method).
+    /// Weighted mean of `f` and its standard error by the delta method.
     fn estimate(draws: &[Vec<f64>], weights: &[f64], f: &dyn Fn(&[f64]) -> f64) -> (f64, f64) {
         let total: f64 = weights.iter().sum();
         let mean = draws.iter().zip(weights).map(|(u, w)| w * f(u)).sum::<f64>() / total;
@@ -174,7 +181,7 @@ mod tests {
         let proposals = proposals();
         let draws = draws(&proposals, &|_| true, 0);
         let weights = balance_weights(draws.iter().map(Vec::as_slice), &proposals);
-        // The mean weight is an estimate of one.
+        // The mean weight estimates one.
         let mean = weights.iter().sum::<f64>() / weights.len() as f64;
         assert!((mean - 1.0).abs() < 0.06, "{mean}");
         type Function<'a> = &'a dyn Fn(&[f64]) -> f64;
@@ -195,7 +202,7 @@ mod tests {
 
     #[test]
     fn unusable_draws_count_in_the_weights_of_the_others() {
-        // Usable is the half nearer the mixture's first component; the prior loses half of its draws, the region fewer.
+        // The half nearer to the mixture's first component is usable: the prior loses half of its draws, the region fewer.
         let usable = |u: &[f64]| u[0] < 0.5;
         let proposals = proposals();
         let draws = draws(&proposals, &usable, 1);
@@ -235,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_inside_the_last_proposal_stays() {
+    fn a_mixture_outside_of_the_support_keeps_the_last_proposal() {
         let far = DMatrix::from_diagonal_element(2, 2, 1e-4);
         let outside = Mixture::new(&[1.0], vec![DVector::from_element(2, 9.0)], vec![far]).unwrap();
         let kinds =

@@ -1,32 +1,34 @@
-//! The region of highest density of a mixture, inside the unit cube, and uniform draws from it.
+//! Highest-density region of a mixture inside of the unit cube, with uniform draws from it.
 
 use catenary_core::Mixture;
 use catenary_core::mixture::{MixtureError, in_unit_cube};
+use catenary_core::statistics::{QuantileMethod, quantile};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
-/// Mixture draws that set the threshold: ten of them beyond it where 5e-4 are left out.
+/// Number of mixture draws that determine the threshold. With a tail of 5e-4, ten of them lie beyond it.
 const THRESHOLD_DRAWS: usize = 20_000;
-/// Draws behind a volume.
+/// Number of draws for a volume.
 const VOLUME_DRAWS: usize = 8_000;
-/// Draws that one point of the region may take.
+/// Largest number of draws for one point of the region.
 pub const MOST_DRAWS: usize = 1_000_000;
 
-/// The points of the unit cube where a mixture's density is at least a threshold.
+/// Points of the unit cube at which a mixture's density is at least a threshold.
 #[derive(Debug, Clone)]
 pub struct Region {
     mixture: Mixture,
     log_threshold: f64,
+    /// Ellipsoids whose union contains the region.
     cover: Vec<Ellipsoid>,
     volume: f64,
 }
 
-/// An ellipsoid `centre + root * (unit ball)`.
+/// Ellipsoid `centre + root * (unit ball)`.
 #[derive(Debug, Clone)]
 struct Ellipsoid {
     centre: DVector<f64>,
-    /// Lower triangular.
+    /// Lower triangular root of the shape matrix.
     root: DMatrix<f64>,
     volume: f64,
 }
@@ -40,12 +42,13 @@ impl Ellipsoid {
     fn sample<R: Rng>(&self, rng: &mut R) -> Vec<f64> {
         let d = self.centre.len();
         let direction = DVector::from_fn(d, |_, _| rng.sample::<f64, _>(StandardNormal));
+        // The volume within a radius grows with its d-th power.
         let radius = rng.random::<f64>().powf(1.0 / d as f64) / direction.norm();
         (&self.centre + &self.root * direction * radius).as_slice().to_vec()
     }
 }
 
-/// Volume of the unit ball of `d` dimensions.
+/// Volume of the unit ball in `d` dimensions.
 fn ball_volume(d: usize) -> f64 {
     match d {
         0 => 1.0,
@@ -55,14 +58,17 @@ fn ball_volume(d: usize) -> f64 {
 }
 
 impl Region {
-    /// The region that leaves out `tail` of the mass of `mixture` truncated to the unit cube, made larger, where it must
-    /// be, until its volume is at least `least_volume`.
+    /// Region that leaves out `tail` of the mass of `mixture` truncated to the unit cube. The threshold falls until the volume
+    /// is at least `least_volume`.
+    ///
+    /// # Errors
+    /// [`MixtureError::OutsideSupport`] if the mixture has no mass inside of the unit cube.
     pub fn new<R: Rng>(mixture: &Mixture, tail: f64, least_volume: f64, rng: &mut R) -> Result<Self, MixtureError> {
         let mut densities = (0..THRESHOLD_DRAWS)
             .map(|_| Ok(mixture.log_density(&mixture.sample_truncated(rng)?)))
             .collect::<Result<Vec<f64>, MixtureError>>()?;
         densities.sort_by(f64::total_cmp);
-        let mut log_threshold = densities[(tail * (THRESHOLD_DRAWS - 1) as f64) as usize];
+        let mut log_threshold = quantile(&densities, tail, QuantileMethod::Lower);
         loop {
             let mut region =
                 Self { mixture: mixture.clone(), log_threshold, cover: cover(mixture, log_threshold), volume: 0.0 };
@@ -74,18 +80,19 @@ impl Region {
         }
     }
 
-    /// Volume, at most 1; by seeded Monte Carlo: good to 1 % where half of the cover's draws are kept, to 3 % where a tenth.
+    /// Volume, at most 1, by seeded Monte Carlo. Its error is 1 % if half of the cover's draws are kept, 3 % if a tenth.
     pub fn volume(&self) -> f64 {
         self.volume
     }
 
-    /// Whether `u` lies in the region.
+    /// Returns true if `u` lies in the region.
     pub fn contains(&self, u: &[f64]) -> bool {
         in_unit_cube(u) && self.mixture.log_density(u) >= self.log_threshold
     }
 
-    /// One draw from the union of the cover, uniform where it lies in the region: an ellipsoid by volume, a point of it,
-    /// kept with the inverse of the number of ellipsoids that hold it.
+    /// Makes one attempt at a uniform draw from the region; none if the attempt is rejected. An ellipsoid is chosen in
+    /// proportion to its volume and a point uniformly from it. The point is kept with a probability of one over the number of
+    /// ellipsoids that contain it.
     fn draw<R: Rng>(&self, rng: &mut R) -> Option<Vec<f64>> {
         let total: f64 = self.cover.iter().map(|e| e.volume).sum();
         let mut left = rng.random::<f64>() * total;
@@ -102,19 +109,21 @@ impl Region {
         (lot * (holders as f64) < 1.0 && self.contains(&u)).then_some(u)
     }
 
-    /// One point, uniform in the region; none where the region is too thin to be hit.
+    /// Uniform draw from the region; none if the region is too thin to be hit.
     pub fn sample<R: Rng>(&self, rng: &mut R) -> Option<Vec<f64>> {
         (0..MOST_DRAWS).find_map(|_| self.draw(rng))
     }
 
+    /// Volume by the share of accepted attempts.
     fn measured_volume<R: Rng>(&self, rng: &mut R) -> f64 {
         let total: f64 = self.cover.iter().map(|e| e.volume).sum();
         let hits = (0..VOLUME_DRAWS).filter(|_| self.draw(rng).is_some()).count();
+        // At least one hit: a volume of zero would make densities infinite.
         (total * hits.max(1) as f64 / VOLUME_DRAWS as f64).min(1.0)
     }
 }
 
-/// Ellipsoids whose union holds the region: where `sum_k w_k N_k(u) >= t`, some `w_k N_k(u) >= t / K`.
+/// Ellipsoids whose union contains the region. If `sum_k w_k N_k(u) >= t`, then `w_k N_k(u) >= t / K` for some k.
 fn cover(mixture: &Mixture, log_threshold: f64) -> Vec<Ellipsoid> {
     let d = mixture.dimension();
     let k = mixture.weights().len();
@@ -145,7 +154,7 @@ mod tests {
         Mixture::new(weights, means, covariances).unwrap()
     }
 
-    /// Two overlapping components, one of them leaning out of the square.
+    /// Two overlapping components, one of which reaches out of the square.
     fn two() -> Mixture {
         let lean = DMatrix::from_row_slice(2, 2, &[0.02, 0.015, 0.015, 0.02]);
         mixture(&[0.7, 0.3], vec![(DVector::from_row_slice(&[0.8, 0.85]), lean), gaussian(&[0.6, 0.6], &[0.01, 0.005])])

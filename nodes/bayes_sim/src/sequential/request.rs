@@ -1,23 +1,26 @@
-//! What the simulator is asked for: the measured episode, as the model drives it.
+//! Request to the simulator that reproduces a measured episode.
 
 use crate::error::InferenceError;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::{Drive, Fidelity, Model, Policy, SimulationRequest, Track};
 
-/// A measured episode, and what the simulator is asked for to reproduce it.
+/// Measured episode with the request that reproduces it.
 #[derive(Debug, Clone)]
 pub struct Observed<'a> {
-    /// What was measured.
+    /// Measured track.
     pub track: &'a Track,
-    /// The request that reproduces it, without thetas and seed.
+    /// Request that reproduces the episode, without thetas and seed.
     pub template: SimulationRequest,
-    /// F, the greatest number of frames of any of its tracks.
+    /// F, largest number of frames of its simulated tracks.
     pub frames: usize,
 }
 
 impl<'a> Observed<'a> {
-    /// `measured` as `model` drives it; see [`request`].
+    /// Pairs `measured` with its request under `model`; see [`request`].
+    ///
+    /// # Errors
+    /// [`InferenceError::Drive`] if the drive of the model is missing.
     pub fn new(
         model: &Model,
         measured: &'a MeasuredTrack,
@@ -29,8 +32,11 @@ impl<'a> Observed<'a> {
     }
 }
 
-/// The request that reproduces `measured`, without thetas and seed, and the greatest number of frames of a track (F).
-/// `policy` is the one that the episode ran; only a model that drives by policy needs it.
+/// Returns the request that reproduces `measured`, without thetas and seed, and the largest number of frames of a track (F).
+/// `policy` is the policy of the episode, needed by a model that drives by policy.
+///
+/// # Errors
+/// [`InferenceError::Drive`] if the episode has no actions, or no policy is given, though the model drives by them.
 pub fn request(
     model: &Model,
     measured: &MeasuredTrack,
@@ -50,6 +56,7 @@ pub fn request(
             (Drive::Policy(Box::new(policy.clone())), seen.max(policy.steps + 1))
         }
     };
+    // A trajectory is sampled at the measured times. Actions and policies have a frame at the end of each step.
     let frame_times_s = match model.observation.drive {
         DriveKind::Grip => measured.track.frames.iter().map(|f| f.time_s).collect(),
         DriveKind::Actions | DriveKind::Policy => Vec::new(),

@@ -1,205 +1,58 @@
-//! What an inference needs to go on where its process died.
+//! State from which an inference continues after its process was killed.
 
-use super::proposal::Proposal;
-use super::{Iteration, Sequential, Stream, covered};
-use crate::network::{Ensemble, Samples, Shape};
-use catenary_core::{Mixture, seed};
+use super::iteration::Iteration;
+use crate::network::{Ensemble, Samples};
+use catenary_core::Mixture;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-/// Version of the state that this program writes and reads.
+/// Version of the state's format.
 const VERSION: u32 = 1;
 
-/// All that the iterations so far have left behind. The rest follows from the question and the seed, so that an inference
-/// that goes on from here ends with the same bits.
+/// State after a number of iterations. Everything else follows from the settings and the seed: an inference that continues
+/// from here ends with the bits of an uninterrupted one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {
     version: u32,
-    /// Stands for the model, the recordings, the settings and the program.
-    question: u64,
-    /// All usable tracks.
+    /// Identity of the inference: model, recordings, settings and program.
+    #[serde(rename = "question")]
+    pub(super) fingerprint: u64,
+    /// Samples with usable tracks.
     pub(super) samples: Samples,
-    /// Thetas simulated.
+    /// Number of thetas simulated.
     pub(super) simulations: usize,
-    /// What each iteration did.
+    /// Account of each iteration.
     pub(super) iterations: Vec<Iteration>,
-    /// The posterior after each.
+    /// Posterior after each iteration.
     pub(super) posteriors: Vec<Mixture>,
-    /// The newest networks.
+    /// Networks after the last iteration.
     pub(super) ensemble: Ensemble,
 }
 
-/// Why an inference cannot go on from a state.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum StateError {
-    /// It is that of another inference.
-    #[error("it belongs to another model, recording, setting or program")]
-    Other,
-    /// Its parts do not fit together.
-    #[error("{what}: expected {expected}, got {got}")]
-    Broken {
-        /// Which part.
-        what: &'static str,
-        /// What was expected.
-        expected: String,
-        /// What is there.
-        got: String,
-    },
-}
-
 impl State {
-    pub(crate) fn new(question: u64, samples: Samples) -> Self {
+    /// State before the first iteration.
+    pub(crate) fn new(fingerprint: u64, samples: Samples) -> Self {
         let (iterations, posteriors, ensemble) = (Vec::new(), Vec::new(), Ensemble::default());
-        Self { version: VERSION, question, samples, simulations: 0, iterations, posteriors, ensemble }
+        Self { version: VERSION, fingerprint, samples, simulations: 0, iterations, posteriors, ensemble }
     }
 
-    /// Iterations that were made.
+    /// Accounts of the iterations made.
     pub fn iterations(&self) -> &[Iteration] {
         &self.iterations
     }
 
-    /// Thetas simulated.
+    /// Number of thetas simulated.
     pub fn simulations(&self) -> usize {
         self.simulations
     }
 
-    /// The newest posterior over unit coordinates.
+    /// Posterior after the last iteration, over unit coordinates.
     pub fn newest(&self) -> Option<&Mixture> {
         self.posteriors.last()
     }
 
-    /// Whether it is one of the inference that `question` stands for.
-    pub fn answers(&self, question: u64) -> bool {
-        self.version == VERSION && self.question == question
-    }
-}
-
-impl Sequential<'_> {
-    /// Goes on from `state`, as if its iterations had been made here.
-    pub fn resume(&mut self, state: State) -> Result<(), StateError> {
-        if !state.answers(self.state.question) {
-            return Err(StateError::Other);
-        }
-        let broken = |what, expected: String, got: String| Err(StateError::Broken { what, expected, got });
-        let sizes =
-            |s: &Samples| format!("{} frames, {} plain numbers, {} parameters", s.frames(), s.plain(), s.dimension());
-        if !state.samples.is_whole() || sizes(&state.samples) != sizes(&self.state.samples) {
-            let got = format!("{}, {} tracks", sizes(&state.samples), state.samples.len());
-            return broken("samples", format!("whole tracks of {}", sizes(&self.state.samples)), got);
-        }
-        let made = state.iterations.len();
-        if state.posteriors.len() != made || made > self.settings.iterations {
-            let expected = format!("one for each of at most {} iterations", self.settings.iterations);
-            return broken("posteriors", expected, format!("{} of {made} iterations", state.posteriors.len()));
-        }
-        if state.simulations != made * self.settings.simulations || state.samples.len() > state.simulations {
-            let got = format!("{} with {} usable ones", state.simulations, state.samples.len());
-            return broken("simulations", (made * self.settings.simulations).to_string(), got);
-        }
-        let mut proposals = Vec::with_capacity(made);
-        for number in 1..=made {
-            let proposal = match (proposals.last(), number.checked_sub(2)) {
-                (Some((last, _)), Some(before)) => {
-                    let mut rng = seed::rng(self.seed(Stream::Proposal, number), 0);
-                    let next =
-                        Proposal::next(self.settings.proposal, &state.posteriors[before], last, number, &mut rng);
-                    match next {
-                        Ok(proposal) => proposal,
-                        Err(why) => return broken("posteriors", "some to draw from".into(), why.to_string()),
-                    }
-                }
-                _ => Proposal::Prior,
-            };
-            proposals.push((proposal, self.settings.simulations));
-        }
-        let networks = state.ensemble.networks().len();
-        let expected = self.settings.ensemble * usize::from(made > 0);
-        let fit = proposals.last().is_none_or(|(newest, _)| {
-            let indices = covered(&state.samples, newest);
-            !indices.is_empty()
-                && state.ensemble.fits(&Shape::of_samples(&state.samples.gather(&indices), self.settings))
-        });
-        if networks != expected || !fit {
-            let got = format!("{networks}{}", if fit { "" } else { " of others" });
-            return broken("ensemble", format!("{expected} whole networks of this inference's sizes"), got);
-        }
-        self.proposals = proposals;
-        self.state = state;
-        Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::tests::{TOY, TRUTH, quick, seen};
-    use super::*;
-    use crate::sequential::Progress;
-    use crate::settings::{ProposalKind, Settings};
-    use catenary_core::Posterior;
-    use std::ops::ControlFlow;
-
-    /// All iterations from the beginning or from a state; the states after each, and the last posterior.
-    fn states(settings: &Settings, from: Option<State>) -> (Vec<State>, Option<Posterior>) {
-        let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
-        let mut sequential = Sequential::new(&space, seen(&observed, 6), settings, 7).unwrap();
-        if let Some(state) = from {
-            sequential.resume(state).unwrap();
-        }
-        let (mut states, mut last) = (Vec::new(), None);
-        while sequential.state().iterations().len() < settings.iterations {
-            let mut listen = |progress: &Progress<'_>| {
-                if let Progress::Iteration { state, .. } = progress {
-                    states.push((*state).clone());
-                }
-                ControlFlow::Continue(())
-            };
-            last = Some(sequential.step(&TOY, &mut listen).unwrap().1);
-        }
-        (states, last)
-    }
-
-    #[test]
-    fn an_inference_that_goes_on_from_a_file_ends_with_the_same_bits() {
-        for proposal in [Settings::default().proposal, ProposalKind::Posterior { prior_share: 0.2 }] {
-            let settings = Settings { iterations: 4, proposal, ..quick() };
-            let (whole, last) = states(&settings, None);
-            assert_eq!(whole.len(), 4);
-            for made in [1, 3] {
-                let text = serde_json::to_string(&whole[made - 1]).unwrap();
-                let read: State = serde_json::from_str(&text).unwrap();
-                assert_eq!(read, whole[made - 1], "a number was lost in the text");
-                let (rest, resumed) = states(&settings, Some(read));
-                assert_eq!((rest.as_slice(), &resumed), (&whole[made..], &last), "from iteration {made}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_does_not_fit_is_refused_and_named() {
-        let settings = Settings { iterations: 2, ..quick() };
-        let good = states(&settings, None).0.remove(1);
-        let refusal = |change: &dyn Fn(&mut serde_json::Value)| {
-            let mut value = serde_json::to_value(&good).unwrap();
-            change(&mut value);
-            let state: State = serde_json::from_value(value).unwrap();
-            let (space, observed) = (TOY.space(), TOY.track(&TRUTH, 5));
-            Sequential::new(&space, seen(&observed, 6), &settings, 7).unwrap().resume(state).unwrap_err().to_string()
-        };
-        assert!(refusal(&|v| v["question"] = 8.into()).contains("another model"));
-        assert!(refusal(&|v| v["version"] = 0.into()).contains("another model"));
-        let short = |v: &mut serde_json::Value| drop(v["samples"]["points"].as_array_mut().unwrap().pop());
-        assert!(refusal(&short).starts_with("samples: expected whole tracks of 6 frames"));
-        assert!(refusal(&|v| v["samples"]["frames"] = 5.into()).contains("got 5 frames"));
-        let fewer = |v: &mut serde_json::Value| drop(v["posteriors"].as_array_mut().unwrap().pop());
-        assert!(refusal(&fewer).ends_with("got 1 of 2 iterations"));
-        let one = |v: &mut serde_json::Value| drop(v["ensemble"]["networks"].as_array_mut().unwrap().pop());
-        assert!(refusal(&one).ends_with("whole networks of this inference's sizes, got 1"), "{}", refusal(&one));
-        // Whole networks, but of other settings.
-        let narrow = states(&Settings { hidden: vec![9], ..settings.clone() }, None).0.remove(1);
-        let narrow = serde_json::to_value(narrow).unwrap();
-        let words = refusal(&|v| v["ensemble"] = narrow["ensemble"].clone());
-        assert!(words.starts_with("ensemble: expected 2 whole networks") && words.ends_with("2 of others"), "{words}");
-        assert_eq!(refusal(&|v| v["simulations"] = 79.into()), "simulations: expected 80, got 79 with 80 usable ones");
+    /// Returns true if the state belongs to the inference with this `fingerprint` and has the current format.
+    pub fn belongs_to(&self, fingerprint: u64) -> bool {
+        self.version == VERSION && self.fingerprint == fingerprint
     }
 }

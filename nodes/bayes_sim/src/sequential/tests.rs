@@ -1,4 +1,4 @@
-//! What an inference does besides being right, and, in the modules below, that it is.
+//! Behaviour of the sequential inference. The submodules test that its posteriors are right.
 
 mod calibration;
 mod classifier;
@@ -15,6 +15,7 @@ use linear_gaussian::{FRAMES, LinearGaussian};
 use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::cell::Cell;
+use std::ops::ControlFlow;
 
 pub(crate) const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.15, mirrored: 0.0, rigid: false };
 pub(crate) const TRUTH: [f64; 2] = [0.4, 0.7];
@@ -34,18 +35,18 @@ fn template() -> SimulationRequest {
     }
 }
 
-/// One episode of at most `frames` frames.
+/// Observation of one episode with at most `frames` frames.
 pub(crate) fn seen(track: &Track, frames: usize) -> Vec<Observed<'_>> {
     vec![Observed { track, template: template(), frames }]
 }
 
-/// What the networks of `sequential` make of another track.
-fn look(sequential: &mut Sequential<'_>, track: &Track) -> Posterior {
+/// Posterior of the networks of `sequential` at another track.
+fn posterior_at(sequential: &mut Sequential<'_>, track: &Track) -> Posterior {
     sequential.observed = TrackInput::new(track, FRAMES).unwrap();
     Posterior { parameters: sequential.space.clone(), mixture: sequential.mixture().unwrap() }
 }
 
-/// All iterations; the last one's account and posterior.
+/// Runs all iterations. Returns the account and the posterior of the last one.
 fn run(
     sequential: &mut Sequential<'_>,
     simulator: &dyn Simulator,
@@ -59,7 +60,7 @@ fn run(
     Ok(last)
 }
 
-/// Small and quick, far from good.
+/// Small settings for quick tests; their posteriors are poor.
 pub(crate) fn quick() -> Settings {
     Settings {
         simulations: 40,
@@ -68,12 +69,12 @@ pub(crate) fn quick() -> Settings {
         hidden: vec![10],
         components: 2,
         ensemble: 2,
-        schedule: crate::network::train::Schedule { max_epochs: 4, ..Settings::default().schedule },
+        schedule: crate::settings::Schedule { max_epochs: 4, ..Settings::default().schedule },
         ..Settings::default()
     }
 }
 
-/// A quick inference with `simulator`.
+/// Quick inference with `simulator`.
 fn quick_run(
     settings: &Settings,
     simulator: &dyn Simulator,
@@ -83,7 +84,7 @@ fn quick_run(
     run(&mut Sequential::new(&space, seen(&observed, FRAMES), settings, 0)?, simulator, iterations)
 }
 
-/// A simulator made of a function.
+/// Simulator from a function.
 struct Simulate<F>(F);
 
 impl<F: Fn(&SimulationRequest) -> Result<Vec<Track>, SimulatorError>> Simulator for Simulate<F> {
@@ -92,7 +93,7 @@ impl<F: Fn(&SimulationRequest) -> Result<Vec<Track>, SimulatorError>> Simulator 
     }
 }
 
-/// The toy with the tracks changed by `change` (index, theta, track).
+/// Toy simulator whose tracks are changed by `change` (index, theta, track).
 fn changed(change: impl Fn(usize, &[f64], &mut Track)) -> impl Simulator {
     Simulate(move |request: &SimulationRequest| {
         let mut tracks = TOY.simulate(request)?;
@@ -102,7 +103,7 @@ fn changed(change: impl Fn(usize, &[f64], &mut Track)) -> impl Simulator {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits_and_another_seed_another_posterior() {
+fn equal_seeds_give_equal_bits_and_different_seeds_different_posteriors() {
     for proposal in [Settings::default().proposal, ProposalKind::Posterior { prior_share: 0.2 }] {
         let settings = Settings { proposal, ..quick() };
         let first = quick_run(&settings, &TOY, 3).unwrap();
@@ -113,7 +114,7 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_another_posterior() {
 }
 
 #[test]
-fn keypoints_in_another_order_give_the_same_bits() {
+fn the_order_of_keypoints_does_not_change_a_bit() {
     let settings = quick();
     let turned = changed(|i, _, track| track.frames.iter_mut().for_each(|f| f.dlo.rotate_left(i % 4)));
     assert_eq!(quick_run(&settings, &turned, 2).unwrap(), quick_run(&settings, &TOY, 2).unwrap());
@@ -253,7 +254,7 @@ fn every_theta_is_simulated_in_every_episode_and_one_unusable_track_spoils_it() 
     let asked = std::cell::RefCell::new(Vec::new());
     let noted = Simulate(|r: &SimulationRequest| {
         let mut tracks = TOY.simulate(r)?;
-        // The first theta's track of the second episode, and the second's of the first.
+        // Unusable: the second theta's track of the first episode and the first theta's track of the second.
         tracks[usize::from(asked.borrow().is_empty())].frames.clear();
         asked.borrow_mut().push((r.thetas.clone(), r.seed, r.target_m));
         Ok(tracks)
@@ -271,7 +272,7 @@ fn every_theta_is_simulated_in_every_episode_and_one_unusable_track_spoils_it() 
 }
 
 #[test]
-fn failures_of_the_simulator_are_told_with_what_was_expected_and_what_came() {
+fn failures_of_the_simulator_are_errors_with_expected_and_received_numbers() {
     let words = |simulator: &dyn Simulator| quick_run(&quick(), simulator, 1).unwrap_err().to_string();
     let failing = Simulate(|_: &SimulationRequest| Err(SimulatorError::Backend("worker 3 is gone".into())));
     assert_eq!(words(&failing), "simulator: worker 3 is gone");
@@ -290,7 +291,7 @@ fn failures_of_the_simulator_are_told_with_what_was_expected_and_what_came() {
 }
 
 #[test]
-fn what_cannot_be_inferred_from_is_refused_at_once() {
+fn unusable_observations_and_settings_are_refused_at_once() {
     let (space, settings) = (TOY.space(), quick());
     let mut observed = TOY.track(&TRUTH, 5);
     let refusal = |observed: &Track, frames, settings: &Settings| {
@@ -305,8 +306,8 @@ fn what_cannot_be_inferred_from_is_refused_at_once() {
 }
 
 #[test]
-fn unusable_tracks_are_left_out_and_bias_nothing() {
-    // Tracks of the right half are unusable, which the second proposal knows and the first does not.
+fn unusable_tracks_are_left_out_without_bias() {
+    // Tracks of the right half are unusable: the first proposal covers that half, the second one hardly.
     let half = changed(|_, theta, track| {
         if theta[0] > 0.5 {
             track.frames.clear()
@@ -322,7 +323,7 @@ fn unusable_tracks_are_left_out_and_bias_nothing() {
     assert!(iteration.effective_sample_size < 0.97 * iteration.tracks as f64, "weights are all alike: {iteration:?}");
     let samples = sequential.samples();
     let weights = balance_weights((0..samples.len()).map(|i| samples.theta(i)), &sequential.proposals);
-    // The weights' sum over the draws made estimates the share of the prior that is usable, one half.
+    // The sum of the weights over the number of draws estimates the usable share of the prior, one half.
     let share = weights.iter().sum::<f64>() / iteration.simulations as f64;
     let squares = weights.iter().map(|w| w * w).sum::<f64>() / iteration.simulations as f64;
     let error = ((squares - share * share) / iteration.simulations as f64).sqrt();
@@ -330,8 +331,8 @@ fn unusable_tracks_are_left_out_and_bias_nothing() {
 }
 
 #[test]
-fn the_length_of_a_track_alone_tells_theta() {
-    // Keypoints are the same everywhere; an episode of the right half ends early.
+fn the_length_of_a_track_alone_determines_theta() {
+    // All keypoints are equal; an episode of the right half ends early.
     let still = changed(|_, theta, track| {
         let frame = track.frames[0];
         track.frames =

@@ -1,21 +1,21 @@
-//! Posteriors against the exact ones of the linear-Gaussian simulator.
+//! Comparison of posteriors with the exact ones of the linear-Gaussian simulator.
 
 use super::linear_gaussian::{FRAMES, LinearGaussian};
 use super::*;
 
 const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.1, mirrored: 0.0, rigid: false };
 
-/// How posteriors compare with the exact ones, each of its own observation.
+/// Comparison of posteriors with the exact ones, summed over observations.
 #[derive(Debug, Default)]
 struct Comparison {
     observations: f64,
     /// Sum of ((mean - exact mean) / exact sd)^2 over observations and parameters.
     squares: f64,
-    /// Sum of ln(sd / exact sd), likewise.
+    /// Sum of ln(sd / exact sd) over observations and parameters.
     log_ratios: f64,
-    /// Truths inside the highest-density regions of 50 % and 90 %.
+    /// Number of truths inside of the highest-density regions of 50 % and 90 %.
     covered: [f64; 2],
-    /// Sum of ln q(truth) - ln p(truth) in nat, p the exact posterior.
+    /// Sum of ln q(truth) - ln p(truth) in nat; p is the exact posterior.
     log_scores: f64,
 }
 
@@ -50,14 +50,14 @@ impl Comparison {
     }
 }
 
-/// A truth of the prior, and its track.
+/// Truth drawn from the prior, and its track.
 fn observation(i: u64) -> (Vec<f64>, Track) {
     let truth = TOY.space().sample_prior(&mut seed::rng(71, i));
     let track = TOY.track(&truth, seed::derive(72, i));
     (truth, track)
 }
 
-/// Whole inferences, one an observation.
+/// Comparison of whole inferences, one for each observation.
 fn inferences(observations: u64, settings: &Settings) -> Comparison {
     let space = TOY.space();
     let mut comparison = Comparison::default();
@@ -71,7 +71,7 @@ fn inferences(observations: u64, settings: &Settings) -> Comparison {
     comparison
 }
 
-/// One round, whose networks then look at many observations.
+/// Comparison of one round, whose networks are evaluated at many observations.
 fn amortised(observations: u64, settings: &Settings) -> Comparison {
     let space = TOY.space();
     let first = observation(1_000).1;
@@ -80,14 +80,14 @@ fn amortised(observations: u64, settings: &Settings) -> Comparison {
     let mut comparison = Comparison::default();
     for i in 0..observations {
         let (truth, observed) = observation(i);
-        comparison.add(&truth, &look(&mut sequential, &observed), &TOY.posterior(&[&observed]));
+        comparison.add(&truth, &posterior_at(&mut sequential, &observed), &TOY.posterior(&[&observed]));
     }
     comparison
 }
 
-/// Coverage of 300 observations has standard errors of 2.9 % and 1.7 %, and one set of networks its own bias beside that:
-/// the bands are four standard errors and a little wide. Four seeds gave 41 to 48 % and 89 to 94 %, means off by 0.37 to
-/// 0.48 sd, ratios of 1.10 to 1.24 and 0.15 to 0.19 nat.
+/// Coverage of 300 observations has standard errors of 2.9 % and 1.7 %, and one set of networks has a common bias. The bounds
+/// are four standard errors and a little more. Four seeds gave 41 to 48 % and 89 to 94 %, means off by 0.37 to 0.48 sd,
+/// ratios of 1.10 to 1.24, and 0.15 to 0.19 nat.
 #[test]
 fn one_round_is_calibrated_and_near_the_exact_posterior() {
     let settings = Settings { simulations: 1_500, ..Settings::default() };
@@ -100,8 +100,8 @@ fn one_round_is_calibrated_and_near_the_exact_posterior() {
     assert!(divergence < 0.25, "{divergence} nat, {c:?}");
 }
 
-/// With as few simulations as here the posterior is wider than the exact one; it must not be narrower, nor elsewhere. Eight
-/// observations and two parameters give an error its square root of 1/32: 18 % of its value; bounds are two of them away.
+/// With few simulations the posterior is wider than the exact one. It must be neither narrower nor shifted. Eight observations
+/// of two parameters determine an error to a share of sqrt(1/32), 18 %. The bounds are two of these away.
 #[test]
 fn rounds_sharpen_the_posterior_about_the_exact_one() {
     let rounds = |iterations| inferences(8, &Settings { iterations, ensemble: 2, ..Settings::default() });
@@ -113,7 +113,7 @@ fn rounds_sharpen_the_posterior_about_the_exact_one() {
     assert!(last.covered[1] >= 5.0, "90 % regions hold {} of 8 truths", last.covered[1]);
 }
 
-/// The same for proposals from the posterior itself, whose weights differ from track to track.
+/// Proposals from the posterior itself, whose weights differ from track to track.
 #[test]
 fn weighted_rounds_sharpen_it_too() {
     let proposal = ProposalKind::Posterior { prior_share: 0.2 };
@@ -122,7 +122,7 @@ fn weighted_rounds_sharpen_it_too() {
     assert!((0.9..1.8).contains(&c.sd_ratio()), "sd ratio {}, {c:?}", c.sd_ratio());
 }
 
-/// Two episodes of one theta: exactly, standard deviations fall by the square root of two, to 0.71.
+/// Two episodes of one theta reduce the exact standard deviations by a factor of 0.71, one over the square root of two.
 #[test]
 fn two_episodes_sharpen_the_posterior_as_they_should() {
     let space = TOY.space();
@@ -140,7 +140,7 @@ fn two_episodes_sharpen_the_posterior_as_they_should() {
             comparison.add(&truth, &posterior, &exact);
         }
     }
-    // The bounds of one episode, above, but that of the width: it came to 1.64.
+    // Bounds as for one episode, except for the width, which came to 1.64.
     assert!(pooled.mean_error() < 1.1, "mean off by {} sd, {pooled:?}", pooled.mean_error());
     assert!((0.9..1.7).contains(&pooled.sd_ratio()), "sd ratio {}, {pooled:?}", pooled.sd_ratio());
     assert!(pooled.covered[1] >= 5.0, "90 % regions hold {} of 8 truths", pooled.covered[1]);

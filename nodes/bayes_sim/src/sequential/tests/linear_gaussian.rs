@@ -1,6 +1,6 @@
-//! Simulators with posteriors in closed form: the keypoints' x are linear in theta, with Gaussian noise, and those of a share
-//! of the tracks are mirrored; the prior is uniform on the unit cube, so the exact posterior is a Gaussian truncated to it, or
-//! a mixture of it and its mirror image.
+//! Simulators with posteriors in closed form. The x coordinates of the keypoints are linear in theta - 0.5 with Gaussian noise.
+//! A share of the tracks has the opposite sign of this linear term. The prior is uniform on the unit cube. The exact posterior
+//! is a Gaussian truncated to the cube, or a mixture of this Gaussian and its mirror image.
 
 use super::*;
 use nalgebra::{DMatrix, DVector};
@@ -8,30 +8,32 @@ use nalgebra::{DMatrix, DVector};
 /// Frames of a track.
 pub const FRAMES: usize = 6;
 
-/// The simulator, over `dimension` parameters.
+/// Linear-Gaussian simulator of `dimension` parameters.
 pub struct LinearGaussian {
     pub dimension: usize,
     /// Standard deviation of the noise.
     pub noise: f64,
-    /// Share of the tracks whose x are mirrored, which nothing tells.
+    /// Share of the tracks whose linear term has the opposite sign. Nothing in a track reveals it.
     pub mirrored: f64,
-    /// Whether all keypoints of a frame move alike, their noise included, so that their mean tells all: what the embedding
-    /// makes of keypoints is then no loss.
+    /// True if all keypoints of a frame have the same displacement, noise included. Their mean is then sufficient, and the
+    /// embedding loses nothing.
     pub rigid: bool,
 }
 
 impl LinearGaussian {
-    /// Slope of the x of keypoint `k` in frame `f` by theta's coordinate `j`: the object swings, more so towards its end.
+    /// Derivative of x of keypoint `k` in frame `f` with respect to `theta[j]`: 0.3 times a fixed normal draw. Unless `rigid`, it
+    /// is also multiplied by 0.5 at the first keypoint to 1.25 at the last.
     fn slope(&self, f: usize, k: usize, j: usize) -> f64 {
         0.3 * if self.rigid { 1.0 } else { 0.5 + 0.25 * k as f64 }
             * seed::rng(99, (f * 10 + j) as u64).sample::<f64, _>(StandardNormal)
     }
 
+    /// Height of keypoint `k`, by which the exact posterior recognises it.
     fn height(k: usize) -> f64 {
         -0.75 + 0.5 * k as f64
     }
 
-    /// A track at `theta`; its keypoints come in either order.
+    /// Track at `theta`. The keypoints of a frame come in one order or its reverse.
     pub fn track(&self, theta: &[f64], seed: u64) -> Track {
         let mut rng = seed::rng(seed, 0);
         let sign = if self.mirrored > 0.0 && rng.random::<f64>() < self.mirrored { -1.0 } else { 1.0 };
@@ -50,12 +52,14 @@ impl LinearGaussian {
         Track { frames: frames.collect(), end: End::Complete }
     }
 
+    /// Uniform prior on the unit cube.
     pub fn space(&self) -> ParameterSpace {
         let unit = |j| Parameter { name: format!("theta_{j}"), prior: Prior::Uniform { low: 0.0, high: 1.0 } };
         ParameterSpace::new((0..self.dimension).map(unit).collect()).unwrap()
     }
 
-    /// The exact posterior given `tracks` of one theta, one where some are mirrored: least squares with a known variance.
+    /// Exact posterior given `tracks` of one theta, by least squares with a known variance. `tracks` must hold one track if
+    /// `mirrored` is above 0.
     pub fn posterior(&self, tracks: &[&Track]) -> Posterior {
         let d = self.dimension;
         let (mut precision, mut shift) = (DMatrix::zeros(d, d), DVector::zeros(d));

@@ -1,13 +1,13 @@
-//! Inferences of all kinds, none of which may end in numbers that are none.
+//! Inferences with random settings. Each must give finite marginals.
 
 use super::linear_gaussian::{FRAMES, LinearGaussian};
 use super::*;
-use crate::network::train::Schedule;
+use crate::settings::Schedule;
 use rand::seq::IndexedRandom;
 
 const RUNS: u64 = 200;
 
-/// Small settings of every kind, step sizes and decays far from good included.
+/// Random small settings, including bad learning rates and decays.
 fn settings(rng: &mut rand_chacha::ChaCha8Rng, seed: u64) -> Settings {
     let proposals = [
         ProposalKind::Truncated { tail: 10f64.powf(rng.random_range(-5.0..-0.5)), least_shrink: 0.25 },
@@ -39,11 +39,12 @@ fn settings(rng: &mut rand_chacha::ChaCha8Rng, seed: u64) -> Settings {
     }
 }
 
-/// What is wrong with the end of a run; none: nothing.
+/// Runs an inference with random settings. The error describes the run. It is returned if the inference fails, a number is
+/// not finite, or a standard deviation is not positive.
 fn fault(number: u64) -> Result<(), String> {
     let mut rng = seed::rng(91, number);
     let settings = settings(&mut rng, number);
-    // From tracks that leave no doubt to tracks that say nothing.
+    // From tracks that determine theta to tracks that are nothing but noise.
     let noise = 10f64.powf(rng.random_range(-6.0..1.0));
     let mirrored = [0.0, 0.3][number as usize % 2];
     let toy = LinearGaussian { dimension: rng.random_range(1..5), noise, mirrored, rigid: false };
@@ -60,7 +61,7 @@ fn fault(number: u64) -> Result<(), String> {
 }
 
 #[test]
-fn two_hundred_random_runs_end_in_numbers() {
+fn two_hundred_random_runs_give_finite_marginals() {
     let faults: Vec<String> = (0..RUNS).filter_map(|i| fault(i).err()).collect();
     assert!(faults.is_empty(), "{} of {RUNS}: {faults:#?}", faults.len());
 }

@@ -1,40 +1,43 @@
-//! What the edges of the prior leave of a Gaussian.
+//! Mass of a Gaussian inside of the prior's support.
 //!
-//! A posterior is a mixture truncated to the prior's support. The mass of a Gaussian inside has a closed form where the edges of
-//! one axis cut it; else it comes from the separation of variables of Genz (1992, "Numerical computation of multivariate normal
-//! probabilities"), at the points of a lattice.
+//! A posterior is a mixture truncated to the prior's support. The mass of a Gaussian inside has a closed form if the edges of
+//! one axis cut it. Otherwise it is computed by the separation of variables of Genz (1992, "Numerical computation of
+//! multivariate normal probabilities") at the points of a lattice.
 
 use libm::erfc;
 use statrs::function::erf::erfc_inv;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
-/// Standard deviations from the mean to an edge from which on the edge cuts nothing off.
+/// Distance of an edge from the mean, in standard deviations. An edge at this distance or farther is neglected. The neglected
+/// mass is at most 3e-5 per edge.
 const FAR: f64 = 4.0;
 
-/// A Gaussian counts as having this share of its mass inside at least, so that none is made much of for lying far outside.
+/// Lower bound of the mass inside whose logarithm [`Support::log_mass`] returns. Truncation would otherwise amplify a Gaussian
+/// far outside without bound.
 pub const LEAST_INSIDE: f64 = 0.05;
 
-/// The box that the prior's support is in the coordinates of a network.
+/// Prior's support in the whitened coordinates of a network: a box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Support {
-    /// D lower edges.
+    /// Lower edges, D.
     pub low: Vec<f64>,
-    /// D upper edges.
+    /// Upper edges, D.
     pub high: Vec<f64>,
 }
 
-/// Points of the unit cube. Point i is i steps from the first, as the axes count them modulo 1 (Kronecker's lattice); the steps
-/// are the inverse powers of the root over one of `x^(D + 1) = x + 1`, which fill a cube of D dimensions evenly.
+/// Points of the unit cube that fill it evenly: a Kronecker lattice. Point i is the first point plus i steps modulo 1. The
+/// steps along the D axes are the inverse powers of the root above one of `x^(D + 1) = x + 1` (Roberts 2018).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lattice {
-    /// One after the other.
+    /// Coordinates of the points, one point after the other.
     points: Vec<f64>,
     dimension: usize,
 }
 
 impl Lattice {
-    /// `points` points of D coordinates: 32 are good for the logarithm of a mass to 0.05 in three dimensions.
+    /// Lattice of `points` points. In three dimensions, 32 points give the logarithm of a mass to 0.05.
     pub fn new(points: usize, dimension: usize) -> Self {
+        // The root by fixed-point iteration.
         let base = (0..32).fold(2.0, |x: f64, _| (1.0 + x).powf(1.0 / (dimension as f64 + 1.0)));
         let steps: Vec<f64> = (0..dimension).map(|axis| base.powi(-(axis as i32) - 1)).collect();
         let first = 0.5 / points as f64;
@@ -43,17 +46,19 @@ impl Lattice {
     }
 }
 
-/// The standard normal distribution between two places.
+/// Standard normal distribution truncated to an interval.
 struct Between {
     low: f64,
     high: f64,
-    /// Its mass there.
+    /// Mass inside of the interval.
     mass: f64,
-    /// Its mass in the tail beyond, on the side where that is the smaller one, so that both are precise.
+    /// Mass above `high` if `low` is positive, else the mass below `low`. The mass of an interval on one side of the mean is
+    /// then a difference of small tails, which is precise.
     tail: f64,
 }
 
 impl Between {
+    /// Distribution between `low` and `high`.
     fn new(low: f64, high: f64) -> Self {
         let above = |z: f64| 0.5 * erfc(z * FRAC_1_SQRT_2);
         let (near, far) = if low > 0.0 { (low, high) } else { (-high, -low) };
@@ -61,7 +66,7 @@ impl Between {
         Self { low, high, mass: above(near) - tail, tail }
     }
 
-    /// The place below which `share` of the mass lies.
+    /// Point below which `share` of the mass lies.
     fn quantile(&self, share: f64) -> f64 {
         let z = if self.low > 0.0 {
             SQRT_2 * erfc_inv(2.0 * (self.tail + (1.0 - share) * self.mass))
@@ -73,8 +78,9 @@ impl Between {
 }
 
 impl Support {
-    /// Logarithm of the mass inside of the Gaussian of `mean` (D) whose covariance is `root root^T`, `root` (D x D, row-major)
-    /// lower triangular; at least that of [`LEAST_INSIDE`]. Exact where the edges of one axis at most cut it; else by `lattice`.
+    /// Logarithm of the mass that a Gaussian has inside the support, at least that of [`LEAST_INSIDE`]. The Gaussian has `mean`
+    /// (D) and covariance `root root^T`. `root` is lower triangular (D x D, row-major). The mass is exact if the edges of at most
+    /// one axis cut the Gaussian, and computed with `lattice` otherwise.
     pub fn log_mass(&self, mean: &[f64], root: &[f64], lattice: &Lattice) -> f64 {
         let d = mean.len();
         let sd = |i: usize| root[i * d..][..d].iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -92,7 +98,7 @@ impl Support {
         mass.max(LEAST_INSIDE).ln()
     }
 
-    /// Mass inside from the separation of variables.
+    /// Mass inside by separation of variables.
     fn mass_by_lattice(&self, mean: &[f64], root: &[f64], lattice: &Lattice) -> f64 {
         let d = lattice.dimension;
         let mut z = vec![0.0; d];
@@ -118,7 +124,7 @@ mod tests {
     use catenary_core::seed;
     use rand::RngExt;
 
-    /// Mass inside by counting draws of the Gaussian itself.
+    /// Mass inside by counting draws.
     fn counted(support: &Support, mean: &[f64], root: &[f64]) -> f64 {
         const DRAWS: usize = 400_000;
         let d = mean.len();
@@ -134,7 +140,8 @@ mod tests {
     #[test]
     fn masses_are_those_of_counted_draws() {
         let support = |low: &[f64], high: &[f64]| Support { low: low.to_vec(), high: high.to_vec() };
-        // Lower triangular roots with strong correlations, and boxes that cut one edge, a corner, or all around.
+        // Lower triangular roots with strong correlations. The edges of the boxes cut the Gaussian on one axis, at a corner,
+        // or on all sides.
         let cases = [
             (support(&[-1.0], &[1.5]), vec![0.8], vec![0.9]),
             (support(&[-1.0, -5.0], &[1.0, 5.0]), vec![0.9, 0.0], vec![0.5, 0.0, 0.6, 0.2]),
@@ -143,7 +150,7 @@ mod tests {
         ];
         for (case, (support, mean, root)) in cases.into_iter().enumerate() {
             let share = counted(&support, &mean, &root).ln();
-            // Counts: standard errors under 0.005.
+            // The standard error of the count is below 0.005.
             for (points, bound) in [(4_096, 0.02), (32, 0.05)] {
                 let off = support.log_mass(&mean, &root, &Lattice::new(points, mean.len())) - share;
                 assert!(off.abs() < bound, "case {case}: off by {off} with {points} points");
@@ -158,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_cuts_is_whole_and_what_is_nearly_gone_counts_as_the_least() {
+    fn an_uncut_gaussian_has_mass_one_and_a_distant_one_the_least_mass() {
         let support = Support { low: vec![-1.0; 2], high: vec![1.0; 2] };
         let lattice = Lattice::new(8, 2);
         assert_eq!(support.log_mass(&[0.0, 0.5], &[0.2, 0.0, 0.05, 0.1], &lattice), 0.0);

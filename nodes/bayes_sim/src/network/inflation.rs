@@ -1,33 +1,34 @@
-//! How much wider than the networks make them held-out tracks want their mixtures.
+//! Covariance inflation that maximises the held-out likelihood.
 //!
-//! Few tracks leave a network too sure of itself. And a network learns a mixture that nothing cuts off, while posteriors are
-//! mixtures truncated to the prior's support: where a parameter is hardly known, the Gaussian that fits its posterior best has
-//! the standard deviation of the prior, and loses a fifth of that when the prior's edges cut it off.
+//! Two effects make the networks' mixtures too narrow. A network trained on few tracks is overconfident. A network also
+//! learns an untruncated mixture, while the posterior is truncated to the prior's support: the Gaussian that fits the
+//! posterior of an undetermined parameter has the standard deviation of the prior, and truncation removes a fifth of it.
 
 use super::{Activations, Network, Samples, TrainingError};
 use std::ops::ControlFlow;
 
-/// Standard deviation of the logarithm of each factor before any held-out track is seen: few tracks say little.
+/// Prior standard deviation of the logarithm of each factor: few held-out tracks change it little.
 const PRIOR_SD: f64 = 0.15;
-/// Step of these logarithms, and most steps.
+/// Step of these logarithms in the search.
 const STEP: f64 = 0.04;
+/// Largest number of steps: factors of up to e^0.6 = 1.8.
 const MOST_STEPS: i32 = 15;
-/// Most held-out tracks of a network that are looked at: they tell a factor to 3 %.
+/// Largest number of held-out tracks of a network in the search. They determine a factor to 3 %.
 const MOST_TRACKS: usize = 500;
 
-/// A network and the tracks that it held out.
+/// Network with its held-out tracks.
 pub(super) struct Member {
     network: Network,
-    /// Its raw outputs for each track.
+    /// Raw outputs of the head for each track.
     raw: Vec<f32>,
-    /// The same on average.
+    /// Weighted mean of the raw outputs.
     mean: Vec<f64>,
     thetas: Vec<f64>,
     weights: Vec<f64>,
 }
 
 impl Member {
-    /// `network`, which held out those of `samples` (with `weights`) that `held_out` counts. Of many, some are looked at.
+    /// Pairs `network` with the samples at `held_out`, thinned to [`MOST_TRACKS`].
     pub(super) fn new(network: Network, samples: &Samples, weights: &[f64], held_out: &[usize]) -> Self {
         let every = held_out.len().div_ceil(MOST_TRACKS).max(1);
         let held_out: Vec<usize> = held_out.iter().copied().step_by(every).collect();
@@ -38,32 +39,36 @@ impl Member {
         Self { network, raw, mean, thetas: batch.thetas().to_vec(), weights }
     }
 
-    /// What the raw outputs are multiplied by, and what is added to them, for the standard deviations of components to be `factors`
-    /// (D) times as large along the axes.
+    /// Factor and term for each raw output that multiply the standard deviations of the components by `factors` (D) along the
+    /// axes.
     fn changes(&self, factors: &[f64]) -> Vec<(f64, f64)> {
         let shrink: Vec<f64> = factors.iter().map(|f| 1.0 / f).collect();
         self.network.shape().head.scaled(&self.mean, &shrink)
     }
 
-    /// Held-out loss of the truncated density that has them.
+    /// Held-out loss of the truncated density after inflation by `factors`.
     fn loss(&self, factors: &[f64]) -> f64 {
         let changes = self.changes(factors);
         let changed = self.raw.iter().zip(changes.iter().cycle()).map(|(v, (f, t))| (f64::from(*v) * f + t) as f32);
         self.network.truncated_loss(&changed.collect::<Vec<_>>(), &self.thetas, &self.weights)
     }
 
-    /// The network that has them.
-    fn widened(mut self, factors: &[f64]) -> Network {
+    /// Network after inflation by `factors`.
+    fn inflated(mut self, factors: &[f64]) -> Network {
         let changes = self.changes(factors);
         self.network.change_outputs(&changes);
         self.network
     }
 }
 
-/// The networks with the standard deviations of their components as many times as large along each of the D axes, once or up to
-/// e^0.6 times, as their held-out tracks are likeliest under (Guo et al. 2017, "On calibration of modern neural networks", with factors in
-/// the place of a temperature), and the mean of the held-out losses that they then have. `tick` may stop the search.
-pub(super) fn widened(
+/// Inflates the standard deviations of all networks' components along each of the D axes by the factors, from 1 to e^0.6,
+/// that maximise the held-out likelihood times the prior of the factors. It is temperature scaling (Guo et al. 2017, "On calibration
+/// of modern neural networks") with a factor for each axis. Returns the networks and the mean of their held-out losses. `tick`
+/// may stop the search.
+///
+/// # Errors
+/// [`TrainingError::Stopped`] if `tick` breaks.
+pub(super) fn inflated(
     members: Vec<Member>,
     dimension: usize,
     tick: &mut dyn FnMut() -> ControlFlow<()>,
@@ -83,6 +88,7 @@ pub(super) fn widened(
     let mut least = cost(&steps);
     let mut moves = true;
     while std::mem::take(&mut moves) {
+        // Coordinate search. Long steps first save evaluations, each of which visits all held-out tracks.
         for (axis, by) in (0..dimension).flat_map(|axis| [4, 1, -1].map(|by| (axis, by))) {
             loop {
                 if tick().is_break() {
@@ -95,8 +101,9 @@ pub(super) fn widened(
         }
     }
     let (factors, loss, is_as_it_was) = (factors(&steps), loss(&steps), steps.iter().all(|s| *s == 0));
-    let widen = |m: Member| if is_as_it_was { m.network } else { m.widened(&factors) };
-    Ok((members.into_iter().map(widen).collect(), loss))
+    // Factors of one would still round the parameters.
+    let inflate = |m: Member| if is_as_it_was { m.network } else { m.inflated(&factors) };
+    Ok((members.into_iter().map(inflate).collect(), loss))
 }
 
 #[cfg(test)]
@@ -108,15 +115,15 @@ mod tests {
     use rand::RngExt;
     use rand_distr::StandardNormal;
 
-    /// Factors of the standard deviations that held-out tracks of `thetas` want, of a network that says, whatever it sees, that
-    /// theta has one normal distribution: that of `thetas`, but for standard deviations `said` times as large.
-    fn wanted(said: [f64; 2], thetas: &[[f64; 2]]) -> Vec<f64> {
+    /// Inflation factors for held-out tracks of `thetas` and a network whose output is always the normal distribution of
+    /// `thetas`, with standard deviations `said` times as large.
+    fn factors_for(said: [f64; 2], thetas: &[[f64; 2]]) -> Vec<f64> {
         let rows = (0..thetas.len()).map(|i| (i as f32).sin()).collect();
         let samples = Samples::of_rows(rows, 1, thetas.concat(), 2);
         let shape = Shape::of_samples(&samples, &Settings { components: 1, ..Settings::default() });
         let weights = vec![1.0; thetas.len()];
         let mut network = Network::new(shape, 1.0, &samples, &weights, &mut seed::rng(46, 0));
-        // Whitened coordinates are those in which `thetas` have the mean zero and the standard deviation one.
+        // In whitened coordinates `thetas` have mean zero and standard deviation one.
         let outputs = network.shape().head.outputs();
         let biases = network.parameters().len() - network.shape().skip_count() - outputs;
         let [_, diagonals, _] = network.shape().head.offsets();
@@ -128,13 +135,13 @@ mod tests {
         let before = covariance(&network);
         let held_out: Vec<usize> = (0..thetas.len()).collect();
         let members = vec![Member::new(network, &samples, &weights, &held_out)];
-        let (after, loss) = widened(members, 2, &mut || ControlFlow::Continue(())).unwrap();
+        let (after, loss) = inflated(members, 2, &mut || ControlFlow::Continue(())).unwrap();
         assert!(loss.is_finite());
         let after = covariance(&after[0]);
         (0..2).map(|axis| (after[(axis, axis)] / before[(axis, axis)]).sqrt()).collect()
     }
 
-    /// The first coordinate normal about the middle or uniform, the second normal.
+    /// Thetas whose first coordinate is uniform or normal about the middle, and whose second one is normal.
     fn thetas(count: usize, uniform: bool) -> Vec<[f64; 2]> {
         let mut rng = seed::rng(47, 0);
         let mut normal = || 0.5 + 0.08 * rng.sample::<f64, _>(StandardNormal);
@@ -144,25 +151,25 @@ mod tests {
     }
 
     #[test]
-    fn networks_too_sure_of_an_axis_are_widened_along_it_by_as_much() {
-        let factors = wanted([1.0 / 1.5, 1.0], &thetas(400, false));
-        // A step is 4 %; the distribution that goes before draws the logarithm, 0.4, by 1 / (2 * 400 * 0.15^2) of itself, 6 %.
+    fn networks_too_narrow_along_an_axis_are_inflated_along_it() {
+        let factors = factors_for([1.0 / 1.5, 1.0], &thetas(400, false));
+        // A step is 4 %. The prior shrinks the logarithm, 0.4, by 1 / (2 * 400 * 0.15^2) of itself, 6 %.
         assert!((1.4..1.56).contains(&factors[0]) && factors[1] < 1.05, "{factors:?}");
     }
 
     #[test]
-    fn few_tracks_say_little_and_networks_are_never_made_surer() {
-        let few = wanted([1.0 / 1.5, 1.0], &thetas(10, false));
+    fn few_tracks_inflate_little_and_nothing_is_deflated() {
+        let few = factors_for([1.0 / 1.5, 1.0], &thetas(10, false));
         assert!((1.0..1.35).contains(&few[0]), "{few:?}");
-        let unsure = wanted([1.5, 1.2], &thetas(400, false));
+        let unsure = factors_for([1.5, 1.2], &thetas(400, false));
         assert!(unsure.iter().all(|f| (f - 1.0).abs() < 1e-6), "{unsure:?}");
     }
 
     #[test]
-    fn what_is_uniform_between_the_priors_edges_is_widened_beyond_them() {
-        // The standard deviation of a normal distribution of 1.5 / sqrt(12) about the middle, cut off at the edges, is within
-        // 8 % of the uniform one's; of 1 / sqrt(12) it is 21 % less.
-        let factors = wanted([1.0, 1.0], &thetas(400, true));
+    fn a_parameter_uniform_between_the_priors_edges_is_inflated_beyond_them() {
+        // Truncated to the edges, a normal distribution of standard deviation 1.5 / sqrt(12) has that of the uniform one to
+        // 8 %; one of 1 / sqrt(12) is 21 % narrower.
+        let factors = factors_for([1.0, 1.0], &thetas(400, true));
         assert!(factors[0] > 1.5 && factors[1] < 1.05, "{factors:?}");
     }
 }

@@ -1,0 +1,181 @@
+//! Warnings about a posterior, and the verdict that it must not be used.
+
+use super::predictive::{Predictive, PredictiveCheck, Unchecked};
+use catenary_core::Posterior;
+use catenary_core::mixture::MixtureError;
+
+/// Number of draws for the check of the prior's edges.
+const EDGE_DRAWS: usize = 4_000;
+/// Share of the prior's range at either end that counts as its edge.
+const EDGE: f64 = 0.05;
+/// Share of the posterior at an edge above which a warning is given: six times the prior's share.
+const PRESSED: f64 = 0.3;
+/// Share of the mixture outside of the support above which a warning is given. Mass outside is no error in itself: of three
+/// parameters that the data do not determine, with the largest covariance inflation, seven tenths lie outside.
+const OUTSIDE: f64 = 0.75;
+/// Effective sample size below which a mixture density network learns too little.
+const FEW_SAMPLES: f64 = 100.0;
+/// Coverage of the nominal 90 % band below which a warning about the model is given.
+const LOW_COVERAGE: f64 = 0.6;
+/// p value of the predictive check at or below which a warning about the model is given.
+const IMPROBABLE: f64 = 0.02;
+/// Prediction error in half widths of the predictive band above which the posterior is a misfit. A half width is 1.64
+/// standard deviations, so that 5 of them are 8 standard deviations, on average over all keypoints.
+const FAR_HALF_WIDTHS: f64 = 5.0;
+/// Prediction error in spreads of the measured keypoints about their mean above which the posterior is a misfit, however
+/// wide its band is.
+const FAR_SPREADS: f64 = 3.0;
+/// Coverage of the nominal 90 % band below which the posterior may be a misfit.
+const NO_COVERAGE: f64 = 0.3;
+
+/// Warnings about edges of the prior near which much of the posterior lies.
+///
+/// # Errors
+/// [`MixtureError`] if the posterior has no mass inside of the prior's support.
+pub fn edge_warnings(posterior: &Posterior) -> Result<Vec<String>, MixtureError> {
+    let draws = posterior.sample(EDGE_DRAWS, 0)?;
+    let mut warnings = Vec::new();
+    for (i, p) in posterior.parameters.parameters().iter().enumerate() {
+        let share = |near: &dyn Fn(f64) -> bool| {
+            draws.iter().filter(|t| near(p.prior.to_unit(t[i]))).count() as f64 / draws.len() as f64
+        };
+        let (low, high) = p.prior.bounds();
+        let sides: [(&str, f64, f64); 2] =
+            [("lower", low, share(&|u| u < EDGE)), ("upper", high, share(&|u| u > 1.0 - EDGE))];
+        for (side, bound, at_edge) in sides {
+            if at_edge > PRESSED {
+                warnings.push(format!(
+                    "{}: {:.0} % of the posterior lies in the {:.0} % of the prior next to its {side} bound {bound}: the prior may be too narrow, and the posterior falsely certain",
+                    p.name,
+                    100.0 * at_edge,
+                    100.0 * EDGE
+                ));
+            }
+        }
+    }
+    Ok(warnings)
+}
+
+/// Warnings from the figures of an inference.
+pub fn fit_warnings(mass_outside: f64, effective_sample_size: f64, predictive: Option<&Predictive>) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if mass_outside > OUTSIDE {
+        warnings.push(format!("{:.0} % of the mixture lies outside the prior's support", 100.0 * mass_outside));
+    }
+    if effective_sample_size < FEW_SAMPLES {
+        warnings.push(format!(
+            "the simulations are worth only {effective_sample_size:.0} effective samples: more simulations are needed"
+        ));
+    }
+    if let Some(p) = predictive.filter(|p| p.coverage < LOW_COVERAGE) {
+        warnings.push(format!(
+            "only {:.0} % of the measured keypoints lie in the 90 % band of the posterior's predictions: the model lacks something that the measurement has",
+            100.0 * p.coverage
+        ));
+    }
+    if let Some(p) = predictive.filter(|p| p.p_value <= IMPROBABLE) {
+        warnings.push(format!(
+            "the measurement lies farther from the mean prediction than {:.0} of {} draws of the posterior (p = {:.3}): the model does not produce such tracks",
+            p.draws as f64 + 1.0 - p.p_value * (p.draws as f64 + 1.0),
+            p.draws,
+            p.p_value
+        ));
+    }
+    if let Some(p) = predictive.filter(|p| p.rmse_mm > p.spread_mm) {
+        warnings.push(format!(
+            "the mean prediction is {:.1} mm off the measured keypoints, and their own mean only {:.1} mm: check that the model belongs to the recording",
+            p.rmse_mm, p.spread_mm
+        ));
+    }
+    warnings
+}
+
+/// Reason for which a posterior must not be used; none if it may be used. A posterior is a misfit if no draw can be
+/// simulated, or if the prediction error is both larger than that of every draw and far outside of the band or beyond the
+/// error of the trivial prediction. An error beyond three spreads of the keypoints suffices alone. A model that merely lacks
+/// an effect gets a warning from [`fit_warnings`].
+pub fn misfit(check: &Result<PredictiveCheck, Unchecked>) -> Option<String> {
+    let p = match check {
+        Ok(check) => &check.figures,
+        Err(Unchecked::NoDraw) => {
+            return Some("no draw of the posterior could be simulated up to the last measured frame".into());
+        }
+        // Nothing speaks against the posterior. A warning reports the missing check.
+        Err(Unchecked::NotPlaced) => return None,
+    };
+    let is_rank_last = p.p_value * (p.draws as f64 + 1.0) <= 1.0 + 1e-9;
+    let is_far = p.coverage < NO_COVERAGE && p.rmse_mm > FAR_HALF_WIDTHS * p.half_width_mm;
+    // The band of a wide posterior may be as wide as the error: no rank and no band detects this misfit.
+    let is_foreign = p.rmse_mm.is_nan() || p.rmse_mm > FAR_SPREADS * p.spread_mm;
+    (is_foreign || is_rank_last && (is_far || p.rmse_mm > p.spread_mm)).then(|| {
+        format!(
+            "the predictions are {:.1} mm off the measured keypoints on average, {:.0} times the half width of their 90 % band, and {:.0} % of the keypoints lie in it: check model, units, frames and clocks of the recording",
+            p.rmse_mm,
+            p.rmse_mm / p.half_width_mm,
+            100.0 * p.coverage
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::{Mixture, Parameter, ParameterSpace, Prior};
+    use nalgebra::{DMatrix, DVector};
+
+    #[test]
+    fn a_posterior_at_an_edge_gets_a_warning() {
+        let p = Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 1.0, high: 2.0 } };
+        let space = ParameterSpace::new(vec![p]).unwrap();
+        let at = |mean: f64| {
+            let mixture =
+                Mixture::new(&[1.0], vec![DVector::from_element(1, mean)], vec![DMatrix::from_element(1, 1, 4e-4)])
+                    .unwrap();
+            edge_warnings(&Posterior { parameters: space.clone(), mixture }).unwrap()
+        };
+        assert_eq!(at(0.5), Vec::<String>::new());
+        assert!(at(0.99)[0].contains("upper bound 2") && at(0.99)[0].contains("length_m"));
+    }
+
+    #[test]
+    fn a_misfit_is_told_from_a_model_that_lacks_an_effect() {
+        let good =
+            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
+        let lowest = 1.0 / 51.0;
+        let misfit = |figures: Result<Predictive, Unchecked>| {
+            super::misfit(&figures.map(|figures| PredictiveCheck { figures, frames: [1, 1] }))
+        };
+        assert_eq!(misfit(Ok(good.clone())), None);
+        assert_eq!(misfit(Ok(Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good })), None);
+        assert_eq!(misfit(Ok(Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good })), None);
+        let far = misfit(Ok(Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good })).unwrap();
+        assert!(far.contains("15.0 mm off") && far.contains("8 times") && far.contains("10 %"), "{far}");
+        assert!(misfit(Ok(Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good })).is_some());
+        // Figures of a posterior after a few simulations.
+        let wide = Predictive { rmse_mm: 150.0, half_width_mm: 90.0, coverage: 0.4, p_value: 0.09, ..good };
+        assert_eq!(misfit(Ok(wide.clone())), None);
+        assert!(misfit(Ok(Predictive { p_value: lowest, ..wide })).is_some());
+        assert!(misfit(Ok(Predictive { rmse_mm: f64::NAN, ..good })).is_some());
+        assert!(misfit(Err(Unchecked::NoDraw)).unwrap().contains("no draw"));
+        assert_eq!(misfit(Err(Unchecked::NotPlaced)), None);
+    }
+
+    #[test]
+    fn warnings_contain_their_numbers() {
+        let good =
+            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
+        assert!(fit_warnings(0.01, 500.0, Some(&good)).is_empty());
+        let bad = Predictive { coverage: 0.3, ..good };
+        let words = fit_warnings(0.8, 20.0, Some(&bad));
+        assert!(words.len() == 3 && words[2].contains("30 %"), "{words:?}");
+        let strange = Predictive { p_value: 1.0 / 51.0, ..good };
+        let words = fit_warnings(0.01, 500.0, Some(&strange));
+        assert!(
+            words.len() == 1 && words[0].contains("than 50 of 50 draws") && words[0].contains("0.020"),
+            "{words:?}"
+        );
+        let foreign = Predictive { rmse_mm: 495.0, ..good };
+        let words = fit_warnings(0.01, 500.0, Some(&foreign));
+        assert!(words.len() == 1 && words[0].contains("495.0 mm") && words[0].contains("100.0 mm"), "{words:?}");
+    }
+}
