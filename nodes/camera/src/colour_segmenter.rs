@@ -1,23 +1,30 @@
 //! Segmentation by colour.
 
+mod classify;
+mod morphology;
+mod occlusion;
+#[cfg(test)]
+mod tests;
+mod vote;
+
 use catenary_core::image::label;
 use catenary_core::regions::Regions;
 use catenary_core::{LabelMask, RgbView};
 
-use crate::classify::Classifier;
-use crate::morphology::Plane;
-use crate::occlusion::Occlusion;
-use crate::vote::Vote;
+use self::classify::Classifier;
+use self::morphology::Plane;
+use self::occlusion::Occlusion;
+use self::vote::Vote;
 use crate::{ColourParams, Error, SegmentationReport, Segmenter};
 
-/// Segments by hue and saturation.
+/// Segmenter by hue and saturation.
 ///
 /// 1. Each pixel of the crop gets a class by its hue, saturation and chroma ([`crate::ColourRange`]).
 /// 2. Each mask pixel takes the class that covers most of it.
 /// 3. Each label is closed and opened.
-/// 4. The largest connected region of each label stays; of the object also the pieces that an occluder cuts off.
+/// 4. The largest connected region of each label stays. Of the object, pieces that an occluder cuts off stay as well.
 ///
-/// The same image gives the same mask, whatever came before. After the first image of a size nothing is allocated
+/// A mask depends on its image alone, not on earlier images. After the first image of a size nothing is allocated,
 /// unless a mask has more regions or labelled pixels than any before.
 #[derive(Debug, Clone)]
 pub struct ColourSegmenter {
@@ -31,7 +38,10 @@ pub struct ColourSegmenter {
 }
 
 impl ColourSegmenter {
-    /// A segmenter. Rejects parameters out of range.
+    /// Builds a segmenter.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] if a parameter is out of range.
     pub fn new(params: ColourParams) -> Result<Self, Error> {
         params.check()?;
         Ok(Self {
@@ -45,12 +55,12 @@ impl ColourSegmenter {
         })
     }
 
-    /// The parameters in use.
+    /// Parameters in use.
     pub fn params(&self) -> &ColourParams {
         &self.params
     }
 
-    /// Closes and opens the voted classes of `label` and writes them to `out`, where no other label was voted.
+    /// Closes and opens the voted pixels of `label` and writes the result to `out`.
     fn clean(&mut self, label: u8, out: &mut LabelMask) {
         let width = self.classes.width as usize;
         self.plane.load(&self.classes, self.params.close_radius_px, |class| class == label);
@@ -59,6 +69,7 @@ impl ColourSegmenter {
         let rows = out.data.chunks_exact_mut(width).zip(self.classes.data.chunks_exact(width));
         for (v, (out, classes)) in rows.enumerate() {
             for ((out, &class), &set) in out.iter_mut().zip(classes).zip(self.plane.row(v)) {
+                // A pixel that was voted for the other label keeps it: closing must not grow one label over the other.
                 let is_free = class == label || (class != label::DLO && class != label::TARGET);
                 if set == 1 && is_free {
                     *out = label;
@@ -67,7 +78,7 @@ impl ColourSegmenter {
         }
     }
 
-    /// Drops the regions of the object that are too small or lie apart.
+    /// Erases the regions of the object that are too small or not connected with the largest one across an occluder.
     fn select_dlo(&mut self, out: &mut LabelMask, report: &mut SegmentationReport) {
         self.regions.find(out, label::DLO);
         let main = self.regions.largest().filter(|(_, r)| r.area_px >= self.params.min_area_px).map(|(i, _)| i);
@@ -83,7 +94,7 @@ impl ColourSegmenter {
         }
     }
 
-    /// Drops all but the largest region of the target, and that one too where it is too small.
+    /// Erases all regions of the target but the largest, and also that one if it is too small.
     fn select_target(&mut self, out: &mut LabelMask, report: &mut SegmentationReport) {
         self.regions.find(out, label::TARGET);
         let largest = self.regions.largest().filter(|(_, r)| r.area_px >= self.params.min_area_px).map(|(i, _)| i);
@@ -115,11 +126,9 @@ impl Segmenter for ColourSegmenter {
     }
 }
 
+/// Sets the pixels of one region to background.
 fn erase(regions: &Regions, index: usize, out: &mut LabelMask) {
     for &pixel in regions.pixels(&regions.found()[index]) {
         out.data[pixel as usize] = label::BACKGROUND;
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,14 +1,14 @@
-//! Between wire images and the segmenter's.
+//! Conversion between ROS images and the segmenter's images.
 
 use crate::Error;
 use catenary_core::{LabelMask, RgbView};
 use catenary_msgs::sensor_msgs::msg::Image;
 use catenary_msgs::std_msgs::msg::Header;
 
-/// The image of a message; only `rgb8` is understood.
+/// View of the pixels of an `rgb8` message.
 ///
 /// # Errors
-/// [`Error::Image`] naming the field that does not fit.
+/// [`Error::Image`] with the field that does not fit: the encoding, or fewer bytes than width, height and step need.
 pub fn rgb_view(message: &Image) -> Result<RgbView<'_>, Error> {
     if message.encoding != "rgb8" {
         return Err(Error::Image { field: "encoding", expected: "rgb8", got: message.encoding.clone() });
@@ -20,7 +20,7 @@ pub fn rgb_view(message: &Image) -> Result<RgbView<'_>, Error> {
     })
 }
 
-/// The mask as a `mono8` image with the header of the image that it was made of.
+/// Mask as a `mono8` message. `header` is that of the segmented image.
 #[must_use]
 pub fn mask_message(mask: &LabelMask, header: Header) -> Image {
     Image {
@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_whole_rgb8_images_are_understood() {
+    fn only_complete_rgb8_images_are_accepted() {
         let mut image =
             Image { width: 2, height: 1, step: 6, encoding: "rgb8".into(), data: vec![0; 6], ..Image::default() };
         assert_eq!(rgb_view(&image).unwrap().width(), 2);
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_keeps_the_stamp_of_its_image() {
+    fn a_mask_has_the_header_of_its_image() {
         let mut header = Header::default();
         header.stamp.sec = 7;
         let message = mask_message(&LabelMask::new(4, 3), header.clone());

@@ -1,21 +1,21 @@
-//! Errors.
+//! Errors of segmentation.
 
 use thiserror::Error;
 
-/// Why there is no mask.
+/// Reason for which an image gave no mask.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum Error {
     /// A parameter is out of range.
     #[error("{field}: expected {expected}, got {got}")]
     Parameter {
-        /// The parameter's name.
+        /// Name of the parameter.
         field: &'static str,
-        /// What values it may take.
+        /// Values that it may take.
         expected: &'static str,
-        /// The value given.
+        /// Value that was given.
         got: String,
     },
-    /// The image of a message does not fit.
+    /// An image message cannot be read.
     #[error("{field}: expected {expected}, got {got}")]
     Image {
         /// Field of the message.
@@ -44,7 +44,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Field or property at fault, by which dropped images are counted.
+    /// Field or property at fault. The node counts dropped images by it.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {

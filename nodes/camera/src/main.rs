@@ -1,4 +1,4 @@
-//! The executable of the node `camera`.
+//! Executable of the node `camera`.
 
 use std::process::ExitCode;
 

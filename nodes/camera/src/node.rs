@@ -1,4 +1,4 @@
-//! The node: a mask for every image.
+//! ROS node: publishes a mask for every image.
 
 use crate::{ColourParams, ColourRange, ColourSegmenter, Segmenter, convert};
 use anyhow::Result;
@@ -8,11 +8,11 @@ use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, Throttle, 
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Silence of the camera that counts as a fault: as long as a policy waits for fresh data by default.
+/// Time without an image after which the node reports a fault: the time that a policy waits for fresh data by default.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Greatest distance of an image's stamp from the node's clock. Policies use nothing as old.
+/// Largest difference between an image's stamp and the node's clock. Policies discard data that are older.
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
-/// Complaints about one thing come at most this often.
+/// Shortest time between two warnings about the same thing.
 const COMPLAIN: Duration = Duration::from_secs(5);
 
 /// Runs the node from the arguments after the program's name.
@@ -27,6 +27,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let names = Names { one: "image", many: "images" };
     let intake = node.intake::<Image>(contract::IMAGE.name, contract::IMAGE.qos, names, SILENCE)?;
     intake.need(true);
+    // A mask with a doubtful stamp is still published: consumers judge its age themselves.
     let (doubted, clock) = (intake.clone(), node.clock().clone());
     let mut mask = LabelMask::new(1, 1);
     let mut stamps = StampCheck::new(STAMP_LIMIT);
@@ -48,8 +49,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-/// The segmenter's parameters, fixed at the start: a change of colours in the middle of an episode would be a change of
-/// what is measured.
+/// Declares the segmenter's parameters. They are read-only: new colours in the middle of an episode would change the
+/// meaning of its measurements.
 fn declare(builder: &NodeBuilder) -> Result<ColourParams> {
     let d = ColourParams::default();
     let range = |label: &str, d: ColourRange| -> Result<ColourRange> {

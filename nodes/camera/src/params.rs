@@ -4,29 +4,30 @@ use catenary_core::camera::MASK_SIZE_PX;
 
 use crate::Error;
 
-/// The colours of one label: a sector of hue, a least saturation and a least chroma.
+/// Colours of one label: a sector of hue, a least saturation and a least chroma.
 ///
-/// With V the largest and C the largest minus the smallest of R, G, B: saturation is C / V, chroma is C. Hue is the
-/// angle of (2R − G − B, √3 (G − B)), 0 for red, 120° for green, 240° for blue. Hue and saturation are ratios: shading
-/// and a neutral shadow multiply R, G and B by one factor, which a power-law gamma turns into another factor, so both
-/// stand them. CIELAB chroma does not: it shrinks with the light, and so a threshold on it that is low enough for the
-/// shadow lets grey noise in where it is bright. What does not scale with the light is the sensor's noise; the least
-/// chroma keeps dark grey pixels, whose hue and saturation are noise, out.
+/// V is the largest of R, G and B, and C the largest minus the smallest. Saturation is C / V; chroma is C. Hue is the
+/// angle of (2R − G − B, √3 (G − B)): 0 for red, 120° for green, 240° for blue.
+///
+/// Shading and a neutral shadow multiply R, G and B by one factor, which a power-law gamma turns into another factor.
+/// Hue and saturation are ratios and do not change. CIELAB chroma is not used: it falls with the light, and a threshold
+/// low enough for the shadow accepts grey noise in bright areas. The sensor's noise does not scale with the light.
+/// `min_chroma` is a threshold on C. It excludes dark grey pixels, whose hue and saturation are noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourRange {
-    /// Hue in degrees: the sector runs from the first to the second, upwards through 360 where the second is smaller.
-    /// Less than 180 wide.
+    /// Hue in degrees. The sector runs upwards from the first to the second angle, through 360 if the second is smaller.
+    /// It is less than 180 wide.
     pub hue_deg: [f64; 2],
-    /// Least saturation, 0 to 1. Larger keeps pale edges and reflections out; smaller keeps washed-out parts in.
+    /// Least saturation, 0 to 1. Larger excludes pale edges and reflections; smaller accepts washed-out parts.
     pub min_saturation: f64,
-    /// Least chroma, 0 to 255. Larger keeps noise in dark areas out; smaller keeps deep shadow in.
+    /// Least chroma, 0 to 255. Larger excludes noise in dark areas; smaller accepts deep shadow.
     pub min_chroma: u8,
 }
 
-/// The square of the image that becomes the mask.
+/// Square of the image that becomes the mask.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Crop {
-    /// The largest square in the middle of the image: that of `catenary_core::camera`.
+    /// Largest square in the middle of the image, as in `catenary_core::camera`.
     #[default]
     CentredSquare,
     /// A square of image pixels.
@@ -43,28 +44,29 @@ pub enum Crop {
 /// Parameters of [`crate::ColourSegmenter`]. Lengths and areas are in mask pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourParams {
-    /// Colours of the object. Default: blue, pale enough to keep the dark edge of a bar before a bright background,
-    /// which the lens mixes with it.
+    /// Colours of the object. Default: blue. The least saturation is low because the lens mixes the edge of a bar with
+    /// its bright background.
     pub dlo: ColourRange,
-    /// Colours of the target. Default: red to orange, more saturated than skin or wood. Its sector must not meet the
-    /// object's.
+    /// Colours of the target. Default: red to orange, more saturated than skin or wood. The hue sector must not overlap
+    /// the object's.
     pub target: ColourRange,
-    /// What is darker than this (largest of R, G, B) and has neither colour may be an occluder, such as the gripper.
+    /// Limit of the largest of R, G and B of an occluder, such as the gripper. A pixel below it that has neither label counts
+    /// as a possible occluder.
     pub occluder_max_value: u8,
-    /// What becomes the mask.
+    /// Part of the image that becomes the mask.
     pub crop: Crop,
     /// Side of the mask in pixels.
     pub mask_size_px: u32,
-    /// Radius of the closing, which fills small gaps. 0: none.
+    /// Radius of the closing, which fills small gaps. 0: no closing.
     pub close_radius_px: u32,
-    /// Radius of the opening, which takes away what is thinner than about twice the radius. 0: none.
+    /// Radius of the opening, which removes parts narrower than about twice the radius. 0: no opening.
     pub open_radius_px: u32,
-    /// The least area of the object and of the target; less is dropped as noise.
+    /// Least area of the object and of the target. Smaller regions are dropped as noise.
     pub min_area_px: usize,
-    /// Pieces of the object that are this near to one another, across an occluder or the target, are kept together. 0:
-    /// only the largest piece is kept.
+    /// Largest distance across an occluder or the target at which two pieces of the object are both kept. 0: only the
+    /// largest piece is kept. The default is the keypoint tracker's `max_gap_px`: the tracker joins pieces up to there.
     pub max_occlusion_px: u32,
-    /// The least area of such a piece.
+    /// Least area of a piece that is kept across an occluder.
     pub min_piece_area_px: usize,
 }
 
@@ -86,13 +88,17 @@ impl Default for ColourParams {
 }
 
 impl ColourParams {
-    /// Rejects values out of range; names the field.
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] with the field that is out of range.
     pub fn check(&self) -> Result<(), Error> {
         self.dlo.check(["dlo.hue_deg", "dlo.min_saturation"])?;
         self.target.check(["target.hue_deg", "target.min_saturation"])?;
         if self.dlo.meets(&self.target) {
             let got = format!("{:?}, and the object has {:?}", self.target.hue_deg, self.dlo.hue_deg);
-            return Err(Error::Parameter { field: "target.hue_deg", expected: "hues that the object has not", got });
+            let expected = "a hue sector that does not overlap the object's";
+            return Err(Error::Parameter { field: "target.hue_deg", expected, got });
         }
         let in_range = |field, expected, value: u32, range: std::ops::RangeInclusive<u32>| {
             if range.contains(&value) {
@@ -121,10 +127,12 @@ impl ColourRange {
         Ok(())
     }
 
+    /// Width of the hue sector in degrees, also across 0.
     fn width_deg(&self) -> f64 {
         (self.hue_deg[1] - self.hue_deg[0]).rem_euclid(360.0)
     }
 
+    /// Returns true if the two hue sectors overlap. Two sectors overlap exactly if one holds the other's start.
     fn meets(&self, other: &Self) -> bool {
         let holds = |range: &Self, hue: f64| (hue - range.hue_deg[0]).rem_euclid(360.0) <= range.width_deg();
         holds(self, other.hue_deg[0]) || holds(other, self.hue_deg[0])
@@ -132,7 +140,10 @@ impl ColourRange {
 }
 
 impl Crop {
-    /// Left edge, upper edge and side in image pixels, of an image of `width` x `height`.
+    /// Left edge, upper edge and side of the square in image pixels, for an image of `width` x `height`.
+    ///
+    /// # Errors
+    /// [`Error::CropOutside`] if the square does not lie within the image.
     pub(crate) fn square(self, width: u32, height: u32) -> Result<[f64; 3], Error> {
         let (w, h) = (f64::from(width), f64::from(height));
         let [left_px, top_px, side_px] = match self {
@@ -142,6 +153,7 @@ impl Crop {
             }
             Crop::Square { left_px, top_px, side_px } => [left_px, top_px, side_px],
         };
+        // Comparisons with NaN are false: a crop of NaN counts as outside.
         let inside =
             left_px >= 0.0 && top_px >= 0.0 && side_px > 0.0 && left_px + side_px <= w && top_px + side_px <= h;
         if inside {
@@ -164,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_values_are_rejected_by_name() {
+    fn values_out_of_range_are_rejected_with_the_fields_name() {
         assert_eq!(ColourParams::default().check(), Ok(()));
         rejects(|p| p.dlo.hue_deg = [190.0, 20.0], "dlo.hue_deg");
         rejects(|p| p.dlo.hue_deg = [f64::NAN, 20.0], "dlo.hue_deg");
@@ -172,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn sectors_that_meet_are_rejected_also_through_zero() {
+    fn overlapping_hue_sectors_and_sizes_out_of_range_are_rejected() {
         rejects(|p| p.target.hue_deg = [200.0, 220.0], "target.hue_deg");
         rejects(|p| p.dlo.hue_deg = [350.0, 10.0], "target.hue_deg");
         rejects(|p| p.mask_size_px = 0, "mask_size_px");

@@ -1,34 +1,34 @@
-//! A scene drawn in image pixels, with the labels that a perfect segmentation would give: for tests and benches.
-#![allow(dead_code, reason = "the benches and the tests outside of the crate draw with a part of it")]
+//! Synthetic scene with known labels, drawn in image pixels, for tests and benches.
+#![allow(dead_code, reason = "each bench and each integration test uses only some of these functions")]
 
 use catenary_core::image::label;
 use catenary_core::{LabelMask, RgbImage, seed};
 use rand_distr::{Distribution, Normal};
 
-/// Width and height of the image.
+/// Width and height of the image in pixels.
 pub const IMAGE_PX: [u32; 2] = [640, 480];
 const MASK_PX: u32 = 256;
 
-/// What stands before the camera. Lengths in image pixels.
+/// Objects and light in front of the camera. Lengths in image pixels.
 #[derive(Clone)]
 pub struct Scene {
     /// Centre line of the bar.
     pub bar: Vec<[f64; 2]>,
     pub bar_half_width: f64,
-    /// Centre and radius.
+    /// Centre and radius of the target.
     pub target: Option<([f64; 2], f64)>,
-    /// Left, top, right, bottom: in front of all.
+    /// Left, top, right and bottom of the gripper, which hides everything behind it.
     pub gripper: Option<[f64; 4]>,
-    /// Centre, radius and the part of the light that is left in the middle of a soft shadow.
+    /// Centre and radius of a soft shadow, and the share of the light that is left in its middle.
     pub shadow: ([f64; 2], f64, f64),
     pub gain: f64,
-    /// Rotation of all colours about grey.
+    /// Angle by which all colours are rotated about the grey axis.
     pub hue_shift_deg: f64,
     pub noise: f64,
 }
 
 impl Scene {
-    /// A bar that hangs from a gripper over a table, beside a target.
+    /// Bar that hangs from a gripper over a table, beside a target.
     pub fn hanging() -> Self {
         let bar = (0..=40).map(|i| f64::from(i) / 40.0).map(|t| [270.0 + 130.0 * t, 190.0 + 120.0 * t * t]).collect();
         Self {
@@ -43,7 +43,7 @@ impl Scene {
         }
     }
 
-    /// The image, with noise drawn from `seed`.
+    /// Image with noise drawn from `seed`.
     pub fn image(&self, seed: u64) -> RgbImage {
         let mut image = RgbImage::new(IMAGE_PX[0], IMAGE_PX[1]);
         let mut rng = seed::rng(seed, 0);
@@ -52,6 +52,7 @@ impl Scene {
         for (i, pixel) in image.data.chunks_exact_mut(3).enumerate() {
             let (u, v) = (i as u32 % IMAGE_PX[0], i as u32 / IMAGE_PX[0]);
             let mut sum = [0.0; 3];
+            // Four samples a pixel: pixels on an edge get a mixed colour, as behind a lens.
             for [du, dv] in [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]] {
                 let colour = painter.colour([f64::from(u) + du, f64::from(v) + dv]);
                 (0..3).for_each(|c| sum[c] += 0.25 * colour[c]);
@@ -61,7 +62,7 @@ impl Scene {
         image
     }
 
-    /// What is seen in each pixel of the mask: the label that covers most of it.
+    /// True mask: each pixel has the label that covers most of it, counted at 8 x 8 points.
     pub fn truth(&self) -> LabelMask {
         let scale = f64::from(IMAGE_PX[1]) / f64::from(MASK_PX);
         let left = 0.5 * f64::from(IMAGE_PX[0] - IMAGE_PX[1]);
@@ -81,7 +82,7 @@ impl Scene {
     }
 }
 
-/// A scene with the box around its bar.
+/// Scene with the bounding box of its bar.
 struct Painter<'a> {
     scene: &'a Scene,
     low: [f64; 2],
@@ -115,7 +116,8 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// Distance from the bar's centre line over the half width, where `p` is on the bar, whose ends are cut straight.
+    /// Distance of `p` from the centre line as a share of the half width; none if `p` is not on the bar. The bar's ends are
+    /// cut straight.
     fn on_bar(&self, p: [f64; 2]) -> Option<f64> {
         if (0..2).any(|i| p[i] < self.low[i] || p[i] > self.high[i]) {
             return None;
@@ -145,7 +147,7 @@ impl<'a> Painter<'a> {
     }
 
     fn colour(&self, p: [f64; 2]) -> [f64; 3] {
-        // A round surface lit from the camera: darker towards its outline.
+        // A round surface lit from the camera is darker towards its outline.
         let round = |across: f64| 0.4 + 0.6 * (1.0 - 0.9 * across * across).sqrt();
         let (albedo, light) = match (self.in_gripper(p), self.on_bar(p), self.on_target(p)) {
             (true, _, _) => ([50.0, 50.0, 55.0], 1.0),
@@ -161,7 +163,7 @@ impl<'a> Painter<'a> {
     }
 }
 
-/// `rgb` turned about the grey axis.
+/// Rotates `rgb` about the grey axis.
 fn rotate_hue(rgb: [f64; 3], angle_deg: f64) -> [f64; 3] {
     let (sin, cos) = angle_deg.to_radians().sin_cos();
     let (same, side) = ((1.0 - cos) / 3.0, sin / 3f64.sqrt());

@@ -1,4 +1,4 @@
-//! After the first frame, segmentation allocates nothing: a camera node runs for hours beside a real-time arm.
+//! Segmentation allocates nothing after the first frame: a camera node runs for hours beside a real-time arm.
 #![allow(unsafe_code, reason = "a counting allocator is an unsafe trait")]
 
 use std::alloc::{GlobalAlloc, Layout, System};

@@ -1,4 +1,4 @@
-//! One mask of 256 x 256 to keypoints.
+//! Tracking of one mask of 256 x 256.
 
 use std::hint::black_box;
 

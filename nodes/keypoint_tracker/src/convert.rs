@@ -1,16 +1,16 @@
-//! From wire images to the tracker's masks. Keypoints go out by the shell's conversion.
+//! Conversion of ROS images to masks. The shell converts keypoints to messages.
 
 use crate::Error;
 use catenary_core::LabelMask;
 use catenary_core::camera::MASK_SIZE_PX;
 use catenary_msgs::sensor_msgs::msg::Image;
 
-/// The label mask of a square `mono8` message without padding.
+/// Label mask of a square `mono8` message without padding.
 ///
-/// Keypoints are fractions of the mask's sides, so that one that is not square would distort them.
+/// Keypoint messages hold fractions of the mask's sides. A mask that is not square would distort them.
 ///
 /// # Errors
-/// [`Error::Parameter`] naming the field that does not fit.
+/// [`Error::Parameter`] with the field that does not fit.
 pub fn mask(message: &Image) -> Result<LabelMask, Error> {
     if message.encoding != "mono8" {
         return Err(Error::Parameter { field: "encoding", expected: "mono8", got: message.encoding.clone() });
@@ -30,7 +30,8 @@ pub fn mask(message: &Image) -> Result<LabelMask, Error> {
     })
 }
 
-/// Size of a mask that the tracker's parameters, which are in pixels, were not chosen for.
+/// Warning about a mask of an unusual size; none for the usual one. The tracker's parameters are in pixels and were chosen
+/// for masks of [`MASK_SIZE_PX`].
 #[must_use]
 pub fn unusual_size(mask: &LabelMask) -> Option<String> {
     let (width, height) = (mask.width, mask.height);
@@ -43,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_whole_mono8_images_are_masks() {
+    fn only_complete_square_mono8_images_are_masks() {
         let good =
             Image { width: 3, height: 3, step: 3, encoding: "mono8".into(), data: vec![1; 9], ..Image::default() };
         assert_eq!(mask(&good).unwrap().at(2, 1), 1);

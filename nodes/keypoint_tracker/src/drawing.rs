@@ -1,29 +1,30 @@
-//! Masks drawn from analytic curves: for tests and benches.
-#![allow(dead_code, reason = "the benches and the tests outside of the crate draw with a part of it")]
+//! Masks drawn from analytic curves, for tests and benches.
+#![allow(dead_code, reason = "each bench and each integration test uses only some of these functions")]
 
 use catenary_core::LabelMask;
 use catenary_core::image::label;
 
-/// Side of the masks drawn.
+/// Side of the masks in pixels.
 pub const SIZE: u32 = 256;
 
-/// `curve` from 0 to 1 as a polyline with segments of about half a pixel.
+/// Polyline of 400 segments along `curve` from 0 to 1.
 pub fn polyline(curve: impl Fn(f64) -> [f64; 2]) -> Vec<[f64; 2]> {
     (0..=400).map(|i| curve(f64::from(i) / 400.0)).collect()
 }
 
-/// A straight line of `length` through `middle`.
+/// Straight line of `length` with its middle at `middle`.
 pub fn straight(middle: [f64; 2], angle: f64, length: f64) -> Vec<[f64; 2]> {
     polyline(|t| [middle[0] + (t - 0.5) * length * angle.cos(), middle[1] + (t - 0.5) * length * angle.sin()])
 }
 
-/// A line that begins at `start` under the angle `heading` and has the curvature `curvature(s)` in 1/px at arc length s.
+/// Line from `start` in the direction `heading` with the curvature `curvature(s)` in 1/px at arc length s.
 pub fn curved(start: [f64; 2], heading: f64, length: f64, curvature: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
     let (mut p, mut heading) = (start, heading);
     let step = length / 400.0;
     let mut points = vec![p];
     for i in 0..400 {
         let bend = curvature((f64::from(i) + 0.5) * step) * step;
+        // Half of the bend before and half after the step: the midpoint rule.
         heading += 0.5 * bend;
         p = [p[0] + step * heading.cos(), p[1] + step * heading.sin()];
         heading += 0.5 * bend;
@@ -32,7 +33,7 @@ pub fn curved(start: [f64; 2], heading: f64, length: f64, curvature: impl Fn(f64
     points
 }
 
-/// A chain of parameter `a` (px) hanging between two heights: v = lowest − a (cosh((u − u0)/a) − 1), u from `u[0]` to `u[1]`.
+/// Catenary of parameter `a` (px): v = lowest − a (cosh((u − u0)/a) − 1) for u from `u[0]` to `u[1]`.
 pub fn hanging(u: [f64; 2], u0: f64, lowest: f64, a: f64) -> Vec<[f64; 2]> {
     polyline(|t| {
         let u = u[0] + t * (u[1] - u[0]);
@@ -54,7 +55,7 @@ pub fn at_fraction(points: &[[f64; 2]], fraction: f64) -> [f64; 2] {
     points[points.len() - 1]
 }
 
-/// Labels the pixels whose centres lie within `half_width` of the line, whose ends are cut straight.
+/// Labels the pixels whose centres lie within `half_width` of `line`. The ends are cut straight.
 pub fn draw(mask: &mut LabelMask, line: &[[f64; 2]], half_width: f64) {
     let (width, height) = (mask.width as usize, mask.height as usize);
     for (i, pair) in line.windows(2).enumerate() {
@@ -74,7 +75,7 @@ pub fn draw(mask: &mut LabelMask, line: &[[f64; 2]], half_width: f64) {
     }
 }
 
-/// Where along the segment (0 to 1) it is nearest to `p`, and how near.
+/// Place along the segment (0 to 1) nearest to `p`, and its distance from `p`.
 fn nearest(pair: &[[f64; 2]], p: [f64; 2]) -> (f64, f64) {
     let d = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
     let r = [p[0] - pair[0][0], p[1] - pair[0][1]];
@@ -82,7 +83,7 @@ fn nearest(pair: &[[f64; 2]], p: [f64; 2]) -> (f64, f64) {
     (t, (r[0] - t * d[0]).hypot(r[1] - t * d[1]))
 }
 
-/// Whether segment `i` lies within a half width of an end, and `p` beyond that end.
+/// Returns true if segment `i` lies near an end of `line` and `p` beyond that end.
 fn is_beyond_an_end(line: &[[f64; 2]], i: usize, p: [f64; 2], half_width: f64) -> bool {
     let last = line.len() - 1;
     [[0, 1], [last, last - 1]].into_iter().any(|[end, inner]| {
@@ -93,14 +94,14 @@ fn is_beyond_an_end(line: &[[f64; 2]], i: usize, p: [f64; 2], half_width: f64) -
     })
 }
 
-/// A mask of one line.
+/// Mask of one line.
 pub fn mask_of(line: &[[f64; 2]], half_width: f64) -> LabelMask {
     let mut mask = LabelMask::new(SIZE, SIZE);
     draw(&mut mask, line, half_width);
     mask
 }
 
-/// Labels a disc.
+/// Labels the pixels of a disc.
 pub fn draw_disc(mask: &mut LabelMask, centre: [f64; 2], radius: f64, label: u8) {
     let width = mask.width as usize;
     for (i, cell) in mask.data.iter_mut().enumerate() {

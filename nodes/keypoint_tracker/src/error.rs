@@ -1,34 +1,34 @@
-//! Errors.
+//! Errors of tracking.
 
 use thiserror::Error;
 
-/// Why there are no keypoints. That the object is not in the mask is no error: its scores are then 0.
+/// Reason for which a mask gave no keypoints. A mask without the object is no error: its scores are 0.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum Error {
-    /// A parameter is out of range.
+    /// A parameter, or a field of an image message, is out of range.
     #[error("{field}: expected {expected}, got {got}")]
     Parameter {
-        /// The parameter's name.
+        /// Name of the parameter or field.
         field: &'static str,
-        /// What values it may take.
+        /// Values that it may take.
         expected: &'static str,
-        /// The value given.
+        /// Value that was given.
         got: String,
     },
-    /// The mask's bytes do not fill it.
+    /// The number of bytes is not width times height, or is zero.
     #[error("a mask of {width} x {height} pixels needs as many bytes, at least one, got {got}")]
     Size {
         /// Width in pixels.
         width: u32,
         /// Height in pixels.
         height: u32,
-        /// Bytes given.
+        /// Number of bytes given.
         got: usize,
     },
     /// The mask holds a value that is no label.
     #[error("expected 0 (background), 1 (object) or 2 (target) in the mask, got {label} in column {u}, row {v}")]
     UnknownLabel {
-        /// The value.
+        /// Value that is no label.
         label: u8,
         /// Its column.
         u: usize,
@@ -38,7 +38,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Field or property at fault, by which dropped masks are counted.
+    /// Field or property at fault. The node counts dropped masks by it.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! The executable of the node `keypoint_tracker`.
+//! Executable of the node `keypoint_tracker`.
 
 use std::process::ExitCode;
 

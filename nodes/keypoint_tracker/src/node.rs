@@ -1,4 +1,4 @@
-//! The node: keypoints for every mask.
+//! ROS node: publishes keypoints for every mask.
 
 use crate::{Error, GeometricTracker, KeypointTracker, TrackerParams, convert};
 use anyhow::Result;
@@ -8,9 +8,9 @@ use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, contract, 
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Silence of the camera node that counts as a fault: as long as a policy waits for fresh data by default.
+/// Time without a mask after which the node reports a fault: the time that a policy waits for fresh data by default.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Greatest distance of a mask's stamp from the node's clock. Policies use nothing as old.
+/// Largest difference between a mask's stamp and the node's clock. Policies discard data that are older.
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
 
 /// Runs the node from the arguments after the program's name.
@@ -31,6 +31,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         let flaw = |error: Error| Flaw::new(error.kind(), error);
         let mask = convert::mask(&received.message).map_err(flaw)?;
         let found = tracker.track(&mask).map_err(flaw)?;
+        // Keypoints of a mask of unusual size are published with a warning: they may be right.
         if let Some(detail) = convert::unusual_size(&mask) {
             doubted.doubt(&Flaw::new("size", detail));
         }
@@ -45,6 +46,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
+/// Declares the tracker's parameters, fixed at the start.
 fn declare(builder: &NodeBuilder) -> Result<TrackerParams> {
     let d = TrackerParams::default();
     let fractions = ParamSpec::new("Places of the keypoints as fractions of the centre line's length, increasing.");

@@ -2,49 +2,51 @@
 
 use crate::Error;
 
-/// The end of the object that arc length is counted from.
+/// End of the object at which arc length begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PathStart {
-    /// The upper end: that which is held, of an object that hangs.
+    /// Upper end: the held one of a hanging object.
     #[default]
     Upper,
-    /// The left end.
+    /// Left end.
     Left,
 }
 
 /// Parameters of [`crate::GeometricTracker`]. Lengths and areas are in mask pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackerParams {
-    /// Where the keypoints lie, as fractions of the centre line's length, each larger than the one before. Where they
-    /// are not symmetric (f and 1 − f), the set depends on which end is `start`.
+    /// Positions of the keypoints as fractions of the centre line's length, in rising order. If they are not symmetric
+    /// (f and 1 − f), the set of keypoints depends on `start`.
     pub fractions: [f64; 4],
-    /// The end that the fractions are counted from.
+    /// End at which the fractions begin.
     pub start: PathStart,
-    /// Standard deviation of the Gaussian that smooths the centre line. Larger is steadier, and cuts tight bends: a bend
-    /// of radius r moves inwards by about smoothing² / 2r.
+    /// Standard deviation of the Gaussian that smooths the centre line. Larger is steadier and cuts tight bends: a bend of
+    /// radius r moves inwards by about smoothing² / 2r.
     pub smoothing_px: f64,
-    /// The least area of the object; less counts as not seen.
+    /// Least area of the object. A smaller object counts as not seen.
     pub min_area_px: usize,
-    /// The least area of a further piece of the object, cut off by something in front of it.
+    /// Least area of a further piece of the object behind an occluder.
     pub min_piece_area_px: usize,
-    /// The longest gap between two pieces that the centre line is led across. 0: only the longest piece counts.
+    /// Longest gap between two pieces that the centre line bridges. 0: only the longest piece counts.
     pub max_gap_px: f64,
-    /// Holes of at most this area are filled; larger ones are loops of the object.
+    /// Largest area of a hole that is filled. Larger holes are loops of the object.
     pub max_hole_px: usize,
-    /// A piece that is thicker than twice this is a blob: its centre line is its main axis.
+    /// Largest half width of a bar. The centre line of a thicker piece, a blob, is its main axis.
     pub max_half_width_px: f64,
-    /// The least area of the target; less counts as not seen.
+    /// Least area of the target. A smaller target counts as not seen.
     pub min_target_area_px: usize,
 }
 
 impl Default for TrackerParams {
     fn default() -> Self {
         Self {
+            // Middles of four equal parts.
             fractions: [0.125, 0.375, 0.625, 0.875],
             start: PathStart::Upper,
             smoothing_px: 2.0,
             min_area_px: 20,
             min_piece_area_px: 6,
+            // The camera keeps pieces across occluders up to the same distance.
             max_gap_px: 28.0,
             max_hole_px: 12,
             max_half_width_px: 20.0,
@@ -54,7 +56,10 @@ impl Default for TrackerParams {
 }
 
 impl TrackerParams {
-    /// Rejects values out of range; names the field.
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] with the field that is out of range.
     pub fn check(&self) -> Result<(), Error> {
         let [first, .., last] = self.fractions;
         let rising = self.fractions.windows(2).all(|pair| pair[0] < pair[1]);
@@ -69,6 +74,7 @@ impl TrackerParams {
                 Err(Error::Parameter { field, expected, got: value.to_string() })
             }
         };
+        // 20: the kernel's buffer in `polyline` holds three standard deviations of it.
         in_range("smoothing_px", "0 to 20", self.smoothing_px, 0.0..=20.0)?;
         in_range("max_gap_px", "0 to 1000", self.max_gap_px, 0.0..=1000.0)?;
         in_range("max_half_width_px", "1 to 100", self.max_half_width_px, 1.0..=100.0)?;
@@ -83,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bad_values_are_rejected_by_name() {
+    fn values_out_of_range_are_rejected_with_the_fields_name() {
         let rejects = |params: TrackerParams, field: &str| {
             let message = params.check().unwrap_err().to_string();
             assert!(message.starts_with(&format!("{field}: expected")), "{message}");

@@ -1,15 +1,18 @@
-//! What every tracking backend does.
+//! Interface of tracking backends.
 
 use catenary_core::{Keypoints, LabelMask};
 
 use crate::Error;
 
-/// Finds the keypoints of the object and the target in a mask.
+/// Tracking of the keypoints of the object and the target in masks.
 pub trait KeypointTracker {
-    /// The keypoints of `mask`, in its pixels.
+    /// Keypoints of `mask` in its pixels.
     ///
     /// All coordinates are finite. The four keypoints of the object are a set: their order may flip between frames.
-    /// Where the object is not seen, its scores are 0 and its keypoints lie in the middle of the mask; what to do then
-    /// (hold the last ones, stop) is the caller's to decide.
+    /// If the object is not seen, its scores are 0 and its keypoints lie in the middle of the mask. The caller decides
+    /// whether to hold the last keypoints or to stop.
+    ///
+    /// # Errors
+    /// [`Error::Size`] if the bytes do not fill the mask; [`Error::UnknownLabel`] if one of them is no label.
     fn track(&mut self, mask: &LabelMask) -> Result<Keypoints, Error>;
 }

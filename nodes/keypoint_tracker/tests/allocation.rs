@@ -1,4 +1,4 @@
-//! After the first frames, tracking allocates nothing: a tracker node runs for hours beside a real-time arm.
+//! Tracking allocates nothing after the first frames: a tracker node runs for hours beside a real-time arm.
 #![allow(unsafe_code, reason = "a counting allocator is an unsafe trait")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -40,7 +40,7 @@ fn tracks_without_allocating_once_warm() {
     let mut tracker = GeometricTracker::new(TrackerParams::default()).unwrap();
     let first = tracker.track(&mask).unwrap();
     assert!(first.dlo_seen() && first.target_score < 1.0, "a gap and a hidden target are part of the test: {first:?}");
-    // Buffers change places, so that it takes some frames until each has grown.
+    // Buffers are swapped, so that it takes some frames until each has grown.
     for _ in 0..4 {
         tracker.track(&mask).unwrap();
     }

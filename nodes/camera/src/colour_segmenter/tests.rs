@@ -1,3 +1,5 @@
+//! Segmentation of drawn scenes whose masks are known.
+
 use super::*;
 use crate::scene::{IMAGE_PX, Scene};
 use catenary_core::{RgbImage, seed};
@@ -10,6 +12,7 @@ fn segment(scene: &Scene, seed: u64) -> (LabelMask, SegmentationReport) {
     (mask, report)
 }
 
+/// Intersection over union of one label in two masks.
 fn iou(a: &LabelMask, b: &LabelMask, label: u8) -> f64 {
     let count = |test: fn(bool, bool) -> bool| {
         a.data.iter().zip(&b.data).filter(|&(&x, &y)| test(x == label, y == label)).count() as f64
@@ -17,6 +20,7 @@ fn iou(a: &LabelMask, b: &LabelMask, label: u8) -> f64 {
     count(|x, y| x && y) / count(|x, y| x || y)
 }
 
+/// Arc of random curvature under random light. In the darkest spot 0.7 · 0.4 = 28 % of the light is left.
 fn random_scene(seed: u64) -> Scene {
     let mut rng = seed::rng(seed, 1);
     let mut scene = Scene::hanging();
@@ -51,6 +55,7 @@ fn masks_agree_with_the_scene_under_shading_shadow_noise_and_hue_jitter() {
             sum[k] += iou / 24.0;
             assert!(iou > 0.9, "seed {seed}: label {label}: IoU {iou:.3}; {report:?}");
         }
+        // The crop of 640 x 480 is its centred square, whose left edge is image column 80.
         let (centre, _) = scene.target.unwrap();
         let found = report.target_centroid_px.unwrap();
         let off = [found[0] - (centre[0] - 80.0) * 256.0 / 480.0, found[1] - centre[1] * 256.0 / 480.0];
@@ -60,7 +65,8 @@ fn masks_agree_with_the_scene_under_shading_shadow_noise_and_hue_jitter() {
 }
 
 #[test]
-fn pieces_on_both_sides_of_the_gripper_stay_and_the_gripper_is_no_object() {
+fn pieces_on_both_sides_of_the_gripper_are_kept_and_the_gripper_is_not_labelled() {
+    // The gripper of this scene covers a part of the bar.
     let scene = Scene::hanging();
     let (mask, report) = segment(&scene, 5);
     let iou = iou(&mask, &scene.truth(), label::DLO);
@@ -73,9 +79,10 @@ fn pieces_on_both_sides_of_the_gripper_stay_and_the_gripper_is_no_object() {
 }
 
 #[test]
-fn a_thing_of_the_same_colour_that_lies_apart_is_dropped() {
+fn a_patch_of_the_objects_colour_that_lies_apart_is_dropped() {
     let scene = Scene::hanging();
     let mut image = scene.image(3);
+    // 30 x 30 image pixels are 16 x 16 = 256 mask pixels.
     for v in 400..430 {
         for u in 300..330 {
             let i = 3 * (v * IMAGE_PX[0] as usize + u);
@@ -91,7 +98,7 @@ fn a_thing_of_the_same_colour_that_lies_apart_is_dropped() {
 }
 
 #[test]
-fn what_is_not_there_is_not_found() {
+fn an_empty_scene_gives_an_empty_mask() {
     let scene = Scene { bar: vec![], target: None, ..Scene::hanging() };
     let (mask, report) = segment(&scene, 9);
     assert!(mask.data.iter().all(|&l| l == label::BACKGROUND), "{report:?}");
@@ -99,7 +106,7 @@ fn what_is_not_there_is_not_found() {
 }
 
 #[test]
-fn the_same_image_gives_the_same_mask_whatever_came_before() {
+fn a_mask_does_not_depend_on_earlier_images() {
     let mut used = ColourSegmenter::new(ColourParams::default()).unwrap();
     let mut mask = LabelMask::new(1, 1);
     for seed in 0..4 {

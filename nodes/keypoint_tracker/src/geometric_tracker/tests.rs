@@ -1,3 +1,5 @@
+//! Keypoints of drawn curves, whose true positions are known.
+
 use super::*;
 use crate::drawing::{at_fraction, curved, draw, draw_disc, hanging, mask_of, straight};
 use catenary_core::seed;
@@ -10,21 +12,23 @@ fn track(mask: &LabelMask) -> Keypoints {
     GeometricTracker::new(TrackerParams::default()).unwrap().track(mask).unwrap()
 }
 
+/// Distance of two points.
 fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Root mean square distance of two sets of keypoints, in the order or the reverse, whichever is nearer.
+/// Root mean square distance of two sets of keypoints in the given or the reverse order, whichever is smaller.
 fn rms(a: &[[f64; 2]; 4], b: &[[f64; 2]; 4]) -> f64 {
     let mean = |order: [usize; 4]| (0..4).map(|k| apart(a[k], b[order[k]]).powi(2)).sum::<f64>() / 4.0;
     mean([0, 1, 2, 3]).min(mean([3, 2, 1, 0])).sqrt()
 }
 
+/// True keypoints of a curve.
 fn truth(line: &[[f64; 2]]) -> [[f64; 2]; 4] {
     FRACTIONS.map(|f| at_fraction(line, f))
 }
 
-/// Shapes that a bar takes, by name.
+/// Named shapes that a bar may take.
 fn shapes() -> Vec<(&'static str, Vec<[f64; 2]>)> {
     let mut shapes = vec![
         ("lying", straight([128.3, 200.2], 0.0, 90.0)),
@@ -53,6 +57,7 @@ fn keypoints_lie_within_a_pixel_and_a_half_of_the_curve_for_all_shapes_and_width
             let rms = rms(&found.dlo_px, &truth(&line));
             (sum, worst, count) = (sum + rms * rms, worst.max(rms), count + 1.0);
             assert!(rms < 1.5, "{name}, half width {half_width}: {rms:.2} px");
+            // A line of two pixels alternates between two and three: its width is less certain.
             let expected = if half_width < 1.5 { 0.3 } else { 0.6 };
             let least = found.scores.iter().copied().fold(1.0, f32::min);
             assert!(least > expected, "{name}, half width {half_width}: scores {:?}", found.scores);
@@ -76,7 +81,7 @@ fn rough_borders_move_keypoints_by_less_than_a_pixel_and_a_half() {
     println!("with rough borders: RMS {:.3} px over {count} masks, worst mask {worst:.3} px", f64::sqrt(sum / count));
 }
 
-/// Flips border pixels, and inner ones a tenth as often, with the probability `share`.
+/// Flips border pixels with the probability `share`, and inner pixels with a tenth of it.
 fn roughen(mask: &mut LabelMask, share: f64, seed: u64) {
     let source = mask.clone();
     let mut rng = seed::rng(seed, 0);
@@ -109,7 +114,7 @@ fn turning_the_mask_by_half_a_turn_turns_the_keypoints() {
 }
 
 #[test]
-fn a_gap_behind_the_gripper_is_bridged_and_counts() {
+fn a_gap_behind_the_gripper_is_bridged_and_counts_as_length() {
     for (from, to) in [(0.08, 0.2), (0.45, 0.6), (0.3, 0.42)] {
         let line = curved([70.0, 90.0], -0.3, 120.0, |s| 0.004 + 0.0001 * s);
         let mut mask = mask_of(&line, 2.15);
@@ -122,6 +127,7 @@ fn a_gap_behind_the_gripper_is_bridged_and_counts() {
         let rms = rms(&found.dlo_px, &truth(&line));
         assert!(rms < 1.5, "gap {from} to {to}: {rms:.2} px");
         for (k, fraction) in FRACTIONS.into_iter().enumerate() {
+            // A keypoint in the gap has the factor 1/2.
             let hidden = (from..to).contains(&fraction);
             assert_eq!(found.scores[k] < 0.55, hidden, "gap {from} to {to}: {:?}", found.scores);
         }
@@ -132,6 +138,7 @@ fn a_gap_behind_the_gripper_is_bridged_and_counts() {
 fn a_stub_that_is_wider_than_long_still_ends_the_line() {
     let line = straight([128.0, 100.0], 0.0, 100.0);
     let mut mask = mask_of(&line, 2.15);
+    // The line begins at u = 78: the gap leaves a stub of three columns.
     for v in 0..256 {
         mask.data[v * 256 + 81..v * 256 + 95].fill(label::BACKGROUND);
     }
@@ -140,9 +147,10 @@ fn a_stub_that_is_wider_than_long_still_ends_the_line() {
 }
 
 #[test]
-fn something_else_far_away_or_aside_is_left_out() {
+fn a_second_object_far_away_or_beside_the_line_is_ignored() {
     let line = straight([128.0, 100.0], 0.2, 90.0);
     let clean = track(&mask_of(&line, 2.15));
+    // The first lies beside the line and leads nowhere; the second is farther away than `max_gap_px`.
     for aside in [straight([128.0, 120.0], 0.2, 30.0), straight([128.0, 220.0], 0.2, 80.0)] {
         let mut mask = mask_of(&line, 2.15);
         draw(&mut mask, &aside, 2.15);
@@ -154,7 +162,7 @@ fn something_else_far_away_or_aside_is_left_out() {
 
 #[test]
 fn a_bar_that_crosses_or_touches_itself_is_followed_around() {
-    // A loop of radius 16 between two straight arms: they cross at a right angle, or at an acute one.
+    // A loop of radius 16 between two straight arms, which cross at a right or at an acute angle.
     for turn in [1.5 * std::f64::consts::PI, 1.25 * std::f64::consts::PI] {
         let arc = 16.0 * turn;
         let line =
@@ -162,7 +170,7 @@ fn a_bar_that_crosses_or_touches_itself_is_followed_around() {
         let rms = rms(&track(&mask_of(&line, 2.15)).dlo_px, &truth(&line));
         assert!(rms < 2.0, "turn {turn:.2}: {rms:.2} px");
     }
-    // A lasso: the end touches the middle.
+    // A lasso: the end touches the middle of the line.
     let arc = 16.0 * 1.5 * std::f64::consts::PI;
     let line = curved([70.0, 150.0], 0.1, 66.0 + arc, |s| {
         if s > 50.0 { (1.0f64 / 16.0).min((50.0 + arc - s).max(0.0)) } else { 0.0 }
@@ -185,6 +193,7 @@ fn holes_are_filled() {
 
 #[test]
 fn a_bar_cut_by_the_edge_is_tracked_as_far_as_it_is_seen_with_less_confidence() {
+    // 100 px about u = 20: the first 30 px lie outside of the mask.
     let whole = straight([20.0, 100.0], 0.1, 100.0);
     let seen: Vec<_> = whole.iter().copied().filter(|p| p[0] > 0.0).collect();
     let found = track(&mask_of(&whole, 2.15));
@@ -208,9 +217,10 @@ fn a_short_bar_lies_along_its_axis_and_a_round_blob_has_little_confidence() {
 }
 
 #[test]
-fn what_is_not_seen_has_no_confidence_and_the_rest_is_still_reported() {
+fn an_unseen_object_has_no_confidence_and_the_target_is_still_reported() {
     let mut mask = LabelMask::new(256, 256);
     draw_disc(&mut mask, [60.0, 200.0], 7.0, label::TARGET);
+    // Five pixels are fewer than `min_area_px`.
     mask.data[1000..1005].fill(label::DLO);
     let found = track(&mask);
     assert!(!found.dlo_seen() && found.scores == [0.0; 4]);
@@ -220,7 +230,7 @@ fn what_is_not_seen_has_no_confidence_and_the_rest_is_still_reported() {
 }
 
 #[test]
-fn fractions_are_counted_from_the_end_that_is_asked_for() {
+fn fractions_are_counted_from_the_chosen_end() {
     let line = straight([128.0, 128.0], 0.5, 80.0);
     let track_from = |start| {
         let params = TrackerParams { fractions: [0.25, 0.5, 0.75, 1.0], start, ..TrackerParams::default() };
@@ -238,7 +248,7 @@ fn fractions_are_counted_from_the_end_that_is_asked_for() {
 }
 
 #[test]
-fn a_mask_that_is_none_is_refused_with_the_reason() {
+fn a_mask_with_an_unknown_label_or_a_wrong_size_is_refused() {
     let mut tracker = GeometricTracker::new(TrackerParams::default()).unwrap();
     let mut mask = LabelMask::new(8, 4);
     mask.data[11] = 255;
@@ -248,7 +258,7 @@ fn a_mask_that_is_none_is_refused_with_the_reason() {
 }
 
 #[test]
-fn the_same_mask_gives_the_same_bits_whatever_came_before() {
+fn keypoints_do_not_depend_on_earlier_masks_to_the_bit() {
     let mut used = GeometricTracker::new(TrackerParams::default()).unwrap();
     for (_, line) in shapes() {
         let mask = mask_of(&line, 2.15);
@@ -256,6 +266,7 @@ fn the_same_mask_gives_the_same_bits_whatever_came_before() {
     }
 }
 
+/// Returns true if every coordinate lies within 2 px of the mask and every score within 0 to 1.
 fn is_sound(found: &Keypoints) -> bool {
     let inside = |p: &[f64; 2]| p.iter().all(|c| (-2.0..=258.0).contains(c));
     found.dlo_px.iter().all(inside)
@@ -273,6 +284,7 @@ fn any_mask_gives_finite_keypoints() {
         for blur in 0..3 {
             let mut mask = LabelMask::new(256, 256);
             mask.data.iter_mut().for_each(|l| *l = if rng.random_bool(share) { rng.random_range(1..=2) } else { 0 });
+            // Crude smoothing of the noise into blobs, from salt and pepper to large regions with holes.
             for _ in 0..blur {
                 let source = mask.data.clone();
                 (257..65536 - 257).for_each(|i| mask.data[i] = source[i - 1].min(source[i + 1]).max(source[i - 256]));

@@ -4,31 +4,36 @@ use catenary_core::image::label;
 
 use crate::{ColourParams, ColourRange};
 
-/// Class of dark pixels without colour: they may stand in front of the object. Never written to a mask.
+/// Class of dark pixels without colour, which may belong to an occluder in front of the object. Never written to a mask.
 pub(crate) const OCCLUDER: u8 = 3;
-/// Number of classes: the labels, and [`OCCLUDER`].
+/// Number of classes: three labels and [`OCCLUDER`].
 pub(crate) const CLASSES: usize = 4;
 
-/// Pixels that are tested at once.
+/// Pixels that the vectorised test of a row takes at once.
 const BLOCK: usize = 32;
 
-/// A [`ColourRange`] as integer inequalities, each homogeneous in (R, G, B) but the noise floor.
+/// Integer form of a [`ColourRange`]. All inequalities but the one on chroma are homogeneous in (R, G, B): they do not
+/// depend on the brightness.
 #[derive(Debug, Clone, Copy)]
 struct Sector {
-    /// Within the sector, `from` · (R, G, B) ≥ 0 and `to` · (R, G, B) ≤ 0.
+    /// Normal of the sector's first boundary: `from` · (R, G, B) ≥ 0 within the sector.
     from: [i32; 3],
+    /// Normal of the sector's second boundary: `to` · (R, G, B) ≤ 0 within the sector.
     to: [i32; 3],
     /// Least saturation in 1/256.
     min_saturation: i32,
+    /// Least chroma, 0 to 255.
     min_chroma: i32,
 }
 
 impl Sector {
     fn new(range: &ColourRange) -> Self {
-        // The direction h of hue and (a, b) = (2R − G − B, √3 (G − B)) turn left when cos h · b − sin h · a ≥ 0.
+        // (a, b) = (2R − G − B, √3 (G − B)) lies to the left of the direction of hue h if cos h · b − sin h · a ≥ 0.
         let boundary = |hue_deg: f64| {
             let (sin, cos) = hue_deg.to_radians().sin_cos();
             let b = 3f64.sqrt() * cos;
+            // Fixed point with 12 fractional bits: rounding turns a boundary by less than 0.01 degree, and the sum of
+            // three products with bytes stays below 2^23.
             [-2.0 * sin, sin + b, sin - b].map(|k| (4096.0 * k).round() as i32)
         };
         Self {
@@ -48,12 +53,12 @@ impl Sector {
     }
 }
 
-/// Sorts pixels into classes.
+/// Classifier of single pixels.
 #[derive(Debug, Clone)]
 pub(crate) struct Classifier {
     dlo: Sector,
     target: Sector,
-    /// The smallest chroma that either label accepts: most pixels of a scene are greyer, and need no more tests.
+    /// Smaller of the two labels' least chromas. Most pixels of a scene lie below it and need no further test.
     min_chroma: i32,
     occluder_max_value: i32,
 }
@@ -68,10 +73,10 @@ impl Classifier {
         }
     }
 
-    /// The class of each RGB triple of `row`; whether any is not background.
+    /// Writes the class of each RGB triple of `row` to `classes`. Returns true if any of them is not background.
     ///
-    /// Most of a scene is grey and light: whole blocks of it are told by a test that is the same for every byte, so that
-    /// the compiler can use vector instructions on the interleaved channels.
+    /// Most of a scene is grey and light. One test recognises whole blocks of it; the test treats every byte alike, so
+    /// that the compiler can use vector instructions on the interleaved channels.
     pub(crate) fn classify_row(&self, row: &[u8], classes: &mut [u8]) -> bool {
         let mut any = false;
         for (block, classes) in row.chunks(3 * BLOCK).zip(classes.chunks_mut(BLOCK)) {
@@ -87,12 +92,14 @@ impl Classifier {
         any
     }
 
-    /// Whether any three neighbouring bytes (every third of them is a pixel) pass the chroma floor or are dark.
+    /// Returns true if any three neighbouring bytes reach the least chroma or are dark. Every third triple is a pixel.
     fn may_be_coloured_or_dark(&self, block: &[u8]) -> bool {
         let (min_chroma, dark) = (self.min_chroma as u8, self.occluder_max_value as u8);
+        // Triples that straddle two pixels can only raise a false alarm, after which each pixel is classified alone.
         let (a, b, c) = (block, &block[1..], &block[2..]);
         let mut any = false;
         for ((&a, &b), &c) in a.iter().zip(b).zip(c) {
+            // The largest minus the smallest of three numbers is the largest of their differences.
             let chroma = a.abs_diff(b).max(b.abs_diff(c)).max(a.abs_diff(c));
             any |= (chroma >= min_chroma) | (a.max(b).max(c) < dark);
         }
@@ -104,6 +111,7 @@ impl Classifier {
         let value = rgb[0].max(rgb[1]).max(rgb[2]);
         let chroma = value - rgb[0].min(rgb[1]).min(rgb[2]);
         if chroma >= self.min_chroma {
+            // The two hue sectors do not overlap (`ColourParams::check`): the order of the tests is of no consequence.
             if self.dlo.holds(rgb, value, chroma) {
                 return label::DLO;
             }
@@ -124,7 +132,8 @@ mod tests {
     }
 
     #[test]
-    fn labels_stand_any_light_down_to_the_noise_floor() {
+    fn labels_do_not_depend_on_the_light_down_to_the_noise_floor() {
+        // The object's chroma of 160 falls under the least chroma of 24 at 15 % of the light.
         for (albedo, expected) in [([40.0, 90.0, 200.0], label::DLO), ([220.0, 60.0, 30.0], label::TARGET)] {
             for percent in 20..=115 {
                 let rgb = albedo.map(|c: f64| (c * f64::from(percent) / 100.0).round() as u8);
@@ -137,6 +146,7 @@ mod tests {
     fn greys_have_no_label_however_dark_with_noise_below_the_floor() {
         for albedo in [[150.0, 150.0, 150.0], [225.0, 225.0, 220.0], [50.0, 50.0, 55.0]] {
             for percent in 0..=115 {
+                // A spread of 14 with the albedo's own 5 stays below the least chroma of 24.
                 for noise in [[-7.0, 0.0, 7.0], [7.0, -7.0, 0.0]] {
                     let rgb: [u8; 3] =
                         std::array::from_fn(|i| (albedo[i] * f64::from(percent) / 100.0 + noise[i]) as u8);

@@ -1,27 +1,28 @@
-//! The graph of a skeleton: lines between ends and junctions.
+//! Graph of a skeleton: lines of cells between ends and junctions.
 
 use std::ops::Range;
 
-use crate::distance::Distance;
-use crate::pieces::Pieces;
-use crate::thinning::{Thinning, bits, neighbours};
+use super::distance::Distance;
+use super::pieces::Pieces;
+use super::thinning::{Thinning, bits, neighbours};
 
-/// Larger graphs are noise: only so many lines, the longest, are kept.
+/// Maximum number of lines. The longest lines are kept. A mask with more lines is noise.
 const MAX_EDGES: usize = 48;
-/// Lines to an end no longer than so many half widths of their junction are spurs.
+/// Maximum length of a spur, in half widths at its junction. A spur is a short line from the skeleton to a bump of the
+/// outline.
 const SPUR_HALF_WIDTHS: f64 = 1.5;
 
-/// A junction, an end, or the cell at which a ring is cut open.
+/// Node of the graph: a junction, an end, or the cell at which a ring is cut open.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
     pub(crate) position: [f64; 2],
-    /// Half the width there.
+    /// Half the object's width at the node.
     pub(crate) half_width_px: f64,
-    /// Whether lines meet here; else it is the last cell of its line.
+    /// True for a junction, at which lines meet. False for an end of a line, and for the cell at which a ring is cut.
     pub(crate) is_junction: bool,
 }
 
-/// A line of cells from one node to another, or back to the same.
+/// Edge of the graph: a line of cells from one node to another, or back to the same one.
 #[derive(Debug, Clone)]
 pub(crate) struct Edge {
     pub(crate) nodes: [usize; 2],
@@ -30,7 +31,7 @@ pub(crate) struct Edge {
     pub(crate) piece: u8,
 }
 
-/// What the graph is read from.
+/// Skeleton of a mask, from which the graph is read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Skeleton<'a> {
     pub(crate) pieces: &'a Pieces,
@@ -38,17 +39,18 @@ pub(crate) struct Skeleton<'a> {
     pub(crate) thinning: &'a Thinning,
 }
 
-/// A skeleton's graph. Keeps its buffers.
+/// Graph of a skeleton. Reuses its buffers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Graph {
     pub(crate) nodes: Vec<Node>,
     pub(crate) edges: Vec<Edge>,
-    /// The cells of the edges, one edge after the other.
+    /// Cells of the edges, one edge after the other.
     pub(crate) cells: Vec<usize>,
-    /// For each cell of the grid: `FREE`, `TAKEN` by an edge, or the junction that it belongs to, plus `JUNCTION`.
+    /// State of each cell of the grid: `FREE`, `TAKEN` by an edge, or `JUNCTION` plus the index of its junction's node.
     owner: Vec<u32>,
-    /// For each cell of the grid, how many neighbours it has in the skeleton.
+    /// Number of neighbours in the skeleton of each cell of the grid.
     degree: Vec<u8>,
+    /// Cells of the junction under construction.
     cluster: Vec<usize>,
 }
 
@@ -57,7 +59,7 @@ const TAKEN: u32 = 1;
 const JUNCTION: u32 = 2;
 
 impl Graph {
-    /// Reads the graph off the skeleton, without its spurs.
+    /// Builds the graph of the skeleton, without spurs.
     pub(crate) fn build(&mut self, skeleton: Skeleton<'_>) {
         let cells = &skeleton.thinning.cells;
         self.nodes.clear();
@@ -71,6 +73,7 @@ impl Graph {
         for &cell in cells {
             self.degree[cell] = bits(&skeleton.thinning.left, cell, &around).count_ones() as u8;
         }
+        // Junctions first: lines end at them.
         for &cell in cells {
             if self.degree[cell] > 2 && self.owner[cell] == FREE {
                 self.add_junction(cell, skeleton, &around);
@@ -82,6 +85,7 @@ impl Graph {
                 self.trace(end, None, cell, skeleton, &around);
             }
         }
+        // Lines between two junctions touch no end and are still free.
         for &cell in cells {
             if let Some(node) = self.owner[cell].checked_sub(JUNCTION) {
                 for near in around.map(|d| cell.wrapping_add_signed(d)) {
@@ -91,6 +95,7 @@ impl Graph {
                 }
             }
         }
+        // Cells that are still free belong to rings without a junction. Each ring is cut open at its first cell.
         for &cell in cells {
             if self.degree[cell] == 2 && self.owner[cell] == FREE {
                 let cut = self.add_end(cell, skeleton);
@@ -100,7 +105,7 @@ impl Graph {
         self.prune();
     }
 
-    /// Joins the cells around `start` that have more than two neighbours into one node.
+    /// Joins the connected cells around `start` that have more than two neighbours into one node, at their mean position.
     fn add_junction(&mut self, start: usize, skeleton: Skeleton<'_>, around: &[isize; 8]) {
         let owner = self.nodes.len() as u32 + JUNCTION;
         self.cluster.clear();
@@ -123,13 +128,14 @@ impl Graph {
         self.nodes.push(Node { position: sum.map(|s| s / count), half_width_px, is_junction: true });
     }
 
+    /// Adds a node for an end of a line, or for the cell at which a ring is cut. Returns its index.
     fn add_end(&mut self, cell: usize, skeleton: Skeleton<'_>) -> usize {
         let half_width_px = skeleton.distance.half_width_px(cell);
         self.nodes.push(Node { position: skeleton.pieces.centre(cell), half_width_px, is_junction: false });
         self.nodes.len() - 1
     }
 
-    /// Follows the line that begins at `start`, coming from `previous`, and adds it.
+    /// Adds the line that leaves node `from` at the cell `start`. `previous` is the junction's cell before `start`.
     fn trace(
         &mut self,
         from: usize,
@@ -154,6 +160,7 @@ impl Graph {
         };
         let nodes = [from, to];
         let length_px = self.length(nodes, first, skeleton);
+        // A few cells that lead back to their own junction are an artefact of thinning and no loop of the object.
         let is_knot = from == to && self.cells.len() - first < 5;
         if is_knot {
             self.cells.truncate(first);
@@ -163,7 +170,7 @@ impl Graph {
         }
     }
 
-    /// Length of the line from node to node through the cells from `first` on.
+    /// Length in pixels of the line from node to node through the cells from `first` on.
     fn length(&self, nodes: [usize; 2], first: usize, skeleton: Skeleton<'_>) -> f64 {
         let mut last = self.nodes[nodes[0]].position;
         let mut length = 0.0;
@@ -175,12 +182,13 @@ impl Graph {
         length
     }
 
-    /// Drops spurs, and what a graph of noise has too much.
+    /// Removes spurs. If more than [`MAX_EDGES`] lines remain, only the longest [`MAX_EDGES`] are kept.
     fn prune(&mut self) {
         let nodes = &self.nodes;
         self.edges.retain(|edge| {
             let [a, b] = edge.nodes.map(|n| nodes[n]);
             let root = if a.is_junction { a } else { b };
+            // Only a line from a junction to an end can be a spur.
             a.is_junction == b.is_junction || edge.length_px > SPUR_HALF_WIDTHS * root.half_width_px
         });
         if self.edges.len() > MAX_EDGES {
@@ -198,7 +206,7 @@ mod tests {
     use catenary_core::LabelMask;
     use catenary_core::regions::Regions;
 
-    /// Numbers of junctions, of ends, and the sorted lengths of the edges.
+    /// Number of junctions, number of ends, and the sorted lengths of the edges.
     fn graph(rows: &[&str]) -> (usize, usize, Vec<f64>) {
         let data = rows.concat().bytes().map(|b| u8::from(b == b'#')).collect();
         let mask = LabelMask::from_data(rows[0].len() as u32, rows.len() as u32, data).unwrap();

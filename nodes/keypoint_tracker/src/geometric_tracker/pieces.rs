@@ -1,4 +1,4 @@
-//! The connected pieces of the object, on a grid with a frame of one empty cell.
+//! Connected pieces of the object on a grid with an empty frame, one cell wide.
 
 use catenary_core::LabelMask;
 use catenary_core::image::label;
@@ -6,41 +6,43 @@ use catenary_core::regions::Regions;
 
 use crate::TrackerParams;
 
-/// At most so many pieces are looked at, the largest ones.
+/// Most pieces of the object that are tracked, the largest ones.
 pub(crate) const MAX_PIECES: usize = 4;
 
-/// One piece.
+/// Connected piece of the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Piece {
-    /// The value of its cells, from 1.
+    /// Value of its cells, from 1.
     pub(crate) id: u8,
-    /// Area without holes that were filled.
+    /// Area without filled holes.
     pub(crate) area_px: f64,
     pub(crate) centroid_px: [f64; 2],
-    /// Direction in which the piece is longest, and how far it reaches along it from the centroid, backwards (negative)
-    /// and forwards.
+    /// Unit direction in which the piece is longest.
     pub(crate) axis: [f64; 2],
+    /// Extent along the axis from the centroid, backwards (negative) and forwards.
     pub(crate) reach_px: [f64; 2],
 }
 
-/// The pieces of one mask. Cell (x, y) is pixel (x − 1, y − 1).
+/// Pieces of one mask. Cell (x, y) is pixel (x − 1, y − 1).
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pieces {
     pub(crate) list: Vec<Piece>,
     /// Cells in a row.
     pub(crate) stride: usize,
-    /// 0 outside of the pieces, a piece's id within.
+    /// Id of the piece that holds each cell, 0 outside of all.
     pub(crate) cells: Vec<u8>,
-    /// The cells that are not 0, in raster order.
+    /// Cells of all pieces in raster order.
     pub(crate) inside: Vec<usize>,
-    /// Area labelled as the object, pieces or not.
+    /// Area labelled as the object, including regions that are no pieces.
     pub(crate) labelled_px: usize,
+    /// Indices of the regions, largest first.
     order: Vec<usize>,
+    /// Cells of the hole under examination.
     flood: Vec<usize>,
 }
 
 impl Pieces {
-    /// Takes the object's largest regions from `mask` and fills their small holes.
+    /// Loads the largest regions of the object in `mask` and fills their small holes.
     pub(crate) fn load(&mut self, mask: &LabelMask, regions: &mut Regions, params: &TrackerParams) {
         regions.find(mask, label::DLO);
         let found = regions.found();
@@ -57,6 +59,7 @@ impl Pieces {
         self.stride = width + 2;
         self.cells.clear();
         self.cells.resize(self.stride * (mask.height as usize + 2), 0);
+        // Later passes visit the bounding box of the pieces only.
         let mut bounds = [[usize::MAX, 0]; 2];
         for (i, &index) in self.order.iter().enumerate() {
             let (region, id) = (&found[index], i as u8 + 1);
@@ -78,7 +81,7 @@ impl Pieces {
         }
     }
 
-    /// Id of the piece at `point` (pixels), 0 outside.
+    /// Id of the piece at `point` in pixels, 0 outside of all.
     pub(crate) fn at(&self, point: [f64; 2]) -> u8 {
         let (x, y) = (point[0].floor() + 1.0, point[1].floor() + 1.0);
         if !(x >= 0.0 && y >= 0.0 && x < self.stride as f64) {
@@ -87,13 +90,13 @@ impl Pieces {
         self.cells.get(y as usize * self.stride + x as usize).copied().unwrap_or(0)
     }
 
-    /// Centre of a cell, in pixels.
+    /// Centre of a cell in pixels.
     pub(crate) fn centre(&self, cell: usize) -> [f64; 2] {
         [(cell % self.stride) as f64 - 0.5, (cell / self.stride) as f64 - 0.5]
     }
 
-    /// Fills each 4-connected region of empty cells that is enclosed and no larger than `max_px`. `bounds`: first and
-    /// last column and row of the pieces.
+    /// Fills each enclosed 4-connected region of at most `max_px` empty cells. The second argument holds the first and last
+    /// column and row of the pieces.
     fn fill_holes(&mut self, [columns, rows]: [[usize; 2]; 2], max_px: usize) {
         for y in rows[0]..=rows[1] {
             for cell in y * self.stride + columns[0]..y * self.stride + columns[1] {
@@ -109,12 +112,13 @@ impl Pieces {
         }
     }
 
+    /// Returns true for cells of the grid's frame.
     fn is_frame(&self, cell: usize) -> bool {
         let x = cell % self.stride;
         x == 0 || x + 1 == self.stride || cell < self.stride || cell + self.stride >= self.cells.len()
     }
 
-    /// Lists the 4-connected empty cells around `start` in `flood`, and marks them, until they are more than `max`.
+    /// Collects the 4-connected empty cells around `start` in `flood` and marks them, until there are more than `max`.
     fn collect(&mut self, start: usize, max: usize) {
         const MARK: u8 = u8::MAX;
         self.flood.clear();
@@ -133,7 +137,7 @@ impl Pieces {
     }
 }
 
-/// The main axis of a region: that of its second moments; of a region without one, the horizontal.
+/// Piece with the main axis of its second moments. The axis of a round region is horizontal.
 fn main_axis(id: u8, centroid_px: [f64; 2], pixels: &[u32], width: usize) -> Piece {
     let offset = |pixel: u32| {
         let (u, v) = (pixel as usize % width, pixel as usize / width);
@@ -148,6 +152,7 @@ fn main_axis(id: u8, centroid_px: [f64; 2], pixels: &[u32], width: usize) -> Pie
     let mut reach_px = [0.0f64; 2];
     for d in pixels.iter().map(|&p| offset(p)) {
         let along = axis[0] * d[0] + axis[1] * d[1];
+        // A pixel reaches half its side beyond its centre.
         reach_px = [reach_px[0].min(along - 0.5), reach_px[1].max(along + 0.5)];
     }
     Piece { id, area_px: pixels.len() as f64, centroid_px, axis, reach_px }

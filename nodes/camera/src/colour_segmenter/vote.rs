@@ -1,34 +1,39 @@
-//! From the crop of the image to the mask: each mask pixel takes the class that covers most of it.
+//! Downsampling of classified pixels: each mask pixel takes the class that covers most of its area.
 //!
-//! Pixels are classified before they are averaged: averaging colours first would give edges a mixed colour, and move
-//! the edge of a bar that is four pixels wide.
+//! Pixels are classified before they are averaged. Averaging colours first would give edges a mixed colour and move the
+//! edges of a bar that is four pixels wide.
 
 use catenary_core::image::label;
 use catenary_core::{LabelMask, RgbView};
 
-use crate::classify::{CLASSES, Classifier};
+use super::classify::{CLASSES, Classifier};
 use crate::{Crop, Error};
 
-/// Edges are counted in 1/16 of an image pixel.
+/// Units per image pixel in which the edges of mask pixels are counted.
 const UNITS: usize = 16;
-/// The four areas of a mask pixel share one u64, 16 bits each: at most (15 · 16)² units fit.
+/// Largest number of image pixels along a side of a mask pixel. The four areas of a mask pixel share one u64 with 16 bits
+/// each, into which (15 · 16)² units fit.
 const MAX_SCALE: f64 = 15.0;
 
-/// Downsamples by a vote of areas. Keeps its buffers.
+/// Downsampling by a vote of areas. Reuses its buffers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Vote {
-    /// Edges of the mask's columns and rows in the image, in units: one more than columns or rows.
+    /// Edges of the mask's columns in the image, in units; one more than columns.
     columns: Vec<usize>,
+    /// Edges of the mask's rows in the image, in units; one more than rows.
     rows: Vec<usize>,
     classes: Vec<u8>,
-    /// Sums of the classes of one image row up to each pixel.
+    /// Prefix sums of the classes of one image row.
     sums: Vec<u64>,
-    /// Areas of the classes in the mask row at work.
+    /// Areas of the classes in each pixel of the current mask row.
     areas: Vec<u64>,
 }
 
 impl Vote {
-    /// Writes the class of each mask pixel to `out`, whose size is the mask's.
+    /// Writes the class of each mask pixel to `out`, which has the size of the mask.
+    ///
+    /// # Errors
+    /// [`Error::CropOutside`] if the crop leaves the image; [`Error::Parameter`] if it exceeds 15 times the mask's side.
     pub(crate) fn vote(
         &mut self,
         classifier: &Classifier,
@@ -50,6 +55,7 @@ impl Vote {
         self.areas.resize(size, 0);
         let mut row = 0;
         for v in self.rows[0] / UNITS..self.rows[size].div_ceil(UNITS) {
+            // A row of background adds no area: `largest` gives the background what the others leave.
             let labelled = classifier.classify_row(&image.row(v as u32)[3 * first..3 * last], &mut self.classes);
             if labelled {
                 self.sum_row();
@@ -60,6 +66,7 @@ impl Vote {
                     self.add_row(first, height as u64);
                 }
                 if self.rows[row + 1] > (v + 1) * UNITS {
+                    // The mask row continues in the next image row.
                     break;
                 }
                 let height = (self.rows[row + 1] - self.rows[row]) as u64;
@@ -73,7 +80,7 @@ impl Vote {
         Ok(())
     }
 
-    /// `sums[i]` = the number of pixels of each class before pixel i.
+    /// Fills `sums`: entry i counts the pixels of each class before pixel i.
     fn sum_row(&mut self) {
         self.sums.clear();
         self.sums.push(0);
@@ -84,7 +91,7 @@ impl Vote {
         }));
     }
 
-    /// Adds a strip of the image row, `height` units high, to the mask row.
+    /// Adds a strip of the image row, `height` units high, to the areas of the mask row.
     fn add_row(&mut self, first: usize, height: u64) {
         let upto = |edge: usize| {
             let (pixel, part) = (edge / UNITS - first, (edge % UNITS) as u64);
@@ -100,12 +107,12 @@ impl Vote {
     }
 }
 
-/// One unit of `class`, in its 16 bits; the background's area is what the others leave, and is not counted.
+/// One unit of area of `class` in its 16 bits. The background is not counted: its area is the rest.
 fn lane(class: u8) -> u64 {
     if class == label::BACKGROUND { 0 } else { 1 << (16 * u32::from(class)) }
 }
 
-/// The class that covers most of the area `total`; of equals, the lowest.
+/// Class that covers most of the area `total`; the lowest of equals.
 fn largest(areas: u64, total: u64) -> u8 {
     if areas == 0 {
         return label::BACKGROUND;
@@ -121,6 +128,7 @@ fn largest(areas: u64, total: u64) -> u8 {
     best
 }
 
+/// Edges of `size` equal mask pixels from `start` over `side` image pixels, rounded to units.
 fn edges(edges: &mut Vec<usize>, start: f64, side: f64, size: usize) {
     edges.clear();
     edges.extend((0..=size).map(|i| ((start + side * i as f64 / size as f64) * UNITS as f64).round() as usize));
@@ -150,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn areas_decide_and_parts_of_pixels_count() {
+    fn a_mask_pixel_takes_the_class_of_the_largest_area_with_parts_of_pixels() {
         // Two mask pixels over three columns: the first holds 1 blue and 1/2 white, the second 1/2 white and 1 red.
         let three = image(3, 3, |u, _| [BLUE, WHITE, RED][u as usize]);
         assert_eq!(vote(&three, Crop::CentredSquare, 2).unwrap().data, [1, 2, 1, 2]);

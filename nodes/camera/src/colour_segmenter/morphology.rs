@@ -1,23 +1,24 @@
-//! Binary morphology with a cross of five pixels, repeated: a diamond of the radius.
+//! Binary morphology. The structuring element is a cross of five pixels; r repetitions make a diamond of radius r.
 
 use catenary_core::LabelMask;
 
-/// One label as a plane of 0 and 1, with a frame around it so that neighbours need no bounds.
+/// One label as a plane of 0 and 1. A frame around it spares the neighbourhoods every bounds check.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Plane {
     width: usize,
     height: usize,
-    /// Width of the frame: wider than any dilation that an erosion follows.
+    /// Width of the frame, larger than the radius of a closing.
     frame: usize,
     cells: Vec<u8>,
     scratch: Vec<u8>,
 }
 
 impl Plane {
-    /// Takes the cells for which `is_set` holds for the pixel's class, to be closed with at most `radius`.
+    /// Loads the pixels whose class satisfies `is_set`. `radius` is the largest radius of a later [`Self::close`].
     pub(crate) fn load(&mut self, classes: &LabelMask, radius: u32, is_set: impl Fn(u8) -> bool) {
         let (width, height) = (classes.width as usize, classes.height as usize);
         (self.width, self.height, self.frame) = (width, height, radius as usize + 1);
+        // Stale values may stay in the frame: every operation fills it first.
         self.cells.resize(self.stride() * (height + 2 * self.frame), 0);
         self.scratch.resize(self.cells.len(), 0);
         for (v, row) in classes.data.chunks_exact(width).enumerate() {
@@ -33,15 +34,16 @@ impl Plane {
         &self.cells[self.start(v)..][..self.width]
     }
 
-    /// Dilation, then erosion: fills gaps thinner than about twice the radius.
+    /// Closing, a dilation followed by an erosion: fills gaps narrower than about twice the radius.
     pub(crate) fn close(&mut self, radius: u32) {
         self.fill_frame(0);
+        // The frame keeps the pixels that the dilation adds outside, so that the erosion does not eat the object's edge.
         (0..radius).for_each(|_| self.step(|a, b| a | b));
         (0..radius).for_each(|_| self.step(|a, b| a & b));
     }
 
-    /// Erosion, then dilation: takes away what is thinner than about twice the radius. Outside of the plane counts as
-    /// set in the erosion, so that what the edge cuts does not shrink from there.
+    /// Opening, an erosion followed by a dilation: removes parts narrower than about twice the radius. The erosion counts
+    /// pixels outside of the plane as set, so that an object does not shrink where the plane's edge cuts it.
     pub(crate) fn open(&mut self, radius: u32) {
         for _ in 0..radius {
             self.fill_frame(1);
@@ -50,21 +52,23 @@ impl Plane {
         (0..radius).for_each(|_| self.dilate());
     }
 
-    /// Grows by one cell. Outside of the plane nothing is set.
+    /// Dilation by one pixel. Pixels outside of the plane count as not set.
     pub(crate) fn dilate(&mut self) {
         self.fill_frame(0);
         self.step(|a, b| a | b);
     }
 
+    /// Cells in a row, frame included.
     fn stride(&self) -> usize {
         self.width + 2 * self.frame
     }
 
+    /// Index of the first cell of row `v` that is not in the frame.
     fn start(&self, v: usize) -> usize {
         (v + self.frame) * self.stride() + self.frame
     }
 
-    /// Joins each cell with its four neighbours; the outermost ring stays as it is.
+    /// Joins each cell with its four neighbours. The outermost ring, whose neighbourhoods are incomplete, does not change.
     fn step(&mut self, join: impl Fn(u8, u8) -> u8) {
         let (stride, inner) = (self.stride(), self.stride() - 2);
         let rows = self.cells.len() / stride;
@@ -81,6 +85,7 @@ impl Plane {
         std::mem::swap(&mut self.cells, &mut self.scratch);
     }
 
+    /// Sets every cell of the frame to `value`.
     fn fill_frame(&mut self, value: u8) {
         let (stride, frame, height) = (self.stride(), self.frame, self.height);
         for (v, row) in self.cells.chunks_exact_mut(stride).enumerate() {
@@ -122,9 +127,10 @@ mod tests {
     }
 
     #[test]
-    fn what_the_edge_cuts_does_not_shrink() {
+    fn an_object_that_the_planes_edge_cuts_does_not_shrink_there() {
         let mut bar = plane(&["###....", "###....", "###....", ".......", "......."]);
         bar.open(1);
+        // Only the free corner goes: a cross does not fit into it.
         assert_eq!(rows(&bar)[..3], ["###....", "###....", "##....."]);
         let opened = rows(&bar);
         bar.close(3);

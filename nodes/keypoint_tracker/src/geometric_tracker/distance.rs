@@ -1,24 +1,26 @@
-//! Distance of each cell of the object from the background.
+//! Distance transform: distance of each cell of the object from the background.
 
-use crate::pieces::{MAX_PIECES, Pieces};
+use super::pieces::{MAX_PIECES, Pieces};
 
-/// Steps to a side and to a corner, in units of 1/5 of a pixel: the 5-7 chamfer of Borgefors (1986), within 5 % of the
-/// Euclidean distance.
+/// Length of a step to a side neighbour, in units of 1/5 pixel: the 5-7 chamfer of Borgefors (1986), which differs from the
+/// Euclidean distance by less than 5 %.
 const SIDE: u16 = 5;
+/// Length of a step to a corner neighbour, in units of 1/5 pixel.
 const CORNER: u16 = 7;
 
-/// A distance transform. Keeps its buffer.
+/// Distance transform. Reuses its buffer.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Distance {
     units: Vec<u16>,
 }
 
 impl Distance {
-    /// Measures each cell of `pieces`.
+    /// Measures every cell of `pieces`, in a forward and a backward pass (Borgefors 1986).
     pub(crate) fn measure(&mut self, pieces: &Pieces) {
         let stride = pieces.stride;
         self.units.clear();
         self.units.resize(pieces.cells.len(), 0);
+        // The grid's frame is empty: every cell of the object has eight neighbours.
         for &i in &pieces.inside {
             let up = i - stride;
             self.units[i] = self.nearest([i - 1, up], [up - 1, up + 1]);
@@ -29,12 +31,13 @@ impl Distance {
         }
     }
 
-    /// Half the local width in pixels, if the cell lies on the medial axis.
+    /// Half the local width in pixels at a cell on the medial axis.
     pub(crate) fn half_width_px(&self, cell: usize) -> f64 {
+        // A border cell has the distance 1, and its centre lies half a pixel inside of the border.
         f64::from(self.units[cell]) / f64::from(SIDE) - 0.5
     }
 
-    /// For each piece id, the largest half width in pixels. Entry 0 is no piece.
+    /// Largest half width in pixels by piece id. Entry 0 is unused.
     pub(crate) fn thickest_px(&self, pieces: &Pieces) -> [f64; MAX_PIECES + 1] {
         let mut most = [0; MAX_PIECES + 1];
         for &cell in &pieces.inside {
@@ -44,6 +47,7 @@ impl Distance {
         most.map(|units| f64::from(units) / f64::from(SIDE) - 0.5)
     }
 
+    /// Smallest distance over four neighbours: the distance of a neighbour plus the length of the step from it.
     fn nearest(&self, sides: [usize; 2], corners: [usize; 2]) -> u16 {
         let side = sides.map(|i| self.units[i]).into_iter().min().unwrap_or(0);
         let corner = corners.map(|i| self.units[i]).into_iter().min().unwrap_or(0);

@@ -1,20 +1,20 @@
-//! Thinning to lines of one pixel.
+//! Thinning of pieces to lines of one pixel.
 //!
-//! Border cells are taken from the four sides in turn as long as that changes no topology (the cell is simple, by the
-//! connectivity number of Yokoi, 1973) and shortens no line (the cell is no end). Taking from all sides in turn keeps
-//! what is left near the medial axis; testing one cell after the other keeps a line of even width from vanishing.
+//! Border cells are removed from the four sides in turn. A cell goes if that changes no topology (the cell is simple, by the
+//! connectivity number of Yokoi, 1973) and shortens no line (the cell is no end). Taking turns keeps the skeleton near the
+//! medial axis. Testing one cell after the other keeps a line of even width from vanishing.
 
-use crate::pieces::Pieces;
+use super::pieces::Pieces;
 
-/// Thins. Keeps its buffers.
+/// Thinning. Reuses its buffers.
 #[derive(Debug, Clone)]
 pub(crate) struct Thinning {
-    /// Whether a cell is left.
+    /// True for each cell that is left.
     pub(crate) left: Vec<bool>,
-    /// The cells that are left, in raster order.
+    /// Cells that are left, in raster order.
     pub(crate) cells: Vec<usize>,
     candidates: Vec<usize>,
-    /// For each neighbourhood, whether its middle can go: simple, and no end.
+    /// True for each neighbourhood whose middle can go: it is simple and no end.
     removable: Vec<bool>,
 }
 
@@ -26,7 +26,7 @@ impl Default for Thinning {
 }
 
 impl Thinning {
-    /// Thins the pieces for which `wanted` holds, until nothing can go.
+    /// Thins the pieces whose id satisfies `wanted` until no cell can go.
     pub(crate) fn thin(&mut self, pieces: &Pieces, wanted: impl Fn(u8) -> bool) {
         self.cells.clear();
         self.cells.extend(pieces.inside.iter().copied().filter(|&cell| wanted(pieces.cells[cell])));
@@ -48,7 +48,7 @@ impl Thinning {
         }
     }
 
-    /// Takes what can go of the cells whose neighbour `side` is empty at the start.
+    /// Removes the cells that can go and whose neighbour on `side` was empty before this call.
     fn take_from(&mut self, around: &[isize; 8], side: usize) {
         let (left, candidates) = (&mut self.left, &mut self.candidates);
         candidates.clear();
@@ -56,6 +56,7 @@ impl Thinning {
             !left[cell.wrapping_add_signed(around[side])] && self.removable[usize::from(bits(left, cell, around))]
         }));
         for &cell in &*candidates {
+            // An earlier removal of this pass may have made the cell indispensable.
             if self.removable[usize::from(bits(left, cell, around))] {
                 left[cell] = false;
             }
@@ -64,19 +65,20 @@ impl Thinning {
     }
 }
 
-/// Offsets of the eight neighbours: right, upper right, up, and so on around.
+/// Offsets of the eight neighbours, counter-clockwise from the right one.
 pub(crate) fn neighbours(stride: usize) -> [isize; 8] {
     let s = stride as isize;
     [1, 1 - s, -s, -1 - s, -1, s - 1, s, s + 1]
 }
 
-/// The neighbours that are set, one bit each.
+/// Bit mask of the neighbours that are set, in the order of [`neighbours`].
 pub(crate) fn bits(set: &[bool], cell: usize, around: &[isize; 8]) -> u8 {
     around.iter().enumerate().fold(0, |bits, (k, &d)| bits | u8::from(set[cell.wrapping_add_signed(d)]) << k)
 }
 
-/// Whether taking the middle of the neighbourhood changes no topology: its 8-connectivity number is 1.
+/// Returns true if removing the middle of the neighbourhood changes no topology: its 8-connectivity number is 1.
 fn is_simple(around: u8) -> bool {
+    // Yokoi's sum over the side neighbours k, with x = 1 for an empty cell: x(k) - x(k) x(k + 1) x(k + 2).
     let empty = |k: u32| 1 - i32::from(around.rotate_right(k % 8) & 1);
     [0, 2, 4, 6].into_iter().map(|k| empty(k) - empty(k) * empty(k + 1) * empty(k + 2)).sum::<i32>() == 1
 }
@@ -120,13 +122,13 @@ mod tests {
     }
 
     #[test]
-    fn topology_stays() {
+    fn a_hole_survives_thinning() {
         let mut ring = box_mask(5..30, 5..30);
         (12..20).for_each(|v| (12..20).for_each(|u| ring.data[v * 40 + u] = 0));
         let thin = thin(&ring);
         let mut regions = Regions::default();
         assert_eq!(regions.find(&thin, 1).len(), 1);
-        // 8-connected background: a ring that is one pixel wide with corners cut would leak, so count 4-connected.
+        // Holes are 4-connected: an 8-connected background would leak through the corners of a ring one pixel wide.
         let (mut pieces, all) =
             (Pieces::default(), TrackerParams { min_area_px: 1, max_hole_px: 10_000, ..TrackerParams::default() });
         pieces.load(&thin, &mut regions, &all);

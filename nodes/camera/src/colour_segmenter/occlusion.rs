@@ -1,29 +1,31 @@
-//! Which pieces of the object belong together across something that stands in front of it.
+//! Pieces of the object that an occluder separates.
 
 use catenary_core::LabelMask;
 use catenary_core::image::label;
 use catenary_core::regions::Regions;
 
+use super::classify::OCCLUDER;
+use super::morphology::Plane;
 use crate::ColourParams;
-use crate::classify::OCCLUDER;
-use crate::morphology::Plane;
 
-/// Finds the pieces that lie behind one occluder. Keeps its buffers.
+/// Search for pieces of the object that are connected across an occluder. Reuses its buffers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Occlusion {
-    /// The pixels that something may be hidden behind.
+    /// Pixels that may hide a part of the object.
     cover: Plane,
-    /// For each pixel, whether the walk has been there.
+    /// True for each pixel that the search has visited.
     seen: Vec<bool>,
+    /// Frontier of the breadth-first search.
     edge: Vec<u32>,
     next_edge: Vec<u32>,
+    /// True for each region that belongs to the object.
     keep: Vec<bool>,
 }
 
 impl Occlusion {
-    /// For each region, whether it belongs to the object: the region `main`, and each of at least `min_piece_area_px`
-    /// that is reached from a kept one by at most `max_occlusion_px` steps over pixels of the class [`OCCLUDER`] or of
-    /// the target.
+    /// Returns for each region whether it belongs to the object. The region `main` does. So does each region of at least
+    /// `min_piece_area_px` that a kept region reaches in at most `max_occlusion_px` steps over pixels of the class
+    /// [`OCCLUDER`] or of the target.
     pub(crate) fn pieces(
         &mut self,
         classes: &LabelMask,
@@ -38,14 +40,15 @@ impl Occlusion {
         if params.max_occlusion_px == 0 || candidates < 2 {
             return &self.keep;
         }
-        // Edge pixels have a mixed colour: one pixel of tolerance around the occluder.
+        // Pixels on the occluder's edge have a mixed colour and no class: the cover is one pixel larger.
         self.cover.load(classes, 0, |class| class == OCCLUDER || class == label::TARGET);
         self.cover.dilate();
+        // A piece that was found may lead to a further one: the search starts again from all kept regions.
         while self.grow([classes.width as usize, classes.height as usize], regions, params) {}
         &self.keep
     }
 
-    /// Walks from the kept regions; whether that reached another one.
+    /// Searches from the kept regions. Returns true if it reached another one.
     fn grow(&mut self, [width, height]: [usize; 2], regions: &Regions, params: &ColourParams) -> bool {
         self.seen.clear();
         self.seen.resize(width * height, false);
@@ -54,6 +57,7 @@ impl Occlusion {
             self.edge.extend_from_slice(regions.pixels(region));
         }
         let mut reached = false;
+        // The search makes `max_occlusion_px` + 1 steps, because the last step enters the other piece.
         for _ in 0..=params.max_occlusion_px {
             self.next_edge.clear();
             for &pixel in &self.edge {

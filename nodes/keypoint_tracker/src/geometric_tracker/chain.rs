@@ -1,17 +1,18 @@
-//! From the centre lines of the pieces to that of the object.
+//! Joining of the pieces' centre lines into that of the object.
 
-use crate::pieces::Pieces;
-use crate::polyline::{direction, distance, length};
-use crate::strand::{Strand, march};
+use super::pieces::Pieces;
+use super::polyline::{direction, distance, length};
+use super::strand::{Strand, march};
 
-/// Joins the longest strand with those that go on from its ends, straight across the gaps, into `line`. Lengths hidden in
-/// the gaps count as part of the line.
+/// Joins the longest strand with the strands that continue it across gaps, and writes the result to `line`. The straight
+/// bridges across the gaps are part of the line.
 ///
-/// A strand goes on from an end if the gap is at most `max_gap_px` long, lies ahead within 70 degrees, and the strand
-/// does not turn back. Of several, the nearest is joined first. Gives the number of the strands that were joined, and the
-/// sum of their lengths.
+/// A strand continues an end of the line if the gap is at most `max_gap_px` long and lies ahead within 70 degrees, and if
+/// the strand does not turn back. The nearest of several is joined first. Returns the number of joined strands and the
+/// sum of their lengths without gaps.
 pub(crate) fn join(pieces: &Pieces, strands: &mut [Strand], max_gap_px: f64, line: &mut Vec<[f64; 2]>) -> (usize, f64) {
     line.clear();
+    // Reversed, as `max_by` returns the last of equals: the first one is wanted.
     let Some(main) =
         (0..strands.len()).rev().max_by(|&a, &b| length(&strands[a].points).total_cmp(&length(&strands[b].points)))
     else {
@@ -19,6 +20,7 @@ pub(crate) fn join(pieces: &Pieces, strands: &mut [Strand], max_gap_px: f64, lin
     };
     strands.swap(0, main);
     line.extend_from_slice(&strands[0].points);
+    // The direction at an end is taken over two widths: over less, the end cap's roughness turns it.
     let back = 2.0 * strands[0].width_px;
     let (mut joined, mut visible_px) = (1, length(line));
     while joined < strands.len() {
@@ -34,6 +36,7 @@ pub(crate) fn join(pieces: &Pieces, strands: &mut [Strand], max_gap_px: f64, lin
             }
         }
         let Some((_, i, is_end)) = best else { break };
+        // A later comparison may have turned the chosen strand the other way round.
         let (end, ahead) = end_of(line, is_end, back);
         turn_towards(pieces, &mut strands[i], end, ahead);
         visible_px += length(&strands[i].points);
@@ -47,14 +50,16 @@ pub(crate) fn join(pieces: &Pieces, strands: &mut [Strand], max_gap_px: f64, lin
     (joined, visible_px)
 }
 
-/// The first or last point, and the direction (unit) in which the line, taken over `back`, would go on from it.
+/// First or last point, and the unit direction in which the line would continue from it. The direction is taken over the
+/// length `back`.
 fn end_of(line: &[[f64; 2]], is_end: bool, back: f64) -> ([f64; 2], [f64; 2]) {
     let point = |k: usize| if is_end { line[line.len() - 1 - k] } else { line[k] };
     let from = (1..line.len()).find(|&k| distance(point(0), point(k)) >= back).unwrap_or(line.len() - 1);
     (point(0), direction(point(from), point(0)))
 }
 
-/// Turns `strand` so that it goes on from `end`; gives the gap, or none where it does not lie `ahead`.
+/// Orients `strand` to begin at the gap after `end`. Returns the length of the gap, or none if `strand` does not lie
+/// `ahead` or turns back.
 fn turn_towards(pieces: &Pieces, strand: &mut Strand, end: [f64; 2], ahead: [f64; 2]) -> Option<f64> {
     if !strand.is_long {
         point_along(pieces, strand, end);
@@ -67,11 +72,13 @@ fn turn_towards(pieces: &Pieces, strand: &mut Strand, end: [f64; 2], ahead: [f64
     let towards = direction(end, strand.points[0]);
     let onward = direction(strand.points[0], strand.points[last]);
     let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+    // 0.34 is the cosine of 70 degrees. Across a gap shorter than half a width the direction is noise.
     let lies_ahead = dot(towards, ahead) > 0.34 || gap(strand) < 0.5 * strand.width_px;
+    // -0.3 is the cosine of 107 degrees: a bar may bend by a right angle and a little more behind the gripper.
     (lies_ahead && dot(onward, ahead) > -0.3).then(|| gap(strand))
 }
 
-/// Gives a piece without a direction of its own that from `end` to its middle.
+/// Replaces the centre line of a piece as wide as long by the line from `end` through its middle, from border to border.
 fn point_along(pieces: &Pieces, strand: &mut Strand, end: [f64; 2]) {
     let middle = pieces.list[usize::from(strand.piece) - 1].centroid_px;
     let along = direction(end, middle);

@@ -1,25 +1,26 @@
-//! The target's centre.
+//! Centre of the target.
 
 use catenary_core::LabelMask;
 use catenary_core::image::label;
 use catenary_core::regions::{Region, Regions};
 
-/// A circle is fitted only where at least this part of the outline is hidden: else the mean of the pixels is as good,
-/// whatever the target's shape.
+/// Share of the outline that must be hidden before a circle is fitted. Below it the mean of the pixels is as good, for a
+/// target of any shape.
 const HIDDEN_SHARE: f64 = 0.1;
 
-/// Finds the target. Keeps its buffers.
+/// Search for the target. Reuses its buffers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct TargetFinder {
     regions: Regions,
+    /// Visible pixels of the outline.
     outline: Vec<[f64; 2]>,
 }
 
 impl TargetFinder {
     /// Centre and confidence of the largest region of at least `min_area_px`.
     ///
-    /// The centre is the mean of the pixels; where the object or the image's edge hides a part of a disc, that of the
-    /// circle through the rest of its outline. Confidence is the part of the outline that is seen, times the part of the
+    /// The centre is the mean of the pixels. If the object or the image's edge hides a part of a disc, it is the centre of
+    /// the circle through the visible outline. Confidence is the visible share of the outline times the share of the
     /// target's pixels that lie in the region.
     pub(crate) fn find(&mut self, mask: &LabelMask, min_area_px: usize) -> Option<([f64; 2], f32)> {
         self.regions.find(mask, label::TARGET);
@@ -33,8 +34,8 @@ impl TargetFinder {
         Some((centre, (share * (1.0 - hidden_share)).max(0.01) as f32))
     }
 
-    /// Lists the outline's pixels that border on the background; counts those that border on the object or the image's
-    /// edge.
+    /// Collects the pixels of the outline that border on the background. Returns the number of hidden ones, which border on
+    /// the object or the image's edge.
     fn trace_outline(&mut self, mask: &LabelMask, region: &Region) -> usize {
         let (width, height) = (mask.width as usize, mask.height as usize);
         self.outline.clear();
@@ -59,7 +60,7 @@ impl TargetFinder {
     }
 }
 
-/// A circle fitted to an outline.
+/// Circle fitted to an outline.
 #[derive(Debug, Clone, Copy)]
 struct Circle {
     centre: [f64; 2],
@@ -69,15 +70,17 @@ struct Circle {
 }
 
 impl Circle {
-    /// Whether the region can be a part of a disc with this outline.
+    /// Returns true if the region can be a part of a disc with this outline.
     fn is_plausible(&self, region: &Region) -> bool {
         let of_area = (region.area_px as f64 / std::f64::consts::PI).sqrt();
         let d = [self.centre[0] - region.centroid_px[0], self.centre[1] - region.centroid_px[1]];
+        // The pixels of a border scatter by about 0.3 px about their circle; the bound is twice that. A disc of which a sixth
+        // is seen has 2.5 times the radius that its area suggests.
         self.residual < 0.7 && (0.8..2.5).contains(&(self.radius / of_area)) && d[0].hypot(d[1]) < self.radius
     }
 }
 
-/// The algebraic least-squares circle (Kåsa, 1976) of at least eight points that do not lie on a line.
+/// Algebraic least-squares circle (Kåsa, 1976); none for fewer than eight points or points on a line.
 fn fit_circle(points: &[[f64; 2]]) -> Option<Circle> {
     if points.len() < 8 {
         return None;
@@ -106,7 +109,7 @@ fn fit_circle(points: &[[f64; 2]]) -> Option<Circle> {
 mod tests {
     use super::*;
 
-    /// A disc of radius 9 at `centre`, with a bar over the columns `bar`.
+    /// Mask of a disc of radius 9 at `centre`, behind a bar over the columns `bar`.
     fn mask(centre: [f64; 2], bar: std::ops::Range<usize>) -> LabelMask {
         let mut mask = LabelMask::new(64, 64);
         for (i, label) in mask.data.iter_mut().enumerate() {
@@ -117,13 +120,14 @@ mod tests {
         mask
     }
 
+    /// Distance of the found centre from the true one, and the confidence.
     fn error(centre: [f64; 2], bar: std::ops::Range<usize>) -> (f64, f32) {
         let (found, score) = TargetFinder::default().find(&mask(centre, bar), 8).unwrap();
         ((found[0] - centre[0]).hypot(found[1] - centre[1]), score)
     }
 
     #[test]
-    fn the_centre_of_a_disc_is_found_though_a_bar_or_the_edge_hides_a_part_of_it() {
+    fn the_centre_of_a_disc_is_found_behind_a_bar_and_at_the_edge() {
         let centre = [30.3, 28.8];
         let (off, score) = error(centre, 0..1);
         assert!(off < 0.1 && score == 1.0, "{off} {score}");
@@ -137,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_small_is_not_seen() {
+    fn a_target_that_is_too_small_is_not_seen() {
         let mut speck = LabelMask::new(16, 16);
         speck.data[100..103].fill(label::TARGET);
         assert_eq!(TargetFinder::default().find(&speck, 8), None);
