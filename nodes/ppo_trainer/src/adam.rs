@@ -1,28 +1,34 @@
-//! Adam (Kingma and Ba 2015) over blocks of parameters, with a clip of the gradient's norm over all of them.
+//! Adam (Kingma and Ba 2015) over blocks of parameters, with clipping of the gradient's global norm.
 
+/// Decay of the first moment (Kingma and Ba 2015).
 const BETA1: f32 = 0.9;
+/// Decay of the second moment (Kingma and Ba 2015).
 const BETA2: f32 = 0.999;
+/// Term in the denominator. Implementations of PPO use 1e-5 instead of Adam's 1e-8 (Huang et al. 2022, "The 37
+/// implementation details of proximal policy optimization").
 const EPSILON: f32 = 1e-5;
 
-/// Parameters and their gradient.
+/// Parameters and their gradient, of equal length.
 pub type Block<'a> = (&'a mut [f32], &'a [f32]);
 
-/// Moments of all blocks.
+/// Optimiser with the moments of all blocks.
 #[derive(Debug, Clone, Default)]
 pub struct Adam {
     steps: i32,
+    /// First and second moment of each block.
     moments: Vec<(Vec<f32>, Vec<f32>)>,
 }
 
 impl Adam {
-    /// Takes a step of size `learning_rate` against the gradients, scaled down where their norm over all blocks exceeds
-    /// `max_norm`. The blocks must be the same at every call. Returns the norm before scaling.
+    /// Takes a step of size `learning_rate` against the gradients. If their norm over all blocks exceeds `max_norm`, they are
+    /// scaled down to it. Every call must have the same blocks. Returns the norm before scaling.
     pub fn step(&mut self, blocks: &mut [Block<'_>], learning_rate: f32, max_norm: f32) -> f32 {
         if self.moments.is_empty() {
             self.moments = blocks.iter().map(|(p, _)| (vec![0.0; p.len()], vec![0.0; p.len()])).collect();
         }
         let squares = |g: &[f32]| g.iter().map(|v| v * v).sum::<f32>();
         let norm = blocks.iter().map(|(_, g)| squares(g)).sum::<f32>().sqrt();
+        // The small term guards the division, as in PyTorch's `clip_grad_norm_`.
         let scale = if norm > max_norm { max_norm / (norm + 1e-6) } else { 1.0 };
         self.steps += 1;
         let (correction1, correction2) = (1.0 - BETA1.powi(self.steps), 1.0 - BETA2.powi(self.steps));
@@ -43,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_the_bottom_of_a_bowl() {
+    fn it_finds_the_minimum_of_a_quadratic() {
         let (mut p, mut adam) = (vec![3.0f32, -2.0], Adam::default());
         for _ in 0..2000 {
             let g: Vec<f32> = p.iter().map(|v| 2.0 * v).collect();

@@ -1,4 +1,4 @@
-//! Between wire types and the trainer's.
+//! Conversion between ROS messages and the trainer's types.
 
 use crate::domains::Domains;
 use crate::settings::Settings;
@@ -8,10 +8,10 @@ use catenary_msgs::action::{TrainFeedback, TrainGoal, TrainResult};
 use catenary_msgs::srv::StepEnvsResponse;
 use catenary_shell::convert::{ConvertError, posterior_from_msg};
 
-/// Settings that a goal asks for: its preset, and what it sets otherwise.
+/// Settings of a goal: its preset with the goal's number of steps and of environments, if they are not zero.
 ///
 /// # Errors
-/// A [`ConvertError`] naming the preset.
+/// [`ConvertError`] with the name of an unknown preset.
 pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     let mut settings = Settings::preset(&goal.preset).map_err(|e| ConvertError {
         field: "preset",
@@ -27,10 +27,10 @@ pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     Ok(settings)
 }
 
-/// The distribution over the model's parameters that a goal asks for.
+/// Distribution over the model's parameters from which a goal draws the environments' domains.
 ///
 /// # Errors
-/// [`ConvertError`]: an unknown kind, a mixture over other parameters, a point of the wrong length.
+/// [`ConvertError`] for an unknown kind, a mixture over other parameters, or a point of the wrong length.
 pub fn domains(goal: &TrainGoal, model: &Model) -> Result<Domains, ConvertError> {
     let d = model.theta.dimension();
     match goal.domains {
@@ -59,10 +59,10 @@ pub fn domains(goal: &TrainGoal, model: &Model) -> Result<Domains, ConvertError>
     }
 }
 
-/// Rows of 12 numbers.
+/// Observations from `count` rows of 12 numbers.
 ///
 /// # Errors
-/// [`EnvError::Backend`] for another number of rows than `count`.
+/// [`EnvError::Backend`] if the number of rows is not `count`.
 pub fn observations(flat: &[f64], count: usize) -> Result<Vec<Observation>, EnvError> {
     if flat.len() != count * Observation::LEN {
         let (rows, width) = (count, Observation::LEN);
@@ -71,14 +71,15 @@ pub fn observations(flat: &[f64], count: usize) -> Result<Vec<Observation>, EnvE
     Ok(flat.chunks_exact(Observation::LEN).map(|row| Observation(std::array::from_fn(|i| row[i]))).collect())
 }
 
-/// What a step of `count` environments gave.
+/// Transitions of `count` environments from the answer to a step.
 ///
 /// # Errors
-/// [`EnvError::Backend`]: the service failed, or answered for another number of environments.
+/// [`EnvError::Backend`] if the service failed or answered for another number of environments.
 pub fn transitions(r: &StepEnvsResponse, count: usize) -> Result<Vec<Transition>, EnvError> {
     if !r.success {
         return Err(EnvError::Backend(r.message.clone()));
     }
+    // The lists of an answer may differ in length: each one is checked before it is indexed.
     if [r.rewards.len(), r.terminated.len(), r.truncated.len()] != [count; 3] {
         return Err(EnvError::Backend(format!("expected {count} rewards and ends, got {}", r.rewards.len())));
     }
@@ -94,18 +95,19 @@ pub fn transitions(r: &StepEnvsResponse, count: usize) -> Result<Vec<Transition>
     Ok((0..count).map(transition).collect())
 }
 
-/// How far a training is.
+/// Feedback message with the progress of a training.
 #[must_use]
 pub fn feedback(p: &Progress) -> TrainFeedback {
     TrainFeedback {
         steps: p.steps,
         total_steps: p.total_steps,
+        // Before the first episode ends the mean is NaN, which a client cannot plot.
         mean_return: if p.mean_return.is_finite() { p.mean_return } else { 0.0 },
         success_rate: p.success_rate,
     }
 }
 
-/// What a training gave.
+/// Result message of a training that took `seconds`; `domains` are the parameters of the environments.
 #[must_use]
 pub fn result(trained: &Trained, domains: &[Vec<f64>], seconds: f64) -> TrainResult {
     TrainResult {

@@ -1,9 +1,4 @@
-//! Proximal policy optimisation (Schulman et al. 2017) over a vectorised environment.
-//!
-//! Does: train a Gaussian policy through `catenary_core::Env`, from its own forward and backward passes to the policy's
-//! file; choose the parameters that environments simulate.
-//! Does not: simulate, know ROS (the `node` feature does), read clocks or files. One thread; the same seed gives the same
-//! bits.
+#![doc = include_str!("../README.md")]
 
 pub mod adam;
 #[cfg(feature = "node")]

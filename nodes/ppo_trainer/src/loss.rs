@@ -1,9 +1,9 @@
-//! The clipped surrogate loss and its derivatives by the networks' outputs.
+//! Clipped surrogate loss and its derivatives by the networks' outputs.
 
 use crate::settings::Settings;
 use std::f32::consts::{LN_2, PI};
 
-/// Log probability density of `action` under a Gaussian of this mean and log standard deviation, two components.
+/// Log density of the two components of `action` under a Gaussian with mean `mean` and log standard deviation `log_std`.
 pub fn log_probability(action: &[f32; 2], mean: &[f32], log_std: &[f32; 2]) -> f32 {
     (0..2)
         .map(|i| {
@@ -13,48 +13,49 @@ pub fn log_probability(action: &[f32; 2], mean: &[f32], log_std: &[f32; 2]) -> f
         .sum()
 }
 
-/// What the loss of one sample needs.
+/// Inputs of the loss of one sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Term {
-    /// The sampled action.
+    /// Sampled action.
     pub action: [f32; 2],
-    /// Its log probability density when it was sampled.
+    /// Log density of the action when it was sampled.
     pub old_log_probability: f32,
     /// Normalised advantage.
     pub advantage: f32,
-    /// Target of the value.
+    /// Target of the value function.
     pub target: f32,
 }
 
-/// Derivatives of one sample's loss, and its parts.
+/// Loss of one sample and its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Derivatives {
-    /// By the mean.
+    /// Derivative by the mean.
     pub mean: [f32; 2],
-    /// By the log standard deviation.
+    /// Derivative by the log standard deviation.
     pub log_std: [f32; 2],
-    /// By the value.
+    /// Derivative by the value.
     pub value: f32,
     /// Approximate Kullback-Leibler divergence from the sampling policy, `ratio - 1 - ln ratio` (Schulman 2020).
     pub kl: f32,
-    /// The loss itself.
+    /// Loss.
     pub loss: f32,
 }
 
-/// Loss `-min(r A, clip(r) A) + c_v (V - target)^2 - c_e H` of one sample (Schulman et al. 2017, equations 7 and 9), and its
-/// derivatives.
+/// Loss `-min(r A, clip(r) A) + c_v (V - target)^2 - c_e H` of one sample and its derivatives (Schulman et al. 2017,
+/// equations 7 and 9). `r` is the ratio of the new to the old probability density and `A` the advantage.
 pub fn derivatives(term: &Term, mean: &[f32], log_std: &[f32; 2], value: f32, settings: &Settings) -> Derivatives {
     let log_ratio = log_probability(&term.action, mean, log_std) - term.old_log_probability;
     let ratio = log_ratio.exp();
     let clipped = ratio.clamp(1.0 - settings.clip_range, 1.0 + settings.clip_range);
     let (plain, bounded) = (ratio * term.advantage, clipped * term.advantage);
-    // Where the clip is active the surrogate is constant in the parameters.
+    // The surrogate does not depend on the parameters while the clip is active.
     let by_log_probability = if plain <= bounded { -ratio * term.advantage } else { 0.0 };
     let z: [f32; 2] = std::array::from_fn(|i| (term.action[i] - mean[i]) / log_std[i].exp());
     let error = value - term.target;
     let entropy: f32 = log_std.iter().map(|l| l + 0.5 * (1.0 + LN_2 + PI.ln())).sum();
     Derivatives {
         mean: std::array::from_fn(|i| by_log_probability * z[i] / log_std[i].exp()),
+        // The entropy of a Gaussian grows by one nat with each log standard deviation.
         log_std: std::array::from_fn(|i| by_log_probability * (z[i] * z[i] - 1.0) - settings.entropy_weight),
         value: 2.0 * settings.value_weight * error,
         kl: ratio - 1.0 - log_ratio,
@@ -69,6 +70,7 @@ mod tests {
     #[test]
     fn derivatives_agree_with_finite_differences() {
         let settings = Settings { entropy_weight: 0.01, ..Settings::sb3() };
+        // Ratios on both sides of the clip range, for advantages of either sign.
         for (advantage, old) in [(1.3, -1.0), (-0.7, -1.0), (1.3, -3.0), (-0.7, -0.2)] {
             let term = Term { action: [0.3, -0.5], old_log_probability: old, advantage, target: 0.8 };
             let at = |m: [f32; 2], l: [f32; 2], v: f32| derivatives(&term, &m, &l, v, &settings).loss;

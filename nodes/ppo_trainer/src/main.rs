@@ -1,4 +1,4 @@
-//! The executable of the node `ppo_trainer`.
+//! Executable of the node `ppo_trainer`.
 
 use std::process::ExitCode;
 

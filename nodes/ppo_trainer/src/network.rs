@@ -1,4 +1,4 @@
-//! A perceptron that can be trained: forward passes that remember, and their gradients.
+//! Multilayer perceptron with a hand-written gradient.
 
 use catenary_core::Mlp;
 use catenary_core::matrix::{Transpose, gemm};
@@ -7,22 +7,24 @@ use nalgebra::DMatrix;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
-/// A perceptron with the activations and gradients of its last batch.
+/// Multilayer perceptron with the activations and gradients of its last batch.
 #[derive(Debug, Clone)]
 pub struct Network {
-    /// The perceptron.
+    /// Layers of the perceptron.
     pub mlp: Mlp,
-    /// Gradient of each layer, of the layer's own shape.
+    /// Gradient of each layer, in the layer's own shape.
     pub gradients: Vec<Layer>,
-    /// Input of each layer, `batch` x inputs, and the output of the last.
+    /// Input of each layer (`batch` x inputs) and output of the last layer.
     activations: Vec<Vec<f32>>,
+    /// Derivatives by the outputs of the current layer of a backward pass.
     delta: Vec<f32>,
+    /// Derivatives with respect to the inputs of the current layer.
     next_delta: Vec<f32>,
 }
 
 impl Network {
-    /// A network of these layer sizes, with orthogonal weights of gain sqrt(2) in hidden layers and `output_gain` in the
-    /// last (Saxe et al. 2014), and zero biases.
+    /// Builds a network with the layer sizes `sizes`. Weights are orthogonal (Saxe et al. 2014) with a gain of sqrt(2) in
+    /// hidden layers and of `output_gain` in the last. Biases are zero.
     pub fn new<R: Rng>(sizes: &[usize], output_gain: f32, rng: &mut R) -> Self {
         let last = sizes.len() - 2;
         let layers: Vec<Layer> = sizes
@@ -44,7 +46,7 @@ impl Network {
         Self { mlp, gradients, activations, delta: Vec::new(), next_delta: Vec::new() }
     }
 
-    /// Outputs (`batch` x outputs) for `x` (`batch` x inputs), row-major; remembers what [`Network::backward`] needs.
+    /// Outputs (`batch` x outputs, row-major) for `x` (`batch` x inputs). Keeps the activations for [`Network::backward`].
     pub fn forward(&mut self, x: &[f32], batch: usize) -> &[f32] {
         self.activations[0].clear();
         self.activations[0].extend_from_slice(x);
@@ -65,7 +67,7 @@ impl Network {
         &self.activations[count]
     }
 
-    /// Gradients of a loss whose derivative by the last outputs is `d_output` (`batch` x outputs).
+    /// Writes the gradients of a loss whose derivatives by the last outputs are `d_output` (`batch` x outputs).
     pub fn backward(&mut self, d_output: &[f32], batch: usize) {
         self.delta.clear();
         self.delta.extend_from_slice(d_output);
@@ -89,6 +91,7 @@ impl Network {
                     *g += d;
                 }
             }
+            // Nobody needs the derivative by the observations.
             if i == 0 {
                 return;
             }
@@ -97,6 +100,7 @@ impl Network {
             let shape = (batch, layer.outputs, layer.inputs);
             gemm(shape, 1.0, &self.delta, Transpose::No, &layer.weight, Transpose::No, 0.0, &mut self.next_delta);
             for (d, a) in self.next_delta.iter_mut().zip(&self.activations[i]) {
+                // Derivative of tanh by its input, from its output.
                 *d *= 1.0 - a * a;
             }
             std::mem::swap(&mut self.delta, &mut self.next_delta);
@@ -104,14 +108,15 @@ impl Network {
     }
 }
 
-/// A `rows` x `columns` matrix, row-major, with orthonormal rows or columns times `gain`, uniformly distributed.
+/// Random `rows` x `columns` matrix, row-major, whose rows or columns are orthonormal times `gain`: the QR decomposition of
+/// a Gaussian matrix, uniformly distributed (Mezzadri 2007).
 fn orthogonal<R: Rng>(rows: usize, columns: usize, gain: f32, rng: &mut R) -> Vec<f32> {
     let (tall, short) = (rows.max(columns), rows.min(columns));
     let normal = DMatrix::<f64>::from_fn(tall, short, |_, _| rng.sample(StandardNormal));
     let qr = normal.qr();
     let (mut q, r) = (qr.q(), qr.r());
     for j in 0..short {
-        // The sign makes the decomposition unique, and so the distribution uniform.
+        // A positive diagonal of R makes the decomposition unique and the distribution uniform.
         let sign = r[(j, j)].signum();
         q.column_mut(j).iter_mut().for_each(|v| *v *= sign);
     }

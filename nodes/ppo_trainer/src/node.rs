@@ -1,5 +1,5 @@
-//! The node: an action that trains in the pool's environments.
-#![allow(clippy::disallowed_methods, reason = "the ROS side times what it did")]
+//! ROS node: an action that trains a policy in the environments of the simulator pool.
+#![allow(clippy::disallowed_methods, reason = "the node measures how long a training took")]
 
 use crate::convert;
 use crate::trainer::{TrainError, train};
@@ -15,13 +15,15 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time that the pool has to open environments, and to step them.
+/// Time limit for opening environments.
 const OPEN: Duration = Duration::from_secs(60);
+/// Time limit for one step of all environments, and for closing them.
 const STEP: Duration = Duration::from_secs(30);
-/// Wait for an answer that counts as a fault.
+/// Time without an answer of the pool after which the diagnostics report a fault.
 const SLOW: Duration = Duration::from_secs(10);
-/// Random streams of a goal's seed.
+/// Random stream of a goal's seed for the domains.
 const DOMAIN_STREAM: u64 = 1;
+/// Random stream of a goal's seed for the environments.
 const ENV_STREAM: u64 = 2;
 
 /// Runs the node from the arguments after the program's name.
@@ -29,10 +31,10 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("ppo_trainer", args, run)
 }
 
-/// Service of the pool whose answer is awaited, and the moment at which it was asked.
+/// Name of the service whose answer is awaited, and the time of the request.
 type Awaited = Arc<Mutex<Option<(&'static str, Instant)>>>;
 
-/// The pool's services.
+/// Clients of the pool's services.
 struct Pool {
     open: Client<OpenEnvs>,
     step: Client<StepEnvs>,
@@ -41,7 +43,7 @@ struct Pool {
 }
 
 impl Pool {
-    /// Asks a service, which `awaited` names until it answers.
+    /// Calls a service. `awaited` names it until it answers.
     fn ask<S: Srv>(
         &self,
         client: &Client<S>,
@@ -86,11 +88,12 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-/// Environments of the pool. They are closed when this is dropped.
+/// Environments of the pool, closed on drop.
 struct PoolEnv<'a> {
     pool: &'a Pool,
     handle: u64,
     count: usize,
+    /// First observations, until [`Env::reset`] takes them.
     first: Option<Vec<Observation>>,
 }
 
@@ -119,7 +122,8 @@ impl Env for PoolEnv<'_> {
     }
 
     fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
-        let again = || EnvError::Backend("the pool starts its environments once, when they are opened".to_owned());
+        let again =
+            || EnvError::Backend("environments of the pool can be reset once, after they are opened".to_owned());
         self.first.take().ok_or_else(again)
     }
 
@@ -131,8 +135,10 @@ impl Env for PoolEnv<'_> {
     }
 }
 
+/// Runs a goal and reports its outcome.
 fn serve(handle: &GoalHandle<Train>, pool: &Pool) -> Outcome<TrainResult> {
     match train_goal(handle, pool) {
+        // A cancelled training returns the policy learnt so far.
         Ok(result) if handle.is_cancelled() => Outcome::Canceled(result),
         Ok(result) => Outcome::Succeeded(result),
         Err(error) => {
@@ -142,6 +148,7 @@ fn serve(handle: &GoalHandle<Train>, pool: &Pool) -> Outcome<TrainResult> {
     }
 }
 
+/// Trains as the goal asks.
 fn train_goal(handle: &GoalHandle<Train>, pool: &Pool) -> Result<TrainResult> {
     let goal = handle.goal();
     let model = Model::from_yaml(&goal.model_yaml)?;

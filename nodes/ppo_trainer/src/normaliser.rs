@@ -1,11 +1,11 @@
-//! Running mean and standard deviation of observations.
+//! Normalisation of observations by their running mean and standard deviation.
 
 use catenary_core::Observation;
 
-/// Least standard deviation that an observation is divided by.
+/// Least standard deviation by which an observation is divided: a component that hardly varies is not amplified.
 const MIN_SCALE: f64 = 1e-3;
 
-/// Running moments (Chan, Golub and LeVeque 1983), by component.
+/// Running moments of each component (Chan, Golub and LeVeque 1983).
 #[derive(Debug, Clone)]
 pub struct Normaliser {
     count: f64,
@@ -15,12 +15,12 @@ pub struct Normaliser {
 }
 
 impl Normaliser {
-    /// A normaliser that has seen nothing. Disabled, its mean stays 0 and its scale 1.
+    /// Builds a normaliser without observations. The mean of a disabled one stays 0 and its scale 1.
     pub fn new(enabled: bool) -> Self {
         Self { count: 0.0, mean: [0.0; Observation::LEN], squares: [0.0; Observation::LEN], enabled }
     }
 
-    /// Takes in one observation.
+    /// Adds one observation.
     pub fn update(&mut self, observation: &Observation) {
         if !self.enabled {
             return;
@@ -33,12 +33,12 @@ impl Normaliser {
         }
     }
 
-    /// Mean by component.
+    /// Mean of each component.
     pub fn mean(&self) -> [f32; Observation::LEN] {
         self.mean.map(|v| v as f32)
     }
 
-    /// Standard deviation by component, 1 before two observations.
+    /// Standard deviation of each component; 1 before the second observation.
     pub fn scale(&self) -> [f32; Observation::LEN] {
         if self.count < 2.0 {
             return [1.0; Observation::LEN];

@@ -1,37 +1,38 @@
-//! Samples between two updates, and their advantages.
+//! Samples between two updates, with their advantages.
 
 use catenary_core::Observation;
 
-/// What one environment did in one step.
+/// One step of one environment.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
     /// Normalised observation.
     pub observation: [f32; Observation::LEN],
-    /// Sampled action, in units of the action limit, before the limit.
+    /// Sampled action in units of the action limit, not clipped.
     pub action: [f32; 2],
-    /// Log probability density of the action when it was sampled.
+    /// Log density of the action when it was sampled.
     pub log_probability: f32,
-    /// Value of the observation when it was seen.
+    /// Value of the observation when the action was sampled.
     pub value: f32,
-    /// Reward, with the discounted value of the last observation added where the episode was cut off.
+    /// Reward. If the step cut the episode off, the discounted value of its last observation is added.
     pub reward: f32,
-    /// The episode ended with this step.
+    /// True if the episode ended with this step.
     pub done: bool,
 }
 
-/// Steps of all environments, step by step: index = step * environments + environment.
+/// Samples of all environments; the index is step * environments + environment.
 #[derive(Debug, Clone, Default)]
 pub struct Rollout {
-    /// The samples.
+    /// Samples.
     pub samples: Vec<Sample>,
-    /// Generalised advantage estimates (Schulman et al. 2016), by sample.
+    /// Generalised advantage estimate of each sample (Schulman et al. 2016).
     pub advantages: Vec<f32>,
-    /// Targets of the value function: advantage + value, by sample.
+    /// Target of the value function for each sample: advantage + value.
     pub returns: Vec<f32>,
 }
 
 impl Rollout {
-    /// Fills in advantages and returns. `last_values`: value of each environment's next observation.
+    /// Fills in advantages and returns: `A_t = delta_t + gamma lambda A_(t+1)` with `delta_t = r_t + gamma V_(t+1) - V_t`,
+    /// restarted at the end of each episode. `last_values` holds the value of each environment's next observation.
     pub fn estimate(&mut self, last_values: &[f32], gamma: f32, lambda: f32) {
         let n = last_values.len();
         let steps = self.samples.len() / n;
@@ -41,6 +42,7 @@ impl Rollout {
             let (mut next_value, mut advantage) = (last_values[e], 0.0);
             for t in (0..steps).rev() {
                 let s = &self.samples[t * n + e];
+                // Nothing after the end of an episode counts for its steps.
                 let goes_on = if s.done { 0.0 } else { 1.0 };
                 let delta = s.reward + gamma * next_value * goes_on - s.value;
                 advantage = delta + gamma * lambda * goes_on * advantage;

@@ -1,63 +1,67 @@
-//! Hyperparameters.
+//! Hyperparameters of a training.
 
 use thiserror::Error;
 
-/// Hyperparameters of a training. Names follow Stable-Baselines3 and cleanrl.
+/// Hyperparameters of a training, named as in Stable-Baselines3 and cleanrl.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Environment steps in all, over all environments.
+    /// Environment steps in total, summed over all environments.
     pub total_steps: u64,
     /// Number of environments.
     pub environments: usize,
-    /// Steps of each environment between two updates. Larger: better estimates, fewer updates.
+    /// Steps of each environment between two updates. Larger gives better estimates and fewer updates.
     pub n_steps: usize,
     /// Samples in a minibatch.
     pub batch_size: usize,
-    /// Passes over the samples of one rollout.
+    /// Passes over the samples of a rollout.
     pub epochs: usize,
     /// Adam's learning rate.
     pub learning_rate: f32,
-    /// Let the learning rate fall linearly to zero.
+    /// True to let the learning rate fall linearly to zero.
     pub anneal_learning_rate: bool,
-    /// Discount of rewards per step.
+    /// Discount of rewards per step, 0 to 1.
     pub gamma: f32,
     /// Decay of generalised advantage estimation: 0 is the one-step estimate, 1 the whole return.
     pub gae_lambda: f32,
-    /// Range of the probability ratio.
+    /// Half width of the range about 1 to which the probability ratio is clipped. Larger allows larger updates.
     pub clip_range: f32,
     /// Weight of the value loss.
     pub value_weight: f32,
     /// Weight of the entropy bonus.
     pub entropy_weight: f32,
-    /// Greatest norm of the gradient over all parameters.
+    /// Largest norm of the gradient over all parameters.
     pub max_gradient_norm: f32,
-    /// Mean approximate Kullback-Leibler divergence at which the epochs of a rollout stop; none: never.
+    /// Mean approximate Kullback-Leibler divergence from the sampling policy above which a rollout's remaining epochs are
+    /// skipped; none for no such limit.
     pub target_kl: Option<f32>,
-    /// Logarithm of the actions' standard deviation at the start, in units of the action limit.
+    /// Initial log standard deviation of the actions, in units of the action limit.
     pub initial_log_std: f32,
     /// Width of each of the two hidden layers.
     pub hidden: usize,
-    /// Normalise observations by their running mean and standard deviation.
+    /// True to normalise observations by their running mean and standard deviation.
     pub normalise_observations: bool,
-    /// Count the value after a success as going on. A success ends the episode, and with it the rewards: without this a
-    /// policy that stays just short of the goal earns more than one that reaches it.
+    /// True to add the value of the last observation after a success. A success ends the episode and its rewards: without
+    /// this value a policy that stays just short of the goal earns more than one that reaches it.
     pub bootstrap_success: bool,
 }
 
-/// A hyperparameter that makes no sense.
+/// Hyperparameter out of range.
 #[derive(Debug, Error, PartialEq)]
 #[error("training: `{field}`: expected {expected}, got {got}")]
 pub struct SettingsError {
-    /// The field.
+    /// Name of the field.
     pub field: &'static str,
-    /// What was expected.
+    /// Expected values.
     pub expected: &'static str,
-    /// What came.
+    /// Value received.
     pub got: String,
 }
 
 impl Settings {
-    /// The preset called `name`: `default` or `sb3`.
+    /// Preset with the name `default` or `sb3`. An empty name means `default`.
+    ///
+    /// # Errors
+    /// [`SettingsError`] for any other name.
     pub fn preset(name: &str) -> Result<Self, SettingsError> {
         match name {
             "default" | "" => Ok(Self::tuned()),
@@ -66,7 +70,7 @@ impl Settings {
         }
     }
 
-    /// Stable-Baselines3's defaults (2.x) with 12 environments: five updates of 24,576 samples in 120,000 steps.
+    /// Defaults of Stable-Baselines3 (2.x) with 12 environments: five updates of 24,576 samples in 120,000 steps.
     pub fn sb3() -> Self {
         Self {
             total_steps: 120_000,
@@ -90,16 +94,19 @@ impl Settings {
         }
     }
 
-    /// Many small updates, for episodes of 16 steps and a budget of seconds.
+    /// Default preset: many small updates, for episodes of 16 steps and a budget of seconds.
     pub fn tuned() -> Self {
         Self {
+            // 32 updates of 12 x 64 samples.
             total_steps: 24_576,
             n_steps: 64,
             batch_size: 128,
             learning_rate: 1e-3,
             anneal_learning_rate: true,
+            // A horizon of 1 / (1 - 0.95) = 20 steps: about an episode.
             gamma: 0.95,
             target_kl: Some(0.03),
+            // Half of the action limit: fewer actions are clipped than with the whole of it.
             initial_log_std: -0.7,
             normalise_observations: true,
             bootstrap_success: true,
@@ -107,7 +114,10 @@ impl Settings {
         }
     }
 
-    /// Rejects values that make no sense; names the field.
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// [`SettingsError`] with the field that is out of range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let whole = [
             ("total_steps", self.total_steps as usize),

@@ -1,4 +1,4 @@
-//! The training loop.
+//! Training loop of proximal policy optimisation.
 
 use crate::adam::Adam;
 use crate::loss::{Term, derivatives, log_probability};
@@ -16,78 +16,83 @@ use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use thiserror::Error;
 
-/// Episodes that progress averages over.
+/// Number of recent episodes over which progress is averaged.
 const RECENT: usize = 100;
-/// Gains of the output layers: small for the actor, so that it begins near zero (Andrychowicz et al. 2021).
+/// Gain of the actor's output layer, small so that the first actions are near zero (Andrychowicz et al. 2021).
 const ACTOR_GAIN: f32 = 0.01;
+/// Gain of the critic's output layer.
 const CRITIC_GAIN: f32 = 1.0;
-/// Bounds of the log standard deviation.
+/// Bounds of the log standard deviation: from 0.7 % to 2.7 times the action limit.
 const LOG_STD_RANGE: (f32, f32) = (-5.0, 1.0);
 
-/// Why a training came to nothing.
+/// Reason for which a training failed.
 #[derive(Debug, Error)]
 pub enum TrainError {
-    /// A hyperparameter makes no sense.
+    /// A hyperparameter is out of range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
     /// The environment failed.
     #[error(transparent)]
     Env(#[from] EnvError),
-    /// The environment has another number of members than the settings say.
+    /// The number of environments differs from the settings.
     #[error("training: expected {expected} environments, got {got}")]
     Environments {
-        /// As the settings say.
+        /// Number in the settings.
         expected: usize,
-        /// As the environment says.
+        /// Number of environments.
         got: usize,
     },
-    /// Weights or observations that are not finite any more.
+    /// A weight, an observation or a reward is not finite.
     #[error("training failed after {steps} steps: {what} is not finite")]
     Diverged {
         /// Environment steps taken.
         steps: u64,
-        /// What is not finite.
+        /// Name of the value that is not finite.
         what: &'static str,
     },
 }
 
-/// How a training goes.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Environment steps so far.
     pub steps: u64,
-    /// Environment steps in all.
+    /// Environment steps in total.
     pub total_steps: u64,
-    /// Mean return of the last episodes; NaN before the first ended.
+    /// Mean return of the last 100 episodes; NaN before the first one ends.
     pub mean_return: f64,
-    /// Share of successes among them.
+    /// Share of successes among these episodes.
     pub success_rate: f64,
 }
 
-/// One point of the learning curve.
+/// Point of the learning curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// Environment steps.
+    /// Environment steps so far.
     pub steps: u64,
-    /// Mean return of the last episodes by then.
+    /// Mean return of the last 100 episodes.
     pub mean_return: f64,
-    /// Share of successes among them.
+    /// Share of successes among these episodes.
     pub success_rate: f64,
 }
 
-/// A trained policy.
+/// Trained policy with its learning curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
-    /// The policy, with everything that is needed to run it.
+    /// Policy with the normalisation of its observations.
     pub policy: Policy,
-    /// A point for each update.
+    /// Point after each update.
     pub curve: Vec<CurvePoint>,
-    /// Environment steps taken: fewer than asked for where it was stopped.
+    /// Environment steps taken, fewer than in the settings if the training was stopped.
     pub steps: u64,
 }
 
-/// Trains a policy for `task` in `env`. `on_progress` is called after each update and may stop the training; what was
-/// learned by then is returned.
+/// Trains a policy for `task` in `env`. `on_progress` is called after each update. If it breaks, the policy learnt so far is
+/// returned.
+///
+/// # Errors
+/// [`TrainError`] if a setting is out of range, the number of environments differs from the settings, the environment fails,
+/// or a value is no longer finite.
 pub fn train(
     env: &mut dyn Env,
     task: &Task,
@@ -117,7 +122,7 @@ pub fn train(
     Ok(Trained { policy: trainer.policy(), curve, steps: trainer.steps })
 }
 
-/// The state of a training.
+/// State of a training.
 struct Trainer<'a> {
     task: &'a Task,
     settings: &'a Settings,
@@ -128,7 +133,9 @@ struct Trainer<'a> {
     normaliser: Normaliser,
     rng: ChaCha8Rng,
     steps: u64,
+    /// Return of each environment's current episode.
     running_returns: Vec<f64>,
+    /// Return and success of the last episodes.
     recent: VecDeque<(f64, bool)>,
 }
 
@@ -151,7 +158,7 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// The policy as it is now; its `normalised` is what training uses too.
+    /// Current policy. It normalises observations as the training does.
     fn policy(&self) -> Policy {
         let task = self.task;
         Policy {
@@ -166,6 +173,7 @@ impl<'a> Trainer<'a> {
         }
     }
 
+    /// Progress averaged over the recent episodes.
     fn progress(&self) -> Progress {
         let n = self.recent.len() as f64;
         let successes = self.recent.iter().filter(|(_, success)| *success).count() as f64;
@@ -177,18 +185,19 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Observations as the networks take them, row by row.
+    /// Normalised observations, row by row, bounded to 10 standard deviations.
     fn normalised(&self, observations: &[Observation]) -> Vec<f32> {
         let (mean, scale) = (self.normaliser.mean(), self.normaliser.scale());
         let component = |o: &Observation, i: usize| ((o.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0);
         observations.iter().flat_map(|o| (0..Observation::LEN).map(move |i| component(o, i))).collect()
     }
 
-    /// Steps every environment `n_steps` times.
+    /// Steps every environment `n_steps` times and estimates the advantages.
     fn collect(&mut self, env: &mut dyn Env, observations: &mut Vec<Observation>) -> Result<Rollout, TrainError> {
         let n = self.settings.environments;
         let mut rollout = Rollout::default();
         for _ in 0..self.settings.n_steps {
+            // Samples keep the normalisation of their step: later updates of the moments do not change their log densities.
             observations.iter().for_each(|o| self.normaliser.update(o));
             let x = self.normalised(observations);
             let means = self.actor.forward(&x, n).to_vec();
@@ -199,6 +208,7 @@ impl<'a> Trainer<'a> {
                     std::array::from_fn(|i| m[i] + self.log_std[i].exp() * self.rng.sample::<f32, _>(StandardNormal))
                 })
                 .collect();
+            // The arm gets the clipped action. The loss uses the sampled one, whose density is known.
             let deltas: Vec<[f64; 2]> =
                 actions.iter().map(|a| a.map(|v| f64::from(v.clamp(-1.0, 1.0)) * MAX_DELTA_M)).collect();
             let transitions = env.step(&deltas)?;
@@ -226,11 +236,13 @@ impl<'a> Trainer<'a> {
         Ok(rollout)
     }
 
-    /// Discounted value of the last observation, for each environment whose episode was cut off and not ended.
+    /// Discounted value of the last observation for each environment whose episode was cut off, and 0 for the others.
     fn bonuses(&mut self, transitions: &[Transition]) -> Vec<f32> {
-        // A success cuts an episode of `reach` short; where the last step is the goal, nothing follows it.
+        // A success cuts an episode of `reach` short. An episode whose goal is its last step has no later rewards.
         let is_cut_short = self.settings.bootstrap_success && self.task.goal == Goal::Reach;
         let cut_off = |t: &Transition| (t.truncated && !t.terminated) || (is_cut_short && is_success(self.task, t));
+        // A time limit is no property of the state: without the bonus the value would depend on the step number, which the
+        // policy does not observe (Pardo et al. 2018).
         let wanted: Vec<bool> = transitions.iter().map(cut_off).collect();
         if !wanted.contains(&true) {
             return vec![0.0; transitions.len()];
@@ -241,7 +253,7 @@ impl<'a> Trainer<'a> {
         values.iter().zip(wanted).map(|(v, w)| if w { self.settings.gamma * v } else { 0.0 }).collect()
     }
 
-    /// Keeps account of returns and successes.
+    /// Updates the returns and successes of an environment.
     fn count(&mut self, environment: usize, t: &Transition) {
         self.running_returns[environment] += t.reward;
         if t.terminated || t.truncated {
@@ -253,11 +265,12 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Several passes over a rollout, in shuffled minibatches.
+    /// Makes several passes over a rollout in shuffled minibatches.
     fn update(&mut self, rollout: &Rollout) -> Result<(), TrainError> {
         let mut order: Vec<usize> = (0..rollout.samples.len()).collect();
         let done = (self.steps as f32 / self.settings.total_steps as f32).min(1.0);
         let annealed = if self.settings.anneal_learning_rate { 1.0 - done } else { 1.0 };
+        // The last update follows the last step, at which the annealed rate would be zero.
         let learning_rate = self.settings.learning_rate * annealed.max(1e-3);
         for _ in 0..self.settings.epochs {
             order.shuffle(&mut self.rng);
@@ -272,7 +285,7 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// One step of the optimiser; returns the mean approximate Kullback-Leibler divergence.
+    /// Takes one step of the optimiser. Returns the mean approximate Kullback-Leibler divergence of the minibatch.
     fn minibatch(&mut self, rollout: &Rollout, batch: &[usize], learning_rate: f32) -> Result<f32, TrainError> {
         let n = batch.len();
         let x: Vec<f32> = batch.iter().flat_map(|&i| rollout.samples[i].observation).collect();
@@ -280,6 +293,7 @@ impl<'a> Trainer<'a> {
         let means = self.actor.forward(&x, n).to_vec();
         let values = self.critic.forward(&x, n).to_vec();
         let (mut d_mean, mut d_value, mut d_log_std, mut kl) = (vec![0.0; 2 * n], vec![0.0; n], [0.0; 2], 0.0);
+        // Means over the minibatch, so that the gradient's norm does not depend on its size.
         let share = 1.0 / n as f32;
         for (k, &i) in batch.iter().enumerate() {
             let s = &rollout.samples[i];
@@ -300,13 +314,14 @@ impl<'a> Trainer<'a> {
         self.actor.backward(&d_mean, n);
         self.critic.backward(&d_value, n);
         let norm = self.descend(&d_log_std, learning_rate);
+        // Adam has already stepped: the parameters are spoilt, and the training cannot go on.
         if !norm.is_finite() {
             return Err(TrainError::Diverged { steps: self.steps, what: "the gradient" });
         }
         Ok(kl)
     }
 
-    /// A step of Adam over all parameters; returns the gradient's norm.
+    /// Takes a step of Adam over all parameters. Returns the norm of the gradient.
     fn descend(&mut self, d_log_std: &[f32; 2], learning_rate: f32) -> f32 {
         let mut blocks: Vec<(&mut [f32], &[f32])> = vec![(&mut self.log_std[..], &d_log_std[..])];
         for network in [&mut self.actor, &mut self.critic] {
@@ -321,12 +336,12 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// Whether a transition ended its episode as a success.
+/// Returns true if a transition ended its episode as a success.
 fn is_success(task: &Task, t: &Transition) -> bool {
     t.terminated && t.reward >= task.success_reward
 }
 
-/// Mean 0 and standard deviation 1; a single value becomes 0.
+/// Values scaled to mean 0 and standard deviation 1. A single value becomes 0.
 fn standardised(mut values: Vec<f32>) -> Vec<f32> {
     let n = values.len() as f32;
     let mean = values.iter().sum::<f32>() / n;

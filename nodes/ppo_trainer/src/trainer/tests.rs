@@ -1,10 +1,10 @@
-//! Training on a task of our own: bring the end effector to a point.
+//! Training on a small task: bring the end effector to a point.
 
 use super::*;
 use catenary_core::Goal;
 use catenary_core::task::{DeltaAnchor, Workspace};
 
-/// Point reaching: the reward falls with the distance to (0.5, 0.3), and an episode has eight steps.
+/// Environments of the task. The reward falls with the distance from [`GOAL`]; an episode has [`STEPS`] steps.
 struct Reaching {
     at: Vec<[f64; 2]>,
     steps: Vec<usize>,
@@ -87,7 +87,7 @@ fn learns_to_reach_a_point() {
     let settings = Settings { total_steps: 18_432, ..Settings::tuned() };
     let trained = run(&settings);
     let (first, last) = (trained.curve[0].mean_return, trained.curve[trained.curve.len() - 1].mean_return);
-    // The best that can be done from a random start is about 7.4: two steps are spent on the way.
+    // The best policy earns about 7.4 from a random start, as it spends two steps on the way.
     assert!(first < 5.0 && last > 6.8, "return rose from {first:.2} to {last:.2}");
     let policy = trained.policy;
     let toward = policy.act(&Observation::new([0.35, 0.3], &[[0.0; 2]; 4], [0.0; 2]));
@@ -95,13 +95,13 @@ fn learns_to_reach_a_point() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits() {
+fn equal_seeds_give_equal_bits() {
     let settings = Settings { total_steps: 2_304, ..Settings::tuned() };
     assert_eq!(run(&settings), run(&settings));
 }
 
 #[test]
-fn progress_can_stop_it_and_what_was_learned_is_kept() {
+fn a_stopped_training_returns_the_policy_learnt_so_far() {
     let mut calls = 0;
     let trained = train(&mut Reaching::new(12), &task(), &Settings::tuned(), 1, &mut |p| {
         calls += 1;
@@ -111,10 +111,10 @@ fn progress_can_stop_it_and_what_was_learned_is_kept() {
     assert_eq!((calls, trained.steps), (2, 1_536));
 }
 
-/// An environment whose observations turn into NaN.
-struct Broken(Reaching);
+/// Environments of which one gives a reward of NaN.
+struct RewardOfNan(Reaching);
 
-impl Env for Broken {
+impl Env for RewardOfNan {
     fn count(&self) -> usize {
         self.0.count()
     }
@@ -131,8 +131,9 @@ impl Env for Broken {
 }
 
 #[test]
-fn data_that_are_not_finite_are_an_error() {
-    let e = train(&mut Broken(Reaching::new(12)), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
+fn a_reward_of_nan_and_a_wrong_number_of_environments_are_errors() {
+    let e =
+        train(&mut RewardOfNan(Reaching::new(12)), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
     assert!(matches!(e, Err(TrainError::Diverged { .. })));
     let e = train(&mut Reaching::new(3), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
     assert!(matches!(e, Err(TrainError::Environments { expected: 12, got: 3 })));
