@@ -1,83 +1,83 @@
-//! Why there is no verdict.
+//! Errors of a search.
 
 use catenary_core::{ModelError, SimulatorError};
 use thiserror::Error;
 
-/// Why there is no verdict.
+/// Error that ends a search without a verdict.
 #[derive(Debug, Error)]
 pub enum FinderError {
-    /// A setting that makes no sense.
+    /// Invalid setting.
     #[error("settings: `{field}`: expected {expected}, got {got}")]
     Setting {
-        /// The field.
+        /// Field of the settings.
         field: &'static str,
-        /// What was expected.
+        /// Expected values.
         expected: String,
-        /// What came.
+        /// Value that came.
         got: String,
     },
-    /// Nothing to look at.
+    /// Empty list of measured episodes.
     #[error("expected at least one measured episode, got none")]
     NoEpisode,
-    /// An episode that the model cannot be driven by.
+    /// Episode without the actions that the model's drive needs.
     #[error("episode {episode}: the model drives the simulator by {drive}: expected the episode's actions, got none")]
     Drive {
-        /// Place of the episode, from 0.
+        /// Index of the episode, from 0.
         episode: usize,
-        /// The model's drive.
+        /// Drive of the model.
         drive: &'static str,
     },
-    /// A camera without noise, by which nothing can be said to be more than noise.
-    #[error("model: camera.keypoint_noise_px: expected more than 0, by which a disagreement is measured, got {got}")]
+    /// Camera without keypoint noise: residuals have no unit in which they could be tested.
+    #[error("model: camera.keypoint_noise_px: expected more than 0, the unit of the residuals, got {got}")]
     Noise {
-        /// The value.
+        /// Value of the model file, px.
         got: f64,
     },
-    /// An arm without noise, whose path is a prediction.
-    #[error("model: arm.pose_noise_m: expected more than 0, by which a disagreement of the arm is measured, got {got}")]
+    /// Predicted arm without pose noise: its residuals have no unit in which they could be tested.
+    #[error("model: arm.pose_noise_m: expected more than 0, the unit of the arm's residuals, got {got}")]
     PoseNoise {
-        /// The value.
+        /// Value of the model file, m.
         got: f64,
     },
-    /// The model speaks of an effect that there is not.
-    #[error("model: lacking.{field}: expected effects of the library, {known}; got `{name}`{hint}")]
+    /// Effect name in the model file that the library does not know.
+    #[error("model: lacking.{field}: expected effects of the library ({known}), got `{name}`{hint}")]
     UnknownEffect {
-        /// The field.
+        /// Field of `lacking`.
         field: &'static str,
-        /// What it names.
+        /// Unknown name.
         name: String,
-        /// The effects that there are.
+        /// Known names, separated by commas.
         known: String,
-        /// The effect that may have been meant, with a leading separator; empty where none is near.
+        /// Suggested name with a leading separator; empty if no known name is similar.
         hint: String,
     },
-    /// The simulator failed at every start of a fit.
+    /// Fit of which every start failed to simulate.
     #[error("no start of the fit could be simulated: {0}")]
     NoFit(String),
-    /// Too few data sets without a gap could be simulated and fitted.
-    #[error("expected {expected} data sets without a gap to test against, got {got} of {drawn}: {refusal}")]
+    /// Test with too few null data sets that could be simulated and fitted.
+    #[error("expected {expected} null data sets, got {got} of {drawn} draws: {refusal}")]
     NullSets {
-        /// How many were wanted.
+        /// Required number of null data sets.
         expected: usize,
-        /// How many there are.
+        /// Number of null data sets that were fitted.
         got: usize,
-        /// How many were drawn for that.
+        /// Number of null data sets that were drawn.
         drawn: usize,
-        /// Why the last one was not to be had.
+        /// Reason of the last failure.
         refusal: String,
     },
-    /// The simulator failed.
+    /// Error of the simulator.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
-    /// The repaired model is none.
+    /// Repaired model that is not a valid model.
     #[error("the repaired model: {0}")]
     Repair(ModelError),
-    /// The caller asked to stop.
+    /// Search that the caller cancelled.
     #[error("the search was cancelled while it was to {0}")]
     Cancelled(&'static str),
 }
 
-// It words its cause itself; were it its source too, who prints a chain of causes would say it twice.
+// No `#[from]`: the message holds the cause already, and a printed chain of causes would repeat it.
 impl From<ModelError> for FinderError {
     fn from(error: ModelError) -> Self {
         Self::Repair(error)
@@ -85,7 +85,7 @@ impl From<ModelError> for FinderError {
 }
 
 impl FinderError {
-    /// That a fit has no posterior, as what it rests on is no positive matrix.
+    /// Error of a fit whose Gauss-Newton matrix is not positive definite, so that it has no Laplace posterior.
     pub(crate) fn curvature() -> Self {
         Self::NoFit("the fit's curvature is no positive matrix".into())
     }

@@ -1,44 +1,18 @@
-//! Where simulation and measurement disagree, and which effect explains it.
-//!
-//! Does: fit a model to measured episodes, test whether what is left is more than noise, say where it lies, and compare what
-//! each candidate effect would explain.
-//! Does not: simulate (it asks `catenary_core::DifferentiableSimulator`), know the effects (it is given candidates), know ROS
-//! (the `node` feature does), read files or clocks.
+#![doc = include_str!("../README.md")]
 
-mod black_box;
-mod calibrate;
-pub mod candidate;
-pub mod case;
-#[cfg(feature = "node")]
-pub mod convert;
-pub mod detect;
-pub mod detectable;
-pub mod discrepancy;
+pub mod data;
 pub mod error;
 pub mod evidence;
-pub mod find;
-pub mod fit;
-pub mod hypothesis;
-pub mod laplace;
-pub mod localise;
-pub mod name;
+pub mod fitting;
 #[cfg(feature = "node")]
 pub mod node;
-pub mod outcome;
-pub mod repair;
-mod sentences;
-pub mod separate;
+pub mod report;
+pub mod search;
 pub mod settings;
-#[cfg(test)]
-mod toy;
-pub mod trade_off;
-pub mod unknowns;
-pub mod verdict;
-pub mod verify;
+pub mod toy;
 
-pub use candidate::Candidate;
+pub use data::Candidate;
 pub use error::FinderError;
-pub use find::{OnProgress, Progress, Question, Stage, find};
-pub use outcome::Outcome;
+pub use report::{Finding, Outcome, Verdict};
+pub use search::{OnProgress, Progress, Question, Stage, find};
 pub use settings::Settings;
-pub use verdict::{Finding, Verdict};

@@ -1,4 +1,4 @@
-//! The executable of the node `effect_finder`.
+//! Executable of the node `effect_finder`.
 
 use std::process::ExitCode;
 

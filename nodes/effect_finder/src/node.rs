@@ -1,12 +1,13 @@
-//! The node: an action that searches in bags, or in the last episode on the topics.
+//! Node with an action that searches bags, or the last episode on the topics.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the bags that goals name, and keeps journals")]
 
+pub mod convert;
 pub mod journal;
 
 use self::journal::Journal;
 use crate::error::FinderError;
 use crate::settings::Settings;
-use crate::{Question, convert, find};
+use crate::{Question, find};
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
 use catenary_core::episode::MeasuredTrack;
@@ -16,13 +17,13 @@ use catenary_shell::{
     Concurrency, Decision, GoalHandle, NodeBuilder, Outcome, Param, ParamSpec, contract, in_one_line,
     remove_old_states, state_file, state_folder,
 };
-use simulator_pool::{BeamSimulator, Registry, model_text, workers};
+use catenary_simulator::{BeamSimulator, Registry, model_text, workers};
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Runs the node from the arguments after the program's name.
+/// Main function of the node; `args` are the arguments after the program's name.
 pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("effect_finder", args, run)
 }
@@ -34,10 +35,10 @@ struct Parameters {
     states: Param<String>,
 }
 
-/// Of how many episodes one is held out, where nobody says which.
+/// Every third episode is held out by default.
 const HELD_OUT: usize = 3;
 
-/// Takes those out of `episodes` that no fit sees, where nobody says which: the last third.
+/// Takes the held-out episodes out of `episodes`, by default: the last third.
 pub fn hold_out<T>(episodes: &mut Vec<T>) -> Vec<T> {
     episodes.split_off(episodes.len() - episodes.len() / HELD_OUT)
 }
@@ -46,10 +47,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let workers =
         ParamSpec::new("Threads that simulate; 0: as many as the machine has processors. Results do not depend on it.");
     let null_sets = ParamSpec::new(
-        "Data sets without a gap that each test is held against (B). The least p-value is 1 / (1 + B); the time of a search grows with it.",
+        "Null data sets of each test (B). The least p-value is 1 / (1 + B); the time of a search grows with B.",
     );
     let states = ParamSpec::new(
-        "Where a search keeps what was simulated while it runs, to go on from after a kill; none: catenary/effect_finder in ROS_HOME or ~/.ros.",
+        "Folder of the journals from which a killed search goes on; empty: catenary/effect_finder in ROS_HOME or ~/.ros.",
     );
     let parameters = Parameters {
         workers: builder.declare_i64("workers", 0, workers.integer_range(0..=1024))?,
@@ -97,11 +98,11 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
     let journal = state_folder(&parameters.states.get(), "effect_finder").map(|folder| {
         remove_old_states(&folder, journal::EXTENSION);
-        let number = journal::number_of(&question, &settings);
-        Journal::open(state_file(&folder, number, journal::EXTENSION), number, &simulator)
+        let fingerprint = journal::fingerprint(&question, &settings);
+        Journal::open(state_file(&folder, fingerprint, journal::EXTENSION), fingerprint, &simulator)
     });
     if let Some(known) = journal.as_ref().map(Journal::len).filter(|known| *known > 0) {
-        tracing::info!("goes on with {known} answers of the simulator, which an earlier process left");
+        tracing::info!("goes on with {known} answers of the simulator from an earlier process");
     }
     let asked: &dyn DifferentiableSimulator = journal.as_ref().map_or(&simulator, |journal| journal);
     let found = find(question, asked, &settings, &mut |progress| {
@@ -127,8 +128,7 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     }
 }
 
-/// The episodes that the goal names: all of its bags, or the last one on the topics, which is waited for; and those that it holds
-/// out.
+/// Measured and held-out episodes of the goal. Without bags the goal waits for the next episode on the topics.
 fn measured(
     handle: &GoalHandle<FindEffects>,
     live: &LiveEpisodes,
@@ -149,16 +149,16 @@ fn measured(
     Ok((measured, held_out))
 }
 
-/// Every complete episode of a bag that the model can be held against and no fault ended, with its number in the bag. The
-/// others are left out, with a warning.
+/// Complete episodes of a bag with their numbers. Episodes that the model cannot be compared with, or that ended in a
+/// fault, are left out with a warning.
 ///
 /// # Errors
-/// A bag that cannot be read, or without such an episode.
+/// A bag that cannot be read, or that has no such episode.
 pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)>> {
     let named = || bag.display().to_string();
     let reader = BagReader::open(bag)?;
     let log = read_episodes(&reader, &EpisodeTopics::default())?;
-    // Says what is missing where there is none.
+    // Fails with the missing topics if the bag has no episode.
     log.last().with_context(named)?;
     let mut episodes = Vec::new();
     let mut refused = Vec::new();
@@ -170,7 +170,7 @@ pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)
         }
         match episode.measured(model) {
             Ok(measured) => {
-                // What is doubtful about a recording comes with each of its episodes, and is said once.
+                // Every episode repeats the warnings of its recording; each warning is logged once.
                 for warning in measured.warnings.iter().filter(|w| said.insert((*w).clone())) {
                     tracing::warn!("{}: episode {}: {warning}", named(), episode.number);
                 }
@@ -179,7 +179,7 @@ pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)
             Err(error) => refused.push(error.into()),
         }
     }
-    // Without any other episode, the reason is the error, and is said once.
+    // Without another episode the last reason becomes the error, so that it is not logged as well.
     if episodes.is_empty()
         && let Some(error) = refused.pop()
     {
@@ -194,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_third_is_held_out_and_nothing_of_one_or_two() {
+    fn the_last_third_is_held_out_but_none_of_one_or_two() {
         let split = |count: usize| {
             let mut fitted: Vec<usize> = (0..count).collect();
             let held_out = hold_out(&mut fitted);

@@ -1,48 +1,51 @@
-//! How carefully to look.
+//! Settings of a search.
 
 use crate::error::FinderError;
 use catenary_core::Fidelity;
 use serde::{Deserialize, Serialize};
 
-/// How carefully to look.
+/// Settings of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Draws from the prior among which a fit looks for its starts. More find the best fit of a model with several valleys.
+    /// Draws of the prior among which a fit chooses its starts. More draws find the best of several local minima.
     pub draws: usize,
-    /// Best draws from which a fit starts.
+    /// Number of draws from which a fit starts.
     pub starts: usize,
-    /// Data sets simulated from the fitted model, each fitted again (B). The least p-value is 1 / (1 + B).
+    /// Number of null data sets (B), simulated from the fitted model and fitted again. The least p-value is 1 / (1 +
+    /// B).
     pub null_sets: usize,
-    /// Level of the test, and of the localisation's.
+    /// Level of the test, and of the localisation.
     pub level: f64,
-    /// Log Bayes factor under which two effects are not told apart (3: twenty to one).
+    /// Log Bayes factor under which two models are not told apart (3: twenty to one).
     pub least_log_bayes_factor: f64,
-    /// Cosine between what two effects change, beyond what parameters can, over which they are not told apart.
+    /// Cosine between the changes of two effects, orthogonal to those of the parameters, above which they are not told
+    /// apart.
     pub greatest_cosine: f64,
-    /// How likely it is beforehand that something is present which no candidate is.
+    /// Prior probability of a discrepancy.
     pub discrepancy_share: f64,
-    /// How likely a further effect is beforehand, beside one that is present.
+    /// Prior odds of a further effect beside one that is present.
     pub further_effect: f64,
-    /// Most effects that are looked for together.
+    /// Most effects in one model.
     pub most_effects: usize,
-    /// Models with one effect more that are fitted, of all the most promising; the others are judged as if the simulator were
-    /// linear.
+    /// Number of the most promising models with a further effect that are fitted. The others are judged by their
+    /// linearised minimum.
     pub extensions: usize,
-    /// Share of the squared deviations beyond noise that effects must explain to be named where something is left.
+    /// Least share of the excess residual energy that effects must explain to be named in part.
     pub least_share: f64,
-    /// Level of the test of a repaired model. Lower than that of the present one: a true repair shall be refused rarely.
+    /// Level of the test of a repaired model. It is lower than `level`, so that a true repair is rarely rejected.
     pub repaired_level: f64,
-    /// Rounds of a fit.
+    /// Most rounds of a fit.
     pub rounds: usize,
-    /// Fidelity of the simulations. Coarse ones will do where a finer one corrects them.
+    /// Fidelity of the simulations. A coarse one suffices if a finer one corrects it.
     pub fidelity: Fidelity,
-    /// Fidelity in its place where its error at the best fit that was found would be plain in the data: where it is more than a
-    /// correction can take out; none: there is no other.
-    pub in_need: Option<Fidelity>,
-    /// Finer fidelity, by which the error of the simulations' division of time and object is taken out; none: it is not.
+    /// Fallback fidelity when the discretisation error exceeds 20 % of the noise variance, too much for a correction;
+    /// none: no fallback. JSON files call it `fallback_fidelity`.
+    #[serde(rename = "in_need")]
+    pub fallback_fidelity: Option<Fidelity>,
+    /// Finer fidelity that corrects the discretisation error of the simulations; none: no correction.
     pub finer_fidelity: Option<Fidelity>,
-    /// Seed of everything drawn.
+    /// Seed of all random draws.
     pub seed: u64,
 }
 
@@ -51,8 +54,10 @@ impl Default for Settings {
         Self {
             draws: 400,
             starts: 8,
+            // Least p-value: 0.005.
             null_sets: 199,
             level: 0.05,
+            // Strong evidence begins at 3 nats (Kass and Raftery 1995).
             least_log_bayes_factor: 3.0,
             greatest_cosine: 0.95,
             discrepancy_share: 0.2,
@@ -63,7 +68,7 @@ impl Default for Settings {
             repaired_level: 0.01,
             rounds: 40,
             fidelity: Fidelity::Fast,
-            in_need: Some(Fidelity::FineMesh),
+            fallback_fidelity: Some(Fidelity::FineMesh),
             finer_fidelity: Some(Fidelity::Reference),
             seed: 0,
         }
@@ -71,7 +76,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Rejects settings that make no sense, by field.
+    /// Rejects invalid settings, by field.
     ///
     /// # Errors
     /// [`FinderError::Setting`].
@@ -81,13 +86,14 @@ impl Settings {
         };
         if self.starts == 0 || self.draws < self.starts {
             let got = format!("{} and {}", self.draws, self.starts);
-            return bad("draws", "at least as many as starts, and a start", &got);
+            return bad("draws", "at least one start, and at least as many draws as starts", &got);
+            // With fewer null sets no p-value could reach the level.
         }
         if !(self.level > 0.0 && self.level < 1.0) {
             return bad("level", "a number between 0 and 1", &self.level);
         }
         if self.null_sets == 0 || 1.0 / (1.0 + self.null_sets as f64) > self.level {
-            return bad("null_sets", "enough for a p-value below the level, 1 / (1 + B)", &self.null_sets);
+            return bad("null_sets", "enough sets B for a p-value 1 / (1 + B) within the level", &self.null_sets);
         }
         if !(self.greatest_cosine > 0.0 && self.greatest_cosine <= 1.0) {
             return bad("greatest_cosine", "a number above 0, at most 1", &self.greatest_cosine);
@@ -108,7 +114,7 @@ impl Settings {
         }
         if self.most_effects == 0 || self.extensions == 0 {
             let got = format!("{} and {}", self.most_effects, self.extensions);
-            return bad("most_effects", "at least 1, and as many extensions", &got);
+            return bad("most_effects", "at least 1, and at least 1 extension", &got);
         }
         if self.rounds == 0 {
             return bad("rounds", "at least 1", &self.rounds);
@@ -122,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_that_make_no_sense_are_named() {
+    fn invalid_settings_are_refused_by_name() {
         assert!(Settings::default().check().is_ok());
         let refusal = |s: Settings| s.check().unwrap_err().to_string();
         let base = Settings::default;

@@ -1,32 +1,37 @@
-//! A simulator whose tracks are linear in its unknowns, for tests with closed forms.
+//! Toy simulator, linear in its unknowns, for examples and for tests against closed forms.
 
-use crate::case::Case;
+use crate::data::{Candidate, MeasuredEpisode};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::{FrameDerivative, SimulatorError, StartShape, TrackSensitivities};
 use catenary_core::track::End;
 use catenary_core::{
-    DifferentiableSimulator, Fidelity, Frame, GripTrajectory, Model, SimulationRequest, Simulator, Track,
+    DifferentiableSimulator, Frame, GripTrajectory, Model, Prior, SimulationRequest, Simulator, Track,
 };
+
+#[cfg(test)]
+pub(crate) mod twisted;
 
 /// Frames of a track.
 pub const FRAMES: usize = 20;
 
-/// Keypoints lie on a line; each unknown moves them along a pattern of its own, by `gain` for each of its units. Lengths under
-/// 0.2 m it refuses.
+/// Toy simulator. Keypoints lie on a line; each unknown moves them along its own pattern, by `gain` a unit. Lengths
+/// under 0.2 m are refused.
 pub struct Toy {
+    /// Displacement of keypoints in scaled image coordinates for each unit of an unknown.
     pub gain: f64,
 }
 
-/// A model of two parameters, without anything that is drawn anew.
+/// Model with two parameters and nothing drawn anew for each episode.
 pub fn model() -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml"))
+        .expect("the sample model is valid");
     model.effects.clear();
     model.camera.position_jitter_m = 0.0;
     model
 }
 
-/// How frame `i` changes with the unknown of that name.
+/// Derivative of frame `i` by the named unknown.
 fn pattern(name: &str, i: usize) -> FrameDerivative {
     let phase = name.bytes().map(f64::from).sum::<f64>();
     let rate = 0.4 + 0.05 * name.len() as f64;
@@ -37,7 +42,7 @@ fn pattern(name: &str, i: usize) -> FrameDerivative {
 impl Toy {
     fn unknowns(request: &SimulationRequest, episode: usize) -> Vec<(String, f64)> {
         let theta = &request.thetas[episode];
-        // Of a size that moves keypoints by some hundredths of the picture.
+        // The scale moves keypoints by some hundredths of the image.
         let mut all = vec![("length_m".to_owned(), theta[0]), ("youngs_modulus_pa".to_owned(), 1e-5 * theta[1])];
         all.extend(request.effects.iter().map(|(name, v)| (name.clone(), v[episode])));
         all
@@ -89,190 +94,21 @@ impl DifferentiableSimulator for Toy {
     }
 }
 
-/// The toy, whose tracks are changed in a way that no derivative tells of.
-pub struct Twisted<F> {
-    pub toy: Toy,
-    /// Changes a track of the request, given its episode's number.
-    twist: F,
+/// Candidate effect of the toy: positive, 0.001 to 0.1, at most 1.
+pub fn candidate(name: &str) -> Candidate {
+    let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
+    Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
 }
 
-/// The toy, which at fast fidelity moves keypoints by `error` for each unit of theta's first parameter, too.
-pub fn coarse(toy: Toy, error: f64) -> Twisted<impl Twist> {
-    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
-        if request.fidelity == Fidelity::Fast {
-            let by = error * request.thetas[episode][0];
-            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
-        }
-    };
-    Twisted { toy, twist }
-}
-
-/// The toy, whose object folds another way where theta's first parameter less the effects is under `at`: keypoints are moved by
-/// 1 in the picture.
-pub fn folding(toy: Toy, at: f64) -> Twisted<impl Twist> {
-    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
-        let effects: f64 = request.effects.iter().map(|(_, values)| values[episode]).sum();
-        if request.thetas[episode][0] - effects < at {
-            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += 1.0);
-        }
-    };
-    Twisted { toy, twist }
-}
-
-/// The toy, whose object folds where theta's first parameter is under `at`, but at fast fidelity: keypoints are moved by 1 in the
-/// picture.
-pub fn folding_when_fine(toy: Toy, at: f64) -> Twisted<impl Twist> {
-    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
-        if request.fidelity != Fidelity::Fast && request.thetas[episode][0] < at {
-            track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += 1.0);
-        }
-    };
-    Twisted { toy, twist }
-}
-
-/// The toy, whose object folds where theta's first parameter is under `at`, by what undoes `by` of that effect.
-pub fn misleading(toy: Toy, at: f64, effect: &'static str, by: f64) -> Twisted<impl Twist> {
-    let size = toy.gain * by;
-    let twist = move |track: &mut Track, request: &SimulationRequest, episode: usize| {
-        if request.thetas[episode][0] < at {
-            for (i, frame) in track.frames.iter_mut().enumerate() {
-                let (undone, places) = (pattern(effect, i).dlo, frame.dlo.iter_mut().flatten());
-                places.zip(undone.iter().flatten()).for_each(|(place, one)| *place -= size * one);
-            }
-        }
-    };
-    Twisted { toy, twist }
-}
-
-/// What changes a track.
-pub trait Twist: Fn(&mut Track, &SimulationRequest, usize) + Send + Sync {}
-
-impl<F: Fn(&mut Track, &SimulationRequest, usize) + Send + Sync> Twist for F {}
-
-impl<F: Twist> Simulator for Twisted<F> {
-    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        let mut tracks = self.toy.simulate(request)?;
-        tracks.iter_mut().enumerate().for_each(|(i, track)| (self.twist)(track, request, i));
-        Ok(tracks)
-    }
-}
-
-impl<F: Twist> DifferentiableSimulator for Twisted<F> {
-    fn sensitivities(
-        &self,
-        request: &SimulationRequest,
-        names: &[&str],
-    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let mut all = self.toy.sensitivities(request, names)?;
-        all.iter_mut().enumerate().for_each(|(i, one)| (self.twist)(&mut one.track, request, i));
-        Ok(all)
-    }
-}
-
-/// The toy, whose object folds in the second half of its frames unless theta's first parameter is within `by` of `about`: there
-/// keypoints move with it so that what was measured without a fold draws fits away.
-pub struct FoldingLate {
-    pub toy: Toy,
-    pub about: f64,
-    pub by: f64,
-}
-
-impl FoldingLate {
-    const SLOPE: f64 = 5.0;
-
-    fn folds(&self, request: &SimulationRequest, episode: usize) -> bool {
-        (request.thetas[episode][0] - self.about).abs() > self.by
-    }
-
-    fn fold(&self, track: &mut Track, request: &SimulationRequest, episode: usize) {
-        if self.folds(request, episode) {
-            let by = Self::SLOPE * (request.thetas[episode][0] - 0.2) + 0.5;
-            track.frames[FRAMES / 2..].iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += by);
-        }
-    }
-}
-
-impl Simulator for FoldingLate {
-    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        let mut tracks = self.toy.simulate(request)?;
-        tracks.iter_mut().enumerate().for_each(|(i, track)| self.fold(track, request, i));
-        Ok(tracks)
-    }
-}
-
-impl DifferentiableSimulator for FoldingLate {
-    fn sensitivities(
-        &self,
-        request: &SimulationRequest,
-        names: &[&str],
-    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let mut all = self.toy.sensitivities(request, names)?;
-        let length = names.iter().position(|n| *n == "length_m");
-        for (i, one) in all.iter_mut().enumerate() {
-            self.fold(&mut one.track, request, i);
-            if let Some(length) = length.filter(|_| self.folds(request, i)) {
-                let late = &mut one.derivatives[length][FRAMES / 2..];
-                late.iter_mut().flat_map(|f| f.dlo.iter_mut()).for_each(|p| p[0] += Self::SLOPE);
-            }
-        }
-        Ok(all)
-    }
-}
-
-/// The toy, which below reference fidelity shows less of one effect's pattern the more there is of another effect.
-pub struct Mimic {
-    pub toy: Toy,
-    pub error: f64,
-    pub of: &'static str,
-    pub as_if: &'static str,
-}
-
-impl Mimic {
-    /// The request in which the second effect stands for the error of the first.
-    fn mimicked(&self, request: &SimulationRequest) -> SimulationRequest {
-        let own = request.effects.iter().find(|(name, _)| *name == self.of);
-        let mut mimicked = request.clone();
-        if let Some((_, values)) = own.filter(|_| request.fidelity != Fidelity::Reference) {
-            mimicked.effects.push((self.as_if.to_owned(), values.iter().map(|v| -self.error * v).collect()));
-        }
-        mimicked
-    }
-}
-
-impl Simulator for Mimic {
-    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        self.toy.simulate(&self.mimicked(request))
-    }
-}
-
-impl DifferentiableSimulator for Mimic {
-    fn sensitivities(
-        &self,
-        request: &SimulationRequest,
-        names: &[&str],
-    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let mut all = self.toy.sensitivities(&self.mimicked(request), names)?;
-        let Some(place) = names.iter().position(|n| *n == self.of) else { return Ok(all) };
-        if request.fidelity != Fidelity::Reference {
-            for (i, by) in all.iter_mut().flat_map(|one| one.derivatives[place].iter_mut().enumerate()) {
-                let other = pattern(self.as_if, i).dlo;
-                let pairs = by.dlo.iter_mut().flatten().zip(other.iter().flatten());
-                pairs.for_each(|(own, other)| *own -= self.error * self.toy.gain * other);
-            }
-        }
-        Ok(all)
-    }
-}
-
-/// What is measured, without noise, where theta and effects have these values.
+/// Measured episode without noise, at these values of theta and effects.
 pub fn measured(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> MeasuredTrack {
-    MeasuredTrack { track: case(toy, theta, effects).measured, ..unmeasured() }
+    MeasuredTrack { track: episode(toy, theta, effects).measured, ..unmeasured() }
 }
 
 fn unmeasured() -> MeasuredTrack {
     MeasuredTrack {
         track: Track { frames: vec![Frame { time_s: 0.0, ..EMPTY }; FRAMES], end: End::Complete },
-        grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).unwrap(),
+        grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).expect("the times increase"),
         actions: Vec::new(),
         start: StartShape::HangingAtRest,
         target_m: None,
@@ -280,25 +116,17 @@ fn unmeasured() -> MeasuredTrack {
     }
 }
 
-/// An episode with these values of theta and effects, without noise.
-pub fn case(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> Case {
-    let mut case = Case::new(&model(), &unmeasured(), 0, &Settings::default()).unwrap();
+/// Episode without noise, at these values of theta and effects.
+pub fn episode(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> MeasuredEpisode {
+    let mut episode =
+        MeasuredEpisode::new(&model(), &unmeasured(), 0, &Settings::default()).expect("the toy model has noise");
     let request = SimulationRequest {
         thetas: vec![theta.to_vec()],
         effects: effects.iter().map(|(n, v)| ((*n).to_owned(), vec![*v])).collect(),
-        ..case.template.clone()
+        ..episode.template.clone()
     };
-    case.measured = toy.track(&request, 0);
-    case
+    episode.measured = toy.track(&request, 0);
+    episode
 }
 
 const EMPTY: Frame = Frame { time_s: 0.0, dlo: [[0.0; 2]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
-
-impl Case {
-    /// This episode with noise on what was measured.
-    pub fn measured_anew<R: rand::Rng>(&self, rng: &mut R) -> Case {
-        let mut noisy = self.clone();
-        noisy.measured = self.measure(&self.measured, rng);
-        noisy
-    }
-}

@@ -1,4 +1,4 @@
-//! Searches on simulated worlds whose effect is known: each outcome is reached where it should be.
+//! Searches in simulated episodes with a known effect: each verdict is reached by its case.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use catenary_core::episode::MeasuredTrack;
@@ -7,11 +7,12 @@ use catenary_core::simulator::StartShape;
 use catenary_core::{
     Drive, Fidelity, GripPose, GripTrajectory, Model, ParameterSpace, Prior, SimulationRequest, Simulator, seed,
 };
-use effect_finder::case::Quantity;
-use effect_finder::localise::{Part, Place};
-use effect_finder::{Candidate, Finding, Outcome, Question, Settings, Verdict, convert::candidates, find};
+use catenary_simulator::{BeamSimulator, Registry};
+use effect_finder::data::Quantity;
+use effect_finder::node::convert::candidates;
+use effect_finder::report::{Localisation, Part};
+use effect_finder::{Candidate, Finding, Outcome, Question, Settings, Verdict, find};
 use rand_distr::{Distribution, StandardNormal};
-use simulator_pool::{BeamSimulator, Registry};
 use std::ops::ControlFlow;
 
 const LENGTH_M: f64 = 0.25;
@@ -24,7 +25,7 @@ fn model() -> Model {
     model
 }
 
-/// A motion that swings the bar, lays its end onto the table and drags it.
+/// Motion that swings the bar, lays its end onto the table, and drags it.
 fn path() -> GripTrajectory {
     let corners = [
         (0.0, 0.40, 0.42),
@@ -47,7 +48,7 @@ fn path() -> GripTrajectory {
     GripTrajectory::new(times, poses).unwrap()
 }
 
-/// An episode of the world in which the bar has these effects beside what the model says.
+/// Episode of a bar with these effects.
 fn episode(effects: &[(&str, f64)], number: u64) -> MeasuredTrack {
     let request = SimulationRequest {
         thetas: vec![vec![LENGTH_M, YOUNGS_MODULUS_PA]],
@@ -72,7 +73,7 @@ fn episode(effects: &[(&str, f64)], number: u64) -> MeasuredTrack {
     }
 }
 
-/// An episode in which the arm executed `actions`, with an effect beside what the model says, and noise on the arm's pose.
+/// Episode of an arm that executed `actions`, with one effect, and noise on the arm's pose.
 fn acted(model: &Model, actions: &[[f64; 2]], (effect, value): (&str, f64), number: u64) -> MeasuredTrack {
     let request = SimulationRequest {
         effects: vec![(effect.to_owned(), vec![value])],
@@ -104,7 +105,7 @@ fn acted(model: &Model, actions: &[[f64; 2]], (effect, value): (&str, f64), numb
     }
 }
 
-/// The candidates of these names.
+/// Candidates of these names.
 fn some(model: &Model, names: &[&str]) -> Vec<Candidate> {
     let all = candidates(Registry::shipped(), model).unwrap();
     let found: Vec<Candidate> = all.into_iter().filter(|c| names.contains(&c.name.as_str())).collect();
@@ -112,7 +113,7 @@ fn some(model: &Model, names: &[&str]) -> Vec<Candidate> {
     found
 }
 
-/// The effects that were found, those that are alike side by side.
+/// Named effects with their alternatives.
 fn names(finding: &Finding) -> Vec<String> {
     finding.found.iter().flatten().cloned().collect()
 }
@@ -152,13 +153,13 @@ fn a_world_without_a_hidden_effect_has_no_gap() {
     assert_eq!((finding.verdict, repaired), (Verdict::NoGap, None));
     assert!(finding.explanations.is_empty() && finding.found.is_empty());
     let length = &finding.present.estimates[0];
-    // The interval is one of 3.3 standard deviations.
+    // The interval of 5 to 95 % spans 3.3 standard deviations.
     assert!((length.value - LENGTH_M).abs() < length.q95 - length.q05, "{length:?}");
     assert!(length.q95 - length.q05 < 0.01, "{length:?}");
 }
 
 #[test]
-fn a_tip_mass_is_named_and_recovered_among_effects_that_are_like_it() {
+fn a_tip_mass_is_named_and_recovered_among_similar_effects() {
     let candidates = some(&model(), &["tip_mass_kg", "density_change", "stiffness_gradient", "linear_drag_n_s_m2"]);
     let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.004)], 2)], &candidates);
     assert_eq!(
@@ -176,9 +177,9 @@ fn a_tip_mass_is_named_and_recovered_among_effects_that_are_like_it() {
     assert!(repaired.theta.index_of("tip_mass_kg").is_some());
 }
 
-/// Where one model alone is fitted of those that promise something, what comes to the top is fitted, too.
+/// Only one model is fitted at first; contenders for the first place are fitted later.
 #[test]
-fn effects_that_are_not_fitted_at_first_are_where_it_matters() {
+fn promising_models_are_fitted_later() {
     let model = model();
     let candidates = some(&model, &["stiffness_gradient", "keypoint_bias", "linear_drag_n_s_m2", "tip_mass_kg"]);
     let measured = [episode(&[("tip_mass_kg", 0.004)], 2)];
@@ -190,9 +191,10 @@ fn effects_that_are_not_fitted_at_first_are_where_it_matters() {
     assert!((few.probability - all.probability).abs() < 0.05, "{few:?} and {all:?}");
 }
 
-/// What is hidden is a candidate and something that is none; and in the unseen episode the candidate is greater.
+/// The bar has a candidate effect and another one that is no candidate; in the held-out episode the candidate is
+/// larger.
 #[test]
-fn what_is_left_and_what_differs_elsewhere_widen_what_is_said() {
+fn a_residual_and_a_held_out_difference_widen_the_uncertainty() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg"]);
     let of = |kg, number| [episode(&[("tip_mass_kg", kg), ("camera_tilt_rad", 0.03)], number)];
@@ -217,7 +219,7 @@ fn what_is_left_and_what_differs_elsewhere_widen_what_is_said() {
 }
 
 #[test]
-fn an_effect_that_no_candidate_is_like_is_none_of_these() {
+fn an_effect_unlike_all_candidates_is_none_of_these() {
     let candidates = some(&model(), &["grip_angle_offset_rad", "linear_drag_n_s_m2"]);
     let (finding, repaired) = search(&model(), &[episode(&[("tip_mass_kg", 0.008)], 3)], &candidates);
     assert_eq!((finding.verdict, repaired), (Verdict::NoneOfThese, None));
@@ -226,9 +228,9 @@ fn an_effect_that_no_candidate_is_like_is_none_of_these() {
     assert!(p <= 0.05, "the best of them leaves a gap: {p}");
 }
 
-/// The one episode has a tip mass; in the other the camera is tilted, and a tip mass explains next to nothing.
+/// The fitted episode has a tip mass; the held-out one has a tilted camera, which a tip mass explains badly.
 #[test]
-fn what_explains_little_of_unseen_episodes_is_none_of_these() {
+fn effects_that_explain_little_of_held_out_episodes_are_none_of_these() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg"]);
     let (measured, other) = ([episode(&[("tip_mass_kg", 0.004)], 31)], [episode(&[("camera_tilt_rad", 0.05)], 32)]);
@@ -240,9 +242,10 @@ fn what_explains_little_of_unseen_episodes_is_none_of_these() {
     assert!(finding.found.is_empty() && finding.probability_of_unknown == 1.0, "{:?}", finding.presence);
 }
 
-/// The one episode has a tip mass; the other has none, and the test of what is left there is set so that it rejects nothing.
+/// The fitted episode has a tip mass, the held-out one has none. A low level keeps the test from rejecting the repair
+/// first.
 #[test]
-fn what_makes_unseen_episodes_less_likely_is_none_of_these() {
+fn effects_that_make_held_out_episodes_less_likely_are_none_of_these() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg"]);
     let (measured, other) = ([episode(&[("tip_mass_kg", 0.003)], 31)], [episode(&[], 32)]);
@@ -251,12 +254,12 @@ fn what_makes_unseen_episodes_less_likely_is_none_of_these() {
     let Outcome { finding, model: repaired, .. } = find_with(question, &settings);
     assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
     let loss = -finding.verification.unwrap().log_likelihood_gain;
-    let said = format!("none of these: unseen episodes are less likely with them, by {loss:.1} nats");
+    let said = format!("none of these: they make held-out episodes less likely, by {loss:.1} nats");
     assert!(loss > 3.0 && finding.conclusions.last() == Some(&said), "{:?}", finding.conclusions);
 }
 
 #[test]
-fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
+fn a_parameter_beyond_its_prior_gives_prior_too_narrow() {
     let mut narrow = model();
     let mut parameters = narrow.theta.parameters().to_vec();
     parameters[0].prior = Prior::Uniform { low: 0.275, high: 0.305 };
@@ -268,9 +271,9 @@ fn parameters_at_the_edge_of_a_narrow_prior_are_said_to_be_there() {
     assert!(finding.found.is_empty() && !finding.explanations.is_empty(), "{:?}", finding.conclusions);
 }
 
-/// Where the grip holds the bar further in, what hangs is shorter than the prior says; so it is where the bar is.
+/// An overhang beyond the grip shortens the hanging part, as a length below the prior would.
 #[test]
-fn an_effect_that_is_like_a_value_beyond_the_prior_is_the_other_thing_it_may_be() {
+fn an_effect_like_a_value_beyond_the_prior_is_listed_as_alternative() {
     let mut narrow = model();
     let mut parameters = narrow.theta.parameters().to_vec();
     parameters[0].prior = Prior::Uniform { low: 0.25, high: 0.305 };
@@ -282,9 +285,9 @@ fn an_effect_that_is_like_a_value_beyond_the_prior_is_the_other_thing_it_may_be(
     assert!(finding.conclusions.last().unwrap().starts_with("either length_m"), "{:?}", finding.conclusions);
 }
 
-/// A camera that is late, and one that averages over its exposure, show the bar where it was.
+/// A delayed camera and a long exposure both show the bar at an earlier time.
 #[test]
-fn effects_that_change_the_same_are_a_group() {
+fn effects_with_equal_changes_form_a_group() {
     let candidates = some(&model(), &["frame_delay_s", "exposure_s", "tip_mass_kg"]);
     let (finding, repaired) = search(&model(), &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);
     assert_eq!(finding.verdict, Verdict::CannotTellApart, "{:?}", finding.explanations);
@@ -294,9 +297,9 @@ fn effects_that_change_the_same_are_a_group() {
     assert_eq!(effects, ["exposure_s", "frame_delay_s"]);
 }
 
-/// That something is left says more than that either of two effects explains the greater part.
+/// A residual outweighs the ambiguity between two effects in the verdict.
 #[test]
-fn a_group_that_leaves_something_is_named_in_part() {
+fn a_group_that_leaves_a_residual_is_named_in_part() {
     let candidates = some(&model(), &["frame_delay_s", "exposure_s"]);
     let measured = [episode(&[("frame_delay_s", 0.02), ("camera_tilt_rad", 0.02)], 6)];
     let (finding, _) = search(&model(), &measured, &candidates);
@@ -304,7 +307,7 @@ fn a_group_that_leaves_something_is_named_in_part() {
     assert!(finding.discrepancy.is_some());
 }
 
-/// The arm's own path tells a late arm from a late camera.
+/// The measured path of the arm tells a delayed arm from a delayed camera.
 #[test]
 fn proprioception_tells_a_late_arm_from_a_late_camera() {
     let mut model = model();
@@ -316,7 +319,7 @@ fn proprioception_tells_a_late_arm_from_a_late_camera() {
         let measured = acted(&model, &actions, (effect, 0.05), number);
         let (finding, _) = search(&model, &[measured], &candidates);
         assert_eq!(finding.explanations[0].names(), effect, "{:?}", finding.explanations);
-        let pose = |p: &Place| matches!(p.part, Part::Quantity(Quantity::Pose { .. }));
+        let pose = |p: &Localisation| matches!(p.part, Part::Quantity(Quantity::Pose { .. }));
         let stands_out = finding.places.iter().any(|p| pose(p) && p.p_value <= 0.05);
         assert_eq!(stands_out, effect == "arm_delay_s", "{:?}", finding.places);
     }
@@ -336,7 +339,7 @@ fn an_effect_that_the_model_has_fixed_too_large_is_named() {
     );
     assert!(finding.explanations[0].effects[0].value < 0.001, "{:?}", finding.explanations[0]);
     assert!(!repaired.unwrap().parameters.contains_key("tip_mass_kg"));
-    // Which frames are lost is left to chance: no fit can find it.
+    // Dropped frames are random, so that no fit can find them.
     let (name, why) = &finding.left_out[0];
     assert!(name == "dropped_frames" && why.contains("changes nothing"), "{why}");
 }
@@ -354,7 +357,7 @@ fn a_camera_without_noise_is_refused() {
 }
 
 #[test]
-fn a_model_says_what_it_does_not_lack_and_what_it_likely_does() {
+fn vetoes_and_prior_odds_of_a_model_shape_the_candidates() {
     let mut model = model();
     model.lacking.vetoes = vec!["creep_fraction".into()];
     model.lacking.prior_odds = [("tip_mass_kg".to_owned(), 5.0)].into();
@@ -367,9 +370,9 @@ fn a_model_says_what_it_does_not_lack_and_what_it_likely_does() {
     assert!(refused.contains("lacking.vetoes") && refused.contains("`gremlins`"), "{refused}");
 }
 
-/// Two effects that no single one stands for, and an episode that no fit has seen.
+/// No single effect stands for the two; a held-out episode verifies them.
 #[test]
-fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
+fn two_effects_are_named_together_and_close_the_held_out_gap() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg", "camera_tilt_rad", "linear_drag_n_s_m2", "keypoint_bias"]);
     let hidden = [("tip_mass_kg", 0.005), ("camera_tilt_rad", 0.05)];
@@ -391,9 +394,9 @@ fn two_effects_are_named_together_and_shrink_the_gap_on_unseen_episodes() {
     assert_eq!(shown, [false, true]);
 }
 
-/// What tells a drag that grows with the speed from one with its square is told as actions that can be run.
+/// The motion that separates linear from quadratic drag comes as executable actions.
 #[test]
-fn a_group_comes_with_a_motion_that_would_separate_it() {
+fn a_separable_group_comes_with_its_motion() {
     let model = model();
     let candidates = some(&model, &["linear_drag_n_s_m2", "quadratic_drag_n_s2_m3"]);
     let (finding, _) = search(&model, &[episode(&[("quadratic_drag_n_s2_m3", 0.3)], 6)], &candidates);
@@ -406,9 +409,9 @@ fn a_group_comes_with_a_motion_that_would_separate_it() {
     assert_eq!(between, ["linear_drag_n_s_m2", "quadratic_drag_n_s2_m3"]);
 }
 
-/// No motion tells a late camera from a long exposure of twice the time: none is made up.
+/// No motion separates a delay from an exposure of twice the delay, so that none is reported.
 #[test]
-fn a_group_that_no_motion_would_separate_comes_without_one() {
+fn an_inseparable_group_comes_without_a_motion() {
     let model = model();
     let candidates = some(&model, &["frame_delay_s", "exposure_s"]);
     let (finding, _) = search(&model, &[episode(&[("frame_delay_s", 0.02)], 6)], &candidates);

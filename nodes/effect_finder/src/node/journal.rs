@@ -1,8 +1,11 @@
-//! What a simulator has answered, in a file, for a search whose process may be killed: a search is told the same bits for the same
-//! questions, so one that begins again asks the same, and what was answered before it need not be simulated.
+//! Journal of a simulator's answers in a file, so that a killed search goes on after a restart.
+//!
+//! A search is deterministic: restarted, it asks the simulator the same questions, and reads the answers from the
+//! journal.
 
 use crate::{Question, Settings};
 use catenary_core::hash::fnv1a;
+use catenary_core::identity;
 use catenary_core::simulator::{TrackSensitivities, Until};
 use catenary_core::{DifferentiableSimulator, SimulationRequest, Simulator, SimulatorError, Track};
 use serde::Serialize;
@@ -13,69 +16,70 @@ use std::io::{Result as IoResult, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::UNIX_EPOCH;
 
-/// Of the files of a folder of journals.
+/// File extension of journals.
 pub const EXTENSION: &str = "journal";
 
-/// Bytes before an answer: what was asked, the answer's length, and a number that stands for its bytes.
+/// Bytes before an answer: fingerprint of the question, length of the answer, checksum of its bytes.
 const HEAD: usize = 24;
 
-/// A simulator that looks up what another one was asked before, and writes down what that answers.
+/// Simulator that answers from a journal, and records the answers of another simulator.
 pub struct Journal<'a> {
     simulator: &'a dyn DifferentiableSimulator,
     path: PathBuf,
     kept: Mutex<Kept>,
 }
 
-/// Where the answers are.
+/// Open journal file with its index.
 struct Kept {
-    /// None once writing has failed.
+    /// Journal file; none once writing has failed.
     file: Option<File>,
-    /// By what was asked: place and length.
+    /// Offset and length of each answer, by the fingerprint of its question.
     answers: HashMap<u64, (u64, usize)>,
-    /// Where the next one goes.
+    /// Offset of the next answer.
     end: u64,
 }
 
-/// A number that stands for a search: what is asked, and what else the simulator's answers depend on, which are the program and the
-/// machine's arithmetic.
-pub fn number_of(question: &Question<'_>, settings: &Settings) -> u64 {
-    let build = std::env::current_exe().and_then(|program| program.metadata()).map(|m| (m.len(), m.modified().ok()));
+/// Fingerprint of a search: its input, and everything else that the simulator's answers depend on (program and
+/// machine).
+pub fn fingerprint(question: &Question<'_>, settings: &Settings) -> u64 {
+    let build = std::env::current_exe().and_then(|program| program.metadata()).ok().map(|m| {
+        let modified = m.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        (m.len(), modified)
+    });
     let Question { model, measured, held_out, candidates } = question;
-    let machine = simulator_pool::fingerprint(model);
-    fnv1a(
-        format!("{:?} {machine:?} {model:?} {measured:?} {held_out:?} {candidates:?} {settings:?}", build.ok())
-            .into_bytes(),
-    )
+    let machine = catenary_simulator::fingerprint(model);
+    identity::fingerprint(&(build, machine, measured, held_out, candidates, settings))
 }
 
 impl<'a> Journal<'a> {
-    /// Goes on with the file at `path` where it is one of the search that `number` stands for, and begins it anew else. What fails is said, and the search
-    /// goes on without.
-    pub fn open(path: PathBuf, number: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
-        let kept = Kept::open(&path, number).unwrap_or_else(|error| {
+    /// Opens the journal at `path`. A file of the search `fingerprint` is continued; any other is overwritten. If that
+    /// fails, the reason is logged, and the search runs without a journal.
+    pub fn open(path: PathBuf, fingerprint: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
+        let kept = Kept::open(&path, fingerprint).unwrap_or_else(|error| {
             warn(&path, &error);
             Kept { file: None, answers: HashMap::new(), end: 0 }
         });
         Self { simulator, path, kept: Mutex::new(kept) }
     }
 
-    /// Number of answers that it holds.
+    /// Number of recorded answers.
     pub fn len(&self) -> usize {
         self.lock().answers.len()
     }
 
-    /// Whether it holds none.
+    /// Returns whether no answer is recorded.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether a search whose process dies could go on from here.
+    /// Returns whether the journal is written, so that a killed search could go on.
     pub fn is_kept(&self) -> bool {
         self.lock().file.is_some()
     }
 
-    /// Removes the file of a search that has ended, if it is this one's.
+    /// Removes the file of a finished search, unless another process holds it.
     pub fn remove(self) {
         if self.is_kept() {
             catenary_shell::remove_state(&self.path);
@@ -86,7 +90,7 @@ impl<'a> Journal<'a> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The answer to what `asked` stands for: the one written down, or that of `ask`, which is then.
+    /// Recorded answer to the question `asked`; without one, the answer of `ask`, which is then recorded.
     fn answer<T: Serialize + DeserializeOwned>(
         &self,
         asked: u64,
@@ -95,6 +99,7 @@ impl<'a> Journal<'a> {
         if let Some(known) = self.lock().find(asked) {
             return Ok(known);
         }
+        // The lock is free while the simulator works. Errors are not recorded, so that they are tried again.
         let answer = ask()?;
         let mut kept = self.lock();
         if let Err(error) = kept.keep(asked, &answer) {
@@ -106,31 +111,32 @@ impl<'a> Journal<'a> {
 }
 
 fn warn(path: &Path, error: &dyn std::error::Error) {
-    tracing::warn!("{}: {error}; the search cannot go on from here if its process dies", path.display());
+    tracing::warn!("{}: {error}; a killed search will start again from the beginning", path.display());
 }
 
 impl Kept {
-    fn open(path: &Path, number: u64) -> IoResult<Self> {
+    fn open(path: &Path, fingerprint: u64) -> IoResult<Self> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
         let file = File::options().read(true).write(true).create(true).truncate(false).open(path)?;
+        // A second process would overwrite the answers of the first.
         file.try_lock().map_err(|_| std::io::Error::other("another search has it"))?;
         let mut kept = Self { file: None, answers: HashMap::new(), end: 8 };
         let mut asked = [0; 8];
-        if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == number {
+        if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == fingerprint {
             kept.read(&file)?;
         } else {
             file.set_len(0)?;
-            file.write_all_at(&number.to_le_bytes(), 0)?;
+            file.write_all_at(&fingerprint.to_le_bytes(), 0)?;
         }
-        // What a killed process was about to write.
+        // A killed process may have left part of an answer.
         file.set_len(kept.end)?;
         kept.file = Some(file);
         Ok(kept)
     }
 
-    /// Finds the whole answers of a file, in order.
+    /// Indexes the complete answers of a file, in order.
     fn read(&mut self, file: &File) -> IoResult<()> {
         let length = file.metadata()?.len();
         let mut head = [0; HEAD];
@@ -143,6 +149,7 @@ impl Kept {
             }
             let mut bytes = vec![0; count as usize];
             file.read_exact_at(&mut bytes, from)?;
+            // After a damaged record no offset is known.
             if fnv1a(bytes) != sum {
                 break;
             }
@@ -175,18 +182,18 @@ impl Kept {
     }
 }
 
-/// The number in eight bytes, the least first.
+/// Number in eight bytes, little-endian.
 fn value(bytes: &[u8]) -> u64 {
     bytes.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
 }
 
 impl Simulator for Journal<'_> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
-        self.answer(fnv1a(format!("{request:?}").into_bytes()), || self.simulator.simulate(request))
+        self.answer(identity::fingerprint(request), || self.simulator.simulate(request))
     }
 
     fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
-        let asked = fnv1a(format!("{} {request:?}", until.number).into_bytes());
+        let asked = identity::fingerprint(&(until.number, request));
         self.answer(asked, || self.simulator.simulate_until(request, until))
     }
 }
@@ -197,7 +204,7 @@ impl DifferentiableSimulator for Journal<'_> {
         request: &SimulationRequest,
         names: &[&str],
     ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
-        let asked = fnv1a(format!("{names:?} {request:?}").into_bytes());
+        let asked = identity::fingerprint(&(names, request));
         self.answer(asked, || self.simulator.sensitivities(request, names))
     }
 }
@@ -208,7 +215,7 @@ mod tests {
     use crate::toy::{self, Toy};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// Counts how often it is asked.
+    /// Toy that counts its questions.
     struct Counted {
         toy: Toy,
         times: AtomicUsize,
@@ -244,10 +251,10 @@ mod tests {
 
     fn request(lengths_m: &[f64]) -> SimulationRequest {
         let thetas = lengths_m.iter().map(|l| vec![*l, 9e3]).collect();
-        SimulationRequest { thetas, ..toy::case(&Toy { gain: 1.0 }, [0.25, 9e3], &[]).template }
+        SimulationRequest { thetas, ..toy::episode(&Toy { gain: 1.0 }, [0.25, 9e3], &[]).template }
     }
 
-    /// A folder that goes with the test, and a journal's path in it, of a folder that is not there yet.
+    /// Temporary folder, and the path of a journal in a subfolder that does not exist yet.
     fn path() -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(format!("journals/search.{EXTENSION}"));
@@ -255,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_answered_before_is_told_again_to_the_bit_and_not_asked() {
+    fn recorded_answers_are_repeated_to_the_bit_without_asking() {
         let (_folder, path) = path();
         let simulator = Counted::new();
         let ask = |journal: &Journal<'_>| {
@@ -276,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_end_sooner_is_another_question() {
+    fn an_early_end_makes_another_question() {
         let (_folder, path) = path();
         let simulator = Counted::new();
         let journal = Journal::open(path, 7, &simulator);
@@ -289,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn a_killed_process_costs_its_last_answer_at_most() {
+    fn a_killed_process_loses_at_most_its_last_answer() {
         let (_folder, path) = path();
         let simulator = Counted::new();
         let journal = Journal::open(path.clone(), 7, &simulator);
@@ -311,7 +318,7 @@ mod tests {
         journal.simulate(&request(&[0.32])).unwrap();
         drop(journal);
         assert_eq!(std::fs::read(&path).unwrap(), whole);
-        // A header alone, and less than that.
+        // A header alone, and part of one.
         for end in [0, 5, 8] {
             std::fs::write(&path, &whole[..end]).unwrap();
             assert!(Journal::open(path.clone(), 7, &simulator).is_empty(), "{end} bytes");
@@ -319,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_not_kept_and_a_journal_that_cannot_be_written_harms_nothing() {
+    fn errors_are_not_recorded_and_an_unwritable_journal_is_harmless() {
         let simulator = Counted::new();
         let (_folder, path) = path();
         let journal = Journal::open(path.clone(), 7, &simulator);
@@ -328,7 +335,7 @@ mod tests {
         }
         assert_eq!((simulator.times(), journal.len()), (2, 0));
         drop(journal);
-        // Another process has it.
+        // The second journal locks the file.
         let second = Journal::open(path, 7, &simulator);
         let taken = Journal::open(second.path.clone(), 7, &simulator);
         for journal in [&taken, &Journal::open(PathBuf::from("/dev/null/journal"), 7, &simulator)] {

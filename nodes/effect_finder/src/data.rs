@@ -1,0 +1,13 @@
+//! Data of a search: measured episodes, the unknowns of a fit, and the candidate effects.
+
+mod candidate;
+mod episode;
+mod offsets;
+mod residuals;
+mod unknowns;
+
+pub use candidate::Candidate;
+pub use episode::MeasuredEpisode;
+pub use offsets::{Offset, offsets_mm, rmse_mm};
+pub use residuals::{Channel, Quantity};
+pub use unknowns::{Scope, Unknown, Unknowns};

@@ -1,0 +1,228 @@
+//! Candidate models: the present model with further effects, fitted.
+
+use super::magnitude::Magnitude;
+use super::marginal::{Evidence, Quadratic, sd_of};
+use crate::data::{Candidate, MeasuredEpisode, Unknowns};
+use crate::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
+use std::sync::Arc;
+
+/// Effort behind a best fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// Minimum of the linearised model at the starts of the fit.
+    Linearised,
+    /// Fit from the most promising starts.
+    Fitted,
+    /// Fit from some draws of the priors, too.
+    Sampled,
+    /// Fit from the whole search range.
+    Searched,
+}
+
+/// Fitted candidate model.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    /// Effects in the order in which they were added; empty: the present model.
+    pub candidates: Vec<Candidate>,
+    /// Unknowns of the model. The effects are the last ones.
+    pub unknowns: Unknowns,
+    /// Fitted episodes with the fidelity correction of the fit; none: the episodes of the search, corrected for the
+    /// present model.
+    pub episodes: Option<Arc<[MeasuredEpisode]>>,
+    /// State of the model's own fidelity correction.
+    pub correction: FidelityCorrection,
+    /// Best fit.
+    pub fit: Fit,
+    /// Evidence over the present model.
+    pub evidence: Evidence,
+    /// Effort behind the best fit.
+    pub effort: Effort,
+    /// Standard deviation of each effect between conditions, in unit coordinates; empty if unknown.
+    pub spread: Vec<f64>,
+}
+
+impl Hypothesis {
+    /// Names of the effects.
+    pub fn names(&self) -> Vec<&str> {
+        self.candidates.iter().map(|c| c.name.as_str()).collect()
+    }
+
+    /// Returns whether the model has exactly these effects.
+    pub fn is_same(&self, candidates: &[Candidate]) -> bool {
+        self.candidates.len() == candidates.len() && candidates.iter().all(|c| self.has(&c.name))
+    }
+
+    /// Returns whether the model has the named effect.
+    pub fn has(&self, name: &str) -> bool {
+        self.candidates.iter().any(|c| c.name == name)
+    }
+
+    /// Column of effect `i` in a point.
+    pub fn column(&self, i: usize) -> usize {
+        self.unknowns.columns() - self.candidates.len() + i
+    }
+
+    /// Value and standard deviation of effect `i`, all other unknowns free, with its spread between conditions.
+    pub fn magnitude(&self, i: usize) -> (f64, f64) {
+        let candidate = &self.candidates[i];
+        let cost = Quadratic::of(&self.fit, self.candidates.len());
+        let (low, high) = candidate.search().bounds();
+        // Data without information leave the value uniform over the search range.
+        let most = (high - low) / 12f64.sqrt();
+        let own = cost.map_or(most, |c| sd_of(candidate, &c, i).min(most));
+        let value = candidate.search().from_unit(self.fit.point[self.column(i)]);
+        // The spread between conditions is independent of the fit's own uncertainty.
+        (value, own.hypot((high - low) * self.spread.get(i).copied().unwrap_or(0.0)))
+    }
+
+    /// Effects with their values and standard deviations.
+    pub fn magnitudes(&self) -> Vec<Magnitude> {
+        let one = |(i, candidate): (usize, &Candidate)| {
+            let (value, sd) = self.magnitude(i);
+            Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
+        };
+        self.candidates.iter().enumerate().map(one).collect()
+    }
+
+    /// Effect at the [limit](Candidate::limit_at) of its range that would fit better beyond it, and its value.
+    pub fn at_its_limit(&self) -> Option<(&Candidate, f64)> {
+        let gradient = self.fit.gradient();
+        self.candidates.iter().enumerate().find_map(|(i, candidate)| {
+            let column = self.column(i);
+            let u = self.fit.point[column];
+            candidate.limit_at(u).filter(|_| is_bound_active(u, gradient[column])).map(|limit| (candidate, limit))
+        })
+    }
+
+    /// Starting points for a fit of this model near the fit of `other`. Shared unknowns start as in `other`. Each
+    /// effect that `other` lacks starts in turn at its own starting values, and finally at its present value. The
+    /// present fit may lie in another local minimum.
+    pub fn starts_near(&self, other: &Hypothesis) -> Vec<Vec<f64>> {
+        let there = self.unknowns.point_from(&other.unknowns, &other.fit.point);
+        let own = |i: &usize| !other.has(&self.candidates[*i].name);
+        let mut current = there;
+        for i in (0..self.candidates.len()).filter(own) {
+            current[self.column(i)] = self.fit.point[self.column(i)];
+        }
+        let moved = |i: usize| {
+            let (column, candidate, current) = (self.column(i), &self.candidates[i], &current);
+            candidate.starts().into_iter().map(move |value| {
+                let mut point = current.clone();
+                point[column] = candidate.search().to_unit(value).clamp(0.0, 1.0);
+                point
+            })
+        };
+        let mut points: Vec<Vec<f64>> = (0..self.candidates.len()).filter(own).flat_map(moved).collect();
+        points.push(current);
+        points
+    }
+
+    /// Posterior of the unknowns around the fit, with the effects' spread between conditions; none if the Gauss-Newton
+    /// matrix is not positive definite.
+    pub fn posterior(&self) -> Option<Laplace> {
+        Some(Laplace::of(&self.fit)?.widened(self.column(0), &self.spread))
+    }
+
+    /// Fitting problem of the model.
+    pub fn problem<'a>(&'a self, problem: &Problem<'a>) -> Problem<'a> {
+        problem_with(problem, &self.unknowns, self.episodes.as_deref())
+    }
+}
+
+/// Problem with these unknowns, and with `episodes` if there are any.
+pub(super) fn problem_with<'a>(
+    problem: &Problem<'a>,
+    unknowns: &Unknowns,
+    episodes: Option<&'a [MeasuredEpisode]>,
+) -> Problem<'a> {
+    Problem { unknowns: unknowns.clone(), episodes: episodes.unwrap_or(problem.episodes), ..*problem }
+}
+
+/// Lowest cost of the fitted models.
+pub fn lowest_cost(all: &[Hypothesis]) -> f64 {
+    all.iter().filter(|h| h.effort != Effort::Linearised).map(|h| h.fit.cost).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fitting::Start;
+    use crate::toy::{self, Toy};
+    use catenary_core::Prior;
+    use std::ops::ControlFlow;
+
+    fn candidate(name: &str) -> Candidate {
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
+        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+    }
+
+    /// Model with one effect, fitted from one start to data with a tip mass of 0.05.
+    fn fitted(problem: &Problem<'_>, name: &str, start: f64) -> Hypothesis {
+        let candidate = candidate(name);
+        let unknowns = problem.unknowns.with(&candidate);
+        let with = Problem { unknowns: unknowns.clone(), ..*problem };
+        let start = Start { point: vec![start; unknowns.columns()], tracks: problem.measured() };
+        let fit = with.fit(vec![start], &mut || ControlFlow::Continue(())).unwrap().remove(0).unwrap();
+        let evidence = Evidence { alone: 0.0, with: Vec::new() };
+        Hypothesis {
+            candidates: vec![candidate],
+            unknowns,
+            episodes: None,
+            correction: FidelityCorrection::Untried,
+            fit,
+            evidence,
+            effort: Effort::Fitted,
+            spread: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn starts_near_another_fit_take_its_theta_and_all_values_of_the_own_effect() {
+        let toy = Toy { gain: 0.3 };
+        let episodes = [toy::episode(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
+        let (other, own) = (fitted(&problem, "tip_mass_kg", 0.5), fitted(&problem, "linear_drag_n_s_m2", 0.4));
+        let points = own.starts_near(&other);
+        assert_eq!(points.len(), own.candidates[0].starts().len() + 1);
+        for point in &points {
+            let pairs = point[..2].iter().zip(&other.fit.point);
+            assert!(pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) < 1e-9, "{point:?}");
+        }
+        assert_ne!(own.fit.point[..2], other.fit.point[..2], "the wrong effect bends theta");
+        let search = own.candidates[0].search();
+        let mut values: Vec<f64> = points.iter().map(|p| search.from_unit(p[2])).collect();
+        let last = values.pop().unwrap();
+        assert!((last - own.magnitude(0).0).abs() < 1e-9);
+        assert!(values.iter().zip(own.candidates[0].starts()).all(|(a, b)| (a - b).abs() < 1e-9), "{values:?}");
+        // The other model has the effect, too, so that its value there is used.
+        let [point] = own.starts_near(&own).try_into().unwrap();
+        assert!(point.iter().zip(&own.fit.point).all(|(a, b)| (a - b).abs() < 1e-9), "{point:?}");
+    }
+
+    #[test]
+    fn an_effect_is_at_its_limit_if_it_would_fit_better_beyond() {
+        let toy = Toy { gain: 0.3 };
+        let episodes = [toy::episode(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
+        let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
+        let mut there = fitted(&problem, "tip_mass_kg", 0.5);
+        there.candidates[0].range = [0.0, 0.3];
+        assert!(there.at_its_limit().is_none(), "it lies within");
+        let column = there.column(0);
+        there.fit.point[column] = 1.0;
+        for (towards, limit) in [(1.0, Some(0.3)), (-1.0, None)] {
+            there.fit.residuals = towards * there.fit.jacobian.column(column).into_owned();
+            let found = there.at_its_limit().map(|(_, limit)| limit);
+            assert!(found.is_some() == limit.is_some() && found.zip(limit).is_none_or(|(a, b)| (a - b).abs() < 1e-12));
+        }
+    }
+
+    #[test]
+    fn an_undetermined_effect_has_the_spread_of_its_search_range() {
+        let toy = Toy { gain: 1e-9 };
+        let episodes = [toy::episode(&toy, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
+        let (_, sd) = fitted(&problem, "tip_mass_kg", 0.5).magnitude(0);
+        // The search range is three times the prior.
+        assert!((sd - 0.3 / 12f64.sqrt()).abs() < 1e-9, "{sd}");
+    }
+}

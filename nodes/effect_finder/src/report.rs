@@ -1,0 +1,34 @@
+//! Report of a search: verdict and its rules, sentences, localisation, verification on held-out episodes, repair.
+
+mod agreement;
+mod bands;
+mod black_box;
+mod decide;
+mod detectable;
+mod finding;
+mod localisation;
+mod outcome;
+mod repair;
+mod scores;
+pub(crate) mod sentences;
+mod separation;
+mod trade_off;
+mod verdict;
+mod verification;
+mod verifier;
+
+pub use agreement::Agreement;
+pub(crate) use bands::fitted_bands;
+pub use bands::{Band, EpisodeBands, PlaneTrack};
+pub(crate) use decide::leaves_residual;
+pub use decide::{HeldOutEvidence, Objection, RepairEvidence, VerdictEvidence, decide};
+pub use detectable::{DetectionLimit, detectable_size, limits};
+pub use finding::{Estimate, Finding, Fitness, MISFIT, Presence};
+pub use localisation::{Localisation, Part, localise, onset, worst_quantity};
+pub use outcome::Outcome;
+pub use repair::repaired;
+pub use separation::{Separation, separate};
+pub use trade_off::{TradeOff, trade_offs};
+pub use verdict::Verdict;
+pub use verification::{Score, Verification};
+pub use verifier::{Prediction, Verifier};

@@ -1,0 +1,279 @@
+//! Rules of the verdict, in one pure function.
+//!
+//! The search collects the evidence, because some of it must be simulated; [`decide`] alone judges it.
+
+use super::verdict::Verdict;
+use crate::evidence::Extent;
+use crate::settings::Settings;
+
+/// Evidence behind a verdict.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VerdictEvidence {
+    /// p-value of the present model's test.
+    pub p_value: f64,
+    /// Parameters are at bounds of their priors, and the gap closes beyond these.
+    pub closes_beyond_prior: bool,
+    /// Best repair; none if no candidate model is more probable than the present model.
+    pub repair: Option<RepairEvidence>,
+}
+
+/// Evidence on the best repair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RepairEvidence {
+    /// Extent to which the effects explain the fitted episodes, by the test of the repaired model.
+    pub extent: Extent,
+    /// Share of the present model's excess residual energy that the effects remove from the fitted episodes.
+    pub share_explained: f64,
+    /// Gain in log evidence over the present model, both with a discrepancy.
+    pub gain_over_discrepancy: f64,
+    /// An effect is at the end of its range, beyond its prior, and would fit better beyond it.
+    pub is_at_limit: bool,
+    /// Number of other explanations that the data do not tell from the best one.
+    pub alternatives: usize,
+    /// p-value of the held-out episodes before the repaired model is weighed by them. None if the fitted episodes leave a
+    /// residual, or without held-out episodes.
+    pub first_p_value: Option<f64>,
+    /// Comparison with the present model on held-out episodes; none without such episodes, or before it is made.
+    pub held_out: Option<HeldOutEvidence>,
+}
+
+/// Evidence of the held-out episodes on the best repair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeldOutEvidence {
+    /// p-value of the repaired model.
+    pub p_value: Option<f64>,
+    /// Share of the present model's excess residual energy that the repair removes; none without such an excess.
+    pub share_explained: Option<f64>,
+    /// Gain in log likelihood by the repair, nats.
+    pub log_likelihood_gain: f64,
+    /// Both models have a fidelity correction, or neither has.
+    pub is_equally_corrected: bool,
+    /// Losses in log likelihood by the alternatives, nats; empty unless [`HeldOutEvidence::is_doubtful`].
+    pub alternative_losses: Vec<f64>,
+}
+
+/// Reason not to name the effects of a repair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Objection {
+    /// The effects leave a residual, and explain less than a discrepancy or than the least share.
+    TooLittle,
+    /// The effects leave a residual, and one is a proxy: it is at the end of its range.
+    Proxy,
+    /// A residual is left, and the repair removes only this share of the held-out episodes' excess residual energy.
+    LittleHeldOut(f64),
+    /// The repair and all alternatives make the held-out episodes less likely; the repair by this many nats.
+    LessLikely(f64),
+}
+
+/// Verdict on the evidence.
+pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
+    if evidence.p_value > settings.level {
+        return Verdict::NoGap;
+    }
+    if evidence.closes_beyond_prior {
+        return Verdict::PriorTooNarrow;
+    }
+    match &evidence.repair {
+        None => Verdict::NoneOfThese,
+        Some(repair) if repair.objection(settings).is_some() => Verdict::NoneOfThese,
+        Some(repair) if repair.leaves_residual(settings) => Verdict::NamedInPart,
+        Some(repair) if repair.alternatives > 0 => Verdict::CannotTellApart,
+        Some(_) => Verdict::Named,
+    }
+}
+
+/// Returns whether a repair leaves a residual: its test fails on the fitted episodes, or on the held-out ones.
+pub(crate) fn leaves_residual(extent: Extent, held_out_p_value: Option<f64>, settings: &Settings) -> bool {
+    extent == Extent::Part || held_out_p_value.is_some_and(|p| p <= settings.repaired_level)
+}
+
+impl RepairEvidence {
+    /// Returns whether the repair leaves a residual in the fitted or in the held-out episodes.
+    pub fn leaves_residual(&self, settings: &Settings) -> bool {
+        leaves_residual(self.extent, self.first_p_value, settings)
+    }
+
+    /// Returns whether the effects close the gap, without an objection.
+    pub fn closes_gap(&self, settings: &Settings) -> bool {
+        self.objection(settings).is_none() && !self.leaves_residual(settings)
+    }
+
+    /// First reason not to name the effects, if there is one.
+    pub fn objection(&self, settings: &Settings) -> Option<Objection> {
+        let is_left = self.leaves_residual(settings);
+        let is_worth_naming = self.share_explained >= settings.least_share
+            && self.gain_over_discrepancy >= settings.least_log_bayes_factor;
+        if self.extent == Extent::Part && !is_worth_naming {
+            return Some(Objection::TooLittle);
+        }
+        if is_left && self.is_at_limit {
+            return Some(Objection::Proxy);
+        }
+        let held_out = self.held_out.as_ref()?;
+        let share = held_out.share_explained.filter(|share| is_left && *share < settings.least_share);
+        if let Some(share) = share {
+            return Some(Objection::LittleHeldOut(share));
+        }
+        // One alternative that does better may be the true effect.
+        let are_all_less_likely = held_out.alternative_losses.iter().all(|l| *l >= settings.least_log_bayes_factor);
+        (held_out.is_doubtful(settings) && are_all_less_likely).then(|| Objection::LessLikely(held_out.loss()))
+    }
+}
+
+impl HeldOutEvidence {
+    /// Loss in log likelihood by the repair, nats.
+    fn loss(&self) -> f64 {
+        -self.log_likelihood_gain
+    }
+
+    /// Returns whether the episodes speak against the repair itself.
+    ///
+    /// Likelihoods are compared at best fits, where a better model may lose by chance if the fitted episodes leave much
+    /// open. Therefore the test of the repaired model must doubt it, too, and both models must be equally corrected.
+    pub fn is_doubtful(&self, settings: &Settings) -> bool {
+        let is_rejected = self.p_value.is_some_and(|p| p <= settings.level);
+        is_rejected && self.is_equally_corrected && self.loss() >= settings.least_log_bayes_factor
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Repair that closes the gap, alone.
+    fn repair() -> RepairEvidence {
+        RepairEvidence {
+            extent: Extent::Whole,
+            share_explained: 0.9,
+            gain_over_discrepancy: 10.0,
+            is_at_limit: false,
+            alternatives: 0,
+            first_p_value: None,
+            held_out: None,
+        }
+    }
+
+    /// Repair that leaves a residual of the fitted episodes.
+    fn partial() -> RepairEvidence {
+        RepairEvidence { extent: Extent::Part, ..repair() }
+    }
+
+    /// Held-out episodes that support the repair.
+    fn held_out() -> HeldOutEvidence {
+        HeldOutEvidence {
+            p_value: Some(0.5),
+            share_explained: Some(0.9),
+            log_likelihood_gain: 20.0,
+            is_equally_corrected: true,
+            alternative_losses: Vec::new(),
+        }
+    }
+
+    /// Held-out episodes that make the repair less likely, with these losses of the alternatives.
+    fn against(alternative_losses: Vec<f64>) -> HeldOutEvidence {
+        HeldOutEvidence { p_value: Some(0.04), log_likelihood_gain: -5.0, alternative_losses, ..held_out() }
+    }
+
+    fn with(repair: RepairEvidence, held_out: HeldOutEvidence) -> RepairEvidence {
+        RepairEvidence { first_p_value: held_out.p_value, held_out: Some(held_out), ..repair }
+    }
+
+    /// A row a rule. Levels are 0.05 and 0.01, the least share is 0.5, the least log Bayes factor is 3.
+    #[test]
+    fn each_rule_gives_its_verdict() {
+        let rejected = HeldOutEvidence { p_value: Some(0.005), ..held_out() };
+        let little = HeldOutEvidence { share_explained: Some(0.3), ..rejected.clone() };
+        let rows: Vec<(&str, Option<RepairEvidence>, Verdict)> = vec![
+            ("no candidate is more probable than the present model", None, Verdict::NoneOfThese),
+            ("effects close the gap", Some(repair()), Verdict::Named),
+            (
+                "another explanation is as good",
+                Some(RepairEvidence { alternatives: 1, ..repair() }),
+                Verdict::CannotTellApart,
+            ),
+            ("a residual is left", Some(partial()), Verdict::NamedInPart),
+            (
+                "a residual outweighs alternatives",
+                Some(RepairEvidence { alternatives: 1, ..partial() }),
+                Verdict::NamedInPart,
+            ),
+            ("too small a share", Some(RepairEvidence { share_explained: 0.49, ..partial() }), Verdict::NoneOfThese),
+            (
+                "a discrepancy explains as much",
+                Some(RepairEvidence { gain_over_discrepancy: 2.9, ..partial() }),
+                Verdict::NoneOfThese,
+            ),
+            (
+                "shares do not matter without a residual",
+                Some(RepairEvidence { share_explained: 0.1, ..repair() }),
+                Verdict::Named,
+            ),
+            (
+                "a proxy leaves a residual",
+                Some(RepairEvidence { is_at_limit: true, ..partial() }),
+                Verdict::NoneOfThese,
+            ),
+            (
+                "an effect at its limit closes the gap",
+                Some(RepairEvidence { is_at_limit: true, ..repair() }),
+                Verdict::Named,
+            ),
+            ("held-out episodes support the repair", Some(with(repair(), held_out())), Verdict::Named),
+            ("held-out episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
+            (
+                "a proxy leaves a held-out residual",
+                Some(with(RepairEvidence { is_at_limit: true, ..repair() }, rejected)),
+                Verdict::NoneOfThese,
+            ),
+            ("little of a held-out residual is explained", Some(with(repair(), little.clone())), Verdict::NoneOfThese),
+            (
+                "a held-out share without a residual",
+                Some(with(repair(), HeldOutEvidence { p_value: Some(0.5), ..little })),
+                Verdict::Named,
+            ),
+            ("held-out episodes are less likely", Some(with(repair(), against(vec![]))), Verdict::NoneOfThese),
+            ("with all alternatives", Some(with(repair(), against(vec![3.1, 7.0]))), Verdict::NoneOfThese),
+            ("an alternative does better", Some(with(repair(), against(vec![3.1, -2.0]))), Verdict::Named),
+            (
+                "the test does not doubt the repair",
+                Some(with(repair(), HeldOutEvidence { p_value: Some(0.06), ..against(vec![]) })),
+                Verdict::Named,
+            ),
+            (
+                "only one model is corrected",
+                Some(with(repair(), HeldOutEvidence { is_equally_corrected: false, ..against(vec![]) })),
+                Verdict::Named,
+            ),
+            (
+                "a small loss",
+                Some(with(repair(), HeldOutEvidence { log_likelihood_gain: -2.9, ..against(vec![]) })),
+                Verdict::Named,
+            ),
+        ];
+        for (rule, repair, verdict) in rows {
+            let evidence = |p_value, closes_beyond_prior| {
+                decide(&VerdictEvidence { p_value, closes_beyond_prior, repair: repair.clone() }, &Settings::default())
+            };
+            assert_eq!(evidence(0.05, false), verdict, "{rule}");
+            assert_eq!(evidence(0.051, false), Verdict::NoGap, "{rule}, but the present model is not rejected");
+            assert_eq!(evidence(0.05, true), Verdict::PriorTooNarrow, "{rule}, but the gap closes beyond a prior");
+        }
+    }
+
+    #[test]
+    fn the_first_objection_is_told() {
+        let objection = |repair: RepairEvidence| repair.objection(&Settings::default());
+        let little = HeldOutEvidence { p_value: Some(0.005), share_explained: Some(-0.2), ..against(vec![]) };
+        assert_eq!(
+            objection(RepairEvidence { share_explained: 0.0, is_at_limit: true, ..partial() }),
+            Some(Objection::TooLittle)
+        );
+        assert_eq!(
+            objection(with(RepairEvidence { is_at_limit: true, ..repair() }, little.clone())),
+            Some(Objection::Proxy)
+        );
+        assert_eq!(objection(with(repair(), little)), Some(Objection::LittleHeldOut(-0.2)));
+        assert_eq!(objection(with(repair(), against(vec![4.0]))), Some(Objection::LessLikely(5.0)));
+        assert_eq!(objection(with(repair(), held_out())), None);
+    }
+}

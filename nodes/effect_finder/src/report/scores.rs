@@ -1,0 +1,114 @@
+//! Scores of predictions on held-out episodes.
+
+use crate::data::{MeasuredEpisode, Offset, offsets_mm, rmse_mm};
+use crate::fitting::Fit;
+use catenary_core::statistics::{QuantileMethod, quantile};
+use catenary_core::{Camera, Track};
+use rand::{Rng, RngExt};
+
+/// Excess residual energy of a gap on held-out episodes, in standard deviations of noise.
+const GAP_SDS: f64 = 3.0;
+/// Bootstrap blocks of an episode, because residuals of neighbouring frames are correlated.
+const BLOCKS: usize = 8;
+/// Bootstrap draws.
+const RESAMPLES: usize = 1000;
+/// Least number of bootstrap draws with a gap for an interval.
+const LEAST_WITH_GAP: usize = 900;
+
+/// Residual energy of all episodes, in variances of the noise.
+pub fn cost(fits: &[Fit]) -> f64 {
+    fits.iter().map(|f| f.cost).sum()
+}
+
+/// Share of the present model's excess residual energy that a repair removes. 0 if only the repaired model has an excess,
+/// none if neither has.
+pub fn share_explained(before: &[Fit], after: &[Fit]) -> Option<f64> {
+    let coordinates: f64 = before.iter().map(|f| f.residuals.len() as f64).sum();
+    let beyond = |fits: &[Fit]| cost(fits) - coordinates;
+    let is_gap = |fits: &[Fit]| beyond(fits) > GAP_SDS * (2.0 * coordinates).sqrt();
+    match (is_gap(before), is_gap(after)) {
+        (true, _) => Some(1.0 - beyond(after).max(0.0) / beyond(before)),
+        (false, true) => Some(0.0),
+        (false, false) => None,
+    }
+}
+
+/// Energy score of each frame: the mean distance of predictions from the measurement, less half the mean distance
+/// between predictions.
+pub fn energy_score_mm(episode: &MeasuredEpisode, predictions: &[Track], camera: &Camera) -> Vec<f64> {
+    let distance = |o: &Offset| o.map(|o| o.iter().map(|v| v * v).sum::<f64>().sqrt());
+    let n = predictions.len() as f64;
+    let mut scores = vec![Some(0.0); episode.measured.frames.len()];
+    let mut add = |offsets: &[Offset], weight: f64| {
+        for (score, offset) in scores.iter_mut().zip(offsets) {
+            *score = score.zip(distance(offset)).map(|(s, d)| s + weight * d);
+        }
+    };
+    for (i, a) in predictions.iter().enumerate() {
+        add(&episode.offsets_mm(a, camera), 1.0 / n);
+        for b in &predictions[..i] {
+            // The mean runs over all ordered pairs of different draws, so that each pair counts twice.
+            add(&offsets_mm(a, b, episode.order, camera), -1.0 / (n * (n - 1.0)));
+        }
+    }
+    scores.into_iter().flatten().collect()
+}
+
+/// Interval of the closed share of a gap, by a block bootstrap over frames. `closed` is the share, given the distances of
+/// both models; `before` and `after` are their offsets by episode and frame.
+pub fn closed_interval(
+    before: &[Vec<Offset>],
+    after: &[Vec<Offset>],
+    closed: &dyn Fn(f64, f64) -> Option<f64>,
+    mut rng: impl Rng,
+) -> Option<[f64; 2]> {
+    let blocks: Vec<(usize, std::ops::Range<usize>)> = before
+        .iter()
+        .enumerate()
+        .flat_map(|(episode, frames)| {
+            let (n, count) = (frames.len(), BLOCKS.min(frames.len()));
+            (0..count).map(move |b| (episode, b * n / count..(b + 1) * n / count))
+        })
+        .collect();
+    if blocks.is_empty() {
+        return None;
+    }
+    let mut values: Vec<f64> = (0..RESAMPLES)
+        .filter_map(|_| {
+            // Both models are resampled with the same blocks, so that the choice of frames does not blur their
+            // difference.
+            let drawn: Vec<_> = (0..blocks.len()).map(|_| &blocks[rng.random_range(0..blocks.len())]).collect();
+            let of = |all: &[Vec<Offset>]| {
+                rmse_mm(drawn.iter().flat_map(|(episode, frames)| &all[*episode][frames.clone()]))
+            };
+            closed(of(before), of(after))
+        })
+        .collect();
+    if values.len() < LEAST_WITH_GAP {
+        return None;
+    }
+    values.sort_by(f64::total_cmp);
+    Some([0.05, 0.95].map(|q| quantile(&values, q, QuantileMethod::Lower)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DVector;
+
+    #[test]
+    fn the_explained_share_is_of_the_excess_over_noise() {
+        let fit = |cost| Fit {
+            point: Vec::new(),
+            cost,
+            residuals: DVector::zeros(200),
+            jacobian: nalgebra::DMatrix::zeros(200, 0),
+            tracks: Vec::new(),
+        };
+        assert_eq!(share_explained(&[fit(700.0), fit(700.0)], &[fit(200.0), fit(450.0)]), Some(0.75));
+        assert_eq!(share_explained(&[fit(700.0)], &[fit(150.0)]), Some(1.0));
+        assert_eq!(share_explained(&[fit(700.0)], &[fit(1200.0)]), Some(-1.0));
+        assert_eq!(share_explained(&[fit(255.0)], &[fit(200.0)]), None);
+        assert_eq!(share_explained(&[fit(255.0)], &[fit(300.0)]), Some(0.0), "the repair makes it worse");
+    }
+}

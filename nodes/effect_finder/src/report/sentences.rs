@@ -1,0 +1,247 @@
+//! Sentences of the conclusions of a search.
+
+use super::decide::Objection;
+use super::finding::{Estimate, Finding, Fitness};
+use super::localisation::{Localisation, Part, onset, worst_quantity};
+use super::separation::Separation;
+use super::trade_off::TradeOff;
+use super::verification::Verification;
+use crate::data::{Candidate, Quantity};
+use crate::evidence::{Hypothesis, Magnitude, Ranking};
+use crate::settings::Settings;
+use catenary_core::Fidelity;
+
+/// Number with four significant figures.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 6) as usize };
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+/// Best fit of the present model.
+pub fn fitted(estimates: &[Estimate], rmse_mm: f64) -> String {
+    let words = |e: &Estimate| format!("{} {} ({} to {})", e.name, short(e.value), short(e.q05), short(e.q95));
+    let estimates: Vec<String> = estimates.iter().map(words).collect();
+    format!("the present model fits best with {}; RMSE {rmse_mm:.1} mm", estimates.join(", "))
+}
+
+/// Result of a model's test.
+pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
+    let test = &fitness.test;
+    let middle = test.null.get(test.null.len() / 2).copied().unwrap_or(f64::NAN);
+    let meaning = if is_gap { "the residual exceeds noise" } else { "the residual is noise" };
+    let less = match test.null_left_out {
+        0 => String::new(),
+        some => format!("; {some} of {} null data sets could not be fitted", some + test.null.len()),
+    };
+    let (statistic, p_value) = (test.statistic, test.p_value);
+    format!(
+        "{meaning}: residual energy {statistic:.0}, median of the null data sets {middle:.0}, p = {p_value:.3}{less}"
+    )
+}
+
+/// Localisation of the disagreement.
+pub fn located(places: &[Localisation], level: f64) -> String {
+    let begin = onset(places, level).map(|p| match p.part {
+        Part::Window { episode, from_s, to_s } => {
+            format!("disagreement begins in episode {episode} between {from_s:.2} s and {to_s:.2} s")
+        }
+        Part::Quantity(_) => String::new(),
+    });
+    let worst = worst_quantity(places, level).map(|p| match p.part {
+        Part::Quantity(Quantity::Keypoint { point, axis }) => {
+            let direction = ["along", "across"][axis];
+            format!(
+                "it is largest at keypoint {point} from the grip, {direction} the image's rows ({:.1} times the noise)",
+                p.mean_square.sqrt()
+            )
+        }
+        Part::Quantity(Quantity::Pose { axis }) => {
+            let what = ["x", "z", "pitch"][axis];
+            format!("it is largest in the arm's {what} ({:.1} times the noise)", p.mean_square.sqrt())
+        }
+        Part::Window { .. } => String::new(),
+    });
+    let words: Vec<String> = begin.into_iter().chain(worst).collect();
+    if words.is_empty() { "the disagreement is spread over all times and keypoints".into() } else { words.join("; ") }
+}
+
+/// Ranking of the explanations.
+pub fn named(ranking: &Ranking, settings: &Settings) -> String {
+    let words = |h: &Hypothesis| {
+        let explanation = ranking.hypotheses.iter().zip(&ranking.explanations).find(|(o, _)| o.is_same(&h.candidates));
+        let effect = |e: &Magnitude| format!("{} ({} {} +- {})", e.title, e.name, short(e.value), short(e.sd));
+        explanation.map_or(String::new(), |(_, e)| {
+            let effects: Vec<String> = e.effects.iter().map(effect).collect();
+            let probability = e.probability + e.probability_in_part;
+            format!("{}, probability {probability:.2}", effects.join(" with "))
+        })
+    };
+    match ranking.alike(settings).as_slice() {
+        [] => match ranking.hypotheses.first() {
+            None => "no effect of the library can act in this model".into(),
+            Some(least) if ranking.unknown > ranking.none => format!(
+                "a smooth discrepancy explains it better than every effect, probability {:.2}; the best effect is {}",
+                ranking.unknown,
+                words(least)
+            ),
+            Some(least) => {
+                format!("no effect explains it better than the present model; the best effect is {}", words(least))
+            }
+        },
+        [one] => format!("{} explains it best", words(one)),
+        several => format!("cannot tell apart: {}", several.iter().map(|h| words(h)).collect::<Vec<_>>().join("; ")),
+    }
+}
+
+/// Test of a repaired model, beside the present one.
+pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, is_gap: bool) -> String {
+    let titles: Vec<&str> = hypothesis.candidates.iter().map(|c| c.title.as_str()).collect();
+    format!(
+        "with {} RMSE {:.1} -> {:.1} mm; {}",
+        titles.join(" and "),
+        present.rmse_mm,
+        fitness.rmse_mm,
+        detected(fitness, is_gap)
+    )
+}
+
+/// Sizes of effects that leave a residual: by the fitted episodes, by the held-out ones alone, and by both.
+pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude]) -> String {
+    let effects = |list: &[Magnitude]| -> String {
+        let effect = |e: &Magnitude| format!("{} {} +- {}", e.name, short(e.value), short(e.sd));
+        list.iter().map(effect).collect::<Vec<_>>().join(", ")
+    };
+    let words = format!("with the residual counted as a discrepancy: {}", effects(own));
+    let Some(elsewhere) = elsewhere else { return words };
+    let there = elsewhere.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ");
+    format!(
+        "{words}; the held-out episodes alone give {there}; with the difference counted as uncertainty: {}",
+        effects(both)
+    )
+}
+
+/// Trade-off between an effect and another unknown.
+pub fn traded(trade_off: &TradeOff) -> String {
+    let [effect, other] = &trade_off.between;
+    let (correlation, worth) = (trade_off.correlation, 100.0 * trade_off.worth());
+    format!(
+        "{effect} and {other} trade off (correlation {correlation:.2}): measuring one of them \
+         reduces the uncertainty of the other by {worth:.0} %"
+    )
+}
+
+/// Reason not to name the effects of `repair`, whose distance on the fitted episodes is `rmse_mm`.
+pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> String {
+    let reason = match objection {
+        Objection::TooLittle => format!("the best explanation leaves {rmse_mm:.1} mm, too much to be named"),
+        Objection::Proxy => {
+            let limit = repair.at_its_limit().map(|(effect, limit)| at_its_limit(effect, limit));
+            format!("{}, so that it is a proxy for something else", limit.unwrap_or_default())
+        }
+        Objection::LittleHeldOut(share) => {
+            let percent = 100.0 * share.max(0.0);
+            format!("they explain {percent:.0} % of the excess residual energy of held-out episodes")
+        }
+        Objection::LessLikely(loss) => format!("they make held-out episodes less likely, by {loss:.1} nats"),
+    };
+    format!("none of these: {reason}")
+}
+
+/// Reason not to add a proxy to the named effects.
+pub fn not_added(effect: &Candidate, limit: f64) -> String {
+    format!("{}: it is not added", at_its_limit(effect, limit))
+}
+
+fn at_its_limit(effect: &Candidate, limit: f64) -> String {
+    format!(
+        "{} goes to the end of its range ({} {}) and leaves more than noise",
+        effect.title,
+        effect.name,
+        short(limit)
+    )
+}
+
+/// Change to the fallback fidelity.
+pub fn finer(fidelity: Fidelity) -> String {
+    format!("the coarse simulation errs too much here: the search goes on at {} fidelity", fidelity.name())
+}
+
+/// Reason not to add a further effect that does not help on held-out episodes.
+pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String {
+    let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
+    format!("{last} does not help on held-out episodes, {less_mm:.1} -> {more_mm:.1} mm: it is not added")
+}
+
+/// Reason not to add a further effect that is not clearly more probable, without held-out episodes.
+pub fn not_plain(hypothesis: &Hypothesis, log_odds: f64) -> String {
+    let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
+    format!("adding {last} makes the model only {:.1} times as probable: it is not added", log_odds.exp())
+}
+
+/// Priors that are too narrow.
+pub fn narrow(pressing: &[String], p_value: f64) -> String {
+    format!("{} at a bound of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))
+}
+
+/// Alternatives to a prior that is too narrow.
+pub fn at_the_edge(finding: &Finding) -> String {
+    let pressing = finding.pressing.join(", ");
+    match finding.found.as_slice() {
+        [] => format!("no effect closes the gap within the prior of {pressing}: widen the prior, and search again"),
+        found => {
+            let groups: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
+            format!(
+                "either {pressing} lies beyond its prior, or the model lacks {}: measure {pressing}, or widen the prior",
+                groups.join(" and ")
+            )
+        }
+    }
+}
+
+/// Result on held-out episodes.
+pub fn verified(v: &Verification) -> String {
+    let mut words = format!(
+        "RMSE on {} held-out episodes {:.1} -> {:.1} mm, noise floor {:.1} mm",
+        v.episodes, v.before.rmse_mm, v.after.rmse_mm, v.floor_mm,
+    );
+    words += &match (v.gap_closed, v.interval) {
+        (Some(closed), Some(interval)) => {
+            let [low, high] = interval.map(|end| 100.0 * end);
+            format!(": {:.0} % of the gap closed ({low:.0} to {high:.0} %)", 100.0 * closed)
+        }
+        (Some(_), None) => ": too small a gap to say how much of it is closed".into(),
+        (None, _) => ": they show no gap".into(),
+    };
+    if let Some(p_value) = v.p_value {
+        words += &format!("; test of the remaining residual: p = {p_value:.3}");
+    }
+    if let Some((name, score)) = &v.wrong_effect {
+        words += &format!("; with {name} instead {:.1} mm", score.rmse_mm);
+    }
+    if let Some(black_box_mm) = v.black_box_mm {
+        words += &format!("; a regression without physics {black_box_mm:.1} mm");
+    }
+    words
+}
+
+/// Motion that would separate two explanations.
+pub fn separated(separation: Option<&Separation>) -> String {
+    match separation {
+        None => {
+            "no motion was found that would tell them apart: the model has no task, whose workspace bounds a motion"
+                .into()
+        }
+        Some(s) if !s.separates() => format!(
+            "none of the motions that were tried would tell {} from {}: residual energy {:.1} at most",
+            s.between[0], s.between[1], s.deviations
+        ),
+        Some(s) => format!(
+            "a motion that would tell {} from {}: residual energy {:.0}, {:.0} for the median motion",
+            s.between[0], s.between[1], s.deviations, s.usual_deviations
+        ),
+    }
+}

@@ -1,0 +1,37 @@
+//! Verdict of a search.
+
+use serde::{Deserialize, Serialize};
+
+/// Verdict of a search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The model explains the data up to their noise.
+    NoGap,
+    /// One effect, or several together, close the gap.
+    Named,
+    /// Several explanations close the gap, and the data do not tell them apart.
+    CannotTellApart,
+    /// Effects explain the greater part of the gap (perhaps one of several explanations), and a residual is left that
+    /// no candidate explains.
+    NamedInPart,
+    /// The gap stays: no candidate closes it, or the best one is a proxy, or held-out episodes refute it.
+    NoneOfThese,
+    /// The gap closes beyond the prior of a parameter at its bound. Effects that close it within the priors are listed
+    /// as alternatives.
+    PriorTooNarrow,
+}
+
+impl Verdict {
+    /// Name of the verdict in files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::NoGap => "no_gap",
+            Verdict::Named => "named",
+            Verdict::CannotTellApart => "cannot_tell_apart",
+            Verdict::NamedInPart => "named_in_part",
+            Verdict::NoneOfThese => "none_of_these",
+            Verdict::PriorTooNarrow => "prior_too_narrow",
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! Value of a repair on held-out episodes.
+
+use serde::{Deserialize, Serialize};
+
+/// Scores of predictions.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Root mean square distance of keypoints, mm.
+    pub rmse_mm: f64,
+    /// Energy score of the four keypoints together, mm, mean over frames (Gneiting and Raftery 2007).
+    pub energy_mm: f64,
+}
+
+/// Value of a repair on held-out episodes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Verification {
+    /// Number of held-out episodes.
+    pub episodes: usize,
+    /// Scores of the present model.
+    pub before: Score,
+    /// Scores of the repaired model.
+    pub after: Score,
+    /// Noise floor: root mean square distance of the repaired model on repeats simulated from it, mm.
+    pub floor_mm: f64,
+    /// Closed share of the gap in root mean square distance, (before - after) / (before - floor); none if the present
+    /// model is at the floor.
+    pub gap_closed: Option<f64>,
+    /// 5 and 95 % quantiles of the closed share, by a block bootstrap over frames; none if too many draws show no gap.
+    pub interval: Option<[f64; 2]>,
+    /// p-value of the hypothesis that the repaired model, with its posterior, explains the episodes; none if it can
+    /// hardly be simulated.
+    pub p_value: Option<f64>,
+    /// Share of the present model's excess residual energy that the repair removes. 0 if only the repaired model has an
+    /// excess, none if neither has.
+    pub share_explained: Option<f64>,
+    /// Gain in log likelihood by the repair, nats, each model at the best fit of its episodes' own unknowns. A negative
+    /// gain speaks against the repair.
+    pub log_likelihood_gain: f64,
+    /// Best effect that is not named, repaired the same way: its name and scores.
+    pub wrong_effect: Option<(String, Score)>,
+    /// Root mean square distance of the present model with the regression of its residual, mm.
+    pub black_box_mm: Option<f64>,
+}

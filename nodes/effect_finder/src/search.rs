@@ -1,0 +1,19 @@
+//! Search for missing effects: its steps, and their progress.
+
+mod calibrate;
+mod contenders;
+mod context;
+mod correction;
+mod elsewhere;
+mod explain;
+mod find;
+mod held_out;
+mod naming;
+mod priors;
+mod progress;
+mod question;
+mod with_discrepancy;
+
+pub use find::find;
+pub use progress::{OnProgress, Progress, Stage};
+pub use question::Question;

@@ -1,0 +1,58 @@
+//! Calibration: the best fit of the present model at a fidelity that suffices.
+
+use super::progress::{Reporter, Stage};
+use super::question::Question;
+use crate::data::MeasuredEpisode;
+use crate::error::FinderError;
+use crate::fitting::{CorrectedFit, Problem, calibrated};
+use crate::report::sentences;
+use crate::settings::Settings;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::{DifferentiableSimulator, Model};
+
+/// Calibrated present model, with the held-out episodes at the same fidelity.
+pub(super) struct Calibration {
+    pub present: CorrectedFit,
+    pub held_out: Vec<MeasuredEpisode>,
+}
+
+/// Fits the present model to the measured episodes. If the discretisation error is too large for a correction, the fit is
+/// repeated at the fallback fidelity.
+pub(super) fn calibrate(
+    question: &Question<'_>,
+    simulator: &dyn DifferentiableSimulator,
+    settings: &Settings,
+    reporter: &mut Reporter<'_>,
+) -> Result<Calibration, FinderError> {
+    let episodes = |measured: &[MeasuredTrack]| -> Result<Vec<MeasuredEpisode>, FinderError> {
+        measured.iter().enumerate().map(|(i, m)| MeasuredEpisode::new(question.model, m, i, settings)).collect()
+    };
+    let (fitted, held_out) = (episodes(question.measured)?, episodes(question.held_out)?);
+    let present = fit_present(question.model, fitted, simulator, Vec::new(), settings, reporter)?;
+    // Without a finer fidelity the discretisation error is unknown, so that nothing shows that a fallback is needed.
+    let fallback = settings.fallback_fidelity.filter(|_| settings.finer_fidelity.is_some());
+    let Some(fallback) = fallback.filter(|_| present.is_too_coarse()) else {
+        return Ok(Calibration { present, held_out });
+    };
+    reporter.conclude(Stage::Calibrate, sentences::finer(fallback))?;
+    let at = |episodes: &[MeasuredEpisode]| -> Vec<_> { episodes.iter().map(|e| e.at(fallback)).collect() };
+    // The fallback fidelity is used even if it is too coarse itself: there is no finer one to fall back to.
+    let last = Settings { fallback_fidelity: None, ..settings.clone() };
+    let known = vec![present.fit.point];
+    let present = fit_present(question.model, at(&present.episodes), simulator, known, &last, reporter)?;
+    Ok(Calibration { present, held_out: at(&held_out) })
+}
+
+/// Best fit of the present model to `episodes`, from `known` points and draws.
+fn fit_present(
+    model: &Model,
+    episodes: Vec<MeasuredEpisode>,
+    simulator: &dyn DifferentiableSimulator,
+    known: Vec<Vec<f64>>,
+    settings: &Settings,
+    reporter: &mut Reporter<'_>,
+) -> Result<CorrectedFit, FinderError> {
+    reporter.report(Stage::Calibrate, 0.0, None)?;
+    let problem = Problem::of(model, &episodes, simulator, settings.rounds);
+    reporter.with_progress(Stage::Calibrate, |on_round| calibrated(&problem, known, settings, on_round))
+}

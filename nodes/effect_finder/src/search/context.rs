@@ -1,0 +1,95 @@
+//! Context of a search: everything that its steps share.
+
+use super::progress::{Reporter, Stage};
+use super::question::Question;
+use crate::data::MeasuredEpisode;
+use crate::error::FinderError;
+use crate::evidence::{Detection, Extent, Hypothesis, Ranking, detect};
+use crate::fitting::{Fit, Problem};
+use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands};
+use crate::settings::Settings;
+
+/// Number of the most probable models that are refined and extended.
+pub(super) const PARENTS: usize = 3;
+/// Excess residual energy of a model with one effect, in standard deviations of noise, above which other local minima
+/// are searched.
+pub(super) const FOUND_SDS: f64 = 2.0;
+/// Least decrease of the cost of a better fit: a hundredth of a log Bayes factor.
+pub(super) const LEAST_DECREASE: f64 = 0.02;
+/// Null sets with at least the measured T after which the test of a repaired model stops: its p-value is then far above
+/// the level.
+const ENOUGH: usize = 20;
+
+/// Result of naming.
+pub(super) struct Named {
+    /// Ranking of the candidate models.
+    pub ranking: Ranking,
+    /// Most probable model with its test; none if no candidate is probable.
+    pub best: Option<Best>,
+}
+
+/// Most probable model with effects.
+pub(super) struct Best {
+    /// The model.
+    pub hypothesis: Hypothesis,
+    /// Extent to which it explains the fitted episodes.
+    pub extent: Extent,
+    /// Fit with its test.
+    pub fitness: Fitness,
+}
+
+/// Verification of a repair on the held-out episodes, with their predictive bands.
+pub(super) struct Checked {
+    /// Comparison with the present model.
+    pub verification: Verification,
+    /// Predictive bands of both models.
+    pub bands: Vec<EpisodeBands>,
+}
+
+/// Search after the calibration of the present model. Its steps are methods in the files of this folder.
+pub(super) struct Search<'a> {
+    /// Input of the search.
+    pub question: Question<'a>,
+    /// Problem of fitting the present model.
+    pub problem: &'a Problem<'a>,
+    /// Held-out episodes.
+    pub held_out: &'a [MeasuredEpisode],
+    /// Settings of the search.
+    pub settings: &'a Settings,
+    /// Reporter of progress and conclusions.
+    pub reporter: Reporter<'a>,
+}
+
+impl<'a> Search<'a> {
+    /// Test of a fitted model.
+    pub fn detect(
+        &mut self,
+        problem: &Problem<'_>,
+        fit: &Fit,
+        stream: u64,
+        stage: Stage,
+    ) -> Result<Detection, FinderError> {
+        // The test of a repaired model may stop early. That of the present model must not, because the localisation
+        // needs all of its null sets.
+        let enough = (stage == Stage::Repair).then_some(ENOUGH);
+        let settings = self.settings;
+        self.reporter.report(stage, 0.0, None)?;
+        self.reporter.with_rounds(stage, |on_round| detect(problem, fit, settings, stream, enough, on_round))
+    }
+
+    /// Agreement of a fit with the data.
+    pub fn agreement(&self, problem: &Problem<'_>, fit: &Fit) -> Result<Agreement, FinderError> {
+        Agreement::new(problem, fit, &self.question.model.camera.view, self.settings)
+    }
+
+    /// Predictive bands of the fitted episodes, for pictures.
+    pub fn bands(&self, present: &Hypothesis, repaired: Option<&Hypothesis>) -> Result<Vec<EpisodeBands>, FinderError> {
+        fitted_bands(self.problem, present, repaired, &self.question.model.camera.view, self.settings.seed)
+    }
+
+    /// Verifier of models on the held-out episodes.
+    pub fn verifier(&self) -> Verifier<'a> {
+        let camera = &self.question.model.camera.view;
+        Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
+    }
+}

@@ -1,0 +1,213 @@
+//! Search for missing effects: calibrate, detect, localise, name, repair, verify.
+
+use super::calibrate::{Calibration, calibrate};
+use super::context::Search;
+use super::progress::{OnProgress, Reporter, Stage};
+use super::question::Question;
+use crate::error::FinderError;
+use crate::evidence::{Baseline, Effort, Hypothesis};
+use crate::fitting::{CorrectedFit, FidelityCorrection, Fit, Problem};
+use crate::report::{Finding, Outcome, Verdict, VerdictEvidence, limits, localise, sentences};
+use crate::settings::Settings;
+use catenary_core::DifferentiableSimulator;
+use catenary_core::track::spread_mm;
+
+/// Finds the disagreement between the model and the measured episodes, and the candidates that explain it. Equal
+/// arguments give equal bits.
+///
+/// # Errors
+/// [`FinderError`].
+pub fn find(
+    question: Question<'_>,
+    simulator: &dyn DifferentiableSimulator,
+    settings: &Settings,
+    on_progress: OnProgress<'_>,
+) -> Result<Outcome, FinderError> {
+    settings.check()?;
+    if question.measured.is_empty() {
+        return Err(FinderError::NoEpisode);
+    }
+    let mut reporter = Reporter::new(on_progress);
+    let Calibration { present, held_out } = calibrate(&question, simulator, settings, &mut reporter)?;
+    let CorrectedFit { episodes, fit, correction } = present;
+    let problem = Problem::of(question.model, &episodes, simulator, settings.rounds);
+    let search = Search { question, problem: &problem, held_out: &held_out, settings, reporter };
+    let mut outcome = search.run(fit, correction)?;
+    let tracks = question.measured.iter().map(|m| &m.track);
+    outcome.finding.judge(spread_mm(tracks, &question.model.camera.view));
+    Ok(outcome)
+}
+
+impl Search<'_> {
+    /// Tests the present model at its best fit, and explains its residual.
+    fn run(mut self, fit: Fit, correction: FidelityCorrection) -> Result<Outcome, FinderError> {
+        let agreement = self.agreement(self.problem, &fit)?;
+        self.reporter.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
+        let pressing = self.pressing(&fit);
+        let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
+        let present = agreement.with(&detection);
+        let p_value = present.test.p_value;
+        let is_gap = p_value <= self.settings.level;
+        self.reporter.conclude(Stage::Detect, sentences::detected(&present, is_gap))?;
+        let places = localise(&fit, &self.problem.channels(), &detection);
+        let mut outcome =
+            Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
+        let (problem, candidates) = (self.problem, self.question.candidates);
+        // Limits are reported with every finding, with and without a gap.
+        outcome.finding.limits =
+            self.reporter.with_progress(Stage::Localise, |on_round| limits(problem, &fit, candidates, on_round))?;
+        let mut closes_beyond_prior = false;
+        if is_gap {
+            self.reporter
+                .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;
+            closes_beyond_prior = self.closes_with_open_priors(&fit, &outcome.finding, &detection)?;
+        }
+        let baseline = Baseline::new(self.problem.episodes, &fit).ok_or_else(FinderError::curvature)?;
+        let base = Hypothesis {
+            candidates: Vec::new(),
+            unknowns: self.problem.unknowns.clone(),
+            fit,
+            evidence: baseline.evidence().clone(),
+            episodes: None,
+            correction,
+            effort: Effort::Searched,
+            spread: Vec::new(),
+        };
+        let repair = if is_gap {
+            self.explain(&base, &baseline, &mut outcome)?
+        } else {
+            outcome.shown = self.bands(&base, None)?;
+            None
+        };
+        let evidence = VerdictEvidence { p_value, closes_beyond_prior, repair };
+        outcome.finding.conclude(&evidence, self.settings);
+        if outcome.finding.verdict == Verdict::PriorTooNarrow {
+            outcome.model = None;
+            self.reporter.conclude(Stage::Repair, sentences::at_the_edge(&outcome.finding))?;
+        }
+        outcome.finding.conclusions = self.reporter.into_conclusions();
+        Ok(outcome)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Candidate;
+    use crate::report::{Verdict, sentences};
+    use crate::toy::twisted::coarse;
+    use crate::toy::{self, Toy};
+    use catenary_core::episode::MeasuredTrack;
+    use catenary_core::{Fidelity, Prior, seed};
+    use std::ops::ControlFlow;
+
+    const MASS: &str = "tip_mass_kg";
+    const DRAG: &str = "linear_drag_n_s_m2";
+
+    /// The measurement holds the error of the coarse simulation, which hides a gap.
+    #[test]
+    fn a_large_discretisation_error_selects_the_fallback_fidelity() {
+        let (theta, error) = ([0.25, 2e4], 0.3);
+        let simulator = coarse(Toy { gain: 0.3 }, error);
+        let mut measured = [toy::measured(&simulator.toy, theta, &[])];
+        let points = measured[0].track.frames.iter_mut().flat_map(|f| f.dlo.iter_mut());
+        points.for_each(|p| p[0] += error * theta[0]);
+        let model = toy::model();
+        let found = |fallback_fidelity: Option<Fidelity>| {
+            let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+            let settings = Settings { fallback_fidelity, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
+            find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
+        };
+        assert_eq!([None, Some(Fidelity::FineMesh)].map(found), [Verdict::NoGap, Verdict::NoneOfThese]);
+    }
+
+    /// The first fit shows it, and the search for a better one is left to the fallback fidelity.
+    #[test]
+    fn the_fallback_fidelity_closes_a_gap_of_the_discretisation() {
+        let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
+        let measured = [toy::measured(&simulator.toy, theta, &[])];
+        let model = toy::model();
+        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+        let settings = Settings {
+            fallback_fidelity: Some(Fidelity::FineMesh),
+            draws: 40,
+            starts: 2,
+            null_sets: 19,
+            ..Settings::default()
+        };
+        let found = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding;
+        assert_eq!(
+            (found.verdict, found.conclusions[0].clone()),
+            (Verdict::NoGap, sentences::finer(Fidelity::FineMesh))
+        );
+    }
+
+    /// Search in data of an object with the `hidden` effects. The tip mass ends at 0.03, the drag at `most`, with a
+    /// prior up to `expected`. Held-out episodes have the effects `held_out_effects`.
+    fn with_limits(hidden: &[(&str, f64)], held_out_effects: &[&[(&str, f64)]], [expected, most]: [f64; 2]) -> Outcome {
+        let (simulator, model) = (Toy { gain: 3.0 }, toy::model());
+        let candidate = |name: &str, high: f64, most: f64| Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior: Prior::LogUniform { low: 1e-3, high },
+            range: [0.0, most],
+            base: 0.0,
+            odds: 1.0,
+        };
+        let candidates = [candidate(MASS, 0.02, 0.03), candidate(DRAG, expected, most)];
+        let theta = [0.25, 2e4];
+        let measured = |(stream, effects): (u64, &[(&str, f64)])| {
+            let noisy = toy::episode(&simulator, theta, effects).measured_anew(&mut seed::rng(9, stream));
+            MeasuredTrack { track: noisy.measured, ..toy::measured(&simulator, theta, effects) }
+        };
+        let fitted = [measured((0, hidden))];
+        let held_out: Vec<MeasuredTrack> = (1..).zip(held_out_effects.iter().copied()).map(measured).collect();
+        let question = Question { model: &model, measured: &fitted, held_out: &held_out, candidates: &candidates };
+        let settings = Settings {
+            fallback_fidelity: None,
+            finer_fidelity: None,
+            draws: 40,
+            starts: 2,
+            null_sets: 99,
+            ..Settings::default()
+        };
+        find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
+    }
+
+    fn named_in_part(name: &str) -> (Verdict, Vec<Vec<String>>) {
+        (Verdict::NamedInPart, vec![vec![name.to_owned()]])
+    }
+
+    /// Either the range ends at 0.04, or only the search does, at 0.06.
+    #[test]
+    fn a_proxy_at_the_end_of_its_range_is_not_named() {
+        let found = |most: f64| with_limits(&[(DRAG, 0.08)], &[], [0.02, most]).finding;
+        let (limited, open) = (found(0.04), found(1e3));
+        assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
+        let is_told = |s: &String| s.contains("goes to the end of its range (linear_drag_n_s_m2 0.04000)");
+        assert!(limited.conclusions.last().is_some_and(is_told), "{:?}", limited.conclusions);
+        assert!(limited.probability_of_unknown == 1.0 && limited.repaired.is_some());
+        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
+    }
+
+    #[test]
+    fn a_proxy_that_leaves_a_held_out_residual_is_not_named() {
+        let found = |most: f64| with_limits(&[(DRAG, 0.0403)], &[&[(DRAG, 0.05)]], [0.0399, most]).finding;
+        let (limited, open) = (found(0.04), found(1e3));
+        assert!(limited.repaired.as_ref().is_some_and(|r| r.test.p_value > 0.05), "the fitted episode is closed");
+        assert!(limited.verification.as_ref().is_some_and(|v| v.p_value.is_some_and(|p| p <= 0.01)));
+        assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
+        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
+    }
+
+    #[test]
+    fn a_proxy_is_not_added_to_the_named_effects() {
+        let outcome = with_limits(&[(DRAG, 0.05), (MASS, 0.04)], &[], [0.02, 1e3]);
+        let (found, model) = (outcome.finding, outcome.model.unwrap());
+        let told = "goes to the end of its range (tip_mass_kg 0.03000) and leaves more than noise: it is not added";
+        assert!(found.conclusions.iter().any(|s| s.contains(told)), "{:?}", found.conclusions);
+        assert!(model.theta.index_of(DRAG).is_some() && model.theta.index_of(MASS).is_none());
+        assert_eq!(found.explanations[0].names(), DRAG);
+        assert_eq!((found.verdict, found.found), named_in_part(DRAG));
+    }
+}

@@ -1,0 +1,204 @@
+//! Held-out episodes: verification of a repair, and evidence for its verdict.
+
+use super::context::{Best, Checked, Named, Search};
+use super::progress::Stage;
+use crate::error::FinderError;
+use crate::evidence::{Effort, Extent, Hypothesis, Ranking};
+use crate::fitting::FidelityCorrection;
+use crate::report::{EpisodeBands, HeldOutEvidence, RepairEvidence, Verification};
+
+impl Search<'_> {
+    /// Evidence of the fitted episodes on the best repair, with the first look at the held-out ones.
+    pub(super) fn repair_evidence(
+        &self,
+        base: &Hypothesis,
+        best: &Best,
+        alternatives: usize,
+        checked: Option<&Checked>,
+    ) -> RepairEvidence {
+        let Best { hypothesis, extent, .. } = best;
+        let coordinates = base.fit.residuals.len() as f64;
+        let (left, excess) = ((hypothesis.fit.cost - coordinates).max(0.0), base.fit.cost - coordinates);
+        RepairEvidence {
+            extent: *extent,
+            // The smallest positive number keeps an empty gap from a division by zero.
+            share_explained: 1.0 - left / excess.max(f64::MIN_POSITIVE),
+            gain_over_discrepancy: hypothesis.evidence.with_any() - base.evidence.with_any(),
+            is_at_limit: hypothesis.at_its_limit().is_some(),
+            alternatives,
+            first_p_value: checked.and_then(|c| c.verification.p_value),
+            held_out: None,
+        }
+    }
+
+    /// Verifies a repair that closes the gap of the fitted episodes: the held-out ones may still show a residual.
+    pub(super) fn check_held_out(&mut self, named: &Named, base: &Hypothesis) -> Result<Option<Checked>, FinderError> {
+        match &named.best {
+            Some(best) if best.extent == Extent::Whole => self.verify(base, &best.hypothesis, &named.ranking, None),
+            _ => Ok(None),
+        }
+    }
+
+    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. Their p-value is
+    /// computed unless `known`.
+    pub(super) fn verify(
+        &mut self,
+        base: &Hypothesis,
+        best: &Hypothesis,
+        ranking: &Ranking,
+        known: Option<f64>,
+    ) -> Result<Option<Checked>, FinderError> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
+        self.reporter.report(Stage::Verify, 0.0, None)?;
+        let alike = ranking.alike(self.settings);
+        // A fitted single effect that is neither named nor like the named ones.
+        let is_wrong = |h: &&Hypothesis| {
+            let is_other = alike.iter().all(|a| !a.is_same(&h.candidates));
+            h.effort != Effort::Linearised && h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
+        };
+        let wrong = ranking.hypotheses.iter().find(is_wrong);
+        let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);
+        let (verification, [before, after]) = self
+            .reporter
+            .with_progress(Stage::Verify, |on_round| verifier.verify(base, best, wrong, known, on_round))?;
+        let draws = before.draws.iter().zip(&after.draws);
+        let bands = self
+            .held_out
+            .iter()
+            .zip(draws)
+            .map(|(episode, (b, a))| EpisodeBands::held_out(episode, b, a, camera))
+            .collect();
+        Ok(Some(Checked { verification, bands }))
+    }
+
+    /// Evidence of the held-out episodes on the repair `best` of `base`. The alternatives `alike` are predicted only if the
+    /// episodes speak against the repair itself, and until one of them does better.
+    pub(super) fn held_out_evidence(
+        &mut self,
+        verification: &Verification,
+        [base, best]: [&Hypothesis; 2],
+        alike: &[&Hypothesis],
+    ) -> Result<HeldOutEvidence, FinderError> {
+        let is_corrected = |h: &Hypothesis| h.correction == FidelityCorrection::Applied;
+        let mut evidence = HeldOutEvidence {
+            p_value: verification.p_value,
+            share_explained: verification.share_explained,
+            log_likelihood_gain: verification.log_likelihood_gain,
+            // A correction of one model alone would decide the comparison.
+            is_equally_corrected: is_corrected(base) == is_corrected(best),
+            alternative_losses: Vec::new(),
+        };
+        if !evidence.is_doubtful(self.settings) {
+            return Ok(evidence);
+        }
+        let (least, verifier) = (self.settings.least_log_bayes_factor, self.verifier());
+        let mut cost = |h: &Hypothesis| {
+            self.reporter.with_progress(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.cost()))
+        };
+        let present = cost(base)?;
+        for other in alike.iter().filter(|h| !h.is_same(&best.candidates)) {
+            let loss = 0.5 * (cost(other)? - present);
+            evidence.alternative_losses.push(loss);
+            if loss < least {
+                break;
+            }
+        }
+        Ok(evidence)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::progress::{Progress, Reporter};
+    use super::super::question::Question;
+    use super::*;
+    use crate::data::Candidate;
+    use crate::evidence::Evidence;
+    use crate::fitting::{Problem, Start};
+    use crate::report::Objection;
+    use crate::settings::Settings;
+    use crate::toy::{self, Toy};
+    use catenary_core::{Prior, seed};
+    use std::ops::ControlFlow;
+
+    fn go_on() -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn candidate(name: &str) -> Candidate {
+        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
+        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+    }
+
+    /// The fitted episode has a tip mass, or a drag of the same size; the held-out one has neither, or another effect.
+    #[test]
+    fn held_out_episodes_refute_a_repair_only_with_all_alternatives() {
+        let (toy, model) = (Toy { gain: 3.0 }, toy::model());
+        let theta = [0.25, 2e4];
+        let measured = |effects: &[(&str, f64)], stream| {
+            toy::episode(&toy, theta, effects).measured_anew(&mut seed::rng(5, stream))
+        };
+        let [tip, drag] = ["tip_mass_kg", "linear_drag_n_s_m2"];
+        let small = 0.004;
+        let refusal = |unseen: &[(&str, f64)], is_corrected: bool| {
+            let held_out = [measured(unseen, 1)];
+            let fitted = |names: &[&str]| {
+                let effects: Vec<(&str, f64)> = names.iter().map(|name| (*name, small)).collect();
+                let episodes = [measured(&effects, 2)];
+                let problem = Problem::of(&model, &episodes, &toy, 40);
+                let candidates: Vec<Candidate> = names.iter().map(|name| candidate(name)).collect();
+                let unknowns = candidates.iter().fold(problem.unknowns.clone(), |all, c| all.with(c));
+                let own = Problem { unknowns: unknowns.clone(), ..problem };
+                let start = Start { point: vec![0.4; unknowns.columns()], tracks: own.measured() };
+                let fit = own.fit(vec![start], &mut go_on).unwrap().remove(0).unwrap();
+                let evidence = Evidence { alone: 0.0, with: Vec::new() };
+                let correction = if is_corrected && !names.is_empty() {
+                    FidelityCorrection::Applied
+                } else {
+                    FidelityCorrection::Untried
+                };
+                let (effort, spread) = (Effort::Searched, Vec::new());
+                Hypothesis { candidates, unknowns, episodes: None, correction, fit, evidence, effort, spread }
+            };
+            let (base, best, other) = (fitted(&[]), fitted(&[tip]), fitted(&[drag]));
+            let episodes = [measured(&[], 2)];
+            let problem = Problem::of(&model, &episodes, &toy, 40);
+            let settings = Settings { finer_fidelity: None, ..Settings::default() };
+            let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+            let mut listen = |_: &Progress| ControlFlow::Continue(());
+            let reporter = Reporter::new(&mut listen);
+            let mut search = Search { question, problem: &problem, held_out: &held_out, settings: &settings, reporter };
+            let verification = search.verifier().verify(&base, &best, None, None, &mut go_on).unwrap().0;
+            let asked = |search: &mut Search<'_>, v: &Verification, alike: &[&Hypothesis]| {
+                let held_out = Some(search.held_out_evidence(v, [&base, &best], alike).unwrap());
+                let fitted = RepairEvidence {
+                    extent: Extent::Whole,
+                    share_explained: 1.0,
+                    gain_over_discrepancy: 10.0,
+                    is_at_limit: false,
+                    alternatives: alike.len() - 1,
+                    first_p_value: None,
+                    held_out,
+                };
+                match fitted.objection(&settings) {
+                    Some(Objection::LessLikely(loss)) => loss,
+                    Some(other) => panic!("{other:?}"),
+                    None => 0.0,
+                }
+            };
+            let alone = asked(&mut search, &verification, &[&best]);
+            let both = asked(&mut search, &verification, &[&best, &other]);
+            let explained = Verification { p_value: Some(0.5), ..verification };
+            assert_eq!(asked(&mut search, &explained, &[&best]), 0.0, "its own test does not doubt it");
+            (alone, both)
+        };
+        let (alone, both) = refusal(&[], false);
+        assert!(alone > 3.0 && both == alone, "{alone} {both}");
+        let (alone, both) = refusal(&[(drag, small)], false);
+        assert!(alone > 3.0 && both == 0.0, "the other is the one: {alone} {both}");
+        assert_eq!(refusal(&[(tip, small)], false), (0.0, 0.0));
+        assert_eq!(refusal(&[], true), (0.0, 0.0), "one of them alone counts finer simulations");
+    }
+}
