@@ -14,17 +14,17 @@ use std::error::Error;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// The package whose files lie in this folder itself.
+/// Package with its files in this folder; the files of every other package are in `ros_interfaces/PACKAGE`.
 const OWN: &str = "catenary_msgs";
 
-/// One interface file.
+/// Interface file.
 struct Interface {
     package: String,
     kind: String,
     name: String,
-    /// The file's text.
+    /// Text of the file.
     text: String,
-    /// Text of each section, as it is written.
+    /// Text of each section, unchanged.
     texts: Vec<String>,
     sections: Vec<Section>,
 }
@@ -97,7 +97,7 @@ fn read_package(folder: &Path, package: &str, into: &mut Vec<Interface>) -> Resu
     Ok(())
 }
 
-/// The text of each section, without the lines that part them.
+/// Returns the text of each section, without the `---` lines.
 fn texts(text: &str) -> Vec<String> {
     let lines: Vec<&str> = text.lines().collect();
     lines.split(|line| line.trim() == "---").map(|section| section.iter().map(|l| format!("{l}\n")).collect()).collect()
@@ -118,9 +118,10 @@ fn catalogue(interfaces: &[Interface]) -> Catalogue {
     catalogue
 }
 
-/// ros2msg text: `text`, then every nested definition behind a line of 80 `=` and its name.
+/// Returns the ros2msg text: `text`, then every nested definition after a line of 80 `=` and its name, as rosbag2 writes it.
 fn definition(text: &str, section: &Section, interfaces: &[Interface]) -> Result<String, String> {
     let mut out = text.to_owned();
+    // Breadth first and each type once: the order and the form of rosbag2, which other readers parse.
     let mut done: Vec<(String, String)> = Vec::new();
     let mut open: Vec<(String, String)> = nested(section);
     while !open.is_empty() {
@@ -187,7 +188,7 @@ fn source(interfaces: &[Interface], catalogue: &Catalogue) -> Result<String, Box
     Ok(out)
 }
 
-/// What the names of an interface's structures end in.
+/// Suffixes of the Rust type names of an interface.
 fn suffixes(kind: &str) -> &'static [&'static str] {
     match kind {
         "msg" => &[""],
@@ -196,7 +197,7 @@ fn suffixes(kind: &str) -> &'static [&'static str] {
     }
 }
 
-/// Source of all Rust types of one interface file.
+/// Returns the source of all Rust types of one interface file.
 fn interface(i: &Interface, all: &[Interface], catalogue: &Catalogue) -> Result<String, Box<dyn Error>> {
     let full_name = i.full_name();
     let comment = &i.sections[0].comment;

@@ -1,5 +1,5 @@
-//! Prints every type with its hash, and for messages and parts of services and actions their text and the CDR bytes of a
-//! counted and of a default instance, as JSON: what the tests against rclpy compare with.
+//! Prints every type with its hash as JSON, for the tests against rclpy. Messages and the parts of services and actions also
+//! get their text and the CDR bytes of a counted instance and of a default instance.
 
 use catenary_msgs::{Filled, Interface, to_cdr};
 use serde_json::{Value, json};

@@ -4,21 +4,21 @@ use crate::parse::{Base, Count, Field, Section};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One structure: its full name (`package/kind/Name`) and its fields.
+/// Structure with its full name (`package/kind/Name`) and its fields.
 #[derive(Debug, Clone)]
 pub struct Structure {
     pub name: String,
     pub fields: Vec<Field>,
 }
 
-/// Every structure by its full name.
+/// Structures by full name.
 #[derive(Default)]
 pub struct Catalogue {
     structures: BTreeMap<String, Structure>,
 }
 
-/// Full name of the structure that a field refers to; `kind` is `srv` or `action` for derived types, which are referred to
-/// as `kind:Name` in the package part.
+/// Returns the full name of the structure that a field refers to. Types derived from a service or an action carry their kind
+/// in the package part, as `package:kind`.
 fn referred(base: &Base) -> Option<String> {
     match base {
         Base::Primitive(_) => None,
@@ -58,7 +58,7 @@ impl Catalogue {
         self.add(package, kind, name, section.fields.clone());
     }
 
-    /// Adds a service with its request, response and event, under `kind` srv or action.
+    /// Adds a service with its request, response and event; `kind` is `srv`, or `action` for the services of an action.
     pub fn service(&mut self, package: &str, kind: &str, name: &str, request: Vec<Field>, response: Vec<Field>) {
         let part = |suffix: &str| format!("{name}_{suffix}");
         self.add(package, kind, &part("Request"), request);
@@ -99,7 +99,7 @@ impl Catalogue {
         self.add(package, "action", name, members.map(|(field, suffix)| own(field, suffix)).to_vec());
     }
 
-    /// Rust source of a `StructureInfo` for every structure, without its source text.
+    /// Returns the Rust source of a `StructureInfo` for every structure.
     pub fn rows(&self) -> Result<String, String> {
         let mut rows = String::new();
         for (name, structure) in &self.structures {
@@ -112,12 +112,12 @@ impl Catalogue {
         Ok(rows)
     }
 
-    /// The structure called `name`.
+    /// Returns the structure called `name`.
     pub fn get(&self, name: &str) -> Result<&Structure, String> {
         self.structures.get(name).ok_or_else(|| format!("no definition of `{name}`"))
     }
 
-    /// Full names of all structures that `name` refers to, directly or through others, in order.
+    /// Returns the full names of all structures that `name` refers to, directly or through others, in alphabetical order.
     pub fn references(&self, name: &str) -> Result<BTreeSet<String>, String> {
         let mut found = BTreeSet::new();
         let mut open = vec![name.to_owned()];
@@ -131,12 +131,13 @@ impl Catalogue {
         Ok(found)
     }
 
-    /// The RIHS01 hash of `name`: SHA-256 of its type description in JSON without default values.
+    /// Returns the RIHS01 hash of `name`: SHA-256 of its type description in JSON, without default values (REP 2011).
     pub fn hash(&self, name: &str) -> Result<String, String> {
         let mut referenced = Vec::new();
         for r in self.references(name)? {
             referenced.push(description(self.get(&r)?));
         }
+        // Byte for byte the JSON of rosidl, blanks included: the hash covers them.
         let json = format!(
             "{{\"type_description\": {}, \"referenced_type_descriptions\": [{}]}}",
             description(self.get(name)?),
@@ -148,7 +149,7 @@ impl Catalogue {
     }
 }
 
-/// Fields of a structure. IDL knows no empty structure: rosidl gives one a member.
+/// Returns the fields of a structure. IDL has no empty structure: rosidl adds one member to it.
 fn fields(structure: &Structure) -> Vec<Field> {
     match structure.fields.is_empty() {
         true => vec![primitive("structure_needs_at_least_one_member", "uint8")],
@@ -168,7 +169,7 @@ fn capacity(f: &Field) -> usize {
     }
 }
 
-/// Rust source of a `FieldInfo`.
+/// Returns the Rust source of a `FieldInfo`.
 fn row(f: &Field) -> String {
     format!(
         "FieldInfo {{ name: {:?}, type_id: {}, capacity: {}, string_capacity: {}, nested_type_name: {:?}, default_value: {:?} }},",
@@ -192,7 +193,7 @@ fn field(f: &Field) -> String {
     )
 }
 
-/// Identifiers of type_description_interfaces/msg/FieldType.
+/// Returns the type identifier of `type_description_interfaces/msg/FieldType`.
 fn type_id(f: &Field) -> u32 {
     let base = match &f.base {
         Base::Message(..) => 1,

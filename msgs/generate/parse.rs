@@ -1,42 +1,42 @@
-//! Reading .msg, .srv and .action files.
+//! Parser of .msg, .srv and .action files.
 
-/// A primitive type of the interface language, or a name of another message.
+/// Element type of a field.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Base {
-    /// A primitive by its name in .msg files: `float64`, `bool`, `string`, ...
+    /// Primitive by its name in .msg files: `float64`, `bool`, `string`, ...
     Primitive(String),
-    /// Another message: package and name.
+    /// Message, by package and name.
     Message(String, String),
 }
 
-/// How many values a field holds.
+/// Number of values of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Count {
-    /// One.
+    /// One value.
     One,
-    /// Exactly so many.
+    /// Fixed number of values.
     Array(usize),
-    /// At most so many.
+    /// Sequence with an upper bound.
     Bounded(usize),
-    /// Any number.
+    /// Unbounded sequence.
     Sequence,
 }
 
-/// One field.
+/// Field of a section.
 #[derive(Debug, Clone)]
 pub struct Field {
     pub name: String,
     pub base: Base,
-    /// Greatest length of a bounded string; 0: unbounded or no string.
+    /// Maximum length of a bounded string; 0: unbounded, or not a string.
     pub string_capacity: usize,
     pub count: Count,
-    /// Default value as rosidl writes it; empty: none. No part of the hash or the Rust form.
+    /// Default value in rosidl's form; empty: none. Neither the hash nor the Rust type depends on it.
     pub default_value: String,
     /// Comment lines that belong to the field.
     pub comment: Vec<String>,
 }
 
-/// One constant.
+/// Constant of a section.
 #[derive(Debug, Clone)]
 pub struct Constant {
     pub name: String,
@@ -45,7 +45,7 @@ pub struct Constant {
     pub comment: Vec<String>,
 }
 
-/// The fields between two `---` lines.
+/// Fields and constants between two `---` lines.
 #[derive(Debug, Clone, Default)]
 pub struct Section {
     pub comment: Vec<String>,
@@ -58,7 +58,7 @@ const PRIMITIVES: [&str; 16] = [
     "uint64", "string", "wstring", "float128",
 ];
 
-/// The sections of an interface file of `package`: one for .msg, two for .srv, three for .action.
+/// Returns the sections of an interface file of `package`: one for .msg, two for .srv, three for .action.
 pub fn sections(text: &str, package: &str) -> Result<Vec<Section>, String> {
     let mut sections = vec![Section::default()];
     let mut pending: Vec<String> = Vec::new();
@@ -73,7 +73,7 @@ pub fn sections(text: &str, package: &str) -> Result<Vec<Section>, String> {
         } else if let Some(comment) = line.strip_prefix('#') {
             pending.push(comment.trim().to_owned());
         } else if line.is_empty() {
-            // A comment block that a blank line sets off describes the whole interface, where nothing came before it.
+            // A comment block before the first member and followed by a blank line describes the whole interface.
             if !seen_member {
                 current.comment.append(&mut pending);
             }
@@ -100,7 +100,7 @@ fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Sec
         section.constants.push(Constant { name, type_name: type_text.to_owned(), value, comment });
         return Ok(());
     }
-    // What stands between the name and a comment is a default value.
+    // The text between the name and a comment is a default value.
     let (default, trailing) = split_comment(after);
     comment.extend((!trailing.is_empty()).then(|| trailing.to_owned()));
     let (base, string_capacity, count) = field_type(type_text, package)?;
@@ -109,7 +109,7 @@ fn member(line: &str, package: &str, mut comment: Vec<String>, section: &mut Sec
     Ok(())
 }
 
-/// A default value in Python's form, in which rosidl writes it: `1` of a float is `1.0`, `true` is `True`.
+/// Returns a default value in Python's form, as rosidl writes it: `1` of a float becomes `1.0`, `true` becomes `True`.
 fn default_value(text: &str, base: &Base) -> String {
     match base {
         Base::Primitive(name) if name == "bool" => match text.to_lowercase().as_str() {
@@ -122,13 +122,13 @@ fn default_value(text: &str, base: &Base) -> String {
     }
 }
 
-/// Text before and after the first `#`, which begins a comment even inside quotes, as for rosidl.
+/// Splits at the first `#`. As in rosidl, a `#` inside quotes also begins a comment.
 fn split_comment(text: &str) -> (&str, &str) {
     text.split_once('#').map_or((text, ""), |(a, b)| (a, b.trim()))
 }
 
 fn field_type(text: &str, package: &str) -> Result<(Base, usize, Count), String> {
-    let number = |t: &str| t.parse::<usize>().map_err(|_| format!("`{t}` is no size"));
+    let number = |t: &str| t.parse::<usize>().map_err(|_| format!("expected a size, got `{t}`"));
     let (element, count) = match text.strip_suffix(']').and_then(|t| t.split_once('[')) {
         None => (text, Count::One),
         Some((element, "")) => (element, Count::Sequence),
@@ -145,6 +145,7 @@ fn field_type(text: &str, package: &str) -> Result<(Base, usize, Count), String>
         Base::Primitive(name.to_owned())
     } else if let Some((package, message)) = name.split_once('/') {
         Base::Message(package.to_owned(), message.rsplit('/').next().unwrap_or(message).to_owned())
+    // rosidl resolves a bare `Header` to std_msgs in every package.
     } else if name == "Header" {
         Base::Message("std_msgs".to_owned(), name.to_owned())
     } else {

@@ -1,26 +1,27 @@
-//! Rust source from parsed interfaces.
+//! Rust source of parsed interfaces.
 
 use crate::parse::{Base, Constant, Count, Field, Section};
 use std::fmt::Write;
 
-/// Names that Rust keeps for itself.
+/// Rust keywords that occur as field names.
 const KEYWORDS: [&str; 8] = ["type", "ref", "loop", "move", "match", "self", "use", "in"];
 
-/// What is known of a structure when its source is written.
+/// Structure to emit.
 pub struct Emitted<'a> {
     /// Name of the Rust type.
     pub name: &'a str,
-    /// Full name of the interface.
+    /// Full name of the structure.
     pub type_name: &'a str,
-    /// Its RIHS01 hash.
+    /// RIHS01 hash.
     pub hash: &'a str,
-    /// Its ros2msg text with all nested definitions.
+    /// ros2msg text with all nested definitions.
     pub definition: &'a str,
     /// Comment lines of the type.
     pub comment: &'a [String],
 }
 
-/// A structure with its constants, its `Interface` and, with the features, `ros2_client::Message` and `Filled`.
+/// Returns the source of a structure: its type, its constants, `Interface`, and behind their features `ros2_client::Message`
+/// and `Filled`.
 pub fn structure(emitted: &Emitted<'_>, section: &Section) -> String {
     let mut out = String::new();
     let fallback = format!("`{}`.", emitted.type_name);
@@ -35,7 +36,7 @@ pub fn structure(emitted: &Emitted<'_>, section: &Section) -> String {
         let _ = writeln!(out, "    pub {}: {},", rust_name(&f.name), rust_type(f));
     }
     if section.fields.is_empty() {
-        out.push_str("    /// IDL knows no empty structure: this byte is on the wire in its place.\n");
+        out.push_str("    /// Placeholder on the wire: IDL has no empty structure.\n");
         out.push_str("    pub structure_needs_at_least_one_member: u8,\n");
     }
     out.push_str("}\n");
@@ -51,7 +52,7 @@ pub fn structure(emitted: &Emitted<'_>, section: &Section) -> String {
     out
 }
 
-/// The marker type of a service or an action: `parts` are its associated types (`Request = XRequest`, ...).
+/// Returns the source of the marker type of a service or an action. `parts` are its associated types (`Request = XRequest`, ...).
 pub fn marker(
     name: &str,
     interface: &str,
@@ -77,16 +78,27 @@ fn doc(out: &mut String, indent: &str, comment: &[String], fallback: &str) {
         let _ = writeln!(out, "{indent}/// {fallback}");
     }
     for line in lines {
+        let line = without_html_link(line);
         let escaped = line.replace('[', "\\[").replace(']', "\\]").replace('<', "\\<");
         let words: Vec<String> = escaped.split(' ').map(linked).collect();
         let escaped = words.join(" ");
-        // What looks like an item of a list is one line of prose here.
+        // Markdown would turn a line that begins with a bullet into a list item.
         let escaped = if escaped.starts_with(['*', '+', '-']) { format!("\\{escaped}") } else { escaped };
         let _ = writeln!(out, "{indent}/// {escaped}");
     }
 }
 
-/// `word`, or a link where it is an address.
+/// Replaces an HTML link, which rustdoc warns of, by its text and its address.
+fn without_html_link(line: &str) -> String {
+    let parts = line.split_once("<a href=\"").and_then(|(before, rest)| {
+        let (address, rest) = rest.split_once("\">")?;
+        let (text, after) = rest.split_once("</a>")?;
+        Some(format!("{before}{text} {address} {}", after.trim_start()))
+    });
+    parts.unwrap_or_else(|| line.to_owned())
+}
+
+/// Returns `word`, as a link if it is a URL.
 fn linked(word: &str) -> String {
     let is_address = word.starts_with("http://") || word.starts_with("https://");
     if is_address { format!("<{word}>") } else { word.to_owned() }
@@ -111,7 +123,7 @@ fn constants(out: &mut String, name: &str, constants: &[Constant]) {
     out.push_str("}\n");
 }
 
-/// A deterministic instance in which every value differs from its neighbours: see `Filled`.
+/// Writes the implementation of `Filled`: a deterministic instance in which neighbouring values differ.
 fn filled(out: &mut String, name: &str, fields: &[Field]) {
     let values: String = fields
         .iter()
@@ -119,6 +131,7 @@ fn filled(out: &mut String, name: &str, fields: &[Field]) {
             let value = match f.count {
                 Count::One => "crate::Filled::filled(counter)".to_owned(),
                 Count::Array(_) => "std::array::from_fn(|_| crate::Filled::filled(counter))".to_owned(),
+                // A sequence bounded by one cannot hold the two elements of the other sequences.
                 Count::Bounded(1) => "vec![crate::Filled::filled(counter)]".to_owned(),
                 Count::Bounded(_) | Count::Sequence => {
                     "(0..2).map(|_| crate::Filled::filled(counter)).collect()".to_owned()
@@ -158,7 +171,7 @@ fn primitive(name: &str) -> &'static str {
         "float32" => "f32",
         "float64" => "f64",
         "string" => "::std::string::String",
-        other => panic!("the primitive type {other} has no Rust form here"),
+        other => panic!("no Rust type for the primitive type {other}: add it to `primitive` in generate/rust.rs"),
     }
 }
 

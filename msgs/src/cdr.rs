@@ -1,18 +1,18 @@
-//! CDR: the form of messages on the wire and in bags, little-endian XCDR1 behind a 4-byte encapsulation header.
+//! CDR, the encoding of messages on the wire and in bags: little-endian XCDR1 after a 4-byte encapsulation header.
 
 use serde::{Serialize, de::DeserializeOwned};
 
-/// Encapsulation header: plain CDR, little-endian, no options.
+/// Encapsulation header of plain CDR, little-endian, without options (RTPS 2.5, chapter 10).
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Why bytes are no message of the type.
+/// Error of decoding or encoding a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CdrError {
-    /// Fewer bytes than an encapsulation header.
+    /// Fewer bytes than an encapsulation header; holds their number.
     Short(usize),
-    /// A representation other than plain CDR.
+    /// Representation other than plain CDR; holds its identifier.
     Representation([u8; 2]),
-    /// The bytes end early or hold something else.
+    /// Content that is not a message of the type; holds the decoder's message.
     Content(String),
 }
 
@@ -28,18 +28,23 @@ impl std::fmt::Display for CdrError {
 
 impl std::error::Error for CdrError {}
 
-/// `message` with its encapsulation header. Never fails for the generated types: only for a `T` that CDR has no form for, such
-/// as one with a sequence of unknown length.
+/// Encodes `message` with its encapsulation header.
+///
+/// # Errors
+/// [`CdrError::Content`] for a `T` without a form in CDR, for example a sequence of unknown length. Generated types never fail.
 pub fn to_cdr<T: Serialize>(message: &T) -> Result<Vec<u8>, CdrError> {
     let mut bytes = HEADER.to_vec();
-    // Alignment counts from behind the header: the serialiser counts what it writes itself.
+    // CDR alignment starts after the header. The serialiser counts only the bytes that it writes itself.
     cdr_encoding::to_writer::<T, byteorder::LittleEndian, _>(&mut bytes, message)
         .map_err(|e| CdrError::Content(e.to_string()))?;
     Ok(bytes)
 }
 
-/// The message in `bytes`, which begin with an encapsulation header of either byte order. Bytes behind the message are passed
-/// over: rclpy sends its estimate of the size, stale bytes included.
+/// Decodes the message in `bytes`, which begin with an encapsulation header of either byte order. Trailing bytes are ignored:
+/// rclpy sends as many bytes as it estimated, stale ones included.
+///
+/// # Errors
+/// [`CdrError`]: a missing or unknown header, or content of another type.
 pub fn from_cdr<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CdrError> {
     let [a, b, _, _, body @ ..] = bytes else { return Err(CdrError::Short(bytes.len())) };
     let read = match (a, b) {
@@ -69,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn stale_bytes_behind_the_message_are_passed_over() {
+    fn stale_bytes_after_the_message_are_ignored() {
         let mut bytes = to_cdr(&PoseStamped::default()).unwrap();
         bytes.extend(*b"dds_::EpisodeEve");
         assert_eq!(from_cdr::<PoseStamped>(&bytes).unwrap(), PoseStamped::default());

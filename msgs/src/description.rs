@@ -1,39 +1,39 @@
-//! Type descriptions (REP 2011), as `get_type_description` of a ROS 2 node answers with them.
+//! Type descriptions (REP 2011), the content of a node's answers to `get_type_description`.
 
 use crate::type_description_interfaces::msg::{
     Field, FieldType, IndividualTypeDescription, TypeDescription, TypeSource,
 };
 use std::collections::BTreeMap;
 
-/// A field of a structure; the members are those of `type_description_interfaces/msg/Field` and `FieldType`.
+/// Field of a structure, with the members of `type_description_interfaces/msg/Field` and `FieldType`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FieldInfo {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
-    /// One of the constants of `FieldType`.
+    /// Constant of `FieldType`.
     pub type_id: u8,
-    /// Length of an array, greatest length of a bounded sequence, else 0.
+    /// Length of an array, maximum length of a bounded sequence, otherwise 0.
     pub capacity: u64,
-    /// Greatest length of a bounded string, else 0.
+    /// Maximum length of a bounded string, otherwise 0.
     pub string_capacity: u64,
-    /// Full name of the structure that it holds, else empty.
+    /// Full name of the nested structure; empty for a primitive.
     pub nested_type_name: &'static str,
     /// Default value in Python's form; empty: none.
     pub default_value: &'static str,
 }
 
-/// A structure: a message, or a service or an action with all types derived from it.
+/// Structure: a message, a service, an action, or a type derived from a service or an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StructureInfo {
     /// Full name, such as `std_srvs/srv/SetBool_Request`.
     pub type_name: &'static str,
     /// RIHS01 hash of the type description.
     pub type_hash: &'static str,
-    /// Its fields in order.
+    /// Fields in order.
     pub fields: &'static [FieldInfo],
 }
 
-/// Every structure held here, by name.
+/// Returns every structure of this crate, sorted by name.
 pub fn structures() -> &'static [StructureInfo] {
     crate::STRUCTURES
 }
@@ -43,7 +43,8 @@ fn find(type_name: &str) -> Option<&'static StructureInfo> {
     found.ok().map(|index| &structures()[index])
 }
 
-/// Description of the structure called `type_name`, and the sources of all types in it; none: no such structure is held here.
+/// Returns the description of the structure called `type_name` and the sources of all types in it; `None` for a structure that
+/// this crate does not have.
 pub fn described(type_name: &str) -> Option<(TypeDescription, Vec<TypeSource>)> {
     let main = find(type_name)?;
     let mut referenced = BTreeMap::new();
@@ -80,8 +81,7 @@ fn individual(structure: &StructureInfo) -> IndividualTypeDescription {
     }
 }
 
-/// The file that a type was generated from, without blank ends, as rosidl has it. Types derived from a service or an action have
-/// none of their own.
+/// Returns the interface file of a type, trimmed as rosidl does. Types derived from a service or an action have no file.
 fn source(structure: &StructureInfo) -> TypeSource {
     let file = crate::SOURCES.iter().find(|(name, ..)| *name == structure.type_name);
     let (encoding, text) = file.map_or(("implicit", ""), |(_, encoding, text)| (*encoding, *text));

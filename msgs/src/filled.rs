@@ -1,4 +1,4 @@
-//! Counting instances of the primitives.
+//! `Filled` for the primitives.
 
 use crate::Filled;
 

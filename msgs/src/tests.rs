@@ -1,4 +1,4 @@
-//! What must hold of the generated types whatever the interface files say, and a few hashes as rosidl computed them.
+//! Invariants of the generated types, and hashes that rosidl computed.
 
 use crate::catenary_msgs::action::Infer;
 use crate::catenary_msgs::msg::{ArmState, Keypoints};
@@ -45,7 +45,7 @@ fn hashes_equal_those_of_the_jazzy_packages() {
 }
 
 #[test]
-fn a_description_holds_the_type_and_all_that_it_refers_to() {
+fn a_description_contains_the_type_and_every_type_it_refers_to() {
     let (description, sources) = described("geometry_msgs/msg/PoseStamped").unwrap();
     let own = &description.type_description;
     assert_eq!(own.fields.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["header", "pose"]);
@@ -80,7 +80,7 @@ fn names_follow_rosidl() {
 }
 
 #[test]
-fn every_definition_holds_each_nested_one_once() {
+fn every_definition_contains_each_nested_definition_once() {
     let rule = format!("\n{}\nMSG: ", "=".repeat(80));
     for info in messages() {
         let mut nested: Vec<&str> = info.definition.split(&rule).skip(1).map(|d| d.lines().next().unwrap()).collect();
@@ -131,7 +131,7 @@ fn a_length_beyond_the_bytes_is_an_error_not_an_allocation() {
 }
 
 fn text() -> impl Strategy<Value = String> {
-    // CDR ends a string with a zero byte, so none stands in it.
+    // CDR terminates strings with a zero byte, so a string cannot contain one.
     "[^\0]{0,9}"
 }
 
@@ -196,6 +196,7 @@ proptest! {
 
     #[test]
     fn no_bytes_make_the_reader_panic(mut bytes in vec(any::<u8>(), 4..200)) {
+        // A valid header, so that the arbitrary bytes reach the decoder.
         bytes[..4].copy_from_slice(&[0, 1, 0, 0]);
         let _ = from_cdr::<Image>(&bytes);
         let _ = from_cdr::<DiagnosticArray>(&bytes);

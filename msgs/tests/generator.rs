@@ -1,4 +1,4 @@
-//! The generator on syntax that no interface held here uses, against hashes that rosidl computed, and on broken files.
+//! Tests of the generator: syntax that no interface of this crate uses, against hashes that rosidl computed, and broken files.
 
 #[path = "../generate/describe.rs"]
 mod describe;
@@ -47,7 +47,7 @@ fn bounded_strings_and_defaults_have_the_hash_of_rosidl() {
 }
 
 #[test]
-fn constants_defaults_and_comments_are_parted() {
+fn constants_defaults_and_comments_are_separated() {
     let text = "# Of all.\n\n# Of the constant.\nstring NAME=\"a b\" # beside it\nint32 LOW = -5\nfloat64 w 1 # unit\nstring<=4[<=2] tags [\"x=1\"]\n";
     let section = section(text, "p");
     assert_eq!(section.comment, ["Of all."]);
@@ -63,7 +63,7 @@ fn constants_defaults_and_comments_are_parted() {
 #[test]
 fn broken_lines_are_named() {
     assert_eq!(sections("float64 x\nfloat64\n", "p").unwrap_err(), "line 2: expected TYPE NAME: `float64`");
-    assert!(sections("float64[x] y\n", "p").unwrap_err().contains("`x` is no size"));
+    assert!(sections("float64[x] y\n", "p").unwrap_err().contains("expected a size, got `x`"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! A node with a parameter, a subscription, a publisher, a service and an action: the pattern of every `node.rs`.
+//! Example node with parameters, a subscription, a publisher, a service and an action: the pattern of every `node.rs`.
 //!
-//! It publishes on `echo/pose` what it last got on `echo/target`, every `period_s`, while it is enabled.
+//! While it is enabled, it publishes the newest pose of `echo/target` on `echo/pose` every `period_s`.
 
 use catenary_msgs::action::{MoveToStart, MoveToStartFeedback, MoveToStartResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -40,6 +40,7 @@ fn run(setup: NodeBuilder) -> anyhow::Result<()> {
         "echo/move",
         Concurrency::One,
         |goal| match goal.settle_time {
+            // Also rejects NaN, which no comparison would.
             time if (0.0..=60.0).contains(&time) => Decision::Accept,
             time => Decision::Reject(format!("expected a settle time of 0 to 60 s, got {time}")),
         },

@@ -1,34 +1,33 @@
-//! The topics, services and actions that the nodes agree on: the one table that nodes, recorder and documentation
-//! use.
+//! Contract of the nodes: one table of topics, services and actions for nodes, recorder and documentation.
 //!
-//! Names are relative to the node's namespace (`/` by default, so `panda/enable` is `/panda/enable`) and can be
-//! remapped. Units are SI, quaternions x y z w, frames after REP-103; a stamp is the time of measurement.
+//! Names are relative to the node's namespace, which is `/` by default: `panda/enable` is `/panda/enable`. They can be remapped.
+//! Units are SI, quaternions are x y z w, frames follow REP-103, and a stamp is the time of measurement.
 
-use crate::qos::Qos;
+use crate::dds::qos::Qos;
 
-/// One topic of the contract.
+/// Topic of the contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Topic {
     /// Default name, relative to the namespace unless it starts with a slash.
     pub name: &'static str,
     /// `package/msg/Type`.
     pub type_name: &'static str,
-    /// The profile that publishers offer and subscribers ask for.
+    /// Profile that publishers offer and subscribers request.
     pub qos: Qos,
-    /// How often it is published.
+    /// Publication rate.
     pub rate: &'static str,
-    /// What it says.
+    /// Content of the messages.
     pub description: &'static str,
 }
 
-/// One service or action of the contract.
+/// Service or action of the contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Endpoint {
     /// Default name, relative to the namespace.
     pub name: &'static str,
     /// `package/srv/Type` or `package/action/Type`.
     pub type_name: &'static str,
-    /// What it does.
+    /// Effect of a request or goal.
     pub description: &'static str,
 }
 
@@ -62,11 +61,17 @@ macro_rules! endpoints {
     };
 }
 
+// States at a rate: a newer message replaces a lost one.
 const BE1: Qos = Qos::BestEffort { depth: 1 };
+// Camera: a slow subscriber may be a few frames behind.
 const BE5: Qos = Qos::BestEffort { depth: 5 };
+// Commands: none may be lost, and only the newest matters.
 const R1: Qos = Qos::Reliable { depth: 1 };
+// Events of each step: a recorder needs all of them.
 const R10: Qos = Qos::Reliable { depth: 10 };
+// States that change seldom: a late subscriber needs the last one.
 const TL1: Qos = Qos::ReliableTransientLocal { depth: 1 };
+// Episode events: a late subscriber learns whether an episode runs, from the last 16 starts and ends.
 const TL16: Qos = Qos::ReliableTransientLocal { depth: 16 };
 
 topics! {
@@ -87,19 +92,19 @@ topics! {
     EXTERNAL_WRENCH: "panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BE1, "200 Hz",
         "Estimated external wrench on panda_hand_tcp in panda_link0.";
     ARM_STATE: "panda/arm_state", "catenary_msgs/msg/ArmState", TL1, "50 Hz and on change",
-        "What the arm is doing and whether it may be commanded.";
+        "Mode of the arm, and its faults.";
     TARGET_POSE: "panda/target_pose", "geometry_msgs/msg/PoseStamped", R1, "policy rate, or up to 50 Hz",
         "Commanded pose of panda_hand_tcp in panda_link0.";
     ACCEPTED_TARGET: "panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", R10, "per command",
-        "What became of one command on panda/target_pose.";
+        "Outcome of one command on panda/target_pose.";
     ACTION: "policy/action", "catenary_msgs/msg/EefDelta", R10, "per step",
-        "The displacement that the policy chose.";
+        "Displacement that the policy chose.";
     OBSERVATION: "policy/observation", "catenary_msgs/msg/Observation", R10, "per step",
-        "What the policy saw.";
+        "Observation of the policy.";
     EPISODE_EVENT: "episode/event", "catenary_msgs/msg/EpisodeEvent", TL16, "per start and end",
-        "The start or the end of an episode.";
+        "Start or end of an episode.";
     POSTERIOR: "bayes_sim/posterior", "catenary_msgs/msg/Mixture", TL1, "per inference",
-        "The newest posterior over the model's parameters.";
+        "Newest posterior over the model's parameters.";
     TF: "/tf", "tf2_msgs/msg/TFMessage", Qos::TF, "200 Hz",
         "Transforms that change.";
     TF_STATIC: "/tf_static", "tf2_msgs/msg/TFMessage", Qos::TF_STATIC, "once",
@@ -123,8 +128,8 @@ endpoints! {
     SIMULATE: "simulator_pool/simulate", "catenary_msgs/srv/Simulate",
         "Simulates a batch of episodes of one model.";
     OPEN_ENVS: "simulator_pool/open_envs", "catenary_msgs/srv/OpenEnvs", "Opens a vectorised environment.";
-    STEP_ENVS: "simulator_pool/step_envs", "catenary_msgs/srv/StepEnvs", "Steps all its environments once.";
-    CLOSE_ENVS: "simulator_pool/close_envs", "catenary_msgs/srv/CloseEnvs", "Closes it.";
+    STEP_ENVS: "simulator_pool/step_envs", "catenary_msgs/srv/StepEnvs", "Steps all environments of a handle once.";
+    CLOSE_ENVS: "simulator_pool/close_envs", "catenary_msgs/srv/CloseEnvs", "Closes the environments of a handle.";
 }
 
 endpoints! {
@@ -139,16 +144,16 @@ endpoints! {
     TRAIN: "ppo_trainer/train", "catenary_msgs/action/Train",
         "Trains a policy in the simulator.";
     FIND_EFFECTS: "effect_finder/find", "catenary_msgs/action/FindEffects",
-        "Locates, names and repairs what the model lacks.";
+        "Locates, names and repairs effects that the model lacks.";
 }
 
-/// Default names of the topics that an arm publishes, or who replays what it published.
+/// Default names of the topics that an arm publishes. A replay of an arm publishes them too.
 pub const ARM_TOPICS: [&str; 2] = [CURRENT_POSE.name, ARM_STATE.name];
 
-/// Default names under which an arm is commanded.
+/// Default names of the services and the action that command an arm.
 pub const ARM: [&str; 5] = [ENABLE.name, HOLD.name, ERROR_RECOVERY.name, SET_COMPLIANCE.name, MOVE_TO_START.name];
 
-/// The topic with a default name, with or without its leading slash.
+/// Returns the topic with this default name, with or without a leading slash.
 #[must_use]
 pub fn topic(name: &str) -> Option<&'static Topic> {
     let bare = name.trim_start_matches('/');
@@ -158,7 +163,7 @@ pub fn topic(name: &str) -> Option<&'static Topic> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::names;
+    use crate::parameters::names;
     use std::collections::BTreeSet;
 
     #[test]

@@ -1,5 +1,5 @@
-//! Between wire types and the core's, where more than one node needs the way: what only one node sends or reads is
-//! converted in that node's own `convert.rs`.
+//! Conversions between messages and the types of the core that more than one node needs. Conversions of a single node are in its
+//! own `convert.rs`.
 
 use catenary_core::model::DriveKind;
 use catenary_core::task::DeltaAnchor;
@@ -15,15 +15,15 @@ use catenary_msgs::srv::SimulateRequest;
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
-/// Why a message has no meaning.
+/// Invalid field of a message.
 #[derive(Debug, Error, PartialEq)]
 #[error("`{field}`: expected {expected}, got {got}")]
 pub struct ConvertError {
-    /// Field of the message.
+    /// Name of the field.
     pub field: &'static str,
-    /// What was expected.
+    /// Expected value.
     pub expected: String,
-    /// What came.
+    /// Received value.
     pub got: String,
 }
 
@@ -31,7 +31,7 @@ fn error(field: &'static str, expected: impl Into<String>, got: impl ToString) -
     ConvertError { field, expected: expected.into(), got: got.to_string() }
 }
 
-/// A posterior as the wire carries it.
+/// Converts a posterior to a message.
 #[must_use]
 pub fn posterior_to_msg(posterior: &Posterior) -> MixtureMsg {
     let mixture = &posterior.mixture;
@@ -40,14 +40,15 @@ pub fn posterior_to_msg(posterior: &Posterior) -> MixtureMsg {
         parameters: posterior.parameters.parameters().iter().map(parameter_to_msg).collect(),
         weights: mixture.weights().to_vec(),
         means: components().flat_map(|(mean, _)| mean.iter().copied()).collect(),
+        // nalgebra stores columns, the message rows.
         covariances: components().flat_map(|(_, covariance)| covariance.transpose().as_slice().to_vec()).collect(),
     }
 }
 
-/// The posterior that a message describes.
+/// Converts a message to a posterior.
 ///
 /// # Errors
-/// [`ConvertError`]: sizes that do not fit, priors or covariances that are none.
+/// [`ConvertError`]: wrong sizes, invalid priors or covariances.
 pub fn posterior_from_msg(message: &MixtureMsg) -> Result<Posterior, ConvertError> {
     let parameters = message.parameters.iter().map(parameter_from_msg).collect::<Result<_, _>>()?;
     let parameters =
@@ -75,7 +76,7 @@ fn parameter_to_msg(parameter: &Parameter) -> ParameterMsg {
     ParameterMsg { name: parameter.name.clone(), prior, low, high, mean, sd, parts }
 }
 
-/// A prior without the parts that a mixture has.
+/// Converts a prior without the parts of a mixture.
 fn prior_to_msg(weight: f64, prior: &Prior) -> PriorPart {
     let (low, high) = prior.bounds();
     let (prior, mean, sd) = match *prior {
@@ -109,7 +110,7 @@ fn prior_from_msg(message: &PriorPart) -> Result<Prior, ConvertError> {
     }
 }
 
-/// The number that stands for a fidelity.
+/// Converts a fidelity to its number in `Simulate`.
 #[must_use]
 pub fn fidelity_to_msg(fidelity: Fidelity) -> u8 {
     match fidelity {
@@ -120,7 +121,7 @@ pub fn fidelity_to_msg(fidelity: Fidelity) -> u8 {
     }
 }
 
-/// The fidelity that a number stands for.
+/// Converts a number in `Simulate` to a fidelity.
 ///
 /// # Errors
 /// [`ConvertError`] for any other number.
@@ -131,7 +132,7 @@ pub fn fidelity_from_msg(number: u8) -> Result<Fidelity, ConvertError> {
         .ok_or_else(|| error("fidelity", "one of FIDELITY_*", number))
 }
 
-/// The number that stands for a kind of drive.
+/// Converts a drive to its number in `Simulate`.
 #[must_use]
 pub fn drive_to_msg(drive: DriveKind) -> u8 {
     match drive {
@@ -141,7 +142,7 @@ pub fn drive_to_msg(drive: DriveKind) -> u8 {
     }
 }
 
-/// The kind of drive that a number stands for.
+/// Converts a number in `Simulate` to a drive.
 ///
 /// # Errors
 /// [`ConvertError`] for any other number.
@@ -152,7 +153,7 @@ pub fn drive_from_msg(number: u8) -> Result<DriveKind, ConvertError> {
         .ok_or_else(|| error("drive", "one of DRIVE_*", number))
 }
 
-/// The number that stands for an anchor.
+/// Converts a delta anchor to its number in `EefDelta`.
 #[must_use]
 pub fn anchor_to_msg(anchor: DeltaAnchor) -> u8 {
     match anchor {
@@ -161,7 +162,7 @@ pub fn anchor_to_msg(anchor: DeltaAnchor) -> u8 {
     }
 }
 
-/// The anchor that a number stands for.
+/// Converts a number in `EefDelta` to a delta anchor.
 ///
 /// # Errors
 /// [`ConvertError`] for any other number.
@@ -172,7 +173,7 @@ pub fn anchor_from_msg(number: u8) -> Result<DeltaAnchor, ConvertError> {
         .ok_or_else(|| error("anchor", "one of ANCHOR_*", number))
 }
 
-/// Keypoints as the wire carries them; the header stays as it is.
+/// Converts keypoints to a message with an empty header.
 #[must_use]
 pub fn keypoints_to_msg(keypoints: &Keypoints) -> KeypointsMsg {
     let [target_u, target_v] = keypoints.target_px.unwrap_or_default();
@@ -190,7 +191,7 @@ pub fn keypoints_to_msg(keypoints: &Keypoints) -> KeypointsMsg {
     }
 }
 
-/// The keypoints that a message describes.
+/// Converts a message to keypoints.
 ///
 /// # Errors
 /// [`ConvertError`]: an image without pixels, coordinates that are not finite.
@@ -215,14 +216,14 @@ pub fn keypoints_from_msg(message: &KeypointsMsg) -> Result<Keypoints, ConvertEr
     })
 }
 
-/// A pose of the grip in the plane y = 0 as a pose of panda_hand_tcp in panda_link0, the tool pointing down at pitch 0.
+/// Converts a pose of the grip in the plane y = 0 to a pose of panda_hand_tcp in panda_link0. The tool points down at pitch 0.
 #[must_use]
 pub fn grip_pose_to_msg(pose: &GripPose) -> Pose {
     let [x, y, z, w] = pose.quaternion_xyzw();
     Pose { position: Point { x: pose.x_m, y: 0.0, z: pose.z_m }, orientation: Quaternion { x, y, z, w } }
 }
 
-/// The pose in the plane that a pose of panda_hand_tcp in panda_link0 means.
+/// Projects a pose of panda_hand_tcp in panda_link0 on the plane y = 0.
 #[must_use]
 pub fn grip_pose_from_msg(pose: &Pose) -> GripPose {
     let q = &pose.orientation;
@@ -233,7 +234,7 @@ pub fn grip_pose_from_msg(pose: &Pose) -> GripPose {
     }
 }
 
-/// A track as the wire carries it.
+/// Converts a track to a message.
 #[must_use]
 pub fn track_to_msg(track: &Track) -> TrackMsg {
     let frames = || track.frames.iter();
@@ -247,10 +248,10 @@ pub fn track_to_msg(track: &Track) -> TrackMsg {
     }
 }
 
-/// The track that a message describes.
+/// Converts a message to a track.
 ///
 /// # Errors
-/// [`ConvertError`]: sizes that do not fit, an unknown end.
+/// [`ConvertError`]: wrong sizes, an unknown end.
 pub fn track_from_msg(message: &TrackMsg) -> Result<Track, ConvertError> {
     let n = message.time.len();
     let sizes = [
@@ -291,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn posteriors_and_tracks_survive_the_wire() {
+    fn posteriors_and_tracks_survive_the_conversion() {
         let there = posterior_to_msg(&posterior());
         assert_eq!(posterior_from_msg(&there).unwrap(), posterior());
         let frame = |t: f64| Frame {
@@ -306,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_prior_survives_the_wire() {
+    fn every_kind_of_prior_survives_the_conversion() {
         let normal = Prior::Normal { mean: 0.2, sd: 0.01, low: 0.1, high: 0.3 };
         let log_uniform = Prior::LogUniform { low: 0.01, high: 0.3 };
         let parts = [(2.0, &normal), (0.5, &log_uniform), (1.0, &Prior::Uniform { low: 0.0, high: 1.0 })];
@@ -322,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_do_not_fit_are_named() {
+    fn wrong_sizes_are_named() {
         let mut message = posterior_to_msg(&posterior());
         message.covariances.pop();
         assert_eq!(posterior_from_msg(&message).unwrap_err().field, "covariances");

@@ -1,71 +1,71 @@
-//! What can go wrong between a node and ROS 2.
+//! Errors between a node and ROS 2.
 
-use crate::args::ArgError;
-use crate::names::NameError;
-use crate::params::ParamError;
+use crate::parameters::args::ArgError;
+use crate::parameters::names::NameError;
+use crate::parameters::store::ParamError;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Why a node or one of its endpoints cannot be made.
+/// Error of creating a node or one of its endpoints.
 #[derive(Debug, Error)]
 pub enum ShellError {
-    /// The command line or a file that it names.
+    /// Error in the command line, or in a file that it names.
     #[error(transparent)]
     Args(#[from] ArgError),
-    /// A parameter's declaration or value.
+    /// Error in a parameter's declaration or value.
     #[error(transparent)]
     Params(#[from] ParamError),
-    /// An environment variable.
+    /// Invalid environment variable.
     #[error("{variable}={value:?}: expected {expected}")]
     Environment {
         /// The variable.
         variable: &'static str,
-        /// Its value.
+        /// Value.
         value: String,
-        /// What would be right.
+        /// Expected value.
         expected: &'static str,
     },
-    /// The name of a node, topic, service or action.
+    /// Invalid name of a node, topic, service or action.
     #[error("{what}: {reason}")]
     Name {
-        /// What was to be named.
+        /// Named thing.
         what: String,
-        /// What is wrong with it.
+        /// Error of the name.
         reason: NameError,
     },
-    /// A topic of the contract is used with another type.
+    /// Topic of the contract with another type.
     #[error("{name}: expected {expected} by the contract, got {got}")]
     ContractType {
-        /// The name in the code.
+        /// Name in the code.
         name: String,
-        /// The contract's type.
+        /// Type in the contract.
         expected: &'static str,
-        /// The type in the code.
+        /// Type in the code.
         got: &'static str,
     },
-    /// A type name has the wrong form.
+    /// Type name of the wrong form.
     #[error("type {got:?}: expected package/{expected}/Type")]
     TypeName {
         /// `msg`, `srv` or `action`.
         expected: &'static str,
-        /// The name given.
+        /// The name.
         got: String,
     },
-    /// The middleware or the operating system refuses.
+    /// Failure of the middleware or the operating system.
     #[error("{what}: {reason}")]
     Create {
-        /// What was to be made.
+        /// Thing that was to be created.
         what: String,
-        /// The middleware's words.
+        /// Message of the middleware.
         reason: String,
     },
-    /// `--help` was asked for and has been answered; there is nothing to run.
+    /// Request for `--help`, which was answered. There is nothing to run.
     #[error("help was shown")]
     HelpShown,
 }
 
 impl ShellError {
-    /// Whether it is the command line's fault, which has exit code 2.
+    /// Returns true for an error of the user's input, which has exit code 2.
     #[must_use]
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::Args(_) | Self::Params(_) | Self::Environment { .. })
@@ -76,42 +76,42 @@ impl ShellError {
     }
 }
 
-/// Why a message was not published.
+/// Error of publishing a message.
 #[derive(Debug, Error)]
 #[error("{topic}: not published: {reason}")]
 pub struct PublishError {
-    /// The topic.
+    /// Topic.
     pub topic: String,
-    /// The middleware's words.
+    /// Message of the middleware.
     pub reason: String,
 }
 
-/// Why a service or an action did not answer.
+/// Error of calling a service or an action.
 #[derive(Debug, Error)]
 pub enum CallError {
-    /// Nobody offers it.
+    /// No server.
     #[error("{name}: nobody offers it after {} s", waited.as_secs_f64())]
     NoServer {
         /// The service or action.
         name: String,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
-    /// It was asked and did not answer in time.
+    /// No answer within the timeout.
     #[error("{name}: no answer after {} s", waited.as_secs_f64())]
     Timeout {
         /// The service or action.
         name: String,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
-    /// It was asked and died: it may have done what was asked.
+    /// Server that died after the request: it may have carried the request out.
     #[error("{name}: its server went away without an answer")]
     Left {
         /// The service.
         name: String,
     },
-    /// Several nodes offer it, and each would do what is asked. Nothing was sent.
+    /// Several servers, each of which would carry the request out. Nothing was sent.
     #[error(
         "{name}: {servers} all offer it, and nothing was sent; end all but one, or give each graph a ROS_DOMAIN_ID or a \
          namespace of its own"
@@ -119,35 +119,35 @@ pub enum CallError {
     Ambiguous {
         /// The service or action.
         name: String,
-        /// Its servers.
+        /// Names of the servers.
         servers: String,
     },
-    /// The action server refused the goal.
+    /// Goal that the action server rejected.
     #[error("{name}: {server} rejected the goal; its log says why")]
     Rejected {
         /// The action.
         name: String,
-        /// Its server.
+        /// Name of the server.
         server: String,
     },
-    /// Its server does not know the goal that it accepted: another one took its place.
+    /// Accepted goal that the server no longer knows: another server took its place.
     #[error("{name}: its server went away while the goal ran, and the one that came does not know the goal")]
     Forgotten {
         /// The action.
         name: String,
     },
-    /// This node shuts down.
+    /// Shutdown of this node.
     #[error("{name}: this node shuts down")]
     Shutdown {
         /// The service or action.
         name: String,
     },
-    /// The middleware failed.
+    /// Failure of the middleware.
     #[error("{name}: {reason}")]
     Middleware {
         /// The service or action.
         name: String,
-        /// Its words.
+        /// Message of the middleware.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Health of a node over the loopback interface: what a subscription loses comes out on `/diagnostics`.
+//! Test of a node's health over the loopback interface: losses of a subscription appear on `/diagnostics`.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -19,7 +19,7 @@ fn node(name: &str, domain: u16) -> Node {
     NodeBuilder::new(name, &args).unwrap().domain(domain, Discovery::Localhost).build().unwrap()
 }
 
-/// The first status of /receiver that `fits`.
+/// Waits for the first status of /receiver that `fits`.
 fn status(reports: &Queue<DiagnosticArray>, fits: impl Fn(&DiagnosticStatus) -> bool) -> DiagnosticStatus {
     let deadline = Instant::now() + SOON;
     let mut newest = None;
@@ -39,7 +39,7 @@ fn value(status: &DiagnosticStatus, key: &str) -> String {
 }
 
 #[test]
-fn an_overflow_is_told_while_the_queue_is_needed_and_refused_messages_are_told_always() {
+fn an_overflow_is_reported_while_the_queue_is_needed_and_a_refused_message_always() {
     let (sender, receiver) = (node("sender", 121), node("receiver", 121));
     let diagnostics = contract::DIAGNOSTICS;
     let reports = sender.queue::<DiagnosticArray>(diagnostics.name, diagnostics.qos, 100).unwrap();
@@ -62,7 +62,7 @@ fn an_overflow_is_told_while_the_queue_is_needed_and_refused_messages_are_told_a
     let intake = receiver.intake::<PoseStamped>("target", TARGET, POSES, Duration::MAX).unwrap();
     let refusing = |_| Err(Flaw::new("frame", "expected another frame"));
     let _refused = receiver.take::<PoseStamped>(&intake, refusing).unwrap();
-    // Until the new subscription is matched, nothing comes.
+    // Published again with every report: the new subscription gets nothing before it is matched.
     let refused = status(&reports, |status| {
         publisher.publish(PoseStamped::default()).unwrap();
         !value(status, "poses_dropped_for_frame").is_empty()

@@ -1,4 +1,4 @@
-//! Two nodes over the loopback interface: what breaks here is the plumbing between a node and DDS.
+//! Tests of two nodes over the loopback interface. A failure here is a fault between a node and DDS.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 const SOON: Duration = Duration::from_secs(4);
 const TARGET: Qos = Qos::Reliable { depth: 10 };
 
-/// The domain of test `number`, which nobody else is in, the user's graph least of all.
+/// Returns the domain of test `number`, which no other process uses.
 fn domain(number: u16) -> u16 {
     static CLAIMS: Mutex<BTreeMap<u16, DomainClaim>> = Mutex::new(BTreeMap::new());
     let mut claims = CLAIMS.lock().unwrap();
@@ -54,6 +54,7 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
     let publisher = sender.publisher::<PoseStamped>("target", TARGET).unwrap();
     assert!(publisher.wait_for_subscriber(SOON));
     assert!(latest.get().is_none());
+    // The writer has matched the reader, but the reader may still have to match the writer.
     std::thread::sleep(Duration::from_millis(200));
     for index in 0..50 {
         publisher.publish(pose(f64::from(index))).unwrap();
@@ -68,7 +69,7 @@ fn a_reliable_stream_arrives_complete_and_in_order() {
     assert_eq!(sender.other_publisher_count("target").unwrap(), 0);
 }
 
-/// See `settle.rs`: what is announced before the others have met the node is at times not taken in by Fast DDS.
+/// Fast DDS may miss endpoints that are announced before it has discovered the node: see `settle.rs`.
 #[test]
 fn a_node_has_no_endpoints_before_others_have_met_it() {
     let networks = [std::net::Ipv4Addr::LOCALHOST];
@@ -94,6 +95,7 @@ fn a_node_has_no_endpoints_before_others_have_met_it() {
     });
     let node = node("late", 117);
     let between = watcher.join().unwrap().unwrap();
+    // The pause is 150 ms; the rest is tolerance for a busy machine.
     assert!(between > Duration::from_millis(100), "{} announced an endpoint after {between:?}", node.name());
 }
 
@@ -102,6 +104,7 @@ fn a_late_subscriber_gets_the_latched_state_alone() {
     let sender = node("sender", 102);
     let latched = Qos::ReliableTransientLocal { depth: 1 };
     let publisher = sender.publisher::<PoseStamped>("state", latched).unwrap();
+    // More than the depth of 1: RustDDS keeps them all for a while.
     for index in 0..200 {
         publisher.publish(pose(f64::from(index))).unwrap();
     }
@@ -154,7 +157,7 @@ fn a_service_answers_and_its_absence_is_an_error_in_time() {
     assert!(start.elapsed() < Duration::from_secs(1));
 }
 
-/// Resident memory of this process, kB.
+/// Returns the resident memory of this process, kB.
 fn resident_kb() -> usize {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
@@ -169,11 +172,12 @@ fn asking_a_service_often_takes_no_memory() {
         .unwrap();
     let client = caller.client::<SetBool>("enable").unwrap();
     let call = |times| (0..times).for_each(|_| drop(client.call(SetBoolRequest { data: true }, SOON).unwrap()));
+    // Buffers reach their final size in these calls.
     call(200);
     let before = resident_kb();
     call(4000);
     let grown = resident_kb().saturating_sub(before);
-    // The tests beside this one take some, too.
+    // The limit leaves room for the other tests of this process.
     assert!(grown < 8000, "{grown} kB for 4000 calls");
 }
 
@@ -263,6 +267,7 @@ fn an_action_is_accepted_reports_and_succeeds_or_is_rejected_or_cancelled() {
     let other = caller.action_client::<MoveToStart>("move").unwrap();
     let second = other.send(goal(0.1), SOON, |_| {}).err().unwrap();
     assert!(matches!(second, CallError::Rejected { .. }), "{second}");
+    // A wait that timed out must not lose the result.
     let early = long.wait(Duration::from_millis(50)).unwrap_err();
     assert!(matches!(early, CallError::Timeout { .. }), "{early}");
     assert!(long.cancel(SOON).unwrap());
@@ -373,7 +378,7 @@ fn a_value_for_an_undeclared_parameter_keeps_the_node_from_starting() {
 #[test]
 fn answers_of_any_size_reach_every_client_also_the_second_of_a_process_whose_first_is_gone() {
     let (pool, asker) = (node("pool", 115), node("asker", 115));
-    // RustDDS garbles a reply of this size.
+    // RustDDS corrupts a service reply of this size.
     let answer = |request: SimulateRequest| SimulateResponse {
         success: true,
         tracks: vec![Track { dlo: request.theta, ..Track::default() }; 40],
@@ -395,7 +400,7 @@ fn answers_of_any_size_reach_every_client_also_the_second_of_a_process_whose_fir
 }
 
 #[test]
-fn a_call_ends_when_it_is_told_to_and_the_next_one_is_answered() {
+fn a_call_ends_when_it_is_stopped_and_the_next_one_is_answered() {
     let (server, asker) = (node("server", 116), node("asker", 116));
     let (begun, begins) = channel();
     let _service = server
@@ -419,10 +424,10 @@ fn a_call_ends_when_it_is_told_to_and_the_next_one_is_answered() {
 }
 
 #[test]
-fn a_node_leaves_at_its_end_though_others_hold_it_and_its_endpoints() {
+fn a_node_leaves_at_its_end_even_if_clones_and_endpoints_still_exist() {
     let (leaving, staying) = (node("leaving", 120), node("staying", 120));
     let publisher = leaving.publisher::<PoseStamped>("target", TARGET).unwrap();
-    // The service keeps the node, and the node's thread keeps the service.
+    // A cycle: the service holds the node, and the node's thread holds the service.
     let inside = leaving.clone();
     let service = leaving.serve::<SetBool>("enable", move |request| SetBoolResponse {
         success: request.data,
@@ -445,7 +450,7 @@ fn a_node_leaves_at_its_end_though_others_hold_it_and_its_endpoints() {
 }
 
 #[test]
-fn nodes_are_named_by_what_they_serve_publish_and_ask() {
+fn servers_publishers_and_requesters_are_named() {
     let (arm, asker) = (node("arm", 118), builder("asker", 118, &["-r", "__ns:=/lab"]).build().unwrap());
     let (told, tells) = channel();
     let _enable = arm
@@ -474,7 +479,7 @@ fn nodes_are_named_by_what_they_serve_publish_and_ask() {
 }
 
 #[test]
-fn what_two_nodes_offer_is_asked_of_neither_and_both_are_named() {
+fn a_service_of_two_nodes_is_called_on_neither_and_both_are_named() {
     let serve = |name: &str| {
         let node = node(name, 119);
         let moving = node.serve_action::<MoveToStart>(

@@ -1,0 +1,232 @@
+//! Other nodes of the graph: servers, publishers and subscribers under a name, and senders of requests.
+
+use super::directory::{Endpoint, Gid, ParticipantEntities, Prefix, prefix};
+use super::endpoint::Reader;
+use super::graph::Graph;
+use super::participant::{data_port, data_ports_here};
+use super::qos::Qos;
+use super::socket_owner::{are_local, is_local, process_at};
+use crate::error::ShellError;
+use futures::StreamExt;
+use ros2_client::builtin_topics::ros_discovery;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+
+/// Creates the reader of `ros_discovery_info`.
+pub(crate) fn reader(graph: &Graph) -> Result<Reader<ParticipantEntities>, ShellError> {
+    let policies = Qos::ReliableTransientLocal { depth: 100 }.policies();
+    graph.make(
+        "rmw_dds_common/msg/ParticipantEntitiesInfo",
+        || "subscription of ros_discovery_info".to_owned(),
+        |session| Reader::new(session, ros_discovery::TOPIC_NAME, ros_discovery::TYPE_NAME, &policies),
+    )
+}
+
+/// Updates the directory of the graph with every message of `ros_discovery_info`. The future ends with the reader's stream.
+pub(crate) async fn follow(graph: Arc<Graph>, reader: Reader<ParticipantEntities>) {
+    let mut lists = pin!(reader.stream());
+    while let Some(list) = lists.next().await {
+        match list {
+            Ok((list, _)) => {
+                graph.directory().update(list, || graph.others().into_iter().map(|e| prefix(&e.gid)).collect())
+            }
+            Err(error) => tracing::debug!("ros_discovery_info: {error}"),
+        }
+    }
+}
+
+impl Graph {
+    /// Returns the living endpoints of other participants.
+    pub(crate) fn others(&self) -> Vec<Endpoint> {
+        let own = self.own_prefix();
+        let all = self.living_writers().into_iter().chain(self.living_readers());
+        all.filter(|endpoint| prefix(&endpoint.gid) != own).collect()
+    }
+
+    /// Returns the living writers of other participants.
+    pub(crate) fn other_writers(&self) -> Vec<Endpoint> {
+        let own = self.own_prefix();
+        self.living_writers().into_iter().filter(|writer| prefix(&writer.gid) != own).collect()
+    }
+
+    /// Returns the living readers of other participants.
+    pub(crate) fn other_readers(&self) -> Vec<Endpoint> {
+        let own = self.own_prefix();
+        self.living_readers().into_iter().filter(|reader| prefix(&reader.gid) != own).collect()
+    }
+
+    fn own_prefix(&self) -> Prefix {
+        prefix(&self.guid().to_bytes())
+    }
+
+    /// Returns the node of a known endpoint.
+    pub(crate) fn peer(&self, endpoint: &Endpoint) -> Peer {
+        let Endpoint { gid, addresses, .. } = endpoint;
+        Peer { node: self.directory().name(gid), gid: *gid, addresses: addresses.clone() }
+    }
+
+    /// Returns the node of an endpoint, even if discovery does not know the endpoint: the addresses are those of its participant.
+    pub(crate) fn peer_of(&self, gid: Gid) -> Peer {
+        let of_participant = |e: &Endpoint| prefix(&e.gid) == prefix(&gid) && !e.addresses.is_empty();
+        let mut known = self.living_writers().into_iter().chain(self.living_readers());
+        let addresses = known.find(of_participant).map(|e| e.addresses).unwrap_or_default();
+        Peer { node: self.directory().name(&gid), gid, addresses }
+    }
+
+    /// Returns the nodes of endpoints, each node once.
+    pub(crate) fn owners<'a>(&self, endpoints: impl Iterator<Item = &'a Endpoint>) -> Vec<Peer> {
+        let mut owners: Vec<Peer> = Vec::new();
+        for peer in endpoints.map(|endpoint| self.peer(endpoint)) {
+            if !owners.iter().any(|known| known.is_same_node(&peer)) {
+                owners.push(peer);
+            }
+        }
+        owners.sort_by(|a, b| a.node.cmp(&b.node));
+        owners
+    }
+
+    /// Returns other nodes that serve a service or an action with one of these absolute names.
+    pub(crate) fn servers(&self, names: &[String]) -> Vec<Peer> {
+        self.servers_among(&self.other_writers(), names)
+    }
+
+    /// Returns the owners of `writers` that serve a service or an action with one of these absolute names.
+    pub(crate) fn servers_among(&self, writers: &[Endpoint], names: &[String]) -> Vec<Peer> {
+        let replies = |name: &String| [format!("rr{name}Reply"), format!("rr{name}/_action/send_goalReply")];
+        let replies: Vec<String> = names.iter().flat_map(replies).collect();
+        self.owners(writers.iter().filter(|writer| replies.contains(&writer.topic)))
+    }
+
+    /// Returns every discovered node of the domain except the nodes of this participant. A participant that has not listed its
+    /// nodes counts as one node without a name.
+    pub(crate) fn peers(&self) -> Vec<Peer> {
+        let mut participants: BTreeMap<Prefix, Endpoint> = BTreeMap::new();
+        for endpoint in self.others() {
+            // Not every endpoint announces addresses, so the first ones that come are taken.
+            let known = participants.entry(prefix(&endpoint.gid)).or_insert_with(|| endpoint.clone());
+            if known.addresses.is_empty() {
+                known.addresses = endpoint.addresses;
+            }
+        }
+        let peers = participants.into_iter().flat_map(|(prefix, Endpoint { gid, addresses, .. })| {
+            let names = self
+                .directory()
+                .names(&prefix)
+                .map_or_else(|| vec![None], |names| names.into_iter().map(Some).collect());
+            names.into_iter().map(move |node| Peer { node, gid, addresses: addresses.clone() })
+        });
+        peers.collect()
+    }
+
+    /// Returns true if every participant of this machine with ports of this domain is among `peers`.
+    pub(crate) fn has_met_all_here(&self, peers: &[Peer]) -> bool {
+        let Some((domain, number)) = self.domain_and_number() else { return true };
+        let own = data_port(domain, number);
+        // A participant of another machine may have the same port.
+        let is_at = |peer: &Peer, port| peer.addresses.iter().any(|address| address.port() == port);
+        let has = |port: u16| peers.iter().any(|peer| is_at(peer, port) && are_local(&peer.addresses));
+        data_ports_here(domain).into_iter().all(|port| u32::from(port) == own || has(port))
+    }
+}
+
+/// Another node, by name or, without a name, by identifier. Displays as `/camera (process 4711)`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Peer {
+    node: Option<String>,
+    gid: Gid,
+    addresses: Vec<SocketAddr>,
+}
+
+impl Peer {
+    /// Returns the fully qualified name; `None` if it is not known yet.
+    #[must_use]
+    pub fn name(&self) -> Option<&str> {
+        self.node.as_deref()
+    }
+
+    /// Returns the process number of a node on this machine, if /proc shows it.
+    #[must_use]
+    pub fn process(&self) -> Option<u32> {
+        process_at(&self.addresses)
+    }
+
+    /// Returns true if both nodes are in one DDS participant, and therefore in one process.
+    #[must_use]
+    pub fn shares_participant(&self, other: &Self) -> bool {
+        prefix(&self.gid) == prefix(&other.gid)
+    }
+
+    fn is_same_node(&self, other: &Self) -> bool {
+        self.shares_participant(other) && self.node == other.node
+    }
+}
+
+impl fmt::Display for Peer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.node {
+            Some(name) => f.write_str(name)?,
+            None => {
+                f.write_str("a node without a name, GUID ")?;
+                self.gid.iter().try_for_each(|byte| write!(f, "{byte:02x}"))?;
+            }
+        }
+        let remote = self.addresses.iter().map(SocketAddr::ip).find(|ip| !ip.is_unspecified() && !is_local(*ip));
+        match (self.process(), remote) {
+            (Some(pid), _) => write!(f, " (process {pid})"),
+            (None, Some(ip)) => write!(f, " (on {ip})"),
+            (None, None) => Ok(()),
+        }
+    }
+}
+
+/// Sender of a request. Displays as its [`Peer`], which is looked up only when displayed.
+#[derive(Clone)]
+pub struct Requester {
+    gid: Gid,
+    graph: Arc<Graph>,
+}
+
+impl Requester {
+    pub(crate) fn new(graph: &Arc<Graph>, request: &ros2_client::RmwRequestId) -> Self {
+        Self { gid: request.writer_gid.to_bytes16(), graph: Arc::clone(graph) }
+    }
+
+    /// Looks up the node that sent the request.
+    #[must_use]
+    pub fn peer(&self) -> Peer {
+        self.graph.peer_of(self.gid)
+    }
+}
+
+impl fmt::Display for Requester {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.peer().fmt(f)
+    }
+}
+
+/// Joins peers in words: `/a (process 1) and /b (process 2)`.
+#[must_use]
+pub fn list_peers(peers: &[Peer]) -> String {
+    let words: Vec<String> = peers.iter().map(Peer::to_string).collect();
+    match &words[..] {
+        [] => "nobody".to_owned(),
+        [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+        all => all.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peer_without_a_name_displays_its_guid() {
+        let peer = Peer { node: None, gid: [0xab; 16], addresses: Vec::new() };
+        assert!(peer.to_string().ends_with(&"ab".repeat(16)), "{peer}");
+        let named = Peer { node: Some("/a".to_owned()), ..peer };
+        assert_eq!(list_peers(&[named.clone(), named.clone(), named]), "/a, /a and /a");
+    }
+}

@@ -1,0 +1,77 @@
+//! Loss of the network: the end of a process whose middleware no longer listens.
+//!
+//! RustDDS ends its threads when their wait is interrupted: when the process is stopped and continues (Ctrl-Z and `fg`), or when the
+//! machine wakes up. The process would live on without hearing the graph. It ends instead, and says why.
+
+use crate::dds::graph::Graph;
+use crate::dds::log_noise;
+use crate::time::shutdown::Shutdown;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// Message of a process that lost the network.
+pub const LOST: &str = "the network was lost, as after Ctrl-Z and fg or when the machine was suspended; start anew";
+
+/// Time between two checks. Chosen: a check reads one file of /proc, and nobody resumes a process faster.
+const PERIOD: Duration = Duration::from_millis(500);
+
+static IS_LOST: AtomicBool = AtomicBool::new(false);
+
+/// Shutdown that a loss triggers.
+static ENDS: Mutex<Option<Shutdown>> = Mutex::new(None);
+
+/// Returns true if the process ends because it lost the network. Check this before mapping an outcome to an exit code: every
+/// other failure follows from the loss.
+#[must_use]
+pub fn is_network_lost() -> bool {
+    IS_LOST.load(Ordering::Acquire)
+}
+
+/// Makes a loss of the network trigger `shutdown`.
+pub(crate) fn ends(shutdown: &Shutdown) {
+    *ENDS.lock().unwrap_or_else(PoisonError::into_inner) = Some(shutdown.clone());
+}
+
+/// Checks a node's graph until the node ends, and ends the process at a loss.
+pub(crate) fn watch(graph: &Graph, end: &Shutdown) {
+    while !end.wait_timeout(PERIOD) {
+        if graph.has_lost_network() {
+            declare();
+            return;
+        }
+    }
+}
+
+/// Ends the process, unless it ends already: at its end the threads of the middleware end as well.
+fn declare() {
+    let shutdown = ENDS.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    if let Some(shutdown) = shutdown.filter(|s| !s.is_triggered()) {
+        IS_LOST.store(true, Ordering::Release);
+        // Every topic would complain about the consequences.
+        log_noise::hush(true);
+        shutdown.trigger();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loss_ends_a_running_process_and_no_other() {
+        declare();
+        assert!(!is_network_lost(), "nothing to end");
+        let ending = Shutdown::new();
+        ends(&ending);
+        ending.trigger();
+        declare();
+        assert!(!is_network_lost(), "it ends already");
+        let running = Shutdown::new();
+        ends(&running);
+        declare();
+        assert!(is_network_lost() && running.is_triggered());
+        IS_LOST.store(false, Ordering::Release);
+        log_noise::hush(false);
+    }
+}
