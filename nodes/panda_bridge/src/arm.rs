@@ -1,183 +1,192 @@
-//! An arm behind the gate: what the contract's commands, services and move to the start do to whatever carries them out.
+//! Arm behind the safety gate: applies commands, requests and the move to the start pose to a [`Plant`].
 
 use crate::gate::{Command, GateSettings, Mode, Order, Refusal, Rivals, SafetyGate, StepPeriod, Verdict};
 use crate::path::StartPath;
 use crate::pose::ArmPose;
 use thiserror::Error;
 
-/// Greatest rate of turning on the way to the start pose, rad/s.
+/// Maximum angular speed of a move to the start pose, rad/s. Chosen; a Panda's Cartesian limit is 2.5 rad/s.
 const MAX_TURN_RAD_S: f64 = 0.5;
-/// Shortest piece of the way that is tried, s.
+/// Shortest path step that is tried, s: shorter than every cycle that calls [`Arm::steer`].
 const SHORTEST_STEP_S: f64 = 1e-3;
-/// Time without progress after which a move is given up, s.
+/// Time without progress after which a move is aborted, s. Chosen: a lagging arm moves again within a few cycles.
 const STALLED_S: f64 = 3.0;
 
-/// What carries orders out: a simulated arm, or a controller elsewhere.
+/// Executor of orders: a simulated arm, or a controller in another process.
 pub trait Plant: Send + 'static {
-    /// The arm's time, s since an origin of its own. It runs on as long as the arm can move, and does not step.
+    /// Returns the arm's time, s since its own origin. The clock never steps, and runs while the arm can move.
     fn time_s(&self) -> f64;
-    /// The present time of the clock that stamps commands, s since the arm's origin.
+    /// Returns the present time of the clock that stamps commands, s since the arm's origin.
     fn stamp_time_s(&self) -> f64 {
         self.time_s()
     }
-    /// The newest measured pose.
+    /// Returns the newest measured pose.
     fn measured(&self) -> Option<ArmPose>;
-    /// Age of that measurement, s.
+    /// Returns the age of the newest measured pose, s.
     fn measured_age_s(&self) -> f64 {
         0.0
     }
-    /// Carries an order out. After [`Order::End`] nothing moves the arm until the next order.
+    /// Executes an order. After [`Order::End`] nothing moves the arm until the next order.
     fn obey(&mut self, order: &Order);
-    /// Why it cannot be commanded now, beyond what the gate knows.
-    fn unready(&self) -> Option<String> {
-        None
-    }
 }
 
 /// Settings of an arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {
-    /// Limits of the gate.
+    /// Settings of the gate.
     pub gate: GateSettings,
-    /// The start pose; without one every move to the start must name its pose.
+    /// Start pose; without one every move must carry its pose.
     pub start: Option<ArmPose>,
-    /// Whether a physical arm moves.
+    /// True for a physical arm.
     pub real: bool,
     /// Distance from the start pose up to which a move counts as arrived, m.
     pub start_tolerance_m: f64,
 }
 
-/// Why the arm does not do what was asked of it.
+/// State of the graph around an arm at one moment.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Surroundings {
+    /// Other nodes that could command the arm or answer in its place.
+    pub rivals: Rivals,
+    /// Reason why the plant cannot be commanded; `None` if it can. The gate does not know this reason.
+    pub unready: Option<String>,
+}
+
+/// Reason why a request was not executed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ArmError {
-    /// The gate's refusal.
+    /// Refusal by the gate.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// What carries the orders out is not ready.
+    /// Plant that is not ready, with its reason.
     #[error("{0}")]
     Unready(String),
-    /// The measured pose is old: the arm may be elsewhere by now.
+    /// Measured pose that is too old: the arm may have moved since.
     #[error("the measured pose is {age_s:.2} s old; at most {limit_s} s are allowed")]
     OldPose {
-        /// Age.
+        /// Age, s.
         age_s: f64,
-        /// Limit.
+        /// Limit, s.
         limit_s: f64,
     },
-    /// There is no start pose.
-    #[error("no start pose is configured: the goal must bring one")]
+    /// Missing start pose.
+    #[error("no start pose is configured: set use_pose and pose in the goal, or start the node with a start pose")]
     NoStart,
-    /// No pose.
+    /// Target with numbers that are not finite, or a quaternion without unit norm.
     #[error("pose: expected finite numbers and a unit quaternion, got {0:?}")]
     NoPose(ArmPose),
-    /// Outside.
+    /// Target outside the workspace.
     #[error("pose: expected a position inside the workspace, got {0:?}")]
     Outside([f64; 3]),
 }
 
-/// How a move to the start pose stands.
+/// State of a move to the start pose.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Progress {
-    /// Under way, with this distance to go in m.
+    /// The arm is moving; holds the distance to the start pose, m.
     Moving(f64),
-    /// It has arrived and settled.
+    /// The arm has arrived and settled.
     Arrived,
-    /// It has ended before that.
+    /// The move ended before the arrival; holds the reason.
     Stopped(String),
 }
 
-/// A move to the start pose under way.
+/// Running move to the start pose.
 #[derive(Debug, Clone, Copy)]
-struct Way {
+struct RunningMove {
     path: StartPath,
     target: ArmPose,
-    /// How much of the path is done, s.
-    done_s: f64,
-    /// When it was last looked at, and when it last went on, s.
-    looked_s: f64,
-    went_on_s: f64,
+    /// Path time reached, s.
+    reached_s: f64,
+    /// Plant time of the last call of [`Arm::steer`], s.
+    steered_s: f64,
+    /// Plant time of the last progress, s.
+    progressed_s: f64,
+    /// Rest at the end of the path, s.
     settle_s: f64,
 }
 
-/// The gate and what is behind it.
+/// Plant behind a safety gate.
 #[derive(Debug)]
 pub struct Arm<P> {
     plant: P,
     gate: SafetyGate,
     settings: ArmSettings,
-    way: Option<Way>,
+    running_move: Option<RunningMove>,
 }
 
 impl<P: Plant> Arm<P> {
-    /// An arm that is idle.
+    /// Creates an idle arm.
     pub fn new(plant: P, settings: ArmSettings) -> Self {
         let mut gate = SafetyGate::new(settings.gate, settings.real);
         if let Some(pose) = plant.measured() {
             gate.on_measured(pose);
         }
-        Self { plant, gate, settings, way: None }
+        Self { plant, gate, settings, running_move: None }
     }
 
-    /// What carries the orders out.
+    /// Returns the plant.
     pub fn plant(&self) -> &P {
         &self.plant
     }
 
-    /// The same, to measure with.
+    /// Returns the plant for updates of its measurements.
     pub fn plant_mut(&mut self) -> &mut P {
         &mut self.plant
     }
 
-    /// What the arm is doing.
+    /// Returns the mode of the arm.
     pub fn mode(&self) -> Mode {
         self.gate.mode()
     }
 
-    /// Whether targets are due: an episode runs, and the arm follows or holds.
+    /// Returns true while targets are due: an episode runs, and the arm is tracking or holding.
     pub fn awaits_targets(&self) -> bool {
         self.gate.awaits_targets()
     }
 
-    /// Why it stopped or refuses, empty where it does not.
+    /// Returns the reason of a stop or of refusals, empty if there is none.
     pub fn fault(&self) -> &str {
         self.gate.fault()
     }
 
-    /// Whether a physical arm moves.
+    /// Returns true for a physical arm.
     pub fn is_real(&self) -> bool {
         self.settings.real
     }
 
-    /// The target in force.
+    /// Returns the target in force.
     pub fn target(&self) -> Option<ArmPose> {
         self.gate.target()
     }
 
-    /// Commands accepted and rejected since the arm was enabled.
+    /// Returns the numbers of commands accepted and rejected since the arm was enabled.
     pub fn counts(&self) -> (u64, u64) {
         self.gate.counts()
     }
 
-    /// Leads the arm further on its way to the start pose. The way waits for an arm that lags behind by more than the gate
-    /// lets a target jump.
+    /// Advances the target along the path to the start pose. The path waits for the arm: the target never leads the measured
+    /// pose by more than the gate's limits for a jump.
     pub fn steer(&mut self) {
-        let (Some(way), Some(measured)) = (&mut self.way, self.plant.measured()) else { return };
+        let (Some(running), Some(measured)) = (&mut self.running_move, self.plant.measured()) else { return };
         let now_s = self.plant.time_s();
         let limits = &self.settings.gate;
-        let mut step_s = (now_s - way.looked_s).max(0.0);
-        way.looked_s = now_s;
-        if way.done_s >= way.path.duration_s() {
-            way.done_s += step_s;
+        let mut step_s = (now_s - running.steered_s).max(0.0);
+        running.steered_s = now_s;
+        if running.reached_s >= running.path.duration_s() {
+            // Beyond the end of the path the time counts as settling.
+            running.reached_s += step_s;
             return;
         }
         loop {
-            let next = way.path.at(way.done_s + step_s);
+            let next = running.path.at(running.reached_s + step_s);
             if next.distance_m(&measured) <= limits.max_jump_m && next.angle_rad(&measured) <= limits.max_turn_rad {
-                way.done_s += step_s;
-                way.went_on_s = now_s;
+                running.reached_s += step_s;
+                running.progressed_s = now_s;
                 self.plant.obey(&Order::Target(next));
                 return;
             }
+            // The longest step that the limits allow, to a factor of two.
             step_s /= 2.0;
             if step_s < SHORTEST_STEP_S {
                 return;
@@ -185,7 +194,7 @@ impl<P: Plant> Arm<P> {
         }
     }
 
-    /// Takes the newest measurement and looks at the silence of the targets; to be called at least every 50 ms.
+    /// Passes the newest measurement to the gate and checks the silence of the targets. Call it at least every 50 ms.
     pub fn watch(&mut self) {
         if let Some(pose) = self.plant.measured() {
             self.gate.on_measured(pose);
@@ -194,7 +203,7 @@ impl<P: Plant> Arm<P> {
         self.obey(order);
     }
 
-    /// Judges a command and carries it out.
+    /// Judges a command, and executes it if it is accepted.
     pub fn command(&mut self, command: &Command) -> Verdict {
         let verdict = self.gate.on_command(command, self.plant.time_s());
         if let Verdict::Accepted { pose, .. } = verdict {
@@ -204,35 +213,35 @@ impl<P: Plant> Arm<P> {
     }
 
     /// Enables the arm; see [`SafetyGate::on_enable`].
-    pub fn enable(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<(), ArmError> {
-        self.check_ready()?;
-        let order = self.gate.on_enable(rivals, simulated_time)?;
+    pub fn enable(&mut self, around: &Surroundings, simulated_time: bool) -> Result<(), ArmError> {
+        self.check_ready(around)?;
+        let order = self.gate.on_enable(&around.rivals, simulated_time)?;
         self.plant.obey(&order);
         Ok(())
     }
 
-    /// Looks again at what enabling looked at; an arm that could not be enabled any more ends its motion. Returns why.
-    pub fn recheck(&mut self, rivals: &Rivals) -> Option<&str> {
-        let order = match self.plant.unready() {
-            Some(why) => self.gate.on_unready(&why),
-            None => self.gate.on_rivals(rivals),
+    /// Repeats the checks of [`Arm::enable`] during a motion. Ends the motion if one fails, and returns the reason.
+    pub fn recheck(&mut self, around: &Surroundings) -> Option<&str> {
+        let order = match &around.unready {
+            Some(why) => self.gate.on_unready(why),
+            None => self.gate.on_rivals(&around.rivals),
         };
         self.plant.obey(&order?);
-        self.way = None;
+        self.running_move = None;
         Some(self.gate.fault())
     }
 
-    /// Disables the arm: it stays where it is.
+    /// Disables the arm, which stays where it is.
     pub fn disable(&mut self) {
         let order = self.gate.on_disable();
-        self.way = None;
+        self.running_move = None;
         self.plant.obey(&order);
     }
 
-    /// Holds the measured pose; a move to the start pose ends there.
+    /// Holds the measured pose. A move to the start pose ends there.
     pub fn hold(&mut self) -> Result<(), ArmError> {
         let order = self.gate.on_hold()?;
-        self.way = None;
+        self.running_move = None;
         self.obey(order);
         Ok(())
     }
@@ -244,41 +253,49 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
-    /// A reflex or a contact: latched.
+    /// Latches a reflex or a contact.
     pub fn reflex(&mut self, what: &str) {
         let order = self.gate.on_reflex(what);
-        self.way = None;
+        self.running_move = None;
         self.plant.obey(&order);
     }
 
-    /// The arm was lost or came back.
+    /// Records that the connection to the arm was lost or restored.
     pub fn connection(&mut self, connected: bool) {
         if !connected {
-            self.way = None;
+            self.running_move = None;
         }
         self.gate.on_connection(connected);
     }
 
-    /// An episode began, with this time between two actions, s; see [`SafetyGate::on_episode_started`].
+    /// Records the start of an episode with this time between two actions, s; see [`SafetyGate::on_episode_started`].
+    ///
+    /// # Errors
+    /// [`StepPeriod`] for a period out of range.
     pub fn episode_started(&mut self, step_period_s: f64) -> Result<(), StepPeriod> {
         self.gate.on_episode_started(step_period_s, self.plant.time_s())
     }
 
-    /// The episode ended.
+    /// Records the end of the episode.
     pub fn episode_ended(&mut self) {
         self.gate.on_episode_ended();
     }
 
-    /// Sets out for `pose` (none: the start pose), to settle there. What keeps an arm from being enabled keeps it from this.
+    /// Begins a move to `pose` (`None`: the start pose), followed by a rest of `settle_s`. The conditions of [`Arm::enable`]
+    /// apply.
+    ///
+    /// # Errors
+    /// [`ArmError`]: no pose, a pose outside the workspace, or a failed condition.
     pub fn begin_move(
         &mut self,
-        rivals: &Rivals,
+        around: &Surroundings,
         pose: Option<ArmPose>,
         speed_m_s: f64,
         settle_s: f64,
         simulated_time: bool,
     ) -> Result<(), ArmError> {
         let target = pose.or(self.settings.start).ok_or(ArmError::NoStart)?;
+        // Checked here because the path, unlike a command, does not pass the gate's judgement.
         if !target.is_finite() || !target.is_normalised() {
             return Err(ArmError::NoPose(target));
         }
@@ -286,43 +303,45 @@ impl<P: Plant> Arm<P> {
         if !self.settings.gate.workspace.contains(x, y, z) {
             return Err(ArmError::Outside(target.position_m));
         }
-        self.check_ready()?;
+        self.check_ready(around)?;
         let from = self.plant.measured().ok_or(Refusal::NoPose)?;
-        self.gate.on_move_begins(rivals, simulated_time)?;
+        self.gate.on_move_begins(&around.rivals, simulated_time)?;
         let now_s = self.plant.time_s();
         let path = StartPath::new(from, target, speed_m_s, MAX_TURN_RAD_S);
-        self.way = Some(Way { path, target, done_s: 0.0, looked_s: now_s, went_on_s: now_s, settle_s });
+        self.running_move =
+            Some(RunningMove { path, target, reached_s: 0.0, steered_s: now_s, progressed_s: now_s, settle_s });
         Ok(())
     }
 
-    /// How the move stands; where it has ended, the arm stays.
+    /// Returns the state of the move, and ends it when it is over. The arm then stays where it is.
     pub fn move_progress(&mut self) -> Progress {
-        let (Some(way), Some(measured)) = (self.way, self.plant.measured()) else {
+        let (Some(running), Some(measured)) = (self.running_move, self.plant.measured()) else {
             let fault = self.gate.fault();
             return Progress::Stopped(if fault.is_empty() { "by a request" } else { fault }.to_owned());
         };
-        let distance_m = measured.distance_m(&way.target);
-        if way.done_s >= way.path.duration_s() + way.settle_s {
-            self.way = None;
-            self.gate.on_move_ended(Some(way.target));
+        let distance_m = measured.distance_m(&running.target);
+        if running.reached_s >= running.path.duration_s() + running.settle_s {
+            self.running_move = None;
+            self.gate.on_move_ended(Some(running.target));
             return match distance_m <= self.settings.start_tolerance_m {
                 true => Progress::Arrived,
                 false => Progress::Stopped(format!("the arm came to rest {distance_m:.3} m from the start pose")),
             };
         }
-        if way.done_s < way.path.duration_s() && way.looked_s - way.went_on_s > STALLED_S {
+        if running.reached_s < running.path.duration_s() && running.steered_s - running.progressed_s > STALLED_S {
             self.stop_move();
             return Progress::Stopped(format!("the arm does not follow: {distance_m:.3} m to go"));
         }
         Progress::Moving(distance_m)
     }
 
-    /// Ends a move where the arm is.
+    /// Ends a move at the measured pose.
     pub fn stop_move(&mut self) {
-        self.way = None;
+        self.running_move = None;
         if self.gate.mode() != Mode::Moving {
             return;
         }
+        // The order is given here and not by the gate: `on_move_ended` also follows an arrival, where the arm keeps its target.
         self.gate.on_move_ended(None);
         if let Some(pose) = self.plant.measured() {
             self.plant.obey(&Order::Hold(pose));
@@ -335,10 +354,11 @@ impl<P: Plant> Arm<P> {
         }
     }
 
-    fn check_ready(&self) -> Result<(), ArmError> {
-        if let Some(why) = self.plant.unready() {
-            return Err(ArmError::Unready(why));
+    fn check_ready(&self, around: &Surroundings) -> Result<(), ArmError> {
+        if let Some(why) = &around.unready {
+            return Err(ArmError::Unready(why.clone()));
         }
+        // A missing pose is the gate's own refusal; only an old one is found here.
         let (age_s, limit_s) = (self.plant.measured_age_s(), self.settings.gate.max_age_s);
         if self.plant.measured().is_some() && age_s > limit_s {
             return Err(ArmError::OldPose { age_s, limit_s });

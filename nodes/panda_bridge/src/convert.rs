@@ -1,4 +1,4 @@
-//! Between wire types and the bridge's.
+//! Conversions between messages and the types of the bridge.
 
 use crate::arm::{Arm, Plant};
 use crate::compliance::Compliance;
@@ -9,33 +9,33 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState};
 use catenary_msgs::srv::SetComplianceRequest;
 use catenary_msgs::std_msgs::msg::Header;
 
-/// The pose of a message.
+/// Converts the pose of a message.
 #[must_use]
 pub fn arm_pose(pose: &Pose) -> ArmPose {
     let (p, q) = (&pose.position, &pose.orientation);
     ArmPose { position_m: [p.x, p.y, p.z], quaternion_xyzw: [q.x, q.y, q.z, q.w] }
 }
 
-/// A pose as the wire carries it.
+/// Converts a pose to a message.
 #[must_use]
 pub fn pose_message(pose: &ArmPose) -> Pose {
     let ([x, y, z], [qx, qy, qz, qw]) = (pose.position_m, pose.quaternion_xyzw);
     Pose { position: Point { x, y, z }, orientation: Quaternion { x: qx, y: qy, z: qz, w: qw } }
 }
 
-/// A target as a command of this age. `simulated_time`: whether `/clock` tells the age.
+/// Makes a command of a target with this age, s. `simulated_time`: the age was measured with `/clock`.
 #[must_use]
 pub fn command(message: &PoseStamped, age_s: f64, simulated_time: bool) -> Command {
     Command { age_s, simulated_time, frame_id: message.header.frame_id.clone(), pose: arm_pose(&message.pose) }
 }
 
-/// The settings that a request asks for.
+/// Converts the settings of a request.
 #[must_use]
 pub fn compliance(r: &SetComplianceRequest) -> Compliance {
     Compliance { stiffness: r.stiffness, damping: r.damping, error_clip_m: r.error_clip }
 }
 
-/// What became of a command with this header.
+/// Makes the answer to a command with this header.
 #[must_use]
 pub fn accepted_target<P: Plant>(arm: &Arm<P>, verdict: &Verdict, header: Header) -> AcceptedTarget {
     let (accepted_count, rejected_count) = arm.counts();
@@ -54,7 +54,7 @@ pub fn accepted_target<P: Plant>(arm: &Arm<P>, verdict: &Verdict, header: Header
     }
 }
 
-/// The state of an arm whose measurement `header` stamps. `success_rate`: share of control cycles that were in time.
+/// Makes the state of an arm. `header` is the header of its measurement, `success_rate` the share of control cycles in time, 0 to 1.
 #[must_use]
 pub fn arm_state<P: Plant>(arm: &Arm<P>, success_rate: f64, header: Header) -> ArmState {
     let mode = arm.mode();
@@ -70,6 +70,7 @@ pub fn arm_state<P: Plant>(arm: &Arm<P>, success_rate: f64, header: Header) -> A
             Mode::UserStop => ArmState::MODE_USER_STOP,
             Mode::Disconnected => ArmState::MODE_DISCONNECTED,
         },
+        // Only a reflex is an error of the arm. Other faults, such as a second publisher, are refusals of the gate.
         errors: if reflex { vec![arm.fault().to_owned()] } else { Vec::new() },
         reflex,
         success_rate,

@@ -1,39 +1,37 @@
-//! The safety gate: what a command must be before it reaches an arm, and what ends a motion.
+//! Safety gate: checks every command before it reaches an arm, and ends a motion when its conditions fail.
 //!
-//! A state machine without a clock: times are s of one clock that does not step, given with every call.
+//! State machine without a clock of its own. Every call carries the time, s, of one clock that never steps.
 
 use crate::pose::ArmPose;
 use catenary_core::task::Workspace;
 
 mod verdict;
 
-pub use verdict::{Clip, Command, Mode, Order, Refusal, Rejection, Rivals, StepPeriod, Verdict};
+pub use verdict::{BASE_FRAME, Clip, Command, Mode, Order, Refusal, Rejection, Rivals, StepPeriod, Verdict};
 
-/// The frame that commands must be in.
-pub const BASE_FRAME: &str = "panda_link0";
-/// Steps of a policy after which a silent stream counts as silent, where steps are longer than the silence allowed else:
-/// a policy that acts twice a second is not silent in between.
+/// Silence timeout in policy steps, used if it is longer than `hold_after_s`. Chosen: a step may be half a period late, and a
+/// policy that acts twice a second is not silent between two steps.
 const SILENT_STEPS: f64 = 1.5;
-/// Share of the limits for targets beyond which an arm counts as pushed or blocked: a target at the limit may come while
-/// the arm is still on its way from it.
-const STRAYED: f64 = 1.5;
+/// Deviation from the target, in multiples of the jump limits, at which the arm counts as pushed or blocked. Chosen above 1: a
+/// target at the limit may arrive while the arm is still moving.
+const MAX_DEVIATION: f64 = 1.5;
 
-/// Limits of the gate. Defaults are those for a Panda.
+/// Settings of the gate. The defaults are for a Panda.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GateSettings {
-    /// The box of the end effector.
+    /// Box of allowed positions of the end effector.
     pub workspace: Workspace,
-    /// Greatest distance of a target from the measured position, m. Larger lets the arm be commanded faster.
+    /// Maximum distance of a target from the measured position, m. A larger value allows faster motions.
     pub max_jump_m: f64,
-    /// Greatest turn of a target from the measured orientation, rad.
+    /// Maximum angle between a target and the measured orientation, rad.
     pub max_turn_rad: f64,
-    /// Greatest age of a command's stamp, s, and how far it may lie ahead.
+    /// Maximum age of a command's stamp, s. The stamp may also be this far ahead.
     pub max_age_s: f64,
-    /// Silence of the target stream within an episode after which the arm holds, s.
+    /// Silence of the target stream, within an episode, after which the arm holds, s.
     pub hold_after_s: f64,
-    /// Silence after which the motion ends, s.
+    /// Silence of the target stream after which the motion ends, s.
     pub end_after_s: f64,
-    /// Let commands of a replayed recording reach a real arm.
+    /// Allow commands of a replayed recording to reach a real arm.
     pub allow_replay: bool,
 }
 
@@ -51,26 +49,26 @@ impl Default for GateSettings {
     }
 }
 
-/// The gate.
+/// Safety gate of one arm.
 #[derive(Debug, Clone)]
 pub struct SafetyGate {
     settings: GateSettings,
-    /// What the arm does where it is connected and nothing is latched.
+    /// Mode of an arm that is connected and has nothing latched.
     activity: Mode,
-    /// The arm was enabled when the move to the start pose began.
+    /// True if the arm was enabled when the move to the start pose began.
     enabled_before_move: bool,
     connected: bool,
-    /// The reflex that is latched.
+    /// Latched reflex.
     reflex: Option<String>,
     user_stop_latched: bool,
     user_stop_pressed: bool,
     real_arm: bool,
     measured: Option<ArmPose>,
     target: Option<ArmPose>,
-    /// Step period of the episode that runs.
+    /// Step period of the running episode, s; 0 for an invalid one, `None` outside an episode.
     episode_step_s: Option<f64>,
     episode_over: Option<String>,
-    /// When the stream was last heard, or the episode began.
+    /// Time of the last accepted target or of the start of the episode, s.
     heard_s: Option<f64>,
     accepted: u64,
     rejected: u64,
@@ -78,7 +76,7 @@ pub struct SafetyGate {
 }
 
 impl SafetyGate {
-    /// A gate before a real or a simulated arm, which is connected and idle.
+    /// Creates the gate of a real or a simulated arm that is connected and idle.
     pub fn new(settings: GateSettings, real_arm: bool) -> Self {
         Self {
             settings,
@@ -100,12 +98,12 @@ impl SafetyGate {
         }
     }
 
-    /// Whether targets are due: an episode runs, and the arm follows or holds.
+    /// Returns true while targets are due: an episode runs, and the arm is tracking or holding.
     pub fn awaits_targets(&self) -> bool {
         self.episode_step_s.is_some() && self.is_enabled()
     }
 
-    /// What the arm is doing.
+    /// Returns the mode of the arm. A lost connection outranks a user stop, and a user stop outranks a reflex.
     pub fn mode(&self) -> Mode {
         match (self.connected, self.user_stop_latched, &self.reflex) {
             (false, _, _) => Mode::Disconnected,
@@ -115,17 +113,17 @@ impl SafetyGate {
         }
     }
 
-    /// The target in force.
+    /// Returns the target in force.
     pub fn target(&self) -> Option<ArmPose> {
         self.target
     }
 
-    /// Commands accepted and rejected since the arm was enabled.
+    /// Returns the numbers of commands accepted and rejected since the arm was enabled.
     pub fn counts(&self) -> (u64, u64) {
         (self.accepted, self.rejected)
     }
 
-    /// Why the arm stopped or refuses, empty where it does not.
+    /// Returns the reason of a stop or of refusals, empty if there is none.
     pub fn fault(&self) -> &str {
         match (self.connected, self.user_stop_latched, &self.reflex) {
             (false, _, _) => "no connection to the arm",
@@ -135,14 +133,17 @@ impl SafetyGate {
         }
     }
 
-    /// The arm was measured at `pose`.
+    /// Records the measured pose. A pose that is not finite is ignored.
     pub fn on_measured(&mut self, pose: ArmPose) {
         if pose.is_finite() {
             self.measured = Some(pose);
         }
     }
 
-    /// Enables the arm, its target the measured pose. `simulated_time`: whether time comes from `/clock`.
+    /// Enables the arm with the measured pose as its target. `simulated_time`: time comes from `/clock`.
+    ///
+    /// # Errors
+    /// [`Refusal`]: a latched stop, a move to the start pose, rivals, a replay before a real arm, no measured pose.
     pub fn on_enable(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<Order, Refusal> {
         self.check_latches()?;
         if self.activity == Mode::Moving {
@@ -154,6 +155,7 @@ impl SafetyGate {
         let already = self.is_enabled();
         self.episode_over = None;
         self.fault.clear();
+        // A second request must not stop an arm that follows an episode.
         if already && let Some(target) = self.target {
             return Ok(Order::Target(target));
         }
@@ -162,7 +164,7 @@ impl SafetyGate {
         Ok(Order::Hold(pose))
     }
 
-    /// These nodes were seen: a motion ends that would not begin beside them.
+    /// Checks the other nodes of the graph during a motion, and ends a motion that could not begin beside them.
     pub fn on_rivals(&mut self, rivals: &Rivals) -> Option<Order> {
         match rivals.check() {
             Err(refusal) => self.on_unready(&refusal.to_string()),
@@ -170,7 +172,7 @@ impl SafetyGate {
         }
     }
 
-    /// What carries the orders out is not ready any more.
+    /// Ends a motion because the plant is not ready any more.
     pub fn on_unready(&mut self, why: &str) -> Option<Order> {
         if !self.is_enabled() && self.activity != Mode::Moving {
             return None;
@@ -178,7 +180,7 @@ impl SafetyGate {
         self.end(why.to_owned())
     }
 
-    /// Disables the arm.
+    /// Disables the arm. Latched stops stay latched.
     pub fn on_disable(&mut self) -> Order {
         if matches!(self.activity, Mode::Tracking | Mode::Hold | Mode::Moving) {
             self.activity = Mode::Idle;
@@ -187,7 +189,10 @@ impl SafetyGate {
         Order::End
     }
 
-    /// Holds the measured pose; a move to the start pose ends there. An idle arm is told nothing.
+    /// Holds the measured pose and ends a move to the start pose. An idle arm gets no order.
+    ///
+    /// # Errors
+    /// [`Refusal`]: a latched stop, no measured pose.
     pub fn on_hold(&mut self) -> Result<Option<Order>, Refusal> {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
@@ -199,12 +204,16 @@ impl SafetyGate {
         Ok(Some(Order::Hold(pose)))
     }
 
-    /// A move to the start pose begins, under the conditions of [`SafetyGate::on_enable`].
+    /// Begins a move to the start pose, under the conditions of [`SafetyGate::on_enable`].
+    ///
+    /// # Errors
+    /// [`Refusal`], as [`SafetyGate::on_enable`].
     pub fn on_move_begins(&mut self, rivals: &Rivals, simulated_time: bool) -> Result<(), Refusal> {
         self.check_latches()?;
         rivals.check()?;
         self.check_replay(simulated_time)?;
         self.measured.ok_or(Refusal::NoPose)?;
+        // A second goal during a move must not forget that the arm was enabled before the first.
         if self.activity != Mode::Moving {
             self.enabled_before_move = self.is_enabled();
         }
@@ -213,7 +222,7 @@ impl SafetyGate {
         Ok(())
     }
 
-    /// It has ended, well or not; the arm stays at `target`, or where it was measured. It is enabled if it was before.
+    /// Ends a move. The arm stays at `target`, or at the measured pose if there is none. It is enabled if it was before the move.
     pub fn on_move_ended(&mut self, target: Option<ArmPose>) {
         if self.activity == Mode::Moving {
             self.activity = if self.enabled_before_move { Mode::Hold } else { Mode::Idle };
@@ -222,14 +231,14 @@ impl SafetyGate {
         }
     }
 
-    /// A reflex or a contact: latched.
+    /// Latches a reflex or a contact.
     pub fn on_reflex(&mut self, what: &str) -> Order {
         self.reflex = Some(what.to_owned());
         self.activity = Mode::Idle;
         Order::End
     }
 
-    /// The user stop was pressed (latched) or released.
+    /// Records that the user stop was pressed, which latches it, or released.
     pub fn on_user_stop(&mut self, pressed: bool) -> Order {
         self.user_stop_pressed = pressed;
         if pressed {
@@ -239,9 +248,10 @@ impl SafetyGate {
         Order::End
     }
 
-    /// The arm was lost or came back; back, it is idle, and what was latched still is.
+    /// Records that the connection to the arm was lost or restored. A restored arm is idle; latched stops stay latched.
     pub fn on_connection(&mut self, connected: bool) {
         if connected != self.connected {
+            // The arm may have been moved meanwhile: the old measured pose must not seed a target.
             self.connected = connected;
             self.activity = Mode::Idle;
             self.measured = None;
@@ -249,8 +259,11 @@ impl SafetyGate {
         }
     }
 
-    /// Recovers from a latched stop: by request alone. The target is the measured pose, and the arm must be enabled again.
-    /// Where nothing is latched, the arm is told nothing.
+    /// Recovers from a latched stop, only on request. The measured pose becomes the target, and the arm must be enabled again.
+    /// If nothing is latched, the arm gets no order.
+    ///
+    /// # Errors
+    /// [`Refusal`]: no connection, a user stop that is still pressed, no measured pose.
     pub fn on_recovery(&mut self) -> Result<Option<Order>, Refusal> {
         if !self.connected {
             return Err(Refusal::Disconnected);
@@ -268,25 +281,26 @@ impl SafetyGate {
         Ok(Some(Order::Hold(pose)))
     }
 
-    /// An episode began, with this time between two actions, s. From now on silence counts.
+    /// Begins an episode with this time between two actions, s. Silence of the targets counts from now on.
     ///
     /// # Errors
-    /// A time that no policy has; the episode is watched as one of quick steps then.
+    /// [`StepPeriod`] for a period out of range. The silence timeout is then `hold_after_s`.
     pub fn on_episode_started(&mut self, step_period_s: f64, now_s: f64) -> Result<(), StepPeriod> {
         self.heard_s = Some(now_s);
         let longest_s = self.settings.end_after_s;
-        let makes_sense = step_period_s > 0.0 && step_period_s <= longest_s;
-        self.episode_step_s = Some(if makes_sense { step_period_s } else { 0.0 });
-        if makes_sense { Ok(()) } else { Err(StepPeriod { step_period_s, longest_s }) }
+        // Also false for NaN. An unchecked period could switch the silence timeout off.
+        let is_in_range = step_period_s > 0.0 && step_period_s <= longest_s;
+        self.episode_step_s = Some(if is_in_range { step_period_s } else { 0.0 });
+        if is_in_range { Ok(()) } else { Err(StepPeriod { step_period_s, longest_s }) }
     }
 
-    /// The episode ended.
+    /// Ends the episode.
     pub fn on_episode_ended(&mut self) {
         self.episode_step_s = None;
         self.heard_s = None;
     }
 
-    /// Judges a command.
+    /// Judges a command. A rejected command changes nothing but its count.
     pub fn on_command(&mut self, command: &Command, now_s: f64) -> Verdict {
         match self.judge(command) {
             Ok((pose, clip)) => {
@@ -294,6 +308,7 @@ impl SafetyGate {
                 self.target = Some(pose);
                 self.activity = Mode::Tracking;
                 self.heard_s = Some(now_s);
+                // In training, a target outside the workspace ends the episode.
                 if clip.any() {
                     self.episode_over = Some("the target left the workspace".to_owned());
                 }
@@ -317,6 +332,7 @@ impl SafetyGate {
         if command.frame_id != BASE_FRAME {
             return Err(Rejection::Frame(command.frame_id.clone()));
         }
+        // Finite and normalised first: distances to any other pose would be NaN and pass every limit.
         let pose = command.pose;
         if !pose.is_finite() {
             return Err(Rejection::NotFinite);
@@ -325,7 +341,9 @@ impl SafetyGate {
             return Err(Rejection::NotNormalised);
         }
         self.check_replay(command.simulated_time).map_err(|_| Rejection::Replay)?;
+        // Clocks of two machines differ both ways, so the limit holds for the future as well.
         let (age_s, limit_s) = (command.age_s, self.settings.max_age_s);
+        // NaN compares false with every limit.
         if age_s.is_nan() || age_s.abs() > limit_s {
             return Err(Rejection::Stale { age_s, limit_s });
         }
@@ -335,6 +353,7 @@ impl SafetyGate {
         if distance_m > max_m || turn_rad > max_rad {
             return Err(Rejection::Jump { distance_m, turn_rad, max_m, max_rad });
         }
+        // The limits hold for the pose that is sent, not only for the one that was asked for.
         let (inside, clip) = self.clamped(pose);
         let distance_m = inside.distance_m(&measured);
         if distance_m > max_m {
@@ -343,6 +362,7 @@ impl SafetyGate {
         Ok((inside, clip))
     }
 
+    /// Clamps a pose to the workspace.
     fn clamped(&self, mut pose: ArmPose) -> (ArmPose, Clip) {
         let w = &self.settings.workspace;
         let mut flags = [false; 3];
@@ -354,9 +374,10 @@ impl SafetyGate {
         (pose, Clip { x: flags[0], y: flags[1], z: flags[2] })
     }
 
-    /// Looks at the silence of the stream, and whether the arm is where it should be; to be called at least every 50 ms.
+    /// Checks the deviation of the arm from its target and the silence of the stream. Call it at least every 50 ms.
     pub fn tick(&mut self, now_s: f64) -> Option<Order> {
-        if let Some(what) = self.strayed() {
+        // Before the silence checks, which are off outside an episode: a push must always be noticed.
+        if let Some(what) = self.deviation() {
             return Some(self.on_reflex(&what));
         }
         let silence_s = now_s - self.heard_s?;
@@ -374,15 +395,17 @@ impl SafetyGate {
         None
     }
 
-    /// How an enabled arm is elsewhere than any target it took. What keeps it there would have it run back when it lets go.
-    fn strayed(&self) -> Option<String> {
+    /// Returns a description of an enabled arm that is too far from its target. Its controller would pull it back with full
+    /// force when the obstacle is gone.
+    fn deviation(&self) -> Option<String> {
         let (true, Some(target), Some(measured)) = (self.is_enabled(), self.target, self.measured) else { return None };
         let (distance_m, turn_rad) = (target.distance_m(&measured), target.angle_rad(&measured));
-        let far = distance_m > STRAYED * self.settings.max_jump_m || turn_rad > STRAYED * self.settings.max_turn_rad;
+        let far = distance_m > MAX_DEVIATION * self.settings.max_jump_m
+            || turn_rad > MAX_DEVIATION * self.settings.max_turn_rad;
         far.then(|| format!("pushed or blocked: {distance_m:.3} m and {turn_rad:.2} rad from the target"))
     }
 
-    /// Ends the motion: the arm is idle.
+    /// Ends the motion and makes the arm idle.
     fn end(&mut self, fault: String) -> Option<Order> {
         self.activity = Mode::Idle;
         self.heard_s = None;
@@ -403,12 +426,12 @@ impl SafetyGate {
         if self.real_arm && simulated_time && !self.settings.allow_replay { Err(Refusal::Replay) } else { Ok(()) }
     }
 
-    /// Whether targets may move the arm. Whatever latches or cuts it off makes it idle.
+    /// Returns true if targets may move the arm. Latched stops and lost connections make it idle, so they need no check here.
     fn is_enabled(&self) -> bool {
         matches!(self.activity, Mode::Tracking | Mode::Hold)
     }
 
-    /// Makes the measured pose the target.
+    /// Makes the measured pose the target, so that enabling never moves the arm.
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
         self.activity = mode;

@@ -1,17 +1,17 @@
-//! Kinematics of the Panda, with the hand.
+//! Kinematics of the Panda with its hand.
 //!
-//! Denavit-Hartenberg parameters in Craig's convention as Franka Emika publishes them (a, d, alpha of each joint, the
-//! flange, and the hand's tool centre point 0.1034 m beyond the flange, turned by -45 degrees).
+//! Denavit-Hartenberg parameters in Craig's convention, as published by Franka Emika: a, d and alpha of each joint, the flange,
+//! and the tool centre point of the hand, 0.1034 m beyond the flange and turned by -45 degrees.
 
 use crate::pose::ArmPose;
 use nalgebra::{DMatrix, DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// Joints of the arm.
+/// Number of joints.
 pub const JOINTS: usize = 7;
-/// A pose in front of the base with the tool pointing down, rad.
+/// Ready pose of Franka Emika: in front of the base, with the tool pointing down, rad.
 pub const READY_RAD: [f64; JOINTS] = [0.0, -FRAC_PI_4, 0.0, -3.0 * FRAC_PI_4, 0.0, FRAC_PI_2, FRAC_PI_4];
-/// Limits of the joints, rad.
+/// Joint limits as published by Franka Emika, rad.
 pub const LIMITS_RAD: [[f64; 2]; JOINTS] = [
     [-2.8973, 2.8973],
     [-1.7628, 1.7628],
@@ -22,7 +22,7 @@ pub const LIMITS_RAD: [[f64; 2]; JOINTS] = [
     [-2.8973, 2.8973],
 ];
 
-/// a (m), d (m) and alpha (rad) of each joint.
+/// Parameters a (m), d (m) and alpha (rad) of each joint.
 const DH: [[f64; 3]; JOINTS] = [
     [0.0, 0.333, 0.0],
     [0.0, 0.0, -FRAC_PI_2],
@@ -32,12 +32,13 @@ const DH: [[f64; 3]; JOINTS] = [
     [0.0, 0.0, FRAC_PI_2],
     [0.088, 0.0, FRAC_PI_2],
 ];
-/// From the last joint to the tool centre point along its axis, m.
+/// Distance from the last joint to the tool centre point along the joint's axis, m: flange plus hand.
 const TOOL_M: f64 = 0.107 + 0.1034;
-/// Damping of the least squares.
+/// Damping of the least squares. Chosen: small against the singular values of the Jacobian inside the workspace.
 const DAMPING: f64 = 1e-3;
+/// Maximum number of iterations. Chosen: a start near the solution needs a handful.
 const MAX_ITERATIONS: usize = 50;
-/// Position (m) and rotation (rad) left at which a solution counts.
+/// Residual of position (m) and rotation (rad) at which the iteration has converged.
 const TOLERANCE: f64 = 1e-6;
 
 fn joint_frame(joint: usize, angle_rad: f64) -> Isometry3<f64> {
@@ -48,7 +49,7 @@ fn joint_frame(joint: usize, angle_rad: f64) -> Isometry3<f64> {
         * Isometry3::from_parts(Translation3::new(0.0, 0.0, d), turn)
 }
 
-/// Frames of the joints, and the tool's last.
+/// Returns the frames of the joints, followed by the frame of the tool.
 fn frames(joints_rad: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
     let mut frames = [Isometry3::identity(); JOINTS + 1];
     let mut current = Isometry3::identity();
@@ -61,15 +62,15 @@ fn frames(joints_rad: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
     frames
 }
 
-/// Pose of the tool centre point for these joint angles.
+/// Returns the pose of the tool centre point for these joint angles, rad.
 pub fn forward(joints_rad: &[f64; JOINTS]) -> ArmPose {
     let tool = frames(joints_rad)[JOINTS];
     let t = tool.translation.vector;
     ArmPose::from_parts([t.x, t.y, t.z], &tool.rotation)
 }
 
-/// Joint angles that bring the tool to `pose`, near `start_rad`, by damped least squares; none where the pose is out of
-/// reach or the way to it runs into a limit.
+/// Returns joint angles (rad) near `start_rad` that bring the tool to `pose`, by damped least squares. Returns `None` if the
+/// iteration does not converge or its solution violates a joint limit.
 pub fn inverse(pose: &ArmPose, start_rad: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
     let mut q = *start_rad;
     for _ in 0..MAX_ITERATIONS {
@@ -92,6 +93,7 @@ pub fn inverse(pose: &ArmPose, start_rad: &[f64; JOINTS]) -> Option<[f64; JOINTS
         let square = &jacobian * jacobian.transpose() + DMatrix::identity(6, 6) * (DAMPING * DAMPING);
         let step = jacobian.transpose() * square.cholesky()?.solve(&error);
         for (angle, delta) in q.iter_mut().zip(step.iter()) {
+            // The linearisation holds for small steps only. 0.3 rad was chosen.
             *angle += delta.clamp(-0.3, 0.3);
         }
     }
@@ -114,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_finds_what_the_forward_gives_back() {
+    fn forward_of_inverse_returns_the_wanted_pose() {
         let mut q = READY_RAD;
         for k in 0..20 {
             let x = 0.3 + 0.015 * f64::from(k);

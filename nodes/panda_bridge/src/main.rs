@@ -1,4 +1,4 @@
-//! The executable of the node `panda_bridge`.
+//! Executable of the node `panda_bridge`.
 
 use std::process::ExitCode;
 

@@ -1,13 +1,13 @@
-//! The way to the start pose: straight, with a minimum-jerk profile in time.
+//! Path to the start pose: a straight line with a minimum-jerk profile in time.
 
 use crate::pose::ArmPose;
 
 /// Peak speed of a minimum-jerk profile over its mean speed (Flash and Hogan 1985).
 const PEAK_OVER_MEAN: f64 = 1.875;
-/// Shortest duration, s.
+/// Minimum duration, s. Chosen: very short paths would have large accelerations.
 const MIN_DURATION_S: f64 = 0.5;
 
-/// A path from one pose to another, from rest to rest.
+/// Path between two poses, from rest to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StartPath {
     from: ArmPose,
@@ -16,24 +16,27 @@ pub struct StartPath {
 }
 
 impl StartPath {
-    /// A path whose speed stays within `max_speed_m_s` and `max_turn_rad_s`.
+    /// Plans a path with at most these speeds.
     pub fn new(from: ArmPose, to: ArmPose, max_speed_m_s: f64, max_turn_rad_s: f64) -> Self {
         let mean_time_s = (from.distance_m(&to) / max_speed_m_s).max(from.angle_rad(&to) / max_turn_rad_s);
         Self { from, to, duration_s: (PEAK_OVER_MEAN * mean_time_s).max(MIN_DURATION_S) }
     }
 
-    /// Duration in s.
+    /// Returns the duration, s.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
-    /// The pose after `elapsed_s`, held at both ends.
+    /// Returns the pose after `elapsed_s`; before the start and after the end, the pose of that end.
     pub fn at(&self, elapsed_s: f64) -> ArmPose {
         let s = (elapsed_s / self.duration_s).clamp(0.0, 1.0);
+        // Minimum-jerk polynomial 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
         let share = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
         let position = std::array::from_fn(|i| {
             self.from.position_m[i] + share * (self.to.position_m[i] - self.from.position_m[i])
         });
+        // Slerp fails only for orientations half a turn apart, because no shortest rotation exists. The path then has the
+        // final orientation from its first instant.
         let turned = self.from.rotation().try_slerp(&self.to.rotation(), share, 1e-9);
         ArmPose::from_parts(position, &turned.unwrap_or_else(|| self.to.rotation()))
     }

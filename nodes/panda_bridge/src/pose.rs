@@ -2,47 +2,47 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// How far a quaternion's norm may be from 1.
+/// Tolerated deviation of a quaternion's norm from 1: single precision and rounding to a few digits pass.
 const NORM_TOLERANCE: f64 = 1e-2;
 
 /// Pose of panda_hand_tcp in panda_link0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmPose {
-    /// (x, y, z) in m.
+    /// Position (x, y, z), m.
     pub position_m: [f64; 3],
-    /// Orientation (x, y, z, w), unit norm.
+    /// Orientation (x, y, z, w), of unit norm.
     pub quaternion_xyzw: [f64; 4],
 }
 
 impl ArmPose {
-    /// Whether every number is finite.
+    /// Returns true if every number is finite.
     pub fn is_finite(&self) -> bool {
         self.position_m.iter().chain(&self.quaternion_xyzw).all(|v| v.is_finite())
     }
 
-    /// Whether the quaternion has unit norm, to within what single precision and rounding leave.
+    /// Returns true if the quaternion has unit norm within the tolerance of 1 %.
     pub fn is_normalised(&self) -> bool {
         let norm = self.quaternion_xyzw.iter().map(|v| v * v).sum::<f64>().sqrt();
         (norm - 1.0).abs() <= NORM_TOLERANCE
     }
 
-    /// Distance in m between the positions.
+    /// Returns the distance between the positions, m.
     pub fn distance_m(&self, other: &ArmPose) -> f64 {
         (Vector3::from(self.position_m) - Vector3::from(other.position_m)).norm()
     }
 
-    /// Angle in rad of the rotation between the orientations.
+    /// Returns the angle of the rotation between the orientations, rad.
     pub fn angle_rad(&self, other: &ArmPose) -> f64 {
         self.rotation().angle_to(&other.rotation())
     }
 
-    /// The orientation.
+    /// Returns the orientation, normalised.
     pub fn rotation(&self) -> UnitQuaternion<f64> {
         let [x, y, z, w] = self.quaternion_xyzw;
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
     }
 
-    /// A pose of this position and orientation.
+    /// Creates a pose from position (m) and orientation.
     pub fn from_parts(position_m: [f64; 3], rotation: &UnitQuaternion<f64>) -> Self {
         let q = rotation.quaternion();
         Self { position_m, quaternion_xyzw: [q.i, q.j, q.k, q.w] }

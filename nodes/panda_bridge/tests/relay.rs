@@ -1,5 +1,5 @@
-//! The relay before a controller that this test plays. What breaks here moves an arm that should stand, or lets one stand
-//! that a policy believes to move.
+//! Tests of the relay with a controller that the test plays. A failure here means an arm that moves when it should stand, or
+//! an arm that stands while a policy believes that it moves.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -30,7 +30,7 @@ use std::time::{Duration, Instant};
 const SOON: Duration = Duration::from_secs(10);
 const BASE: &str = "panda_link0";
 
-/// The domain of test `number`, which nobody else is in, the user's graph least of all.
+/// Returns the domain of test `number`, which no other process uses.
 fn domain(number: u16) -> u16 {
     static CLAIMS: Mutex<BTreeMap<u16, DomainClaim>> = Mutex::new(BTreeMap::new());
     let mut claims = CLAIMS.lock().unwrap();
@@ -54,13 +54,13 @@ fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// A controller: it follows `target_pose` with a lag and tells `current_pose` at 100 Hz.
+/// Controller that follows `target_pose` with a lag and publishes `current_pose` at 100 Hz.
 struct Controller {
     node: Node,
     speaks: Arc<AtomicBool>,
-    /// Somebody holds the arm where it is.
+    /// True: an obstacle holds the arm where it is.
     held: Arc<AtomicBool>,
-    /// Where the arm is, and the targets that came.
+    /// Pose of the arm, and the received targets.
     state: Arc<Mutex<(Pose, Vec<Pose>)>>,
     stiffness: Param<f64>,
     clip: Param<f64>,
@@ -70,6 +70,7 @@ struct Controller {
 impl Controller {
     fn start(number: u16) -> Self {
         let b = builder("cartesian_impedance_controller", number);
+        // crisp_controllers take -1 for critical damping; 2500 N/m lies below the bridge's own limit, on purpose.
         let free = || ParamSpec::new("A gain.").range(-1.0..=2500.0);
         let mut kept = Vec::new();
         for axis in ["pos_x", "pos_y", "pos_z", "rot_x", "rot_y", "rot_z"] {
@@ -122,7 +123,7 @@ impl Controller {
     }
 }
 
-/// The relay's process.
+/// Process of the relay.
 struct Relay(Child);
 
 impl Drop for Relay {
@@ -144,7 +145,7 @@ fn relay(number: u16, parameters: &[&str]) -> Relay {
     Relay(command(number, parameters).stderr(Stdio::null()).spawn().unwrap())
 }
 
-/// A client of the contract.
+/// Client of the arm's topics and services.
 struct Client {
     node: Node,
     state: Latest<ArmState>,
@@ -155,7 +156,7 @@ struct Client {
 }
 
 impl Client {
-    /// Joins and waits until the arm is in `mode` and everything is matched.
+    /// Joins the graph, and waits until the arm is in `mode` and all endpoints are matched.
     fn join(number: u16, mode: u8) -> Self {
         let node = builder("client", number).build().unwrap();
         let client = Self {
@@ -168,7 +169,8 @@ impl Client {
         };
         client.wait_mode(mode);
         assert!(client.target.wait_for_subscriber(SOON));
-        // The relay has matched the controller as well: its answers come back to us once we are known to it.
+        // Matches are mutual but not simultaneous: the relay may still have to discover this client's readers.
+        // Longer than the 0.15 s in which participants meet.
         std::thread::sleep(Duration::from_millis(300));
         client
     }
@@ -218,10 +220,11 @@ fn targets_are_relayed_and_a_jump_keeps_the_old_one() {
     let before = controller.received();
     std::thread::sleep(Duration::from_secs(1));
     let rate = controller.received() - before;
+    // The relay repeats at 50 Hz; a loaded test machine loses some.
     assert!((30..=55).contains(&rate), "{rate} targets a second");
     assert_eq!(controller.last_target(), Some(pose(0.45, 0.42)));
 
-    // A hold at the measured pose, and then nothing more.
+    // At its end the relay sends one hold at the measured pose, and then nothing more.
     client.ask(0.5, 0.42);
     Command::new("kill").arg(process.0.id().to_string()).status().unwrap();
     assert!(process.0.wait().unwrap().success());
@@ -240,6 +243,7 @@ fn an_arm_that_is_pushed_away_is_latched_and_its_target_not_repeated() {
     assert!(client.enable(true).success);
     wait_for("the target", || controller.last_target() == Some(pose(0.4, 0.4)));
     controller.held.store(true, Ordering::Relaxed);
+    // 0.2 m below the target, beyond 1.5 times the jump limit.
     controller.state.lock().unwrap().0 = pose(0.4, 0.2);
     client.wait_mode(ArmState::MODE_REFLEX);
     assert!(client.state.get().unwrap().message.fault.contains("pushed or blocked"));
@@ -259,8 +263,10 @@ fn a_silent_controller_is_disconnected_and_comes_back_idle() {
     client.wait_mode(ArmState::MODE_HOLD);
     let silent = Instant::now();
     controller.speaks.store(false, Ordering::Relaxed);
+    // The relay stays up: it must notice the silence by itself.
     client.wait_mode(ArmState::MODE_DISCONNECTED);
     let took = silent.elapsed();
+    // The default silence is 0.5 s.
     assert!(took > Duration::from_millis(450) && took < Duration::from_secs(2), "{took:?}");
     std::thread::sleep(Duration::from_millis(100));
     let count = controller.received();
@@ -290,6 +296,7 @@ fn the_move_to_the_start_pose_reaches_it() {
     assert!(!refused.accepted && refused.reason.contains("not enabled"), "a move enabled the arm: {}", refused.reason);
     let targets = controller.state.lock().unwrap().1.clone();
     let largest = targets.windows(2).map(|w| (w[1].position.x - w[0].position.x).abs()).fold(0.0, f64::max);
+    // Half of the gate's limit of 0.1 m for a jump.
     assert!(largest < 0.05, "a step of {largest} m");
 }
 
@@ -311,7 +318,7 @@ fn a_replay_moves_no_real_arm() {
 }
 
 #[test]
-fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
+fn a_clock_that_stands_still_does_not_disable_the_silence_timeout() {
     let controller = Controller::start(7);
     let _process = relay(7, &["use_sim_time:=true", "is_real:=false", "gate.max_age_s:=5.0"]);
     let clocks = controller.node.publisher::<Clock>("/clock", Qos::CLOCK).unwrap();
@@ -320,6 +327,7 @@ fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
     assert!(events.wait_for_subscriber(SOON) && clocks.wait_for_subscriber(SOON));
     clocks.send(Clock { clock: stamp::to_msg(client.node.now()) });
     wait_for("the enabled arm", || client.enable(true).success);
+    // Silence counts only within an episode.
     let started = EpisodeEvent { event: EpisodeEvent::STARTED, step_period: 0.1, ..EpisodeEvent::default() };
     events.publish(started).unwrap();
     let answer = client.ask(0.45, 0.4);
@@ -330,7 +338,7 @@ fn a_clock_that_stands_still_does_not_stop_the_watch_over_silence() {
 }
 
 #[test]
-fn somebody_else_on_the_controllers_topic_ends_the_motion_and_refuses_to_enable() {
+fn another_publisher_on_the_controllers_topic_ends_the_motion_and_prevents_enabling() {
     let _controller = Controller::start(4);
     let _process = relay(4, &[]);
     let client = Client::join(4, ArmState::MODE_IDLE);
@@ -365,7 +373,7 @@ fn compliance_becomes_the_controllers_parameters() {
     let answer = setter.call(wanted.clone(), SOON).unwrap();
     assert!(answer.success, "{}", answer.message);
     assert_eq!((controller.stiffness.get(), controller.clip.get()), (1500.0, 0.02));
-    // The bridge lets 2900 N/m pass, this controller does not: nothing of it is set.
+    // The bridge accepts 2900 N/m, this controller does not: it must set none of the values.
     let stiff = SetComplianceRequest { stiffness: [2900.0, 1.0, 1.0, 1.0, 1.0, 1.0], ..wanted.clone() };
     let answer = setter.call(stiff, SOON).unwrap();
     assert!(!answer.success && answer.message.contains("2900"), "{}", answer.message);

@@ -1,4 +1,4 @@
-//! Between wire types and the runner's.
+//! Conversions between messages and the types of the runner.
 
 use crate::runner::{Inputs, Objection, Settings, Step};
 use catenary_core::Keypoints;
@@ -8,12 +8,12 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
 use catenary_shell::{Flaw, Time, convert, stamp};
 
-/// Greatest distance of a quaternion's norm from one.
+/// Tolerated deviation of a quaternion's norm from 1: single precision and rounding to a few digits pass.
 const NORM_TOLERANCE: f64 = 0.01;
 /// Frame of targets and actions.
 const BASE_FRAME: &str = "panda_link0";
 
-/// The newest messages as the runner takes them; times are s since `origin`. Keypoints that make no sense count as none.
+/// Makes the runner's inputs from the newest messages. Times are s since `origin`. Invalid keypoints count as missing.
 pub fn inputs(
     origin: Time,
     now: Time,
@@ -27,18 +27,18 @@ pub fn inputs(
     Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm), objection: None }
 }
 
-/// Refuses keypoints that make no sense.
+/// Checks keypoints.
 ///
 /// # Errors
-/// The field at fault.
+/// [`Flaw`] of the invalid field.
 pub fn check_keypoints(message: &KeypointsMsg) -> Result<(), Flaw> {
     convert::keypoints_from_msg(message).map(drop).map_err(|error| Flaw::new(error.field, error))
 }
 
-/// Refuses poses in another frame, and those that are none.
+/// Checks a pose: frame, finite numbers, unit quaternion.
 ///
 /// # Errors
-/// The property at fault.
+/// [`Flaw`] of the invalid property.
 pub fn check_pose(message: &PoseStamped) -> Result<(), Flaw> {
     let (frame, p, q) = (&message.header.frame_id, &message.pose.position, &message.pose.orientation);
     if frame != BASE_FRAME {
@@ -58,9 +58,9 @@ fn placed(message: &KeypointsMsg) -> Option<Keypoints> {
     convert::keypoints_from_msg(message).inspect_err(|e| tracing::warn!("keypoints: {e}")).ok()
 }
 
-/// Why the arm cannot be commanded.
+/// Returns the reason why the arm cannot be commanded; `None` if it can.
 pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
-    let Some(arm) = arm else { return Some("no arm_state came".to_owned()) };
+    let Some(arm) = arm else { return Some("no arm_state message was received".to_owned()) };
     let why = match arm.mode {
         ArmState::MODE_TRACKING | ArmState::MODE_HOLD => return None,
         ArmState::MODE_IDLE => "it is not enabled",
@@ -72,7 +72,7 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
 }
 
-/// What the gate objects to in the target that it answers.
+/// Returns the gate's objection to the target that it answers; `None` if it took the target unchanged.
 pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
     if !answer.accepted {
         return Some(Objection::Rejected(answer.reason.clone()));
@@ -80,7 +80,7 @@ pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
     (answer.clipped_x || answer.clipped_y || answer.clipped_z).then_some(Objection::Clipped)
 }
 
-/// Settings that a goal asks for, on top of the node's own.
+/// Merges the settings of a goal into the node's own.
 pub fn settings(goal: &RunEpisodeGoal, own: Settings) -> Settings {
     Settings {
         run_all_steps: goal.run_all_steps,
@@ -90,7 +90,7 @@ pub fn settings(goal: &RunEpisodeGoal, own: Settings) -> Settings {
     }
 }
 
-/// What the policy saw.
+/// Makes the message of a step's observation.
 pub fn observation(step: &Step, episode: u32, origin: Time, now: Time) -> Observation {
     let stamped = |s: f64| stamp::to_msg(origin + std::time::Duration::from_secs_f64(s.max(0.0)));
     Observation {
@@ -103,7 +103,7 @@ pub fn observation(step: &Step, episode: u32, origin: Time, now: Time) -> Observ
     }
 }
 
-/// What the policy did.
+/// Makes the message of a step's action, `delta` in m.
 pub fn action(step: &Step, delta: [f64; 2], episode: u32, anchor: DeltaAnchor, now: Time) -> EefDelta {
     EefDelta {
         header: stamp::header(now, BASE_FRAME),
@@ -115,14 +115,15 @@ pub fn action(step: &Step, delta: [f64; 2], episode: u32, anchor: DeltaAnchor, n
     }
 }
 
-/// Where the arm shall go: the target in the plane, with the y and the orientation that `held` has.
+/// Makes the target pose of the arm: x and z from `target_m`, y and orientation from `held`, the pose at the start.
 pub fn target(target_m: [f64; 2], held: &Pose, now: Time) -> PoseStamped {
+    // The policy moves in the plane. y and orientation keep the values of the hand at the start of the episode.
     let mut pose = held.clone();
     (pose.position.x, pose.position.z) = (target_m[0], target_m[1]);
     PoseStamped { header: stamp::header(now, BASE_FRAME), pose }
 }
 
-/// An event of an episode with everything but its kind, reason and counts.
+/// Makes an event of an episode without its kind, reason and counts.
 pub fn event(episode: u32, policy: &catenary_core::Policy, name: &str, seed: u64, now: Time) -> EpisodeEvent {
     EpisodeEvent {
         header: stamp::header(now, ""),
@@ -141,7 +142,7 @@ mod tests {
     use catenary_msgs::geometry_msgs::msg::{Point, Quaternion};
 
     #[test]
-    fn poses_that_no_observation_can_be_made_of_are_refused_by_kind() {
+    fn invalid_poses_are_refused_by_kind() {
         let orientation = Quaternion { x: 1.0, y: 0.0, z: 0.0, w: 0.0 };
         let pose = Pose { position: Point { x: 0.4, y: 0.0, z: 0.4 }, orientation };
         let good = PoseStamped { header: stamp::header(Time::from_nanos(5), BASE_FRAME), pose };
@@ -157,8 +158,8 @@ mod tests {
     }
 
     #[test]
-    fn a_target_keeps_the_y_and_the_whole_orientation_of_the_hand() {
-        // Half a turn about x, as the hand points down, and 0.25 rad of yaw.
+    fn a_target_keeps_y_and_orientation_of_the_hand() {
+        // Half a turn about x, because the hand points down, and 0.25 rad of yaw.
         let orientation = Quaternion { x: 0.992_198, y: 0.124_675, z: 0.0, w: 0.0 };
         let held = Pose { position: Point { x: 0.4, y: 0.03, z: 0.42 }, orientation: orientation.clone() };
         let target = target([0.45, 0.38], &held, Time::from_nanos(5));

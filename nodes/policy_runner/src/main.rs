@@ -1,4 +1,4 @@
-//! The policy runner's executable.
+//! Executable of the node `policy_runner`.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! The node: an action that runs one episode at a time.
+//! Node with an action that runs one episode at a time.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
 use crate::convert;
@@ -19,13 +19,15 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, SystemTime};
 
-/// Time in which the arm must answer that it is enabled, and then say so.
+/// Timeout of the answer to an enable request. The wait for the enabled state afterwards has the same timeout. It is longer
+/// than the discovery of a new server takes.
 const ENABLE: Duration = Duration::from_secs(3);
-/// Answers to targets that are kept until they are looked at.
+/// Capacity of the queue of answers to targets: far more than one step needs.
 const ANSWERS: usize = 100;
-/// Silence of a topic within an episode that counts as a fault; an episode ends after a patience of 1 s by default.
+/// Silence of a topic, within an episode, that is reported as an error. Shorter than the default patience of 1 s, after which
+/// the episode ends.
 const SILENCE: Duration = Duration::from_millis(500);
-/// Longest uninterrupted wait, so that an episode ends soon that is cancelled or whose arm refuses.
+/// Maximum uninterrupted wait within a step: a cancelled episode, or one whose arm refuses, ends within it.
 const NAP: Duration = Duration::from_millis(20);
 
 /// Runs the node from the arguments after the program's name.
@@ -33,7 +35,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("policy_runner", args, run)
 }
 
-/// What the node reads, publishes and calls.
+/// Parameters and endpoints of the node.
 struct Shell {
     node: Node,
     model_file: Param<String>,
@@ -48,7 +50,7 @@ struct Shell {
     observation: Publisher<Observation>,
     event: Publisher<EpisodeEvent>,
     enable: Client<SetBool>,
-    /// Counters of the topics that an episode needs.
+    /// Intakes of the topics that an episode needs.
     needed: [Intake; 4],
     episodes: AtomicU32,
 }
@@ -62,7 +64,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     )?;
     let age = ParamSpec::new("Oldest keypoints and pose that an observation may use; smaller acts on fresher data.");
     let max_age_s = builder.declare_f64("max_age_s", defaults.max_age_s, age.unit("s").range(0.001..=10.0))?;
-    let patience = ParamSpec::new("Time after a step was due until the episode is given up for want of fresh data.");
+    let patience = ParamSpec::new("Time that a due step waits for fresh data before the episode is aborted.");
     let patience_s = builder.declare_f64("patience_s", defaults.patience_s, patience.unit("s").range(0.0..=60.0))?;
     let node = builder.build()?;
     let needed = intakes(&node)?;
@@ -96,6 +98,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
         node: node.clone(),
     };
+    // Read once at the start, so that a wrong model file fails at once and not with the first episode.
     shell.judge().map_err(Misconfigured::new)?;
     node.report_diagnostics(|_| {})?;
     let _server = node.serve_action::<RunEpisode>(
@@ -107,7 +110,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-/// Counters of the keypoints, the pose, the arm's state and the answers to targets.
+/// Creates the intakes of keypoints, pose, arm state and answers to targets.
 fn intakes(node: &Node) -> Result<[Intake; 4]> {
     let [keypoints, pose, arm] = [contract::KEYPOINTS, contract::CURRENT_POSE, contract::ARM_STATE];
     let answers = contract::ACCEPTED_TARGET;
@@ -116,12 +119,12 @@ fn intakes(node: &Node) -> Result<[Intake; 4]> {
         node.intake::<Keypoints>(keypoints.name, keypoints.qos, names("keypoints", "keypoints"), SILENCE)?,
         node.intake::<PoseStamped>(pose.name, pose.qos, names("pose", "poses"), SILENCE)?,
         node.intake::<ArmState>(arm.name, arm.qos, names("arm_state", "arm_states"), SILENCE)?,
-        // Answers come at the pace of the policy, and not at all while the episode ends.
+        // No timeout: answers follow the policy's steps, and none comes while the episode ends.
         node.intake::<AcceptedTarget>(answers.name, answers.qos, names("answer", "answers"), Duration::MAX)?,
     ])
 }
 
-/// Doubts the stamps that an observation cannot use at an age limit in s.
+/// Returns a function that reports stamps too old for an observation. Its second argument is the age limit, s.
 fn doubter(intake: &Intake) -> impl FnMut(&Stamp, f64) + Send + use<> {
     let (intake, mut check) = (intake.clone(), StampCheck::new(Duration::ZERO));
     move |newest, limit_s| {
@@ -131,7 +134,7 @@ fn doubter(intake: &Intake) -> impl FnMut(&Stamp, f64) + Send + use<> {
 }
 
 impl Shell {
-    /// The judge of the model file's task, read anew for each episode: the parameter may change between two.
+    /// Reads the judge of the model file's task. Each episode reads it again: the parameter may have changed.
     fn judge(&self) -> Result<Judge> {
         let path = self.model_file.get();
         anyhow::ensure!(
@@ -146,6 +149,7 @@ impl Shell {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
         tracing::info!("episode {episode}: run_episode, asked for by {}", handle.requester());
         match self.episode(handle, episode).inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
+            // `End::Complete` marks a cancelled episode; see `episode`.
             Ok((End::Complete, result)) => Outcome::Canceled(result),
             Ok((_, result)) => Outcome::Succeeded(result),
             Err(error) => {
@@ -159,13 +163,14 @@ impl Shell {
         }
     }
 
-    /// Runs one episode; [`End::Complete`] stands for a cancelled one.
+    /// Runs one episode. [`End::Complete`] stands for a cancelled episode.
     fn episode(&self, handle: &GoalHandle<RunEpisode>, episode: u32) -> Result<(End, RunEpisodeResult)> {
         let goal = handle.goal();
         let policy = Policy::from_bytes(&goal.policy)?;
         let own =
             Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
         let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
+        // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;
         let origin = self.node.now();
@@ -192,7 +197,7 @@ impl Shell {
         Ok((end.unwrap_or(End::Complete), result))
     }
 
-    /// Steps until the end; none: cancelled.
+    /// Runs the steps of an episode. Returns its end, or `None` if it was cancelled.
     fn steps(
         &self,
         handle: &GoalHandle<RunEpisode>,
@@ -207,6 +212,8 @@ impl Shell {
             match runner.turn(&inputs) {
                 Turn::Wait(until_s) => {
                     let until = origin + Duration::from_secs_f64(until_s.max(0.0));
+                    // The wait is limited to `NAP`, because the node's clock may be simulated and faster than the wall
+                    // clock.
                     if handle.wait_cancelled(until.saturating_since(self.node.now()).min(NAP)) {
                         return Ok(None);
                     }
@@ -237,14 +244,15 @@ impl Shell {
         )
     }
 
-    /// What the gate objects to in the target with this stamp, as far as it has answered.
+    /// Returns the gate's objection to the target with this stamp; `None` if it has none or has not answered yet.
     fn objection(&self, sent: Option<&Stamp>) -> Option<Objection> {
         let answers = std::iter::from_fn(|| self.answers.try_next());
+        // Answers to targets of earlier steps, or of other publishers, are not about this step.
         let own = answers.filter(|answer| Some(&answer.message.header.stamp) == sent);
         own.filter_map(|answer| convert::objection(&answer.message)).last()
     }
 
-    /// Tells a step; gives the stamp of its target, where it has one.
+    /// Publishes a step. Returns the stamp of its target, if it has one.
     fn publish(&self, step: &Step, runner: &Runner, episode: u32, origin: Time, held: &Pose) -> Result<Option<Stamp>> {
         let now = self.node.now();
         self.observation.publish(convert::observation(step, episode, origin, now))?;
@@ -267,12 +275,12 @@ impl Shell {
         });
     }
 
-    /// Enables the arm and waits until it says that it can be commanded.
+    /// Enables the arm, and waits until its state says that it can be commanded.
     fn enable_arm(&self) -> Result<()> {
-        // Only what moves an arm: to stop several is no fault.
+        // Exactly one server is required to enable an arm. Disabling does not check this: it may reach several arms.
         self.enable.ensure_one_server()?;
         let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE).inspect_err(|error| {
-            // It was asked, and may do it later.
+            // A request that timed out may still be carried out later.
             if !matches!(error, CallError::NoServer { .. } | CallError::Ambiguous { .. }) {
                 self.disable_arm();
             }
@@ -281,8 +289,8 @@ impl Shell {
         self.wait_enabled().inspect_err(|_| self.disable_arm())
     }
 
-    /// Stops the arm where it is. However an episode ends, its last target may still be ahead of the arm, and nobody
-    /// watches over whoever sends the next.
+    /// Stops the arm where it is. The last target of an episode may still be ahead of the arm, however the episode ended.
+    /// An arm that stays enabled after the episode would follow the next publisher of targets without a silence timeout.
     fn disable_arm(&self) {
         match self.enable.call(SetBoolRequest { data: false }, ENABLE) {
             Ok(answer) if answer.success => {}

@@ -1,9 +1,10 @@
-//! Numbers of episodes.
+//! Numbering of episodes.
 
 use std::time::SystemTime;
 
-/// Number of the first episode of a node that is started at `wall`: the seconds since 1970, so that a node that is started
-/// again repeats no number of a recording or of a listener's memory. Seconds pass faster than episodes can be run.
+/// Returns the number of the first episode of a node that is started at `wall`: the seconds since 1970.
+///
+/// A restarted node therefore repeats no number of an earlier recording: an episode takes longer than a second.
 #[must_use]
 pub fn first_episode(wall: SystemTime) -> u32 {
     wall.duration_since(SystemTime::UNIX_EPOCH).map_or(1, |since| since.as_secs() as u32).max(1)
@@ -15,7 +16,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn a_node_that_is_started_again_repeats_no_number() {
+    fn a_restarted_node_repeats_no_number() {
         let started = SystemTime::UNIX_EPOCH + Duration::from_secs(1_750_000_000);
         let first = first_episode(started);
         let episodes = 20;

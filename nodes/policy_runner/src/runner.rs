@@ -1,6 +1,6 @@
-//! The state machine of one episode.
+//! State machine of one episode.
 
-use catenary_core::task::{DeltaAnchor, Judge, Moment, Verdict};
+use catenary_core::task::{Judge, Moment, Verdict};
 use catenary_core::track::End;
 use catenary_core::{GripPose, Keypoints, Observation, Policy, seed};
 use rand::RngExt;
@@ -8,153 +8,154 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use thiserror::Error;
 
-/// What an episode needs besides the policy and the task.
+/// Settings of an episode besides the policy and the task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Oldest keypoints and pose that an observation may use, s, and how far their stamps may lie ahead. Larger tolerates
-    /// slower perception and clocks that differ more; smaller acts on fresher data.
+    /// Maximum age of keypoints and pose in an observation, s. Their stamps may also be this far ahead. A larger value tolerates
+    /// slower perception and clocks that differ more; a smaller one acts on fresher data.
     pub max_age_s: f64,
-    /// Time after a step was due until the episode is given up for want of fresh data, s.
+    /// Time after a due step at which the episode is aborted for lack of fresh data, s.
     pub patience_s: f64,
-    /// Go on to the step limit after the goal was reached.
+    /// Continue to the step limit after the goal is reached.
     pub run_all_steps: bool,
-    /// Sample actions from the policy's Gaussian, with this seed; none: take its mean.
+    /// Seed for actions sampled from the policy's Gaussian; `None`: the mean action.
     pub stochastic_seed: Option<u64>,
-    /// Step limit; none: the policy's own.
+    /// Step limit; `None`: the policy's own.
     pub max_steps: Option<usize>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
+        // Chosen: 0.15 s are nine camera frames at 60 Hz.
         Self { max_age_s: 0.15, patience_s: 1.0, run_all_steps: false, stochastic_seed: None, max_steps: None }
     }
 }
 
-/// Why no episode can begin.
+/// Reason why an episode cannot begin.
 #[derive(Debug, Error, PartialEq)]
 pub enum RunnerError {
-    /// The policy was trained for another meaning of a delta, or another pace.
+    /// Policy trained for another delta anchor or another step period than the task's.
     #[error(
         "policy `{policy}`: `{field}` is {got}, the task has {expected}: a delta would not mean what it meant in training"
     )]
     Contract {
         /// Name of the policy.
         policy: String,
-        /// The field.
+        /// Name of the field.
         field: &'static str,
-        /// The task's value.
+        /// Value of the task.
         expected: String,
-        /// The policy's value.
+        /// Value of the policy.
         got: String,
     },
-    /// The policy would go on beyond the task's end.
+    /// Policy with more steps than the task.
     #[error("policy `{policy}`: `steps` is {got}, the task ends after {most}")]
     TooLong {
         /// Name of the policy.
         policy: String,
-        /// The task's step limit.
+        /// Step limit of the task.
         most: usize,
-        /// The policy's.
+        /// Step limit of the policy.
         got: usize,
     },
-    /// A limit of no steps.
+    /// Step limit of zero.
     #[error("an episode needs at least one step")]
     NoSteps,
 }
 
-/// Why an episode was given up.
+/// Reason of an aborted episode.
 #[derive(Debug, Clone, Error, PartialEq)]
 pub enum Fault {
-    /// The arm cannot be commanded.
+    /// Arm that cannot be commanded.
     #[error("the arm refuses commands: {0}")]
     Arm(String),
-    /// The arm did not take the target.
+    /// Target that the arm rejected.
     #[error("the arm rejected the target of step {step}: {why}")]
     Rejected {
-        /// The step.
+        /// Number of the step.
         step: usize,
-        /// Why.
+        /// Reason of the arm.
         why: String,
     },
-    /// No fresh data in time.
+    /// Missing fresh data.
     #[error("no fresh {what} within {patience_s} s of step {step}: {detail}")]
     Stale {
-        /// What was missing.
+        /// Kind of the missing data.
         what: &'static str,
-        /// The step that was due.
+        /// Number of the due step.
         step: usize,
-        /// How long was waited, s.
+        /// Time waited, s.
         patience_s: f64,
-        /// What there was.
+        /// State of the newest data.
         detail: String,
     },
-    /// The end effector is outside the workspace before the first action.
+    /// End effector outside the workspace before the first action: x and z, m.
     #[error("the end effector is at x {0} m, z {1} m, outside the workspace: move it to the start first")]
     Outside(f64, f64),
-    /// The policy gave no finite action.
-    #[error("the policy gave the action {0:?} at step {1}")]
+    /// Action that is not finite, and the number of its step.
+    #[error("the policy gave an action that is not finite at step {1}: {0:?}")]
     Action([f64; 2], usize),
 }
 
-/// What the arm's gate objects to in a target.
+/// Objection of the arm's gate to a target.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Objection {
-    /// It lay outside the gate's workspace and was clamped.
+    /// Target outside the gate's workspace, clamped to it.
     Clipped,
-    /// It was rejected for this reason: the arm keeps the target before.
+    /// Rejected target, with the reason. The arm keeps the previous target.
     Rejected(String),
 }
 
-/// What is known at one moment. Times are s of one clock.
+/// Inputs of one turn. Times are s of one clock.
 #[derive(Debug, Clone, Default)]
 pub struct Inputs {
-    /// The present time.
+    /// Present time.
     pub now_s: f64,
-    /// The newest keypoints and their stamp.
+    /// Stamp and value of the newest keypoints.
     pub keypoints: Option<(f64, Keypoints)>,
-    /// The newest pose of the end effector and its stamp.
+    /// Stamp and value of the newest pose of the end effector.
     pub pose: Option<(f64, GripPose)>,
-    /// Why the arm cannot be commanded; none: it can.
+    /// Reason why the arm cannot be commanded; `None` if it can.
     pub arm_fault: Option<String>,
-    /// What is objected to in the last target, once it is known.
+    /// Objection to the last target, if one is known.
     pub objection: Option<Objection>,
 }
 
-/// One step: an observation, and the action that follows it unless the episode ended with it.
+/// Step: an observation and, unless the step ends the episode, the action that follows the observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// Number of the observation, from 0; the last one follows the last action.
+    /// Number of the observation, from 0; the last observation follows the last action.
     pub index: usize,
-    /// What the policy saw.
+    /// Observation of the policy.
     pub observation: Observation,
-    /// Stamps of the keypoints and of the pose that it was made of, s.
+    /// Stamps of the keypoints and of the pose in the observation, s.
     pub stamps_s: [f64; 2],
-    /// What the action before was worth; none at the first observation.
+    /// Reward of the previous action; `None` at the first observation.
     pub reward: Option<f64>,
-    /// The action (dx, dz) in m and the target (x, z) in m of the end effector; none after the last observation.
+    /// Action (dx, dz) and target (x, z) of the end effector, m; `None` after the last observation.
     pub action: Option<([f64; 2], [f64; 2])>,
-    /// Why the episode ended, where it did.
+    /// End of the episode, if this step ends it.
     pub end: Option<End>,
 }
 
-/// What is to be done now.
+/// Outcome of one turn.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Turn {
-    /// Nothing before this time, s: either the next step is not due or fresh data have not come.
+    /// Nothing to do before this time, s: the next step is not due, or fresh data are missing.
     Wait(f64),
-    /// A step.
+    /// Step to publish.
     Step(Box<Step>),
-    /// The episode is given up.
+    /// Abort of the episode.
     Fault(Fault),
 }
 
-/// Share of a period by which a step may be late without delaying those after it, so that small delays do not add up. An
-/// action needs its period to take effect, so none is made up for.
+/// Delay of a step, as a share of the period, that does not shift the later steps: small delays do not add up. A longer delay
+/// shifts them, because an action needs its whole period to take effect. Chosen.
 const LATE: f64 = 0.1;
-/// How often fresh data are looked for once a step is due, s.
+/// Polling period for fresh data once a step is due, s: a few polls per camera frame.
 const RETRY_S: f64 = 0.005;
 
-/// The state of an episode.
+/// State of an episode.
 pub struct Runner {
     policy: Policy,
     judge: Judge,
@@ -171,7 +172,10 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// An episode of `policy` on the task of `judge`, to begin with the first turn.
+    /// Creates an episode of `policy` on the task of `judge`. It begins with the first turn.
+    ///
+    /// # Errors
+    /// [`RunnerError`]: a policy that does not fit the task, a step limit of zero.
     pub fn new(policy: Policy, judge: Judge, settings: Settings) -> Result<Self, RunnerError> {
         let task = judge.task();
         let contract = |field, expected: String, got: String| RunnerError::Contract {
@@ -213,24 +217,26 @@ impl Runner {
         })
     }
 
-    /// Rewards of the steps so far.
+    /// Returns the rewards of the steps so far.
     pub fn rewards(&self) -> &[f64] {
         &self.rewards
     }
 
-    /// Why the episode ended, where it did.
+    /// Returns the end of the episode, if it has ended.
     pub fn end(&self) -> Option<End> {
         self.end
     }
 
-    /// The policy that runs.
+    /// Returns the policy.
     pub fn policy(&self) -> &Policy {
         &self.policy
     }
 
-    /// Decides what to do at `inputs.now_s`.
+    /// Decides the next action at `inputs.now_s`.
     pub fn turn(&mut self, inputs: &Inputs) -> Turn {
+        // The first turn begins the episode: step 0 is due at once.
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
+        // Checked in every turn, also between two steps: an arm that stopped must not wait for the next step.
         if let Some(fault) = &inputs.arm_fault {
             return Turn::Fault(Fault::Arm(fault.clone()));
         }
@@ -256,12 +262,15 @@ impl Runner {
                 let (step, patience_s) = (self.next_step, self.settings.patience_s);
                 Turn::Fault(Fault::Stale { what, step, patience_s, detail })
             }
+            // The due time is not changed. The step is made once fresh data arrive.
             Err(_) => Turn::Wait(inputs.now_s + RETRY_S),
         }
     }
 
-    /// Puts the observation together, or says what is missing. Data from before the step was due count as fresh within
-    /// the age limit.
+    /// Assembles the observation. Data from before the due time count as fresh within the age limit.
+    ///
+    /// # Errors
+    /// Kind of the missing data, and their state.
     fn observe(&mut self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
         let oldest_s = inputs.now_s.max(due_s) - self.settings.max_age_s;
         let newest_s = inputs.now_s + self.settings.max_age_s;
@@ -277,6 +286,7 @@ impl Runner {
         if !keypoints.dlo_seen() {
             return Err(("keypoints", "the object is not seen".to_owned()));
         }
+        // The target does not move, so an occluded one keeps its last position.
         if let Some(target) = keypoints.target_scaled() {
             self.last_seen_target = Some(target);
         }
@@ -287,7 +297,8 @@ impl Runner {
     fn step(&mut self, observation: Observation, stamps_s: [f64; 2]) -> Turn {
         let index = self.next_step;
         let [x, z] = observation.eef_m();
-        let outside = !self.judge.task().workspace.contains(x, 0.0, z);
+        let outside = !self.judge.task().allows([x, z]);
+        // An episode that begins outside would end with a penalty that no action has earned.
         if outside && index == 0 {
             return Turn::Fault(Fault::Outside(x, z));
         }
@@ -297,7 +308,7 @@ impl Runner {
         let reward = verdict.map(|v| v.reward);
         self.rewards.extend(reward);
         self.end = match verdict {
-            // Asked to run all steps, the episode goes on after a success.
+            // With `run_all_steps` the episode continues after a success.
             Some(Verdict { end: Some(End::Success), .. }) if self.settings.run_all_steps && !is_last => None,
             Some(Verdict { end: Some(end), .. }) => Some(end),
             _ if is_last => Some(self.end_at_limit()),
@@ -313,7 +324,7 @@ impl Runner {
         Turn::Step(Box::new(Step { index, observation, stamps_s, reward, action, end: self.end }))
     }
 
-    /// An episode that ran all its steps ends as a success where it reached the goal on its way.
+    /// Returns the end of an episode that ran all its steps: a success if it reached the goal at any step.
     fn end_at_limit(&self) -> End {
         let reached = self.rewards.iter().any(|r| *r >= self.judge.task().success_reward);
         if reached { End::Success } else { End::StepLimit }
@@ -328,12 +339,9 @@ impl Runner {
             }
         };
         let measured = observation.eef_m();
-        let anchor = match self.judge.task().delta_anchor {
-            DeltaAnchor::Measured => measured,
-            DeltaAnchor::LastTarget => self.last_target_m.unwrap_or(measured),
-        };
-        let target = [anchor[0] + delta[0], anchor[1] + delta[1]];
-        self.target_left_workspace = !self.judge.task().workspace.contains(target[0], 0.0, target[1]);
+        let last_target = self.last_target_m.unwrap_or(measured);
+        let target = self.judge.task().delta_anchor.target_m(delta, measured, last_target, 0.0);
+        self.target_left_workspace = !self.judge.task().allows(target);
         self.last_target_m = Some(target);
         (delta, target)
     }

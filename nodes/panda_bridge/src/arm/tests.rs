@@ -1,13 +1,12 @@
 use super::*;
 
-/// An arm that covers `follows` of the way to its target in each 20 ms.
+/// Arm that covers the share `follows` of the remaining distance to its target in each step of 20 ms.
 struct Lag {
     time_s: f64,
     at: ArmPose,
     target: Option<ArmPose>,
     follows: f64,
     orders: Vec<Order>,
-    unready: Option<String>,
     age_s: f64,
 }
 
@@ -24,10 +23,6 @@ impl Plant for Lag {
         self.age_s
     }
 
-    fn unready(&self) -> Option<String> {
-        self.unready.clone()
-    }
-
     fn obey(&mut self, order: &Order) {
         self.target = match order {
             Order::Target(pose) | Order::Hold(pose) => Some(*pose),
@@ -42,19 +37,19 @@ fn pose(x_m: f64) -> ArmPose {
 }
 
 fn arm(follows: f64) -> Arm<Lag> {
-    let plant =
-        Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), unready: None, age_s: 0.0 };
+    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), age_s: 0.0 };
     let settings =
         ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
     Arm::new(plant, settings)
 }
 
-/// One publisher of targets, and no other arm.
-fn alone() -> Rivals {
-    Rivals { publishers: vec!["/policy_runner".to_owned()], ..Rivals::default() }
+/// Graph with one publisher of targets and no other arm.
+fn alone() -> Surroundings {
+    let rivals = Rivals { publishers: vec!["/policy_runner".to_owned()], ..Rivals::default() };
+    Surroundings { rivals, unready: None }
 }
 
-/// Runs for a time of the arm, or until the move has ended.
+/// Runs for `duration_s` of the plant's time, or until the move has ended.
 fn run(arm: &mut Arm<Lag>, duration_s: f64) -> Progress {
     let end_s = arm.plant().time_s + duration_s;
     loop {
@@ -80,7 +75,7 @@ fn a_move_arrives_and_settles_at_the_start_pose() {
     a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     assert_eq!(a.mode(), Mode::Moving);
     assert_eq!(run(&mut a, 60.0), Progress::Arrived);
-    // A minimum-jerk way of 0.25 m with a peak of 0.15 m/s takes 3.1 s, and it settles for one.
+    // A minimum-jerk path of 0.25 m with a peak speed of 0.15 m/s takes 1.875 * 0.25 / 0.15 = 3.125 s; the rest takes 1 s.
     assert!((a.plant().time_s - 10.0 - 3.125 - 1.0).abs() < 0.1, "{} s", a.plant().time_s - 10.0);
     assert!(a.plant().at.distance_m(&pose(0.55)) < 1e-3);
     assert_eq!((a.mode(), a.target()), (Mode::Idle, Some(pose(0.55))), "nobody enabled it");
@@ -88,13 +83,15 @@ fn a_move_arrives_and_settles_at_the_start_pose() {
 }
 
 #[test]
-fn the_way_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
+fn the_path_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
+    // 1 % of the distance in 20 ms: far too slow for the 0.5 m/s of the path.
     let mut a = arm(0.01);
     a.begin_move(&alone(), None, 0.5, 8.0, false).unwrap();
     assert_eq!(run(&mut a, 60.0), Progress::Arrived);
     let mut at = pose(0.3);
     for order in &a.plant().orders {
         let Order::Target(target) = order else { continue };
+        // 0.1 m is the gate's default `max_jump_m`.
         assert!(target.distance_m(&at) <= 0.1 + 1e-9, "{target:?} with the arm at {at:?}");
         at.position_m[0] += 0.01 * (target.position_m[0] - at.position_m[0]);
     }
@@ -106,6 +103,7 @@ fn a_step_of_the_clock_does_not_make_the_target_jump() {
     a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     run(&mut a, 0.5);
     let before = a.plant().target.unwrap();
+    // An hour forward, then two back: a clock that is set.
     a.plant_mut().time_s += 3600.0;
     a.steer();
     assert!(a.plant().target.unwrap().distance_m(&before) <= 0.1);
@@ -144,22 +142,23 @@ fn hold_reflex_and_a_lost_arm_end_a_move() {
 }
 
 #[test]
-fn a_move_ends_where_somebody_else_takes_the_controller() {
+fn a_move_ends_when_another_node_takes_the_controller() {
     let mut a = arm(0.2);
     a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
     run(&mut a, 1.0);
     assert_eq!(a.recheck(&alone()), None);
-    a.plant_mut().unready = Some("1 more on /target_pose".to_owned());
-    assert_eq!(a.recheck(&alone()), Some("1 more on /target_pose"));
+    let taken = Surroundings { unready: Some("1 more on /target_pose".to_owned()), ..alone() };
+    assert_eq!(a.recheck(&taken), Some("1 more on /target_pose"));
     assert_eq!(a.plant().orders.last(), Some(&Order::End));
     assert_eq!(run(&mut a, 1.0), Progress::Stopped("1 more on /target_pose".to_owned()));
 }
 
 #[test]
-fn a_move_begins_only_where_enabling_would() {
+fn a_move_begins_only_under_the_conditions_of_enabling() {
     let mut a = arm(0.2);
-    let beside = Rivals { publishers: vec!["/a".to_owned(), "/b".to_owned()], ..Rivals::default() };
-    let refused = Err(ArmError::Refused(Refusal::Publishers(beside.publishers.clone())));
+    let publishers = vec!["/a".to_owned(), "/b".to_owned()];
+    let refused = Err(ArmError::Refused(Refusal::Publishers(publishers.clone())));
+    let beside = Surroundings { rivals: Rivals { publishers, ..Rivals::default() }, unready: None };
     assert_eq!(a.begin_move(&beside, None, 0.15, 1.0, false), refused);
     assert_eq!(a.enable(&beside, false), refused);
     a.plant_mut().age_s = 0.4;
@@ -170,7 +169,7 @@ fn a_move_begins_only_where_enabling_would() {
 }
 
 #[test]
-fn moves_that_make_no_sense_are_refused() {
+fn invalid_moves_are_refused() {
     let mut a = arm(0.2);
     assert_eq!(a.begin_move(&alone(), Some(pose(0.7)), 0.15, 1.0, false), Err(ArmError::Outside([0.7, 0.0, 0.3])));
     assert!(matches!(a.begin_move(&alone(), Some(pose(f64::NAN)), 0.15, 1.0, false), Err(ArmError::NoPose(_))));

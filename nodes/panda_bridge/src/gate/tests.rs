@@ -1,4 +1,4 @@
-//! One test for each rule.
+//! Tests of the gate, one per rule.
 
 use super::*;
 
@@ -10,13 +10,13 @@ fn command(x: f64) -> Command {
     Command { age_s: 0.01, simulated_time: false, frame_id: BASE_FRAME.into(), pose: pose(x) }
 }
 
-/// A gate in an episode, enabled and at x = 0.4 m.
-/// A graph with so many publishers of targets.
+/// Graph with this number of publishers of targets.
 fn rivals(publishers: usize) -> Rivals {
     let publishers = ["/policy_runner", "/stranger"].into_iter().take(publishers).map(str::to_owned).collect();
     Rivals { publishers, ..Rivals::default() }
 }
 
+/// Gate in an episode, enabled, with the arm measured at x = 0.4 m.
 fn gate() -> SafetyGate {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
@@ -105,7 +105,7 @@ fn a_publisher_that_comes_later_ends_the_motion() {
 }
 
 #[test]
-fn beside_another_arm_of_its_names_it_neither_enables_nor_moves_and_says_which() {
+fn beside_another_arm_of_the_same_names_it_neither_enables_nor_moves_and_names_that_arm() {
     let lab_arm = vec!["/lab_arm (process 7)".to_owned()];
     let serving = Rivals { servers: lab_arm.clone(), ..Rivals::default() };
     let telling = Rivals { arms: lab_arm, ..Rivals::default() };
@@ -136,6 +136,7 @@ fn silence_in_an_episode_holds_at_the_measured_pose_and_then_ends_the_motion() {
     g.on_command(&command(0.45), 10.0);
     g.on_measured(pose(0.43));
     assert_eq!(g.tick(10.2), None);
+    // The defaults hold after 0.25 s and end the motion after 2 s.
     assert_eq!(g.tick(10.26), Some(Order::Hold(pose(0.43))));
     assert_eq!((g.mode(), g.target()), (Mode::Hold, Some(pose(0.43))));
     assert_eq!(g.tick(11.9), None);
@@ -148,12 +149,13 @@ fn a_slow_policy_is_not_silent_between_its_steps() {
     let mut g = gate();
     g.on_episode_started(0.5, 9.0).unwrap();
     g.on_command(&command(0.45), 10.0);
+    // 1.5 steps of 0.5 s are 0.75 s, more than the 0.25 s of quick policies.
     assert_eq!(g.tick(10.6), None);
     assert!(g.tick(10.76).is_some());
 }
 
 #[test]
-fn an_episode_whose_beginning_comes_after_its_first_target_is_watched() {
+fn an_episode_announced_after_its_first_target_is_watched() {
     let mut g = gate();
     g.on_command(&command(0.45), 10.0);
     g.on_episode_started(0.1, 10.001).unwrap();
@@ -169,7 +171,7 @@ fn an_episode_without_a_target_ends_the_motion() {
 }
 
 #[test]
-fn no_step_period_turns_the_watch_off() {
+fn no_step_period_disables_the_silence_timeout() {
     for period_s in [f64::INFINITY, f64::NAN, -1.0, 0.0, 1e9, 2.1] {
         let mut g = gate();
         assert!(g.on_episode_started(period_s, 9.0).is_err(), "{period_s}");
@@ -253,7 +255,7 @@ fn a_reflex_latches_until_it_is_recovered_and_recovery_seeds_from_the_measured_p
 }
 
 #[test]
-fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
+fn hold_and_recovery_send_no_unnecessary_order() {
     let mut g = SafetyGate::new(GateSettings::default(), true);
     g.on_measured(pose(0.4));
     assert_eq!((g.on_hold(), g.on_recovery()), (Ok(None), Ok(None)), "an idle arm is nobody's");
@@ -273,9 +275,10 @@ fn hold_and_recovery_move_nothing_that_they_do_not_have_to() {
 }
 
 #[test]
-fn an_arm_that_is_pushed_or_blocked_is_not_led_back() {
+fn an_arm_that_is_pushed_or_blocked_is_latched() {
     let mut g = gate();
     g.on_command(&command(0.45), 10.0);
+    // A deviation of 0.14 m, then one of 0.16 m: the limit is 1.5 times 0.1 m.
     g.on_measured(pose(0.31));
     assert_eq!(g.tick(10.1), None, "a lag");
     g.on_measured(pose(0.29));
@@ -289,7 +292,7 @@ fn an_arm_that_is_pushed_or_blocked_is_not_led_back() {
 }
 
 #[test]
-fn a_user_stop_latches_beyond_its_release() {
+fn a_user_stop_stays_latched_after_its_release() {
     let mut g = gate();
     g.on_user_stop(true);
     assert_eq!(g.on_recovery(), Err(Refusal::StillStopped));
@@ -312,7 +315,7 @@ fn a_replay_does_not_reach_a_real_arm_unless_allowed() {
 }
 
 #[test]
-fn an_enabled_arm_takes_no_target_once_time_comes_from_a_replay() {
+fn an_enabled_arm_accepts_no_target_when_time_comes_from_a_replay() {
     let replayed = Command { simulated_time: true, ..command(0.42) };
     assert_eq!(rejected(&mut gate(), &replayed), Rejection::Replay);
     let mut g = SafetyGate::new(GateSettings::default(), false);
@@ -322,7 +325,7 @@ fn an_enabled_arm_takes_no_target_once_time_comes_from_a_replay() {
 }
 
 #[test]
-fn a_move_to_the_start_shuts_targets_out_and_an_enabled_arm_holds_after_it() {
+fn a_move_to_the_start_rejects_targets_and_an_enabled_arm_holds_after_it() {
     let mut g = gate();
     g.on_move_begins(&rivals(1), false).unwrap();
     assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
@@ -357,7 +360,7 @@ fn a_lost_arm_refuses_everything_and_comes_back_idle() {
 }
 
 #[test]
-fn what_is_latched_outlives_the_connection() {
+fn latched_stops_outlive_the_connection() {
     let mut g = gate();
     g.on_reflex("contact");
     g.on_connection(false);

@@ -1,133 +1,135 @@
-//! What goes into the gate and what comes out of it.
+//! Inputs and outputs of the gate.
 
-use super::BASE_FRAME;
 use crate::pose::ArmPose;
 use thiserror::Error;
 
-/// What the arm is doing.
+/// Frame of commands.
+pub const BASE_FRAME: &str = "panda_link0";
+
+/// Mode of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Not enabled: targets are rejected.
     Idle,
     /// Following targets.
     Tracking,
-    /// Holding the measured pose; a good target makes it track again.
+    /// Holding the measured pose; an accepted target makes it track again.
     Hold,
-    /// On its way to the start pose.
+    /// Moving to the start pose.
     Moving,
-    /// A reflex or a contact is latched.
+    /// Latched reflex or contact.
     Reflex,
-    /// The user stop is latched.
+    /// Latched user stop.
     UserStop,
-    /// No arm.
+    /// No connection to the arm.
     Disconnected,
 }
 
-/// One command.
+/// Command with a target pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Command {
-    /// Time since its stamp, s; negative where that lies ahead. NaN where it has none.
+    /// Time since the stamp of the command, s; negative for a stamp in the future, NaN without a stamp.
     pub age_s: f64,
-    /// Whether its age was told by `/clock`, as in a replay or a simulation.
+    /// True if the age was measured with `/clock`, as in a replay or a simulation.
     pub simulated_time: bool,
-    /// The frame that its pose is in.
+    /// Frame of the pose.
     pub frame_id: String,
-    /// The pose wanted.
+    /// Target pose.
     pub pose: ArmPose,
 }
 
 /// Axes along which a command was clamped to the workspace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Clip {
-    /// x.
+    /// Clamped along x.
     pub x: bool,
-    /// y.
+    /// Clamped along y.
     pub y: bool,
-    /// z.
+    /// Clamped along z.
     pub z: bool,
 }
 
 impl Clip {
-    /// Whether any axis was clamped.
+    /// Returns true if any axis was clamped.
     pub fn any(self) -> bool {
         self.x || self.y || self.z
     }
 }
 
-/// What became of a command.
+/// Outcome of a command.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// The arm goes to `pose`, which lies inside the workspace.
+    /// Accepted: `pose`, inside the workspace, is the new target.
     Accepted {
-        /// The pose in force.
+        /// Target in force.
         pose: ArmPose,
-        /// Where it was clamped.
+        /// Axes along which it was clamped.
         clip: Clip,
     },
-    /// The arm keeps its last target.
+    /// Rejected: the previous target stays in force.
     Rejected(Rejection),
 }
 
-/// Why a command was rejected.
+/// Reason of a rejected command.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Rejection {
-    /// NaN or infinity.
+    /// NaN or infinity in the pose.
     #[error("the pose is not finite")]
     NotFinite,
-    /// A quaternion that is none.
-    #[error("the quaternion has not unit norm")]
+    /// Quaternion without unit norm.
+    #[error("expected a quaternion of unit norm")]
     NotNormalised,
-    /// Another frame.
+    /// Frame other than [`BASE_FRAME`].
     #[error("expected frame {BASE_FRAME}, got `{0}`")]
     Frame(String),
-    /// Too old, or from the future.
+    /// Stamp that is too old or too far in the future.
     #[error("the stamp is {age_s:.3} s old; at most {limit_s} s are allowed, either way")]
     Stale {
-        /// Age, negative for the future.
+        /// Age, s, negative for the future.
         age_s: f64,
-        /// Limit.
+        /// Limit, s.
         limit_s: f64,
     },
-    /// Too far from where the arm is.
+    /// Target too far from the measured pose.
     #[error(
         "{distance_m:.3} m and {turn_rad:.2} rad from the measured pose; at most {max_m} m and {max_rad} rad are allowed"
     )]
     Jump {
-        /// Distance.
+        /// Distance, m.
         distance_m: f64,
-        /// Turn.
+        /// Angle, rad.
         turn_rad: f64,
-        /// Limit of the distance.
+        /// Limit of the distance, m.
         max_m: f64,
-        /// Limit of the turn.
+        /// Limit of the angle, rad.
         max_rad: f64,
     },
-    /// The arm is so far outside the workspace that to clamp the target to it would be a jump.
+    /// Arm so far outside the workspace that the clamped target would be a jump.
     #[error(
         "the arm is outside the workspace: clamped to it, the target lies {distance_m:.3} m from the measured pose; at most {max_m} m are allowed"
     )]
     FarOutside {
-        /// Distance of the clamped target.
+        /// Distance of the clamped target, m.
         distance_m: f64,
-        /// Limit of the distance.
+        /// Limit of the distance, m.
         max_m: f64,
     },
-    /// Nobody knows where the arm is.
+    /// No measured pose.
     #[error("no pose was measured yet")]
     NoPose,
-    /// Time comes from a replay or a simulation, and the arm is real.
+    /// Age of the command was measured with `/clock` while a real arm is connected.
     #[error("{}", Refusal::Replay)]
     Replay,
-    /// The arm may not be commanded.
+    /// Arm that is not enabled, with the reason.
     #[error("the arm is not enabled: {0}")]
     NotEnabled(String),
-    /// The episode was ended by the gate; the arm must be enabled anew.
+    /// Episode that the gate has ended: the arm must be enabled again.
     #[error("the episode has ended: {0}; enable the arm to begin another")]
     EpisodeOver(String),
 }
 
 impl Rejection {
-    /// Property at fault, by which rejected targets are counted.
+    /// Returns the kind of the fault, under which rejected targets are counted.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -145,10 +147,10 @@ impl Rejection {
     }
 }
 
-/// Nodes that could command the arm or answer in its place, in words.
+/// Names of nodes that could command the arm or answer in its place, as text for messages.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Rivals {
-    /// Publishers of targets; one is as it should be.
+    /// Publishers of targets; one is allowed.
     pub publishers: Vec<String>,
     /// Other nodes that serve the arm's own services or its action.
     pub servers: Vec<String>,
@@ -157,7 +159,10 @@ pub struct Rivals {
 }
 
 impl Rivals {
-    /// Why nothing may move beside them; none: it may.
+    /// Checks that the arm may move beside these nodes.
+    ///
+    /// # Errors
+    /// [`Refusal`] with the names of the nodes.
     pub fn check(&self) -> Result<(), Refusal> {
         if self.publishers.len() > 1 {
             return Err(Refusal::Publishers(self.publishers.clone()));
@@ -165,7 +170,7 @@ impl Rivals {
         if !self.servers.is_empty() {
             return Err(Refusal::Servers(self.servers.clone()));
         }
-        // It need not serve anything to follow the targets.
+        // A second arm without services can still follow the targets.
         if !self.arms.is_empty() {
             return Err(Refusal::Arms(self.arms.clone()));
         }
@@ -173,7 +178,7 @@ impl Rivals {
     }
 }
 
-/// Why the arm was not enabled, not moved, or not recovered.
+/// Reason of a refused request to enable, move or recover the arm.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum Refusal {
     /// More than one publisher of targets.
@@ -182,59 +187,59 @@ pub enum Refusal {
         .0.len(), .0.join(", ")
     )]
     Publishers(Vec<String>),
-    /// Another arm under the same names.
+    /// Another node that serves the arm's names.
     #[error(
-        "another arm has the same services: {}; end one of the two, or give one another ROS_DOMAIN_ID or namespace",
+        "another arm has the same services: {}; end one of the two, or start one of them with a different ROS_DOMAIN_ID or namespace",
         .0.join(", ")
     )]
     Servers(Vec<String>),
-    /// Another arm that may follow the same targets.
+    /// Another node that publishes under the arm's names and may follow the same targets.
     #[error(
-        "another node publishes the pose or the state of an arm under this arm's names, and may follow its targets: {}; end one of the two, or give one another ROS_DOMAIN_ID or namespace",
+        "another node publishes the pose or the state of an arm under this arm's names, and may follow its targets: {}; end one of the two, or start one of them with a different ROS_DOMAIN_ID or namespace",
         .0.join(", ")
     )]
     Arms(Vec<String>),
-    /// A stop is latched.
+    /// Latched stop.
     #[error("a {0} is latched: recover first")]
     Latched(&'static str),
-    /// The user stop is still pressed.
+    /// User stop that is still pressed.
     #[error("the user stop is still pressed")]
     StillStopped,
-    /// No arm.
+    /// No connection to the arm.
     #[error("no arm is connected")]
     Disconnected,
-    /// Nobody knows where the arm is.
+    /// No measured pose.
     #[error("no pose was measured yet")]
     NoPose,
-    /// Time comes from a replay or a simulation, and the arm is real.
+    /// Time from `/clock` in front of a real arm.
     #[error(
         "time comes from /clock, as in a replay, and a real arm is connected: set allow_replay to move it all the same"
     )]
     Replay,
-    /// It is on its way to the start pose.
+    /// Running move to the start pose.
     #[error("the arm is moving to its start pose")]
     Moving,
 }
 
-/// A time between two actions that no policy has.
+/// Step period out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error(
-    "step period: expected more than 0 and at most {longest_s} s, after which silence ends a motion, got {step_period_s} s"
+    "step period: expected more than 0 and at most {longest_s} s, because the gate ends a motion after that time without a target, got {step_period_s} s"
 )]
 pub struct StepPeriod {
-    /// The time given.
+    /// Step period, s.
     pub step_period_s: f64,
-    /// The longest that is taken.
+    /// Maximum step period, s.
     pub longest_s: f64,
 }
 
-/// What the transport must do now.
+/// Order to the plant.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {
     /// Make this pose the target.
     Target(ArmPose),
-    /// Make this pose, which was measured, the target, and hold.
+    /// Make this measured pose the target and hold it.
     Hold(ArmPose),
-    /// End the motion: the arm is not enabled any more.
+    /// End the motion: the arm is no longer enabled.
     End,
 }

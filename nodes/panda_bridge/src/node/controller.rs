@@ -1,4 +1,4 @@
-//! The controller behind the relay: it takes target poses on one topic and tells its pose on another.
+//! Controller behind the relay. It follows target poses from one topic and publishes its pose on another.
 #![allow(clippy::disallowed_methods, reason = "silence and motion are timed on a clock that does not step")]
 
 use super::settings::ControllerNames;
@@ -7,29 +7,28 @@ use crate::convert;
 use crate::gate::Order;
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
-use catenary_shell::{Node, Publisher, Time, list_peers};
+use catenary_shell::{GraphSnapshot, Node, Publisher, Time, list_peers};
 use std::time::Instant;
 
-/// The controller as the relay sees it.
+/// Controller as seen by the relay.
 pub struct Controller {
     node: Node,
-    /// The same moment in the node's clock and in one that does not step.
+    /// Time 0 of the plant in the node's clock.
     origin: Time,
+    /// Time 0 of the plant in a clock that never steps.
     started: Instant,
     frame_id: String,
-    /// Name of the targets' topic before remapping.
-    topic: String,
     targets: Publisher<PoseStamped>,
     measured: Option<ArmPose>,
-    /// When that came.
+    /// Arrival of the newest measured pose.
     measured_at: Instant,
     target: Option<ArmPose>,
-    /// The target was sent since it was last repeated.
+    /// True if the target was sent since the last call of [`Controller::repeat`].
     fresh: bool,
 }
 
 impl Controller {
-    /// A controller of which nothing is known, that takes `targets` in its frame.
+    /// Creates a controller without a measured pose. It receives `targets` in the frame that `names` gives.
     pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, names: &ControllerNames) -> Self {
         Self {
             node: node.clone(),
@@ -37,7 +36,6 @@ impl Controller {
             started: Instant::now(),
             measured_at: Instant::now(),
             frame_id: names.frame_id.clone(),
-            topic: names.target_pose.clone(),
             targets,
             measured: None,
             target: None,
@@ -45,13 +43,13 @@ impl Controller {
         }
     }
 
-    /// The controller told its pose.
+    /// Records the measured pose.
     pub fn measure(&mut self, pose: ArmPose) {
         self.measured = Some(pose);
         self.measured_at = Instant::now();
     }
 
-    /// The controller is silent: nothing is known of it, and it is told nothing.
+    /// Forgets pose and target of a silent controller.
     pub fn lose(&mut self) {
         self.measured = None;
         self.target = None;
@@ -97,27 +95,30 @@ impl Plant for Controller {
                 self.fresh = true;
             }
             Order::End => {
-                // A controller keeps its last target: without this it would go on to it.
+                // A controller keeps its last target. Without this message the arm would continue to it.
                 if let (Some(measured), Some(_)) = (self.measured, self.target.take()) {
                     self.send(&measured);
                 }
             }
         }
     }
+}
 
-    fn unready(&self) -> Option<String> {
-        let topic = self.targets.topic();
-        if !self.targets.has_subscriber() {
-            return Some(format!("no controller listens on {topic}"));
-        }
-        match self.node.publishers(&self.topic) {
-            Ok(others) if others.is_empty() => None,
-            Ok(others) => Some(format!(
-                "{} more on {topic}: {}; expected this relay to be the only publisher",
-                others.len(),
-                list_peers(&others)
-            )),
-            Err(error) => Some(error.to_string()),
-        }
+/// Returns the reason why the controller that follows `targets` cannot be commanded; `None` if it can. `topic` is the name of that
+/// topic before remapping.
+pub fn unready(targets: &Publisher<PoseStamped>, topic: &str, graph: &GraphSnapshot<'_>) -> Option<String> {
+    // Both checks ask discovery, not the controller: it may listen and still follow another publisher.
+    let resolved = targets.topic();
+    if !targets.has_subscriber() {
+        return Some(format!("no controller listens on {resolved}"));
+    }
+    match graph.publishers(topic) {
+        Ok(others) if others.is_empty() => None,
+        Ok(others) => Some(format!(
+            "{} more on {resolved}: {}; expected this relay to be the only publisher",
+            others.len(),
+            list_peers(&others)
+        )),
+        Err(error) => Some(error.to_string()),
     }
 }

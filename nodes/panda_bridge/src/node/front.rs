@@ -1,7 +1,7 @@
-//! An arm's side of the contract: targets, episode events, services and the move to the start pose, in front of whatever
-//! carries the orders out. The simulated cell and the relay to a controller have the same one.
+//! ROS 2 front end of an arm: targets, episode events, services and the move to the start pose. The simulated cell and the
+//! relay to a controller share it.
 
-use crate::arm::{Arm, ArmError, Plant, Progress};
+use crate::arm::{Arm, ArmError, Plant, Progress, Surroundings};
 use crate::compliance::Compliance;
 use crate::convert;
 use crate::gate::{Mode, Rivals, Verdict};
@@ -12,31 +12,33 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::srv::{SetCompliance, SetComplianceResponse};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse, Trigger, TriggerResponse};
 use catenary_shell::{
-    ActionServer, Concurrency, Decision, Flaw, GoalHandle, Health, Intake, Names, Node, NodeBuilder, Outcome, Param,
-    ParamSpec, Peer, Publisher, Received, Report, Requester, Service, ShellError, Subscription, Time, contract, stamp,
+    ActionServer, Concurrency, Decision, Flaw, GoalHandle, GraphSnapshot, Health, Intake, Names, Node, NodeBuilder,
+    Outcome, Param, ParamSpec, Peer, Publisher, Received, Report, Requester, Service, ShellError, Subscription, Time,
+    contract, stamp,
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How often a waiting action looks.
-const LOOK: Duration = Duration::from_millis(20);
-/// Silence of targets, while they are due, that counts as a fault; the gate ends the motion after 2 s.
+/// Polling period of a running move, 50 Hz as the rate of targets.
+const MOVE_POLL: Duration = Duration::from_millis(20);
+/// Silence of targets, while they are due, that is reported as an error. Shorter than the 2 s after which the gate ends the
+/// motion.
 const SILENCE: Duration = Duration::from_millis(1500);
-/// Time between two looks at who else may move an arm, s.
+/// Time between two checks of the other nodes of the graph, s.
 pub const RECHECK_S: f64 = 0.5;
-/// Longest settling that a goal may ask for, s.
+/// Maximum settling time of a goal, s.
 const MAX_SETTLE_S: f64 = 60.0;
 
-/// Time in which every other node is found: discovery takes less than half a second.
-const FIRST_LOOK: Duration = Duration::from_millis(700);
+/// Time for the discovery of all other nodes, which takes less than half a second.
+const DISCOVERY_TIME: Duration = Duration::from_millis(700);
 
-/// Waits until the other nodes of the domain are known. To be called before the arm is served: an arm that answered at once
-/// would be enabled beside rivals that it has not met.
+/// Waits until the other nodes of the domain are discovered. Call it before serving the arm: an arm that answers earlier could
+/// be enabled beside rivals that are not yet discovered.
 pub fn meet_others(node: &Node) {
-    let _everybody = node.look_around(FIRST_LOOK);
+    let _everybody = node.look_around(DISCOVERY_TIME);
 }
 
-/// How the arm moves to its start pose.
+/// Parameters of the move to the start pose.
 pub struct MoveParameters {
     speed_m_s: Param<f64>,
     settle_time_s: Param<f64>,
@@ -46,7 +48,7 @@ impl MoveParameters {
     /// Declares `start_speed_m_s` and `settle_time_s`.
     ///
     /// # Errors
-    /// A value given for them that makes no sense.
+    /// An invalid value for one of them.
     pub fn declare(builder: &NodeBuilder) -> Result<Self> {
         let speed = ParamSpec::new("Greatest speed on the way to the start pose.").unit("m/s").range(0.01..=1.0);
         let settle = ParamSpec::new("Wait after arriving at the start pose, for the object to come to rest.");
@@ -57,17 +59,21 @@ impl MoveParameters {
     }
 }
 
-/// The front of an arm.
+/// Check whether a plant can be commanded, from a snapshot of the graph. Returns the reason if it cannot.
+type Readiness = Box<dyn Fn(&GraphSnapshot<'_>) -> Option<String> + Send + Sync>;
+
+/// Front end of an arm.
 pub struct Front<P> {
     node: Node,
-    /// Stamp of the arm's time 0.
+    /// Stamp of time 0 of the arm.
     origin: Time,
     parameters: MoveParameters,
     targets: Intake,
+    readiness: Readiness,
     arm: Mutex<Arm<P>>,
 }
 
-/// What serves the arm; it ends when this is dropped.
+/// Endpoints of an arm. They end when this is dropped.
 #[must_use = "the arm is served until this is dropped"]
 pub struct Served {
     _subscriptions: [Subscription; 2],
@@ -76,35 +82,51 @@ pub struct Served {
 }
 
 impl<P: Plant> Front<P> {
-    /// A front whose arm's time 0 has the stamp `origin`.
+    /// Creates the front end of an arm whose plant is always ready. `origin` is the stamp of the arm's time 0.
     ///
     /// # Errors
-    /// The name of the targets' topic after remapping.
+    /// [`ShellError::Name`]: the topic of targets after remapping.
     pub fn new(node: &Node, origin: Time, parameters: MoveParameters, arm: Arm<P>) -> Result<Arc<Self>, ShellError> {
+        Self::with_readiness(node, origin, parameters, arm, |_| None)
+    }
+
+    /// Creates the front end of an arm. `readiness` returns the reason why the plant cannot be commanded; `None` if it can.
+    ///
+    /// # Errors
+    /// As [`Front::new`].
+    pub fn with_readiness(
+        node: &Node,
+        origin: Time,
+        parameters: MoveParameters,
+        arm: Arm<P>,
+        readiness: impl Fn(&GraphSnapshot<'_>) -> Option<String> + Send + Sync + 'static,
+    ) -> Result<Arc<Self>, ShellError> {
         let names = Names { one: "target", many: "targets" };
         let topic = contract::TARGET_POSE;
         let targets = node.intake::<PoseStamped>(topic.name, topic.qos, names, SILENCE)?;
-        Ok(Arc::new(Self { node: node.clone(), origin, parameters, targets, arm: Mutex::new(arm) }))
+        let readiness: Readiness = Box::new(readiness);
+        Ok(Arc::new(Self { node: node.clone(), origin, parameters, targets, readiness, arm: Mutex::new(arm) }))
     }
 
-    /// The node.
+    /// Returns the node.
     pub fn node(&self) -> &Node {
         &self.node
     }
 
-    /// The arm, locked.
+    /// Locks the arm.
     pub fn arm(&self) -> MutexGuard<'_, Arm<P>> {
         self.arm.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Looks again at what enabling looked at: whether others may move the arm. To be called every [`RECHECK_S`].
+    /// Repeats the checks of enabling: other nodes that could move the arm end its motion. Call it every [`RECHECK_S`].
     pub fn recheck(&self) {
         if !matches!(self.arm().mode(), Mode::Tracking | Mode::Hold | Mode::Moving) {
             return;
         }
-        match self.rivals() {
-            Ok(rivals) => {
-                if let Some(why) = self.arm().recheck(&rivals) {
+        // Collected before the arm is locked: copying the graph takes time, and targets wait for that lock.
+        match self.surroundings() {
+            Ok(around) => {
+                if let Some(why) = self.arm().recheck(&around) {
                     tracing::error!("motion ended: {why}");
                 }
             }
@@ -112,21 +134,23 @@ impl<P: Plant> Front<P> {
         }
     }
 
-    /// Who else may command the arm or answers in its place.
-    fn rivals(&self) -> Result<Rivals, String> {
+    /// Returns the state of the graph around the arm, from one copy of the discovered writers.
+    fn surroundings(&self) -> Result<Surroundings, String> {
         let words = |peers: Vec<Peer>| peers.iter().map(Peer::to_string).collect();
-        let publishers = self.node.publishers(contract::TARGET_POSE.name).map_err(|e| e.to_string())?;
-        let servers = self.node.servers(&contract::ARM).map_err(|e| e.to_string())?;
-        // One publisher is not looked up in words: this is asked twice a second.
+        let graph = self.node.graph_snapshot();
+        let publishers = graph.publishers(contract::TARGET_POSE.name).map_err(|e| e.to_string())?;
+        let servers = graph.servers(&contract::ARM).map_err(|e| e.to_string())?;
+        // One publisher is allowed, so its name is not needed. Looking it up reads /proc, and this runs twice a second.
         let publishers = match publishers.len() {
             0 | 1 => vec![String::new(); publishers.len()],
             _ => words(publishers),
         };
-        let arms = self.node.publishing(&contract::ARM_TOPICS).map_err(|e| e.to_string())?;
-        Ok(Rivals { publishers, servers: words(servers), arms: words(arms) })
+        let arms = graph.publishing(&contract::ARM_TOPICS).map_err(|e| e.to_string())?;
+        let rivals = Rivals { publishers, servers: words(servers), arms: words(arms) };
+        Ok(Surroundings { rivals, unready: (self.readiness)(&graph) })
     }
 
-    /// Adds the arm's fault to a report; it stays until the arm is enabled again. To be called at every report.
+    /// Adds the arm's mode, counts and fault to a report. A fault stays until the arm is enabled again. Call it at every report.
     pub fn report(&self, report: &mut Report) {
         let arm = self.arm();
         self.targets.need(arm.awaits_targets());
@@ -138,16 +162,16 @@ impl<P: Plant> Front<P> {
         }
     }
 
-    /// The stamp of a time of the arm.
+    /// Returns the stamp of a time of the arm, s.
     pub fn stamp(&self, time_s: f64) -> Time {
         self.origin + Duration::from_secs_f64(time_s.max(0.0))
     }
 
-    /// Serves targets, services and the move to the start pose, after [`meet_others`]. `set_compliance` carries checked settings out; it may
-    /// block, and gives a remark for the caller, or why it failed.
+    /// Serves targets, services and the move to the start pose. Call [`meet_others`] before. `set_compliance` applies checked
+    /// settings; it may block, and returns a remark for the caller or the reason of a failure.
     ///
     /// # Errors
-    /// The middleware's.
+    /// [`ShellError`]: the names after remapping, the middleware.
     pub fn serve(
         self: &Arc<Self>,
         mut set_compliance: impl FnMut(&Compliance) -> Result<String, String> + Send + 'static,
@@ -167,6 +191,7 @@ impl<P: Plant> Front<P> {
                         tracing::error!("episode {}: {why}", received.message.episode);
                     }
                 }
+                // Any other event ends the supervision of silence; an unknown one must not start it.
                 _ => front.arm().episode_ended(),
             },
         )?;
@@ -192,6 +217,7 @@ impl<P: Plant> Front<P> {
         let moving = node.serve_action::<MoveToStart>(
             contract::MOVE_TO_START.name,
             Concurrency::One,
+            // Also rejects NaN, which no comparison would.
             |goal| match goal.settle_time {
                 t if (0.0..=MAX_SETTLE_S).contains(&t) => Decision::Accept,
                 t => Decision::Reject(format!("settle_time: expected 0 to {MAX_SETTLE_S} s, got {t}")),
@@ -201,7 +227,7 @@ impl<P: Plant> Front<P> {
         Ok(Served { _subscriptions: [targets, events], _services: [enable, hold, recover, compliance], _move: moving })
     }
 
-    /// The state, stamped by the measurement.
+    /// Makes the state message, stamped with the time of the measurement.
     pub fn state(&self, arm: &Arm<P>, success_rate: f64, measured: Time) -> ArmState {
         convert::arm_state(arm, success_rate, stamp::header(measured, crate::gate::BASE_FRAME))
     }
@@ -238,6 +264,7 @@ impl<P: Plant> Front<P> {
         }
         match verdict {
             Verdict::Accepted { .. } => Ok(()),
+            // A rejected target counts as a dropped message in the node's diagnostics.
             Verdict::Rejected(why) => Err(Flaw::new(why.kind(), format!("rejected: {why}"))),
         }
     }
@@ -247,8 +274,8 @@ impl<P: Plant> Front<P> {
             self.arm().disable();
             return Ok(());
         }
-        let rivals = self.rivals()?;
-        self.arm().enable(&rivals, self.node.clock().is_simulated()).map_err(|e| e.to_string())
+        let around = self.surroundings()?;
+        self.arm().enable(&around, self.node.clock().is_simulated()).map_err(|e| e.to_string())
     }
 
     fn move_to_start(&self, handle: &GoalHandle<MoveToStart>) -> Outcome<MoveToStartResult> {
@@ -262,7 +289,7 @@ impl<P: Plant> Front<P> {
             return Outcome::Aborted(result(false, why));
         }
         loop {
-            if handle.wait_cancelled(LOOK) {
+            if handle.wait_cancelled(MOVE_POLL) {
                 self.arm().stop_move();
                 tracing::info!("move_to_start: cancelled");
                 return Outcome::Canceled(result(false, "cancelled".to_owned()));
@@ -283,15 +310,15 @@ impl<P: Plant> Front<P> {
     }
 
     fn begin_move(&self, goal: &MoveToStartGoal) -> Result<(), String> {
-        let rivals = self.rivals()?;
+        let around = self.surroundings()?;
         let pose = goal.use_pose.then(|| convert::arm_pose(&goal.pose));
         let settle_s = if goal.settle_time > 0.0 { goal.settle_time } else { self.parameters.settle_time_s.get() };
         let (speed_m_s, is_simulated) = (self.parameters.speed_m_s.get(), self.node.clock().is_simulated());
-        self.arm().begin_move(&rivals, pose, speed_m_s, settle_s, is_simulated).map_err(|e| e.to_string())
+        self.arm().begin_move(&around, pose, speed_m_s, settle_s, is_simulated).map_err(|e| e.to_string())
     }
 }
 
-/// Logs a request that may move or stop the arm: who sent it, and what came of it.
+/// Logs a request that may move or stop the arm, with its sender and its outcome.
 fn report<T>(what: &str, requester: &Requester, done: &Result<T, String>) {
     match done {
         Ok(_) => tracing::info!("{what}, asked for by {requester}: done"),

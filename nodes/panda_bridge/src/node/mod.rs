@@ -1,4 +1,4 @@
-//! The ROS side: an arm's front as the contract has it, and the relay to a controller behind it.
+//! ROS 2 side: the front end of an arm, and the relay to a controller.
 
 mod controller;
 pub mod front;

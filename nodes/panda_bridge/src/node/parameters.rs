@@ -1,4 +1,4 @@
-//! Compliance through the parameters of a controller in the form of crisp_controllers' `CartesianController`.
+//! Compliance of a controller, set through its parameters. The names are those of crisp_controllers' `CartesianController`.
 
 use crate::compliance::Compliance;
 use anyhow::Result;
@@ -8,11 +8,11 @@ use ros2_client::Parameter;
 use ros2_client::rcl_interfaces::{SetParametersAtomicallyResponse, SetParametersRequest};
 use std::time::Duration;
 
-/// Time in which the controller must answer.
+/// Timeout of the controller's answer. Chosen, above the worst case of a busy machine.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Axes as the controller's parameters name them.
+/// Axes in the names of the controller's parameters.
 const AXES: [&str; 6] = ["pos_x", "pos_y", "pos_z", "rot_x", "rot_y", "rot_z"];
-/// `rcl_interfaces/srv/SetParametersAtomically`: all of them or none.
+/// Service type `rcl_interfaces/srv/SetParametersAtomically`, which sets all parameters or none.
 pub enum SetParametersAtomically {}
 
 impl ServiceInterface for SetParametersAtomically {
@@ -22,20 +22,20 @@ impl ServiceInterface for SetParametersAtomically {
     const TYPE_HASH: &'static str = "RIHS01_0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd";
 }
 
-/// The parameters that carry these settings.
+/// Returns the controller's parameters for these settings.
 fn parameters(c: &Compliance) -> Vec<(String, Value)> {
     let gains = AXES.iter().zip(c.stiffness.iter().zip(c.damping)).flat_map(|(axis, (stiffness, damping))| {
         [(format!("task.k_{axis}"), Value::Double(*stiffness)), (format!("task.d_{axis}"), Value::Double(damping))]
     });
     let clips = ["x", "y", "z"].map(|axis| (format!("task.error_clip.{axis}"), Value::Double(c.error_clip_m)));
-    // Without it the controller reads the clips and does not apply them.
+    // Without `limit_error` the controller reads the clips but does not apply them.
     gains.chain(clips).chain([("limit_error".to_owned(), Value::Boolean(true))]).collect()
 }
 
-/// Sets the compliance of the controller called `controller`; where that is empty, refuses.
+/// Returns a function that sets the compliance of the controller called `controller`. With an empty name it refuses.
 ///
 /// # Errors
-/// A name that is none, or the middleware's.
+/// [`catenary_shell::ShellError`]: an invalid name, the middleware.
 pub fn setter(node: &Node, controller: &str) -> Result<impl FnMut(&Compliance) -> Result<String, String> + use<>> {
     let client: Option<Client<SetParametersAtomically>> = match controller {
         "" => None,

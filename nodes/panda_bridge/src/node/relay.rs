@@ -1,7 +1,7 @@
-//! The relay: the gate in front of a ROS 2 Cartesian impedance controller that takes target poses and tells its pose.
+//! Relay: the safety gate in front of a ROS 2 Cartesian impedance controller that follows target poses and publishes its pose.
 #![allow(clippy::disallowed_methods, reason = "the silence of a controller is measured on a clock that does not step")]
 
-use super::controller::Controller;
+use super::controller::{self, Controller};
 use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::parameters;
 use super::settings::{ControllerNames, Settings};
@@ -14,19 +14,20 @@ use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_shell::{
-    Clock, Deadline, Flaw, Misconfigured, Names, Node, NodeBuilder, StampCheck, Subscription, Time, contract, stamp,
+    Clock, Deadline, Flaw, GraphSnapshot, Misconfigured, Names, Node, NodeBuilder, StampCheck, Subscription, Time,
+    contract, stamp,
 };
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How often the arm is looked after.
-const LOOK: Duration = Duration::from_millis(5);
-/// Looks between two targets and two states.
+/// Period of the control cycle: 200 Hz, the rate of the arm's pose.
+const CYCLE: Duration = Duration::from_millis(5);
+/// Cycles between two targets and between two states: 50 Hz.
 const SLOW: u64 = 4;
-/// Greatest distance of a pose's stamp from the node's clock. Policies use nothing as old.
+/// Tolerated distance of a pose's stamp from the node's clock. Policies never use data as old as this.
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
-/// Weight of one look in the share of looks that were in time: the last second counts.
+/// Weight of one cycle in the share of cycles in time: an exponential average over about a second (200 cycles).
 const SHARE_WEIGHT: f64 = 0.005;
 
 /// Runs the node from the arguments after the program's name.
@@ -34,9 +35,9 @@ pub fn main(args: Vec<String>) -> ExitCode {
     catenary_shell::main("panda_bridge", args, run)
 }
 
-/// What is known of the controller's stream of poses.
+/// State of the controller's stream of poses.
 struct Link {
-    /// Time since the start, on a clock that does not step.
+    /// Start of the relay, in a clock that never steps.
     started: Instant,
     poses: Deadline,
     /// Stamp of the newest measurement.
@@ -53,7 +54,7 @@ impl Link {
     }
 }
 
-/// The front, and the link to the controller. Where both are locked, the front's arm goes first.
+/// Front end and link to the controller. A thread that locks both locks the arm of the front end first.
 struct Relay {
     front: Arc<Front<Controller>>,
     link: Mutex<Link>,
@@ -68,11 +69,14 @@ fn run(builder: NodeBuilder) -> Result<()> {
     meet_others(&node);
     let origin = node.now();
     let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
-    let controller = Controller::new(&node, origin, targets, &names);
+    let controller = Controller::new(&node, origin, targets.clone(), &names);
+    // Disconnected until the controller's first pose.
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
     let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };
-    let front = Front::new(&node, origin, moves, arm)?;
+    let topic = names.target_pose.clone();
+    let readiness = move |graph: &GraphSnapshot<'_>| controller::unready(&targets, &topic, graph);
+    let front = Front::with_readiness(&node, origin, moves, arm, readiness)?;
     let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
     let _measuring = relay.subscribe(&node, &names, settings.silence)?;
     let _served = front.serve(parameters::setter(&node, &names.node)?)?;
@@ -80,7 +84,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     relay.run(&node)
 }
 
-/// A controller's name that is one of the contract's own would feed the relay with what it sends.
+/// Refuses a controller's topic that is also a topic of the bridge: the relay would receive its own messages.
 fn refuse_collisions(node: &Node, names: &ControllerNames) -> Result<()> {
     let theirs = [
         ("controller.target_pose_topic", &names.target_pose),
@@ -91,7 +95,9 @@ fn refuse_collisions(node: &Node, names: &ControllerNames) -> Result<()> {
         for ours in [contract::TARGET_POSE, contract::CURRENT_POSE, contract::JOINT_STATES] {
             let resolved = node.resolve(name)?;
             if resolved == node.resolve(ours.name)? {
-                bail!("parameter {parameter}: {resolved} is the bridge's own topic; remap it, or the controller's");
+                bail!(
+                    "parameter {parameter}: {resolved} is the bridge's own topic; remap that topic or the controller's"
+                );
             }
         }
     }
@@ -103,7 +109,7 @@ impl Relay {
         self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the controller's pose and the joint states, and passes both on.
+    /// Subscribes to the controller's pose and joint states, and republishes both under the arm's names.
     fn subscribe(
         self: &Arc<Self>,
         node: &Node,
@@ -114,7 +120,7 @@ impl Relay {
         let (relay, frame_id) = (Arc::clone(self), names.frame_id.clone());
         let spoken = Names { one: "pose", many: "poses" };
         let intake = node.intake::<PoseStamped>(&names.current_pose, contract::CURRENT_POSE.qos, spoken, silence)?;
-        // Without the controller's pose the bridge has no arm.
+        // Needed at all times: without the controller's pose the bridge has no arm.
         intake.need(true);
         let (doubted, mut stamps) = (intake.clone(), StampCheck::new(STAMP_LIMIT));
         let poses = node.take::<PoseStamped>(&intake, move |received| {
@@ -151,14 +157,15 @@ impl Relay {
         arm.watch();
     }
 
-    /// Looks after the arm until shutdown, and then leaves it holding.
+    /// Runs the control cycle until shutdown, and then leaves the arm holding.
     fn run(&self, node: &Node) -> Result<()> {
         let states = node.publisher::<ArmState>(contract::ARM_STATE.name, contract::ARM_STATE.qos)?;
-        // The wall clock: a /clock that stands still must not stop the watch over a controller.
-        let mut rate = Clock::new(node.shutdown()).rate(LOOK);
-        let recheck = (RECHECK_S / LOOK.as_secs_f64()).round() as u64;
+        // A wall clock: a /clock that stands still must not stop the supervision of the controller.
+        let mut rate = Clock::new(node.shutdown()).rate(CYCLE);
+        let recheck = (RECHECK_S / CYCLE.as_secs_f64()).round() as u64;
         let (mut share, mut missed, mut last_mode) = (1.0, 0, None);
         while let Some(tick) = rate.tick() {
+            // Missed cycles count as late. After 1000 of them the share is below 1 % anyway.
             let late = (tick.missed - missed).min(1000) as i32;
             share = (share * (1.0 - SHARE_WEIGHT).powi(late)) * (1.0 - SHARE_WEIGHT) + SHARE_WEIGHT;
             missed = tick.missed;
@@ -172,7 +179,7 @@ impl Relay {
             };
             let state = {
                 let mut arm = self.front.arm();
-                self.look(&mut arm, alive, slow);
+                self.cycle(&mut arm, alive, slow);
                 self.front.state(&arm, share, measured)
             };
             if slow || last_mode != Some(state.mode) {
@@ -181,6 +188,7 @@ impl Relay {
             }
         }
         let mut arm = self.front.arm();
+        // An enabled arm gets its measured pose as the last target, so that it stops with the relay.
         if is_enabled(arm.mode()) {
             arm.disable();
         }
@@ -188,7 +196,8 @@ impl Relay {
         node.wait_for_shutdown()
     }
 
-    fn look(&self, arm: &mut Arm<Controller>, alive: bool, slow: bool) {
+    /// Runs one cycle; in a `slow` one targets are sent.
+    fn cycle(&self, arm: &mut Arm<Controller>, alive: bool, slow: bool) {
         if !alive {
             if arm.mode() != Mode::Disconnected {
                 tracing::error!("the controller is silent: disconnected");
@@ -217,7 +226,10 @@ fn is_enabled(mode: Mode) -> bool {
     matches!(mode, Mode::Tracking | Mode::Hold | Mode::Moving)
 }
 
-/// The pose of the arm that a message of the controller tells.
+/// Returns the pose of the arm in a message of the controller.
+///
+/// # Errors
+/// [`Flaw`]: another frame, numbers that are not finite, a quaternion without unit norm.
 fn measurement(message: &PoseStamped, frame_id: &str) -> Result<ArmPose, Flaw> {
     let pose = convert::arm_pose(&message.pose);
     if message.header.frame_id != frame_id {

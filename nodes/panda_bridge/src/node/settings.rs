@@ -10,25 +10,25 @@ use catenary_core::task::Workspace;
 use catenary_shell::{NodeBuilder, ParamSpec, read_model};
 use std::time::Duration;
 
-/// The names of the controller's topics, and of its node. The defaults are those of crisp_controllers.
+/// Names of the controller's topics and of its node. The defaults are those of crisp_controllers.
 pub struct ControllerNames {
-    /// Its measured pose.
+    /// Topic of the measured pose.
     pub current_pose: String,
-    /// Its target.
+    /// Topic of the target pose.
     pub target_pose: String,
-    /// The joint states of its arm.
+    /// Topic of the joint states.
     pub joint_states: String,
-    /// Its node, empty where its parameters are not to be set.
+    /// Node whose parameters set the compliance; empty: none.
     pub node: String,
-    /// Frame of its poses.
+    /// Frame of the controller's poses.
     pub frame_id: String,
 }
 
-/// Everything that is fixed once the relay runs.
+/// Settings that are fixed once the relay runs.
 pub struct Settings {
-    /// The controller's names.
+    /// Names of the controller.
     pub controller: ControllerNames,
-    /// Silence of the controller's pose after which the arm counts as lost.
+    /// Silence of the controller's pose after which the arm counts as disconnected.
     pub silence: Duration,
     /// Gate, start pose and kind of the arm.
     pub arm: ArmSettings,
@@ -38,7 +38,7 @@ impl Settings {
     /// Declares the parameters and reads the model file.
     ///
     /// # Errors
-    /// Values that make no sense, a model file that cannot be read.
+    /// Invalid values, a model file that cannot be read.
     pub fn declare(b: &NodeBuilder) -> Result<Self> {
         let text = |name: &str, default: &str, text: &str| b.declare_string(name, default, fixed(text));
         let controller = ControllerNames {
@@ -48,18 +48,18 @@ impl Settings {
             node: text(
                 "controller.node",
                 "cartesian_impedance_controller",
-                "Node whose parameters task.k_*, task.d_* and task.error_clip.* set the compliance; empty: refused.",
+                "Node whose parameters task.k_*, task.d_* and task.error_clip.* set the compliance. If empty, requests to set the compliance are refused.",
             )?
             .get(),
-            frame_id: text("controller.frame_id", BASE_FRAME, "What the controller calls the arm's base frame.")?.get(),
+            frame_id: text("controller.frame_id", BASE_FRAME, "Frame of the controller's poses: the arm's base.")?
+                .get(),
         };
-        let silence =
-            "Silence of the controller's pose after which the arm counts as lost; larger forgives a slow network.";
+        let silence = "Silence of the controller's pose after which the arm counts as disconnected; larger tolerates a slow network.";
         let silence = b.declare_f64("controller.silence_s", 0.5, fixed(silence).unit("s").range(0.05..=10.0))?.get();
         let model = text("model_file", "", "Model file for start pose and workspace; empty: none.")?.get();
         let model =
             if model.is_empty() { None } else { Some(read_model("model_file", model.as_ref(), Model::from_yaml)?) };
-        let real = "A physical arm moves: a replayed recording must not reach it.";
+        let real = "True if the arm is physical. Commands of a replay are then rejected.";
         let real = b.declare_bool("is_real", true, fixed(real))?.get();
         let tolerance = "Distance from the start pose up to which a move counts as arrived; soft arms need more.";
         let tolerance = b.declare_f64("start_tolerance_m", 0.03, fixed(tolerance).unit("m").range(0.001..=0.2))?;
@@ -85,7 +85,9 @@ fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
     let of_model = model.and_then(|m| m.task).map_or(d.workspace, |t| t.workspace);
     let side = |axis: &str, default: [f64; 2]| -> Result<[f64; 2]> {
         let name = format!("workspace.{axis}_m");
-        let text = format!("Least and greatest {axis} of the end effector; empty: the model file's.");
+        let text = format!(
+            "Least and greatest {axis} of the end effector. If empty, the workspace of the model file's task, or the default without one."
+        );
         let given = b.declare(&name, Vec::<f64>::new(), fixed(&text).unit("m").range(-2.0..=2.0))?.get();
         match given[..] {
             [] => Ok(default),
@@ -100,9 +102,21 @@ fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
             z_m: side("z", of_model.z_m)?,
         },
         max_jump_m: number("gate.max_jump_m", d.max_jump_m, "m", 0.3, "Greatest distance of a target from the arm.")?,
-        max_turn_rad: number("gate.max_turn_rad", d.max_turn_rad, "rad", 1.6, "Greatest turn of a target.")?,
+        max_turn_rad: number(
+            "gate.max_turn_rad",
+            d.max_turn_rad,
+            "rad",
+            1.6,
+            "Largest angle between the orientation of a target and the measured one.",
+        )?,
         max_age_s: number("gate.max_age_s", d.max_age_s, "s", 5.0, "Greatest age of a target's stamp.")?,
-        hold_after_s: number("gate.hold_after_s", d.hold_after_s, "s", 10.0, "Silence until the arm holds.")?,
+        hold_after_s: number(
+            "gate.hold_after_s",
+            d.hold_after_s,
+            "s",
+            10.0,
+            "Time without a target after which the arm holds its pose.",
+        )?,
         end_after_s: number("gate.end_after_s", d.end_after_s, "s", 60.0, "Silence until the motion ends.")?,
         allow_replay: b
             .declare_bool("gate.allow_replay", d.allow_replay, fixed("Let a replayed recording move a real arm."))?

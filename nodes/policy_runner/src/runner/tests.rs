@@ -1,12 +1,12 @@
-//! One test for each rule of an episode.
+//! Tests of an episode, one per rule.
 
 use super::*;
 use catenary_core::camera::Plane;
 use catenary_core::mlp::Layer;
 use catenary_core::task::{Task, Workspace};
-use catenary_core::{Camera, Goal, Mlp};
+use catenary_core::{Camera, DeltaAnchor, Goal, Mlp};
 
-/// A policy that always gives this action, in units of the limit.
+/// Policy with a constant action, in units of the action limit.
 fn policy(action: [f32; 2]) -> Policy {
     let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: action.to_vec() };
     Policy {
@@ -34,7 +34,7 @@ fn task() -> Task {
     }
 }
 
-/// A judge whose camera sees a square of 2 m around (0, 0): scaled coordinates are metres.
+/// Judge with a camera that sees a square of 2 m around (0, 0): scaled coordinates are metres.
 fn judge(task: Task) -> Judge {
     Judge::new(task, Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0, ..Plane::default() }))
 }
@@ -64,7 +64,7 @@ fn runner(action: [f32; 2], settings: Settings) -> Runner {
     Runner::new(policy(action), judge(task()), settings).unwrap()
 }
 
-/// Runs to the end with fixed inputs; returns the steps.
+/// Runs to the end with fixed inputs, and returns the steps.
 fn run(runner: &mut Runner, dlo_px: f64, x_m: f64) -> Vec<Step> {
     let (mut now_s, mut steps) = (10.0, Vec::new());
     loop {
@@ -107,7 +107,7 @@ fn a_tip_is_judged_when_the_last_step_has_ended() {
     let place = Task { goal: Goal::PlaceTip { reward_range_m: 0.1 }, ..task() };
     for run_all_steps in [false, true] {
         let settings = Settings { run_all_steps, max_steps: Some(3), ..Settings::default() };
-        // 128 px is the target's own column; 135 px lies 55 mm beside it.
+        // 128 px is the column of the target; 135 px is 55 mm beside it.
         for (dlo_px, end, last) in [(128.0, End::Success, 1.0), (135.0, End::StepLimit, 0.453)] {
             let mut r = Runner::new(policy([0.0, 0.0]), judge(place), settings).unwrap();
             let steps = run(&mut r, dlo_px, 0.4);
@@ -139,6 +139,7 @@ fn no_action_is_taken_from_outside_the_workspace() {
 fn anchors_decide_what_deltas_add_up_to() {
     let mut last = runner([0.5, 0.0], Settings { max_steps: Some(3), ..Settings::default() });
     let targets: Vec<f64> = run(&mut last, 20.0, 0.4).iter().filter_map(|s| s.action).map(|a| a.1[0]).collect();
+    // 0.5 of the limit of 60 mm is 30 mm: three steps from 0.4 m.
     assert!((targets[2] - 0.49).abs() < 1e-9, "{targets:?}");
     let mut p = policy([0.5, 0.0]);
     p.delta_anchor = DeltaAnchor::Measured;
@@ -175,6 +176,7 @@ fn a_stamp_from_the_future_is_not_fresh() {
     let Turn::Fault(fault) = r.turn(&ahead) else { panic!("no fault") };
     assert!(fault.to_string().contains("keypoints") && fault.to_string().contains("2.000 s ahead"), "{fault}");
     ahead = inputs(11.0, 20.0, 0.4);
+    // 0.1 s ahead, within the default of 0.15 s.
     ahead.keypoints.as_mut().unwrap().0 = 11.1;
     assert!(matches!(r.turn(&ahead), Turn::Step(_)), "clocks may differ by the age allowed");
 }
@@ -183,6 +185,7 @@ fn a_stamp_from_the_future_is_not_fresh() {
 fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let mut due_s = Vec::new();
+    // On time, 20 ms late (within 10 % of the period of 0.5 s), and 0.9 s late.
     for now_s in [10.0, 10.52, 11.9] {
         assert!(matches!(r.turn(&inputs(now_s, 20.0, 0.4)), Turn::Step(_)), "{now_s}");
         let Turn::Wait(until_s) = r.turn(&inputs(now_s + 0.005, 20.0, 0.4)) else { panic!("two steps at {now_s}") };
