@@ -1,12 +1,12 @@
-//! Collects the launch files, parameters and models, so that the program can install them without its sources, and finds
-//! out which commit it is built from.
+//! Build script: it collects the launch files, parameters and models, which the program installs without its sources,
+//! and determines the commit that the program is built from.
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a build script speaks to cargo and reads files")]
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Every file below `folder`, by path.
+/// All files below `folder`, sorted by path.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).expect("launch_configs lies beside nodes");
     let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
@@ -14,20 +14,21 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     paths.into_iter().flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }
 
-/// What the program is made of, from the workspace's root: a change in it makes a commit's build another one.
+/// Sources of the program relative to the workspace's root. A change in them marks the commit as dirty.
 const SOURCES: [&str; 5] = ["nodes", "msgs", "launch_configs", "Cargo.toml", "Cargo.lock"];
 
-/// What git answers in `root`; none where there is no git, or no answer.
+/// Output of git in `root`; `None` if git is missing or fails.
 fn git(root: &Path, arguments: &[&str]) -> Option<String> {
-    // A look must not write to the repository, as `git status` does to its index.
+    // Without optional locks, because `git status` writes to the index otherwise.
     let mut command = std::process::Command::new("git");
     let done = command.arg("-C").arg(root).args(arguments).env("GIT_OPTIONAL_LOCKS", "0").output().ok()?;
     done.status.success().then(|| String::from_utf8_lossy(&done.stdout).trim().to_owned())
 }
 
-/// Commit of the checkout at `root`, with `-dirty` where sources differ from it; none outside a checkout of this project.
+/// Commit of the checkout at `root`, with `-dirty` if sources differ from it; `None` outside a checkout of this
+/// project.
 fn commit(root: &Path) -> Option<String> {
-    // Sources that were unpacked inside another project's checkout are not of its commit.
+    // Sources unpacked inside another project's checkout do not belong to its commit.
     let top = std::fs::canonicalize(git(root, &["rev-parse", "--show-toplevel"])?).ok()?;
     if top != std::fs::canonicalize(root).ok()? {
         return None;
@@ -38,11 +39,11 @@ fn commit(root: &Path) -> Option<String> {
     Some(if changed.is_empty() { commit } else { commit + "-dirty" })
 }
 
-/// Has cargo run this again where the commit or the sources change, and at no other time.
+/// Makes cargo run this script again when the commit or the sources change, and only then.
 fn watch(root: &Path) {
     let log = git(root, &["rev-parse", "--git-path", "logs/HEAD"]).map(|path| root.join(path));
     let sources = SOURCES.iter().flat_map(|source| match *source {
-        // Tests and benches of the crates are no part of the program.
+        // Tests and benches are not part of the program.
         "nodes" => std::fs::read_dir(root.join("nodes"))
             .into_iter()
             .flatten()
@@ -51,7 +52,7 @@ fn watch(root: &Path) {
             .collect(),
         source => vec![root.join(source)],
     });
-    // Cargo takes a missing file for a change.
+    // Cargo would treat a missing file as a change and run the script at every build.
     for path in sources.chain(log).filter(|path| path.exists()) {
         println!("cargo::rerun-if-changed={}", path.display());
     }
@@ -66,7 +67,7 @@ fn main() {
     println!("cargo::rustc-env=CATENARY_VERSION={version}");
     let mut table = String::from("&[\n");
     let is_picture = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "png");
-    // Stand-ins for the nodes of a checkout: what is installed has the nodes themselves.
+    // Stand-ins serve a checkout only: an installation has the nodes themselves.
     let is_stand_in = |path: &PathBuf| path.starts_with(folder.join("bin"));
     for path in files(&folder).into_iter().filter(|path| !is_picture(path) && !is_stand_in(path)) {
         let name = path.strip_prefix(&folder).expect("it lies below").display().to_string();

@@ -1,8 +1,9 @@
-//! A real cable held by a real Franka, by the two commands that a user runs. The data's folder comes from CATENARY_DATA.
+//! Inference on a real cable held by a real Franka, with the two commands that a user runs. CATENARY_DATA names the
+//! folder of the data.
 //!
-//! Published fits of this cable's bending stiffness are 0.072 N m^2 (dynamic) and 0.144 N m^2 (static). A simulator whose
-//! motion, drive, start or camera is wrong does not follow the swing to within a centimetre; one that takes the small motion
-//! for more than it says is sure of a wrong stiffness.
+//! Published fits of this cable's bending stiffness are 0.072 N m^2 (dynamic) and 0.144 N m^2 (static). A simulator
+//! with a wrong motion, drive, start or camera cannot follow the swing to within a centimetre. An inference that
+//! overrates the small motion would be certain of a wrong stiffness.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -15,14 +16,14 @@ use std::process::Command;
 
 fn run(arguments: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_catenary"));
-    // States and logs of the test are none of the user's.
+    // Keeps states and logs of the test apart from the user's.
     command.env("ROS_HOME", env!("CARGO_TARGET_TMPDIR")).env_remove("ROS_LOG_DIR");
     let output = command.args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What `catenary infer` says of a track; none where the data are absent.
+/// JSON result of `catenary infer` for a track; `None` if the data are absent.
 fn inferred(track: &str) -> Option<Value> {
     let data = std::env::var("CATENARY_DATA").unwrap_or_default();
     let track = Path::new(&data).join("measured_cable").join(track);
@@ -47,11 +48,11 @@ fn interval(report: &Value, name: &str) -> [f64; 2] {
 }
 
 #[test]
-fn the_swing_tells_the_cables_stiffness() {
+fn the_swing_determines_the_cables_stiffness() {
     let Some(report) = inferred("swing_bare.csv") else { return };
     let [low, high] = interval(&report, "bending_stiffness_n_m2");
     assert!(low < 0.144 && high > 0.072, "{low} to {high} N m^2 meets no published value's range");
-    assert!(high < 4.0 * low, "{low} to {high} N m^2 says next to nothing");
+    assert!(high < 4.0 * low, "{low} to {high} N m^2 is too wide to determine the stiffness");
     let [low, high] = interval(&report, "rest_curvature_per_m");
     assert!(high < -1.0 && low > -3.9, "{low} to {high} /m: the cable is bent towards -x at rest");
     let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
@@ -63,7 +64,10 @@ fn the_swing_tells_the_cables_stiffness() {
 fn the_small_motion_leaves_the_stiffness_open() {
     let Some(report) = inferred("moving_grip_bare.csv") else { return };
     let [low, high] = interval(&report, "bending_stiffness_n_m2");
-    assert!(low < 0.072 && high > 0.144, "{low} to {high} N m^2 leaves out what the swing and the published fits say");
+    assert!(
+        low < 0.072 && high > 0.144,
+        "{low} to {high} N m^2 excludes values that the swing and the published fits allow"
+    );
     let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
     assert!(rmse_mm.as_f64().unwrap() < 10.0, "{rmse_mm} mm");
     assert!(coverage.as_f64().unwrap() > 0.85, "{coverage}");

@@ -1,7 +1,7 @@
-//! One episode, one posterior: from its bag on the command line, and from its topics while the bag is replayed with its
-//! clock, in its own time and as fast as possible, with the simulations run by the pool's node, though the next episode has
-//! begun by then. A stamp that is handled differently, a
-//! frame that is lost or forgotten, or a request that changes on the wire would show here.
+//! Equality of posteriors over paths: `catenary infer` on a bag, and the inference node on the topics of the replayed
+//! bag. The replay has its own clock, runs at recorded speed and as fast as possible, and the pool node runs the
+//! simulations, while the next episode has already begun. A mishandled stamp, a lost frame or a request that changes on
+//! the wire would show here.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,
@@ -19,17 +19,18 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_catenary");
+// Small sizes: the test compares bits, and does not need accuracy.
 const ITERATIONS: u32 = 3;
 const SIMULATIONS: u32 = 40;
 const SEED: u64 = 7;
-/// Keypoints and poses are best effort: what one replay loses, the next brings.
+/// Number of replays. Keypoints and poses are best effort: a frame lost in one replay arrives in the next.
 const REPLAYS: usize = 2;
-/// Stamp of an episode that begins a minute after the replayed one.
+/// Stamp of an episode that starts a minute after the replayed one.
 const NEXT_START_NS: i64 = 160_000_000_000;
-/// Longer than the inference's node takes to drop what it does not need.
+/// Longer than the inference node takes to drop data of earlier episodes.
 const FORGETTING: Duration = Duration::from_secs(6);
 
-/// The domain of this test, which nobody else is in, the user's graph least of all.
+/// DDS domain of this test, without other participants.
 fn domain() -> u16 {
     static CLAIM: LazyLock<DomainClaim> = LazyLock::new(|| DomainClaim::any(|_| Ok(true)).unwrap());
     CLAIM.id()
@@ -43,12 +44,12 @@ fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(PROGRAM);
     command.args(arguments).env("ROS_DOMAIN_ID", domain().to_string());
     command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
-    // States and logs of the test are none of the user's.
+    // Keeps states and logs of the test apart from the user's.
     command.env("ROS_HOME", env!("CARGO_TARGET_TMPDIR")).env_remove("ROS_LOG_DIR");
     command
 }
 
-/// A node's process, ended with the test.
+/// Process of a node, killed at the end of the test.
 struct Process(Child);
 
 impl Process {
@@ -77,7 +78,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-/// Weights, means and covariances by `catenary infer`.
+/// Weights, means and covariances from `catenary infer`.
 fn by_command(bag: &Path, model: &Path, out: &Path) -> [Vec<f64>; 3] {
     let [bag, model, out] = [bag, model, out].map(|p| p.to_str().unwrap());
     let sizes = [ITERATIONS.to_string(), SIMULATIONS.to_string(), SEED.to_string()];
@@ -89,7 +90,7 @@ fn by_command(bag: &Path, model: &Path, out: &Path) -> [Vec<f64>; 3] {
     ["weights", "means", "covariances"].map(|name| numbers(&mixture[name]))
 }
 
-/// Tells the graph that another episode began, after the replayed one, and leaves the nodes time to forget.
+/// Announces another episode after the replayed one, and waits until the nodes drop older data.
 fn begin_another(node: &Node) {
     let topic = contract::EPISODE_EVENT;
     let events = node.publisher::<EpisodeEvent>(topic.name, topic.qos).unwrap();
@@ -104,7 +105,7 @@ fn begin_another(node: &Node) {
     std::thread::sleep(FORGETTING);
 }
 
-/// The same by the inference's node, from the topics of a bag that is replayed at `rate`.
+/// Weights, means and covariances from the inference node, from the topics of a bag replayed at `rate`.
 fn by_topics(bag: &Path, model: &Path, rate: &str) -> [Vec<f64>; 3] {
     let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
     let builder = NodeBuilder::new("asker", &RosArgs::default()).unwrap().domain(domain(), Discovery::Localhost);

@@ -1,20 +1,21 @@
-//! `catenary bench fidelity`: the simulator against theory, level by level.
+//! `catenary bench fidelity`: verification of the simulator against closed-form solutions, for each fidelity.
 
-use crate::cli::FidelityArgs;
-use crate::figures::figures;
-use crate::{model_file, output, progress};
+use super::args::FidelityArgs;
+use crate::inputs::model_file;
+use crate::report::number::figures;
+use crate::terminal::{output, progress};
 use anyhow::{Result, ensure};
 use catenary_core::Fidelity;
+use catenary_simulator::Registry;
+use catenary_simulator::verification::{self, ConvergenceOrder, Row, Stress, StressReport, default_extremes};
+use catenary_simulator::workers;
 use indicatif::ProgressBar;
 use serde::Serialize;
-use simulator_pool::Registry;
-use simulator_pool::verification::{self, ConvergenceOrder, Row, Stress, StressReport, default_extremes};
-use simulator_pool::workers;
 
 /// Seed of the random episodes.
 const SEED: u64 = 1;
 
-/// Everything that was measured.
+/// All measurements.
 #[derive(Debug, Serialize)]
 struct Report {
     levels: Vec<Level>,
@@ -23,15 +24,15 @@ struct Report {
     passes: bool,
 }
 
-/// One fidelity's table.
+/// Table of one fidelity.
 #[derive(Debug, Serialize)]
 struct Level {
     fidelity: &'static str,
     rows: Vec<Row>,
 }
 
-/// Prints the tables, the orders of convergence and, if asked for, the outcome of random episodes. An error if a promised
-/// bound is missed.
+/// Prints the tables, the orders of convergence and, if asked for, the outcome of random episodes. Returns an error if
+/// a row, an order of convergence or the random episodes miss their bound.
 pub fn run(arguments: &FidelityArgs) -> Result<()> {
     let workers = workers::available();
     let levels = Fidelity::ALL
@@ -52,7 +53,7 @@ pub fn run(arguments: &FidelityArgs) -> Result<()> {
     Ok(())
 }
 
-/// Random episodes at the two levels that training and inference run on.
+/// Random episodes at the fidelities of training (fast) and inference (standard).
 fn stress(arguments: &FidelityArgs, episodes: usize, workers: usize) -> Result<Vec<StressReport>> {
     let model = model_file::read_or_soft_bar(arguments.model.as_deref())?;
     let registry = Registry::shipped();

@@ -1,40 +1,42 @@
-//! `catenary bench networks`: what an embedding of sets is good for, and a large network beside a small one, on the same
-//! tracks. Each network learns once from tracks of the prior and then looks at tracks that it has not seen, as they are and
-//! with keypoints that are shuffled, lost, doubled or noisy.
+//! `catenary bench networks`: comparison of set and list embeddings, and of large and small networks, on one set of
+//! tracks. Each network is trained once on tracks of the prior. It is then tested on held-out tracks, unchanged and
+//! with shuffled, lost, doubled or noisy keypoints.
 
-use super::batch;
+use super::args::NetworksArgs;
 use super::corruption::Corruption;
-use crate::cli::NetworksArgs;
-use crate::interrupted::Interrupted;
-use crate::{model_file, output, progress};
+use super::episodes::batch;
+use crate::exit::Interrupted;
+use crate::inputs::model_file;
+use crate::terminal::{output, progress};
 use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::Settings;
 use bayes_sim::embedding::{Fourier, TrackInput};
 use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingError};
 use catenary_core::camera::MASK_SIZE_PX;
+use catenary_core::statistics::median_high;
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track, seed};
 use catenary_shell::Shutdown;
+use catenary_simulator::{BeamSimulator, workers};
 use indicatif::ProgressBar;
 use serde::Serialize;
-use simulator_pool::{BeamSimulator, workers};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
-/// Draws that a truth is held against.
+/// Posterior draws that each truth is ranked against.
 const DRAWS: usize = 400;
-/// Tracks that are simulated between two looks at whether to stop.
+/// Tracks simulated between two checks for Ctrl-C.
 const PART: usize = 64;
-/// Mask pixels along x.
+/// Width of the mask in pixels.
 const MASK_PX: f64 = MASK_SIZE_PX as f64;
 
-/// A network that takes part.
+/// A network in the comparison.
 struct Entrant {
     name: &'static str,
-    /// Whether it sees each frame's keypoints as a set, and the channels beside them, through principal components; and not
-    /// the list of all coordinates in the order that they come in, as it is.
+    /// True if the network embeds each frame's keypoints as a set, plus channels and principal components; false if it
+    /// reads the plain list of coordinates in their given order.
     sees_sets: bool,
-    /// What the tracks that it learns from have gone through.
+    /// Corruption of its training tracks.
     learns: Corruption,
     settings: Settings,
 }
@@ -42,7 +44,7 @@ struct Entrant {
 #[derive(Debug, Serialize)]
 struct Report {
     model: String,
-    /// Learnt and shown, without those that no inference takes.
+    /// Number of training tracks, without unusable ones.
     tracks: usize,
     truths: usize,
     unusable: usize,
@@ -58,17 +60,17 @@ struct Row {
     scores: Vec<Score>,
 }
 
-/// How well the truths are found under one corruption.
+/// Accuracy of the posteriors under one corruption.
 #[derive(Debug, Serialize)]
 struct Score {
     corruption: Corruption,
-    /// Mean log density at the truth in nat, unit coordinates.
+    /// Mean log density at the truth in nat, in unit coordinates.
     log_density: f64,
-    /// Median error of the mean by parameter, in shares of the prior.
+    /// Median absolute error of the posterior mean by parameter, as a share of the prior.
     error: Vec<f64>,
-    /// Median standard deviation by parameter, likewise.
+    /// Median posterior standard deviation by parameter, as a share of the prior.
     sd: Vec<f64>,
-    /// Share of the truths in the region of highest density of 90 %.
+    /// Share of the truths inside the 90 % region of highest density.
     region_90: f64,
 }
 
@@ -76,6 +78,7 @@ fn entrants(with_paper: bool) -> Vec<Entrant> {
     let default = Settings::default;
     let mut cos_sin = default();
     cos_sin.embedding.fourier = Fourier::CosSin;
+    // Cosine and sine double the features, so that half the frequencies give the same input size.
     cos_sin.embedding.frequencies /= 2;
     let (set, list, plain) = (true, false, Corruption::None);
     let entrant = |name, sees_sets, learns, settings| Entrant { name, sees_sets, learns, settings };
@@ -87,7 +90,8 @@ fn entrants(with_paper: bool) -> Vec<Entrant> {
     ];
     if with_paper {
         let mut paper = Settings::paper();
-        // As many steps as its iterations make, each on all tracks so far.
+        // As many gradient steps as its iterations make in total: iteration i trains on the tracks of all iterations so
+        // far.
         paper.schedule.max_epochs *= paper.iterations.div_ceil(2);
         paper.schedule.patience_epochs = paper.schedule.max_epochs;
         all.push(entrant("paper", set, plain, paper));
@@ -95,7 +99,7 @@ fn entrants(with_paper: bool) -> Vec<Entrant> {
     all
 }
 
-/// Trains and shows every network.
+/// Trains and tests every network.
 pub fn run(arguments: &NetworksArgs) -> Result<()> {
     let model = model_file::read_or_soft_bar(arguments.model.as_deref())?;
     let shutdown = Shutdown::new();
@@ -108,11 +112,13 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
     let frames = request.frame_times_s.len();
     let simulated = simulate(&model, &request, &shutdown)?;
     let thetas = request.thetas.iter().map(|t| model.theta.to_unit(t));
+    // The usable tracks only: inference refuses the others too.
     let usable = simulated.into_iter().zip(thetas).filter(|(track, _)| TrackInput::new(track, frames).is_ok());
     let (simulated, thetas): (Vec<Track>, Vec<Vec<f64>>) = usable.unzip();
     let unusable = tracks + truths - simulated.len();
     let tracks = tracks.min(simulated.len());
     let truths = simulated.len() - tracks;
+    // Unusable tracks are taken from the test tracks, so that the training size is the requested one.
     ensure!(truths > 0, "model {}: expected more than {tracks} usable tracks, {unusable} are not", model.name);
     let (learnt, shown) = simulated.split_at(tracks);
     if let Some(path) = &arguments.export {
@@ -120,6 +126,7 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
     }
     let mut report = Report { model: model.name.clone(), tracks, truths, unusable, networks: Vec::new() };
     for entrant in entrants(arguments.paper) {
+        // Every network sees one corruption, so that their scores differ by the network alone.
         let mut rng = seed::rng(11, 0);
         let learnt: Vec<Track> = learnt.iter().map(|t| entrant.learns.apply(t, MASK_PX, &mut rng)).collect();
         let samples = entrant.samples(&learnt, &thetas[..tracks], frames)?;
@@ -157,7 +164,7 @@ fn simulate(model: &Model, request: &SimulationRequest, shutdown: &Shutdown) -> 
     Ok(tracks)
 }
 
-/// Writes what is learnt and what is shown as lists of coordinates, for estimators elsewhere.
+/// Writes training and test tracks as lists of coordinates, for estimators of other projects.
 fn export(path: &Path, model: &Model, learnt: Tracks<'_>, shown: Tracks<'_>) -> Result<()> {
     let rows = |tracks: &[Track]| tracks.iter().map(list).collect::<Vec<_>>();
     let document = serde_json::json!({
@@ -170,16 +177,16 @@ fn export(path: &Path, model: &Model, learnt: Tracks<'_>, shown: Tracks<'_>) -> 
     std::fs::write(path, serde_json::to_string(&document)?).with_context(|| path.display().to_string())
 }
 
-/// Tracks with their thetas in unit coordinates.
+/// Tracks and their thetas in unit coordinates.
 type Tracks<'a> = (&'a [Track], &'a [Vec<f64>]);
 
-/// The keypoints of all frames, x and y in turn.
+/// Keypoints of all frames as one list, x before y.
 fn list(track: &Track) -> Vec<f32> {
     track.frames.iter().flat_map(|f| f.dlo).flatten().map(|v| v as f32).collect()
 }
 
 impl Entrant {
-    /// Tracks with their thetas (unit coordinates), as this network sees them.
+    /// Samples of this network from tracks and their thetas (unit coordinates).
     fn samples(&self, tracks: &[Track], thetas: &[Vec<f64>], frames: usize) -> Result<Samples> {
         let dimension = thetas.first().map_or(0, Vec::len);
         if self.sees_sets {
@@ -191,6 +198,7 @@ impl Entrant {
         }
         let mut rows = Vec::new();
         for track in tracks {
+            // Rows of one length: a track that ended early is padded with zeros.
             let mut row = list(track);
             row.resize(8 * frames, 0.0);
             rows.extend(row);
@@ -201,8 +209,9 @@ impl Entrant {
     fn train(&self, samples: &Samples, shutdown: &Shutdown) -> Result<(Ensemble, Outcome)> {
         let (n, settings) = (samples.len(), &self.settings);
         let shape = Shape::of_samples(samples, settings);
-        let (weights, lots) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
-        let training = Training { data: samples, weights: &weights, lots: &lots, seed: 1, held_out_seed: 2 };
+        let (weights, split_keys) = (vec![1.0; n], (0..n).collect::<Vec<_>>());
+        let training =
+            Training { data: samples, weights: &weights, split_keys: &split_keys, seed: 1, held_out_seed: 2 };
         let most = (settings.ensemble * settings.schedule.max_epochs) as u64;
         let bar = ProgressBar::new(most);
         bar.set_style(progress::style(&format!("{} [{{bar:20}}]", self.name), 0.0)?);
@@ -230,10 +239,12 @@ impl Entrant {
         let (mut errors, mut sds) = (vec![Vec::new(); dimension], vec![Vec::new(); dimension]);
         let share = 1.0 / tracks.len() as f64;
         for (number, (track, theta)) in tracks.iter().zip(thetas).enumerate() {
+            // A stream per track: all networks see the same noise on it.
             let mut rng = seed::rng(12, number as u64);
             let seen = corruption.apply(track, MASK_PX, &mut rng);
             let batch = self.samples(&[seen], std::slice::from_ref(theta), frames)?;
-            // Not cut off at the prior's edges: what a network makes of a gross error may lie outside of them altogether.
+            // The mixture is not truncated to the prior: a network may place the posterior of a gross error wholly
+            // outside it.
             let mixture = ensemble.mixture(&batch)?;
             let draws: Vec<Vec<f64>> = (0..DRAWS).map(|_| mixture.sample(&mut rng)).collect();
             let density = mixture.log_density(theta);
@@ -247,14 +258,11 @@ impl Entrant {
                 sds[i].push(variance.sqrt());
             }
         }
-        let medians = |lists: Vec<Vec<f64>>| lists.into_iter().map(median).collect();
+        let medians = |lists: Vec<Vec<f64>>| {
+            lists.into_iter().map(|mut list| median_high(&mut list).unwrap_or(f64::NAN)).collect()
+        };
         Ok(Score { corruption, log_density, error: medians(errors), sd: medians(sds), region_90 })
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn words(report: &Report, model: &Model) -> String {

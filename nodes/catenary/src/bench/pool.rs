@@ -1,16 +1,18 @@
-//! `catenary bench pool`: episodes a second, by fidelity and number of workers.
+//! `catenary bench pool`: episodes per second, by fidelity and number of workers.
 
-use super::{batch, cpu_time};
-use crate::cli::Output;
-use crate::{model_file, output};
+use super::cpu_time::cpu_time;
+use super::episodes::batch;
+use crate::inputs::model_file;
+use crate::options::Output;
+use crate::terminal::output;
 use anyhow::Result;
 use catenary_core::{Fidelity, Simulator};
+use catenary_simulator::{BeamSimulator, workers};
 use serde::Serialize;
-use simulator_pool::{BeamSimulator, workers};
 use std::path::Path;
 use std::time::Instant;
 
-/// Times that each number of workers takes its turn; the best turn counts, as other work can only slow one down.
+/// Repetitions for each number of workers. The fastest counts, because other processes can only slow one down.
 const TURNS: usize = 3;
 
 #[derive(Debug, Serialize)]
@@ -21,14 +23,14 @@ struct Row {
     episodes_per_second: f64,
     /// Episodes per second of the program's CPU time.
     episodes_per_core_second: f64,
-    /// Episodes per second of wall time, per worker, as a share of those of one worker.
+    /// Episodes per second and worker, relative to one worker alone.
     scaling: f64,
     unconverged_steps: u64,
-    /// Episodes that began with a shape which was not at rest.
+    /// Episodes whose start shape did not converge to rest.
     unconverged_equilibria: u64,
 }
 
-/// Measures the pool with one worker and with as many as there are processors.
+/// Measures the pool with one worker and with one per processor.
 pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
     let model = model_file::read_or_soft_bar(model)?;
     let mut counts = vec![1, workers::available()];
@@ -41,6 +43,7 @@ pub fn run(model: Option<&Path>, out: &Output) -> Result<()> {
         let simulators = counts.iter().map(|n| BeamSimulator::new(&model, *n)).collect::<Result<Vec<_>, _>>()?;
         let mut best = vec![[f64::INFINITY; 2]; counts.len()];
         for _ in 0..TURNS {
+            // Turns alternate between the pools, so that a slow minute of the machine hits all of them.
             for (simulator, best) in simulators.iter().zip(&mut best) {
                 let (wall, cpu) = (Instant::now(), cpu_time());
                 simulator.simulate(&request)?;

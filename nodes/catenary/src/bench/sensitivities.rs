@@ -1,15 +1,16 @@
-//! `catenary bench sensitivities`: what the derivatives of a track cost, and how far they are from the truth.
+//! `catenary bench sensitivities`: cost and accuracy of the derivatives of a track.
 
-use super::cpu_time;
-use crate::cli::Output;
-use crate::{model_file, output, progress};
+use super::cpu_time::cpu_time;
+use crate::inputs::model_file;
+use crate::options::Output;
+use crate::terminal::{output, progress};
 use anyhow::{Result, ensure};
 use catenary_core::Fidelity;
+use catenary_simulator::verification::{DerivativeReport, DerivativeTrial};
 use indicatif::ProgressBar;
-use simulator_pool::verification::{DerivativeReport, DerivativeTrial};
 use std::path::Path;
 
-/// Differentiates random episodes at the fidelity of inference. An error where the derivatives miss their bound.
+/// Differentiates random episodes at the fidelity of inference. Returns an error if the derivatives miss their bound.
 pub fn run(model: Option<&Path>, episodes: u64, out: &Output) -> Result<()> {
     let model = model_file::read_or_soft_bar(model)?;
     let bar = ProgressBar::new(episodes);
@@ -36,7 +37,7 @@ fn words(report: &DerivativeReport) -> String {
             report.tracks
         ),
         format!(
-            "derivatives by {} parameters and effects; central differences take {} tracks",
+            "derivatives with respect to {} parameters and effects; central differences take {} tracks",
             report.difference_tracks / 2,
             report.difference_tracks
         ),
@@ -45,7 +46,7 @@ fn words(report: &DerivativeReport) -> String {
             "relative error of", "median", "worst", "median central difference", "over"
         ),
     ];
-    let row = |r: &simulator_pool::verification::DerivativeRow| {
+    let row = |r: &catenary_simulator::verification::DerivativeRow| {
         let missed = if r.passes { "" } else { "  MISSED" };
         let (error, step) = (r.difference_error, r.difference_step);
         format!("{:<28} {:>10.1e} {:>10.1e} {error:>25.1e} {step:>10.1e}{missed}", r.name, r.error, r.worst)

@@ -1,11 +1,11 @@
-//! The demo's files: the shipped launch file, parameters and model, carried inside the program.
+//! Files of the demo: the shipped launch file, parameters and model, compiled into the program.
 
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
-/// The model that the demo infers, trains and simulates with.
+/// Model that the demo infers, trains and simulates with.
 pub const MODEL: &str = include_str!("../../../../launch_configs/models/soft_bar_place.yaml");
-/// Its place beside the launch file.
+/// Path of the model relative to the launch file.
 pub const MODEL_FILE: &str = "models/soft_bar_place.yaml";
 
 const FILES: [(&str, &str); 3] = [
@@ -14,7 +14,7 @@ const FILES: [(&str, &str); 3] = [
     (MODEL_FILE, MODEL),
 ];
 
-/// Writes the files into `folder`, as they lie in `launch_configs`; returns the launch file's path.
+/// Writes the files into `folder`, with the layout of `launch_configs`. Returns the path of the launch file.
 pub fn write(folder: &Path) -> Result<PathBuf> {
     for (name, text) in FILES {
         let path = folder.join(name);
@@ -26,7 +26,8 @@ pub fn write(folder: &Path) -> Result<PathBuf> {
     Ok(folder.join(FILES[0].0))
 }
 
-/// `wanted`, or, where it exists already, the first of `wanted-2`, `wanted-3`, ... that does not: nothing measured is lost.
+/// Creates `wanted`, or the first of `wanted-2`, `wanted-3`, ... that does not exist, so that no earlier result is
+/// overwritten.
 pub fn fresh_folder(wanted: &Path) -> Result<PathBuf> {
     let name = wanted.file_name().with_context(|| format!("{} names no folder", wanted.display()))?.to_string_lossy();
     let free = |n: u32| if n == 1 { wanted.to_path_buf() } else { wanted.with_file_name(format!("{name}-{n}")) };

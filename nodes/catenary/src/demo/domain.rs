@@ -1,19 +1,20 @@
-//! A DDS domain of the demo's own, so that neither its commands nor its names reach anybody else.
+//! A DDS domain for the demo alone, so that its commands reach no other arm and its names clash with no other node.
 
 use crate::launch::Supervisor;
 use anyhow::{Result, ensure};
 use catenary_shell::{Discovery, DomainClaim, Node, NodeBuilder, Peer, RosArgs, ShellError, contract, list_peers};
 use std::time::Duration;
 
-/// Time in which whoever is in a domain answers a newcomer.
+/// Time in which the participants of a domain answer a new one. Discovery on one machine takes well below this.
 const LOOK: Duration = Duration::from_millis(700);
 
-/// A domain in which nobody else was, and the claim to it.
+/// Claim to a domain without other participants.
 #[derive(Debug)]
 pub struct OwnDomain(DomainClaim);
 
 impl OwnDomain {
-    /// Claims a domain of this machine that is not the environment's, is claimed by no other demo, and has nobody in it.
+    /// Claims a domain of this machine that differs from the environment's, is claimed by no other demo and has no
+    /// participants.
     pub fn claim() -> Result<Self> {
         let claim = DomainClaim::any(|id| {
             let others = look(id)?;
@@ -25,7 +26,7 @@ impl OwnDomain {
         Ok(Self(claim))
     }
 
-    /// `ROS_DOMAIN_ID`.
+    /// Domain number, as in `ROS_DOMAIN_ID`.
     pub fn id(&self) -> u16 {
         self.0.id()
     }
@@ -38,31 +39,33 @@ impl OwnDomain {
         ]
     }
 
-    /// Where the demo lives, and how its topics are looked at.
+    /// Sentence for the user: the domain's number, and a command that lists its topics.
     pub fn words(&self) -> String {
         format!(
-            "in DDS domain {id}, its own, on this machine only; to look in:\n  \
+            "runs in its own DDS domain {id} on this machine; to list its topics:\n  \
              ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID={id} ros2 topic list",
             id = self.id()
         )
     }
 }
 
-/// The nodes of a domain, as far as they are on this machine.
+/// Participants of a domain, as far as they run on this machine.
 fn look(id: u16) -> Result<Vec<Peer>, ShellError> {
     let node = NodeBuilder::new("demo_look", &RosArgs::default())?.domain(id, Discovery::Localhost).build()?;
     let others = node.look_around(LOOK);
+    // The temporary participant must not stay visible to the demo's own nodes.
     node.stop();
     Ok(others)
 }
 
-/// Fails unless the arm that the demo is about to move is its own: one server of each name, started by `supervisor`, and no
-/// publisher of targets, or of the pose or the state of an arm, that it did not start.
+/// Returns an error unless the arm that the demo is about to move is its own. Every server and publisher of the arm's
+/// names must be a process that `supervisor` started, with one server for each name.
 pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
     let own: Vec<u32> = supervisor.rows().iter().filter_map(|row| row.pid).collect();
     let episode = contract::RUN_EPISODE.name;
     for name in contract::ARM.into_iter().chain([episode]) {
         let servers = node.servers(&[name])?;
+        // Two servers of one name would both answer, and two arms could move.
         ensure!(servers.len() == 1, "{name}: expected one server, the demo's own, found {}", list_peers(&servers));
         ensure_started(name, &servers, &own)?;
     }
@@ -72,14 +75,14 @@ pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
     Ok(())
 }
 
-/// Fails where one of the nodes is in a process of this machine that is not one of `own`. Where /proc hides the process,
-/// the look before the start has to do.
+/// Returns an error if one of the peers is a process of this machine outside `own`. A peer whose process /proc hides is
+/// accepted: the check before the start has to suffice.
 fn ensure_started(name: &str, peers: &[Peer], own: &[u32]) -> Result<()> {
     let strangers = peers.iter().filter(|peer| peer.process().is_some_and(|pid| !own.contains(&pid)));
     let strangers: Vec<Peer> = strangers.cloned().collect();
     ensure!(
         strangers.is_empty(),
-        "{name}: {} came into the demo's domain and is none of its nodes; nothing is moved",
+        "{name}: {} joined the demo's domain and is none of its nodes; the arm is not moved",
         list_peers(&strangers)
     );
     Ok(())

@@ -1,4 +1,4 @@
-//! Loop of both episodes side by side, as the camera saw them.
+//! Looping GIF of both episodes side by side, as the camera saw them.
 
 use crate::simulate::GifFile;
 use anyhow::{Context, Result};
@@ -8,27 +8,28 @@ use catenary_core::{Model, Observation};
 use catenary_msgs::sensor_msgs::msg::Image;
 use std::path::Path;
 
-/// Pictures per second.
+/// Frame rate of the GIF.
 const RATE_HZ: f64 = 20.0;
-/// Time shown before the first action, and time for which the last picture stands, s.
+/// Time shown before the first action, and duration of the last picture, s.
 const LEAD_S: f64 = 0.3;
 const STAND_S: f64 = 2.0;
-/// Margin around start and target, m: to the left, to the right, below, above. The bar hangs below and before the hand.
+/// Margin around start and target, m: left, right, below, above. The bar hangs below and in front of the hand.
 const MARGIN_M: [f64; 4] = [0.12, 0.16, 0.12, 0.10];
-/// Difference in grey levels by which a moving part stands out from the background; the image noise has 3.
+/// Difference in grey levels above which a pixel counts as moving. The standard deviation of the image noise is 3.
 const MOVES: u8 = 24;
-/// Pictures whose quantile shows no trace of a moving part.
+/// Fewest pictures from which the quantile gives a background without traces of the moving parts.
 const FEWEST_SHOTS: usize = 4;
-/// Quantile of a byte that is the scene's. The simulated wall is brighter than hand, bar and shadow, and each of them covers a place
-/// for less than this share of the episode; a median shows the hand where it waits.
+/// Quantile of a pixel's values that shows the background. The simulated wall is brighter than hand, bar and shadow,
+/// and each of them covers a pixel for less than this share of the episode. A median would show the hand at its waiting
+/// position.
 const SCENE_QUANTILE: f64 = 0.8;
-/// Columns between the two halves.
+/// Gap between the two halves, columns.
 const GUTTER_PX: usize = 8;
 const WHITE: [u8; 3] = [255; 3];
 const YELLOW: [u8; 3] = [255, 215, 0];
 const BLACK: [u8; 3] = [0; 3];
 
-/// Part of the image that the motion stays in, pixels.
+/// Part of the image that contains the motion, pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Window {
     left: usize,
@@ -38,11 +39,12 @@ pub struct Window {
 }
 
 impl Window {
-    /// The part around the arm's start, the target and the table.
+    /// Window around the arm's start, the target and the table. Returns an error if the model has no task.
     pub fn of(model: &Model, camera: &Pinhole) -> Result<Self> {
         let task = model.task.context("the demo's model needs a task")?;
         let (start, target) = (model.arm.start, task.target_m);
         let [left, right, below, above] = MARGIN_M;
+        // The window reaches down to the table, at z = 0.
         let low = [start.x_m.min(target[0]) - left, start.z_m.min(target[1]).min(0.1) - below];
         let high = [start.x_m.max(target[0]) + right, start.z_m.max(target[1]) + above];
         let view = model.camera.view;
@@ -59,7 +61,7 @@ impl Window {
         Ok(Self { left, top, width: right - left, height: bottom - top })
     }
 
-    /// The window's pixels of an RGB image; none where the image is too small.
+    /// Pixels of the window from an RGB image; `None` if the image is too small.
     pub fn cut(&self, image: &Image) -> Option<Vec<u8>> {
         let stride = 3 * image.width as usize;
         let row = |v: usize| image.data.get(v * stride + 3 * self.left..v * stride + 3 * (self.left + self.width));
@@ -68,51 +70,51 @@ impl Window {
     }
 }
 
-/// A point scaled to -1 .. 1 over the mask, in pixels of the image.
+/// Converts a point in scaled coordinates (-1 to 1 over the mask) to pixels of the image.
 pub fn image_px(camera: &Pinhole, scaled: [f64; 2]) -> [f64; 2] {
     let (side, corner) = camera.crop();
     std::array::from_fn(|i| corner[i] + 0.5 * (scaled[i] + 1.0) * side)
 }
 
-/// The window at one time.
+/// Pixels of the window at one time.
 pub struct Shot {
-    /// s on the observer's clock.
+    /// Time on the observer's clock, s.
     pub time_s: f64,
     /// RGB bytes of the window.
     pub rgb: Vec<u8>,
 }
 
-/// Pictures of one episode.
+/// Pictures and observations of one episode.
 pub struct Film {
-    /// Where they were cut from.
+    /// Window that the pictures were cut with.
     pub window: Window,
     /// Pictures in order of time.
     pub shots: Vec<Shot>,
-    /// Observations with their times, s on the observer's clock.
+    /// Observations and their times on the observer's clock, s.
     pub observations: Vec<(f64, Observation)>,
 }
 
 impl Film {
-    /// Length from the first observation to the last, s.
+    /// Time from the first observation to the last, s.
     fn duration_s(&self) -> f64 {
         let time = |o: Option<&(f64, Observation)>| o.map_or(0.0, |o| o.0);
         time(self.observations.last()) - time(self.observations.first())
     }
 
-    /// The newest picture at `time_s` after the first observation.
+    /// Newest picture at `time_s` after the first observation.
     fn at(&self, time_s: f64) -> Option<&Shot> {
         let at = self.observations.first().map_or(0.0, |o| o.0) + time_s;
         self.shots.iter().rev().find(|s| s.time_s <= at).or(self.shots.first())
     }
 
-    /// Pictures of the episode itself: before and after it the object stands still, like the background.
+    /// Pictures during the episode. Before and after it the object stands still and would look like background.
     fn during(&self) -> impl Iterator<Item = &Shot> {
         let time = |o: Option<&(f64, Observation)>| o.map_or(f64::NAN, |o| o.0);
         let episode = time(self.observations.first())..=time(self.observations.last());
         self.shots.iter().filter(move |s| episode.contains(&s.time_s))
     }
 
-    /// Draws the object's keypoints, the tip and its distance from the target as the last observation has them.
+    /// Draws the keypoints, the tip and its distance from the target at the last observation.
     fn mark_end(&self, rgb: &mut [u8], camera: &Pinhole, judge: &Judge) {
         let Some((_, last)) = self.observations.last() else { return };
         let mut canvas = Canvas { rgb, width: self.window.width, height: self.window.height };
@@ -141,7 +143,7 @@ pub fn write(path: &Path, films: [&Film; 2], camera: &Pinhole, judge: &Judge) ->
         let time_s = k.min(pictures) as f64 / RATE_HZ - LEAD_S;
         let mut both = WHITE.repeat(size[0] * size[1]);
         for (half, film) in films.iter().enumerate() {
-            // What the object does after the episode is not shown: it was not judged.
+            // Motion after the end of the episode is not shown, because it was not judged.
             let Some(shot) = film.at(time_s.min(film.duration_s())) else { continue };
             let mut rgb = without_noise(&shot.rgb, &background);
             if time_s >= film.duration_s() {
@@ -157,7 +159,7 @@ pub fn write(path: &Path, films: [&Film; 2], camera: &Pinhole, judge: &Judge) ->
     gif.finish()
 }
 
-/// Upper quantile of each byte over the pictures of both episodes: the scene without the hand and the bar, and without noise.
+/// Background: the upper quantile of each byte over the pictures of both episodes, without hand, bar and noise.
 fn background(films: [&Film; 2]) -> Vec<u8> {
     let mut shots: Vec<&Shot> = films.iter().flat_map(|f| f.during()).collect();
     if shots.len() < FEWEST_SHOTS {
@@ -173,18 +175,19 @@ fn background(films: [&Film; 2]) -> Vec<u8> {
     (0..bytes).map(quantile).collect()
 }
 
-/// The picture with the background in place of what does not stand out from it. A GIF has few colours and stores noise badly.
+/// Replaces every pixel that does not stand out by the background. A GIF has few colours and compresses noise badly.
 fn without_noise(rgb: &[u8], background: &[u8]) -> Vec<u8> {
     let mut out = background.to_vec();
     for (o, new) in out.chunks_exact_mut(3).zip(rgb.chunks_exact(3)) {
         if o.iter().zip(new).any(|(a, b)| a.abs_diff(*b) > MOVES) {
+            // Sixteen levels per channel keep the palette small; 8 is the middle of a level.
             o.copy_from_slice(&[new[0] & 0xf0 | 8, new[1] & 0xf0 | 8, new[2] & 0xf0 | 8]);
         }
     }
     out
 }
 
-/// A picture to draw on.
+/// Image to draw on.
 struct Canvas<'a> {
     rgb: &'a mut [u8],
     width: usize,
@@ -198,7 +201,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// A ring between two radii in pixels; a disc where the inner one is 0.
+    /// Draws a ring between two radii in pixels, or a disc if the inner radius is 0.
     fn ring(&mut self, [u, v]: [f64; 2], inner: f64, outer: f64, colour: [u8; 3]) {
         let reach = outer.ceil() as i64;
         let (cu, cv) = (u.round() as i64, v.round() as i64);

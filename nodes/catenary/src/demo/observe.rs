@@ -1,9 +1,10 @@
-//! What the demo itself sees of an episode: camera frames at the observations, and the age of the keypoints.
+//! Observer of an episode: camera frames at the observations, pictures for the film, and the age of the keypoints.
 
 use super::film::{Film, Shot, Window, image_px};
 use super::summary::Frame;
 use anyhow::{Context, Result};
 use catenary_core::camera::Pinhole;
+use catenary_core::statistics::{QuantileMethod, quantile};
 use catenary_core::{Camera, Model, Observation};
 use catenary_msgs::msg::{Keypoints as KeypointsMsg, Observation as ObservationMsg};
 use catenary_msgs::sensor_msgs::msg::Image;
@@ -12,14 +13,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Time between two pictures of the film, s.
+/// Least time between two pictures of the film, s.
 const SHOT_PERIOD_S: f64 = 0.015;
-/// Most pictures of a film: 0.25 MB each.
+/// Largest number of pictures in a film; each takes 0.25 MB.
 const MOST_SHOTS: usize = 1_000;
-/// Observations that may wait to be looked at.
+/// Capacity of the queue of observations.
 const QUEUE: usize = 64;
 
-/// Watches one episode.
+/// Observer of one episode.
 pub struct Observer {
     images: Latest<Image>,
     observations: Queue<ObservationMsg>,
@@ -35,11 +36,11 @@ pub struct Observer {
     since: Time,
 }
 
-/// Everything that was seen of an episode.
+/// Everything observed during an episode.
 pub struct Seen {
     /// Observations of the policy, in order.
     pub observations: Vec<Observation>,
-    /// A camera frame for each.
+    /// Camera frame of each observation.
     pub frames: Vec<Frame>,
     /// Median and 99 % quantile of the keypoints' age at arrival, ms.
     pub latency_ms: [f64; 2],
@@ -48,7 +49,7 @@ pub struct Seen {
 }
 
 impl Observer {
-    /// Starts to watch. Frames are written to `folder/frames/POLICY_STEP.png`.
+    /// Starts to observe. Frames are written to `folder/frames/POLICY_STEP.png`.
     pub fn start(node: &Node, folder: &Path, policy: &str, model: &Model) -> Result<Self> {
         let Camera::Pinhole(camera) = model.camera.view else {
             anyhow::bail!("the demo's model needs a pinhole camera")
@@ -62,6 +63,7 @@ impl Observer {
         let topic = contract::KEYPOINTS;
         let keypoints = node.subscription::<KeypointsMsg>(topic.name, topic.qos, move |received| {
             let stamp = catenary_shell::stamp::from_msg(&received.message.header.stamp);
+            // Against wall time: the stamps of the simulated camera are wall time, too.
             let age_ms = 1e3 * wall_now().secs_since(stamp);
             sink.lock().unwrap_or_else(PoisonError::into_inner).push(age_ms);
         })?;
@@ -94,7 +96,7 @@ impl Observer {
         })
     }
 
-    /// Looks at what has come since the last call; waits up to `timeout` for the first observation.
+    /// Processes the observations that arrived since the last call; waits up to `timeout` for the first.
     pub fn look(&mut self, timeout: Duration) -> Result<()> {
         let mut next = self.observations.next(timeout);
         while let Some(received) = next {
@@ -104,14 +106,12 @@ impl Observer {
         Ok(())
     }
 
-    /// Ends the watch.
+    /// Stops, and returns everything observed.
     pub fn finish(mut self) -> Result<Seen> {
         self.look(Duration::from_millis(500))?;
         let mut ages = std::mem::take(&mut *self.ages_ms.lock().unwrap_or_else(PoisonError::into_inner));
         ages.sort_by(f64::total_cmp);
-        let quantile =
-            |q: f64| ages.get(((ages.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or(f64::NAN);
-        let latency_ms = [quantile(0.5), quantile(0.99)];
+        let latency_ms = [0.5, 0.99].map(|q| quantile(&ages, q, QuantileMethod::Nearest));
         let (observations, frames): (Vec<Observation>, Vec<Frame>) = self.seen.into_iter().unzip();
         let shots = std::mem::take(&mut *self.shots.lock().unwrap_or_else(PoisonError::into_inner));
         let observed = self.times_s.into_iter().zip(observations.iter().copied()).collect();
@@ -119,11 +119,12 @@ impl Observer {
     }
 
     fn keep(&mut self, message: &ObservationMsg) -> Result<()> {
-        // A writer may hand on what it still has of an earlier episode.
+        // A writer with transient-local durability may deliver samples of an earlier episode.
         if catenary_shell::stamp::from_msg(&message.header.stamp) < self.since {
             return Ok(());
         }
         let observation = Observation(message.values);
+        // The first observations may precede the first image on this subscription.
         let Some(received) = self.images.get() else { return Ok(()) };
         let image = received.message;
         let file = format!("frames/{}_{:02}.png", self.policy, message.step);

@@ -1,11 +1,12 @@
-//! The demo's report.
+//! HTML report of the demo.
 
-use super::story::{REPEATS, quantity, training_words};
+use super::story::{REPEATS, training_words};
 use super::summary::{Episode, Summary};
-use crate::evaluate::{Estimate, Evaluated};
-use crate::misfit::Misfit;
-use crate::report::plots::{self, Series};
-use crate::report::{Mark, Page, Picture, posterior};
+use crate::evaluate::score::{Estimate, Evaluated};
+use crate::exit::Misfit;
+use crate::report::plots::Series;
+use crate::report::quantity::Quantity;
+use crate::report::{Mark, Page, Picture, plots, posterior};
 use anyhow::{Context, Result};
 use base64::Engine;
 use catenary_core::Goal;
@@ -14,13 +15,13 @@ use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use std::path::{Path, PathBuf};
 
-/// Frames of an episode that the timelapse shows.
+/// Frames of an episode in the timelapse.
 const FRAMES: usize = 8;
 
-/// Width of a still in the page, pixels: twice that of its place, for sharp displays.
+/// Width of a still in the page, pixels: twice its displayed width, for high-density displays.
 const STILL_WIDTH_PX: u32 = 400;
 const STILL_QUALITY: u8 = 75;
-/// Layout of the answer on top: two columns that stay side by side on a telephone.
+/// Style of the answer at the top: two columns, which stay side by side on a telephone.
 const STYLE: &str = "<style>.film{width:100%;height:auto;border-radius:4px}.answer{display:grid;grid-template-columns:1fr 1fr;\
 gap:8px;margin:.3em 0 1em}.answer b{font-size:1.5em;display:block}.answer small{color:#555}</style>";
 
@@ -40,7 +41,7 @@ pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// The moving picture, and below each half what came of its policy.
+/// Looping GIF, and below each half the result of its policy.
 fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     let path = folder.join(&summary.film);
     let gif = std::fs::read(&path).with_context(|| path.display().to_string())?;
@@ -64,9 +65,9 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     ));
     page.paragraph(&summary.aim());
     let row = |(m, truth): (&Marginal, &f64)| {
-        let (label, hidden) = quantity(&m.name, *truth);
-        let [median, low, high] = [m.median, m.q05, m.q95].map(|v| quantity(&m.name, v).1);
-        vec![label, hidden, median, format!("{low} to {high}")]
+        let quantity = Quantity::of(&m.name);
+        let [hidden, median, low, high] = [*truth, m.median, m.q05, m.q95].map(|v| quantity.brief(v));
+        vec![quantity.title, hidden, median, format!("{low} to {high}")]
     };
     let rows: Vec<Vec<String>> = summary.inference.marginals.iter().zip(&summary.truth).map(row).collect();
     page.table(&["", "hidden", "found", "with 90 %"], &rows);
@@ -77,14 +78,14 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     Ok(())
 }
 
-/// Low and high end in percent.
+/// Interval in percent, as "low to high %".
 fn percent_range(share: &Estimate) -> String {
     format!("{:.0} to {:.0} %", 100.0 * share.low, 100.0 * share.high)
 }
 
-/// How the answer came about, and how far it can be trusted.
+/// Section on the method and on the reliability of the answer.
 fn method(page: &mut Page, summary: &Summary) {
-    page.heading("How this came about");
+    page.heading("Method");
     page.paragraph(
         "pi0 was trained in simulation over every bar that the prior allows and run once on the cell. The recording of that \
          episode gave the posterior. pi1 was trained over the posterior with as many steps and run on the same cell. The hidden \
@@ -98,7 +99,7 @@ fn method(page: &mut Page, summary: &Summary) {
              ({} fidelity), with camera noise, damping and friction drawn anew in each. pi1 minus pi0: success {} points, return {}. \
              Brackets are intervals of 95 % (Wilson for shares, paired for differences).",
             evaluation.episodes,
-            evaluation.fidelity,
+            evaluation.fidelity.name(),
             success.words(100.0, 0),
             mean_return.words(1.0, 2)
         ));
@@ -113,7 +114,7 @@ fn method(page: &mut Page, summary: &Summary) {
     };
     let rows: Vec<Vec<String>> = evaluation.policies.iter().map(row).collect();
     page.table(&["policy", "success", "return", "median distance"], &rows);
-    page.paragraph(&format!("Preset {}, seed {}. {REPEATS}", summary.preset, summary.seed));
+    page.paragraph(&format!("Preset {}, seed {}. {REPEATS}", summary.preset.name(), summary.seed));
 }
 
 fn inferred(page: &mut Page, summary: &Summary) -> Result<()> {
@@ -177,13 +178,13 @@ fn episodes(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     let paths: Vec<plots::Path> = summary.episodes.iter().map(path).collect();
     page.svg(&plots::paths(&paths, summary.task.target_m)?);
     for e in &summary.episodes {
-        page.heading(&format!("What the camera saw: {}", e.policy));
+        page.heading(&format!("Camera frames: {}", e.policy));
         page.strip(&timelapse(folder, e)?);
     }
     Ok(())
 }
 
-/// Frames spread evenly over the episode, the first and the last among them.
+/// Frames spread evenly over the episode, including the first and the last.
 fn timelapse(folder: &Path, episode: &Episode) -> Result<Vec<Picture>> {
     let n = episode.frames.len();
     let shown = n.min(FRAMES);
@@ -193,6 +194,7 @@ fn timelapse(folder: &Path, episode: &Episode) -> Result<Vec<Picture>> {
             let frame = &episode.frames[index(i)];
             let path = folder.join(&frame.file);
             let picture = image::open(&path).with_context(|| path.display().to_string())?.to_rgb8();
+            // The first four marks are the object's keypoints, the fifth is the target.
             let colour = |k: usize| if k < 4 { "yellow" } else { "black" };
             let marks = frame.marks_px.iter().enumerate().map(|(k, p)| Mark { at_px: *p, colour: colour(k) }).collect();
             Ok(Picture {
@@ -206,7 +208,7 @@ fn timelapse(folder: &Path, episode: &Episode) -> Result<Vec<Picture>> {
         .collect()
 }
 
-/// The picture as a small JPEG.
+/// Encodes the picture as a small JPEG.
 fn still(picture: &image::RgbImage) -> Result<Vec<u8>> {
     let width = STILL_WIDTH_PX.min(picture.width());
     let height = (picture.height() * width / picture.width()).max(1);
@@ -217,7 +219,7 @@ fn still(picture: &image::RgbImage) -> Result<Vec<u8>> {
 }
 
 fn stages(page: &mut Page, summary: &Summary) {
-    page.heading("Where the time went");
+    page.heading("Time by stage");
     let row = |s: &super::summary::Stage| vec![s.name.clone(), format!("{:.1}", s.wall_s), format!("{:.1}", s.cpu_s)];
     let mut rows: Vec<Vec<String>> = summary.stages.iter().map(row).collect();
     let total = |f: fn(&super::summary::Stage) -> f64| summary.stages.iter().map(f).sum::<f64>();

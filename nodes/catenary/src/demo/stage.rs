@@ -1,39 +1,39 @@
-//! Stages of the demo: progress, time, and what ends them early.
+//! Stages of the demo: progress, time, and early ends.
 
 use super::summary::Stage;
-use crate::interrupted::Interrupted;
+use crate::exit::Interrupted;
 use crate::launch::Supervisor;
-use crate::progress;
+use crate::terminal::progress;
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{Act, ActionClient, CallError, Node, Status};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// Time in which a server must answer that it takes a goal.
+/// Time in which a server must accept a goal.
 const ACCEPT: Duration = Duration::from_secs(20);
-/// How often the processes are looked after while a goal runs.
+/// Period of the checks on the processes while a goal runs.
 const WATCH: Duration = Duration::from_millis(200);
 
-/// Runs stages on a running graph, and keeps their times.
+/// Runs stages on a running graph and keeps their times.
 pub struct Stages<'a> {
-    /// The demo's own node.
+    /// Node of the demo itself.
     pub node: &'a Node,
-    /// The graph's processes.
+    /// Processes of the graph.
     pub supervisor: Supervisor,
-    /// The stages so far.
+    /// Finished stages.
     pub done: Vec<Stage>,
     quiet: bool,
 }
 
 impl<'a> Stages<'a> {
-    /// Stages on the graph that `supervisor` runs. Where stderr is a terminal it shows bars, else a line a stage.
+    /// Stages on the graph that `supervisor` runs. Progress is shown as bars on a terminal, else as one line per stage.
     pub fn new(node: &'a Node, supervisor: Supervisor) -> Self {
         let quiet = !std::io::IsTerminal::is_terminal(&std::io::stderr());
         Self { node, supervisor, done: Vec::new(), quiet }
     }
 
-    /// Runs `work` as the stage `name`, with a bar of `length`.
+    /// Runs `work` as the stage `name`, with a progress bar of `length` steps.
     pub fn run<T>(
         &mut self,
         name: &str,
@@ -55,8 +55,8 @@ impl<'a> Stages<'a> {
         result
     }
 
-    /// Runs a goal to its end. Feedback goes to `on_feedback`; Ctrl-C cancels the goal; a process of the graph that ends
-    /// by itself ends the stage with its last words.
+    /// Runs a goal to its end. Feedback goes to `on_feedback`. Ctrl-C cancels the goal. If a process of the graph ends
+    /// by itself, the stage ends with its last log lines as the error.
     pub fn goal<A: Act>(
         &mut self,
         client: &ActionClient<A>,
@@ -71,6 +71,7 @@ impl<'a> Stages<'a> {
             match running.wait(WATCH) {
                 Ok((Status::Succeeded, result)) => return Ok(result),
                 Ok((Status::Canceled, _)) => bail!("cancelled"),
+                // An aborted goal carries the reason in its result, which the caller checks.
                 Ok((Status::Aborted, result)) => return Ok(result),
                 Err(CallError::Timeout { .. }) => {}
                 Err(CallError::Shutdown { .. }) => return Err(Interrupted(String::new()).into()),
@@ -80,14 +81,14 @@ impl<'a> Stages<'a> {
                 return Err(Interrupted(String::new()).into());
             }
             if let Err(e) = self.check() {
-                // The goal's own server may be the one that died: nobody may be left to cancel it.
+                // The goal's server may be the process that died: a failed cancellation is ignored.
                 let _ = running.cancel(Duration::from_secs(1));
                 return Err(e);
             }
         }
     }
 
-    /// Fails where a process of the graph has ended by itself.
+    /// Returns an error if a process of the graph has ended by itself.
     pub fn check(&mut self) -> Result<()> {
         match self.supervisor.poll()?.first() {
             Some(event) => Err(anyhow!("{}", event.describe())),
@@ -95,7 +96,7 @@ impl<'a> Stages<'a> {
         }
     }
 
-    /// Waits `time`, ready for Ctrl-C and for processes that end.
+    /// Waits for `time`. Ctrl-C and the end of a process interrupt the wait.
     pub fn pause(&mut self, time: Duration) -> Result<()> {
         let end = Instant::now() + time;
         while Instant::now() < end {

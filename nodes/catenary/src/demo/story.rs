@@ -1,51 +1,40 @@
-//! The demo's answer in words: what was hidden, what was found, and what it was good for.
+//! Sentences of the demo's answer: hidden values, inferred values, and success of each policy.
 
 use super::summary::{Episode, Summary};
-use crate::evaluate::Evaluated;
-use crate::figures::figures;
-use crate::misfit::Misfit;
+use crate::evaluate::score::Evaluated;
+use crate::exit::Misfit;
+use crate::report::quantity::Quantity;
 use catenary_core::Goal;
 use catenary_core::posterior::Marginal;
 use catenary_core::track::End;
 
-/// Explanation of one seed giving slightly different figures.
+/// Explanation for the report: figures differ slightly between runs with one seed.
 pub const REPEATS: &str = "The same seed hides the same object and trains the same pi0, to the bit. The recording differs from run \
     to run, since camera, arm and policy are separate processes that keep real time; posterior, pi1 and their figures differ with it.";
 
-/// Label and value of a parameter with the unit in words: `length_m`, 0.262 gives `length` and `262 mm`.
-pub fn quantity(name: &str, value: f64) -> (String, String) {
-    let (stem, value) = if let Some(stem) = name.strip_suffix("_m") {
-        (stem, format!("{:.0} mm", 1e3 * value))
-    } else if let Some(stem) = name.strip_suffix("_pa") {
-        (stem, format!("{:.1} kPa", 1e-3 * value))
-    } else {
-        (name, figures(value))
-    };
-    (stem.replace('_', " ").replace("youngs", "Young's"), value)
-}
-
-/// Success of an episode on the cell.
+/// True if an episode on the cell ended with success.
 pub fn succeeded(episode: &Episode) -> bool {
     episode.end == End::Success.name()
 }
 
 impl Summary {
-    /// What was hidden and what was found, a line for each parameter.
+    /// Hidden and inferred values, one line per parameter.
     pub fn findings(&self) -> Vec<String> {
         let line = |(m, truth): (&Marginal, &f64)| {
-            let (label, hidden) = quantity(&m.name, *truth);
-            let [median, low, high] = [m.median, m.q05, m.q95].map(|v| quantity(&m.name, v).1);
-            format!("{label}: {hidden} hidden, {median} found (90 % between {low} and {high})")
+            let quantity = Quantity::of(&m.name);
+            let [hidden, median, low, high] = [*truth, m.median, m.q05, m.q95].map(|v| quantity.brief(v));
+            format!("{}: {hidden} hidden, {median} found (90 % between {low} and {high})", quantity.title)
         };
         self.inference.marginals.iter().zip(&self.truth).map(line).collect()
     }
 
-    /// The whole answer: what was hidden, what was found, and how often each policy reached the goal.
+    /// Answer in a few sentences: hidden values, inferred values, and the success rate of each policy.
     pub fn headline(&self) -> String {
         let values = |value: &dyn Fn(usize) -> f64, labelled: bool| -> String {
             let word = |(i, m): (usize, &Marginal)| {
-                let (label, value) = quantity(&m.name, value(i));
-                if labelled { format!("{label} {value}") } else { value }
+                let quantity = Quantity::of(&m.name);
+                let value = quantity.brief(value(i));
+                if labelled { format!("{} {value}", quantity.title) } else { value }
             };
             self.inference.marginals.iter().enumerate().map(word).collect::<Vec<_>>().join(", ")
         };
@@ -64,6 +53,7 @@ impl Summary {
                 rate(before),
                 rate(after)
             );
+            // The interval of the paired difference decides: a claim of improvement needs it to exclude zero.
             match after.success_gained {
                 Some(d) if d.high < 0.0 => text += " pi1 is worse.",
                 Some(d) if d.low <= 0.0 => text += " The difference may be chance.",
@@ -73,7 +63,7 @@ impl Summary {
         text
     }
 
-    /// Aim of the task and threshold of success.
+    /// Aim of the task and threshold of success, in a sentence.
     pub fn aim(&self) -> String {
         let mm = 1e3 * self.success_distance_m;
         let seconds = self.task.steps as f64 * self.task.step_period_s;
@@ -90,7 +80,7 @@ impl Summary {
         }
     }
 
-    /// What came of a policy's episode on the cell.
+    /// Result of a policy's episode on the cell, in words.
     pub fn outcome(&self, episode: &Episode) -> String {
         let mm = 1e3 * episode.distance_m;
         let what = match self.task.goal {
@@ -104,7 +94,7 @@ impl Summary {
         }
     }
 
-    /// The summary in a few lines.
+    /// Summary for the terminal.
     pub fn words(&self) -> String {
         let mut lines: Vec<String> = self.inference.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
         lines.push(self.headline());
@@ -137,19 +127,7 @@ impl Summary {
     }
 }
 
-/// What a policy was trained on.
+/// Training distribution of a policy, in words.
 pub fn training_words(policy: &str) -> &'static str {
     if policy == "pi0" { "trained without knowing the object" } else { "trained on what was found" }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn units_are_those_of_people() {
-        assert_eq!(quantity("length_m", 0.2624), ("length".into(), "262 mm".into()));
-        assert_eq!(quantity("youngs_modulus_pa", 13_240.0), ("Young's modulus".into(), "13.2 kPa".into()));
-        assert_eq!(quantity("poisson_ratio", 0.45), ("poisson ratio".into(), "0.4500".into()));
-    }
 }

@@ -1,31 +1,32 @@
-//! What a demo found: everything that the report shows, as `summary.json`.
+//! Results of a demo, as stored in `summary.json` and shown in the report.
 
-use crate::evaluate::Evaluated;
+use crate::evaluate::score::Evaluated;
+use crate::options::Preset;
 use anyhow::{Context, Result};
 use catenary_core::posterior::Marginal;
-use catenary_core::{Posterior, Task};
+use catenary_core::{Fidelity, Posterior, Task};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Name of the file in the demo's folder.
 pub const FILE: &str = "summary.json";
 
-/// A whole demo.
+/// Results of a whole demo.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Summary {
-    /// Seed of everything.
+    /// Seed of every random draw.
     pub seed: u64,
-    /// `default` or `paper`.
-    pub preset: String,
+    /// Preset: `default` or `paper`.
+    pub preset: Preset,
     /// Names of the inferred parameters.
     pub parameters: Vec<String>,
-    /// Their hidden values, which no node but the cell was told.
+    /// Hidden values of the parameters, which only the cell's node received.
     pub truth: Vec<f64>,
-    /// The task of both policies.
+    /// Task of both policies.
     pub task: Task,
-    /// Distance in m at which an episode is a success.
+    /// Distance below which an episode is a success, m.
     pub success_distance_m: f64,
-    /// What was inferred.
+    /// Result of the inference.
     pub inference: Inference,
     /// Training before (pi0) and after (pi1) the inference.
     pub training: Vec<Training>,
@@ -35,53 +36,53 @@ pub struct Summary {
     pub film: String,
     /// Score of each policy over simulated episodes of the hidden object.
     pub evaluation: Evaluation,
-    /// Where the time went.
+    /// Time of each stage.
     pub stages: Vec<Stage>,
 }
 
-/// Scores over simulated episodes of the hidden object, computed after everything else.
+/// Scores over simulated episodes of the hidden object, computed after inference and training.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Evaluation {
-    /// Episodes of each policy; both meet the same ones.
+    /// Number of episodes of each policy; both run the same ones.
     pub episodes: usize,
     /// Fidelity of the simulation.
-    pub fidelity: String,
+    pub fidelity: Fidelity,
     /// Seed of camera noise and of the effects that vary from episode to episode.
     pub seed: u64,
-    /// The policies, pi0 first.
+    /// Scores of the policies, pi0 first.
     pub policies: Vec<Evaluated>,
 }
 
-/// The inference.
+/// Result of the inference.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Inference {
-    /// The posterior.
+    /// Posterior over the parameters.
     pub posterior: Posterior,
-    /// Its marginals.
+    /// Marginals of the posterior.
     pub marginals: Vec<Marginal>,
     /// Thetas that pi1 was trained on: low-variance samples of the posterior.
     pub domains: Vec<Vec<f64>>,
     /// Held-out loss after each iteration, nat.
     pub losses: Vec<f64>,
-    /// Effective sample size at the end.
+    /// Effective sample size of the last iteration.
     pub effective_sample_size: f64,
     /// Share of the mixture outside the prior's support.
     pub mass_outside: f64,
-    /// Simulations in all.
+    /// Total number of simulations.
     pub simulations: u32,
-    /// What the service warns of.
+    /// Warnings of the service.
     pub warnings: Vec<String>,
-    /// Why the posterior fits nothing of the recording; none where it does, or the demo is of an older program.
+    /// Reason why the posterior does not fit the recording; `None` if it fits, or if an older program wrote the file.
     #[serde(default)]
     pub misfit: Option<String>,
 }
 
-/// One training.
+/// Result of one training.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Training {
     /// Name of the policy.
     pub policy: String,
-    /// (environment steps, mean return of the episodes that ended by then).
+    /// Learning curve: (environment steps, mean return of the episodes that ended by then).
     pub curve: Vec<(u64, f64)>,
     /// Environment steps per second.
     pub steps_per_second: f64,
@@ -92,30 +93,30 @@ pub struct Training {
 pub struct Episode {
     /// Name of the policy.
     pub policy: String,
-    /// Why it ended.
+    /// Reason of the end.
     pub end: String,
     /// Reward of each step.
     pub rewards: Vec<f64>,
-    /// Their sum.
+    /// Sum of the rewards.
     pub episode_return: f64,
-    /// Distance in m that the task asks to be small, as the camera saw it.
+    /// Distance that the task minimises, seen by the camera, m.
     pub distance_m: f64,
-    /// (x, z) in m of the end effector at each observation.
+    /// Position (x, z) of the end effector at each observation, m.
     pub path_m: Vec<[f64; 2]>,
-    /// The bag, relative to the demo's folder.
+    /// Path of the bag, relative to the demo's folder.
     pub bag: String,
-    /// Camera frames, one for each observation.
+    /// Camera frames, one per observation.
     pub frames: Vec<Frame>,
-    /// Time from an image's stamp to the arrival of its keypoints, over the episode, ms: median and 99 % quantile.
+    /// Delay from an image's stamp to the arrival of its keypoints, ms: median and 99 % quantile over the episode.
     pub keypoint_latency_ms: [f64; 2],
 }
 
 /// One camera frame.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Frame {
-    /// The PNG file, relative to the demo's folder.
+    /// Path of the PNG file, relative to the demo's folder.
     pub file: String,
-    /// The object's keypoints and then the target in pixels of the image.
+    /// Keypoints of the object, then the target, in pixels of the image.
     pub marks_px: Vec<[f64; 2]>,
     /// Step of the episode.
     pub step: u32,
@@ -124,16 +125,16 @@ pub struct Frame {
 /// One stage of the demo.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Stage {
-    /// What it did.
+    /// Name of the stage.
     pub name: String,
-    /// Wall time in s.
+    /// Wall time, s.
     pub wall_s: f64,
-    /// Processor time of all nodes in s.
+    /// Processor time of all nodes, s.
     pub cpu_s: f64,
 }
 
 impl Summary {
-    /// Reads `summary.json` in `folder`.
+    /// Reads `summary.json` in `folder`. Returns an error that names the file if it is missing or malformed.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).with_context(|| format!("demo folder: {}", path.display()))?;

@@ -1,56 +1,56 @@
-//! One check of `catenary doctor`, and its line.
+//! A check of `catenary doctor`, and its line of output.
 
-use crate::output::wrapped;
+use crate::terminal::output::wrapped;
 use serde::Serialize;
 
-/// Width of the lines.
+/// Width of the output, columns.
 const WIDTH: usize = 80;
-/// Columns before a detail.
+/// Indentation of the details, columns.
 const INDENT: usize = 27;
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Debug, Serialize)]
 pub struct Check {
-    /// Its name.
+    /// Name of the check.
     pub name: &'static str,
-    /// Whether it is right.
+    /// Verdict.
     pub verdict: Verdict,
-    /// What was found.
+    /// Finding, in words.
     pub detail: String,
-    /// What to do; none: nothing.
+    /// Remedy; `None` if nothing needs to be done.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
 
-/// Whether the graph can work with what was found.
+/// Verdict on a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// It works.
+    /// The graph can work.
     Good,
-    /// It works, but not with everything or not for long.
+    /// The graph can work, with limits.
     Warning,
-    /// It does not work.
+    /// The graph cannot work.
     Bad,
 }
 
 impl Check {
-    /// What is as it should be.
+    /// Check without objection.
     pub fn good(name: &'static str, detail: impl Into<String>) -> Self {
         Self { name, verdict: Verdict::Good, detail: detail.into(), remedy: None }
     }
 
-    /// What limits the graph, and what to do about it.
+    /// Check whose finding limits the graph, with its remedy.
     pub fn warning(name: &'static str, detail: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { name, verdict: Verdict::Warning, detail: detail.into(), remedy: Some(remedy.into()) }
     }
 
-    /// What keeps the graph from working, and what to do about it.
+    /// Check whose finding prevents the graph from working, with its remedy.
     pub fn bad(name: &'static str, detail: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { name, verdict: Verdict::Bad, detail: detail.into(), remedy: Some(remedy.into()) }
     }
 
-    /// The check in lines of a terminal.
+    /// Text of the check for a terminal.
     pub fn words(&self) -> String {
         let word = match self.verdict {
             Verdict::Good => "ok     ",
@@ -59,7 +59,7 @@ impl Check {
         };
         let blank = " ".repeat(INDENT);
         let mut lines = wrapped(&self.detail, WIDTH - INDENT);
-        // An error's message stays in one piece, for those who search for it.
+        // An error message is not wrapped, so that it can be copied and searched for.
         if self.verdict == Verdict::Bad {
             lines = vec![self.detail.clone()];
         }

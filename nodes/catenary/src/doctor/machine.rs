@@ -1,4 +1,4 @@
-//! What of the machine limits the graph.
+//! Checks of the machine: cores, network buffers, disk space, Python and ffmpeg.
 
 use super::check::Check;
 use rustix::fs::{Access, access, statvfs};
@@ -7,16 +7,17 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Socket buffer below which camera images get lost on their way to and from other vendors' nodes, bytes.
+/// Socket buffer below which camera images are lost between our nodes and other vendors', bytes.
 const WANTED_BUFFER: u64 = 4 * 1024 * 1024;
-/// Free space below which a disk is full before a session is over, bytes: a camera's images take 28 MB a second.
+/// Free disk space below which a session may fill the disk, bytes. Camera images take 28 MB/s, so that this lasts three
+/// minutes.
 const WANTED_SPACE: u64 = 5_000_000_000;
-/// Free space below which not even a demo fits, bytes.
+/// Free disk space below which a demo does not fit, bytes.
 const LEAST_SPACE: u64 = 200_000_000;
-/// Versions of Python that tests and tools are run with.
+/// Python versions that tests and tools are run with.
 const PYTHONS: [&str; 2] = ["3.11", "3.12"];
 
-/// The checks.
+/// All checks of the machine.
 pub fn checks() -> Vec<Check> {
     let mut checks = vec![cores(), loopback()];
     checks.push(buffer("receive buffer", "rmem_max"));
@@ -32,13 +33,13 @@ pub fn checks() -> Vec<Check> {
 }
 
 fn cores() -> Check {
-    match simulator_pool::workers::available() {
+    match catenary_simulator::workers::available() {
         n if n >= 2 => Check::good("cores", n.to_string()),
         n => Check::warning("cores", n.to_string(), "the demo is meant for two and more: it takes longer"),
     }
 }
 
-/// Whether UDP works on this machine at all.
+/// Checks that a UDP packet on the loopback interface arrives.
 pub fn loopback() -> Check {
     let send = || -> std::io::Result<usize> {
         let receiver = UdpSocket::bind("127.0.0.1:0")?;
@@ -71,7 +72,7 @@ fn buffer(name: &'static str, variable: &str) -> Check {
     }
 }
 
-/// Whether files can be written at `path`, or at what exists of it.
+/// Checks that files can be written at `path`, or at its nearest existing ancestor.
 fn disk(name: &'static str, path: &Path) -> Check {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let there = path.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("/"));
@@ -96,7 +97,7 @@ fn space(name: &'static str, path: &Path, free: u64) -> Check {
     }
 }
 
-/// A program on the PATH.
+/// Path of a program on the PATH.
 fn program(name: &str) -> Option<PathBuf> {
     let paths = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&paths).map(|folder| folder.join(name)).find(|path| access(path, Access::EXEC_OK).is_ok())
@@ -110,6 +111,7 @@ fn ffmpeg(path: Option<PathBuf>) -> Check {
 }
 
 fn python() -> Check {
+    // One process for both questions: a start of Python takes a noticeable time.
     let code = "import sys; print('%d.%d' % sys.version_info[:2])\ntry: import rclpy; print(rclpy.__file__)\nexcept ImportError as e: print('no', e)";
     let mut names = vec!["python3".to_owned()];
     names.extend(PYTHONS.map(|version| format!("python{version}")));
@@ -121,7 +123,7 @@ fn python() -> Check {
     python_words(&path, &text)
 }
 
-/// What a Python says of itself: its version, and where its rclpy is.
+/// Check from a Python's own report: its version, and the path of its rclpy.
 fn python_words(path: &Path, said: &str) -> Check {
     let mut lines = said.lines();
     let (version, rclpy) = (lines.next().unwrap_or("?"), lines.next().unwrap_or("no"));
@@ -151,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn space_is_held_against_what_a_session_takes() {
+    fn free_space_is_compared_with_the_need_of_a_session() {
         let of = |free| space("disk", Path::new("/data"), free).verdict;
         assert_eq!([of(100_000_000_000), of(1_000_000_000), of(1_000_000)], [Good, Warning, Bad]);
         assert_eq!(disk("logs", Path::new("/dev/null/at/all")).verdict, Warning);

@@ -1,4 +1,4 @@
-//! What of ROS 2's environment keeps nodes from one another.
+//! Checks of the ROS 2 environment: settings that separate nodes from one another.
 
 use super::check::Check;
 use catenary_core::spelling::did_you_mean;
@@ -7,20 +7,20 @@ use std::net::UdpSocket;
 use std::path::Path;
 use std::time::Duration;
 
-/// Participants of one domain on one host that are looked for.
+/// Participants of one domain on one host whose ports are probed.
 const PARTICIPANTS: u16 = 12;
 /// Time in which the nodes of the domain answer.
 const LOOK: Duration = Duration::from_millis(1500);
-/// Nodes that are named; of more the number is said.
+/// Largest number of nodes that are listed by name.
 const NAMED: usize = 8;
-/// Middlewares that speak the DDS of our nodes.
+/// ROS 2 middlewares that speak DDS and meet our nodes.
 const SPEAK_DDS: [&str; 3] = ["rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp"];
-/// Others that ROS 2 knows.
+/// Further middlewares of ROS 2.
 const OTHERS: [&str; 3] = ["rmw_connextdds", "rmw_zenoh_cpp", "rmw_gurumdds_cpp"];
-/// Ranges of discovery in which our nodes meet others.
+/// Discovery ranges that our nodes support.
 const RANGES: [&str; 3] = ["SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"];
 
-/// The checks.
+/// All checks of the ROS 2 environment.
 pub fn checks() -> Vec<Check> {
     let mut checks = vec![domain(), graphs()];
     checks.push(range(variable("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref()));
@@ -31,12 +31,12 @@ pub fn checks() -> Vec<Check> {
     checks
 }
 
-/// A variable of the environment; one that is empty counts as none, as in ROS 2.
+/// Value of an environment variable. An empty one counts as unset, as in ROS 2.
 fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok().filter(|value| !value.is_empty())
 }
 
-/// RTPS 2.5, section 9.6.1.1: the unicast discovery port of participant p in domain d is 7400 + 250 d + 10 + 2 p.
+/// Unicast discovery port of participant p in domain d: 7400 + 250 d + 10 + 2 p (RTPS 2.5, section 9.6.1.1).
 fn discovery_port(domain: u16, participant: u16) -> u16 {
     7400 + 250 * domain + 10 + 2 * participant
 }
@@ -46,6 +46,7 @@ fn domain() -> Check {
         Ok(domain) => domain,
         Err(error) => return Check::bad("domain", error.to_string(), "correct the variable, or unset it"),
     };
+    // A port that cannot be bound belongs to a participant on this host.
     let taken = (0..PARTICIPANTS).filter(|p| UdpSocket::bind(("0.0.0.0", discovery_port(domain, *p))).is_err()).count();
     let detail = format!("ROS_DOMAIN_ID {domain}; {taken} of its first {PARTICIPANTS} participant ports are in use");
     match taken {
@@ -128,7 +129,7 @@ fn middleware(value: Option<&str>) -> Check {
     }
 }
 
-/// Profiles concern ROS 2's own nodes on Fast DDS; ours read none.
+/// Check of the Fast DDS profiles. They concern other ROS 2 nodes: ours read none.
 fn profile(variables: &[(&str, Option<String>)]) -> Check {
     let set: Vec<(&str, &String)> = variables.iter().filter_map(|(name, path)| Some((*name, path.as_ref()?))).collect();
     let unreadable = set.iter().find(|(_, path)| !Path::new(path).is_file());
@@ -156,6 +157,7 @@ mod tests {
     #[test]
     fn ports_follow_the_rtps_formula() {
         assert_eq!(discovery_port(0, 0), 7410);
+        // 7400 + 250 * 42 + 10 + 2 * 3.
         assert_eq!(discovery_port(42, 3), 17916);
     }
 
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_part_nodes_are_found() {
+    fn settings_that_separate_nodes_are_found() {
         assert_eq!(
             [range(None).verdict, range(Some("LOCALHOST")).verdict, range(Some("OFF")).verdict],
             [Good, Good, Bad]
@@ -184,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_are_looked_for_where_the_variables_say() {
+    fn a_missing_or_ambiguous_profile_is_a_warning() {
         let folder = tempfile::tempdir().unwrap();
         let there = folder.path().join("fast.xml").display().to_string();
         std::fs::write(&there, "<dds/>").unwrap();

@@ -1,56 +1,52 @@
-//! Scores of policies that run the same simulated episodes.
+//! Scores of policies over a common set of simulated episodes.
 
 use anyhow::Result;
+use catenary_core::statistics::{self, Z_95, wilson_interval};
 use catenary_core::track::End;
 use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Track};
+use catenary_simulator::{BeamSimulator, workers};
 use serde::{Deserialize, Serialize};
-use simulator_pool::{BeamSimulator, workers};
 use std::path::{Path, PathBuf};
 
-/// A reward that no position has: success ends no episode, so that returns are sums over as many steps. Leaving the workspace
-/// does end one.
+/// Success reward that no position can reach. Success then ends no episode, so that all returns sum over the same
+/// number of steps. An episode still ends if the arm leaves its workspace.
 const OUT_OF_REACH: f64 = 2.0;
-/// Episodes between two moves of the bar.
+/// Episodes between two updates of the progress bar.
 const BATCH: usize = 16;
-/// Standard normal quantile of a two-sided interval of 95 %.
-const Z: f64 = 1.959_964;
 
-/// How one policy fared.
+/// Scores of one policy.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Evaluated {
     /// File of the policy.
     pub policy: PathBuf,
     /// Sum of the rewards of all steps, by episode.
     pub returns: Vec<f64>,
-    /// Whether a step's reward reached the task's goal, by episode.
+    /// True for each episode in which the best reward reached the task's goal.
     pub successes: Vec<bool>,
-    /// Distance that the task asks to be small, by episode, m: at the nearest step (`reach`) or at the end (`place_tip`).
+    /// Distance that the task minimises, by episode, m: at the nearest step (`reach`) or at the end (`place_tip`).
     pub distances_m: Vec<f64>,
     /// Mean of the returns.
     pub mean_return: Estimate,
-    /// Mean over episodes of the best reward of a step.
+    /// Mean over episodes of the best reward in one step.
     pub mean_best_reward: Estimate,
     /// Share of the episodes that succeeded.
     pub success_rate: Estimate,
-    /// Share of the episodes that left the workspace, and ended there.
+    /// Share of the episodes that ended because the arm left its workspace.
     pub left_workspace: f64,
-    /// How much greater the return is than the first policy's in the same episode; of the first none.
+    /// Paired difference of the return to the first policy; `None` for the first policy.
     pub mean_return_gained: Option<Estimate>,
-    /// How much greater the success rate is than the first policy's, over paired episodes; of the first none.
+    /// Paired difference of the success rate to the first policy; `None` for the first policy.
     pub success_gained: Option<Estimate>,
 }
 
 impl Evaluated {
-    /// Median over the episodes of the distance that the task asks to be small, m.
+    /// Median over the episodes of the distance that the task minimises, m.
     pub fn median_distance_m(&self) -> f64 {
-        let mut sorted = self.distances_m.clone();
-        sorted.sort_by(f64::total_cmp);
-        let n = sorted.len();
-        if n == 0 { f64::NAN } else { 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]) }
+        statistics::median(&mut self.distances_m.clone())
     }
 }
 
-/// A mean or share with its interval of 95 %.
+/// Mean or share with its 95 % interval.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Estimate {
     /// The estimate.
@@ -62,48 +58,40 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Mean of at least two values; the interval is that of many.
+    /// Mean of at least two values, with its interval by the normal approximation.
     fn mean(values: &[f64]) -> Self {
-        let n = values.len() as f64;
-        let value = values.iter().sum::<f64>() / n;
-        let variance = values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / (n - 1.0);
-        let half = Z * (variance / n).sqrt();
+        let value = statistics::mean(values);
+        let half = Z_95 * (statistics::variance(values) / values.len() as f64).sqrt();
         Self { value, low: value - half, high: value + half }
     }
 
-    /// A share with Wilson's interval (1927).
+    /// Share with its interval by Wilson (1927).
     fn share(hits: usize, of: usize) -> Self {
-        let (n, value) = (of as f64, hits as f64 / of as f64);
-        let (middle, square) = (value + Z * Z / (2.0 * n), Z * Z / n);
-        let half = Z * (value * (1.0 - value) / n + Z * Z / (4.0 * n * n)).sqrt();
-        Self {
-            value,
-            low: ((middle - half) / (1.0 + square)).max(0.0),
-            high: ((middle + half) / (1.0 + square)).min(1.0),
-        }
+        let [low, high] = wilson_interval(hits, of);
+        Self { value: hits as f64 / of as f64, low, high }
     }
 
-    /// Difference of two shares over the same episodes, with the interval of Agresti and Min (2005): half a pair is added to
-    /// each cell of the table, so that pairs which all agree leave an interval too.
+    /// Difference of two shares over the same episodes, with the interval of Agresti and Min (2005). Half a pair is
+    /// added to each cell of the table, so that the interval keeps a width even if all pairs agree.
     fn paired(own: &[bool], other: &[bool]) -> Self {
         let n = own.len() as f64;
         let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count() as f64;
         let (gained, lost) = (only(own, other), only(other, own));
         let (g, l, m) = (gained + 0.5, lost + 0.5, n + 2.0);
         let middle = (g - l) / m;
-        let half = Z * ((g + l) - (g - l).powi(2) / m).max(0.0).sqrt() / m;
+        let half = Z_95 * ((g + l) - (g - l).powi(2) / m).max(0.0).sqrt() / m;
         Self { value: (gained - lost) / n, low: (middle - half).max(-1.0), high: (middle + half).min(1.0) }
     }
 
-    /// The estimate and its interval, all times `scale`.
+    /// Estimate and interval in words, multiplied by `scale`.
     pub fn words(&self, scale: f64, digits: usize) -> String {
         let Self { value, low, high } = self;
         format!("{:.digits$} ({:.digits$} to {:.digits$})", scale * value, scale * low, scale * high)
     }
 }
 
-/// Runs every policy on the episodes of `requested`, whose drive is replaced. `on_progress` hears how many episodes are done and
-/// may end the run with an error.
+/// Runs every policy on the episodes of `requested`, whose drive is replaced. `on_progress` receives the current policy
+/// and the number of finished episodes. It may end the run with an error.
 pub fn score(
     model: &Model,
     judge: &Judge,
@@ -120,6 +108,7 @@ pub fn score(
         let asked = SimulationRequest { drive: Drive::Policy(Box::new(policy)), ..requested.clone() };
         let mut tracks = Vec::new();
         while tracks.len() < n {
+            // Before each batch, so that Ctrl-C is seen within one batch.
             on_progress(&path, evaluated.len() * n + tracks.len())?;
             tracks.extend(simulator.simulate(&asked.part(tracks.len()..tracks.len() + BATCH))?);
         }
@@ -129,7 +118,7 @@ pub fn score(
     Ok(evaluated)
 }
 
-/// What the policy of `path` came to in `tracks`.
+/// Scores of the policy of `path` from its tracks; differences are taken to `first`.
 fn of(path: &Path, tracks: &[Track], judge: &Judge, first: Option<&Evaluated>) -> Evaluated {
     let rewards: Vec<Vec<f64>> = tracks.iter().map(|t| judge.rewards(t)).collect();
     let returns: Vec<f64> = rewards.iter().map(|r| r.iter().sum()).collect();
@@ -163,12 +152,13 @@ mod tests {
     use catenary_core::Frame;
 
     #[test]
-    fn intervals_are_those_of_the_textbooks() {
+    fn intervals_agree_with_published_values() {
         let e = Estimate::mean(&[1.0, 2.0, 3.0, 4.0]);
         assert!(
-            (e.value - 2.5).abs() < 1e-12 && (e.high - e.low - 2.0 * Z * (5.0f64 / 12.0).sqrt()).abs() < 1e-9,
+            (e.value - 2.5).abs() < 1e-12 && (e.high - e.low - 2.0 * Z_95 * (5.0f64 / 12.0).sqrt()).abs() < 1e-9,
             "{e:?}"
         );
+        // Wilson's interval for 5 of 100 is 2.15 to 11.18 %, for 0 of 10 it is 0 to 27.8 %.
         let share = Estimate::share(5, 100);
         assert!((share.low - 0.0215).abs() < 5e-4 && (share.high - 0.1118).abs() < 5e-4, "{share:?}");
         let none = Estimate::share(0, 10);
@@ -176,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_shares_differ_by_what_one_policy_alone_achieves() {
+    fn the_paired_difference_counts_episodes_that_only_one_policy_solves() {
         let pairs = |both: usize, own: usize, other: usize, none: usize| {
             let column =
                 |a: bool, b: bool| [vec![true; both], vec![a; own], vec![b; other], vec![false; none]].concat();
@@ -193,9 +183,10 @@ mod tests {
     }
 
     #[test]
-    fn policies_are_held_against_the_first_episode_by_episode() {
-        let model = crate::model_file::read_or_soft_bar(None).unwrap();
+    fn policies_are_compared_with_the_first_episode_by_episode() {
+        let model = crate::inputs::model_file::read_or_soft_bar(None).unwrap();
         let judge = Judge::of(&model).unwrap();
+        // The distance of all keypoints from the target is x, so that the reward is 1 - 2 x / 1.5.
         let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
         let track = |x, end| Track { frames: vec![frame(1.0), frame(x), frame(0.75)], end };
         let first = of(Path::new("a"), &[track(0.75, End::StepLimit), track(0.15, End::StepLimit)], &judge, None);

@@ -1,22 +1,22 @@
-//! The answer of a search in sentences.
+//! Answer of a search, in sentences.
 
 use crate::report::number::{millimetres, p_clause, percent, plain};
 use crate::report::quantity::{Quantity, capital};
-use effect_finder::detect::Test;
+use effect_finder::evidence::Test;
 use effect_finder::{Finding, Verdict};
 
-/// Square root of the squared deviations over those that are usual without a gap: how many times the noise is left.
+/// Residual in units of the noise: square root of the test statistic over its median without a gap.
 pub fn times_the_noise(test: &Test) -> f64 {
     let usual = test.null.get(test.null.len() / 2).copied().unwrap_or(test.coordinates as f64);
     (test.statistic / usual.max(f64::MIN_POSITIVE)).sqrt()
 }
 
-/// The same in words: "3.1 times the noise".
+/// Residual in words: "3.1 times the noise".
 pub fn noise_words(test: &Test) -> String {
     format!("{} times the noise", plain(times_the_noise(test), 1))
 }
 
-/// The answer; `episodes` were fitted and `held_out` were not.
+/// Answer in sentences; `episodes` were fitted and `held_out` were not.
 pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String> {
     let present = &finding.present;
     let (rmse, noise) = (millimetres(present.rmse_mm), noise_words(&present.test));
@@ -25,11 +25,11 @@ pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String
     match finding.verdict {
         Verdict::NoGap => vec![
             format!(
-                "The model explains {on}: nothing is missing that {} could show.",
+                "The model explains {on}: nothing that {} could show is missing.",
                 if episodes == 1 { "it" } else { "they" }
             ),
             format!(
-                "Its error of {rmse} mm is what the noise of the measurement makes ({noise}, {}).",
+                "Its error of {rmse} mm is that of the measurement noise ({noise}, {}).",
                 p_clause(present.test.p_value, present.test.null.len())
             ),
         ],
@@ -38,13 +38,13 @@ pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String
         }
         Verdict::NamedInPart => vec![
             format!(
-                "{} missing from the model, and something else that no effect of the library is.",
+                "{} missing from the model, and something else that is no effect of the library.",
                 subject(finding)
             ),
             repair(finding, episodes, held_out),
         ],
         Verdict::CannotTellApart => vec![
-            format!("{} missing from the model; the recordings do not tell which of several.", alternatives(finding)),
+            format!("{} missing from the model; the recordings cannot tell which.", alternatives(finding)),
             repair(finding, episodes, held_out),
         ],
         Verdict::NoneOfThese => {
@@ -53,7 +53,7 @@ pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String
         Verdict::PriorTooNarrow => {
             let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
             let mut sentences = vec![format!(
-                "The prior of the {} is too narrow: the best value stands at its edge, and the model explains {on} beyond it.",
+                "The prior of the {} is too narrow: the best value lies at its edge, and beyond it the model explains {on}.",
                 names.join(" and the ")
             )];
             if !finding.found.is_empty() {
@@ -75,25 +75,26 @@ pub fn most_probable(finding: &Finding) -> Vec<&str> {
     finding.found.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + ")).collect()
 }
 
-/// An effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)".
+/// Effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)".
 fn effect(finding: &Finding, name: &str) -> String {
     let quantity = Quantity::of(name);
     let fitted = finding.repaired.iter().flat_map(|f| &f.estimates).find(|e| e.name == name);
     let alone = || finding.explanations.iter().flat_map(|e| &e.effects).find(|e| e.name == name);
     let size = fitted
         .map(|e| quantity.estimate(e.value, e.q05, e.q95))
+        // 1.645 standard deviations: the 5 % and 95 % quantiles of a normal distribution.
         .or_else(|| alone().map(|e| quantity.estimate(e.value, e.value - 1.645 * e.sd, e.value + 1.645 * e.sd)));
     size.map_or(quantity.title.clone(), |size| format!("{} of {size}", quantity.title))
 }
 
-/// The most probable effects with their sizes, and the verb: "Tip mass of 0.23 kg (0.16 to 0.29) is".
+/// Most probable effects with their sizes, and the verb: "Tip mass of 0.23 kg (0.16 to 0.29) is".
 fn subject(finding: &Finding) -> String {
     let effects: Vec<String> = most_probable(finding).into_iter().map(|name| effect(finding, name)).collect();
     let verb = if effects.len() == 1 { "is" } else { "are" };
     capital(&format!("{} {verb}", effects.join(" and ")))
 }
 
-/// Each effect with those that cannot be told from it, and the verb.
+/// Each effect with its indistinguishable alternatives, and the verb.
 fn alternatives(finding: &Finding) -> String {
     let joined =
         |names: &String| names.split(" + ").map(|name| effect(finding, name)).collect::<Vec<_>>().join(" with ");
@@ -103,18 +104,19 @@ fn alternatives(finding: &Finding) -> String {
     capital(&format!("{} {verb}", groups.join(", and ")))
 }
 
-/// Errors before and after the repair.
+/// Sentence on the errors before and after the repair.
 fn repair(finding: &Finding, episodes: usize, held_out: usize) -> String {
     let Some(repaired) = &finding.repaired else { return String::new() };
     let with = if most_probable(finding).len() > 1 { "them" } else { "it" };
     let change = |before: f64, after: f64| {
+        // A repair may raise the error on held-out episodes, and the sentence must not hide it.
         let verb = if after < before { "falls" } else { "goes" };
         (verb, format!("from {} to {} mm", millimetres(before), millimetres(after)))
     };
     let (verb, here) = change(finding.present.rmse_mm, repaired.rmse_mm);
     let words = format!("With {with} the error {verb} {here} on {}", recordings(episodes));
     match &finding.verification {
-        None => format!("{words}. No other recording was there to check it."),
+        None => format!("{words}. There was no other recording to verify it."),
         Some(v) => {
             let unseen = if held_out == 1 { "one that was".to_owned() } else { format!("{held_out} that were") };
             let closed = v.gap_closed.map(|share| format!(" ({} of the gap)", percent(share.clamp(0.0, 1.0))));
@@ -127,9 +129,8 @@ fn repair(finding: &Finding, episodes: usize, held_out: usize) -> String {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use effect_finder::name::{Explanation, Magnitude};
-    use effect_finder::verdict::{Estimate, Fitness};
-    use effect_finder::verify::{Score, Verification};
+    use effect_finder::evidence::{Explanation, Magnitude};
+    use effect_finder::report::{Estimate, Fitness, Score, Verification};
 
     fn fitness(rmse_mm: f64, statistic: f64, estimates: Vec<Estimate>) -> Fitness {
         let null = (0..199).map(|i| 90.0 + 0.1 * f64::from(i)).collect();
@@ -137,7 +138,7 @@ pub mod tests {
         Fitness { estimates, test: Test { p_value, statistic, null, null_left_out: 0, coordinates: 100 }, rmse_mm }
     }
 
-    /// A search that names a mass at the tip, and found as much of the gap closed on one unseen episode.
+    /// Result of a search that names a tip mass and verifies it on one held-out episode.
     pub fn named() -> Finding {
         let mass = Estimate { name: "tip_mass_kg".into(), value: 0.2271, q05: 0.161, q95: 0.292 };
         let magnitude = Magnitude { name: "tip_mass_kg".into(), title: "tip mass".into(), value: 0.2271, sd: 0.04 };
@@ -184,7 +185,7 @@ pub mod tests {
     }
 
     #[test]
-    fn a_named_effect_is_told_with_what_it_is_worth() {
+    fn the_answer_names_the_effect_and_the_errors_before_and_after() {
         let said = answer(&named(), 1, 1);
         assert_eq!(said[0], "Tip mass of 0.23 kg (0.16 to 0.29) is missing from the model.");
         assert_eq!(

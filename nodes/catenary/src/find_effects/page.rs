@@ -1,8 +1,8 @@
-//! The page of a search: the answer, its evidence, and what would have shown.
+//! HTML page of a search: the answer, its evidence, and the detectable sizes.
 
 use super::answer::{answer, most_probable, noise_words, times_the_noise};
-use super::{Looked, Report};
-use crate::misfit::Misfit;
+use super::report::{Report, UsedEpisode};
+use crate::exit::Misfit;
 use crate::report::Page;
 use crate::report::number::{millimetres, p_value, percent, plain};
 use crate::report::palette::Role;
@@ -11,30 +11,29 @@ use crate::report::plots::search::{Bar, Entry, Interval, Panel, Ribbon, Shape, b
 use crate::report::quantity::Quantity;
 use anyhow::Result;
 use catenary_core::{Model, Prior};
-use effect_finder::case;
-use effect_finder::localise::{Part, Place};
-use effect_finder::name::{Explanation, Magnitude};
-use effect_finder::outcome::{Band, Places, Shown};
-use effect_finder::verdict::{Estimate, Finding, Fitness};
-use effect_finder::verify::Verification;
-use effect_finder::{Verdict, detectable::Limit};
-use simulator_pool::Registry;
+use catenary_simulator::Registry;
+use effect_finder::Verdict;
+use effect_finder::data;
+use effect_finder::evidence::{Explanation, Magnitude};
+use effect_finder::report::{
+    Band, DetectionLimit, EpisodeBands, Estimate, Finding, Fitness, Localisation, Part, PlaneTrack, Verification,
+};
 
-/// Explanations in the picture, of all the most probable.
+/// Largest number of explanations in the picture.
 const RANKED: usize = 8;
-/// Those that are shown however improbable they are, and the probability from which the others are.
+/// Least number of explanations in the picture. Further ones need at least the probability `NEGLIGIBLE`.
 const LEAST_RANKED: usize = 3;
 const NEGLIGIBLE: f64 = 0.005;
-/// Episodes in pictures, of those that models were fitted to and of the held-out ones.
+/// Largest number of fitted episodes in the pictures, and of held-out ones.
 const SHOWN: usize = 3;
-/// Names of the two models.
+/// Names of the two models on the page.
 const PRESENT: &str = "present model";
 const REPAIRED: &str = "repaired model";
 
-/// The whole page.
-pub fn page(report: &Report, model: &Model, shown: &[Shown]) -> Result<String> {
+/// Renders the whole page.
+pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<String> {
     let finding = &report.finding;
-    let mut page = Page::new(&format!("What the model {} lacks", report.model));
+    let mut page = Page::new(&format!("Missing effects of the model {}", report.model));
     page.answer(
         &answer(finding, report.episodes.len(), report.held_out.len()),
         matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
@@ -52,9 +51,9 @@ pub fn page(report: &Report, model: &Model, shown: &[Shown]) -> Result<String> {
     if let Some(verification) = &finding.verification {
         page.svg(&gap(verification));
     }
-    page.svg(&places("Where the present model errs", &finding.places, report.settings.level));
+    page.svg(&places("Errors of the present model", &finding.places, report.settings.level));
     if !finding.explanations.is_empty() {
-        page.heading("Explanations that compete");
+        page.heading("Competing explanations");
         explanations(&mut page, finding)?;
     }
     limits(&mut page, finding);
@@ -63,7 +62,7 @@ pub fn page(report: &Report, model: &Model, shown: &[Shown]) -> Result<String> {
     Ok(page.finish())
 }
 
-/// Alternatives, trade-offs, and parameters at the edge of their priors.
+/// Warnings: alternatives, trade-offs, and parameters at the edge of their priors.
 fn doubts(page: &mut Page, finding: &Finding) {
     if finding.found.iter().any(|alike| alike.len() > 1) {
         let groups: Vec<String> = finding
@@ -71,8 +70,9 @@ fn doubts(page: &mut Page, finding: &Finding) {
             .iter()
             .map(|alike| alike.iter().map(|n| titles(n)).collect::<Vec<_>>().join(" or "))
             .collect();
-        let motion = finding.separation.as_ref().filter(|s| s.tells());
-        let hint = motion.map_or("", |_| " The motion in separating_motion.csv would tell.");
+        // Only a motion that does separate them is worth a hint.
+        let motion = finding.separation.as_ref().filter(|s| s.separates());
+        let hint = motion.map_or("", |_| " The motion in separating_motion.csv would separate them.");
         page.warning(&format!("These cannot be told apart in the recordings: {}.{hint}", groups.join("; ")));
     }
     for t in &finding.trade_offs {
@@ -88,12 +88,12 @@ fn doubts(page: &mut Page, finding: &Finding) {
     }
 }
 
-/// Titles of effects that are joined in a name.
+/// Titles of the effects in a joined name.
 fn titles(names: &str) -> String {
     names.split(" + ").map(|name| Quantity::of(name).title).collect::<Vec<_>>().join(" with ")
 }
 
-/// Priors and values of both models, and how well they fit.
+/// Table of both models: priors, values, and goodness of fit.
 fn models(page: &mut Page, finding: &Finding, model: &Model) {
     let (present, repaired) = (&finding.present, finding.repaired.as_ref());
     let words =
@@ -119,8 +119,8 @@ fn models(page: &mut Page, finding: &Finding, model: &Model) {
         .collect();
     let none = String::new;
     rows.push(cells("error (root mean square)".into(), none(), &|f| format!("{} mm", millimetres(f.rmse_mm))));
-    rows.push(cells("what is left".into(), none(), &|f| noise_words(&f.test)));
-    rows.push(cells("p that it is noise".into(), none(), &|f| p_value(f.test.p_value, f.test.null.len())));
+    rows.push(cells("residual".into(), none(), &|f| noise_words(&f.test)));
+    rows.push(cells("p-value of the residual".into(), none(), &|f| p_value(f.test.p_value, f.test.null.len())));
     let head = [Some(""), Some(PRESENT), repaired.map(|_| REPAIRED), Some("prior")];
     page.table(&head.into_iter().flatten().collect::<Vec<_>>(), &rows);
     if let Some(repaired) = repaired {
@@ -136,9 +136,10 @@ fn prior_of(model: &Model, name: &str) -> Option<Prior> {
     own.or_else(|| Registry::shipped().find(name).map(|e| e.about().prior))
 }
 
-/// Intervals of a parameter: its prior, and those of both models.
+/// Picture of a parameter's intervals: its prior, and its values in both models.
 fn moved(after: &Estimate, before: Option<&Estimate>, prior: Option<&Prior>) -> String {
     let quantity = Quantity::of(&after.name);
+    // One unit for all rows of the picture.
     let largest = [Some(after), before].into_iter().flatten().map(|e| e.value.abs()).fold(0.0, f64::max);
     let scale = quantity.scale(largest);
     let row = |name: &str, values: [f64; 3], role| Interval {
@@ -153,7 +154,7 @@ fn moved(after: &Estimate, before: Option<&Estimate>, prior: Option<&Prior>) -> 
     intervals(&format!("{}, 5 to 95 %", quantity.capital()), &quantity.axis(&scale), &rows)
 }
 
-/// Errors on unseen episodes.
+/// Picture of the errors on held-out episodes.
 fn gap(v: &Verification) -> String {
     let bar = |label: &str, mm: f64, role| Bar {
         label: label.into(),
@@ -168,11 +169,11 @@ fn gap(v: &Verification) -> String {
     all.extend(wrong);
     all.extend(v.black_box_mm.map(|mm| bar("regression without physics", mm, Role::Other)));
     let floor = Some(("noise floor", v.floor_mm, Role::Noise));
-    bars("Error on recordings that no fit has seen", "root mean square distance, mm", &all, floor, &[])
+    bars("Error on held-out recordings", "root mean square distance, mm", &all, floor, &[])
 }
 
-/// Fitted and held-out episodes in turn, with a title each.
-fn chosen(shown: &[Shown]) -> Vec<(String, &Shown)> {
+/// Fitted and held-out episodes in turn, each with a title.
+fn chosen(shown: &[EpisodeBands]) -> Vec<(String, &EpisodeBands)> {
     let of = |is_held_out: bool, words: &'static str| {
         let own = shown.iter().filter(move |s| s.is_held_out == is_held_out).take(SHOWN);
         own.enumerate().map(move |(i, s)| (format!("{words} episode {i}"), s))
@@ -188,9 +189,9 @@ fn chosen(shown: &[Shown]) -> Vec<(String, &Shown)> {
     }
 }
 
-/// One coordinate of a keypoint over an episode, mm.
-fn overlay(title: &str, episode: &Shown, k: usize, axis: usize) -> String {
-    let of = |places: &Places| -> Vec<f64> { places.iter().map(|p| 1e3 * p[k][axis]).collect() };
+/// Picture of one coordinate of a keypoint over an episode, mm.
+fn overlay(title: &str, episode: &EpisodeBands, k: usize, axis: usize) -> String {
+    let of = |places: &PlaneTrack| -> Vec<f64> { places.iter().map(|p| 1e3 * p[k][axis]).collect() };
     let ribbon = |name: &str, role, band: &Band| {
         let [low, middle, high] = [&band.q05, &band.median, &band.q95].map(of);
         let values = low.iter().zip(middle).zip(high).map(|((l, m), h)| [*l, m, h]).collect();
@@ -218,10 +219,11 @@ fn keypoint(k: usize) -> String {
     }
 }
 
-/// What each part of the data leaves, in times the noise.
-fn places(title: &str, places: &[Place], level: f64) -> String {
-    let bar = |p: &Place| {
+/// Picture of the residual of each part of the data, in units of the noise.
+fn places(title: &str, places: &[Localisation], level: f64) -> String {
+    let bar = |p: &Localisation| {
         let times = p.mean_square.sqrt();
+        // Faint bars are within the noise at the level of the tests.
         let opacity = if p.p_value <= level { 1.0 } else { 0.35 };
         Bar { label: part(&p.part), parts: vec![(times, Role::Before, opacity)], value: plain(times, 1) }
     };
@@ -231,11 +233,11 @@ fn places(title: &str, places: &[Place], level: f64) -> String {
         shape: Shape::Area,
         colour: format!("{}{opacity}", Role::Before.css()),
     };
-    let legend = [entry("more than noise", ""), entry("as noise may be", "66")];
+    let legend = [entry("more than noise", ""), entry("consistent with noise", "66")];
     bars(title, "times the noise", &all, Some(("noise", 1.0, Role::Noise)), &legend)
 }
 
-/// Probabilities of what explains the gap.
+/// Pictures and table of the probabilities of the explanations.
 fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
     let bar = |label: String, [whole, rest]: [f64; 2], role| Bar {
         label,
@@ -251,7 +253,7 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
         .map(|(_, e)| bar(sizes(e), [e.probability, e.probability_in_part], Role::After))
         .collect();
     ranked.push(bar(
-        "no effect of the library, but something".into(),
+        "an effect that the library does not contain".into(),
         [0.0, finding.probability_of_unknown],
         Role::Other,
     ));
@@ -276,7 +278,7 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
             ]
         })
         .collect();
-    let head = ["effects", "explains all", "explains a part", "log Bayes factor", "likeness with the best"];
+    let head = ["effects", "explains all", "explains a part", "log Bayes factor", "cosine with the best"];
     page.details(&format!("All {} explanations", rows.len()), |page| {
         page.table(&head, &rows);
         Ok(())
@@ -292,36 +294,36 @@ fn sizes(e: &Explanation) -> String {
     e.effects.iter().map(one).collect::<Vec<_>>().join(" with ")
 }
 
-/// Sizes from which effects would have shown, those among them that no size reaches.
+/// Table of the smallest detectable sizes, with undetectable effects at its end.
 fn limits(page: &mut Page, finding: &Finding) {
     if finding.limits.is_empty() {
         return;
     }
-    page.heading("What would have shown");
+    page.heading("Detectable sizes");
     page.paragraph(
-        "Least size of each effect that these recordings would show in four of five cases, to first order: where the parameters \
-         can make up for it, the limit is larger. A smaller effect may be there unseen.",
+        "Smallest size of each effect that the test detects in four of five recordings like these, to first order. It is \
+         larger for an effect that the parameters can compensate for. A smaller effect may be present undetected.",
     );
     let named = most_probable(finding);
-    let found = |limit: &Limit| {
+    let found = |limit: &DetectionLimit| {
         let effects = finding.explanations.iter().flat_map(|e| &e.effects);
         let own = effects.clone().find(|e| e.name == limit.name).filter(|_| named.contains(&limit.name.as_str()));
         own.map_or_else(String::new, |e| Quantity::of(&e.name).spread(e.value, e.sd))
     };
-    let row = |limit: &Limit, size: String| {
+    let row = |limit: &DetectionLimit, size: String| {
         let prior = Registry::shipped().find(&limit.name).map(|e| Quantity::of(&limit.name).prior(&e.about().prior));
         vec![Quantity::of(&limit.name).title, size, prior.unwrap_or_default(), found(limit)]
     };
     let shows = finding.limits.iter().filter_map(|l| l.size.map(|s| row(l, Quantity::of(&l.name).value(s))));
     let hidden = finding.limits.iter().filter(|l| l.size.is_none());
     let rows: Vec<Vec<String>> = shows.chain(hidden.map(|l| row(l, "not at any size".into()))).collect();
-    page.table(&["effect", "shows from", "expected, where present", "found"], &rows);
+    page.table(&["effect", "smallest detectable size", "prior of the size", "estimate"], &rows);
 }
 
-/// The search step by step, the tests, all keypoints, and what was looked at.
-fn details(page: &mut Page, report: &Report, shown: &[Shown]) -> Result<()> {
+/// Details: the steps of the search, the tests, all keypoints, and the recordings.
+fn details(page: &mut Page, report: &Report, shown: &[EpisodeBands]) -> Result<()> {
     let finding = &report.finding;
-    page.details("How the search went", |page| {
+    page.details("Steps of the search", |page| {
         page.list(&finding.conclusions);
         page.note(&format!("Verdict in verdict.json: {}.", finding.verdict.name()));
         for (name, reason) in &finding.left_out {
@@ -329,19 +331,19 @@ fn details(page: &mut Page, report: &Report, shown: &[Shown]) -> Result<()> {
         }
         anyhow::Ok(())
     })?;
-    page.details("Is what is left noise?", |page| {
+    page.details("Is the residual noise?", |page| {
         for (name, fitness) in [(PRESENT, Some(&finding.present)), (REPAIRED, finding.repaired.as_ref())] {
             let Some(fitness) = fitness else { continue };
             let test = &fitness.test;
             page.svg(&null_histogram(
-                &format!("The {name}: {} times the noise is left", plain(times_the_noise(test), 1)),
+                &format!("The {name}: residual of {} times the noise", plain(times_the_noise(test), 1)),
                 "squared deviations, variances of the noise",
                 &test.null,
                 test.statistic,
                 test.p_value,
             ));
         }
-        let place = |p: &Place| {
+        let place = |p: &Localisation| {
             let null_sets = finding.present.test.null.len();
             vec![part(&p.part), plain(p.mean_square.sqrt(), 2), plain(p.excess, 1), p_value(p.p_value, null_sets)]
         };
@@ -357,7 +359,7 @@ fn details(page: &mut Page, report: &Report, shown: &[Shown]) -> Result<()> {
     })?;
     page.details("Recordings", |page| {
         let row = |kind: &'static str| {
-            move |(i, e): (usize, &Looked)| {
+            move |(i, e): (usize, &UsedEpisode)| {
                 vec![format!("{kind} {i}"), e.number.to_string(), e.bag.display().to_string()]
             }
         };
@@ -370,10 +372,10 @@ fn details(page: &mut Page, report: &Report, shown: &[Shown]) -> Result<()> {
 
 fn part(part: &Part) -> String {
     match *part {
-        Part::Quantity(case::Quantity::Keypoint { point, axis }) => {
+        Part::Quantity(data::Quantity::Keypoint { point, axis }) => {
             format!("{}, {} in the picture", keypoint(point), ["across", "up and down"][axis])
         }
-        Part::Quantity(case::Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
+        Part::Quantity(data::Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
         Part::Window { episode, from_s, to_s } => format!("episode {episode}, {from_s:.2} to {to_s:.2} s"),
     }
 }

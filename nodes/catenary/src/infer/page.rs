@@ -1,53 +1,52 @@
-//! The page of an inference: values with their intervals, and how well the model reproduces the recordings.
+//! HTML page of an inference: values with their intervals, and the fit of the model to the recordings.
 
-use crate::report::Page;
 use crate::report::number::{millimetres, percent, plain};
-use crate::report::plots::{self, Extent, Series};
-use crate::report::posterior;
+use crate::report::plots::{Extent, Series};
 use crate::report::quantity::Quantity;
+use crate::report::{Page, plots, posterior};
 use anyhow::Result;
 use bayes_sim::Predictive;
 use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
 use std::path::PathBuf;
 
-/// Low-variance samples in a picture of two parameters.
+/// Number of low-variance samples in the picture of two parameters.
 const SAMPLES: usize = 12;
-/// p-value of the predictive check, and share of the track in the 90 % band, at and under which the model cannot have made the
-/// recording. The warnings of the inference have the same limits.
+/// Limits at and below which the model is refuted: p-value of the predictive check, and share of the track in the 90 %
+/// band. The warnings of the inference use the same limits.
 const IMPROBABLE: f64 = 0.02;
 const LOW_COVERAGE: f64 = 0.6;
-/// Share of the prior's interval that the posterior's must be under, or the recording told nothing of the parameter.
+/// Share of the prior's interval above which a posterior interval counts as uninformed by the recording.
 const TOLD: f64 = 0.9;
 
 /// Contents of the page.
-pub struct Inferred<'a> {
+pub struct Contents<'a> {
     /// Name of the model.
     pub model: &'a str,
-    /// The recordings.
+    /// Bags of the recordings.
     pub bags: &'a [PathBuf],
-    /// Episodes, frames and seconds in words; empty where nobody counted.
+    /// Number of episodes, frames and seconds in words; empty if unknown.
     pub size: String,
-    /// The posterior.
+    /// Posterior over the parameters.
     pub posterior: &'a Posterior,
-    /// Its marginals.
+    /// Marginals of the posterior.
     pub marginals: &'a [Marginal],
-    /// Check of the posterior's predictions; none where it was not made.
-    pub predictive: Option<&'a Predictive>,
-    /// Reason why the result fits nothing of the recording.
+    /// Figures of the posterior predictive check, or the reason why there are none.
+    pub predictive: Result<&'a Predictive, &'static str>,
+    /// Reason why the result does not fit the recording.
     pub misfit: Option<&'a str>,
     /// Reasons for doubt.
     pub warnings: &'a [String],
     /// Held-out loss after each iteration, nat.
     pub losses: Vec<f64>,
-    /// Simulations in all.
+    /// Total number of simulations.
     pub simulations: usize,
 }
 
-/// The whole page.
-pub fn page(inferred: &Inferred<'_>) -> Result<String> {
-    let mut page = Page::new(&format!("What the recording says of {}", inferred.model));
-    page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive));
+/// Renders the whole page.
+pub fn page(inferred: &Contents<'_>) -> Result<String> {
+    let mut page = Page::new(&format!("Parameters of {} from the recording", inferred.model));
+    page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive.ok()));
     inferred.warnings.iter().for_each(|w| page.warning(w));
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
@@ -58,7 +57,7 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
     let d = posterior.parameters.dimension();
     if d > 1 {
         page.heading("Pairs of parameters");
-        page.note("A slanted shape says that the recording tells a combination of the two better than either.");
+        page.note("A slanted shape means that the recording determines a combination of the two better than either.");
         let samples = posterior.sample_low_variance(SAMPLES, 0)?;
         for (i, j) in (0..d).flat_map(|i| (i + 1..d).map(move |j| (i, j))) {
             page.svg(&plots::heatmap(posterior, [i, j], Extent::Prior, &samples, None)?);
@@ -67,11 +66,9 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
             }
         }
     }
-    page.heading("How it was found");
+    page.heading("Inference");
     page.paragraph(&format!("{} simulations.", plain(inferred.simulations as f64, 0)));
-    if let Some(p) = inferred.predictive {
-        page.paragraph(&predicted(p));
-    }
+    page.paragraph(&inferred.predictive.map_or_else(str::to_owned, predicted));
     if inferred.losses.len() > 1 {
         let points = inferred.losses.iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
         let series = [Series { name: "held-out loss".into(), points }];
@@ -80,17 +77,19 @@ pub fn page(inferred: &Inferred<'_>) -> Result<String> {
     Ok(page.finish())
 }
 
-/// The answer in sentences; that the values cannot be relied on comes before them.
-fn answer(inferred: &Inferred<'_>) -> Vec<String> {
+/// Answer in sentences. An objection to the values comes before them.
+fn answer(inferred: &Contents<'_>) -> Vec<String> {
     let values = [values(inferred.marginals)].into_iter().chain(untold(inferred));
     if let Some(reason) = inferred.misfit {
         let objection = format!("The result does not fit the recording: {reason}. Do not rely on the values below.");
         return [objection].into_iter().chain(values).collect();
     }
-    let Some(p) = inferred.predictive else { return values.collect() };
+    // Without the check there is no statement on the fit.
+    let Ok(p) = inferred.predictive else { return values.collect() };
     let (rmse, share) = (millimetres(p.rmse_mm), percent(p.coverage));
-    if is_refuted(inferred.predictive) {
+    if is_refuted(inferred.predictive.ok()) {
         let objection = format!(
+            // Ordered by urgency: a reader who stops after the first sentence must not rely on refuted values.
             "The model does not reproduce the recording: it is {rmse} mm off (root mean square), and {share} of the track \
              lies in the 90 % band of its predictions. Do not rely on the values below."
         );
@@ -103,7 +102,7 @@ fn answer(inferred: &Inferred<'_>) -> Vec<String> {
     values.chain([fit]).collect()
 }
 
-/// Whether the model cannot have made the recording, or predicts it no better than its own middle does.
+/// True if the model cannot have made the recording, or predicts it worse than the keypoints' mean position does.
 fn is_refuted(predictive: Option<&Predictive>) -> bool {
     predictive.is_some_and(|p| p.p_value <= IMPROBABLE || p.coverage < LOW_COVERAGE || p.rmse_mm > p.spread_mm)
 }
@@ -112,6 +111,7 @@ fn is_refuted(predictive: Option<&Predictive>) -> bool {
 fn values(marginals: &[Marginal]) -> String {
     let estimate = |m: &Marginal| Quantity::of(&m.name).estimate(m.median, m.q05, m.q95);
     let clause = |(i, m): (usize, &Marginal)| match m.name.as_str() {
+        // "The object is 261 mm long" reads better than "the object's length is".
         "length_m" if i == 0 => {
             let words = estimate(m);
             let (value, interval) = words.split_once(" (").unwrap_or((&words, ""));
@@ -130,8 +130,8 @@ fn values(marginals: &[Marginal]) -> String {
     }
 }
 
-/// Parameters of which the recording tells next to nothing; none where it tells of all.
-fn untold(inferred: &Inferred<'_>) -> Option<String> {
+/// Sentence on the parameters that the recording does not determine; `None` if it determines all.
+fn untold(inferred: &Contents<'_>) -> Option<String> {
     let is_untold = |m: &&Marginal| {
         let space = &inferred.posterior.parameters;
         let prior = space.index_of(&m.name).map(|i| &space.parameters()[i].prior);
@@ -139,14 +139,11 @@ fn untold(inferred: &Inferred<'_>) -> Option<String> {
     };
     let names: Vec<String> = inferred.marginals.iter().filter(is_untold).map(|m| Quantity::of(&m.name).title).collect();
     (!names.is_empty()).then(|| {
-        format!(
-            "The recording says next to nothing of the {}: the interval is that of the prior.",
-            names.join(" and the ")
-        )
+        format!("The recording does not determine the {}: the interval is that of the prior.", names.join(" and the "))
     })
 }
 
-/// Check of the posterior's predictions in words.
+/// Posterior predictive check in words.
 fn predicted(p: &Predictive) -> String {
     format!(
         "Predictions of the posterior: {} mm from the recording (root mean square), where their 90 % band is ± {} mm wide and \
@@ -165,7 +162,7 @@ mod tests {
     use super::*;
     use catenary_core::{Parameter, ParameterSpace, Prior};
 
-    fn inferred(p_value: f64, check: impl FnOnce(&str)) {
+    fn inferred(p_value: Result<f64, &'static str>, check: impl FnOnce(&str)) {
         let parameter = |name: &str, prior| Parameter { name: name.into(), prior };
         let space = ParameterSpace::new(vec![
             parameter("length_m", Prior::Uniform { low: 0.2, high: 0.3 }),
@@ -176,15 +173,21 @@ mod tests {
             |name: &str, q05, median, q95| Marginal { name: name.into(), mean: median, sd: 1.0, q05, median, q95 };
         let marginals =
             [marginal("length_m", 0.2541, 0.2607, 0.2671), marginal("youngs_modulus_pa", 1.1e3, 7.1e3, 4.6e4)];
-        let predictive =
-            Predictive { rmse_mm: 3.12, coverage: 0.928, half_width_mm: 4.0, spread_mm: 80.0, p_value, draws: 100 };
-        let page = page(&Inferred {
+        let predictive = p_value.map(|p_value| Predictive {
+            rmse_mm: 3.12,
+            coverage: 0.928,
+            half_width_mm: 4.0,
+            spread_mm: 80.0,
+            p_value,
+            draws: 100,
+        });
+        let page = page(&Contents {
             model: "soft_bar",
             bags: &["a.mcap".into()],
             size: ": one episode".into(),
             posterior: &posterior,
             marginals: &marginals,
-            predictive: Some(&predictive),
+            predictive: predictive.as_ref().map_err(|reason| *reason),
             misfit: None,
             warnings: &["doubtful".into()],
             losses: vec![3.0, 2.0],
@@ -195,11 +198,11 @@ mod tests {
 
     #[test]
     fn the_answer_is_in_words() {
-        inferred(0.4, |page| {
+        inferred(Ok(0.4), |page| {
             for words in [
                 "The object is 261 mm long (254 to 267) and its Young&#39;s modulus is",
                 "reproduces the recording within 3.1 mm (root mean square); 93 % of the track lies in the 90 % band",
-                "says next to nothing of the Young",
+                "does not determine the Young",
                 "<td>200 to 300 mm</td>",
                 "12 000 simulations",
             ] {
@@ -212,8 +215,16 @@ mod tests {
 
     #[test]
     fn a_model_that_cannot_make_the_recording_is_no_answer() {
-        inferred(0.01, |page| {
+        inferred(Ok(0.01), |page| {
             assert!(page.contains("lead bad\"") && page.contains("Do not rely on the values below"), "{page}");
+        });
+    }
+
+    #[test]
+    fn a_page_without_figures_of_the_check_gives_the_reason() {
+        inferred(Err("No figures."), |page| {
+            assert!(page.contains("<p>No figures.</p>") && page.contains("The object is 261 mm long"), "{page}");
+            assert!(!page.contains("reproduces the recording") && !page.contains("lead bad\""), "{page}");
         });
     }
 }

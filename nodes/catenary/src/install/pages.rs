@@ -1,4 +1,4 @@
-//! Completions for shells and pages for `man`, made from the command line itself.
+//! Shell completions and man pages, generated from the command line's definition.
 
 use crate::cli::Cli;
 use clap::{Command, CommandFactory};
@@ -8,19 +8,19 @@ use std::io::Result;
 /// Name of the program.
 const PROGRAM: &str = "catenary";
 
-/// Paths below `share/` where bash-completion, zsh and fish look, and their shells.
+/// Paths below `share/` that bash-completion, zsh and fish search, and their shells.
 const COMPLETIONS: [(&str, Shell); 3] = [
     (BASH, Shell::Bash),
     ("zsh/site-functions/_catenary", Shell::Zsh),
     ("fish/vendor_completions.d/catenary.fish", Shell::Fish),
 ];
 
-/// Path of bash's completions below `share/`.
+/// Path of the bash completions below `share/`.
 pub const BASH: &str = "bash-completion/completions/catenary";
-/// Folder of zsh's completions below `share/`.
+/// Folder of the zsh completions below `share/`.
 pub const ZSH: &str = "zsh/site-functions";
 
-/// Completions: paths below `share/`, and texts.
+/// Completions: paths below `share/`, and contents.
 pub fn completions() -> Vec<(String, Vec<u8>)> {
     let one = |(path, shell): (&str, Shell)| {
         let mut text = Vec::new();
@@ -30,7 +30,7 @@ pub fn completions() -> Vec<(String, Vec<u8>)> {
     COMPLETIONS.into_iter().map(one).collect()
 }
 
-/// A page for the program and one for each of its commands: paths below `share/`, and texts.
+/// Man pages of the program and of each command: paths below `share/`, and contents.
 pub fn man_pages() -> Result<Vec<(String, Vec<u8>)>> {
     let mut root = Cli::command();
     root.build();
@@ -39,10 +39,10 @@ pub fn man_pages() -> Result<Vec<(String, Vec<u8>)>> {
     Ok(pages)
 }
 
-/// Adds the pages of a command and of those below it.
+/// Adds the pages of a command and of its subcommands.
 fn pages_of(command: &Command, name: &str, pages: &mut Vec<(String, Vec<u8>)>) -> Result<()> {
     let mut text = Vec::new();
-    // The page of `infer` is called `catenary-infer`, as those of git's commands are.
+    // The page of `infer` is called `catenary-infer`, as git names the pages of its commands.
     clap_mangen::Man::new(command.clone().display_name(name)).title(name.to_uppercase()).render(&mut text)?;
     pages.push((format!("man/man1/{name}.1"), text));
     for below in command.get_subcommands().filter(|below| below.get_name() != "help") {

@@ -1,11 +1,12 @@
-//! `catenary launch`: what `ros2 launch` does with the same file.
+//! `catenary launch`: the equivalent of `ros2 launch` for the same file.
 
+use super::args::LaunchArgs;
 use super::description::{LaunchDescription, Process};
-use super::table::{Table, unix_s};
-use super::{Supervisor, neighbours, read, status};
-use crate::cli::LaunchArgs;
-use crate::output;
-use crate::wrong_input::{Given, WrongInput};
+use super::reader::read;
+use super::supervision::table::{Table, unix_s};
+use super::supervision::{Supervisor, logs, neighbours};
+use crate::exit::{Given, WrongInput};
+use crate::terminal::output;
 use anyhow::{Context, Result, bail};
 use catenary_shell::Shutdown;
 use serde::Serialize;
@@ -14,10 +15,10 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// How often the processes are looked after.
+/// Period of the checks on the processes.
 const WATCH: Duration = Duration::from_millis(50);
 
-/// Starts the processes of a launch file and watches them until Ctrl-C, or until the last has ended.
+/// Starts the processes of a launch file and watches them until Ctrl-C or the end of the last one.
 pub fn run(arguments: &LaunchArgs) -> Result<()> {
     let given = arguments.arguments.iter().map(|a| argument(a)).collect::<Result<Vec<_>>>().given()?;
     let description = read(&arguments.file, &given, &|name| std::env::var(name).ok()).given()?;
@@ -28,17 +29,19 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
         return Err(WrongInput::error(format!("{}: it starts no process", arguments.file.display())));
     }
     refuse_missing(&given, &description).given()?;
-    // What every node would refuse is refused once.
+    // An invalid domain is reported once here, and not by every node.
     catenary_shell::domain_id()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
+    // Before the log folder exists: a refused launch leaves no trace.
     neighbours::refuse_second_graph(&description, &shutdown)?;
-    let log = status::log_folder(arguments.log.as_deref())?;
+    let log = logs::folder(arguments.log.as_deref())?;
     let _closed = writeln!(std::io::stderr(), "catenary launch: logs in {}", log.display());
     let mut board = Board::new(&arguments.file, &log);
     let supervisor = Supervisor::start(description.processes, &log, true)?;
-    status::link_latest(&log);
+    logs::link_latest(&log);
     let failed = watch(supervisor, &shutdown, &mut board)?;
+    // Printed only now: the result is the table at the end.
     if arguments.output.json {
         output::result(&arguments.output, &board.table, |_| String::new())?;
     }
@@ -48,7 +51,7 @@ pub fn run(arguments: &LaunchArgs) -> Result<()> {
     }
 }
 
-/// Watches the processes to the end of the launch; the names of those that failed.
+/// Watches the processes until the launch ends. Returns the names of the failed ones.
 fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> Result<Vec<String>> {
     let mut failed = Vec::new();
     let mut last = None;
@@ -77,11 +80,11 @@ fn watch(mut supervisor: Supervisor, shutdown: &Shutdown, board: &mut Board) -> 
     Ok(failed)
 }
 
-/// The table that others are shown.
+/// Table of the processes, shared with `catenary status`.
 struct Board {
     table: Table,
     on_terminal: bool,
-    /// Whether the last writing failed.
+    /// True if the last write failed.
     is_lost: bool,
 }
 
@@ -90,7 +93,7 @@ impl Board {
         Self { table: Table::new(file, log), on_terminal: std::io::stderr().is_terminal(), is_lost: false }
     }
 
-    /// Writes the table where it has changed, and prints it on a terminal.
+    /// Writes the table if it has changed, and prints it on a terminal.
     fn show(&mut self, supervisor: &Supervisor) {
         let rows = supervisor.rows();
         if rows == self.table.processes {
@@ -103,16 +106,16 @@ impl Board {
         }
     }
 
-    /// Writes the table. A full disk is no reason to end what runs: it is said once.
+    /// Writes the table. A full disk does not end the launch: the failure is reported once.
     fn write(&mut self) {
         let written = self.table.write();
         if let (false, Err(error)) = (self.is_lost, &written) {
-            tracing::warn!("`catenary status` cannot be told what runs: {error:#}");
+            tracing::warn!("`catenary status` cannot show this launch: {error:#}");
         }
         self.is_lost = written.is_err();
     }
 
-    /// Writes and prints the table of a launch that is over.
+    /// Writes and prints the table of a launch that has ended.
     fn close(&mut self, supervisor: &Supervisor) {
         self.table.processes = supervisor.rows();
         self.table.ended_s = Some(unix_s(SystemTime::now()));
@@ -125,8 +128,8 @@ impl Board {
     }
 }
 
-/// Refuses a folder of executables that was asked for and is not there; that of the file itself gives way to this program's
-/// own nodes.
+/// Returns an error if a program does not exist and its path begins with the value of a given argument. A missing default
+/// folder is fine: this program's own nodes replace it.
 fn refuse_missing(given: &[(String, String)], description: &LaunchDescription) -> Result<()> {
     for program in description.processes.iter().filter_map(|p| p.command.first()).map(Path::new) {
         let of_argument = |(_, value): &&(String, String)| !value.is_empty() && program.starts_with(value);
@@ -137,13 +140,13 @@ fn refuse_missing(given: &[(String, String)], description: &LaunchDescription) -
     Ok(())
 }
 
-/// NAME:=VALUE as a pair.
+/// Splits NAME:=VALUE.
 fn argument(text: &str) -> Result<(String, String)> {
     let (name, value) = text.split_once(":=").with_context(|| format!("expected NAME:=VALUE, got `{text}`"))?;
     Ok((name.to_owned(), value.to_owned()))
 }
 
-/// What `--show` prints.
+/// Result of `--show`.
 #[derive(Serialize)]
 struct Shown<'a> {
     arguments: Vec<ShownArgument<'a>>,
@@ -158,7 +161,7 @@ struct ShownArgument<'a> {
     choices: &'a [String],
 }
 
-/// A process; the words of parameter files that are yet to be written stand for their contents.
+/// Process in the result of `--show`. Parameter files that are not written yet are replaced by their contents.
 #[derive(Serialize)]
 struct ShownProcess<'a> {
     name: &'a str,

@@ -1,34 +1,34 @@
-//! What a launch file says: arguments, and processes to start.
+//! Description of a launch: arguments, and processes to start.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// One process to start.
+/// A process to start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Process {
-    /// Name in logs and messages, by itself in a launch.
+    /// Name in logs and messages, unique in a launch.
     pub name: String,
-    /// Program and arguments.
+    /// Program and its arguments.
     pub command: Vec<String>,
-    /// Environment variables to set, or to take away.
+    /// Environment variables to set, or to remove (`None`).
     pub environment: BTreeMap<String, Option<String>>,
-    /// Folder to run in; none: that of the launch.
+    /// Working directory; `None`: that of the launch.
     pub directory: Option<PathBuf>,
     /// Parameter files to write before the start.
     pub parameters: Vec<Parameters>,
-    /// Whether, when and how often it is started again.
+    /// Rule for restarts.
     pub restart: Restart,
-    /// What of its output is shown, beside its log.
+    /// Output streams that are shown besides being logged.
     pub shown: Shown,
-    /// How long it may take to end.
+    /// Time limits for its end.
     pub grace: Grace,
-    /// Whether the launch ends with it.
+    /// True if the launch ends with it.
     pub ends_launch: bool,
 }
 
 impl Process {
-    /// A process that is started once, and whose output is in its log alone.
+    /// Process without restarts, whose output is only logged.
     pub fn new(name: String, command: Vec<String>) -> Self {
         Self {
             name,
@@ -44,27 +44,27 @@ impl Process {
     }
 }
 
-/// A parameter file that belongs to one process.
+/// Parameter file of one process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
-    /// Index of the word of the command that names the file.
+    /// Index of the command's word that names the file.
     pub word: usize,
-    /// Contents, in ROS 2's own form.
+    /// Contents, in ROS 2's parameter file format.
     pub yaml: String,
 }
 
-/// When a process that ended by itself is started again.
+/// Rule for restarts of a process that ended by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Restart {
-    /// Whether it is.
+    /// True if the process is restarted.
     pub respawn: bool,
-    /// Time before it is.
+    /// Delay before a restart.
     pub delay: Duration,
-    /// How often at most during the launch; none: without limit.
+    /// Largest number of restarts in a launch; `None`: unlimited.
     pub limit: Option<u32>,
 }
 
-/// The streams of a process that are shown.
+/// Output streams of a process that are shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// Standard output.
@@ -73,12 +73,12 @@ pub struct Shown {
     pub stderr: bool,
 }
 
-/// Times that a process has for ending.
+/// Time limits for the end of a process. The defaults are those of ROS 2's launch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grace {
-    /// After SIGINT, before SIGTERM.
+    /// Time from SIGINT to SIGTERM.
     pub interrupted: Duration,
-    /// After SIGTERM, before SIGKILL.
+    /// Time from SIGTERM to SIGKILL.
     pub terminated: Duration,
 }
 
@@ -88,23 +88,23 @@ impl Default for Grace {
     }
 }
 
-/// An argument that a launch file declares.
+/// Argument that a launch file declares.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Argument {
-    /// Its name.
+    /// Name of the argument.
     pub name: String,
-    /// Its default; none: it must be given.
+    /// Default value; `None`: the argument is required.
     pub default: Option<String>,
-    /// What it does.
+    /// Description from the launch file.
     pub description: String,
-    /// The values that it may have; empty: any.
+    /// Allowed values; empty: any.
     pub choices: Vec<String>,
 }
 
-/// What a launch file says.
+/// Contents of a launch file after substitution.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LaunchDescription {
-    /// Arguments in order: those of the file itself, and of included files where it does not give them.
+    /// Arguments in order, including those of included files that are not given there.
     pub arguments: Vec<Argument>,
     /// Processes to start, in order.
     pub processes: Vec<Process>,

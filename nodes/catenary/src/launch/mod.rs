@@ -1,28 +1,16 @@
-//! Launch files: a part of ROS 2's XML form, with ROS 2's meaning, and the processes they describe.
+//! `catenary launch` and `catenary status`: a subset of ROS 2's XML launch files with ROS 2's meaning, and the processes that
+//! they describe.
 //!
-//! `file` reads a launch file into a list of processes, without starting any; `supervisor` starts them, watches them,
-//! restarts those that ask for it, and ends them in order.
+//! `reader` turns a launch file into a list of processes without starting any. `supervision` starts the processes, watches
+//! them, restarts them on request, and ends them in order.
 
+pub mod args;
 pub mod command;
 mod description;
-mod element;
-mod file;
-mod functions;
-mod namespace;
-mod neighbours;
-mod package;
-mod parameter;
-mod process;
-mod python;
+mod reader;
 pub mod status;
-mod substitution;
-mod supervisor;
-mod table;
-#[cfg(test)]
-mod tests;
-mod value;
-mod watched;
+mod supervision;
 
 pub use description::Process;
-pub use file::read;
-pub use supervisor::Supervisor;
+pub use reader::read;
+pub use supervision::Supervisor;

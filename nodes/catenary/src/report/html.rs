@@ -1,9 +1,9 @@
-//! A self-contained HTML page: style, pictures and data in one file.
+//! Self-contained HTML page: style, pictures and data in one file.
 
 use base64::Engine;
 use std::fmt::Write;
 
-/// Style of all pages. Pictures stand in columns of 380 px and more, so that their texts of 12 units have 11 px and more.
+/// Style of all pages. Pictures have columns of at least 380 px, so that their texts of 12 units have at least 11 px.
 const STYLE: &str = ":root{color-scheme:light}*{box-sizing:border-box}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:0 auto;padding:16px 12px 48px;color:#222;background:#fff;overflow-wrap:break-word}\
 h1{font-size:1.5em;line-height:1.25}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ddd}\
@@ -19,61 +19,61 @@ h1{font-size:1.5em;line-height:1.25}h2{font-size:1.2em;margin-top:2em;border-bot
 td:first-child,th:first-child{text-align:left;padding-left:0;white-space:normal;min-width:90px}td:last-child{white-space:normal;overflow-wrap:anywhere;min-width:90px}th{font-weight:600;vertical-align:bottom;white-space:normal}\
 .strip{display:flex;flex-wrap:wrap;gap:4px}.strip figure{margin:0;width:calc(25% - 4px);min-width:150px;flex-grow:1}.strip svg,img{max-width:100%;height:auto}\
 .strip figcaption{font-size:12px;color:#666}details{margin:1em 0}summary{cursor:pointer;font-weight:600}\
-@media(max-width:600px){td,th{padding:.25em .45em;font-size:14px}.lead{font-size:1.1em}}";
+@media(max-width:600px){td,th{padding:.25em .35em;font-size:13px;white-space:normal}.lead{font-size:1.1em}}";
 
-/// A page under construction.
+/// Page under construction.
 pub struct Page {
     body: String,
     title: String,
-    /// Pictures that follow one another, and stand side by side where there is room.
+    /// Pictures that follow one another. They are placed side by side if the page is wide enough.
     pictures: Vec<String>,
 }
 
 impl Page {
-    /// An empty page with a title.
+    /// Empty page with a title.
     pub fn new(title: &str) -> Self {
         Self { body: format!("<h1>{}</h1>\n", escape(title)), title: title.to_owned(), pictures: Vec::new() }
     }
 
-    /// The answer to what the page is about, in sentences; it is marked where it is bad news.
+    /// Answer of the page, in sentences; highlighted if it is bad news.
     pub fn answer(&mut self, sentences: &[String], is_bad: bool) {
         let class = if is_bad { "lead bad" } else { "lead" };
         let text: String = sentences.iter().map(|s| format!("<p>{}</p>", escape(s))).collect();
         let _ = writeln!(self.text(), "<div class=\"{class}\">{text}</div>");
     }
 
-    /// A heading.
+    /// Heading.
     pub fn heading(&mut self, text: &str) {
         let _ = writeln!(self.text(), "<h2>{}</h2>", escape(text));
     }
 
-    /// A paragraph.
+    /// Paragraph.
     pub fn paragraph(&mut self, text: &str) {
         let _ = writeln!(self.text(), "<p>{}</p>", escape(text));
     }
 
-    /// A paragraph of less weight.
+    /// Paragraph in grey.
     pub fn note(&mut self, text: &str) {
         let _ = writeln!(self.text(), "<p class=\"note\">{}</p>", escape(text));
     }
 
-    /// A paragraph that stands out.
+    /// Highlighted paragraph.
     pub fn warning(&mut self, text: &str) {
         let _ = writeln!(self.text(), "<p class=\"warning\">{}</p>", escape(text));
     }
 
-    /// A list.
+    /// Bullet list.
     pub fn list(&mut self, items: &[String]) {
         let items: String = items.iter().map(|i| format!("<li>{}</li>", escape(i))).collect();
         let _ = writeln!(self.text(), "<ul>{items}</ul>");
     }
 
-    /// A picture.
+    /// SVG picture.
     pub fn svg(&mut self, svg: &str) {
         self.pictures.push(svg.to_owned());
     }
 
-    /// A table: the header, then the rows. It scrolls by itself where it is wider than the page.
+    /// Table: the header, then the rows. A table wider than the page scrolls by itself.
     pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
         let cells = |tag: &str, texts: &mut dyn Iterator<Item = &str>| {
             texts.map(|t| format!("<{tag}>{}</{tag}>", escape(t))).collect::<String>()
@@ -84,7 +84,7 @@ impl Page {
         let _ = writeln!(self.text(), "<div class=\"scroll\"><table><tr>{head}</tr>{rows}</table></div>");
     }
 
-    /// A part that is folded until the reader opens it.
+    /// Section that is folded until the reader opens it.
     pub fn details<E>(&mut self, summary: &str, fill: impl FnOnce(&mut Self) -> Result<(), E>) -> Result<(), E> {
         let _ = write!(self.text(), "<details><summary>{}</summary>", escape(summary));
         fill(self)?;
@@ -92,7 +92,7 @@ impl Page {
         Ok(())
     }
 
-    /// The body, after the pictures that came last.
+    /// Body of the page, after the pending pictures are written.
     fn text(&mut self) -> &mut String {
         if !self.pictures.is_empty() {
             let _ = writeln!(self.body, "<div class=\"plots\">{}</div>", self.pictures.concat());
@@ -101,7 +101,7 @@ impl Page {
         &mut self.body
     }
 
-    /// A strip of JPEG pictures; on each, points (u, v) in pixels of the picture are marked; a caption below.
+    /// Strip of JPEG pictures with marked points (u, v) in pixels of the picture, and a caption below each.
     pub fn strip(&mut self, pictures: &[Picture]) {
         self.text().push_str("<div class=\"strip\">");
         for p in pictures {
@@ -127,7 +127,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// The whole page.
+    /// HTML of the whole page.
     pub fn finish(mut self) -> String {
         self.text();
         format!(
@@ -139,9 +139,9 @@ impl Page {
     }
 }
 
-/// A JPEG picture with marks.
+/// JPEG picture with marks.
 pub struct Picture {
-    /// The file's bytes.
+    /// Bytes of the JPEG file.
     pub jpeg: Vec<u8>,
     /// Width in pixels.
     pub width_px: u32,
@@ -153,15 +153,15 @@ pub struct Picture {
     pub caption: String,
 }
 
-/// A marked point.
+/// Marked point.
 pub struct Mark {
-    /// (u, v) in pixels of the picture.
+    /// Position (u, v) in pixels of the picture.
     pub at_px: [f64; 2],
     /// CSS colour.
     pub colour: &'static str,
 }
 
-/// `text` with the characters that HTML reads replaced.
+/// Escapes the characters with a meaning in HTML.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -191,6 +191,7 @@ mod tests {
         page.details("more", more).unwrap();
         let html = page.finish();
         assert!(html.contains("a &lt; b") && html.contains("&quot;1&quot; &amp; 2") && html.contains("base64,AQID"));
+        // A page must be readable offline and must not report its readers to anybody.
         assert!(!html.contains("http"), "{html}");
         assert!(html.contains("<div class=\"plots\"><figure>1</figure><figure>2</figure></div>"), "{html}");
         assert!(html.contains("name=\"viewport\"") && html.contains("<summary>more</summary><p>p</p>"), "{html}");

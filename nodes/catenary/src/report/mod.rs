@@ -1,4 +1,4 @@
-//! Reports: one HTML page each, with every picture inside it.
+//! HTML reports: one page each, with every picture inside it.
 
 mod html;
 pub mod number;

@@ -1,6 +1,6 @@
-//! Numbers for people: as many digits as are known.
+//! Numbers for people, with as many digits as are known.
 
-/// `value` with that many decimals; from 10 000 on with spaces between thousands; never a negative zero.
+/// `value` with `decimals` decimals. Thousands are separated by spaces from 10 000 on. Zero has no sign.
 pub fn plain(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
@@ -20,43 +20,46 @@ pub fn plain(value: f64, decimals: usize) -> String {
     format!("{sign}{grouped}{fraction}")
 }
 
-/// Decimals that show `digits` significant digits of a number of that size.
+/// Number of decimals for `digits` significant digits of a number of this size.
 fn decimals(size: f64, digits: i32) -> usize {
     if size == 0.0 || !size.is_finite() {
         return 0;
     }
+    // The factor puts a number such as 999.9999, printed as 1000, into its decade.
     (digits - 1 - (size.abs() * 1.000_001).log10().floor() as i32).clamp(0, 9) as usize
 }
 
-/// `value` with two digits of its uncertainty, whose size is `width`, and with two of its own at least.
+/// `value` to two digits of its uncertainty `width`, and to at least two digits of its own.
 pub fn rounded(value: f64, width: f64) -> String {
+    // A value far below its uncertainty still shows a digit or two of its own.
     let own = if value == 0.0 { 0 } else { decimals(value, 2) };
     plain(value, decimals(width, 2).max(if width > 0.0 { own.min(decimals(width, 2) + 1) } else { own }))
 }
 
-/// `value` with up to that many significant digits, without zeros at the end.
+/// `value` to at most `digits` significant digits, without trailing zeros.
 pub fn significant(value: f64, digits: i32) -> String {
     let text = plain(value, decimals(value, digits));
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// A distance in mm: tenths below 10 mm.
+/// Distance in mm, with a decimal below 10 mm.
 pub fn millimetres(value: f64) -> String {
     plain(value, if value < 9.95 { 1 } else { 0 })
 }
 
-/// A share in percent.
+/// Share in percent.
 pub fn percent(share: f64) -> String {
     let value = 100.0 * share;
     match value {
+        // "0 %" and "100 %" are reserved for exact shares.
         v if v > 0.0 && v < 0.5 => "< 1 %".to_owned(),
         v if v > 99.5 && v < 100.0 => "> 99 %".to_owned(),
         v => format!("{} %", plain(v, 0)),
     }
 }
 
-/// p-value of a test against `null_sets` simulated data sets. The least that such a test can give is one over their number plus
-/// one: it says no more than that p is at most this.
+/// p-value of a test against `null_sets` simulated data sets. The smallest possible value is 1 / (`null_sets` + 1); it
+/// is written as a bound, because p may be smaller.
 pub fn p_value(p: f64, null_sets: usize) -> String {
     let least = 1.0 / (null_sets as f64 + 1.0);
     if p <= least * (1.0 + 1e-9) {
@@ -71,9 +74,27 @@ pub fn p_clause(p: f64, null_sets: usize) -> String {
     if words.starts_with('<') { format!("p {words}") } else { format!("p = {words}") }
 }
 
+/// Writes a number with four significant figures.
+pub fn figures(v: f64) -> String {
+    if v != 0.0 && !(1e-3..1e5).contains(&v.abs()) {
+        return format!("{v:.3e}");
+    }
+    let digits = 3 - v.abs().max(1e-3).log10().floor() as i32;
+    format!("{v:.*}", digits.clamp(0, 6) as usize)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_are_written_with_four_figures() {
+        assert_eq!(figures(0.24567), "0.2457");
+        assert_eq!(figures(24567.8), "24568");
+        assert_eq!(figures(1.5), "1.500");
+        assert_eq!(figures(0.0), "0.000000");
+        assert_eq!(figures(2.0e6), "2.000e6");
+    }
 
     #[test]
     fn values_have_the_precision_of_their_intervals() {

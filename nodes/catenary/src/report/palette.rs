@@ -1,6 +1,7 @@
-//! Colours of the reports. One colour has one meaning on all pages.
+//! Colours of the reports. A colour has the same meaning on all pages.
 //!
-//! The colours are those of Okabe and Ito (2008), which the colour-blind tell apart, with a purple of Tol's bright scheme.
+//! The colours are those of Okabe and Ito (2008), chosen to be distinguishable by colour-blind readers, with a purple
+//! of Tol's bright scheme.
 
 /// Meaning of a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,15 +12,15 @@ pub enum Role {
     Prior,
     /// The posterior.
     Posterior,
-    /// A hidden true value.
+    /// Hidden true value.
     Truth,
-    /// The model before its repair, and pi0, the policy that was trained over the prior.
+    /// Model before its repair, and pi0, the policy trained over the prior.
     Before,
-    /// The model after its repair, and pi1, the policy that was trained over the posterior.
+    /// Model after its repair, and pi1, the policy trained over the posterior.
     After,
-    /// The measurement noise.
+    /// Measurement noise.
     Noise,
-    /// Anything that has no meaning of its own.
+    /// Anything without a meaning of its own.
     Other,
 }
 
@@ -38,7 +39,7 @@ impl Role {
         }
     }
 
-    /// Role of a curve that is known by its name: a policy; none otherwise.
+    /// Role of a policy by its name; `None` for other names.
     pub fn of_policy(name: &str) -> Option<Self> {
         match name {
             "pi0" => Some(Role::Before),
@@ -48,7 +49,7 @@ impl Role {
     }
 }
 
-/// Red, green and blue of a share 0 to 1 of the greatest posterior density: white to the posterior's blue to nearly black.
+/// Colour of a density, given as a share 0 to 1 of its maximum: from white over the posterior's blue to nearly black.
 pub fn shade(share: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 4] = [[255.0, 255.0, 255.0], [158.0, 202.0, 225.0], [0.0, 114.0, 178.0], [3.0, 30.0, 60.0]];
     let scaled = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;

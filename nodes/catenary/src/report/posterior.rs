@@ -1,13 +1,13 @@
-//! Table of a posterior beside its prior.
+//! Table of a posterior and its prior.
 
 use super::quantity::Quantity;
 use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
 
-/// Head of the table; the last column is there where the truth is known.
+/// Header of the table. The last column needs a known truth.
 pub const HEAD: [&str; 5] = ["parameter", "median", "90 % interval", "prior", "hidden truth"];
 
-/// A row for each parameter, with its true value where that is known.
+/// Rows of the table, one per parameter, with the true value if known.
 pub fn rows(posterior: &Posterior, marginals: &[Marginal], truth: Option<&[f64]>) -> Vec<Vec<String>> {
     let space = &posterior.parameters;
     let row = |(i, m): (usize, &Marginal)| {

@@ -2,51 +2,51 @@
 
 use super::number;
 use catenary_core::Prior;
-use simulator_pool::Registry;
-use simulator_pool::parameters::CATALOGUE;
+use catenary_simulator::Registry;
+use catenary_simulator::parameters::CATALOGUE;
 
-/// A parameter or an effect, as a report calls it.
+/// Title and unit of a parameter or an effect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Quantity {
-    /// Its name in a sentence.
+    /// Title within a sentence.
     pub title: String,
-    /// Unit of its values in files; 1 for none.
+    /// Unit of the values in files; "1" for a dimensionless quantity.
     unit: String,
 }
 
-/// Unit in which values are shown.
+/// Unit of displayed values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scale {
-    /// Factor from the unit of files.
+    /// Factor from the unit of files to this unit.
     pub factor: f64,
-    /// Its symbol; empty for none.
+    /// Symbol of the unit; empty for a dimensionless quantity.
     pub unit: String,
 }
 
-/// A text with its first letter as at the beginning of a sentence.
+/// Text with a capital first letter.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 impl Quantity {
-    /// The quantity called `name` in model files. A name that nobody knows stands for itself.
+    /// Quantity called `name` in model files. An unknown name is its own title.
     pub fn of(name: &str) -> Self {
         let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.title, p.unit));
         let effect = || Registry::with_unlisted().find(name).map(|e| (e.about().title, e.about().unit));
         let (title, unit) = parameter.or_else(effect).unwrap_or((name, "1"));
-        // Effects that change a parameter of the model carry its title.
+        // An effect that changes a parameter of the model has the parameter's title in the registry.
         let is_change = name.ends_with("_change") || name.contains("_change_");
         let title = if is_change { format!("change of {title}") } else { title.to_owned() };
         Self { title, unit: unit.to_owned() }
     }
 
-    /// The title at the beginning of a sentence.
+    /// Title at the beginning of a sentence.
     pub fn capital(&self) -> String {
         capital(&self.title)
     }
 
-    /// Unit in which values up to `largest` are easy to read.
+    /// Unit in which values up to `largest` have few digits.
     pub fn scale(&self, largest: f64) -> Scale {
         let size = largest.abs();
         let (factor, unit) = match self.unit.as_str() {
@@ -64,7 +64,7 @@ impl Quantity {
         Scale { factor, unit: unit.replace("^2", "²").replace("^3", "³") }
     }
 
-    /// A value with its interval and its unit: "261 mm (254 to 267)".
+    /// Value with its interval and unit: "261 mm (254 to 267)".
     pub fn estimate(&self, value: f64, low: f64, high: f64) -> String {
         let scale = self.scale(value.abs().max(0.5 * (low.abs() + high.abs())));
         let [value, low, high] = [value, low, high].map(|v| v * scale.factor);
@@ -73,25 +73,31 @@ impl Quantity {
         format!("{} ({low} to {high})", scale.with_unit(&value))
     }
 
-    /// A value with its standard deviation and its unit: "0.23 ± 0.06 kg".
+    /// Value with its standard deviation and unit: "0.23 ± 0.06 kg".
     pub fn spread(&self, value: f64, sd: f64) -> String {
         let scale = self.scale(value.abs().max(sd.abs()));
         let [value, sd] = [value, sd].map(|v| v * scale.factor);
         scale.with_unit(&format!("{} ± {}", number::rounded(value, sd), number::rounded(sd, sd)))
     }
 
-    /// A value with its unit, to a relative precision of some percent.
+    /// Value with its unit, to a relative precision of a few percent.
     pub fn value(&self, value: f64) -> String {
         self.value_within(value, 0.5 * value.abs())
     }
 
-    /// A value with its unit, to two digits of `width`.
+    /// Value with its unit, to at most three significant digits.
+    pub fn brief(&self, value: f64) -> String {
+        let scale = self.scale(value);
+        scale.with_unit(&number::significant(value * scale.factor, 3))
+    }
+
+    /// Value with its unit, to two digits of `width`.
     pub fn value_within(&self, value: f64, width: f64) -> String {
         let scale = self.scale(value);
         scale.with_unit(&number::rounded(value * scale.factor, width * scale.factor))
     }
 
-    /// A prior in words: its support, and its kind.
+    /// Prior in words: its support and its kind.
     pub fn prior(&self, prior: &Prior) -> String {
         let (low, high) = prior.bounds();
         let scale = self.scale(low.abs().max(high.abs()));
@@ -117,7 +123,7 @@ impl Quantity {
 }
 
 impl Scale {
-    /// A number with the unit.
+    /// Number followed by the unit.
     pub fn with_unit(&self, number: &str) -> String {
         match self.unit.as_str() {
             "" => number.to_owned(),
@@ -146,6 +152,9 @@ mod tests {
         assert_eq!(Quantity::of("length_m").estimate(0.2607, 0.2542, 0.2671), "261 mm (254 to 267)");
         assert_eq!(Quantity::of("youngs_modulus_pa").estimate(12_345.0, 10_200.0, 15_100.0), "12.3 kPa (10.2 to 15.1)");
         assert_eq!(Quantity::of("tip_mass_kg").estimate(0.2271, 0.161, 0.292), "0.23 kg (0.16 to 0.29)");
+        assert_eq!(Quantity::of("length_m").brief(0.2624), "262 mm");
+        assert_eq!(Quantity::of("youngs_modulus_pa").brief(13_240.0), "13.2 kPa");
+        assert_eq!(Quantity::of("poisson_ratio").brief(0.45), "0.45");
         assert_eq!(Quantity::of("tip_mass_kg").value(0.00601), "6.0 g");
         assert_eq!(Quantity::of("camera_tilt_rad").value(0.0360), "2.1°");
         assert_eq!(Quantity::of("quadratic_drag_n_s2_m3").value(0.31), "0.31 N s²/m³");

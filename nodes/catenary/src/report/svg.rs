@@ -1,4 +1,5 @@
-//! Pictures as SVG text. Texts are 12 units high and pictures 380 wide, so that they can be read where they fill a telephone's screen.
+//! Pictures as SVG text. Pictures are 380 units wide and texts 12 units high, legible at the width of a telephone's
+//! screen.
 
 use super::html::escape;
 use super::palette::Role;
@@ -9,72 +10,72 @@ use std::fmt::Write;
 pub const WIDTH: f64 = 380.0;
 /// Height of a text.
 pub const FONT: f64 = 12.0;
-/// Advance of a character at most, on average: that of DejaVu Sans, the widest of the usual system fonts.
+/// Average width of a character of DejaVu Sans, the widest of the usual system fonts.
 const CHARACTER: f64 = 7.4;
 const INK: &str = "#333333";
 const GRID: &str = "#e4e4e4";
 
-/// Where a text begins.
+/// Alignment of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// At the point.
+    /// Text starts at the point.
     Start,
-    /// Centred at it.
+    /// Text is centred at the point.
     Middle,
-    /// Before it.
+    /// Text ends at the point.
     End,
 }
 
-/// How a series is drawn, in the legend too.
+/// Shape of a series in the picture and the legend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// A line.
+    /// Continuous line.
     Line,
-    /// A broken line.
+    /// Dashed line.
     Dashes,
-    /// An area.
+    /// Filled area.
     Area,
-    /// Dots.
+    /// Filled dots.
     Dots,
     /// Rings.
     Rings,
-    /// A cross.
+    /// Diagonal cross.
     Cross,
-    /// A triangle.
+    /// Filled triangle.
     Triangle,
 }
 
 /// Entry of a legend.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// Its name.
+    /// Name of the series.
     pub name: String,
-    /// Its shape.
+    /// Shape of the series.
     pub shape: Shape,
-    /// Its colour as CSS.
+    /// Colour as CSS.
     pub colour: String,
 }
 
 impl Entry {
-    /// Entry of a role.
+    /// Entry in the colour of a role.
     pub fn new(name: impl Into<String>, shape: Shape, role: Role) -> Self {
         Self { name: name.into(), shape, colour: role.css().to_owned() }
     }
 }
 
-/// A picture under construction, (0, 0) at its upper left corner.
+/// Picture under construction. The point (0, 0) is the upper left corner.
 #[derive(Debug, Default)]
 pub struct Svg {
     body: String,
 }
 
 impl Svg {
-    /// A straight line.
+    /// Draws a straight line.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], colour: &str, width: f64) {
         self.path(&[from, to], colour, width, false);
     }
 
-    /// A line through points; broken where it is dashed. Points that are not finite are left out.
+    /// Draws a line through points. Points that are not finite are left out.
     pub fn path(&mut self, points: &[[f64; 2]], colour: &str, width: f64, is_dashed: bool) {
         let dashes = if is_dashed { " stroke-dasharray=\"5 4\"" } else { "" };
         let data = data(points);
@@ -84,7 +85,7 @@ impl Svg {
         );
     }
 
-    /// A filled area.
+    /// Draws a filled area.
     pub fn area(&mut self, points: &[[f64; 2]], colour: &str, opacity: f64) {
         let data = data(points);
         if !data.is_empty() {
@@ -92,7 +93,7 @@ impl Svg {
         }
     }
 
-    /// A filled rectangle with sharp edges.
+    /// Draws a filled rectangle with sharp edges.
     pub fn rectangle(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], colour: &str, opacity: f64) {
         let _ = write!(
             self.body,
@@ -101,7 +102,7 @@ impl Svg {
         );
     }
 
-    /// A disc.
+    /// Draws a disc.
     pub fn disc(&mut self, [x, y]: [f64; 2], radius: f64, colour: &str, opacity: f64) {
         let _ = write!(
             self.body,
@@ -109,7 +110,7 @@ impl Svg {
         );
     }
 
-    /// A ring with a white edge, which shows on any ground.
+    /// Draws a ring with a white edge, visible on any background.
     pub fn ring(&mut self, [x, y]: [f64; 2], radius: f64, colour: &str) {
         for (stroke, width) in [("#ffffff", 3.5), (colour, 1.5)] {
             let _ = write!(
@@ -119,7 +120,7 @@ impl Svg {
         }
     }
 
-    /// A cross with a white edge, which shows on any ground.
+    /// Draws a cross with a white edge, visible on any background.
     pub fn cross(&mut self, [x, y]: [f64; 2], size: f64, colour: &str) {
         for (stroke, width) in [("#ffffff", 6.0), (colour, 3.0)] {
             self.line([x - size, y - size], [x + size, y + size], stroke, width);
@@ -127,12 +128,12 @@ impl Svg {
         }
     }
 
-    /// A triangle.
+    /// Draws a triangle.
     pub fn triangle(&mut self, [x, y]: [f64; 2], size: f64, colour: &str) {
         self.area(&[[x - size, y + 0.8 * size], [x + size, y + 0.8 * size], [x, y - size]], colour, 1.0);
     }
 
-    /// A PNG picture that fills a rectangle.
+    /// Draws a PNG picture that fills a rectangle; `png` is in base 64.
     pub fn image(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], png: &str) {
         let _ = write!(
             self.body,
@@ -141,7 +142,8 @@ impl Svg {
         );
     }
 
-    /// A text with its base line at the point; the page's style gives it a white edge, which keeps it apart from what is below.
+    /// Draws a text with its base line at the point. The page's style adds a white edge, which separates it from the
+    /// ground.
     pub fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, colour: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
@@ -155,7 +157,7 @@ impl Svg {
         );
     }
 
-    /// The picture with a title above and a legend below.
+    /// Figure with a title above and a legend below.
     pub fn figure(self, height: f64, title: &str, legend: &[Entry]) -> String {
         let (title, body) = (escape(title), self.body);
         let legend: String = legend.iter().map(entry).collect();
@@ -192,28 +194,28 @@ fn data(points: &[[f64; 2]]) -> String {
     text
 }
 
-/// Width of a text, roughly.
+/// Estimated width of a text.
 pub fn text_width(text: &str) -> f64 {
     CHARACTER * text.chars().count() as f64
 }
 
-/// An axis.
+/// Axis of a chart.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// Value at its lower or left end.
+    /// Value at the left or lower end.
     pub low: f64,
-    /// Value at its other end.
+    /// Value at the other end.
     pub high: f64,
-    /// Its tick marks.
+    /// Tick marks.
     pub ticks: Vec<Tick>,
-    /// What it shows, with the unit.
+    /// Label, with the unit.
     pub label: String,
 }
 
-/// A picture with two axes.
+/// Chart with two axes.
 #[derive(Debug)]
 pub struct Chart {
-    /// The picture.
+    /// Picture of the chart.
     pub svg: Svg,
     x: Axis,
     y: Axis,
@@ -224,7 +226,7 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// Grid, tick marks and labels; `height` is that of the field.
+    /// Chart with grid, tick marks and labels; `height` is the height of the plot area.
     pub fn new(x: Axis, y: Axis, height: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| text_width(label)).fold(0.0, f64::max);
         let (left, top) = (widest.max(8.0) + 8.0, FONT + 12.0);
@@ -241,7 +243,7 @@ impl Chart {
             self.svg.line([at, self.top], [at, self.bottom], GRID, 1.0);
             let half = 0.5 * text_width(label);
             let middle = at.clamp(half, WIDTH - half);
-            // A label that would touch the one before is left out.
+            // A label that would touch the previous one is left out.
             if middle - half >= free_from {
                 self.svg.text([middle, self.bottom + FONT + 4.0], Anchor::Middle, INK, label);
                 free_from = middle + half + 4.0;
@@ -259,27 +261,27 @@ impl Chart {
         self.svg.text([middle, self.bottom + 2.0 * FONT + 9.0], Anchor::Middle, INK, &x.label);
     }
 
-    /// Place of a value on the horizontal axis.
+    /// Horizontal position of a value.
     pub fn x(&self, value: f64) -> f64 {
         self.left + (value - self.x.low) / (self.x.high - self.x.low) * (self.right - self.left)
     }
 
-    /// Place of a value on the vertical axis.
+    /// Vertical position of a value.
     pub fn y(&self, value: f64) -> f64 {
         self.bottom - (value - self.y.low) / (self.y.high - self.y.low) * (self.bottom - self.top)
     }
 
-    /// Place of a point.
+    /// Position of a point.
     pub fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.x(x), self.y(y)]
     }
 
-    /// Upper left corner of the field, and its size.
+    /// Upper left corner and size of the field.
     pub fn field(&self) -> ([f64; 2], [f64; 2]) {
         ([self.left, self.top], [self.right - self.left, self.bottom - self.top])
     }
 
-    /// The finished figure.
+    /// Finished figure.
     pub fn figure(self, title: &str, legend: &[Entry]) -> String {
         let height = self.bottom + 2.0 * FONT + 14.0;
         self.svg.figure(height, title, legend)

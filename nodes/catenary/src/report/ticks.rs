@@ -3,10 +3,10 @@
 use super::number::plain;
 use catenary_core::Prior;
 
-/// Value of a tick mark with its label.
+/// Value of a tick mark, and its label.
 pub type Tick = (f64, String);
 
-/// Tick marks from `low` to `high`, `most` of them at most.
+/// Tick marks from `low` to `high`, at most about `most`.
 pub fn linear(low: f64, high: f64, most: usize) -> Vec<Tick> {
     if !(low.is_finite() && high.is_finite() && low < high) || most == 0 {
         return Vec::new();
@@ -15,12 +15,13 @@ pub fn linear(low: f64, high: f64, most: usize) -> Vec<Tick> {
     let decade = 10f64.powf(raw.log10().floor());
     let rounded = |m: &f64| m * decade >= raw * (1.0 - 1e-9);
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().find(rounded).unwrap_or(10.0) * decade;
+    // The factor guards against a logarithm just below a whole number.
     let decimals = (-(step * 1.000_001).log10().floor()).clamp(0.0, 12.0) as usize;
     let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
     (first..=last).map(|i| (i as f64 * step, plain(i as f64 * step, decimals))).collect()
 }
 
-/// Tick marks of a logarithmic axis; those of a linear one where it spans too little for three of them.
+/// Tick marks of a logarithmic axis. An axis too short for three of them gets linear ones.
 pub fn logarithmic(low: f64, high: f64, most: usize) -> Vec<Tick> {
     if !(low > 0.0 && low < high && high.is_finite()) {
         return Vec::new();
@@ -44,8 +45,8 @@ pub fn logarithmic(low: f64, high: f64, most: usize) -> Vec<Tick> {
     }
 }
 
-/// Tick marks of an axis that is spaced as `prior` spreads its parameter, between two unit coordinates: their place in unit
-/// coordinates and their label, the value times `factor`. Those that come too near to the one before are left out.
+/// Tick marks of an axis that follows `prior`, between two unit coordinates. Each has its position in unit coordinates
+/// and its label, the value times `factor`. Marks too close to the previous one are left out.
 pub fn of_prior(prior: &Prior, (low, high): (f64, f64), factor: f64, most: usize) -> Vec<Tick> {
     let ends = (prior.from_unit(low) * factor, prior.from_unit(high) * factor);
     let ticks = match prior {
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_of_a_prior_lie_where_it_spreads_them() {
+    fn ticks_of_a_prior_are_placed_in_its_unit_coordinates() {
         let prior = Prior::LogUniform { low: 1e3, high: 1e5 };
         let ticks = of_prior(&prior, (0.0, 1.0), 1e-3, 3);
         assert_eq!(labels(&ticks), ["1", "10", "100"]);

@@ -1,4 +1,4 @@
-//! One picture of several moments: a row of them for each episode, cut to what moves.
+//! Picture of several moments, with a row for each episode, cropped to the moving parts.
 
 use anyhow::{Context, Result};
 use catenary_core::LabelMask;
@@ -9,14 +9,14 @@ use image::{ImageFormat, Rgb};
 use std::io::Cursor;
 use std::ops::Range;
 
-/// Pictures are drawn this many times as large as they are shown, so that edges are smooth.
+/// Factor between drawn and shown size; the averaging smooths edges.
 pub const OVERSAMPLING: u32 = 2;
-/// Pixels between two moments.
+/// Gap between two moments, pixels.
 const GAP_PX: usize = 4;
-/// Pixels around what moves, before they are shrunk.
+/// Margin around the moving parts before the reduction, pixels.
 const MARGIN_PX: usize = 48;
 
-/// The camera with more pixels of the same view.
+/// Camera with more pixels and the same view.
 pub fn oversampled(camera: &Pinhole) -> Pinhole {
     Pinhole {
         image_width_px: OVERSAMPLING * camera.image_width_px,
@@ -30,17 +30,17 @@ pub fn oversampled(camera: &Pinhole) -> Pinhole {
 #[derive(Default)]
 pub struct Sheet {
     rows: Vec<Vec<RgbImage>>,
-    /// Columns and rows of pixels that anything but the background is seen in.
+    /// Columns and rows of pixels that contain anything but background.
     seen: Option<[Range<usize>; 2]>,
 }
 
 impl Sheet {
-    /// Begins the next row.
+    /// Starts the next row.
     pub fn begin_row(&mut self) {
         self.rows.push(Vec::new());
     }
 
-    /// Adds a moment to the row, as [`oversampled`] saw it.
+    /// Adds a moment to the row, rendered by the camera of [`oversampled`].
     pub fn push(&mut self, picture: &RgbImage, labels: &LabelMask) {
         let width = labels.width as usize;
         for (i, _) in labels.data.iter().enumerate().filter(|(_, l)| **l != label::BACKGROUND) {
@@ -54,10 +54,11 @@ impl Sheet {
         }
     }
 
-    /// The sheet as PNG.
+    /// Encodes the sheet as PNG.
     pub fn png(&self) -> Result<Vec<u8>> {
         let first = self.rows.iter().flatten().next().context("no moment to draw")?;
         let whole = [first.width as usize, first.height as usize];
+        // Without any object pixel, the whole picture is shown.
         let seen = self.seen.clone().unwrap_or([0..whole[0], 0..whole[1]]);
         let [columns, rows]: [Range<usize>; 2] =
             std::array::from_fn(|i| seen[i].start.saturating_sub(MARGIN_PX)..(seen[i].end + MARGIN_PX).min(whole[i]));
@@ -80,7 +81,7 @@ impl Sheet {
     }
 }
 
-/// Mean of the pixels that are shown as one, from the upper left one on.
+/// Mean of the pixels that become one; (u, v) is the upper left of them.
 fn mean(picture: &RgbImage, [u, v]: [usize; 2]) -> [u8; 3] {
     let n = OVERSAMPLING as usize;
     let sum = |channel: usize| -> usize {
@@ -95,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_stand_in_rows_and_are_cut_to_what_is_seen() {
+    fn moments_stand_in_rows_and_are_cropped_to_the_object() {
         let mut sheet = Sheet::default();
         for grey in [10, 200] {
             sheet.begin_row();

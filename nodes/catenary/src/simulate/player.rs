@@ -1,34 +1,34 @@
-//! One episode of a model, moment by moment.
+//! Player of one simulated episode, moment by moment.
 
 use anyhow::Result;
 use catenary_core::camera::MASK_SIZE_PX;
 use catenary_core::camera::Pinhole;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{Camera, Fidelity, GripPose, Keypoints, Model, Observation, Task};
-use simulator_pool::Registry;
-use simulator_pool::arm::ArmModel;
-use simulator_pool::beam::Counters;
-use simulator_pool::cell::HandWrench;
-use simulator_pool::episode::{Conditions, Stage, whole};
-use simulator_pool::render::Renderer;
-use simulator_pool::scene::Scene;
+use catenary_simulator::Registry;
+use catenary_simulator::arm::ArmModel;
+use catenary_simulator::beam::Counters;
+use catenary_simulator::episode::{Conditions, EpisodeSimulation, never_stop};
+use simulated_cell::cell::HandWrench;
+use simulated_cell::render::Renderer;
+use simulated_cell::scene::Scene;
 
-/// Time over which velocities are taken, s.
+/// Time step of the differences that give velocities, s.
 const VELOCITY_BASE_S: f64 = 1e-3;
-/// Size of pictures, pixels, and focal length of the camera that is made up where a model has none of its own.
+/// Size of pictures and focal length, both in pixels, for a model whose camera sees the plane itself.
 const PICTURE_PX: [u32; 2] = [640, 480];
 const FOCAL_PX: f64 = 615.0;
 
-/// What moves the clamped end.
+/// Motion of the clamped end.
 pub enum Motion {
-    /// The model's arm executes actions.
+    /// Actions that the model's arm executes.
     Actions { task: Task, actions: Vec<[f64; 2]> },
-    /// It follows what was measured.
+    /// Measured motion that the grip follows.
     Measured(Box<MeasuredTrack>),
 }
 
 impl Motion {
-    /// Length in s.
+    /// Length of the motion, s.
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::Actions { task, actions } => actions.len() as f64 * task.step_period_s,
@@ -37,21 +37,21 @@ impl Motion {
     }
 }
 
-/// What the object of the episode is.
+/// Object of the episode, and noise.
 pub struct Setting {
     /// Theta in the model's order.
     pub theta: Vec<f64>,
-    /// Further parameters by name, which win over the model's.
+    /// Values of further parameters by name. They override the model's.
     pub given: Vec<(String, f64)>,
-    /// Seed of everything that is drawn.
+    /// Seed of every random draw.
     pub seed: u64,
-    /// Whether keypoints, camera and start are noisy as the model says, and effects that are not given drawn.
+    /// True if keypoints, camera and start have the model's noise, and effects without a given value are drawn.
     pub noise: bool,
 }
 
-/// An episode that is being played.
+/// Episode that is being played.
 pub struct Player<'a> {
-    stage: Stage,
+    simulation: EpisodeSimulation,
     motion: &'a Motion,
     arm: ArmModel,
     pitch_rad: f64,
@@ -62,9 +62,9 @@ pub struct Player<'a> {
 }
 
 impl<'a> Player<'a> {
-    /// The model's object at the start of the motion.
+    /// Player with the model's object at the start of the motion. Returns an error for impossible parameters.
     pub fn new(model: &Model, motion: &'a Motion, setting: &Setting, fidelity: Fidelity) -> Result<Self> {
-        let mut stage = Stage::new(model, &Registry::with_unlisted(), fidelity)?;
+        let mut simulation = EpisodeSimulation::new(model, &Registry::with_unlisted(), fidelity)?;
         // Without noise the target stands where the model has it.
         let target_m = model.task.filter(|_| !setting.noise).map(|t| t.target_m);
         let conditions = Conditions {
@@ -74,39 +74,40 @@ impl<'a> Player<'a> {
             noise: setting.noise,
             target_m,
         };
-        stage.prepare(&conditions)?;
-        let target_m = model.task.and_then(|_| stage.camera().plane_from_scaled(stage.target_scaled()));
-        let table_m = stage.world().beam.table.map(|t| t.height_m);
-        let elements = stage.beam().discretisation().elements;
+        simulation.prepare(&conditions)?;
+        let target_m = model.task.and_then(|_| simulation.camera().plane_from_scaled(simulation.target_scaled()));
+        let table_m = simulation.episode_model().beam.table.map(|t| t.height_m);
+        let elements = simulation.beam().discretisation().elements;
         let start = model.arm.start;
         let mut player = Self {
-            camera: side_view(stage.camera()),
+            camera: side_view(simulation.camera()),
             scene: Scene::new(table_m, target_m, model.object.section, elements),
-            arm: stage.arm([start.x_m, start.z_m]),
+            arm: simulation.arm([start.x_m, start.z_m]),
             pitch_rad: start.pitch_rad,
             time_s: 0.0,
             target_m,
             motion,
-            stage,
+            simulation,
         };
         match motion {
-            Motion::Actions { .. } => player.stage.hang(start),
+            Motion::Actions { .. } => player.simulation.hang(start),
             Motion::Measured(m) => {
-                player.stage.follow(&m.grip, &m.start, &[0.0], &whole);
+                player.simulation.follow(&m.grip, &m.start, &[0.0], &never_stop);
             }
         }
         Ok(player)
     }
 
-    /// Lets time run on to `time_s`.
+    /// Advances the simulation to `time_s`.
     pub fn advance(&mut self, time_s: f64) {
         self.arm.run_to(time_s);
         let (motion, arm, pitch_rad) = (self.motion, &self.arm, self.pitch_rad);
-        self.stage.advance(time_s, |t| pose(motion, arm, pitch_rad, t));
+        self.simulation.advance(time_s, |t| pose(motion, arm, pitch_rad, t));
         self.time_s = time_s;
     }
 
-    /// Takes action number `step` now; none after the last. Returns the arm's new target (x, z) in m and the action.
+    /// Takes action number `step`. Returns the arm's new target (x, z) in m and the action; `None` after the last
+    /// action.
     pub fn act(&mut self, step: usize) -> Option<([f64; 2], [f64; 2])> {
         let Motion::Actions { actions, .. } = self.motion else { return None };
         let delta_m = *actions.get(step)?;
@@ -119,16 +120,17 @@ impl<'a> Player<'a> {
         pose(self.motion, &self.arm, self.pitch_rad, self.time_s)
     }
 
-    /// Velocity of the grip along x and z in m/s.
+    /// Velocity of the grip along x and z, m/s.
     pub fn velocity_m_s(&self) -> [f64; 2] {
+        // A measured path has no velocity of its own; the arm model does.
         let Motion::Measured(measured) = self.motion else { return self.arm.velocity_m_s() };
         let (now, later) = (self.grip(), measured.grip.at(self.time_s + VELOCITY_BASE_S));
         [(later.x_m - now.x_m) / VELOCITY_BASE_S, (later.z_m - now.z_m) / VELOCITY_BASE_S]
     }
 
-    /// The object's pull on the hand.
+    /// Force and moment of the object on the hand.
     pub fn wrench(&self) -> HandWrench {
-        HandWrench::of(self.stage.beam())
+        HandWrench::of(self.simulation.beam())
     }
 
     /// Keypoints and target as the model's camera sees them now.
@@ -136,8 +138,8 @@ impl<'a> Player<'a> {
         let size = f64::from(MASK_SIZE_PX);
         let px = |p: [f64; 2]| p.map(|v| 0.5 * (v + 1.0) * size);
         Keypoints {
-            dlo_px: self.stage.keypoints(self.time_s).map(px),
-            target_px: self.target_m.map(|_| px(self.stage.target_scaled())),
+            dlo_px: self.simulation.keypoints(self.time_s).map(px),
+            target_px: self.target_m.map(|_| px(self.simulation.target_scaled())),
             scores: [1.0; 4],
             target_score: if self.target_m.is_some() { 1.0 } else { 0.0 },
             image_width_px: MASK_SIZE_PX,
@@ -145,38 +147,38 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// (x, z) in m of keypoints in the plane of motion.
+    /// Keypoints in the plane of motion, (x, z) in m. A point without intersection is NaN.
     pub fn plane_m(&self, keypoints: &Keypoints) -> [[f64; 2]; 4] {
-        keypoints.dlo_px.map(|px| self.stage.camera().plane_from_mask(px).unwrap_or([f64::NAN; 2]))
+        keypoints.dlo_px.map(|px| self.simulation.camera().plane_from_mask(px).unwrap_or([f64::NAN; 2]))
     }
 
-    /// The observation that keypoints make now.
+    /// Observation of the policy, from these keypoints.
     pub fn observation(&self, keypoints: &Keypoints) -> Observation {
         let grip = self.grip();
         let target = keypoints.target_scaled().unwrap_or_default();
         Observation::new([grip.x_m, grip.z_m], &keypoints.dlo_scaled(), target)
     }
 
-    /// Whether hand and target pose lie in the task's workspace, where there is a task.
+    /// True if hand and target pose lie in the task's workspace; always true without actions.
     pub fn is_inside(&self) -> bool {
         let Motion::Actions { task, .. } = self.motion else { return true };
         let (grip, [x, z]) = (self.grip(), self.arm.target_m());
         task.workspace.contains(grip.x_m, 0.0, grip.z_m) && task.workspace.contains(x, 0.0, z)
     }
 
-    /// What the simulation has done.
+    /// Counters of the simulation.
     pub fn counters(&self) -> Counters {
-        self.stage.beam().counters()
+        self.simulation.beam().counters()
     }
 
-    /// The camera of the pictures.
+    /// Camera of the pictures.
     pub fn camera(&self) -> &Pinhole {
         &self.camera
     }
 
-    /// Draws the moment as `camera` sees it, [`Player::camera`] or one like it; `frame` picks the noise.
+    /// Draws the moment as seen by `camera`, which is [`Player::camera`] or a variant of it; `frame` selects the noise.
     pub fn draw(&mut self, renderer: &mut Renderer, camera: &Pinhole, frame: u64) {
-        self.scene.update(self.grip(), self.stage.beam().nodes());
+        self.scene.update(self.grip(), self.simulation.beam().nodes());
         renderer.draw(&self.scene, camera, frame);
     }
 }
@@ -188,7 +190,7 @@ fn pose(motion: &Motion, arm: &ArmModel, pitch_rad: f64, time_s: f64) -> GripPos
     }
 }
 
-/// The model's camera, or, where coordinates are those of the plane itself, one that sees as much of it from the side.
+/// The model's camera. For a model in coordinates of the plane, a camera at the side that sees the same area.
 pub fn side_view(camera: &Camera) -> Pinhole {
     match camera {
         Camera::Pinhole(p) => *p,

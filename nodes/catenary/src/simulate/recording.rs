@@ -1,9 +1,10 @@
-//! An episode as a bag with the contract's topics, as the recorder would have written it.
+//! Bag of a simulated episode with the topics of the contract, in the form of the recorder's bags.
 
 use super::player::{Player, side_view};
 use anyhow::Result;
 use catenary_bag::{BagSummary, BagWriter, TopicId, WriterOptions};
 use catenary_core::camera::Pinhole;
+use catenary_core::grip::POSE_LEVER_M;
 use catenary_core::model::DriveKind;
 use catenary_core::task::DeltaAnchor;
 use catenary_core::{GripPose, Keypoints, Model, Observation, RgbImage, seed};
@@ -21,41 +22,40 @@ use panda_bridge::{ArmPose, kinematics};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
-use simulator_pool::convert;
+use simulated_cell::convert;
 use std::path::Path;
 
-/// The episode's time 0 in the bag, ns: a stamp of zero means "no time" in ROS.
+/// Time stamp of the start of the episode, ns. A stamp of zero means "no time" in ROS.
 const EPOCH_NS: i64 = 1_000_000_000;
 /// Frame of poses and wrenches.
 const BASE_FRAME: &str = "panda_link0";
 /// Frame of pictures and keypoints.
 const CAMERA_FRAME: &str = "camera_color_optical_frame";
-/// Lever by which the pitch of the hand is measured.
-const POSE_LEVER_M: f64 = 0.1;
-/// Random stream of the noise of poses.
+/// Random stream of the pose noise.
 const NOISE_STREAM: u64 = 0x9053;
-/// Number of the one episode.
+/// Number of the only episode.
 const EPISODE: u32 = 1;
 
-/// What every event of the episode says.
+/// Constant facts of the episode.
 pub struct Facts {
-    /// Name of what was run: `actions` or `recorded`.
+    /// Name of the policy in events: `actions` or `recorded`.
     pub policy: &'static str,
     /// Seed of the episode.
     pub seed: u64,
-    /// s between two actions.
+    /// Time between two actions, s.
     pub step_period_s: f64,
-    /// What a delta is added to.
+    /// Pose that an action's delta is added to.
     pub anchor: DeltaAnchor,
-    /// The camera as its owner believes to have it: what camera_info and tf tell.
+    /// Nominal camera, as published in camera_info and tf.
     pub camera: Pinhole,
-    /// Standard deviation of the noise of measured poses, m; 0: none.
+    /// Standard deviation of the noise of measured poses, m; 0 without noise.
     pub pose_noise_m: f64,
 }
 
 impl Facts {
-    /// Those of an episode of actions, or of one that follows what was measured; with the model's noise, or without.
+    /// Facts of an episode: `acts` for actions, else for a measured motion. `noise` enables the model's pose noise.
     pub fn of(model: &Model, acts: bool, seed: u64, noise: bool) -> Self {
+        // The model has pose noise only where it predicts the pose: a drive by grip takes the recorded pose as exact.
         let is_predicted = acts && model.observation.drive != DriveKind::Grip;
         let period_s = model.task.filter(|_| acts).map(|t| t.step_period_s);
         Self {
@@ -86,14 +86,14 @@ struct Topics {
     picture: Option<(TopicId, TopicId)>,
 }
 
-/// A bag that is being written.
+/// Bag that is being written.
 pub struct Recording {
     bag: BagWriter,
     topics: Topics,
     facts: Facts,
     angles_rad: [f64; kinematics::JOINTS],
     noise: ChaCha8Rng,
-    /// As it was measured last.
+    /// Last measured pose.
     grip: GripPose,
     now_ns: i64,
     keypoints_ns: i64,
@@ -102,7 +102,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Makes the bag in `folder`, which must not exist, and starts its episode; with `pictures`, the camera's too.
+    /// Creates the bag in `folder`, which must not exist, and starts the episode. `pictures` adds the topics of the
+    /// camera.
     pub fn create(folder: &Path, facts: Facts, pictures: bool) -> Result<Self> {
         let mut bag = BagWriter::create(folder, &WriterOptions::default())?;
         fn add<T: Interface>(bag: &mut BagWriter, topic: contract::Topic) -> Result<TopicId> {
@@ -145,6 +146,7 @@ impl Recording {
             actions,
             episode_return,
         };
+        // One message is enough: the simulated arm never changes its state.
         let state = ArmState { mode: ArmState::MODE_TRACKING, success_rate: 1.0, is_sim: true, ..ArmState::default() };
         let state = ArmState { header: recording.header(""), ..state };
         recording.put(recording.topics.arm, &state)?;
@@ -154,7 +156,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// From now on it is `time_ns` since the start of the episode.
+    /// Sets the time since the start of the episode.
     pub fn set_time(&mut self, time_ns: i64) {
         self.now_ns = time_ns;
     }
@@ -184,7 +186,7 @@ impl Recording {
         self.put(self.topics.event, &message)
     }
 
-    /// What the arm measures.
+    /// Writes the measurements of the arm.
     pub fn arm(&mut self, player: &Player<'_>) -> Result<()> {
         let mut noise = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut self.noise);
         let sd_m = self.facts.pose_noise_m;
@@ -197,6 +199,7 @@ impl Recording {
         self.grip = grip;
         let header = self.header(BASE_FRAME);
         let measured = ArmPose { position_m: [grip.x_m, 0.0, grip.z_m], quaternion_xyzw: grip.quaternion_xyzw() };
+        // Without a solution, the joints keep their angles: the pose of the hand is what inference reads.
         if let Some(angles) = kinematics::inverse(&measured, &self.angles_rad) {
             self.angles_rad = angles;
         }
@@ -217,21 +220,21 @@ impl Recording {
         self.put(self.topics.tf, &hand)
     }
 
-    /// What the tracker sees.
+    /// Writes the keypoints of the tracker.
     pub fn keypoints(&mut self, keypoints: &Keypoints) -> Result<()> {
         self.keypoints_ns = self.now_ns;
         let message = KeypointsMsg { header: self.header(CAMERA_FRAME), ..keypoints_to_msg(keypoints) };
         self.put(self.topics.keypoints, &message)
     }
 
-    /// What the camera sees.
+    /// Writes a picture of the camera, if the bag has its topic.
     pub fn picture(&mut self, picture: &RgbImage) -> Result<()> {
         let Some((image, info)) = self.topics.picture else { return Ok(()) };
         self.put(info, &convert::camera_info(&self.facts.camera, self.header(CAMERA_FRAME)))?;
         self.put(image, &convert::image(picture, self.header(CAMERA_FRAME)))
     }
 
-    /// Observation `step`, with the hand where it was measured last, and the reward that came with it.
+    /// Writes observation `step`, with the last measured pose of the hand, and adds its reward to the return.
     pub fn observation(&mut self, step: usize, seen: Observation, reward: Option<f64>) -> Result<()> {
         let values = Observation::new([self.grip.x_m, self.grip.z_m], &seen.dlo(), seen.target()).0;
         self.episode_return += reward.unwrap_or_default();
@@ -246,7 +249,8 @@ impl Recording {
         self.put(self.topics.observation, &message)
     }
 
-    /// Action `step`, the target that it means, and that the arm has taken it: this arm refuses and clips nothing.
+    /// Writes action `step`, its target pose, and the acceptance of the target: the simulated arm refuses and clips
+    /// nothing.
     pub fn action(&mut self, step: usize, [dx, dz]: [f64; 2], [x_m, z_m]: [f64; 2], grip: GripPose) -> Result<()> {
         self.actions += 1;
         let (header, anchor) = (self.header(BASE_FRAME), anchor_to_msg(self.facts.anchor));

@@ -1,5 +1,6 @@
-//! An episode in the making: what happens at each moment goes to whoever wants it.
+//! Episode with its outputs: each moment is written to the bag, the video and the picture.
 
+use super::args::SimulateArgs;
 use super::picture::{self, Sheet};
 use super::player::{Motion, Player};
 use super::recording::Recording;
@@ -7,28 +8,27 @@ use super::staged::Staged;
 use super::summary::Episode;
 use super::timeline::{Rates, Tick};
 use super::video::Video;
-use crate::cli::SimulateArgs;
 use anyhow::Result;
 use catenary_core::camera::Pinhole;
 use catenary_core::task::{Judge, Moment};
 use catenary_core::{KeypointOrder, Keypoints, Model};
-use simulator_pool::render::Renderer;
+use simulated_cell::render::Renderer;
 
-/// Everything that an episode is written to.
+/// Outputs of an episode.
 pub struct Sinks {
-    /// The bag.
+    /// Bag, and its place.
     pub recording: Option<(Staged, Recording)>,
-    /// Draws the pictures in the bag, with sensor noise.
+    /// Renderer of the pictures in the bag, with sensor noise.
     pub pictures: Option<Renderer>,
-    /// The video.
+    /// Video, and its place.
     pub video: Option<(Staged, Video)>,
-    /// Draws the video.
+    /// Renderer of the video.
     pub frames: Option<Renderer>,
-    /// The picture of moments.
+    /// Picture of moments.
     pub sheet: Option<Sheet>,
 }
 
-/// One episode with its sinks.
+/// Episode with its outputs.
 pub struct Show<'a> {
     player: Player<'a>,
     model: &'a Model,
@@ -36,14 +36,14 @@ pub struct Show<'a> {
     judge: Option<Judge>,
     sinks: Sinks,
     episode: Episode,
-    /// What the camera has seen last.
+    /// Keypoints of the camera's last frame.
     seen: Keypoints,
-    /// Draws the moments.
+    /// Renderer and camera of the moments.
     moments: Option<(Renderer, Pinhole)>,
 }
 
 impl<'a> Show<'a> {
-    /// An episode that has not begun.
+    /// Episode before its start.
     pub fn new(
         model: &'a Model,
         motion: &'a Motion,
@@ -59,7 +59,7 @@ impl<'a> Show<'a> {
         Self { seen: player.keypoints(), player, judge: Judge::of(model), model, motion, sinks, episode, moments }
     }
 
-    /// How often the sinks want something.
+    /// Rates that the outputs need.
     pub fn rates(&self, arguments: &SimulateArgs) -> Rates {
         Rates {
             camera_hz: self.model.camera.rate_hz,
@@ -68,7 +68,7 @@ impl<'a> Show<'a> {
         }
     }
 
-    /// Lets time run on to `at_ns`, and what happens then happen.
+    /// Advances the simulation to `at_ns` and executes one event.
     pub fn tick(&mut self, at_ns: i64, tick: Tick) -> Result<()> {
         let time_s = 1e-9 * at_ns as f64;
         self.player.advance(time_s);
@@ -116,6 +116,7 @@ impl<'a> Show<'a> {
     fn step(&mut self, time_s: f64, step: usize) -> Result<()> {
         let observation = self.player.observation(&self.seen);
         let reward = self.judge.filter(|_| step > 0).map(|judge| {
+            // The task of placing judges only the last moment.
             let is_last = matches!(self.motion, Motion::Actions { actions, .. } if step == actions.len());
             judge.verdict(&Moment::of(&observation, false, is_last)).reward
         });
@@ -137,7 +138,7 @@ impl<'a> Show<'a> {
         self.episode.compare(self.player.plane_m(&simulated), measured, order);
     }
 
-    /// The end of the episode.
+    /// Ends the episode, and returns it with its outputs.
     pub fn finish(mut self) -> (Episode, Sinks) {
         self.episode.finish(self.motion.duration_s(), self.player.counters());
         (self.episode, self.sinks)

@@ -1,18 +1,18 @@
-//! Files that appear under their names when they are whole.
+//! Output files that appear under their names only when they are complete.
 
-use crate::wrong_input::{Given, WrongInput};
+use crate::exit::{Given, WrongInput};
 use anyhow::{Context, Error, Result, anyhow};
 use std::path::{Path, PathBuf};
 
-/// A file or folder that is being made in a hidden folder beside its final place. Dropped before [`Staged::commit`], it
-/// leaves nothing.
+/// File or folder under construction in a hidden folder beside its final place. Dropped without [`Staged::commit`], it
+/// leaves nothing behind.
 pub struct Staged {
     folder: PathBuf,
     last: PathBuf,
 }
 
 impl Staged {
-    /// Makes the hidden folder, and the folders above it.
+    /// Creates the hidden folder and its parents.
     pub fn new(last: &Path) -> Result<Self> {
         let expected = || format!("{}: expected the name of a file or folder", last.display());
         let folder = hidden(last).with_context(expected).given()?;
@@ -20,12 +20,12 @@ impl Staged {
         Ok(Self { folder, last: last.to_path_buf() })
     }
 
-    /// Where it is made; of the final name.
+    /// Path during the construction, with the final name.
     pub fn path(&self) -> PathBuf {
         self.folder.join(self.last.file_name().unwrap_or_default())
     }
 
-    /// Gives it its final place.
+    /// Moves the file or folder to its final place.
     pub fn commit(self) -> Result<PathBuf> {
         let last = self.last.clone();
         std::fs::rename(self.path(), &last).with_context(|| last.display().to_string())?;
@@ -36,24 +36,25 @@ impl Staged {
 impl Drop for Staged {
     fn drop(&mut self) {
         if let Err(e) = std::fs::remove_dir_all(&self.folder) {
-            tracing::warn!("what is left of it cannot be removed: {}: {e}", self.folder.display());
+            tracing::warn!("temporary folder {} cannot be removed: {e}", self.folder.display());
         }
     }
 }
 
-/// The hidden folder beside `last`.
+/// Hidden folder beside `last`.
 fn hidden(last: &Path) -> Option<PathBuf> {
     let name = last.file_name()?.to_string_lossy();
     Some(last.with_file_name(format!(".{name}.{}", std::process::id())))
 }
 
-/// An error in which each path of a draft is the `shown` one of its final place `last`: nobody has asked for the draft.
+/// Replaces temporary paths in an error by the shown paths of their final places `last`, which the user knows.
 pub fn with_final_names(error: Error, places: &[(&Path, &str)]) -> Error {
     let text = format!("{error:#}");
     let named = places.iter().fold(text.clone(), |text, (last, shown)| {
         let draft = hidden(last).and_then(|folder| Some(folder.join(last.file_name()?)));
         draft.map_or(text.clone(), |draft| text.replace(&draft.display().to_string(), shown))
     });
+    // An untouched error keeps its type and its causes.
     match named == text {
         true => error,
         false if WrongInput::is(&error) => WrongInput::error(named),
@@ -79,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_committed_leaves_nothing() {
+    fn an_uncommitted_file_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let last = folder.path().join("out/video.gif");
         let staged = Staged::new(&last).unwrap();

@@ -1,62 +1,62 @@
-//! What came of an episode.
+//! Result of `catenary simulate`.
 
 use super::player::Setting;
-use crate::figures::figures;
+use crate::report::number::figures;
 use catenary_core::{Fidelity, KeypointOrder, Model};
+use catenary_simulator::beam::Counters;
 use serde::Serialize;
-use simulator_pool::beam::Counters;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What `--json` prints.
+/// Result in the form of `--json`.
 #[derive(Debug, Default, Serialize)]
 pub struct Report {
-    /// One for each model.
+    /// Episodes, one per model.
     pub episodes: Vec<Episode>,
-    /// The bag, where one was asked for, and its messages.
+    /// Path of the bag, if requested.
     pub bag: Option<PathBuf>,
     /// Messages in the bag.
     pub messages: u64,
-    /// The video, where one was asked for.
+    /// Path of the video, if requested.
     pub video: Option<PathBuf>,
-    /// The picture, where one was asked for.
+    /// Path of the picture, if requested.
     pub picture: Option<PathBuf>,
 }
 
-/// One episode.
+/// Result of one episode.
 #[derive(Debug, Serialize)]
 pub struct Episode {
     /// Name of the model.
     pub model: String,
-    /// Theta and the effects that were not drawn.
+    /// Theta, and the effects that were not drawn.
     pub parameters: BTreeMap<String, f64>,
     /// Fidelity of the simulation.
     pub fidelity: &'static str,
-    /// Seed of what was drawn.
+    /// Seed of every random draw.
     pub seed: u64,
-    /// Length in s.
+    /// Length of the episode, s.
     pub duration_s: f64,
-    /// (x, z) in m of the keypoints in the camera's last frame, from the grip on.
+    /// Keypoints in the camera's last frame, from the grip on, (x, z) in m.
     pub keypoints_m: [[f64; 2]; 4],
-    /// Rewards of the steps, where there are actions.
+    /// Reward of each step; empty without actions.
     pub rewards: Vec<f64>,
-    /// First time in s at which hand or target pose were outside of the workspace.
+    /// First time at which the hand or the target pose was outside the workspace, s.
     pub left_workspace_s: Option<f64>,
-    /// Root mean square distance in mm from the measured keypoints, where there are any.
+    /// Root mean square distance from the measured keypoints, mm; `None` without a measured motion.
     pub rmse_mm: Option<f64>,
     /// Time steps of the simulation.
     pub time_steps: u64,
-    /// Those whose Newton iteration did not converge.
+    /// Time steps whose Newton iteration did not converge.
     pub unconverged_steps: u64,
-    /// Whether the shape at the start was found, at rest or through the measured points.
+    /// False if the start shape, at rest or through the measured points, was not found.
     pub start_converged: bool,
-    /// Squared distances from the measured keypoints in m^2.
+    /// Mean squared distance from the measured keypoints in each frame, m^2.
     #[serde(skip)]
     squares: Vec<f64>,
 }
 
 impl Episode {
-    /// An episode that has not begun.
+    /// Episode before its start.
     pub fn new(model: &Model, setting: &Setting, fidelity: Fidelity) -> Self {
         let theta = model.theta.parameters().iter().map(|p| p.name.clone()).zip(setting.theta.iter().copied());
         Self {
@@ -76,7 +76,7 @@ impl Episode {
         }
     }
 
-    /// A step of the policy: its reward, and whether the hand was in the workspace.
+    /// Records a step of the policy: its reward, and if the hand was in the workspace.
     pub fn step(&mut self, time_s: f64, reward: Option<f64>, is_inside: bool) {
         self.rewards.extend(reward);
         if !is_inside {
@@ -84,20 +84,22 @@ impl Episode {
         }
     }
 
-    /// Keypoints as simulated and as measured, (x, z) in m; `order` is what is known of that of the measured ones.
+    /// Records the distance of simulated from measured keypoints, (x, z) in m; `order` is the known order of the
+    /// measured ones.
     pub fn compare(&mut self, simulated: [[f64; 2]; 4], measured: [Option<[f64; 2]>; 4], order: KeypointOrder) {
         let measured = measured.map(|p| p.unwrap_or([f64::NAN; 2]));
         let squares = simulated.iter().zip(order.closest(&measured, &simulated)).map(|(a, i)| {
             let b = measured[i];
             (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
         });
+        // A frame with a missing keypoint does not count.
         let least = squares.sum::<f64>() / 4.0;
         if least.is_finite() {
             self.squares.push(least);
         }
     }
 
-    /// The end, with what the simulation has done.
+    /// Records the end, with the counters of the simulation.
     pub fn finish(&mut self, duration_s: f64, counters: Counters) {
         self.duration_s = duration_s;
         (self.time_steps, self.unconverged_steps) = (counters.steps, counters.unconverged_steps);
@@ -132,7 +134,7 @@ impl Episode {
 }
 
 impl Report {
-    /// The report in words.
+    /// Report as text.
     pub fn words(&self) -> String {
         let mut lines: Vec<String> = self.episodes.iter().map(Episode::words).collect();
         lines.extend(self.bag.as_ref().map(|p| format!("bag {}: {} messages", p.display(), self.messages)));
@@ -147,11 +149,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_do_not_depend_on_the_end_that_was_measured_first() {
-        let model = Model::from_yaml(crate::model_file::SOFT_BAR).unwrap();
+    fn distances_do_not_depend_on_which_end_was_measured_first() {
+        let model = Model::from_yaml(crate::inputs::model_file::SOFT_BAR).unwrap();
         let setting = Setting { theta: vec![0.25, 1e4], given: Vec::new(), seed: 1, noise: false };
         let mut episode = Episode::new(&model, &setting, Fidelity::Fast);
         let points = [[0.0, 0.4], [0.0, 0.3], [0.0, 0.2], [0.0, 0.1]];
+        // A shift of 3 and 4 mm is a distance of 5 mm.
         let mut measured = points.map(|[x, z]| Some([x + 0.003, z + 0.004]));
         episode.compare(points, measured, KeypointOrder::Along);
         measured.reverse();

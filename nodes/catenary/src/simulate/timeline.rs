@@ -1,4 +1,4 @@
-//! What happens when in an episode.
+//! Timeline of an episode: all events with their times.
 
 use super::player::Motion;
 use anyhow::{Result, ensure};
@@ -8,37 +8,37 @@ const ARM_HZ: f64 = 200.0;
 /// Longest episode, s.
 const LONGEST_S: f64 = 3600.0;
 
-/// Something that happens at a moment. Those of one moment happen in this order.
+/// Event at a moment. Events of one moment follow the order of the variants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Tick {
-    /// The arm is measured.
+    /// Measurement of the arm.
     Arm,
-    /// The camera sees frame number n.
+    /// Frame of the camera, by number.
     Camera(u64),
-    /// Observation number n, and the action after it.
+    /// Observation by number, and the action after it.
     Step(usize),
-    /// The measured track has its frame number n.
+    /// Frame of the measured track, by number.
     Compare(usize),
-    /// Frame number n of the video.
+    /// Frame of the video, by number.
     Frame(u64),
-    /// A moment for the picture.
+    /// Moment for the picture.
     Moment,
 }
 
-/// How often things happen.
+/// Rates of the outputs.
 pub struct Rates {
     /// Frames of the camera per second.
     pub camera_hz: f64,
-    /// Frames of the video per second, where there is one.
+    /// Frames of the video per second, if there is one.
     pub video_hz: Option<f64>,
-    /// Moments of the picture, from the first to the last of the episode.
+    /// Number of moments in the picture, including the first and the last of the episode.
     pub moments: u32,
 }
 
-/// Everything that happens, with its time in ns.
+/// All events of an episode with their times in ns, in order.
 ///
 /// # Errors
-/// An episode that is too long.
+/// An episode longer than an hour.
 pub fn ticks(motion: &Motion, rates: &Rates) -> Result<Vec<(i64, Tick)>> {
     let duration_s = motion.duration_s();
     ensure!(duration_s <= LONGEST_S, "the episode takes {duration_s} s: expected at most {LONGEST_S} s");
@@ -62,6 +62,7 @@ pub fn ticks(motion: &Motion, rates: &Rates) -> Result<Vec<(i64, Tick)>> {
             ticks.extend(frames.map(|(i, f)| (ns(f.time_s), Tick::Compare(i))));
         }
     }
+    // At least one interval: a single moment is the start.
     let last = rates.moments.max(2) - 1;
     let moments = (0..rates.moments).map(|i| duration_s * f64::from(i) / f64::from(last));
     ticks.extend(moments.map(|t| (ns(t), Tick::Moment)));
@@ -75,11 +76,12 @@ mod tests {
     use catenary_core::Model;
 
     #[test]
-    fn an_observation_comes_after_the_frame_that_it_is_made_from() {
-        let model = Model::from_yaml(crate::model_file::SOFT_BAR).unwrap();
+    fn an_observation_follows_the_camera_frame_of_its_moment() {
+        let model = Model::from_yaml(crate::inputs::model_file::SOFT_BAR).unwrap();
         let motion = Motion::Actions { task: model.task.unwrap(), actions: vec![[0.0; 2]; 16] };
         let all = ticks(&motion, &Rates { camera_hz: 60.0, video_hz: Some(25.0), moments: 5 }).unwrap();
         let count = |f: fn(&Tick) -> bool| all.iter().filter(|(_, t)| f(t)).count();
+        // 8 s at 200, 60 and 25 Hz, both ends included.
         assert_eq!(count(|t| matches!(t, Tick::Arm)), 1601);
         assert_eq!(count(|t| matches!(t, Tick::Camera(_))), 481);
         assert_eq!(count(|t| matches!(t, Tick::Frame(_))), 201);

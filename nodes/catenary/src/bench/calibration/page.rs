@@ -1,15 +1,14 @@
-//! The page of a calibration: whether intervals hold as many hidden values as they say.
+//! HTML page of a calibration run: do the credible intervals hold as many hidden values as they should?
 
-use super::{LEVEL, Report, furthest_off};
-use crate::report::Page;
+use super::report::{LEVEL, Report, furthest_off};
 use crate::report::number::{percent, plain};
-use crate::report::plots;
 use crate::report::quantity::{Quantity, capital};
+use crate::report::{Page, plots};
 use bayes_sim::calibration::{LEVELS, Summary};
 
-/// The whole page.
+/// Renders the whole page.
 pub fn page(report: &Report) -> String {
-    let mut page = Page::new(&format!("Can the intervals of {} be believed?", report.model));
+    let mut page = Page::new(&format!("Are the intervals of {} calibrated?", report.model));
     let (sentences, is_bad) = answer(report);
     page.answer(&sentences, is_bad);
     page.note(&format!(
@@ -23,6 +22,7 @@ pub fn page(report: &Report) -> String {
     head.extend(levels.iter().map(String::as_str));
     head.push("p of exactness");
     page.table(&head, &report.checks.iter().map(row).collect::<Vec<_>>());
+    // Two binomial standard deviations of the share, at the 90 % level.
     let [_, _, ninety, _] = LEVELS.map(|level| 2.0 * (level * (1.0 - level) / report.truths.max(1) as f64).sqrt());
     page.note(&format!(
         "By chance alone, the share in 90 % intervals of {} objects is off by up to {} percentage points.",
@@ -39,9 +39,10 @@ pub fn page(report: &Report) -> String {
     page.finish()
 }
 
-/// The answer in sentences, and whether it is bad news.
+/// Answer in sentences, and `true` if the intervals are overconfident.
 fn answer(report: &Report) -> (Vec<String>, bool) {
     let checks = &report.checks;
+    // Bonferroni: each p-value is multiplied by the number of checks.
     let refuted: Vec<&Summary> = checks.iter().filter(|s| s.p_value * (checks.len() as f64) < LEVEL).collect();
     let (low, high) = checks.iter().map(|s| s.coverage[2]).fold((1.0_f64, 0.0_f64), |(a, b), c| (a.min(c), b.max(c)));
     let held = if percent(low) == percent(high) {
@@ -50,18 +51,20 @@ fn answer(report: &Report) -> (Vec<String>, bool) {
         format!("{} to {}", percent(low).replace(" %", ""), percent(high))
     };
     let held = format!("The 90 % intervals held {held} of {} hidden values.", report.truths);
+    // Too few held values take precedence: overconfident intervals are the dangerous ones.
     let few: Vec<&&Summary> = refuted.iter().filter(|s| furthest_off(s).1 < furthest_off(s).0).collect();
     let words = |list: &[&&Summary]| list.iter().map(|s| name(s)).collect::<Vec<_>>().join(" and ");
     match (refuted.is_empty(), few.as_slice()) {
-        (true, _) => (vec!["Intervals hold what they say.".into(), held], false),
+        (true, _) => (vec!["No check refutes the intervals.".into(), held], false),
         (false, []) => {
             let all: Vec<&&Summary> = refuted.iter().collect();
-            let first = format!("Intervals hold more than they say: those of {} are too wide.", words(&all));
-            (vec![first, held, "They are safe, but more could be known.".into()], false)
+            let first = format!("Intervals hold more values than they should: those of {} are too wide.", words(&all));
+            // Wide intervals waste information but mislead nobody, so that this is not marked as bad news.
+            (vec![first, held, "They are safe to use, but less precise than the data allow.".into()], false)
         }
         (false, few) => {
             let first = format!(
-                "Intervals hold less than they say: those of {} are too narrow or beside the truth.",
+                "Intervals hold fewer values than they should: those of {} are too narrow or biased.",
                 words(few)
             );
             (vec![first, held], true)
@@ -70,6 +73,7 @@ fn answer(report: &Report) -> (Vec<String>, bool) {
 }
 
 fn row(s: &Summary) -> Vec<String> {
+    // Three digits where the decision is near, two where it is not.
     let p = if s.p_value < 1e-3 { "< 0.001".to_owned() } else { plain(s.p_value, if s.p_value < 0.1 { 3 } else { 2 }) };
     std::iter::once(capital(&name(s)))
         .chain(s.coverage.iter().map(|c| format!("{} %", plain(100.0 * c, 1))))
@@ -77,7 +81,7 @@ fn row(s: &Summary) -> Vec<String> {
         .collect()
 }
 
-/// Name of a check in a sentence.
+/// Name of a check within a sentence.
 fn name(s: &Summary) -> String {
     match s.name.as_str() {
         "density" => "all parameters together (density)".into(),
@@ -109,18 +113,21 @@ mod tests {
     }
 
     #[test]
-    fn the_answer_says_whether_intervals_hold_what_they_say() {
+    fn the_answer_tells_calibrated_narrow_and_wide_intervals_apart() {
         let said = |p, coverage| answer(&report(p, coverage));
         let (fine, is_bad) = said(0.3, [0.5, 0.79, 0.88, 0.94]);
-        assert_eq!(fine, ["Intervals hold what they say.", "The 90 % intervals held 88 to 90 % of 200 hidden values."]);
+        assert_eq!(
+            fine,
+            ["No check refutes the intervals.", "The 90 % intervals held 88 to 90 % of 200 hidden values."]
+        );
         assert!(!is_bad);
         let (narrow, is_bad) = said(1e-4, [0.4, 0.7, 0.8, 0.9]);
         assert!(
-            narrow[0].contains("less than they say: those of all parameters together (density)") && is_bad,
+            narrow[0].contains("fewer values than they should: those of all parameters together (density)") && is_bad,
             "{narrow:?}"
         );
         let (wide, is_bad) = said(1e-5, [0.67, 0.9, 0.95, 0.99]);
-        assert!(wide[0].contains("more than they say") && !is_bad, "{wide:?}");
+        assert!(wide[0].contains("more values than they should") && !is_bad, "{wide:?}");
     }
 
     #[test]

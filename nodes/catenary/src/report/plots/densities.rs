@@ -1,4 +1,4 @@
-//! Pictures of posteriors, and of how often they are right.
+//! Pictures of posteriors and of their calibration.
 
 use super::{HEIGHT, range, thinned};
 use crate::report::number::{p_clause, plain};
@@ -8,27 +8,28 @@ use crate::report::svg::{Axis, Chart, Entry, Shape};
 use crate::report::ticks;
 use anyhow::{Context, Result};
 use base64::Engine;
+use catenary_core::statistics::uniformity_band;
 use catenary_core::{Parameter, Posterior};
 use std::io::Cursor;
 
 /// Cells of a density along each axis.
 const CELLS: usize = 80;
-/// Draws behind a density that is not known in closed form.
+/// Draws for a density without closed form.
 const DRAWS: usize = 40_000;
-/// Draws behind the window in which a posterior lies.
+/// Draws for the window around a posterior.
 const WINDOW_DRAWS: usize = 2_000;
 
-/// Section of the parameter space that a picture shows.
+/// Part of the parameter space in a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// The whole support of the prior.
+    /// Whole support of the prior.
     Prior,
-    /// Where the posterior is.
+    /// Window around the posterior.
     Posterior,
 }
 
-/// Density of a posterior over two of its parameters, the low-variance domain samples (theta) and, where it is known, the
-/// truth. Axes are spaced as the prior spreads the parameters: logarithmic where it is uniform in the logarithm.
+/// Density of a posterior over two of its parameters, with the low-variance samples `domains` and, if known, the truth.
+/// The axes follow the prior: logarithmic for a prior uniform in the logarithm.
 pub fn heatmap(
     posterior: &Posterior,
     axes: [usize; 2],
@@ -61,16 +62,16 @@ pub fn heatmap(
     let titles = [pi, pj].map(|p| Quantity::of(&p.name).title);
     let what = match extent {
         Extent::Prior => "the whole prior",
-        Extent::Posterior => "where the posterior lies",
+        Extent::Posterior => "around the posterior",
     };
     let [first, second] = titles;
     Ok(chart.figure(&format!("{}: {what}", capital(&format!("{first} and {second}"))), &legend))
 }
 
-/// Density of one parameter under the posterior over that under the prior, which is one everywhere on this axis; with the truth
-/// where it is known.
+/// Ratio of posterior to prior density for each parameter, with the truth if known. The prior has the constant ratio 1.
 pub fn marginals(posterior: &Posterior, truth: Option<&[f64]>) -> Result<Vec<String>> {
     const BARS: usize = 60;
+    // Bars need fewer draws than the cells of a picture.
     let draws = posterior.sample(DRAWS / 4, 0)?;
     let one = |(i, parameter): (usize, &Parameter)| {
         let mut counts = [0.0; BARS];
@@ -102,14 +103,13 @@ pub fn marginals(posterior: &Posterior, truth: Option<&[f64]>) -> Result<Vec<Str
     Ok(posterior.parameters.parameters().iter().enumerate().map(one).collect())
 }
 
-/// Share of hidden values at or under each rank: on the diagonal where posteriors are right. `values` are sorted; the band holds
-/// all of the curve in 95 of 100 cases where they are.
+/// Cumulative share of hidden values over their rank; the diagonal means exact calibration. `values` must be sorted.
+/// For exact posteriors, the band contains the whole curve in 95 of 100 cases.
 pub fn calibration(title: &str, values: &[f64]) -> String {
     let share = |label: &str| Axis { low: 0.0, high: 1.0, ticks: ticks::linear(0.0, 1.0, 5), label: label.to_owned() };
     let mut chart = Chart::new(share("share of the posterior's draws"), share("share of hidden values"), HEIGHT);
     let count = values.len().max(1) as f64;
-    // Quantile of Kolmogorov's distribution, with Stephens' correction (1970).
-    let half = 1.358 / (count.sqrt() + 0.12 + 0.11 / count.sqrt());
+    let half = uniformity_band(count);
     let edge = |sign: f64| (0..=50).map(move |i| (f64::from(i) / 50.0, sign));
     let band: Vec<[f64; 2]> =
         edge(-1.0).chain(edge(1.0).rev()).map(|(v, sign)| chart.at([v, (v + sign * half).clamp(0.0, 1.0)])).collect();
@@ -127,7 +127,7 @@ pub fn calibration(title: &str, values: &[f64]) -> String {
     chart.figure(title, &legend)
 }
 
-/// Histogram of the null data sets' `values`, with a line at the measured one.
+/// Histogram of the null data sets' `values`, with a line at the measured value.
 pub fn null_histogram(title: &str, x_label: &str, values: &[f64], measured: f64, p: f64) -> String {
     const BARS: usize = 24;
     let (low, high) = range(values.iter().copied().chain([measured]));
@@ -163,15 +163,16 @@ fn prior_axis(parameter: &Parameter, (low, high): (f64, f64)) -> Axis {
     Axis { low, high, ticks, label: quantity.axis(&scale) }
 }
 
-/// Least and greatest unit coordinate on each axis.
+/// Smallest and largest unit coordinate on each axis.
 type Window = [(f64, f64); 2];
 
-/// The coordinate `cells` cells from the low end of an axis of [`CELLS`].
+/// Coordinate at a distance of `cells` cells from the low end of an axis of [`CELLS`].
 fn along((low, high): (f64, f64), cells: f64) -> f64 {
     low + (high - low) * cells / CELLS as f64
 }
 
-/// Window of an extent: for the posterior, its draws but for the outermost 0.5 % on each side, the domains and the truth.
+/// Window of an extent. For the posterior, it holds the domains, the truth and the draws without the outermost 0.5 % on
+/// each side.
 fn window(
     posterior: &Posterior,
     axes: [usize; 2],
@@ -194,8 +195,9 @@ fn window(
     }))
 }
 
-/// Marginal density over two coordinates on a grid of cells, row-major with the second axis as rows, not normalised.
+/// Marginal density over two coordinates on a grid, not normalised. Row-major, with the second axis as rows.
 fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2], [along_i, along_j]: Window) -> Result<Vec<f64>> {
+    // The mixture itself is the marginal: its density needs no draws.
     if posterior.parameters.dimension() == 2 {
         let at = |index: usize| {
             let mut u = [0.0; 2];
@@ -219,7 +221,7 @@ fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2], [along_i, along_j
     Ok(smoothed(&counts))
 }
 
-/// Counts of draws with a binomial kernel of five cells along each axis: single draws make no grain then.
+/// Counts smoothed by a binomial kernel of five cells along each axis, to hide the grain of single draws.
 fn smoothed(counts: &[f64]) -> Vec<f64> {
     const KERNEL: [f64; 5] = [1.0, 4.0, 6.0, 4.0, 1.0];
     let pass = |values: &[f64], step: usize| -> Vec<f64> {
@@ -236,7 +238,7 @@ fn smoothed(counts: &[f64]) -> Vec<f64> {
     pass(&pass(counts, 1), CELLS)
 }
 
-/// One PNG picture of all cells, the first row at the bottom, in base 64.
+/// PNG picture of all cells in base 64, with the first row at the bottom.
 fn raster(density: &[f64]) -> Result<String> {
     let peak = density.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let side = CELLS as u32;
@@ -269,7 +271,7 @@ mod tests {
             for extent in [Extent::Prior, Extent::Posterior] {
                 let svg = heatmap(&posterior, [0, 1], extent, &domains, Some(&truth)).unwrap();
                 assert_eq!((svg.matches("<image").count(), svg.matches(">hidden truth<").count()), (1, 1));
-                // Two circles a ring; one ring is in the legend.
+                // Each ring consists of two circles, and the legend contains one ring.
                 assert_eq!(svg.matches("<circle").count(), 2 * (domains.len() + 1));
                 assert!(svg.contains("length, m<") && svg.contains("Young's modulus, Pa<"), "{svg}");
             }
@@ -284,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn smoothing_keeps_what_there_is() {
+    fn smoothing_keeps_the_total_up_to_the_kernels_sum() {
         let mut counts = vec![0.0; CELLS * CELLS];
         counts[40 * CELLS + 40] = 1.0;
         let smooth = smoothed(&counts);

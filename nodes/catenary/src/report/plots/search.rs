@@ -1,4 +1,4 @@
-//! Pictures of a search for effects.
+//! Pictures for the report of a search for effects.
 
 use super::{axis, range, thinned};
 use crate::report::palette::Role;
@@ -6,22 +6,22 @@ use crate::report::svg::{Anchor, Axis, Chart, FONT, Svg, WIDTH, text_width};
 pub use crate::report::svg::{Entry, Shape};
 use crate::report::ticks;
 
-/// Height of a bar, and of it with its label.
+/// Height of a bar, and of a bar with its label.
 const BAR: f64 = 12.0;
 const ROW: f64 = 36.0;
 const INK: &str = "#333333";
 
-/// One bar, in parts that follow one another.
+/// Bar made of consecutive parts.
 pub struct Bar {
-    /// What it stands for.
+    /// Label above the bar.
     pub label: String,
-    /// Length, colour and opacity of its parts.
+    /// Length, colour and opacity of each part.
     pub parts: Vec<(f64, Role, f64)>,
-    /// Its length in words.
+    /// Total length in words.
     pub value: String,
 }
 
-/// Horizontal bars under their labels, with a line across all of them where there is one.
+/// Picture of horizontal bars under their labels, optionally with a line across all of them.
 pub fn bars(title: &str, x_label: &str, bars: &[Bar], line: Option<(&str, f64, Role)>, legend: &[Entry]) -> String {
     let longest = bars.iter().map(|b| b.parts.iter().map(|p| p.0).sum::<f64>()).chain(line.map(|l| l.1));
     let longest = longest.filter(|v| v.is_finite()).fold(0.0, f64::max);
@@ -57,17 +57,17 @@ pub fn bars(title: &str, x_label: &str, bars: &[Bar], line: Option<(&str, f64, R
     svg.figure(bottom + 2.0 * FONT + 14.0, title, &legend)
 }
 
-/// An interval with its middle, for one parameter.
+/// Interval of a parameter with its best value.
 pub struct Interval {
-    /// Its name.
+    /// Name above the interval.
     pub name: String,
-    /// 5 %, best value, 95 %; no best value for a prior.
+    /// Values at 5 %, best, and 95 %. The best value of a prior is NaN.
     pub values: [f64; 3],
-    /// Its colour.
+    /// Colour of the interval.
     pub role: Role,
 }
 
-/// Intervals of one parameter under their names.
+/// Picture of intervals of one parameter under their names.
 pub fn intervals(title: &str, x_label: &str, rows: &[Interval]) -> String {
     let (low, high) = range(rows.iter().flat_map(|i| i.values));
     let x_axis = Axis { low, high, ticks: ticks::linear(low, high, 5), label: x_label.to_owned() };
@@ -82,6 +82,7 @@ pub fn intervals(title: &str, x_label: &str, rows: &[Interval]) -> String {
             chart.svg.disc(at, 5.5, role.css(), 1.0);
         }
         let half = 0.5 * text_width(name);
+        // The name is kept inside the picture, whatever the interval.
         let left = chart.field().0[0];
         let middle = (0.5 * (ends[0][0] + ends[1][0])).clamp(left + half + 4.0, WIDTH - half - 12.0);
         chart.svg.text([middle, y - 9.0], Anchor::Middle, INK, name);
@@ -89,21 +90,21 @@ pub fn intervals(title: &str, x_label: &str, rows: &[Interval]) -> String {
     chart.figure(title, &[])
 }
 
-/// A curve with a band about it.
+/// Curve with a band around it.
 pub struct Ribbon {
-    /// Its name in the legend.
+    /// Name in the legend.
     pub name: String,
-    /// Its colour.
+    /// Colour of the curve and its band.
     pub role: Role,
     /// Lower edge, middle and upper edge at each of the times.
     pub values: Vec<[f64; 3]>,
 }
 
-/// Measured values over time beside the bands of models.
+/// Measured values and predictions over time.
 pub struct Panel {
-    /// Its title.
+    /// Title of the picture.
     pub title: String,
-    /// Quantity on its vertical axis, with the unit.
+    /// Label of the vertical axis, with the unit.
     pub label: String,
     /// Measured values.
     pub measured: Vec<f64>,
@@ -111,7 +112,7 @@ pub struct Panel {
     pub ribbons: Vec<Ribbon>,
 }
 
-/// Measured dots and the models' ribbons over time.
+/// Picture of measured dots and the models' ribbons over time.
 pub fn panel(times_s: &[f64], panel: &Panel) -> String {
     let all = panel.ribbons.iter().flat_map(|r| r.values.iter().flatten()).chain(&panel.measured).copied();
     let mut chart = Chart::new(axis(times_s.iter().copied(), 6, "time, s"), axis(all, 4, &panel.label), 120.0);
@@ -141,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bars_name_what_they_stand_for() {
+    fn bars_have_their_labels_values_and_legend() {
         let all = [("one", 0.7), ("two", 0.2)].map(|(label, v)| Bar {
             label: label.into(),
             parts: vec![(v, Role::After, 1.0), (0.1, Role::After, 0.4)],
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn other_pictures_hold_their_series_and_bear_nothing_at_all() {
+    fn intervals_and_panels_show_their_series_and_accept_empty_ones() {
         let row = |name: &str, best| Interval { name: name.into(), values: [1.0, best, 3.0], role: Role::Before };
         let svg = intervals("Length", "mm", &[row("before", 2.0), row("prior", f64::NAN)]);
         assert!(

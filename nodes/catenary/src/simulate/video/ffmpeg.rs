@@ -1,4 +1,4 @@
-//! Raw frames for ffmpeg, which knows how to write MP4.
+//! MP4 files, written by an ffmpeg process from raw frames.
 
 use anyhow::{Context, Result, bail};
 use std::ffi::OsString;
@@ -7,19 +7,19 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// The pixel format that players know has one colour for four pixels: odd sizes get a black line more.
+/// Filter that pads to even sizes: the pixel format of players shares one colour among four pixels.
 const EVEN: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
 
-/// A running ffmpeg. Dropped before [`Ffmpeg::finish`], it is ended.
+/// Running ffmpeg process. Dropped without [`Ffmpeg::finish`], it is killed.
 pub struct Ffmpeg {
     child: Child,
     named: PathBuf,
 }
 
 impl Ffmpeg {
-    /// Starts it.
+    /// Starts the process.
     pub fn start(file: &Path, named: &Path, [width, height]: [u32; 2], rate_hz: f64) -> Result<Self> {
-        // Without a protocol, ffmpeg takes what stands before a colon in a name for one.
+        // The prefix is needed because ffmpeg takes the part of a name before a colon for a protocol.
         let mut out = OsString::from("file:");
         out.push(file);
         let mut command = Command::new("ffmpeg");
@@ -28,7 +28,7 @@ impl Ffmpeg {
             .args(["-s", &format!("{width}x{height}"), "-r", &rate_hz.to_string(), "-i", "-", "-an"])
             .args(["-vf", EVEN, "-pix_fmt", "yuv420p", "-movflags", "+faststart"])
             .arg(out)
-            // Ctrl-C ends this program, which then ends ffmpeg.
+            // In its own process group, because Ctrl-C ends this program, which then ends ffmpeg.
             .process_group(0)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -43,7 +43,7 @@ impl Ffmpeg {
         }
     }
 
-    /// Hands over a frame of RGB bytes.
+    /// Sends a frame of RGB bytes.
     pub fn push(&mut self, rgb: &[u8]) -> Result<()> {
         let sent = self.child.stdin.as_mut().map_or(Err(ErrorKind::BrokenPipe.into()), |pipe| pipe.write_all(rgb));
         match sent {
@@ -55,7 +55,7 @@ impl Ffmpeg {
         }
     }
 
-    /// Ends the input and waits for the file.
+    /// Closes the input and waits for the file.
     pub fn finish(mut self) -> Result<()> {
         drop(self.child.stdin.take());
         let said = self.first_words();
@@ -66,7 +66,7 @@ impl Ffmpeg {
         Ok(())
     }
 
-    /// The first line that it has written, at its end: the cause of the others.
+    /// First line of its error output, which names the cause of the later ones.
     fn first_words(&mut self) -> Option<String> {
         drop(self.child.stdin.take());
         let mut said = String::new();
@@ -77,7 +77,7 @@ impl Ffmpeg {
 
 impl Drop for Ffmpeg {
     fn drop(&mut self) {
-        // It has ended already where all went well, and then both calls say so.
+        // After a success the process has ended already, and both calls fail without harm.
         let _ended = self.child.kill();
         let _waited = self.child.wait();
     }

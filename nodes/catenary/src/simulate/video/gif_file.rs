@@ -1,4 +1,4 @@
-//! An animated GIF: exact colours where a frame has few enough, and of each frame what has changed.
+//! Animated GIF with exact colours if a frame has at most 255. Each frame holds only its changed rectangle.
 
 use anyhow::{Context, Result, ensure};
 use gif::{Encoder, Frame, Repeat};
@@ -8,26 +8,26 @@ use std::io::BufWriter;
 use std::ops::Range;
 use std::path::Path;
 
-/// Colours of a frame: the last index of a palette of 256 is for pixels that stay as they were.
+/// Colours of a frame. The last of the 256 indices marks unchanged pixels.
 const MOST_COLOURS: usize = 255;
-/// Frame rates that viewers of GIF play as they are; faster ones are slowed down by most.
+/// Frame rates that GIF viewers play unchanged. Most viewers slow faster rates down.
 const RATES_HZ: Range<f64> = 0.1..50.1;
 
-/// A GIF that is being written.
+/// GIF that is being written.
 pub struct GifFile {
     encoder: Encoder<BufWriter<File>>,
     size: [u32; 2],
     rate_hz: f64,
-    /// Frames pushed so far.
+    /// Number of frames pushed so far.
     frames: u64,
-    /// The picture that is waiting for its end, and when it began, in 1/100 s.
+    /// Frame that waits for its duration, and its start in 1/100 s.
     waiting: Option<(Frame<'static>, u64)>,
-    /// The last picture pushed.
+    /// Last pushed picture.
     shown: Vec<u8>,
 }
 
 impl GifFile {
-    /// Begins a file that plays for ever.
+    /// Creates a file that loops for ever.
     pub fn create(file: &Path, size: [u32; 2], rate_hz: f64) -> Result<Self> {
         ensure!(
             RATES_HZ.contains(&rate_hz),
@@ -44,6 +44,7 @@ impl GifFile {
     pub fn push(&mut self, rgb: &[u8]) -> Result<()> {
         let now_cs = (100.0 * self.frames as f64 / self.rate_hz).round() as u64;
         self.frames += 1;
+        // An unchanged picture only lengthens the previous frame.
         let Some(area) = self.changed(rgb) else { return Ok(()) };
         self.write_waiting(now_cs)?;
         self.waiting = Some((self.frame(rgb, area), now_cs));
@@ -61,13 +62,14 @@ impl GifFile {
 
     fn write_waiting(&mut self, until_cs: u64) -> Result<()> {
         if let Some((mut frame, since_cs)) = self.waiting.take() {
+            // A still of eleven minutes and more is cut to the longest delay of the format.
             frame.delay = u16::try_from(until_cs - since_cs).unwrap_or(u16::MAX);
             self.encoder.write_frame(&frame)?;
         }
         Ok(())
     }
 
-    /// Columns and rows of the rectangle that holds every changed pixel; none where nothing has changed.
+    /// Columns and rows of the rectangle around all changed pixels; `None` if nothing has changed.
     fn changed(&self, rgb: &[u8]) -> Option<[Range<usize>; 2]> {
         let [width, height] = self.size.map(|v| v as usize);
         if self.shown.is_empty() {
@@ -98,8 +100,8 @@ impl GifFile {
     }
 }
 
-/// A palette of 256 colours and the pixels' indices in it; none stands for a pixel that stays. Colours are exact where
-/// there are few enough, and else as fine as the palette allows.
+/// Palette of 256 colours, and the indices of the pixels in it; `None` is an unchanged pixel. Colours are exact if
+/// there are few enough, else quantised as finely as the palette allows.
 fn palette(pixels: impl Iterator<Item = Option<[u8; 3]>> + Clone) -> (Vec<u8>, Vec<u8>) {
     let coarse = |bits: u32, c: [u8; 3]| c.map(|v| (v >> bits << bits) | ((1u16 << bits) >> 1) as u8);
     let mut bits = 0;
@@ -110,7 +112,7 @@ fn palette(pixels: impl Iterator<Item = Option<[u8; 3]>> + Clone) -> (Vec<u8>, V
             colours.entry(coarse(bits, c)).or_insert(next.min(MOST_COLOURS) as u8);
             colours.len() <= MOST_COLOURS
         });
-        // With six bits off there are 64 colours left at most.
+        // With six bits removed, at most 64 colours are left.
         if fits || bits == 6 {
             break colours;
         }
@@ -129,7 +131,7 @@ fn palette(pixels: impl Iterator<Item = Option<[u8; 3]>> + Clone) -> (Vec<u8>, V
 mod tests {
     use super::*;
 
-    /// The pictures of a GIF with their delays in 1/100 s.
+    /// Pictures of a GIF with their delays in 1/100 s.
     fn played(file: &Path) -> Vec<(Vec<u8>, u16)> {
         let mut options = gif::DecodeOptions::new();
         options.set_color_output(gif::ColorOutput::RGBA);
@@ -159,12 +161,13 @@ mod tests {
         let mut gif = GifFile::create(&file, [8, 6], 30.0).unwrap();
         pictures.iter().for_each(|p| gif.push(p).unwrap());
         gif.finish().unwrap();
+        // Frames start at 0, 3.3, 6.7 and 10 hundredths of a second.
         let expected = [(pictures[0].clone(), 3), (pictures[1].clone(), 7), (pictures[3].clone(), 3)];
         assert_eq!(played(&file), expected, "the third frame is the second one shown longer");
     }
 
     #[test]
-    fn too_many_colours_are_thinned_evenly() {
+    fn too_many_colours_are_quantised_evenly() {
         let pixels: Vec<Option<[u8; 3]>> = (0..4096u32).map(|i| Some([(i / 16) as u8, (i % 256) as u8, 128])).collect();
         let (palette, indices) = palette(pixels.iter().copied());
         for (pixel, index) in pixels.iter().flatten().zip(indices) {

@@ -1,0 +1,136 @@
+//! `catenary info`: contents and damage of a bag.
+
+use super::args::InfoArgs;
+use crate::exit::Given;
+use crate::terminal::output;
+use anyhow::Result;
+use catenary_bag::{BagReader, TopicCount, episode_notes};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// One topic of a bag.
+#[derive(Debug, Serialize)]
+struct TopicInfo {
+    name: String,
+    #[serde(rename = "type")]
+    type_name: String,
+    messages: u64,
+    type_hash: Option<String>,
+    offered_qos: Vec<String>,
+}
+
+/// Result of `catenary info` for one bag.
+#[derive(Debug, Serialize)]
+struct BagInfo {
+    bag: PathBuf,
+    messages: u64,
+    /// Number of messages that can be read; `None` if only the index was read.
+    readable: Option<u64>,
+    start_ns: Option<i64>,
+    duration_s: f64,
+    files: Vec<PathBuf>,
+    topics: Vec<TopicInfo>,
+    /// Missing, damaged or doubtful parts of the bag, one sentence each.
+    notes: Vec<String>,
+}
+
+/// Largest number of damaged places that are listed one by one.
+const LISTED: usize = 10;
+
+impl BagInfo {
+    fn new(bag: &BagReader, index_only: bool) -> Self {
+        let mut notes = bag.notes().to_vec();
+        let verified = (!index_only).then(|| bag.verify());
+        if let Some((readable, damage)) = &verified {
+            if *readable != bag.message_count() {
+                let (path, all) = (bag.path().display(), bag.message_count());
+                notes.push(format!("{path}: {readable} of {all} messages can be read"));
+            }
+            notes.extend(damage.iter().take(LISTED).cloned());
+            let more = damage.len().saturating_sub(LISTED);
+            notes.extend((more > 0).then(|| format!("and {more} more damaged places")));
+            let is_new = |note: &String| !repeats(note, damage, bag.path());
+            notes.extend(episode_notes(bag).into_iter().filter(is_new));
+        }
+        let topic = |t: &TopicCount| TopicInfo {
+            name: t.topic.name.clone(),
+            type_name: t.topic.type_name.clone(),
+            messages: t.messages,
+            type_hash: t.topic.type_hash.clone(),
+            offered_qos: t.topic.qos.iter().map(ToString::to_string).collect(),
+        };
+        Self {
+            bag: bag.path().to_owned(),
+            messages: bag.message_count(),
+            readable: verified.map(|(readable, _)| readable),
+            start_ns: bag.span_ns().map(|(first, _)| first),
+            duration_s: bag.span_ns().map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 * 1e-9),
+            files: bag.files().map(Path::to_owned).collect(),
+            topics: bag.topics().iter().map(topic).collect(),
+            notes,
+        }
+    }
+
+    fn text(&self) -> String {
+        let files = if self.files.len() == 1 { String::new() } else { format!(" in {} files", self.files.len()) };
+        let index = if self.readable.is_none() { ", by the index alone" } else { "" };
+        let head =
+            format!("{}: {} messages in {:.3} s{files}{index}", self.bag.display(), self.messages, self.duration_s);
+        let row = |t: &TopicInfo| {
+            let head = format!("{:>8} {} [{}]", t.messages, t.name, t.type_name);
+            // One line if it fits a terminal of 80 columns.
+            match t.offered_qos.as_slice() {
+                [] => head,
+                [one] if head.len() + 1 + one.len() <= 80 => format!("{head} {one}"),
+                several => format!("{head}\n{:>8} {}", "", several.join(&format!("\n{:>8} ", ""))),
+            }
+        };
+        let rows = self.topics.iter().map(row);
+        std::iter::once(head).chain(rows).chain(self.notes.iter().cloned()).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// True if a note on the episodes only repeats one of the damaged places of the bag at `path`.
+fn repeats(note: &str, damage: &[String], path: &Path) -> bool {
+    // Notes name the bag first, and leave its path out of the reason that follows.
+    let prefix = format!("{}: ", path.display());
+    damage.iter().any(|place| note.ends_with(place.strip_prefix(&prefix).unwrap_or(place)))
+}
+
+/// Prints the contents of each bag, and which parts are missing or damaged.
+pub fn run(arguments: &InfoArgs) -> Result<()> {
+    let bags = arguments.bags.all().iter().map(|bag| BagReader::open(bag)).collect::<Result<Vec<_>, _>>().given()?;
+    let infos: Vec<BagInfo> = bags.iter().map(|bag| BagInfo::new(bag, arguments.index_only)).collect();
+    output::one_or_several(&arguments.output, &infos, BagInfo::text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_damaged_place_is_named_once() {
+        let bag = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing");
+        let folder = tempfile::tempdir().unwrap();
+        let names: Vec<PathBuf> = std::fs::read_dir(&bag).unwrap().map(|entry| entry.unwrap().path()).collect();
+        for path in &names {
+            let mut bytes = std::fs::read(path).unwrap();
+            if path.extension().is_some_and(|ending| ending == "mcap") {
+                // In the middle of the file lies a chunk of messages, whose checksum does not hold any more.
+                let middle = bytes.len() / 2;
+                bytes[middle] ^= 0xff;
+            }
+            std::fs::write(folder.path().join(path.file_name().unwrap()), bytes).unwrap();
+        }
+        for place in [folder.path().to_owned(), folder.path().join("swing_0.mcap")] {
+            let bag = BagReader::open(&place).unwrap();
+            let (_, damage) = bag.verify();
+            let notes = BagInfo::new(&bag, false).notes;
+            assert!(!damage.is_empty(), "{notes:?}");
+            for place in damage {
+                let reason = place.split_once(": ").unwrap().1;
+                assert_eq!(notes.iter().filter(|note| note.ends_with(reason)).count(), 1, "{reason}: {notes:?}");
+            }
+        }
+    }
+}

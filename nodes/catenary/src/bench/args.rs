@@ -1,0 +1,123 @@
+//! Arguments of `bench`.
+
+use crate::options::{Output, Preset};
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+
+/// `catenary bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Benchmark to run
+    #[command(subcommand)]
+    pub benchmark: Benchmark,
+}
+
+/// Benchmarks.
+#[derive(Debug, Subcommand)]
+pub enum Benchmark {
+    /// Episodes per core-second of the simulator, by fidelity
+    Pool {
+        /// Model (file or name); default: soft_bar
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Derivatives of tracks with respect to parameters and effects: their error, and their cost in tracks
+    Sensitivities {
+        /// Model (file or name); default: soft_bar
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Random episodes
+        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
+        episodes: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Simulator against closed-form solutions at each fidelity; fails if a promised bound is missed
+    Fidelity(FidelityArgs),
+    /// Environment steps per second of training
+    Training {
+        /// Environment steps to take
+        #[arg(long, default_value_t = 6_144)]
+        steps: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Calibration of posteriors over truths from the prior; a few hundred truths take hours
+    Calibration(CalibrationArgs),
+    /// Networks with a set embedding against networks with a list of keypoints, on clean and corrupted tracks
+    Networks(NetworksArgs),
+    /// Posteriors against hidden truths, over seeds
+    Inference {
+        /// Number of hidden truths
+        #[arg(long, default_value_t = 10, allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+        seeds: u64,
+        /// Machine-readable output
+        #[command(flatten)]
+        output: Output,
+    },
+}
+
+/// `catenary bench calibration`.
+#[derive(Debug, Args)]
+pub struct CalibrationArgs {
+    /// Truths drawn from the prior, each with an episode and an inference of its own
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(10..=100_000))]
+    pub truths: u64,
+    /// Folder for report.html and checks.jsonl; an interrupted run resumes from checks.jsonl
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model (file or name); default: soft_bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Effect of the model to infer along with theta; repeat the option for several
+    #[arg(long)]
+    pub also: Vec<String>,
+    /// Sizes of the network and the schedule
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: Preset,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary bench networks`.
+#[derive(Debug, Args)]
+pub struct NetworksArgs {
+    /// Training tracks, drawn from the prior
+    #[arg(long, default_value_t = 1500, value_parser = clap::value_parser!(u64).range(100..=20_000))]
+    pub tracks: u64,
+    /// Held-out test tracks
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(10..=10_000))]
+    pub truths: u64,
+    /// Model (file or name); default: soft_bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Include the paper's network, with as many steps as its fifteen iterations make; half an hour
+    #[arg(long)]
+    pub paper: bool,
+    /// JSON file to write the tracks and their thetas to, for estimators of other projects
+    #[arg(long)]
+    pub export: Option<PathBuf>,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary bench fidelity`.
+#[derive(Debug, Args)]
+pub struct FidelityArgs {
+    /// Random episodes at the edges of every parameter, at the fidelities fast and standard; 0: none
+    #[arg(long, default_value_t = 0)]
+    pub stress: usize,
+    /// Model (file or name) whose prior the random episodes span; default: soft_bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}

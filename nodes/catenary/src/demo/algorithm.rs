@@ -1,0 +1,278 @@
+//! Stages of the demo: trainings, episodes on the cell, inference, and score.
+
+use super::config::MODEL;
+use super::domain;
+use super::film::{self, Film};
+use super::observe::{Observer, Seen};
+use super::setup::{Demo, stream};
+use super::stage::Stages;
+use super::summary::{Episode, Inference, Summary, Training};
+use crate::infer::on_graph::show_inference;
+use crate::launch::{Process, Supervisor};
+use crate::terminal::progress;
+use crate::train::on_graph::show_training;
+use anyhow::{Context, Result, bail, ensure};
+use catenary_core::model::DriveKind;
+use catenary_core::task::Moment;
+use catenary_core::{Camera, Policy, Posterior, seed};
+use catenary_msgs::action::{
+    Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
+    TrainResult,
+};
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::{ActionClient, Node, convert};
+use std::time::Duration;
+
+/// Result of one training.
+struct Trained {
+    /// Policy, parsed.
+    policy: Policy,
+    /// Policy file.
+    bytes: Vec<u8>,
+    training: Training,
+    /// Thetas that were trained on; empty if each episode drew its own.
+    domains: Vec<Vec<f64>>,
+}
+
+/// Clients of the actions that the demo calls.
+struct Clients {
+    train: ActionClient<Train>,
+    infer: ActionClient<Infer>,
+    run_episode: ActionClient<RunEpisode>,
+    move_to_start: ActionClient<MoveToStart>,
+}
+
+impl Demo {
+    /// Runs all stages, and returns their results.
+    pub fn algorithm(&self, node: &Node, stages: &mut Stages<'_>) -> Result<Summary> {
+        let clients = stages.run("start the graph", 4, |stages, bar| {
+            let clients = Clients {
+                train: node.action_client("ppo_trainer/train")?,
+                infer: node.action_client("bayes_sim/infer")?,
+                run_episode: node.action_client("policy_runner/run_episode")?,
+                move_to_start: node.action_client("panda/move_to_start")?,
+            };
+            wait_for(stages, "ppo_trainer/train", |t| clients.train.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "bayes_sim/infer", |t| clients.infer.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "policy_runner/run_episode", |t| clients.run_episode.wait_for_server(t))?;
+            bar.inc(1);
+            wait_for(stages, "panda/move_to_start", |t| clients.move_to_start.wait_for_server(t))?;
+            bar.inc(1);
+            Ok(clients)
+        })?;
+        let pi0 = self.train(stages, &clients, "pi0", None)?;
+        let (episode0, film0) = self.episode(stages, &clients, &pi0.bytes, "pi0")?;
+        let inferred = self.infer(stages, &clients, &episode0, &pi0.bytes)?;
+        let posterior = convert::posterior_from_msg(&inferred.posterior)?;
+        let pi1 = self.train(stages, &clients, "pi1", Some(&inferred))?;
+        let (episode1, film1) = self.episode(stages, &clients, &pi1.bytes, "pi1")?;
+        let evaluation = self.score(stages, [("pi0", &pi0.policy), ("pi1", &pi1.policy)])?;
+        let film = self.film(&film0, &film1)?;
+        Ok(Summary {
+            seed: self.seed,
+            preset: self.sizes.preset,
+            parameters: self.model.theta.parameters().iter().map(|p| p.name.clone()).collect(),
+            truth: self.truth.clone(),
+            task: *self.judge.task(),
+            success_distance_m: self.judge.success_distance_m(),
+            inference: self.inference(posterior, &inferred, &pi1.domains)?,
+            training: vec![pi0.training, pi1.training],
+            episodes: vec![episode0, episode1],
+            film,
+            evaluation,
+            stages: stages.done.clone(),
+        })
+    }
+
+    /// Trains over the prior, or over a posterior if one is given.
+    fn train(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        name: &str,
+        inferred: Option<&InferResult>,
+    ) -> Result<Trained> {
+        let (over, domains) = match inferred {
+            None => ("the prior", TrainGoal::DOMAINS_PRIOR),
+            Some(_) => ("the posterior", TrainGoal::DOMAINS_MIXTURE),
+        };
+        let goal = TrainGoal {
+            model_yaml: MODEL.to_owned(),
+            domains,
+            mixture: inferred.map(|r| r.posterior.clone()).unwrap_or_default(),
+            preset: self.sizes.training_preset.name().to_owned(),
+            total_steps: self.sizes.training_steps,
+            fidelity: SimulateRequest::FIDELITY_FAST,
+            seed: seed::derive(self.seed, stream::TRAINING),
+            ..TrainGoal::default()
+        };
+        let result: TrainResult = stages.run(&format!("train {name} over {over}"), 1, |stages, bar| {
+            let shown = bar.clone();
+            let result = stages.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
+            ensure!(result.success, "{}", result.message);
+            Ok(result)
+        })?;
+        let policy = Policy::from_bytes(&result.policy).context("the trained policy")?;
+        let path = self.folder.join(format!("{name}.safetensors"));
+        std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
+        let training = Training {
+            policy: name.to_owned(),
+            curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
+            steps_per_second: result.steps_per_second,
+        };
+        Ok(Trained { policy, bytes: result.policy, training, domains: self.model.theta.rows(&result.domains)? })
+    }
+
+    /// Moves the arm to its start, starts the recorder, and runs one episode of a policy.
+    fn episode(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        policy: &[u8],
+        name: &str,
+    ) -> Result<(Episode, Film)> {
+        let steps = self.model.task.map_or(1, |t| t.steps as u64);
+        stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
+            domain::ensure_own_arm(stages.node, &stages.supervisor)?;
+            let moved = stages.goal(&clients.move_to_start, MoveToStartGoal::default(), |_| {})?;
+            ensure!(moved.success, "move to start: {}", moved.message);
+            let bag = format!("bags/{name}");
+            let mut recorder = self.start_recorder(stages, &bag)?;
+            // Recorder and observer need time to discover the publishers.
+            let mut observer = Observer::start(stages.node, &self.folder, name, &self.model)?;
+            stages.pause(Duration::from_secs(1))?;
+            let goal = RunEpisodeGoal {
+                policy: policy.to_vec(),
+                policy_name: name.to_owned(),
+                seed: seed::derive(self.seed, stream::EPISODE),
+                // Without it, the episode of a reaching task ends at its first success.
+                run_all_steps: true,
+                ..RunEpisodeGoal::default()
+            };
+            let shown = bar.clone();
+            let (stop, stopped) = std::sync::mpsc::channel::<()>();
+            let watcher = std::thread::spawn(move || {
+                while stopped.try_recv().is_err() {
+                    observer.look(Duration::from_millis(100))?;
+                }
+                observer.finish()
+            });
+            let result = stages.goal(&clients.run_episode, goal, move |feedback| {
+                progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
+                shown.set_message(format!("reward {:.3}", feedback.reward));
+            });
+            // Time for the last messages of the episode to reach the recorder.
+            stages.pause(Duration::from_millis(500))?;
+            let _ = stop.send(());
+            // Joined before the result is checked: a failed episode must not leave the thread behind.
+            let seen: Seen = watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
+            recorder.shut_down();
+            let result = result?;
+            ensure!(result.success, "{}", result.message);
+            let Seen { observations, frames, latency_ms, film } = seen;
+            let moments = observations.iter().skip(1).map(|o| Moment::of(o, false, false));
+            let episode = Episode {
+                policy: name.to_owned(),
+                end: result.end,
+                rewards: result.rewards,
+                episode_return: result.episode_return,
+                distance_m: self.judge.achieved_m(moments),
+                path_m: observations.iter().map(catenary_core::Observation::eef_m).collect(),
+                bag,
+                frames,
+                keypoint_latency_ms: latency_ms,
+            };
+            Ok((episode, film))
+        })
+    }
+
+    /// Writes the looping GIF of both episodes and returns its file name.
+    fn film(&self, before: &Film, after: &Film) -> Result<String> {
+        const FILE: &str = "episodes.gif";
+        let Camera::Pinhole(camera) = self.model.camera.view else { bail!("the demo's model needs a pinhole camera") };
+        film::write(&self.folder.join(FILE), [before, after], &camera, &self.judge)?;
+        Ok(FILE.to_owned())
+    }
+
+    /// Starts `catenary record` as a process and waits until its bag exists.
+    fn start_recorder(&self, stages: &mut Stages<'_>, bag: &str) -> Result<Supervisor> {
+        let path = self.folder.join(bag);
+        let own = std::env::current_exe().context("path of this program")?;
+        let words = [own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
+        let name = format!("recorder_{}", bag.replace('/', "_"));
+        let mut process = Process::new(name, words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
+        process.environment.extend(self.domain.environment());
+        let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
+        for _ in 0..100 {
+            stages.pause(Duration::from_millis(100))?;
+            if let Some(event) = recorder.poll()?.first() {
+                bail!("{}", event.describe());
+            }
+            if path.exists() {
+                return Ok(recorder);
+            }
+        }
+        bail!("the recorder did not start its bag within 10 s: {}", path.display())
+    }
+
+    fn infer(
+        &self,
+        stages: &mut Stages<'_>,
+        clients: &Clients,
+        episode: &Episode,
+        policy: &[u8],
+    ) -> Result<InferResult> {
+        // A policy that the drive does not use would only cause a warning.
+        let by_policy = self.model.observation.drive == DriveKind::Policy;
+        let goal = InferGoal {
+            source: InferGoal::SOURCE_BAG,
+            bags: vec![self.folder.join(&episode.bag).display().to_string()],
+            model_yaml: MODEL.to_owned(),
+            preset: self.sizes.preset.name().to_owned(),
+            drive: convert::drive_to_msg(self.model.observation.drive),
+            policy: if by_policy { policy.to_vec() } else { Vec::new() },
+            seed: seed::derive(self.seed, stream::INFERENCE),
+            ..InferGoal::default()
+        };
+        stages.run("infer the parameters", 1, |stages, bar| {
+            let shown = bar.clone();
+            let result = stages.goal(&clients.infer, goal, move |feedback| {
+                show_inference(&shown, &feedback);
+            })?;
+            ensure!(result.success, "{}", result.message);
+            Ok(result)
+        })
+    }
+
+    fn inference(&self, posterior: Posterior, result: &InferResult, domains: &[Vec<f64>]) -> Result<Inference> {
+        let path = self.folder.join("posterior.json");
+        std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
+        Ok(Inference {
+            marginals: posterior.marginals()?,
+            posterior,
+            domains: domains.to_vec(),
+            losses: result.losses.clone(),
+            effective_sample_size: result.effective_sample_size,
+            mass_outside: result.mass_outside,
+            simulations: result.simulations,
+            warnings: result.warnings.clone(),
+            // In a successful result, the message gives the reason why the posterior does not fit.
+            misfit: (!result.message.is_empty()).then(|| result.message.clone()),
+        })
+    }
+}
+
+/// Waits for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
+fn wait_for(stages: &mut Stages<'_>, name: &str, ready: impl Fn(Duration) -> bool) -> Result<()> {
+    // 100 turns of 0.2 s each.
+    const PATIENCE: usize = 100;
+    for _ in 0..PATIENCE {
+        if ready(Duration::from_millis(200)) {
+            return Ok(());
+        }
+        stages.pause(Duration::from_millis(10))?;
+    }
+    bail!("{name}: no server after 20 s")
+}

@@ -1,0 +1,94 @@
+//! Setup of a demo: sizes, seeds, hidden parameters, and the start of its graph.
+
+use super::config;
+use super::domain::OwnDomain;
+use crate::launch::{Supervisor, read};
+use crate::options::{Preset, TrainingPreset};
+use anyhow::Result;
+use catenary_core::{Fidelity, Judge, Model, seed};
+use rand::RngExt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Random streams derived from the demo's seed.
+pub mod stream {
+    /// Hidden parameters.
+    pub const TRUTH: u64 = 1;
+    /// Trainings.
+    pub const TRAINING: u64 = 2;
+    /// Inference.
+    pub const INFERENCE: u64 = 3;
+    /// Episodes on the cell.
+    pub const EPISODE: u64 = 4;
+    /// Noise of the cell.
+    pub const CELL: u64 = 5;
+    /// Simulated episodes of the score.
+    pub const SCORE: u64 = 6;
+}
+
+/// Sizes of a demo.
+pub struct Sizes {
+    /// Preset of the inference, which names the demo.
+    pub preset: Preset,
+    /// Preset of the trainings.
+    pub training_preset: TrainingPreset,
+    /// Environment steps of each training.
+    pub training_steps: u64,
+}
+
+/// Minutes on two cores.
+pub const DEFAULT: Sizes =
+    Sizes { preset: Preset::Default, training_preset: TrainingPreset::Default, training_steps: 61_440 };
+/// Sizes of the paper.
+pub const PAPER: Sizes = Sizes { preset: Preset::Paper, training_preset: TrainingPreset::Sb3, training_steps: 120_000 };
+
+/// State that stays constant during a demo.
+pub struct Demo {
+    /// Model that is inferred, trained and simulated.
+    pub model: Model,
+    /// Judge of the task.
+    pub judge: Judge,
+    /// Folder of the results.
+    pub folder: PathBuf,
+    /// Seed of every random draw.
+    pub seed: u64,
+    /// Sizes of the demo.
+    pub sizes: Sizes,
+    /// Hidden parameters of the cell.
+    pub truth: Vec<f64>,
+    /// DDS domain of the demo.
+    pub domain: OwnDomain,
+}
+
+/// Range of the hidden values in unit coordinates, away from the prior's edges.
+const HIDDEN: Range<f64> = 0.1..0.9;
+/// Range of the hidden modulus in unit coordinates: about 6 to 34 kPa. Softer bars, which the prior contains too,
+/// stretch down to the table, so that no motion brings their end to the target.
+const HIDDEN_MODULUS: Range<f64> = 0.45..0.9;
+
+/// The cell's parameters.
+pub fn hidden_truth(model: &Model, demo_seed: u64) -> Vec<f64> {
+    let mut rng = seed::rng(demo_seed, stream::TRUTH);
+    let mut unit = |name: &str| rng.random_range(if name == "youngs_modulus_pa" { HIDDEN_MODULUS } else { HIDDEN });
+    let u: Vec<f64> = model.theta.parameters().iter().map(|p| unit(&p.name)).collect();
+    model.theta.from_unit(&u)
+}
+
+impl Demo {
+    /// Starts the graph. Only the cell's process receives the hidden values.
+    pub fn launch(&self, launch_file: &Path) -> Result<Supervisor> {
+        let values: Vec<String> = self.truth.iter().map(|v| format!("{v:?}")).collect();
+        let given = [
+            ("model", launch_file.with_file_name(config::MODEL_FILE).display().to_string()),
+            ("cell_theta", format!("[{}]", values.join(","))),
+            ("cell_fidelity", Fidelity::Reference.name().to_owned()),
+            ("seed", (seed::derive(self.seed, stream::CELL) >> 33).to_string()),
+            // A node that ends by itself is an error here, and a restart would hide it.
+            ("respawn", "false".to_owned()),
+        ]
+        .map(|(k, v)| (k.to_owned(), v));
+        let mut description = read(launch_file, &given, &|name| std::env::var(name).ok())?;
+        description.processes.iter_mut().for_each(|p| p.environment.extend(self.domain.environment()));
+        Supervisor::start(description.processes, &self.folder.join("log"), false)
+    }
+}

@@ -1,0 +1,73 @@
+//! `catenary deploy`: one episode of a policy on the running graph.
+
+pub mod args;
+
+use crate::graph::goal::{self, follow};
+use crate::graph::one_arm::ensure_one_arm;
+use crate::inputs::policy_file;
+use crate::terminal::{output, progress};
+use anyhow::{Result, ensure};
+use args::DeployArgs;
+use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
+use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown, contract};
+use serde::Serialize;
+
+/// Result of the episode.
+#[derive(Debug, Serialize)]
+struct Deployed {
+    episode: u32,
+    end: String,
+    rewards: Vec<f64>,
+    episode_return: f64,
+}
+
+/// Runs the episode. Ctrl-C cancels it, which stops the arm.
+pub fn run(arguments: &DeployArgs) -> Result<()> {
+    let (policy, bytes) = policy_file::read(&arguments.policy)?;
+    // Checked before a node exists.
+    let wait = goal::wait(arguments.wait_s)?;
+    // A shutdown of its own, apart from the node's: a node that has shut down can cancel nothing.
+    let interrupted = Shutdown::new();
+    catenary_shell::end_on_signals(&interrupted)?;
+    let node = NodeBuilder::new("deploy", &RosArgs::default())?.build()?;
+    let (start, episode) = (contract::MOVE_TO_START.name, contract::RUN_EPISODE.name);
+    let needed = if arguments.from_here { vec![episode] } else { vec![start, episode] };
+    ensure_one_arm(&node, &needed, wait, &interrupted)?;
+    if !arguments.from_here {
+        let client: ActionClient<MoveToStart> = node.action_client(start)?;
+        let moved = follow(&client, MoveToStartGoal::default(), wait, &interrupted, |_| {})?;
+        ensure!(moved.success, "move to start: {}", moved.message);
+    }
+    let client: ActionClient<RunEpisode> = node.action_client(episode)?;
+    let goal = RunEpisodeGoal {
+        policy: bytes,
+        policy_name: policy.name.clone(),
+        run_all_steps: arguments.run_all_steps,
+        ..RunEpisodeGoal::default()
+    };
+    let bar = progress::bar("episode", 0.0)?;
+    let (shown, steps) = (bar.clone(), policy.steps);
+    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
+        progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
+        shown.set_message(format!("reward {:.3}", feedback.reward));
+    })?;
+    bar.finish_and_clear();
+    ensure!(result.success, "{}", result.message);
+    let deployed = Deployed {
+        episode: result.episode,
+        end: result.end,
+        rewards: result.rewards,
+        episode_return: result.episode_return,
+    };
+    output::result(&arguments.output, &deployed, |d| {
+        let rewards: Vec<String> = d.rewards.iter().map(|r| format!("{r:.3}")).collect();
+        format!(
+            "episode {}: {} after {} steps, return {:.3}\nrewards {}",
+            d.episode,
+            d.end,
+            d.rewards.len(),
+            d.episode_return,
+            rewards.join(" ")
+        )
+    })
+}

@@ -1,0 +1,129 @@
+//! `catenary effects`: list of the effects that a model may have beyond the base simulator.
+
+pub mod args;
+
+use crate::exit::{Given, WrongInput};
+use crate::inputs::{actions_file, model_file};
+use crate::report::number::figures;
+use crate::terminal::output;
+use anyhow::{Context, Result};
+use args::EffectsArgs;
+use catenary_core::model::DriveKind;
+use catenary_core::spelling::did_you_mean;
+use catenary_core::{Model, Prior};
+use catenary_simulator::effects::{About, Hook, Sign};
+use catenary_simulator::{BeamSimulator, Registry, workers};
+use effect_finder::data::{MeasuredEpisode, Unknowns};
+use effect_finder::fitting::Problem;
+use effect_finder::node::convert;
+use effect_finder::report::detectable_size;
+use effect_finder::{Candidate, Settings};
+use serde::Serialize;
+use std::path::Path;
+
+#[derive(Debug, Serialize)]
+struct Row {
+    name: &'static str,
+    title: &'static str,
+    description: &'static str,
+    unit: &'static str,
+    hook: &'static str,
+    sign: Sign,
+    prior: Prior,
+    range: [f64; 2],
+    /// Smallest size that shows at the 5 % level in four of five such episodes. `None` if no episode was given, if the
+    /// model has the effect already, or if no size shows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    detectable: Option<f64>,
+}
+
+impl From<About> for Row {
+    fn from(about: About) -> Self {
+        let sign = about.sign();
+        let About { name, title, description, unit, hook, prior, range } = about;
+        Self { name, title, description, unit, hook: hook.name(), sign, prior, range, detectable: None }
+    }
+}
+
+/// Lists the effects. With a model and actions, the list includes unlisted effects and the smallest detectable size of
+/// each.
+pub fn run(arguments: &EffectsArgs) -> Result<()> {
+    // Effects that no search offers still have a detectable size.
+    let registry = if arguments.model.is_some() { &Registry::with_unlisted() } else { Registry::shipped() };
+    let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
+    if let Some(name) = arguments.name.iter().find(|name| registry.find(name).is_none()) {
+        let hint = did_you_mean(name, known.iter().copied());
+        return Err(WrongInput::error(format!("--name {name}: expected one of {}{hint}", known.join(", "))));
+    }
+    let is_asked = |a: &About| arguments.name.is_empty() || arguments.name.iter().any(|n| n == a.name);
+    let asked: Vec<About> = registry.effects().map(|e| e.about()).filter(is_asked).collect();
+    let rows: Vec<Row> = match (&arguments.model, &arguments.actions) {
+        (Some(model), Some(actions)) => sized(asked, registry, &model_file::read(model)?, actions, &arguments.value)?,
+        _ => asked.into_iter().map(Row::from).collect(),
+    };
+    let is_sized = arguments.model.is_some();
+    output::result(&arguments.output, &rows, |rows| words(rows, is_sized))
+}
+
+/// Text for the terminal: a header, and for each effect a line with its description below.
+fn words(rows: &[Row], is_sized: bool) -> String {
+    const WIDTH: usize = 80;
+    const INDENT: &str = "    ";
+    let width = |text: fn(&Row) -> usize| rows.iter().map(text).max().unwrap_or(0).max("name".len());
+    let (names, units) = (width(|r| r.name.len()), width(|r| r.unit.len()));
+    let entry = |r: &Row| {
+        let head = format!("{:<names$}  {:<units$}  {:<11}  {}", r.name, r.unit, r.hook, r.prior);
+        let size = format!("shows from {}; ", r.detectable.map_or("no size".into(), figures));
+        let size = if is_sized { size } else { String::new() };
+        let below = output::wrapped(&format!("{size}{}", r.description), WIDTH - INDENT.len());
+        std::iter::once(head).chain(below.iter().map(|line| format!("{INDENT}{line}"))).collect::<Vec<_>>().join("\n")
+    };
+    let head = format!("{:<names$}  {:<units$}  {:<11}  prior\n{INDENT}what more of it does", "name", "unit", "hook");
+    std::iter::once(head).chain(rows.iter().map(entry)).collect::<Vec<_>>().join("\n")
+}
+
+/// Smallest detectable size of each effect in an episode of these actions.
+fn sized(
+    asked: Vec<About>,
+    registry: &Registry,
+    model: &Model,
+    actions: &Path,
+    values: &[(String, f64)],
+) -> Result<Vec<Row>> {
+    let name = actions.display().to_string();
+    let text = catenary_shell::files::read_text("actions", actions).given()?;
+    let settings = Settings::default();
+    let episodes = [MeasuredEpisode::planned(model, &actions_file::read(&name, &text).given()?, &settings)];
+    let unknowns = Unknowns::of(model, 1);
+    // Medians of all priors, before nominal and given values replace them.
+    let mut point = vec![0.5; unknowns.columns()];
+    for (place, (parameter, value)) in model.theta.parameters().iter().zip(model.nominal_theta()).enumerate() {
+        point[place] = parameter.prior.to_unit(value);
+    }
+    for (name, value) in values {
+        let names = unknowns.names();
+        let place = unknowns.list().iter().position(|u| u.name == *name).with_context(|| {
+            let hint = did_you_mean(name, names.iter().copied());
+            format!("--value {name}: expected one of {}{hint}", names.join(", "))
+        });
+        let place = place.given()?;
+        let prior = &unknowns.list()[place].prior;
+        let u = prior.to_unit(*value);
+        if !(0.0..=1.0).contains(&u) {
+            return Err(WrongInput::error(format!("--value {name}: expected {prior}, got {value}")));
+        }
+        point[unknowns.column(place, 0)] = u;
+    }
+    let simulator = BeamSimulator::with_effects(model, registry, workers::available())?;
+    let problem = Problem::of(model, &episodes, &simulator, settings.rounds);
+    let candidates = convert::candidates(registry, model)?;
+    let row = |about: About| {
+        // A measured path already contains the arm's deviation from its commands, so that actuation effects cannot
+        // show.
+        let is_seen = about.hook != Hook::Actuation || model.observation.drive != DriveKind::Grip;
+        let own: Option<&Candidate> = candidates.iter().find(|c| c.name == about.name && is_seen);
+        let detectable = own.map(|c| detectable_size(&problem, &point, c)).transpose()?.flatten();
+        Ok(Row { detectable, ..Row::from(about) })
+    };
+    asked.into_iter().map(row).collect()
+}

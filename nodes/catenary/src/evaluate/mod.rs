@@ -1,0 +1,123 @@
+//! `catenary evaluate`: scores of policies on simulated episodes of a model.
+
+pub mod args;
+pub mod episodes;
+pub mod score;
+
+use crate::exit::{Given, Interrupted};
+use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result, ensure};
+use args::EvaluateArgs;
+use catenary_core::{Judge, Model, Policy, SimulationRequest, seed};
+use catenary_shell::Shutdown;
+use catenary_simulator::Registry;
+use episodes::episodes;
+use policy_runner::Runner;
+use score::{Evaluated, score};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Random stream of the parameter draws. Training uses another stream, so that no policy is evaluated on its own
+/// training draws.
+const STREAM: u64 = 2301;
+
+/// Result in the form of `--json`.
+#[derive(Debug, Serialize)]
+struct Report {
+    model: String,
+    fidelity: &'static str,
+    seed: u64,
+    episodes: usize,
+    policies: Vec<Evaluated>,
+}
+
+/// Runs every policy on the same episodes. Ctrl-C ends the run.
+pub fn run(arguments: &EvaluateArgs) -> Result<()> {
+    let model = model_file::read(&arguments.model)?;
+    let judge = Judge::of(&model).with_context(|| format!("model `{}` has no task: no policy runs on it", model.name));
+    let judge = judge.given()?;
+    let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
+    let policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
+    let requested = request(arguments, &model).given()?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let n = requested.thetas.len();
+    let all = policies.len() * n;
+    let bar = progress::bar("episodes", 0.0)?;
+    let evaluated = score(&model, &judge, policies, &requested, &mut |path, done| {
+        bar.set_message(path.display().to_string());
+        progress::advance(&bar, progress::share(done as f64, all as f64));
+        if shutdown.is_triggered() {
+            return Err(Interrupted(format!(" after {done} of {all} episodes")).into());
+        }
+        Ok(())
+    })?;
+    bar.finish_and_clear();
+    let report = Report {
+        model: model.name.clone(),
+        fidelity: requested.fidelity.name(),
+        seed: arguments.seed,
+        episodes: n,
+        policies: evaluated,
+    };
+    output::result(&arguments.output, &report, words)
+}
+
+/// Reads a policy, and returns an error unless it was trained for this task.
+fn read(path: &Path, judge: &Judge) -> Result<Policy> {
+    let (policy, _) = policy_file::read(path)?;
+    let (steps, most) = (policy.steps, judge.task().steps);
+    Runner::new(policy.clone(), *judge, policy_runner::Settings::default())
+        .with_context(|| path.display().to_string())?;
+    ensure!(
+        steps == most,
+        "{}: policy `{}`: `steps` is {steps}, the task has {most}: returns are comparable only over the same number of steps",
+        path.display(),
+        policy.name
+    );
+    Ok(policy)
+}
+
+/// Request for the episodes, with an empty drive.
+fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest> {
+    let n = arguments.episodes as usize;
+    let mut thetas = posterior_file::domains(arguments.posterior.as_deref(), model)?
+        .rows(n, seed::derive(arguments.seed, STREAM))?;
+    // The prior gives more rows than asked for.
+    thetas.truncate(n);
+    for (name, value) in &arguments.theta {
+        let place = parameter_values::place_of(name, *value, model)?;
+        thetas.iter_mut().for_each(|theta| theta[place] = *value);
+    }
+    for (name, value) in &arguments.effect {
+        parameter_values::check_effect(name, *value, model, Registry::shipped())?;
+    }
+    ensure!(thetas.len() == n, "--episodes: expected {n} draws of the parameters, got {}", thetas.len());
+    let effects = arguments.effect.iter().map(|(name, value)| (name.clone(), vec![*value; n])).collect();
+    Ok(SimulationRequest { effects, ..episodes(thetas, arguments.fidelity.0, arguments.seed) })
+}
+
+fn words(report: &Report) -> String {
+    let line = |e: &Evaluated| {
+        let gained = e
+            .mean_return_gained
+            .as_ref()
+            .map_or(String::new(), |g| format!(", {} more than the first", g.words(1.0, 2)));
+        format!(
+            "{}: return {}{gained}, success {} %, best reward {}, median distance {:.0} mm, {:.0} % left the workspace",
+            e.policy.display(),
+            e.mean_return.words(1.0, 2),
+            e.success_rate.words(100.0, 0),
+            e.mean_best_reward.words(1.0, 3),
+            1e3 * e.median_distance_m(),
+            100.0 * e.left_workspace
+        )
+    };
+    let mut lines: Vec<String> = report.policies.iter().map(line).collect();
+    lines.push(format!(
+        "{} episodes of model `{}` each, {} fidelity; intervals of 95 %",
+        report.episodes, report.model, report.fidelity
+    ));
+    lines.join("\n")
+}

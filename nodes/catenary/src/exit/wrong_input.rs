@@ -1,0 +1,111 @@
+//! Wrong input of a command. It has its own exit code, because the same command would fail again.
+
+use super::interrupted::Interrupted;
+use bayes_sim::InferenceError;
+use catenary_bag::BagError;
+use catenary_shell::ShellError;
+use effect_finder::FinderError;
+use std::io::{Error as IoError, ErrorKind};
+use thiserror::Error;
+
+/// Error in the command line, in a file that it names, or in the environment. The text includes all causes.
+#[derive(Debug, Error)]
+#[error("{0}")]
+pub struct WrongInput(String);
+
+impl WrongInput {
+    /// Exit code of clap and of most Unix tools for a wrong command line, and of our nodes.
+    pub const EXIT_CODE: u8 = 2;
+
+    /// Error with this text.
+    pub fn error(what: impl Into<String>) -> anyhow::Error {
+        Self(what.into()).into()
+    }
+
+    /// True if an error, of this crate or a library, is due to wrong input.
+    pub fn is(error: &anyhow::Error) -> bool {
+        error.is::<Self>()
+            || error.downcast_ref::<ShellError>().is_some_and(ShellError::is_usage)
+            || error.downcast_ref::<BagError>().is_some_and(is_of_bag)
+            || error.downcast_ref::<InferenceError>().is_some_and(is_of_inference)
+            || error.downcast_ref::<FinderError>().is_some_and(is_of_search)
+    }
+}
+
+/// True if a bag, a track or a setting is wrong; false for faults of the machine or the graph.
+fn is_of_bag(error: &BagError) -> bool {
+    match error {
+        BagError::Io { reason, .. } => !is_of_machine(reason),
+        BagError::Shell(error) => error.is_usage(),
+        // A full disk, and a refusal because of the state of the graph.
+        BagError::Write { .. } | BagError::Refused(_) => false,
+        _ => true,
+    }
+}
+
+/// True for a fault of the machine, such as a full disk: the same command may succeed later.
+pub fn is_of_machine(error: &IoError) -> bool {
+    use ErrorKind::{AlreadyExists, InvalidInput, IsADirectory, NotADirectory, NotFound, PermissionDenied};
+    let of_path = [AlreadyExists, InvalidInput, IsADirectory, NotADirectory, NotFound, PermissionDenied];
+    !of_path.contains(&error.kind())
+}
+
+fn is_of_inference(error: &InferenceError) -> bool {
+    use InferenceError::{Drive, Observation, OutOfView, Setting};
+    matches!(error, Drive { .. } | Observation(_) | OutOfView { .. } | Setting { .. })
+}
+
+fn is_of_search(error: &FinderError) -> bool {
+    use FinderError::{Drive, NoEpisode, Noise, PoseNoise, Setting, UnknownEffect};
+    matches!(error, Drive { .. } | NoEpisode | Noise { .. } | PoseNoise { .. } | Setting { .. } | UnknownEffect { .. })
+}
+
+/// Marks errors of steps that read or check a command's input.
+pub trait Given<T> {
+    /// Marks any error as [`WrongInput`].
+    fn given(self) -> anyhow::Result<T>;
+
+    /// Marks an error as [`WrongInput`] if `is_given` returns true for it.
+    fn given_if(self, is_given: impl FnOnce(&anyhow::Error) -> bool) -> anyhow::Result<T>;
+}
+
+impl<T, E: Into<anyhow::Error>> Given<T> for Result<T, E> {
+    fn given(self) -> anyhow::Result<T> {
+        self.given_if(|_| true)
+    }
+
+    fn given_if(self, is_given: impl FnOnce(&anyhow::Error) -> bool) -> anyhow::Result<T> {
+        self.map_err(|error| match error.into() {
+            // Ctrl-C keeps its own exit code, whatever step it interrupts.
+            error if error.is::<Interrupted>() || !is_given(&error) => error,
+            error => WrongInput::error(format!("{error:#}")),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context, anyhow};
+
+    #[test]
+    fn a_mistake_stays_one_behind_further_context_and_keeps_its_causes() {
+        let error = Err::<(), _>(anyhow!("no such file").context("model nope")).given().context("infer").unwrap_err();
+        assert!(WrongInput::is(&error));
+        assert_eq!(format!("{error:#}"), "infer: model nope: no such file");
+        assert!(!WrongInput::is(&anyhow!("the disk is full")));
+    }
+
+    #[test]
+    fn an_interruption_is_no_mistake() {
+        let error = Err::<(), _>(Interrupted(String::new())).given().unwrap_err();
+        assert!(error.is::<Interrupted>() && !WrongInput::is(&error));
+    }
+
+    #[test]
+    fn a_wrong_environment_is_a_mistake_too() {
+        let expected = "a whole number of 0 to 232";
+        let error = ShellError::Environment { variable: "ROS_DOMAIN_ID", value: "lab".into(), expected };
+        assert!(WrongInput::is(&error.into()));
+    }
+}

@@ -1,0 +1,130 @@
+//! Search in this process, with a progress bar and a resumable journal.
+
+use super::args::FindEffectsArgs;
+use super::motion;
+use super::page::page;
+use super::report::{Report, UsedEpisode};
+use crate::exit::{Given, Interrupted, Misfit};
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result};
+use catenary_core::Model;
+use catenary_core::episode::MeasuredTrack;
+use catenary_shell::Shutdown;
+use catenary_simulator::{BeamSimulator, Registry, workers};
+use effect_finder::node::journal::{self, Journal};
+use effect_finder::node::{convert, episodes_of, hold_out};
+use effect_finder::{FinderError, Outcome, Question, Settings, find};
+use indicatif::ProgressBar;
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Files of a search: the verdict, the repaired model, the report.
+const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
+/// File for the simulator's answers, kept until a search has ended.
+const JOURNAL: &str = "search.journal";
+
+/// Searches, and writes verdict.json, model.yaml and report/index.html. Ctrl-C ends the search, which the same command
+/// resumes.
+pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()> {
+    let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
+    settings.check().context("--null-sets").given()?;
+    let mut fitted = episodes(arguments.bags.all(), model).given()?;
+    let held_out = match arguments.verify.as_slice() {
+        [] => hold_out(&mut fitted),
+        bags => episodes(bags, model).given()?,
+    };
+    // Checked before the search, which takes minutes.
+    for name in FILES {
+        output::prepare(&arguments.out.join(name))?;
+    }
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let started = Instant::now();
+    let tracks = |list: &[(UsedEpisode, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
+    let (measured, unseen) = (tracks(&fitted), tracks(&held_out));
+    let candidates = convert::candidates(Registry::shipped(), model)?;
+    let question = Question { model, measured: &measured, held_out: &unseen, candidates: &candidates };
+    let simulator = BeamSimulator::new(model, workers::available())?;
+    let number = journal::fingerprint(&question, &settings);
+    let journal = Journal::open(arguments.out.join(JOURNAL), number, &simulator);
+    let outcome = match search(question, &journal, &settings, &shutdown) {
+        Err(FinderError::Cancelled(stage)) => {
+            let rest = if journal.is_kept() { "; the same command resumes from there" } else { "" };
+            return Err(Interrupted(format!(" in the stage `{stage}`{rest}")).into());
+        }
+        Err(error) => {
+            // A failed search is deterministic: its journal would only repeat the failure.
+            journal.remove();
+            return Err(error.into());
+        }
+        Ok(outcome) => outcome,
+    };
+    let Outcome { finding, model: repaired, shown } = outcome;
+    // Rewritten in place, so that the user's comments in the model file survive.
+    let text = match repaired {
+        Some(model) => model.rewrite(text)?,
+        None => text.to_owned(),
+    };
+    let all = measured.iter().chain(&unseen).flat_map(|m| m.warnings.iter().cloned());
+    // Several episodes of a bag often share a warning.
+    let warnings = all.collect::<BTreeSet<String>>().into_iter().collect();
+    let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
+    let report = Report {
+        model: model.name.clone(),
+        episodes: used(fitted),
+        held_out: used(held_out),
+        settings,
+        wall_s: started.elapsed().as_secs_f64(),
+        fits: finding.misfit.is_none(),
+        warnings,
+        finding,
+    };
+    motion::write(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
+    write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, model, &shown)?])?;
+    journal.remove();
+    output::result(&arguments.output, &report, |r| r.words(&arguments.out.join(FILES[2])))?;
+    Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
+}
+
+/// All complete episodes of the bags.
+fn episodes(bags: &[PathBuf], model: &Model) -> Result<Vec<(UsedEpisode, MeasuredTrack)>> {
+    let mut all = Vec::new();
+    for bag in bags {
+        let used = |(number, track)| (UsedEpisode { bag: bag.clone(), number }, track);
+        all.extend(episodes_of(bag, model)?.into_iter().map(used));
+    }
+    Ok(all)
+}
+
+/// Searches in this process with a progress bar. Conclusions are printed as they come.
+fn search(
+    question: Question<'_>,
+    journal: &Journal<'_>,
+    settings: &Settings,
+    shutdown: &Shutdown,
+) -> Result<Outcome, FinderError> {
+    if !journal.is_empty() {
+        output::tell(&format!("resumes with {} answers of the simulator from an earlier search", journal.len()));
+    }
+    let bar = progress::bar("search", 0.0).unwrap_or_else(|_| ProgressBar::hidden());
+    let found = find(question, journal, settings, &mut |told| {
+        bar.set_message(told.stage.name());
+        progress::advance(&bar, told.progress);
+        if let Some(conclusion) = &told.conclusion {
+            bar.suspend(|| output::tell(&format!("{}: {conclusion}", told.stage.name())));
+        }
+        if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    bar.finish_and_clear();
+    found
+}
+
+fn write(folder: &Path, texts: [String; 3]) -> Result<()> {
+    for (name, text) in FILES.into_iter().zip(texts) {
+        let path = folder.join(name);
+        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,60 @@
+//! Result of a search.
+
+use crate::exit::Misfit;
+use effect_finder::{Finding, Settings};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Contents of verdict.json, and result in the form of `--json`.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// Name of the model.
+    pub model: String,
+    /// Fitted episodes; conclusions and places count these from 0.
+    pub episodes: Vec<UsedEpisode>,
+    /// Held-out episodes.
+    pub held_out: Vec<UsedEpisode>,
+    /// Settings of the search.
+    pub settings: Settings,
+    /// Wall time of the search, s.
+    pub wall_s: f64,
+    /// False if the best model does not fit the recordings; `misfit` has the reason.
+    pub fits: bool,
+    /// Doubts about the recordings.
+    pub warnings: Vec<String>,
+    /// Finding of the search.
+    #[serde(flatten)]
+    pub finding: Finding,
+}
+
+/// Episode that the search used.
+#[derive(Debug, Serialize)]
+pub struct UsedEpisode {
+    /// Path of the bag.
+    pub bag: PathBuf,
+    /// Number of the episode in its bag.
+    pub number: u32,
+}
+
+impl Report {
+    /// Lines for the terminal; `page` is the path of the HTML page.
+    pub fn words(&self, page: &Path) -> String {
+        let misfit = self.finding.misfit.iter().map(|reason| Misfit::headline(reason));
+        let mut lines: Vec<String> = misfit.collect();
+        lines.push(headline(&self.finding));
+        lines.push(format!("{} episodes, {:.1} s", self.episodes.len(), self.wall_s));
+        lines.push(format!("report: {}", page.display()));
+        lines.join("\n")
+    }
+}
+
+/// Verdict and the effects that it names, in a line.
+fn headline(finding: &Finding) -> String {
+    match finding.found.as_slice() {
+        [] => finding.verdict.name().to_owned(),
+        found => {
+            let effects: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
+            format!("{} ({})", finding.verdict.name(), effects.join(", "))
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Client side of the running graph's actions: a goal is sent and followed to its end.
+
+use crate::exit::{Given, Interrupted};
+use anyhow::{Context, Error, Result, anyhow, ensure};
+use catenary_shell::{Act, ActionClient, CallError, RunningGoal, Shutdown, Status};
+use std::time::{Duration, Instant};
+
+/// Period of the checks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(100);
+/// Time without a server after which a goal is given up.
+const GONE: Duration = Duration::from_secs(5);
+/// Time in which a goal must confirm its cancellation, and then end.
+const CANCEL: Duration = Duration::from_secs(5);
+/// Period of the requests whether the server still runs the goal.
+const ASK: Duration = Duration::from_secs(2);
+
+/// Time to wait for a server, from `--wait-s`.
+pub fn wait(seconds: f64) -> Result<Duration> {
+    let wait = Duration::try_from_secs_f64(seconds).ok().filter(|w| !w.is_zero());
+    wait.with_context(|| format!("--wait-s: expected a positive number of seconds, got {seconds}")).given()
+}
+
+/// Sends a goal and waits for its result without a time limit. When `interrupted` is triggered, the goal is cancelled
+/// and its end awaited.
+pub fn follow<A: Act>(
+    client: &ActionClient<A>,
+    goal: A::Goal,
+    wait: Duration,
+    interrupted: &Shutdown,
+    on_feedback: impl FnMut(A::Feedback) + Send + 'static,
+) -> Result<A::Result> {
+    let name = client.name();
+    let deadline = Instant::now() + wait;
+    while !client.wait_for_server(LOOK) {
+        if interrupted.is_triggered() {
+            return Err(Error::from(Interrupted(String::new())).context(name.to_owned()));
+        }
+        if Instant::now() >= deadline {
+            return Err(CallError::NoServer { name: name.to_owned(), waited: wait }.into());
+        }
+    }
+    let mut running = client.send(goal, wait, on_feedback)?;
+    let (mut seen, mut asked) = (Instant::now(), Instant::now());
+    loop {
+        if interrupted.is_triggered() {
+            return Err(cancel(name, &running));
+        }
+        match running.wait(LOOK) {
+            Ok((_, result)) => return Ok(result),
+            Err(CallError::Timeout { .. }) => {}
+            Err(e) => return Err(e.into()),
+        }
+        if client.wait_for_server(Duration::ZERO) {
+            seen = Instant::now();
+        }
+        // Discovery may lose a busy server for a moment.
+        ensure!(seen.elapsed() < GONE, "{name}: its server went away while the goal ran");
+        // Discovery cannot tell a restarted server from the one that runs the goal; the server's own answer can.
+        if asked.elapsed() > ASK {
+            running.ask_again()?;
+            asked = Instant::now();
+        }
+    }
+}
+
+/// Cancels a goal and returns the error that tells the outcome.
+fn cancel<A: Act>(name: &str, running: &RunningGoal<A>) -> Error {
+    let asked = running.cancel(CANCEL);
+    match asked.and_then(|_| running.wait(CANCEL)) {
+        Ok((Status::Canceled, _)) => Error::from(Interrupted(" and cancelled".to_owned())).context(name.to_owned()),
+        Ok((status, _)) => anyhow!("{name}: interrupted after its end: {status:?}"),
+        Err(e) => anyhow!("{name}: interrupted, but the goal may still run: {e}"),
+    }
+}

@@ -1,0 +1,45 @@
+//! Arguments of `infer`.
+
+use crate::options::{Bags, OnGraph, Output, Preset};
+use clap::Args;
+use std::path::PathBuf;
+
+/// `catenary infer`.
+#[derive(Debug, Args)]
+#[command(mut_arg("bags", |arg| arg.help("Bag (folder, .mcap or .db3 file) that holds the episode; several, of one object, give one posterior")))]
+pub struct InferArgs {
+    /// Bags that hold the episode; several, of one object, give one posterior
+    #[command(flatten)]
+    pub bags: Bags,
+    /// Model: a file, or the name of a shipped one such as soft_bar
+    #[arg(long)]
+    pub model: PathBuf,
+    /// Folder for posterior.json, inference.json and report.html; with --node without inference.json
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Number of an episode in the bag; repeat the option for several; with several bags, one number for each; default:
+    /// the last complete episode of each bag
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    pub episode: Vec<u32>,
+    /// Policy that ran in the episode; needed if the model's drive is a policy
+    #[arg(long)]
+    pub policy: Option<PathBuf>,
+    /// Sizes of the network and the schedule
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: Preset,
+    /// Rounds of simulation and training; default: the preset's
+    #[arg(long)]
+    pub iterations: Option<usize>,
+    /// Simulations in each round; default: the preset's
+    #[arg(long)]
+    pub simulations: Option<usize>,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Process that does the work
+    #[command(flatten)]
+    pub on_graph: OnGraph,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}

@@ -1,0 +1,36 @@
+//! Lines of an inference for the terminal.
+
+use crate::report::number::figures;
+use bayes_sim::Predictive;
+use catenary_core::posterior::Marginal;
+use std::fmt::Display;
+
+/// Posterior predictive check in a line.
+pub fn predictive_words(p: &Predictive) -> String {
+    format!(
+        "posterior predictive: RMSE {:.1} mm; {:.0} % of the measured coordinates in the 90 % band, whose half width is {:.1} mm (rms)",
+        p.rmse_mm,
+        100.0 * p.coverage,
+        p.half_width_mm
+    )
+}
+
+/// Message of the progress bar for an iteration: simulations so far, loss in nat, effective sample size. Short, to fit
+/// 80 columns.
+pub fn iteration_words(simulations: impl Display, loss: impl Display, effective: impl Display) -> String {
+    format!("{simulations} simulations, loss {loss:.2}, {effective:.0} effective")
+}
+
+/// Number of simulations, including those of a resumed process, and the time that this process took.
+pub fn time_words(simulations: usize, wall_s: f64, simulation_s: f64) -> String {
+    let rest_s = wall_s - simulation_s;
+    format!(
+        "{simulations} simulations; {wall_s:.1} s: simulation {simulation_s:.1} s, training and the rest {rest_s:.1} s"
+    )
+}
+
+/// One line per parameter: median and 90 % interval.
+pub fn marginal_words(marginals: &[Marginal]) -> Vec<String> {
+    let line = |m: &Marginal| format!("{}: {} ({} to {})", m.name, figures(m.median), figures(m.q05), figures(m.q95));
+    marginals.iter().map(line).collect()
+}

@@ -1,0 +1,13 @@
+//! Policy files.
+
+use crate::exit::Given;
+use anyhow::{Context, Result};
+use catenary_core::Policy;
+use std::path::Path;
+
+/// Policy in the file at `path`, and the bytes of the file.
+pub fn read(path: &Path) -> Result<(Policy, Vec<u8>)> {
+    let bytes = catenary_shell::files::read_bytes("policy", path).given()?;
+    let policy = Policy::from_bytes(&bytes).with_context(|| path.display().to_string()).given()?;
+    Ok((policy, bytes))
+}

@@ -1,0 +1,32 @@
+#![doc = include_str!("../README.md")]
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the program at the edge: files, clocks, processes and the environment are its trade"
+)]
+
+mod bags;
+mod bench;
+mod cli;
+mod demo;
+mod deploy;
+mod doctor;
+mod effects;
+mod evaluate;
+mod exit;
+mod find_effects;
+mod graph;
+mod import_track;
+mod infer;
+mod inputs;
+mod install;
+mod launch;
+mod node;
+mod options;
+mod program;
+mod report;
+mod simulate;
+mod terminal;
+mod train;
+
+pub use cli::check_command_line;
+pub use program::main;

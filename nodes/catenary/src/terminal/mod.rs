@@ -1,0 +1,4 @@
+//! Output of commands: results, messages and progress.
+
+pub mod output;
+pub mod progress;

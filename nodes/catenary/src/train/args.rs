@@ -1,0 +1,34 @@
+//! Arguments of `train`.
+
+use crate::options::{OnGraph, Output, TrainingPreset};
+use clap::Args;
+use std::path::PathBuf;
+
+/// `catenary train`.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// Model (file or name)
+    #[arg(long)]
+    pub model: PathBuf,
+    /// posterior.json to train over; default: the model's prior
+    #[arg(long)]
+    pub posterior: Option<PathBuf>,
+    /// Policy file to write (safetensors)
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Environment steps; default: the preset's
+    #[arg(long)]
+    pub steps: Option<u64>,
+    /// Preset hyperparameters
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: TrainingPreset,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Process that does the work
+    #[command(flatten)]
+    pub on_graph: OnGraph,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}

@@ -1,0 +1,24 @@
+//! `catenary train`: training of a policy in simulation.
+
+pub mod args;
+pub mod local;
+pub mod on_graph;
+mod report;
+
+use crate::exit::Given;
+use crate::inputs::model_file;
+use anyhow::{Context, Result};
+use args::TrainArgs;
+
+/// Trains in this process, or with `--node` on the running graph.
+pub fn run(arguments: &TrainArgs) -> Result<()> {
+    let (model, text) = model_file::read_with_text(&arguments.model)?;
+    let mut settings = arguments.preset.settings();
+    settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
+    // Checked before the request to a node, too: a node would refuse it only after the wait for it.
+    settings.check().context("--steps").given()?;
+    match &arguments.on_graph.node {
+        Some(namespace) => on_graph::run(arguments, &model, text, namespace),
+        None => local::run(arguments, &model, &settings),
+    }
+}

@@ -1,0 +1,59 @@
+//! Work of `train --node`, done by the training node of a running graph.
+
+use super::args::TrainArgs;
+use super::report::Report;
+use crate::graph::request::{Answer, Request};
+use crate::inputs::posterior_file;
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result, ensure};
+use catenary_core::{Model, Policy};
+use catenary_msgs::action::{Train, TrainFeedback, TrainGoal};
+use catenary_msgs::srv::SimulateRequest;
+use catenary_shell::convert;
+use indicatif::ProgressBar;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Lets the training node train a policy. Ctrl-C cancels the training.
+pub fn run(arguments: &TrainArgs, model: &Model, model_yaml: String, namespace: &str) -> Result<()> {
+    let mixture = arguments.posterior.as_ref().map(|path| posterior_file::read(path, model)).transpose()?;
+    let goal = TrainGoal {
+        model_yaml,
+        domains: if mixture.is_some() { TrainGoal::DOMAINS_MIXTURE } else { TrainGoal::DOMAINS_PRIOR },
+        mixture: mixture.as_ref().map(convert::posterior_to_msg).unwrap_or_default(),
+        preset: arguments.preset.name().to_owned(),
+        total_steps: arguments.steps.unwrap_or(0),
+        fidelity: SimulateRequest::FIDELITY_FAST,
+        seed: arguments.seed,
+        ..TrainGoal::default()
+    };
+    output::prepare_file("out", &arguments.out)?;
+    let bar = progress::bar("training", 0.0)?;
+    let success_rate = Arc::new(Mutex::new(0.0));
+    let told = Arc::clone(&success_rate);
+    let request = Request { who: "train", action: "ppo_trainer/train", namespace, wait_s: arguments.on_graph.wait_s };
+    let Answer { name, result, .. } = request.send::<Train>(goal, &bar, move |bar, feedback| {
+        show_training(bar, &feedback);
+        *told.lock().unwrap_or_else(PoisonError::into_inner) = feedback.success_rate;
+    })?;
+    ensure!(result.success, "{name}: {}", result.message);
+    Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
+    std::fs::write(&arguments.out, result.policy).with_context(|| arguments.out.display().to_string())?;
+    let report = Report {
+        policy: arguments.out.clone(),
+        steps: result.curve_steps.last().copied().unwrap_or(0),
+        interrupted: false,
+        mean_return: result.curve_returns.last().copied().unwrap_or(f64::NAN),
+        // The result has no success rate: the last feedback's is reported.
+        success_rate: *success_rate.lock().unwrap_or_else(PoisonError::into_inner),
+        steps_per_second: result.steps_per_second,
+        curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
+    };
+    output::result(&arguments.output, &report, Report::words)
+}
+
+/// Shows the feedback of a training on a bar.
+pub fn show_training(bar: &ProgressBar, feedback: &TrainFeedback) {
+    bar.set_length(progress::STEPS);
+    progress::advance(bar, progress::share(feedback.steps as f64, feedback.total_steps as f64));
+    bar.set_message(format!("return {:.2}, success {:.0} %", feedback.mean_return, 100.0 * feedback.success_rate));
+}
