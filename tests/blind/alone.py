@@ -1,11 +1,11 @@
-"""One program at a time works in a folder: two would write the same worlds and answers, and the seals of one would be broken by the other."""
+"""Lock of a folder: two programs in one folder would write the same worlds, and break each other's seals."""
 
 import fcntl
 import sys
 
 
 def alone(folder):
-    """Holds the folder, which is made if need be, until the program ends or the returned file is closed; exits where another program holds it."""
+    """Creates and locks the folder until the program ends or the returned file is closed; exits if another program holds the lock."""
     folder.mkdir(parents=True, exist_ok=True)
     file = (folder / "lock").open("w")
     try:

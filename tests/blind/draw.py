@@ -1,13 +1,14 @@
-"""Draws worlds with a hidden effect, or without, and seals what was drawn.
+"""Draws worlds, most with a hidden effect, and seals the answers.
 
-    source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--effects NAMES] [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
+    source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--effects NAMES]
+        [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
 
-The worlds of an effect are those of --each objects and motions, each with the effect at every size, measured anew.
+Each effect is hidden in --each objects with motions, at every size, and measured anew at each size.
 
-Each world is a folder of DIR/worlds with the bags of some episodes, which hold topics and nothing else, and the model that a lab
-would begin with. They are simulated at the finer `reference` fidelity, by another arm than the model's where the model follows the
-measured path of the hand. What was drawn lies in DIR/sealed; DIR/seals.txt, written before any search, holds the SHA-256 of each.
-DIR/left_out.jsonl says which worlds could not be drawn, and why. What is in DIR already is not drawn again.
+A world is a folder of DIR/worlds. It holds the bags of some episodes, with topics alone, and the model with which a lab would begin.
+Worlds are simulated at the finer `reference` fidelity. If the model follows the measured path of the hand, another arm moves it.
+DIR/sealed holds the answers; DIR/seals.txt, written before any search, holds their SHA-256. DIR/left_out.jsonl lists the worlds that
+could not be drawn, with the reason. Worlds that DIR holds already are not drawn again.
 """
 
 import argparse
@@ -34,36 +35,36 @@ LAG = "law: {lag: {time_constant_s: 0.16, max_speed_m_s: 0.5}}"
 IMPEDANCE = "law: {impedance: {}}"
 GRIP, ACTIONS = "drive: grip ", "drive: actions "
 PRIOR = "low: 1.0e+3, high: 5.0e+4"
-# The model's prior of Young's modulus, and from what to what objects are drawn, Pa: silicone as the model has it, and a stiff rubber,
-# which pulls at the grip enough to show what gives way there.
+# Prior of Young's modulus in the model file, and range of the drawn objects, Pa: silicone, and a stiff rubber whose pull shows a
+# compliant grip.
 OBJECTS = [(PRIOR, 2e3, 4e4), ("low: 5.0e+4, high: 5.0e+6", 1e5, 2e6)]
-# Two effects at once that are known to hide each other, beside pairs drawn at random. Camera scale and length are another such pair:
-# every world has a length that the search does not know.
+# Two effects that hide each other, beside pairs drawn at random. Camera scale and length hide each other, too, in every world: the
+# search does not know the length.
 HARD_PAIR = ("arm_lag_s", "grip_compliance_rad_n_m")
-# No fit can find what acts at random.
+# Effects that act at random, which no fit can find.
 NEVER = {"dropped_frames", "keypoint_noise_px"}
 UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
 EPISODES = 2
-# Bars and motions of each kind of object, among which some are looked for in which the effects show.
+# Objects and motions of each kind that are tried until the effects are detectable.
 ATTEMPTS = 8
-# Settings of one effect that are looked for in vain before no more are, where it showed in none.
+# Failed settings after which an effect that was never detectable is given up.
 IN_VAIN = 3
-# Random streams: of an object and its motions, and of what a world is measured with.
+# Random streams of an object with its motions, and of a world's measurement.
 SETTING, MEASURED = 1, 2
 STEPS = 16
-# The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
+# Bounds of the hand's targets, start, and largest step. In the lower part a hanging bar of 0.3 m touches the table.
 LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.30, 0.20]), numpy.array([0.58, 0.48]), numpy.array([0.40, 0.42]), 0.06
 
 
 def program(*arguments):
-    done = subprocess.run([PROGRAM, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    done = subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"catenary {' '.join(map(str, arguments))}: {done.stderr}")
     return done.stdout
 
 
 def actions(rng):
-    """Deltas that are held for one to four steps, so that the object swings, comes to rest, and lies on the table at times."""
+    """Random deltas, each held for one to four steps: the object swings, comes to rest, and sometimes lies on the table."""
     at, rows = START_M, []
     while len(rows) < STEPS:
         delta = rng.uniform(-MOST_M, MOST_M, 2)
@@ -80,7 +81,7 @@ def write_actions(path, rows):
 
 
 def plan(arguments, effects):
-    """What each world hides: a list of (kind, size, names, stream). Worlds of one stream have object and motions in common."""
+    """Hidden effects of each world: a list of (kind, size, names, stream). Worlds of one stream share object and motions."""
     offered = [e["name"] for e in effects if e["name"] not in NEVER]
     if arguments.effects:
         offered = [name for name in offered if name in arguments.effects.split(",")]
@@ -104,8 +105,8 @@ def is_of_the_arm(names, effects):
 
 
 def drawn_setting(rng, names, effects, kind, folder):
-    """An object of the kind and motions, with the sizes from which the effects show, signed, and how many times as large all of them may be by
-    their priors; none where one does not show."""
+    """Object of the kind with motions, the signed detectable size of each effect, and the largest multiple of it within all priors;
+    none if an effect is not detectable."""
     acts = is_of_the_arm(names, effects) or rng.uniform() < 0.25
     model = folder / "model.yaml"
     model.write_text(model_of(kind, acts))
@@ -123,7 +124,7 @@ def drawn_setting(rng, names, effects, kind, folder):
             shows = about.get("detectable")
             ((_, bounds),) = about["prior"].items()
             (low, high), most = about["range"], bounds["high"]
-            # Where next to nothing shows, the object folds this way or that by chance.
+            # An effect detectable below this size folds the object another way by chance.
             least = max(bounds["low"], 1e-3 * most)
             sign = rng.choice([-1.0, 1.0]) if about["sign"] == "signed" else 1.0
             if shows is None or shows < least:
@@ -134,7 +135,7 @@ def drawn_setting(rng, names, effects, kind, folder):
 
 
 def model_of(kind, acts):
-    """The text of the model that a lab would begin with."""
+    """Text of the model with which a lab would begin."""
     text = changed(MODEL.read_text(), PRIOR, OBJECTS[kind][0])
     return changed(text, GRIP, ACTIONS) if acts else text
 
@@ -146,8 +147,8 @@ def changed(model, part, other):
 
 
 def setting_of(stream, greatest, names, effects, arguments, folder):
-    """The first object and motions in which the effects can be `greatest` times as large as they must be to show, or where none is
-    such, those in which they can be largest; none where they never show. Without effects the kinds of objects take turns."""
+    """First object and motions that allow the effects at `greatest` detectable sizes, otherwise those that allow the largest multiple;
+    none if they are never detectable. Without effects the kinds of objects take turns."""
     best, first = None, 0 if names else stream
     for attempt in range(ATTEMPTS * len(OBJECTS)):
         rng = numpy.random.default_rng([arguments.seed, SETTING, stream, attempt])
@@ -164,7 +165,7 @@ def setting_of(stream, greatest, names, effects, arguments, folder):
 
 
 def measured_world(number, size, setting, arguments, folder):
-    """Writes the bags and the model; returns what is hidden in them."""
+    """Writes the bags and the model; returns the hidden effects."""
     rng = numpy.random.default_rng([arguments.seed, MEASURED, number])
     model = model_of(setting["object"], setting["acts"])
     (folder / "model.yaml").write_text(model)
@@ -176,14 +177,15 @@ def measured_world(number, size, setting, arguments, folder):
     for episode, rows in enumerate(setting["motions"]):
         write_actions(folder / "actions.csv", rows)
         seed = int(rng.integers(2**31))
-        program("simulate", "--model", world, "--actions", folder / "actions.csv", *given, "--noise", "--seed", seed, "--fidelity", "reference", "--out", folder / f"bag_{episode}")
+        files = ("--model", world, "--actions", folder / "actions.csv", "--out", folder / f"bag_{episode}")
+        program("simulate", *files, *given, "--noise", "--seed", seed, "--fidelity", "reference")
     for left in ("world.yaml", "actions.csv"):
         (folder / left).unlink()
     return hidden
 
 
 def draw(number, kind, size, names, setting, arguments):
-    """Draws the world, and seals what it hides."""
+    """Draws the world, and writes its answer."""
     folder, sealed = arguments.out / "worlds" / f"{number:05}", arguments.out / "sealed" / f"{number:05}.json"
     half = folder.with_suffix(".half")
     shutil.rmtree(half, ignore_errors=True)
@@ -206,10 +208,10 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True)
     parser.add_argument("--nulls", type=int, default=100, help="worlds without an effect")
     parser.add_argument("--each", type=int, default=20, help="worlds of each effect and size")
-    parser.add_argument("--effects", default="", help="names of effects, separated by commas; none: all")
+    parser.add_argument("--effects", default="", help="names of effects, separated by commas; empty: all")
     parser.add_argument("--sizes", default="0.5,1,3", help="in detectable sizes")
-    parser.add_argument("--pairs", type=int, default=20)
-    parser.add_argument("--unlisted", type=int, default=20, help="worlds of each effect that no search offers")
+    parser.add_argument("--pairs", type=int, default=20, help="worlds with two effects")
+    parser.add_argument("--unlisted", type=int, default=20, help="worlds of each effect that is no candidate")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     arguments.lock = alone(arguments.out)
@@ -231,12 +233,14 @@ def main():
                     in_vain[key] += 1
             try:
                 if settings[stream] is None:
-                    raise RuntimeError(f"shows in none of {ATTEMPTS * len(OBJECTS)} objects and motions, or in none of {IN_VAIN} times as many before")
+                    tried = ATTEMPTS * len(OBJECTS)
+                    raise RuntimeError(f"not detectable in {tried} objects and motions, or in {IN_VAIN} times as many before")
                 if size > settings[stream]["reach"]:
-                    raise RuntimeError("is more than the prior says, in all objects and motions that were tried")
+                    raise RuntimeError("larger than the prior allows, in all objects and motions that were tried")
                 draw(number, kind, size, names, settings[stream], arguments)
             except RuntimeError as refused:
-                left_out.append({"seed": arguments.seed, "number": number, "kind": "left_out", "size": size, "hidden": sorted(names), "why": str(refused)})
+                row = {"seed": arguments.seed, "number": number, "kind": "left_out", "size": size}
+                left_out.append(row | {"hidden": sorted(names), "why": str(refused)})
                 print(f"left out: {left_out[-1]}", file=sys.stderr)
                 continue
         seals[number] = hashlib.sha256(sealed.read_bytes()).hexdigest()

@@ -1,9 +1,9 @@
-"""Runs the effect finder on the drawn worlds: on the first bag of each, with the others held out. It reads no sealed answer.
+"""Runs the effect finder on the drawn worlds: it fits the first bag of each and holds out the others. It reads no sealed answer.
 
     source .venv/ros.env; .venv/bin/python tests/blind/find.py --out DIR [--null-sets 99] [--seed 1]
 
-What was found already is not searched again, and a search that was cut off goes on. Each world has a seed of its own, and so should
-each part: searches of one seed test against the same draws of noise, and their p-values lie too low or too high together.
+Worlds with a finding are not searched again, and an interrupted search goes on. Each world has its own seed, and so should each part:
+searches with one seed test against the same noise, so that their p-values are too low or too high together.
 """
 
 import argparse
@@ -14,19 +14,20 @@ import sys
 
 from alone import alone
 
-# Worlds of a part are fewer.
+# Upper bound of the worlds of a part, so that seeds of two parts never meet.
 MOST_WORLDS = 100_000
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 
 
 def search(world, found, null_sets, seed):
-    """Searches, and puts the finding in its place once it is whole."""
+    """Searches a world, and moves the complete finding to its place."""
     half = found.with_suffix(".half")
     first, *others = sorted(world.glob("bag_*"))
     held_out = [a for bag in others for a in ("--verify", bag)]
-    command = [PROGRAM, "find-effects", "--model", world / "model.yaml", "--bag", first, *held_out, "--out", half, "--null-sets", null_sets, "--seed", seed]
-    done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    files = ["--model", world / "model.yaml", "--bag", first, *held_out, "--out", half]
+    command = [PROGRAM, "find-effects", *files, "--null-sets", null_sets, "--seed", seed]
+    done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         print(f"{world.name}: {done.stderr.splitlines()[-1:]}", file=sys.stderr)
         return
@@ -40,7 +41,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     if not (arguments.out / "seals.txt").exists():
-        sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of all worlds, which draw.py writes last")
+        sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of all worlds; run draw.py to its end first")
     arguments.lock = alone(arguments.out)
     (arguments.out / "found").mkdir(exist_ok=True)
     worlds = sorted(w for w in (arguments.out / "worlds").iterdir() if w.is_dir() and not w.suffix)

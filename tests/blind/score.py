@@ -1,26 +1,24 @@
-"""Opens the sealed answers, checks their seals, and holds the findings against them: a table, and pictures.
+"""Opens the sealed answers, checks their seals, and scores the findings: tables and pictures.
 
     source .venv/ros.env; .venv/bin/python tests/blind/score.py --out DIR [--measured ROWS.jsonl] [--json | --rows]
 
-Writes DIR/score.json, and DIR/score.png with the confusion matrix, the power, the null worlds' p-values and the calibration of
-the probabilities. --rows prints what was found of each world, a line each, and which could not be drawn; such a file's worlds count, too, with --measured: what
-takes days can be looked at in parts, each drawn with a seed of its own.
+Writes DIR/score.json, and DIR/score.png with the confusion matrix, the power, the null worlds' p-values and the calibration of the
+probabilities. --rows prints the score of each world and the worlds that could not be drawn, a line each. --measured adds the worlds of
+such a file, so that a test of days can run in parts, each with its own seed.
 """
 
 import argparse
 import collections
 import hashlib
 import json
-import math
 import pathlib
 import sys
 
 import numpy
+from scipy import stats
 
-# Probabilities that nobody would call possible: thousands of effects at 0 would hide all else.
+# Least probability that enters the calibration: thousands of effects near 0 would hide the others.
 IMPOSSIBLE = 0.01
-# Standard normal quantile of a two-sided interval of 95 %.
-Z = 1.959964
 BINS = 10
 NAMED = ("named", "named_in_part", "cannot_tell_apart")
 
@@ -29,62 +27,50 @@ def wilson(successes, trials):
     """Wilson's interval of 95 % of a share (1927)."""
     if trials == 0:
         return [0.0, 1.0]
-    share, square = successes / trials, Z * Z / trials
-    middle, half = share + square / 2, Z * math.sqrt(share * (1 - share) / trials + square / (4 * trials))
-    # At no or all successes an end is 0 or 1 but for rounding.
-    return [max(0.0, (middle - half) / (1 + square)), min(1.0, (middle + half) / (1 + square))]
+    return [float(end) for end in stats.binomtest(successes, trials).proportion_ci(0.95, "wilson")]
 
 
 def kolmogorov_p(values):
-    """p-value of uniformity on 0 to 1 after Kolmogorov and Smirnov, with Stephens' correction for small numbers."""
-    n = len(values)
-    if n == 0:
-        return 1.0
-    ordered = numpy.sort(values)
-    places = numpy.arange(n)
-    distance = max(numpy.max((places + 1) / n - ordered), numpy.max(ordered - places / n))
-    scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
-    if scaled < 0.2:
-        return 1.0
-    return float(min(1.0, max(0.0, 2 * sum((-1) ** (k - 1) * math.exp(-2 * (k * scaled) ** 2) for k in range(1, 101)))))
+    """p-value of uniformity on 0 to 1 after Kolmogorov and Smirnov."""
+    return float(stats.kstest(values, "uniform").pvalue) if len(values) else 1.0
 
 
 def spread(rows):
-    """p-values of a test by simulation come in steps of 1 / (1 + B): spread evenly over their step they are uniform on 0 to 1."""
+    """p-values spread evenly over their steps of 1 / (1 + B): those of a test by simulation are then uniform on 0 to 1."""
     rng = numpy.random.default_rng(0)
     return [row["p"] - rng.uniform() / (1 + row["null_sets"]) for row in rows]
 
 
 def opened(folder):
-    """(answer, finding) of each world that was searched; a broken seal ends everything."""
+    """(answer, finding) of each searched world; exits at a broken seal."""
     seals = folder / "seals.txt"
     seals = dict(line.split()[::-1] for line in seals.read_text().splitlines()) if seals.exists() else {}
     pairs = []
     for name, seal in sorted(seals.items()):
         text = (folder / "sealed" / name).read_bytes()
         if hashlib.sha256(text).hexdigest() != seal:
-            sys.exit(f"{folder / 'sealed' / name}: is not what was sealed")
+            sys.exit(f"{folder / 'sealed' / name}: does not match its seal")
         verdict = folder / "found" / pathlib.Path(name).stem / "verdict.json"
         if verdict.exists():
             pairs.append((json.loads(text), json.loads(verdict.read_text())))
     if len(pairs) < len(seals):
-        print(f"{folder}: {len(seals) - len(pairs)} of {len(seals)} worlds are not searched", file=sys.stderr)
+        print(f"{folder}: {len(seals) - len(pairs)} of {len(seals)} worlds have no finding; run find.py", file=sys.stderr)
     return pairs
 
 
 def left_out(folder):
-    """Rows of the worlds that could not be drawn."""
+    """Rows of worlds that could not be drawn."""
     path = folder / "left_out.jsonl"
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def ranks_of(finding):
-    """Names of the effects that were looked at, the most probable first."""
+    """Names of the candidates, the most probable first."""
     return [p["name"] for p in finding["presence"]]
 
 
 def row_of(answer, finding):
-    """How the finding fares against one hidden effect, or several."""
+    """Score of a finding against the hidden effects."""
     hidden, found = set(answer["hidden"]), finding["found"]
     first = {alike[0] for alike in found}
     groups = [{part for one in alike for part in one.split(" + ")} for alike in found]
@@ -104,10 +90,14 @@ def row_of(answer, finding):
         "detected": finding["verdict"] != "no_gap",
         "top_1": named and first == hidden,
         "top_3": bool(hidden) and hidden <= set(ranks_of(finding)[: 2 + len(hidden)]),
-        # All that was hidden is among what cannot be told apart, if only from values beyond a prior, and there is no effect too many.
-        "group": (named or finding["verdict"] == "prior_too_narrow") and len(found) == len(hidden) and all(any(h in g for g in groups) for h in hidden),
+        # Each hidden effect is in a named group, or in one of the alternatives to a narrow prior, and no group is left over.
+        "group": (
+            (named or finding["verdict"] == "prior_too_narrow")
+            and len(found) == len(hidden)
+            and all(any(h in g for g in groups) for h in hidden)
+        ),
         "held": [held(finding[fit], answer["theta"]) for fit in ("present", "repaired")],
-        # The best of what was looked at leaves something that no effect is.
+        # The best model leaves a residual that no effect explains.
         "left": finding["verdict"] == "none_of_these" or finding["discrepancy"] is not None,
         "closed": check["gap_closed"] and round(check["gap_closed"], 4) if check else None,
         "wall_s": round(finding["wall_s"], 1),
@@ -116,13 +106,13 @@ def row_of(answer, finding):
 
 
 def held(fit, theta):
-    """Whether all true values of the object lie within 5 to 95 % of what a fit says of them; none where there is no fit."""
+    """Returns whether a fit holds all true values of the object between its 5 and 95 % quantiles; none without a fit."""
     said = {e["name"]: e for e in fit["estimates"]} if fit else {}
     return all(said[name]["q05"] <= value <= said[name]["q95"] for name, value in theta.items()) if fit else None
 
 
 def together(rows, measured):
-    """The rows, with those of a file whose worlds are others."""
+    """Rows, with those of other worlds from a file."""
     lines = measured.read_text().splitlines() if measured else []
     of = lambda row: (row["seed"], row["number"])
     all_rows = {of(row): row for row in [*map(json.loads, lines), *rows]}
@@ -130,7 +120,7 @@ def together(rows, measured):
 
 
 def calibration(rows):
-    """Expected calibration error of the probabilities of presence, weighted by how many lie in each bin, and the bins."""
+    """Expected calibration error of the probabilities of presence, weighted by the size of the bins, and the bins."""
     pairs = [pair for row in rows if row["kind"] != "none" for pair in row["probabilities"]]
     if not pairs:
         return None, []
@@ -170,14 +160,15 @@ def summary(all_rows):
                 "held": shares_held([row for row in some if row["top_1"]]),
                 "instead": instead([row for row in some if not row["top_1"]]),
             }
+    of_size = lambda size: [row for row in effects if row["size"] == size]
     return {
         "worlds": len(rows),
         "left_out": dict(collections.Counter(" + ".join(row["hidden"]) for row in missing)),
         "false_alarms": share(nulls, "detected"),
         "p_uniform": kolmogorov_p(spread(nulls)) if nulls else None,
-        "sizes": {str(s): {key: share([r for r in effects if r["size"] == s], key) for key in ("detected", "top_1", "top_3", "group")} for s in sizes},
+        "sizes": {str(s): {key: share(of_size(s), key) for key in ("detected", "top_1", "top_3", "group")} for s in sizes},
         "effects": by_effect,
-        "held": {str(s): shares_held([r for r in effects if r["size"] == s and r["top_1"]]) for s in sizes},
+        "held": {str(s): shares_held([r for r in of_size(s) if r["top_1"]]) for s in sizes},
         "pairs": {key: share(of(kind="pair"), key) for key in ("detected", "top_1", "group")},
         "each_pair": each(of(kind="pair"), "top_1"),
         "none_of_these": share(unlisted, "none_of_these"),
@@ -191,7 +182,7 @@ def summary(all_rows):
 
 
 def each(rows, key):
-    """Of the worlds with each effect, or with several: the share of rows."""
+    """Share of rows of each effect, or combination of effects."""
     of = collections.defaultdict(list)
     for row in rows:
         of[" + ".join(row["hidden"])].append(row)
@@ -199,7 +190,7 @@ def each(rows, key):
 
 
 def instead(rows):
-    """What was said of the rows, and how often."""
+    """Answers given for the rows, with their numbers."""
     return dict(collections.Counter(map(what_of, rows)).most_common())
 
 
@@ -207,11 +198,15 @@ def text(found):
     percent = lambda s: "-" if s["share"] is None else f"{s['share']:.0%} of {s['of']} ({s['interval'][0]:.0%} to {s['interval'][1]:.0%})"
     lines = [f"false alarms  {percent(found['false_alarms'])}, p-values uniform: p = {found['p_uniform']}"]
     for size, row in found["sizes"].items():
-        lines.append(f"{size} x  detected {percent(row['detected'])}, top-1 {percent(row['top_1'])}, top-3 {percent(row['top_3'])}, group {percent(row['group'])}, gap closed {found['gap_closed'][size]}")
-        lines.append(f"{size} x, named  object held by the present model {percent(found['held'][size][0])}, by the repaired one {percent(found['held'][size][1])}")
-    lines.append(f"pairs  detected {percent(found['pairs']['detected'])}, both named {percent(found['pairs']['top_1'])}, in groups {percent(found['pairs']['group'])}")
+        detected, top_1, top_3, group = (percent(row[key]) for key in ("detected", "top_1", "top_3", "group"))
+        closed = found["gap_closed"][size]
+        lines.append(f"{size} x  detected {detected}, top-1 {top_1}, top-3 {top_3}, group {group}, gap closed {closed}")
+        present, repaired = map(percent, found["held"][size])
+        lines.append(f"{size} x, named  object held by the present model {present}, by the repaired one {repaired}")
+    detected, top_1, group = (percent(found["pairs"][key]) for key in ("detected", "top_1", "group"))
+    lines.append(f"pairs  detected {detected}, both named {top_1}, in groups {group}")
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_pair"].items()]
-    lines.append(f"none of these  {percent(found['none_of_these'])}, or something is left that is none of these {percent(found['left_of_unlisted'])}")
+    lines.append(f"none of these  {percent(found['none_of_these'])}, or a residual left {percent(found['left_of_unlisted'])}")
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in found["each_unlisted"].items()]
     lines.append(f"calibration error  {found['calibration_error']}")
     lines += [f"  said {said:.2f}: present {true:.2f} of {n}" for said, true, n in found["bins"]]
@@ -222,22 +217,26 @@ def text(found):
 
 
 def counted(instead):
-    """What was said where it should not have been, most often first."""
+    """Wrong answers with their numbers, the most frequent first."""
     return "".join(f", {what} {n}" for what, n in instead.items())
 
 
 def table_of_effects(effects):
-    """A table in Markdown: of the worlds with each effect, how many were detected, named, and named or in a group that holds it;
-    what was said instead; and how many could not be drawn, where there are such."""
+    """Markdown table with a row for each effect.
+
+    A cell has the shares of worlds in which the effect was detected, named, and in a named group, the wrong answers, and the number of
+    worlds that could not be drawn.
+    """
     sizes = list(next(iter(effects.values()), {}))
     percent = lambda row: " / ".join(f"{row[key]['share']:.0%}" for key in ("detected", "top_1", "group")) + f" of {row['top_1']['of']}"
-    cell = lambda row: (percent(row) if row["top_1"]["of"] else "-") + counted(row["instead"] | ({"left out": row["left_out"]} if row["left_out"] else {}))
+    left_out = lambda row: {"left out": row["left_out"]} if row["left_out"] else {}
+    cell = lambda row: (percent(row) if row["top_1"]["of"] else "-") + counted(row["instead"] | left_out(row))
     lines = ["| effect | " + " | ".join(f"{size} x" for size in sizes) + " |", "|---" * (1 + len(sizes)) + "|"]
     return lines + [f"| {name} | " + " | ".join(map(cell, of.values())) + " |" for name, of in effects.items()]
 
 
 def shares_held(rows):
-    """Shares of worlds whose object the present and the repaired model hold within 5 to 95 % of each of its values."""
+    """Shares of worlds whose object lies between the 5 and 95 % quantiles of the present and of the repaired model."""
     return [share([{"held": row["held"][i]} for row in rows if row["held"][1] is not None], "held") for i in (0, 1)]
 
 
@@ -249,7 +248,7 @@ def draw(rows, found, path):
 
     figure, axes = plot.subplots(2, 2, figsize=(16, 14), layout="constrained")
     confusion(axes[0][0], rows)
-    for name, sizes in found["effects"].items():
+    for sizes in found["effects"].values():
         points = [(float(s), row["detected"]["share"]) for s, row in sizes.items() if row["detected"]["of"]]
         axes[0][1].plot(*zip(*points), color="0.8", lw=1)
     shares = [(float(s), row["detected"]["share"], row["group"]["share"]) for s, row in found["sizes"].items()]
@@ -272,7 +271,7 @@ def draw(rows, found, path):
 
 
 def confusion(axes, rows):
-    """Hidden effect by what was named, at the greatest size."""
+    """Confusion matrix of hidden and named effects at the largest size."""
     effects = [row for row in rows if row["kind"] in ("effect", "unlisted", "none")]
     most = max((row["size"] for row in effects), default=0)
     effects = [row for row in effects if row["size"] in (0.0, most)]
@@ -294,17 +293,17 @@ def what_of(row):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=pathlib.Path, required=True)
-    parser.add_argument("--measured", type=pathlib.Path, help="what was found of other worlds, as --rows prints it")
+    parser.add_argument("--measured", type=pathlib.Path, help="scores of other worlds, as --rows prints them")
     printed = parser.add_mutually_exclusive_group()
     printed.add_argument("--json", action="store_true", help="print the table as JSON")
-    printed.add_argument("--rows", action="store_true", help="print what was found of each world, a line each")
+    printed.add_argument("--rows", action="store_true", help="print the score of each world, a line each")
     arguments = parser.parse_args()
     if not arguments.measured and not (arguments.out / "seals.txt").exists():
-        sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of worlds that were drawn, or --measured ROWS.jsonl")
+        sys.exit(f"{arguments.out / 'seals.txt'}: expected the seals of drawn worlds, or --measured ROWS.jsonl")
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = together([row_of(*pair) for pair in opened(arguments.out)] + left_out(arguments.out), arguments.measured)
     if all(row["kind"] == "left_out" for row in rows):
-        sys.exit(f"{arguments.measured or arguments.out}: expected what was found of one world at least")
+        sys.exit(f"{arguments.measured or arguments.out}: expected the score of at least one world")
     if arguments.rows:
         print("\n".join(map(json.dumps, rows)))
         return

@@ -1,73 +1,55 @@
-"""Recordings with bad data: each fault is named once, with topic, time, value and what was expected, and no result that fits
-nothing looks like a success.
+"""Recordings with bad data: each fault is named once with topic, time, value and expected value, and a misfit is no success.
 
-CATENARY_DATA: measured and failing inputs; what needs them is skipped without.
+CATENARY_DATA: folder with failing_inputs; tests that need it are skipped without.
 """
 
 import json
 import os
 import pathlib
 import sqlite3
-import subprocess
 import time
 
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
-MODEL, BAG = ROOT / "launch_configs/models/soft_bar.yaml", ROOT / "bags/swing"
+from support.bags import rewritten
+from support.program import BAG, MODEL
+
 INPUTS = pathlib.Path(os.environ.get("CATENARY_DATA", "nowhere")) / "failing_inputs"
 needs_inputs = pytest.mark.skipif(not INPUTS.is_dir(), reason="CATENARY_DATA names no folder with failing_inputs")
+# Small sizes with which a sound recording still gets a posterior that fits.
 QUICK = ("--iterations", 1, "--simulations", 60)
 POSE, KEYPOINTS, EVENT = "/panda/current_pose", "/dlo/keypoints", "/episode/event"
+# Exit code of a result that does not fit the recording.
 MISFIT = 3
 
 
-def run(*arguments, timeout=300):
-    own = {"ROS_DOMAIN_ID": str(20 + os.getpid() % 36), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    command = [PROGRAM, *map(str, arguments)]
-    return subprocess.run(command, env=os.environ | own, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=timeout)
+@pytest.fixture
+def infer(program):
+    """Runs a quick inference from a bag into a folder; returns the CompletedProcess."""
+    files = lambda bag, out: ("--bag", bag, "--model", MODEL, "--out", out)
+    return lambda bag, out, *arguments: program("infer", *files(bag, out), *QUICK, *arguments, seconds=300)
 
 
-def infer(bag, out, *arguments):
-    return run("infer", "--bag", bag, "--model", MODEL, "--out", out, *QUICK, *arguments)
+@pytest.fixture
+def find_effects(program):
+    """Runs a search for effects in a bag; returns the CompletedProcess."""
+    return lambda bag, out: program("find-effects", "--bag", bag, "--model", MODEL, "--out", out, seconds=300)
 
 
-def info(bag):
-    done = run("info", bag, "--json")
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
-def rewrite(out, change, source=BAG, plugin=StoragePlugin.MCAP):
-    """The sample bag with messages that `change(topic, number, message)` has changed; the number counts those of the topic."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(source) as reader, Writer(out, version=9, storage_plugin=plugin) as writer:
-        for connection in reader.connections:
-            types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
-            store.register({name: kind for name, kind in types.items() if name not in store.types})
-        topics = {
-            c.id: writer.add_connection(c.topic, c.msgtype, typestore=store, offered_qos_profiles=c.ext.offered_qos_profiles)
-            for c in reader.connections
-        }
-        counts = {}
-        for connection, log_ns, data in reader.messages():
-            message = store.deserialize_cdr(data, connection.msgtype)
-            number = counts[connection.topic] = counts.get(connection.topic, -1) + 1
-            change(connection.topic, number, message)
-            writer.write(topics[connection.id], log_ns, store.serialize_cdr(message, connection.msgtype))
-    return out
+@pytest.fixture
+def info(program):
+    """Document that `catenary info` prints for a bag."""
+    return lambda bag: program.json("info", bag)
 
 
 def poses(change):
-    """A change of all poses."""
+    """Change for `rewritten` that changes all poses by `change(number, message)`."""
     return lambda topic, number, message: change(number, message) if topic == POSE else None
 
 
 def refused(done, *says):
-    """Asserts one line on stderr that says all of it, each part once, and nothing on stdout."""
+    """Asserts one line on stderr that holds each part of `says` once, and nothing on stdout; returns the line."""
     lines = done.stderr.splitlines()
     assert done.returncode == 2 and done.stdout == "" and len(lines) == 1, (done.returncode, done.stdout, done.stderr)
     for part in says:
@@ -76,10 +58,9 @@ def refused(done, *says):
 
 
 @needs_inputs
-def test_one_impossible_pose_costs_nothing_but_a_warning(tmp_path):
-    done = run("infer", "--bag", INPUTS / "pose_zero_one", "--model", MODEL, "--out", tmp_path, "--iterations", 2, "--simulations", 300, "--json")
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
+def test_one_impossible_pose_is_left_out_with_a_warning(program, info, tmp_path):
+    sizes = ("--iterations", 2, "--simulations", 300)
+    report = program.json("infer", "--bag", INPUTS / "pose_zero_one", "--model", MODEL, "--out", tmp_path, *sizes, seconds=300)
     length = report["marginals"][0]
     assert length["q05"] < 0.243 < length["q95"] and report["predictive"]["rmse_mm"] < 20 and report["fits"]
     (warning,) = (w for w in report["warnings"] if w.startswith(POSE))
@@ -96,8 +77,8 @@ def test_one_impossible_pose_costs_nothing_but_a_warning(tmp_path):
         ("step_back_1h", ("the end of episode 1 is stamped 3596.000 s before its start", "clock", "no complete episode")),
     ],
 )
-def test_stamps_that_make_no_episode_are_the_first_thing_said(tmp_path, bag, says):
-    for command in (infer, lambda *a: run("find-effects", "--bag", a[0], "--model", MODEL, "--out", a[1])):
+def test_stamps_that_make_no_episode_are_the_first_thing_said(infer, find_effects, info, tmp_path, bag, says):
+    for command in (infer, find_effects):
         line = refused(command(INPUTS / bag, tmp_path), says[0], says[-1])
         assert line.index(says[0]) < line.index(says[-1]) and bag in line and says[1] in line
     (note,) = (n for n in info(INPUTS / bag)["notes"] if says[0] in n)
@@ -105,20 +86,19 @@ def test_stamps_that_make_no_episode_are_the_first_thing_said(tmp_path, bag, say
 
 
 @needs_inputs
-def test_times_before_1970_are_read_and_replayed_as_they_are():
+def test_times_before_1970_are_read_and_replayed_as_they_are(program, info):
     said = info(INPUTS / "negts")
     assert (said["start_ns"], said["duration_s"]) == (-9_000_000_000, 4.0)
     started = time.monotonic()
-    done = run("replay", INPUTS / "negts", "--topics", POSE, EVENT)
-    assert done.returncode == 0, done.stderr
-    assert time.monotonic() - started > 4, "replayed in one burst"
+    program.text("replay", INPUTS / "negts", "--topics", POSE, EVENT, "--rate", 4)
+    assert time.monotonic() - started > 1, "replayed in one burst"
 
 
-def test_negative_times_of_any_database_are_kept(tmp_path):
-    bag = rewrite(tmp_path / "bag", lambda *_: None, plugin=StoragePlugin.SQLITE3)
+def test_negative_times_of_any_database_are_kept(info, tmp_path):
+    bag = rewritten(tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
     before = info(bag)
     with sqlite3.connect(next(bag.glob("*.db3"))) as database:
-        # Half of it before 1970.
+        # Moves the middle of the bag to 1970, so that half of its times are negative.
         middle = before["start_ns"] + int(0.5e9 * before["duration_s"])
         database.execute("UPDATE messages SET timestamp = timestamp - ?", (middle,))
     after = info(bag)
@@ -126,37 +106,37 @@ def test_negative_times_of_any_database_are_kept(tmp_path):
     assert after["duration_s"] == pytest.approx(before["duration_s"]) and after["readable"] == before["readable"]
 
 
-def test_a_stream_that_cannot_be_right_is_refused_once_by_each_command(tmp_path):
+def test_a_stream_in_another_unit_is_refused_by_each_command_in_one_line(infer, find_effects, info, tmp_path):
     def in_mm(_, message):
         message.pose.position.x, message.pose.position.z = 1e3 * message.pose.position.x, 1e3 * message.pose.position.z
 
-    bag = rewrite(tmp_path / "bag", poses(in_mm))
-    for done in (infer(bag, tmp_path / "a"), run("find-effects", "--bag", bag, "--model", MODEL, "--out", tmp_path / "b")):
+    bag = rewritten(tmp_path / "bag", poses(in_mm))
+    for done in (infer(bag, tmp_path / "a"), find_effects(bag, tmp_path / "b")):
         refused(done, "pose.position: expected m", "as if in mm", "episode 7")
     assert any("as if in mm" in note for note in info(bag)["notes"])
 
 
-def test_a_fault_and_a_foreign_frame_are_named(tmp_path):
+def test_a_fault_and_a_foreign_frame_are_named(infer, find_effects, tmp_path):
     def change(topic, _, message):
         if topic == EVENT and message.event == 1:
             message.reason = "fault: cartesian_reflex"
         if topic == POSE:
             message.header.frame_id = "world"
 
-    bag = rewrite(tmp_path / "bag", change)
-    refused(infer(bag, tmp_path / "a"), 'ended with "fault: cartesian_reflex"', "by its number")
-    refused(run("find-effects", "--bag", bag, "--model", MODEL, "--out", tmp_path / "b"), "fault: cartesian_reflex")
+    bag = rewritten(tmp_path / "bag", change)
+    refused(infer(bag, tmp_path / "a"), 'ended with "fault: cartesian_reflex"', "the number of an episode")
+    refused(find_effects(bag, tmp_path / "b"), "fault: cartesian_reflex")
     done = infer(bag, tmp_path / "a", "--episode", 7, "--json")
     warnings = json.loads(done.stdout)["warnings"]
     for words in ('expected "panda_link0", got "world" in 206 poses', "fault: cartesian_reflex"):
         assert sum(words in w for w in warnings) == 1, warnings
 
 
-def test_a_result_that_fits_nothing_has_its_own_exit_code_and_says_so_first(tmp_path):
+def test_a_misfit_has_its_own_exit_code_and_is_said_first(infer, tmp_path):
     def elsewhere(_, message):
         message.pose.position.x += 0.25
 
-    bag, out = rewrite(tmp_path / "bag", poses(elsewhere)), tmp_path / "out"
+    bag, out = rewritten(tmp_path / "bag", poses(elsewhere)), tmp_path / "out"
     done = infer(bag, out, "--json")
     assert done.returncode == MISFIT, (done.returncode, done.stderr)
     report = json.loads(done.stdout)

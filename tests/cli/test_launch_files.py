@@ -1,5 +1,7 @@
-"""Launch files mean the same to `catenary launch` and to ROS 2's own launch: held against it where it is installed, and
-against the meaning that its documentation gives everywhere."""
+"""`catenary launch` reads launch files as ROS 2's own launch does.
+
+Tests compare with ROS 2's launch if it is installed, and always with the meaning that its documentation gives.
+"""
 
 import importlib.util
 import json
@@ -11,10 +13,10 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 import yaml
-from given_parameters import of_rclpy
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
+from support.given_parameters import of_rclpy
+from support.program import ROOT
+
 FILES = sorted((ROOT / "launch_configs").glob("*.launch.xml"))
 MISSING = [name for name in ("launch", "launch_xml", "launch_ros") if importlib.util.find_spec(name) is None]
 beside_ros2 = pytest.mark.skipif(bool(MISSING), reason=f"ROS 2's own launch is not installed: no {', '.join(MISSING)}")
@@ -35,11 +37,13 @@ SAMPLE = """
   <let name="here" value="$(dirname)"/><let name="file" value="$(filename)"/><let name="text" value="a 'b' &quot;c&quot;"/>
   <executable cmd="run $(var text) 'd e' f$(var rate)g $(var here)/x $(var file) \\$(var rate) $x" name="first" output="screen"/>
   <executable cmd="$(find-exec sh) -c 'exit 0'" cwd="/tmp" respawn="$(var both)" respawn_delay="0.5" respawn_max_retries="4"/>
-  <executable cmd="$(if $(var both) one two) $(not $(var both)) $(and true $(var both)) $(or 1 0) $(equals 1 1.0) $(not-equals a 'b c')"/>
+  <executable
+    cmd="$(if $(var both) one two) $(not $(var both)) $(and true $(var both)) $(or 1 0) $(equals 1 1.0) $(not-equals a 'b c')"/>
   <executable cmd="never" unless="$(equals $(var side) left)"/>
   <set_env name="SAMPLE_A" value="1"/>
   <group>
-    <set_env name="SAMPLE_A" value="2"/><append_env name="SAMPLE_A" value="3" separator=";"/><append_env name="SAMPLE_A" value="0" prepend="true"/>
+    <set_env name="SAMPLE_A" value="2"/><append_env name="SAMPLE_A" value="3" separator=";"/>
+    <append_env name="SAMPLE_A" value="0" prepend="true"/>
     <let name="rate" value="10"/><unset_env name="HOME"/>
     <executable cmd="inside $(var rate) $(env SAMPLE_A)" sigterm_timeout="1.5"><env name="SAMPLE_B" value="$(env SAMPLE_A)!"/></executable>
   </group>
@@ -48,7 +52,8 @@ SAMPLE = """
   <include file="$(var here)/inner.launch.xml"><arg name="who" value="you $(var rate)"/></include>
   <executable cmd="after $(var who) $(var default) $(var leak)" launch-prefix="nice -n 5"/>
   <push_ros_namespace namespace="lab"/>
-  <node pkg="sample" exec="tracker" name="eyes" namespace="$(var side)" args="--fast $(var text)" ros_args="--log-level debug" exec_name="t">
+  <node pkg="sample" exec="tracker" name="eyes" namespace="$(var side)"
+        args="--fast $(var text)" ros_args="--log-level debug" exec_name="t">
     <param name="width" value="640"/><param name="rate" value="$(var rate)" type="float"/><param name="word" value="7" type="str"/>
     <param from="$(var here)/p.yaml"/>
     <param name="dlo"><param name="hue" value="[190.0, 250.0]"/><param name="names" value="[a, b]"/></param><param name="on" value="true"/>
@@ -65,7 +70,7 @@ INNER = """<launch><arg name="who"/><arg name="default" default="d"/><arg name="
 
 @pytest.fixture
 def sample(tmp_path, monkeypatch):
-    """A launch file with everything in it, what it includes, and a package that it names."""
+    """Path of a launch file with every element, beside the file that it includes and a package that it names."""
     (tmp_path / "sample.launch.xml").write_text(SAMPLE)
     (tmp_path / "inner.launch.xml").write_text(INNER)
     (tmp_path / "p.yaml").write_text("/**: {ros__parameters: {x: 1}}")
@@ -81,37 +86,52 @@ def sample(tmp_path, monkeypatch):
     return tmp_path / "sample.launch.xml"
 
 
-def show(path, arguments):
-    command = [PROGRAM, "launch", path, "--show", "--json", *(f"{name}:={value}" for name, value in arguments.items())]
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True)
+@pytest.fixture
+def show(program):
+    """Runs `catenary launch --show` on a file; returns the CompletedProcess."""
+    words = lambda arguments: [f"{name}:={value}" for name, value in arguments.items()]
+    # The domain of the environment itself, because ROS 2's launch reads that one.
+    domain = os.environ.get("ROS_DOMAIN_ID")
+    return lambda path, arguments: program("launch", path, "--show", "--json", *words(arguments), ROS_DOMAIN_ID=domain)
 
 
-def processes(path, arguments):
-    """As `catenary launch` reads the file; parameter files that it would write are read as YAML."""
-    done = show(path, arguments)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)["processes"]
-    for process in found:
-        process["command"] = [yaml.safe_load(word) if "ros__parameters" in word else word for word in process["command"]]
-    return found
+@pytest.fixture
+def processes(show):
+    """Processes that `catenary launch` would start, with the parameter files that it would write read as YAML."""
+
+    def of_file(path, arguments):
+        done = show(path, arguments)
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)["processes"]
+        for process in found:
+            process["command"] = [yaml.safe_load(word) if "ros__parameters" in word else word for word in process["command"]]
+        return found
+
+    return of_file
 
 
-def assert_same(path, arguments):
-    import ros2_launch
+@pytest.fixture
+def assert_same(processes):
+    """Asserts that ROS 2's launch and `catenary launch` would start the same processes."""
 
-    theirs = ros2_launch.processes(path, arguments)
-    ours = processes(path, arguments)
-    assert len(theirs) == len(ours) > 0
-    for expected, got in zip(theirs, ours):
-        # ROS 2 numbers all processes, `catenary launch` those of one name.
-        got["name"] = expected["name"] if got["name"].rsplit("-", 1)[0] == expected["name"] else got["name"]
-        here = {name: value for name, value in got["environment"].items() if os.environ.get(name) != value}
-        assert got | {"environment": here} == expected
+    def compare(path, arguments):
+        from support import ros2_launch
+
+        theirs = ros2_launch.processes(path, arguments)
+        ours = processes(path, arguments)
+        assert len(theirs) == len(ours) > 0
+        for expected, got in zip(theirs, ours):
+            # ROS 2 numbers all processes, `catenary launch` only processes of one name.
+            got["name"] = expected["name"] if got["name"].rsplit("-", 1)[0] == expected["name"] else got["name"]
+            here = {name: value for name, value in got["environment"].items() if os.environ.get(name) != value}
+            assert got | {"environment": here} == expected
+
+    return compare
 
 
 @beside_ros2
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_ros_2_reads_the_shipped_files_in_the_same_way(path):
+def test_ros_2_reads_the_shipped_files_in_the_same_way(assert_same, path):
     for arguments in ARGUMENTS[path.name]:
         assert_same(path, arguments)
 
@@ -119,20 +139,21 @@ def test_ros_2_reads_the_shipped_files_in_the_same_way(path):
 @beside_ros2
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_ros_2_finds_the_nodes_of_a_checkout_without_an_installation(path, monkeypatch):
-    import ros2_launch
+    from support import ros2_launch
 
     monkeypatch.delenv("CATENARY_BIN", raising=False)
     for process in ros2_launch.processes(path, ARGUMENTS[path.name][0]):
         program = process["command"][0]
         assert os.access(program, os.X_OK), program
-    done = subprocess.run([program, "--help"], capture_output=True, text=True)
+    # One of the node scripts in launch_configs/bin, which call the program.
+    done = subprocess.run([program, "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and f"Usage: {pathlib.Path(program).name}" in done.stdout, done.stderr
 
 
 def test_a_checkout_that_is_not_built_says_what_to_build(tmp_path):
     shutil.copytree(ROOT / "launch_configs/bin", tmp_path / "launch_configs/bin", symlinks=True)
     environment = {name: value for name, value in os.environ.items() if name != "CARGO_TARGET_DIR"}
-    done = subprocess.run([tmp_path / "launch_configs/bin/camera"], capture_output=True, text=True, env=environment)
+    done = subprocess.run([tmp_path / "launch_configs/bin/camera"], capture_output=True, text=True, env=environment, check=False)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.startswith(f"camera: {tmp_path}/target/release/catenary is missing")
     assert "cargo build --release" in line and "CATENARY_BIN" in line
@@ -140,11 +161,11 @@ def test_a_checkout_that_is_not_built_says_what_to_build(tmp_path):
 
 @beside_ros2
 @pytest.mark.parametrize("arguments", [{}, {"both": "true"}, {"side": "right", "rate": "5"}], ids=str)
-def test_ros_2_reads_everything_in_the_same_way(sample, arguments):
+def test_ros_2_reads_every_element_in_the_same_way(assert_same, sample, arguments):
     assert_same(sample, arguments)
 
 
-def test_everything_has_the_meaning_that_ros_2_gives_it(sample):
+def test_every_element_has_the_meaning_that_ros_2_documents(processes, sample):
     folder, prefix = sample.parent, f"{sample.parent}/prefix"
     found = processes(sample, {"both": "true", "side": "right"})
     commands = [process["command"] for process in found]
@@ -158,7 +179,8 @@ def test_everything_has_the_meaning_that_ros_2_gives_it(sample):
         ["outside", "11", "1"],
         ["inner", "you 11", "d", str(folder)],
         ["nice", "-n", "5", "after", "you 11", "d", "11"],
-        [f"{prefix}/lib/sample/tracker", "--fast", text, "--ros-args", "--log-level", "debug", "--ros-args", "-r", "__node:=eyes", "-r", "__ns:=/lab/right"]
+        [f"{prefix}/lib/sample/tracker", "--fast", text, "--ros-args", "--log-level", "debug"]
+        + ["--ros-args", "-r", "__node:=eyes", "-r", "__ns:=/lab/right"]
         + ["--params-file", {"/lab/right/eyes": {"ros__parameters": {"width": 640}}}]
         + ["--params-file", {"/lab/right/eyes": {"ros__parameters": {"rate": 11.0}}}]
         + ["--params-file", {"/lab/right/eyes": {"ros__parameters": {"word": "7"}}}, "--params-file", f"{folder}/p.yaml"]
@@ -178,7 +200,7 @@ def test_everything_has_the_meaning_that_ros_2_gives_it(sample):
     assert by_name["tracker"]["respawn"] is True and by_name["tracker"]["respawn_max_retries"] is None
 
 
-def test_what_is_left_out_is_refused_by_name(sample):
+def test_unsupported_elements_are_refused_by_name(show, sample):
     for inside, said in [
         ('<timer period="1.0"/>', ("line 2, <timer>", "expected arg, let, group, include, executable, node")),
         ('<executable cmd="x" shell="true"/>', ("line 2, <executable>", "unknown attribute `shell`; it takes cmd, name")),
@@ -193,7 +215,7 @@ def test_what_is_left_out_is_refused_by_name(sample):
         assert all(words in done.stderr for words in (*said, str(sample))), done.stderr
 
 
-def test_every_argument_of_a_shipped_file_is_described():
+def test_every_argument_of_a_shipped_file_is_described(show):
     assert {path.name for path in FILES} >= {"sim.launch.xml", "lab.launch.xml", "replay.launch.xml", "train.launch.xml"}
     for path in FILES:
         done = show(path, {})
@@ -202,20 +224,25 @@ def test_every_argument_of_a_shipped_file_is_described():
         assert all(len(argument["description"]) > 10 and argument["default"] is not None for argument in arguments), path.name
 
 
-VALUES = json.loads((ROOT / "nodes/catenary/src/launch/values.json").read_text())
+READER = ROOT / "nodes/catenary/src/launch/reader"
+# Rows of a value, its type, its separator, and the parameter of a ROS 2 node.
+VALUES = [(value, kind, None, expected) for value, kind, expected in json.loads((READER / "values.json").read_text())]
+VALUES += [tuple(row) for row in json.loads((READER / "separated_values.json").read_text())]
 VARIABLES = {"five": "5", "list": "[1, 2]", "word": "1e3", "bad": "''*''", "b": "true"}
 
 
 def with_params(path, params):
-    """A launch file with one node that has these parameters: name, value and type."""
+    """Writes a launch file with one node that has these parameters, each a name, a value, a type or None, a separator or None."""
     lets = "".join(f"<let name={quoteattr(name)} value={quoteattr(value)}/>" for name, value in VARIABLES.items())
-    rows = "".join(f"<param name={quoteattr(n)} value={quoteattr(v)}" + ("/>" if t is None else f" type={quoteattr(t)}/>") for n, v, t in params)
+    names = ("name", "value", "type", "value-sep")
+    texts = [" ".join(f"{name}={quoteattr(text)}" for name, text in zip(names, param) if text is not None) for param in params]
+    rows = "".join(f"<param {text}/>" for text in texts)
     path.write_text(f'<launch>{lets}<node exec="/x" name="cam" namespace="/">{rows}</node></launch>')
     return path
 
 
 def of_node(texts, folder):
-    """What a node of rclpy gets from parameter files with these texts, by name; None where it refuses them."""
+    """Parameters that a node of rclpy reads from files with these texts, by name; None if it refuses them."""
     arguments = []
     for i, text in enumerate(texts):
         (folder / f"{i}.yaml").write_text(text)
@@ -224,35 +251,36 @@ def of_node(texts, folder):
 
 
 def parameter_texts(found):
+    """Texts of the parameter files of processes."""
     return [word for process in found for word in process["command"] if "ros__parameters" in word]
 
 
-def test_a_node_gets_the_values_that_ros_2s_launch_would_bring(tmp_path):
-    accepted = [(f"p{i}", value, kind, expected) for i, (value, kind, expected) in enumerate(VALUES) if expected]
-    done = show(with_params(tmp_path / "x.launch.xml", [row[:3] for row in accepted]), {})
+def test_a_node_gets_the_values_that_ros_2s_launch_would_bring(show, tmp_path):
+    accepted = [(f"p{i}", *row) for i, row in enumerate(VALUES) if row[-1]]
+    done = show(with_params(tmp_path / "x.launch.xml", [row[:-1] for row in accepted]), {})
     assert done.returncode == 0, done.stderr
     got = of_node(parameter_texts(json.loads(done.stdout)["processes"]), tmp_path)
-    assert got == {name: expected for name, _, _, expected in accepted}
+    assert got == {row[0]: row[-1] for row in accepted}
 
 
 @beside_ros2
 def test_the_table_of_values_holds_for_ros_2s_launch(tmp_path):
-    import ros2_launch
+    from support import ros2_launch
 
     wrong = []
-    for value, kind, expected in VALUES:
-        path = with_params(tmp_path / "x.launch.xml", [("a", value, kind)])
+    for value, kind, separator, expected in VALUES:
+        path = with_params(tmp_path / "x.launch.xml", [("a", value, kind, separator)])
         try:
             texts = parameter_texts(ros2_launch.processes(path, {}, read=lambda file: file.read()))
         except Exception:
             texts = None
         got = texts and of_node(texts, tmp_path)
         if (got and got["a"]) != expected:
-            wrong.append((value, kind, expected, got))
+            wrong.append((value, kind, separator, expected, got))
     assert not wrong
 
 
-def test_a_value_that_has_no_type_is_refused_with_its_place(tmp_path):
+def test_a_value_that_has_no_type_is_refused_with_its_place(show, tmp_path):
     for value, kind, said in [
         ("[1, 2.5]", None, "all of one type"),
         ("[1e3, x]", None, "a node reads the string"),
@@ -263,6 +291,6 @@ def test_a_value_that_has_no_type_is_refused_with_its_place(tmp_path):
         ("$(var bad)", None, "expected YAML"),
         ("$(var list)", "list_of_int", "expected list_of_int"),
     ]:
-        done = show(with_params(tmp_path / "x.launch.xml", [("some", value, kind)]), {})
+        done = show(with_params(tmp_path / "x.launch.xml", [("some", value, kind, None)]), {})
         assert done.returncode == 2 and done.stdout == "", value
         assert all(words in done.stderr for words in ("line 1", "<param>", "some", f"`{value}`", said)), done.stderr

@@ -1,23 +1,21 @@
-"""`catenary simulate` shows an episode: as figures, a bag that inference reads, a video, a picture; its mistakes are named."""
+"""`catenary simulate` makes figures, a bag that inference reads, a video and a picture of an episode; mistakes are named."""
 
-import json
 import os
-import pathlib
 import shutil
 import signal
 import subprocess
-import time
 
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
-MODELS = ROOT / "launch_configs/models"
+from support.program import MODEL, MODELS, ROOT
+from support.waiting import wait_for
+
 BAR = MODELS / "dlo_0.yaml"
 CABLE = MODELS / "measured_cable.yaml"
 ACTIONS = "dx_m,dz_m\n" + "0.05,-0.05\n0.04,-0.06\n" * 2
+# Stand-in of ffmpeg that writes the number of bytes on its stdin, or fails if FFMPEG_FAILS is set.
 FFMPEG = """#!/bin/sh
 [ "$FFMPEG_FAILS" ] && { echo "Unknown encoder" >&2; exit 1; }
 for last; do :; done
@@ -31,35 +29,35 @@ def folder(tmp_path):
     return tmp_path
 
 
-def run(folder, *arguments, **environment):
-    command = [PROGRAM, "simulate", *map(str, arguments)]
-    environment = os.environ | environment
-    return subprocess.run(command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+@pytest.fixture
+def report(program, folder):
+    """Document that `catenary simulate` prints in the test's folder."""
+    return lambda *arguments, **environment: program.json("simulate", *arguments, folder=folder, **environment)
 
 
-def report(folder, *arguments, **environment):
-    done = run(folder, *arguments, "--json", **environment)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+@pytest.fixture
+def refused(program, folder):
+    """Runs `catenary simulate`, which has to be refused with one line that holds all of `says`, and to leave no file."""
 
+    def run(*arguments, says, **environment):
+        before = sorted(folder.iterdir())
+        done = program("simulate", *arguments, folder=folder, **environment)
+        assert done.returncode in (1, 2) and done.stdout == ""
+        lines = done.stderr.splitlines()
+        assert len(lines) == 1 and lines[0].startswith("catenary: "), done.stderr
+        for part in says:
+            assert part in lines[0], done.stderr
+        assert sorted(folder.iterdir()) == before, "something was left behind"
 
-def refused(folder, *arguments, says, **environment):
-    before = sorted(folder.iterdir())
-    done = run(folder, *arguments, **environment)
-    assert done.returncode in (1, 2) and done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("catenary: "), done.stderr
-    for part in says:
-        assert part in lines[0], done.stderr
-    assert sorted(folder.iterdir()) == before, "something was left behind"
+    return run
 
 
 EPISODE = ("--model", BAR, "--actions", "actions.csv")
 ONE = (*EPISODE, "--fidelity", "fast")
 
 
-def test_an_episode_becomes_figures_a_bag_and_a_video(folder):
-    said = report(folder, *ONE, "--out", "out/bag", "--video", "out/bar.gif", "--effect", "table_friction=0.4")
+def test_an_episode_becomes_figures_a_bag_and_a_video(report, folder):
+    said = report(*ONE, "--out", "out/bag", "--video", "out/bar.gif", "--effect", "table_friction=0.4")
     (episode,) = said["episodes"]
     assert episode["parameters"] == {
         "length_m": 0.2, "youngs_modulus_pa": 45000.0, "table_friction": 0.4, "kelvin_voigt_time_s": pytest.approx(0.0224, abs=1e-4)
@@ -80,8 +78,8 @@ def test_an_episode_becomes_figures_a_bag_and_a_video(folder):
     assert said["messages"] == sum(counts.values())
 
 
-def test_the_bag_says_where_hand_and_camera_are_and_what_became_of_each_target(folder):
-    report(folder, *ONE, "--out", "bag")
+def test_the_bag_holds_transforms_of_hand_and_camera_and_the_answer_to_each_target(report, folder):
+    report(*ONE, "--out", "bag")
     store = get_typestore(Stores.ROS2_JAZZY)
     definition = (ROOT / "msgs/msg/AcceptedTarget.msg").read_text()
     store.register(get_types_from_msg(definition, "catenary_msgs/msg/AcceptedTarget"))
@@ -100,18 +98,16 @@ def test_the_bag_says_where_hand_and_camera_are_and_what_became_of_each_target(f
         assert (answer.header, answer.pose) == (target.header, target.pose)
 
 
-def test_inference_reads_the_bag(folder):
-    report(folder, *ONE, "--out", "bag", "--noise", "--seed", 3)
-    command = [PROGRAM, "infer", "--bag", "bag", "--model", MODELS / "soft_bar.yaml", "--out", "out", "--json"]
-    sizes = ["--iterations", "1", "--simulations", "40"]
-    done = subprocess.run([*command, *sizes], cwd=folder, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["frames"] == 9
+def test_inference_reads_the_bag(program, report, folder):
+    report(*ONE, "--out", "bag", "--noise", "--seed", 3)
+    sizes = ["--iterations", 1, "--simulations", 40]
+    said = program.json("infer", "--bag", "bag", "--model", MODEL, "--out", "out", *sizes, folder=folder)
+    assert said["frames"] == 9
 
 
-def test_pictures_go_into_the_bag_where_asked_for(folder):
+def test_images_go_into_the_bag_on_request(report, folder):
     (folder / "actions.csv").write_text("dx_m,dz_m\n0.01,0\n")
-    report(folder, *ONE, "--out", "bag", "--images")
+    report(*ONE, "--out", "bag", "--images")
     store = get_typestore(Stores.ROS2_JAZZY)
     with Reader(folder / "bag") as bag:
         (source,) = [c for c in bag.connections if c.topic == "/camera/camera/color/image_raw"]
@@ -120,60 +116,60 @@ def test_pictures_go_into_the_bag_where_asked_for(folder):
     assert (pictures[0].data != pictures[-1].data).any()
 
 
-def test_the_same_seed_gives_the_same_bytes_and_noise_another_one(folder):
+def test_one_seed_gives_one_bag_and_video_and_another_seed_others(report, folder):
     for name, seed in (("a", 7), ("b", 7), ("c", 8)):
-        report(folder, *ONE, "--noise", "--seed", seed, "--out", f"{name}/bag", "--video", f"{name}/bar.gif")
-    read = lambda name, file: (folder / name / file).read_bytes()  # noqa: E731
+        report(*ONE, "--noise", "--seed", seed, "--out", f"{name}/bag", "--video", f"{name}/bar.gif")
+    read = lambda name, file: (folder / name / file).read_bytes()
     for file in ("bag/bag_0.mcap", "bar.gif"):
         assert read("a", file) == read("b", file)
         assert read("a", file) != read("c", file)
 
 
-def test_a_recorded_motion_is_followed_and_compared(folder):
-    report(folder, *ONE, "--out", "bag")
-    (episode,) = report(folder, "--model", BAR, "--track", "bag", "--fidelity", "fast")["episodes"]
+def test_a_recorded_motion_is_followed_and_compared(report):
+    report(*ONE, "--out", "bag")
+    (episode,) = report("--model", BAR, "--track", "bag", "--fidelity", "fast")["episodes"]
     assert episode["rmse_mm"] < 2.0 and episode["rewards"] == []
-    (other,) = report(folder, "--model", BAR, "--track", "bag", "--fidelity", "fast", "--theta", "length_m=0.3")["episodes"]
+    (other,) = report("--model", BAR, "--track", "bag", "--fidelity", "fast", "--theta", "length_m=0.3")["episodes"]
     assert other["rmse_mm"] > 20.0
 
 
-def test_a_cable_whose_camera_is_a_plane_is_shown_too(folder):
+def test_a_cable_seen_in_a_plane_becomes_a_video(report, folder):
     columns = "t_s,grip_x_m,grip_z_m,grip_pitch_rad," + ",".join(f"p{i}_{a}_m" for i in range(1, 5) for a in "xz")
     rows = [[0.1 * i, 0.01 * i, 0.75, 0.0, *(c for k in range(1, 5) for c in (0.01 * i, 0.75 - 0.1 * k))] for i in range(8)]
     (folder / "track.csv").write_text("\n".join([columns, *(",".join(f"{v:.3f}" for v in row) for row in rows)]) + "\n")
-    said = report(folder, "--model", CABLE, "--track", "track.csv", "--fidelity", "fast", "--video", "c.gif")
+    said = report("--model", CABLE, "--track", "track.csv", "--fidelity", "fast", "--video", "c.gif")
     assert said["episodes"][0]["rmse_mm"] < 100.0
     assert (folder / "c.gif").stat().st_size > 5_000
 
 
-def test_several_models_go_into_one_picture(folder):
+def test_several_models_go_into_one_picture(report, refused, folder):
     models = [part for i in range(4) for part in ("--model", MODELS / f"dlo_{i}.yaml")]
     arguments = (*models, "--actions", "actions.csv", "--fidelity", "fast")
-    said = report(folder, *arguments, "--picture", "four.png", "--moments", 3)
+    said = report(*arguments, "--picture", "four.png", "--moments", 3)
     assert [e["model"] for e in said["episodes"]] == [f"dlo_{i}" for i in range(4)]
     assert (folder / "four.png").read_bytes().startswith(b"\x89PNG")
-    refused(folder, *arguments, "--out", "bag", says=("--out", "one --model", "got 4"))
+    refused(*arguments, "--out", "bag", says=("--out", "one --model", "got 4"))
 
 
-def test_mp4_goes_through_ffmpeg_or_is_refused_with_the_other_way(folder):
-    refused(folder, *ONE, "--video", "bar.mp4", says=("bar.mp4", "ffmpeg", ".gif"), PATH=str(folder / "nowhere"))
-    program = folder / "bin/ffmpeg"
-    program.parent.mkdir()
-    program.write_text(FFMPEG)
-    program.chmod(0o755)
-    path = f"{program.parent}:{os.environ['PATH']}"
-    refused(folder, *ONE, "--video", "bar.mp4", says=("bar.mp4", "Unknown encoder"), PATH=path, FFMPEG_FAILS="1")
-    report(folder, *ONE, "--video", "bar.mp4", "--video-rate", 10, PATH=path)
+def test_mp4_goes_through_ffmpeg_or_is_refused_with_gif_as_the_alternative(report, refused, folder):
+    refused(*ONE, "--video", "bar.mp4", says=("bar.mp4", "ffmpeg", ".gif"), PATH=str(folder / "nowhere"))
+    ffmpeg = folder / "bin/ffmpeg"
+    ffmpeg.parent.mkdir()
+    ffmpeg.write_text(FFMPEG)
+    ffmpeg.chmod(0o755)
+    path = f"{ffmpeg.parent}:{os.environ['PATH']}"
+    refused(*ONE, "--video", "bar.mp4", says=("bar.mp4", "Unknown encoder"), PATH=path, FFMPEG_FAILS="1")
+    report(*ONE, "--video", "bar.mp4", "--video-rate", 10, PATH=path)
     assert int((folder / "bar.mp4").read_text()) == 21 * 640 * 480 * 3
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg on the PATH")
 @pytest.mark.parametrize("size", [(640, 480), (641, 479)])
-def test_the_real_ffmpeg_makes_a_video_of_every_frame(folder, size):
+def test_the_real_ffmpeg_makes_a_video_of_every_frame(report, folder, size):
     (width, height), name = size, "a: bar.mp4"
     text = BAR.read_text().replace("image_width_px: 640", f"image_width_px: {width}")
     (folder / "bar.yaml").write_text(text.replace("image_height_px: 480", f"image_height_px: {height}"))
-    report(folder, "--model", "bar.yaml", *ONE[2:], "--video", name, "--video-rate", 10)
+    report("--model", "bar.yaml", *ONE[2:], "--video", name, "--video-rate", 10)
     decode = ["ffmpeg", "-loglevel", "error", "-i", f"file:{name}", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     frames = subprocess.run(decode, cwd=folder, capture_output=True, check=True, timeout=60).stdout
     even = (width + width % 2, height + height % 2)
@@ -202,18 +198,16 @@ def test_the_real_ffmpeg_makes_a_video_of_every_frame(folder, size):
         ((*ONE, "--images"), ("--out",)),
     ],
 )
-def test_mistakes_are_named(folder, arguments, says):
+def test_mistakes_are_named(refused, folder, arguments, says):
     (folder / "bad.csv").write_text("dx_m,dz_m\n0,0\n0,0.6\n")
-    refused(folder, *arguments, says=says)
+    refused(*arguments, says=says)
 
 
-def test_ctrl_c_leaves_no_file(folder):
+def test_ctrl_c_leaves_no_file(program, folder):
     (folder / "actions.csv").write_text("dx_m,dz_m\n" + "0.01,0\n-0.01,0\n" * 500)
-    command = [PROGRAM, "simulate", *map(str, EPISODE), "--fidelity", "reference", "--out", "bag", "--video", "bar.gif"]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 20
-    while len(list(folder.iterdir())) < 3 and time.monotonic() < end:
-        time.sleep(0.05)
+    files = ("--out", "bag", "--video", "bar.gif")
+    process = program.start("simulate", *EPISODE, "--fidelity", "reference", *files, folder=folder)
+    wait_for(lambda: len(list(folder.iterdir())) >= 3, 20, "the unfinished bag and video")
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 130 and out == "" and "interrupted" in err

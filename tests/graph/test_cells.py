@@ -1,7 +1,7 @@
-"""One suite for every cell: whoever commands an arm finds the same topics, rates, frames, stamps, units and episodes, whether the cell
-is simulated or the bridge relays to a controller, which is written in rclpy here.
+"""One suite for every cell: topics, rates, frames, stamps, units and episodes are the same for whoever commands an arm.
 
-The simulated cell also publishes twist, wrench, transforms and images, which no controller's relay can know.
+The cells are the simulated one, and the bridge that relays to a controller, here a stand-in in rclpy. The simulated cell also
+publishes twist, wrench, transforms and images, which a relay cannot know.
 """
 
 import array
@@ -14,13 +14,15 @@ from action_msgs.msg import GoalStatus
 from catenary_msgs.action import MoveToStart, RunEpisode
 from catenary_msgs.msg import ArmState, EpisodeEvent
 from catenary_msgs.srv import SetCompliance
-from conftest import session_in
-from contract import BASE, BY_NAME
 from geometry_msgs.msg import PoseStamped
-from policy import BIAS, policy_file
-from rclpy.action import ActionClient
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
+
+from support.contract import BASE, BY_NAME
+from support.policy import BIAS, policy_file
+from support.ros import Goal
+from support.session import session_in
+from support.stamps import stamp_s
 
 TOPICS = ("/panda/current_pose", "/panda/joint_states", "/panda/arm_state", "/panda/accepted_target")
 SERVICES = ("/panda/enable", "/panda/hold", "/panda/error_recovery", "/panda/set_compliance")
@@ -30,7 +32,7 @@ STEPS = 3
 
 
 class Cell:
-    """The node that has the arm, and a client of it. The runner, which commands, too, comes later."""
+    """The node that has the arm, and a client of it. The policy runner, which commands the arm, too, is started later."""
 
     def __init__(self, session, name):
         self.name, self.session = name, session
@@ -46,7 +48,7 @@ class Cell:
             self.arm, others = "panda_bridge", ("cartesian_impedance_controller",)
             session.node(self.arm, "-p", model, "-p", "settle_time_s:=0.2")
             time.sleep(1)
-            session.start_script(sys.executable, session.root / "tests/stand_in_lab.py", session.domain, name="lab")
+            session.start_script(sys.executable, session.root / "tests/support/stand_in_lab.py", session.domain, name="lab")
         self.ros = session.meet(self.arm, *others)
         self.heard = {name: [] for name in (*TOPICS, "/dlo/keypoints", "/episode/event", "/policy/action", "/policy/observation")}
         for topic, messages in self.heard.items():
@@ -80,12 +82,13 @@ class Cell:
         self.wait_mode(ArmState.MODE_HOLD, ArmState.MODE_TRACKING) if on else self.wait_mode(ArmState.MODE_IDLE)
 
     def command(self, x, z, frame=BASE, age_s=0.0, norm=1.0):
-        """What the gate answers to a target."""
+        """Publishes a target; returns the answer of the safety gate."""
         if self.targets is None:
             row = BY_NAME["/panda/target_pose"]
             self.targets = self.ros.node.create_publisher(row.kind, row.name, row.profile)
             self.ros.wait_for(self.targets.get_subscription_count, 20, "the arm's subscription")
-            self.ros.holds_within(lambda: False, 0.3)
+            # The arm may match the publisher a little later than the publisher matches the arm.
+            self.ros.spin(0.3)
         target, stamp_ns = PoseStamped(), time.time_ns() - round(1e9 * age_s)
         target.header.frame_id = frame
         target.header.stamp.sec, target.header.stamp.nanosec = divmod(stamp_ns, 10**9)
@@ -93,31 +96,14 @@ class Cell:
         target.pose.orientation.x, target.pose.orientation.w = norm, 0.0
         self.targets.publish(target)
         answers = self.heard["/panda/accepted_target"]
-        mine = lambda: next((a for a, _ in answers if a.header.stamp == target.header.stamp), None)  # noqa: E731
+        mine = lambda: next((a for a, _ in answers if a.header.stamp == target.header.stamp), None)
         return self.ros.wait_for(mine, 10, "an answer to the target")
-
-    def act(self, kind, name, goal):
-        """Feedback and the pending result of an accepted goal, with its handle."""
-        client, feedback = ActionClient(self.ros.node, kind, name), []
-        self.ros.wait_for(client.server_is_ready, 20, f"the server of {name}")
-        sent = client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
-        handle = self.ros.result(sent, 20, "an answer to the goal")
-        assert handle.accepted
-        return handle, feedback, handle.get_result_async()
 
 
 @pytest.fixture(scope="module", params=["sim", "relay"])
 def cell(request, tmp_path_factory):
-    sessions = session_in(tmp_path_factory.mktemp(request.param))
-    session = next(sessions)
-    try:
+    with session_in(tmp_path_factory.mktemp(request.param)) as session:
         yield Cell(session, request.param)
-    finally:
-        sessions.close()
-
-
-def stamp_s(message):
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
 def test_topics_and_services_have_their_owner_type_and_profile(cell):
@@ -134,24 +120,24 @@ def test_topics_and_services_have_their_owner_type_and_profile(cell):
 
 
 def test_streams_have_their_rate_frame_stamps_and_units(cell):
-    # What was latched, and what has waited meanwhile, is older.
-    cell.ros.holds_within(lambda: False, 1)
+    # Drops latched messages and those that waited in queues, which are older than the ages allowed below.
+    cell.ros.spin(1)
     for messages in cell.heard.values():
         messages.clear()
-    cell.ros.holds_within(lambda: False, 2)
+    cell.ros.spin(2)
     for name in ("/panda/current_pose", "/panda/joint_states", "/panda/arm_state", "/dlo/keypoints"):
         messages, row = cell.heard[name], BY_NAME[name]
-        stamps = [stamp_s(message) for message, _ in messages]
+        stamps = [stamp_s(message.header.stamp) for message, _ in messages]
         rate = (len(stamps) - 1) / (stamps[-1] - stamps[0])
         assert row.hz / 4 < rate < 1.2 * row.hz, f"{name}: {rate} Hz"
         assert stamps == sorted(stamps)
         assert all(message.header.frame_id == row.frame for message, _ in messages)
-        ages = [came - stamp_s(message) for message, came in messages]
-        assert -0.05 < min(ages) and max(ages) < 0.5, f"{name}: {min(ages)} to {max(ages)} s"
+        ages = [came - stamp_s(message.header.stamp) for message, came in messages]
+        assert min(ages) > -0.05 and max(ages) < 0.5, f"{name}: {min(ages)} to {max(ages)} s"
     pose = cell.newest("/panda/current_pose").pose
     q = pose.orientation
     assert math.hypot(q.x, q.y, q.z, q.w) == pytest.approx(1, abs=1e-6)
-    # Metres and radians: inside the workspace, and within a turn.
+    # Units: metres inside the workspace of the model, and radians within half a turn.
     assert 0.275 < pose.position.x < 0.6 and 0.1 < pose.position.z < 0.5
     joints = cell.newest("/panda/joint_states")
     assert list(joints.name) == [f"panda_joint{i}" for i in range(1, 8)] and all(abs(p) < math.pi for p in joints.position)
@@ -164,7 +150,7 @@ def test_an_idle_arm_refuses_targets(cell):
     assert not answer.accepted and "not enabled" in answer.reason
 
 
-def test_the_gate_lets_good_targets_through_and_names_what_is_wrong_with_others(cell):
+def test_the_gate_lets_good_targets_through_and_names_the_fault_of_others(cell):
     x, z = cell.place
     cell.enable()
     for arguments, part in (
@@ -179,12 +165,12 @@ def test_the_gate_lets_good_targets_through_and_names_what_is_wrong_with_others(
     answer = cell.command(x + 0.03, z - 0.02)
     assert answer.accepted and not answer.clipped_x and not answer.clipped_z, answer.reason
     assert (answer.accepted_count, answer.rejected_count) == (1, 5)
-    there = lambda: math.dist(cell.place, (x + 0.03, z - 0.02)) < 0.003  # noqa: E731
+    there = lambda: math.dist(cell.place, (x + 0.03, z - 0.02)) < 0.003
     cell.ros.wait_for(there, 5, "the arm at its target")
     cell.enable(False)
 
 
-def test_hold_and_recovery_answer(cell):
+def test_hold_stops_the_arm_and_recovery_answers(cell):
     cell.enable()
     assert cell.ros.call(Trigger, "/panda/hold", Trigger.Request()).success
     cell.wait_mode(ArmState.MODE_HOLD)
@@ -193,7 +179,7 @@ def test_hold_and_recovery_answer(cell):
     assert answer.success or answer.message
 
 
-def test_compliance_is_checked_and_reaches_whoever_has_gains(cell):
+def test_compliance_is_checked_and_reaches_a_controller_with_gains(cell):
     wanted = SetCompliance.Request(stiffness=[900.0] * 3 + [60.0] * 3, damping=[50.0] * 3 + [5.0] * 3, error_clip=0.015)
     answer = cell.ros.call(SetCompliance, "/panda/set_compliance", wanted)
     assert answer.success, answer.message
@@ -209,45 +195,47 @@ def test_compliance_is_checked_and_reaches_whoever_has_gains(cell):
 
 
 def test_the_arm_moves_to_the_start_pose_of_the_model(cell):
-    _, feedback, answer = cell.act(MoveToStart, "/panda/move_to_start", MoveToStart.Goal())
-    result = cell.ros.result(answer, 20, "the start pose")
-    assert result.status == GoalStatus.STATUS_SUCCEEDED and result.result.success, result.result.message
+    goal = Goal(cell.ros, MoveToStart, "/panda/move_to_start", MoveToStart.Goal())
+    result = goal.result()
+    assert result.success, result.message
     assert cell.place == pytest.approx(START, abs=0.005)
-    assert feedback and feedback[-1].distance < 0.05
+    assert goal.feedback and goal.feedback[-1].distance < 0.05
     cell.wait_mode(ArmState.MODE_IDLE)
 
 
 @pytest.fixture(scope="module")
 def runner(cell):
-    """The node that runs episodes. Nobody else may command the arm then."""
+    """The cell with a policy runner, which has to be the only one that commands the arm."""
     if cell.targets:
         cell.ros.node.destroy_publisher(cell.targets)
         cell.targets = None
     cell.session.node("policy_runner", "-p", f"model_file:={cell.session.root / MODEL}")
     cell.ros.wait_for(lambda: cell.ros.node.count_publishers("/panda/target_pose") == 1, 20, "the runner")
-    cell.ros.holds_within(lambda: False, 1)
+    # The arm has to know, too, that the other publisher of targets is gone.
+    cell.ros.spin(1)
     return cell
 
 
-def test_an_episode_is_told_from_start_to_end(runner):
+def test_the_topics_tell_an_episode_from_start_to_end(runner):
     cell = runner
     for messages in cell.heard.values():
         messages.clear()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", seed=9, run_all_steps=True, max_steps=STEPS)
-    _, feedback, answer = cell.act(RunEpisode, "/policy_runner/run_episode", goal)
-    result = cell.ros.result(answer, 30, "the episode").result
+    result = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal).result()
     assert result.success and len(result.rewards) == STEPS, result.message
     cell.wait_mode(ArmState.MODE_IDLE)
-    told = lambda name: [message for message, _ in cell.heard[name]]  # noqa: E731
+    told = lambda name: [message for message, _ in cell.heard[name]]
     cell.ros.wait_for(lambda: len(told("/episode/event")) == 2 and len(told("/policy/observation")) > STEPS, 5, "all that is told")
     started, ended = told("/episode/event")
     assert (started.event, started.episode, started.policy, started.seed) == (EpisodeEvent.STARTED, result.episode, "constant", 9)
     assert (ended.event, ended.reason, ended.steps) == (EpisodeEvent.ENDED, result.end, STEPS)
-    assert stamp_s(ended) - stamp_s(started) == pytest.approx(STEPS * started.step_period, abs=0.3)
+    assert stamp_s(ended.header.stamp) - stamp_s(started.header.stamp) == pytest.approx(STEPS * started.step_period, abs=0.3)
     assert [a.step for a in told("/policy/action")] == list(range(STEPS))
     assert [o.step for o in told("/policy/observation")] == list(range(STEPS + 1))
     for observation in told("/policy/observation"):
-        ages = [stamp_s(observation) - (s.sec + 1e-9 * s.nanosec) for s in (observation.keypoints_stamp, observation.pose_stamp)]
+        at_s = stamp_s(observation.header.stamp)
+        ages = [at_s - stamp_s(stamp) for stamp in (observation.keypoints_stamp, observation.pose_stamp)]
+        # The runner's parameter max_age_s is 0.15.
         assert all(0 <= age < 0.16 for age in ages)
     answers = told("/panda/accepted_target")
     assert len(answers) == STEPS and all(a.accepted for a in answers)
@@ -259,10 +247,10 @@ def test_an_episode_is_told_from_start_to_end(runner):
 def test_a_cancelled_episode_stops_the_arm(runner):
     cell = runner
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
-    handle, feedback, answer = cell.act(RunEpisode, "/policy_runner/run_episode", goal)
-    cell.ros.wait_for(lambda: feedback, 20, "a step")
-    cell.ros.result(handle.cancel_goal_async(), 10, "an answer to the cancel")
-    assert cell.ros.result(answer, 10, "the end").status == GoalStatus.STATUS_CANCELED
-    event = lambda: cell.newest("/episode/event")  # noqa: E731
+    run = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
+    run.wait_feedback()
+    run.cancel()
+    run.result(GoalStatus.STATUS_CANCELED)
+    event = lambda: cell.newest("/episode/event")
     cell.ros.wait_for(lambda: (event().event, event().reason) == (EpisodeEvent.ENDED, "cancelled"), 5, "the event")
     cell.wait_mode(ArmState.MODE_IDLE)

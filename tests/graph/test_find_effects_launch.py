@@ -1,50 +1,45 @@
-"""What `find_effects.launch.xml` starts: a search in bags and on topics, with the same outcome."""
+"""Search for effects in the graph of `find_effects.launch.xml`: bags and topics lead to one outcome."""
 
 import json
 import re
 import signal
 
 from catenary_msgs.action import FindEffects
-from rclpy.action import ActionClient
-from test_train_launch import result_of
 
-MODEL = "launch_configs/models/soft_bar.yaml"
+from support.program import MODEL, MODELS
+from support.ros import Goal
+
+ACTIONS = MODELS / "gallery.csv"
 
 
-def test_a_search_on_topics_comes_to_what_one_in_the_bag_does(session):
-    model_file, actions = session.root / MODEL, session.root / "launch_configs/models/gallery.csv"
-    done = session.run("simulate", "--model", model_file, "--actions", actions, "--noise", "--seed", 3, "--out", "bag")
+def test_a_search_on_topics_has_the_outcome_of_one_in_the_bag(session):
+    done = session.run("simulate", "--model", MODEL, "--actions", ACTIONS, "--noise", "--seed", 3, "--out", "bag")
     assert done.returncode == 0, done.stderr
     session.launch("null_sets:=19", file="find_effects.launch.xml", nodes={"effect_finder"})
-    bag, model_yaml = session.folder / "bag", model_file.read_text()
-    goal = FindEffects.Goal(bags=[str(bag)], model_yaml=model_yaml, seed=1)
-    of_bag, feedback = result_of(session.ros, FindEffects, "/effect_finder/find", goal)
+    bag, model_yaml = session.folder / "bag", MODEL.read_text()
+    wanted = FindEffects.Goal(bags=[str(bag)], model_yaml=model_yaml, seed=1)
+    goal = Goal(session.ros, FindEffects, "/effect_finder/find", wanted, seconds=120)
+    of_bag, told = goal.result(), goal.feedback
     assert of_bag.success and of_bag.verdict == "no_gap" and of_bag.model_yaml == model_yaml, of_bag.message
-    told = [message.feedback for message in feedback]
-    # The first one may be missed.
+    # The first conclusion may be sent before its reader is known.
     assert [f.conclusion for f in told if f.conclusion][-1:] == of_bag.message.split("\n")[-1:]
     assert [f.progress for f in told] == sorted(f.progress for f in told)
 
-    client = ActionClient(session.ros.node, FindEffects, "/effect_finder/find")
-    session.ros.wait_for(client.server_is_ready, 20, "the effect finder")
-    live = FindEffects.Goal(model_yaml=model_yaml, seed=1)
-    handle = session.ros.result(client.send_goal_async(live), 20, "an answer to the goal")
-    result = handle.get_result_async()
-    assert not session.ros.holds_within(result.done, 1), "there is no episode yet"
+    live = Goal(session.ros, FindEffects, "/effect_finder/find", FindEffects.Goal(model_yaml=model_yaml, seed=1), seconds=120)
+    assert not live.ends_within(1), "there is no episode yet"
     session.start("replay", bag)
-    of_topics = session.ros.result(result, 120, "the search on topics").result
+    of_topics = live.result()
     assert (of_topics.verdict, of_topics.message) == (of_bag.verdict, of_bag.message)
     assert list(of_topics.found) == list(of_bag.found) == []
 
 
-def test_a_search_in_the_graph_goes_on_after_a_cancel_and_is_judged_by_unseen_episodes(session):
-    model_file, actions = session.root / MODEL, session.root / "launch_configs/models/gallery.csv"
+def test_a_search_in_the_graph_goes_on_after_a_cancel_and_is_verified_on_unseen_episodes(session):
     for name, seed in (("fitted", 5), ("unseen", 6)):
-        arguments = ["--model", model_file, "--actions", actions, "--noise", "--effect", "tip_mass_kg=0.006", "--seed", seed, "--out", name]
-        done = session.run("simulate", *arguments)
+        hidden = ["--noise", "--effect", "tip_mass_kg=0.006", "--seed", seed]
+        done = session.run("simulate", "--model", MODEL, "--actions", ACTIONS, *hidden, "--out", name)
         assert done.returncode == 0, done.stderr
     session.launch("null_sets:=19", file="find_effects.launch.xml", nodes={"effect_finder"})
-    files = ["--bag", session.folder / "fitted", "--verify", session.folder / "unseen", "--model", model_file]
+    files = ["--bag", session.folder / "fitted", "--verify", session.folder / "unseen", "--model", MODEL]
     command = ["find-effects", "--node", *files, "--out", "found", "--json"]
 
     journals = lambda: list((session.folder / "catenary/effect_finder").glob("*.journal"))
@@ -59,7 +54,7 @@ def test_a_search_in_the_graph_goes_on_after_a_cancel_and_is_judged_by_unseen_ep
     assert re.search(r"goes on with \d+ answers", logs) and journals() == []
     said = json.loads(done.stdout)
     assert any("tip_mass_kg" in alike.split("|") for alike in said["found"]), said
-    assert any("on 1 unseen episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]
+    assert any("on 1 held-out episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]
     model = (session.folder / "found/model.yaml").read_text()
     assert "tip_mass_kg" in model
     told_apart = all("|" not in alike for alike in said["found"])

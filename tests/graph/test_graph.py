@@ -1,10 +1,8 @@
-"""The whole graph on a simulated cell, as real rclpy sees it: topics, parameters, services, an action, a recording."""
+"""The graph on a simulated cell, beside rclpy: topics, parameters, services, an episode and its recording."""
 
 import array
 import json
 import math
-import os
-import pathlib
 import signal
 import time
 
@@ -13,56 +11,57 @@ from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, MoveToStart, RunEpisode
 from catenary_msgs.msg import ArmState, EefDelta, EpisodeEvent, Keypoints, Mixture
 from catenary_msgs.srv import Simulate
-from contract import TOPICS
-from policy import BIAS, STEPS, policy_file
 from rcl_interfaces.msg import ParameterType
-from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ruamel.yaml import YAML
 from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
 from std_srvs.srv import SetBool
 
-# What the recorder takes by itself.
+from support.contract import TOPICS
+from support.policy import BIAS, STEPS, policy_file
+from support.program import MODEL
+from support.ros import Goal
+from support.rosidl import type_hashes
+from support.stamps import stamp_s
+
+# Topics that the recorder takes by default.
 CONTRACT = {t.name: t for t in TOPICS if t.name not in ("/clock", "/camera/camera/color/image_raw")}
+# Largest action of a step, `MAX_DELTA_M` of nodes/core.
 MAX_DELTA_M = 0.06
 
 
-def stamp_s(message):
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-
-
 def scaled(message):
-    """The keypoints in the image scaled to [-1, 1]."""
+    """Keypoints (u, v) in the image scaled to [-1, 1]."""
     half = message.image_width / 2, message.image_height / 2
     return [(u / half[0] - 1, v / half[1] - 1) for u, v in zip(message.dlo_u, message.dlo_v)]
 
 
-def test_keypoints_stream_at_thirty_hertz_and_more(graph):
+def test_keypoints_stream_at_thirty_hertz_or_more(graph):
     messages = graph.ros.listen(Keypoints, "/dlo/keypoints")
     graph.ros.wait_for(lambda: messages, 20, "keypoints")
     (publisher,) = graph.ros.node.get_publishers_info_by_topic("/dlo/keypoints")
     assert (publisher.node_name, publisher.topic_type) == ("keypoint_tracker", "catenary_msgs/msg/Keypoints")
 
     def rate_of_the_last_three_seconds():
-        newest = stamp_s(messages[-1])
-        recent = [m for m in messages if newest - stamp_s(m) <= 3]
-        return len(recent) / 3 if newest - stamp_s(messages[0]) >= 3 else 0
+        stamps = [stamp_s(m.header.stamp) for m in messages]
+        recent = [stamp for stamp in stamps if stamps[-1] - stamp <= 3]
+        return len(recent) / 3 if stamps[-1] - stamps[0] >= 3 else 0
 
     graph.ros.wait_for(lambda: rate_of_the_last_three_seconds() >= 30, 40, "keypoints at 30 Hz for 3 s")
-    stamps = [stamp_s(m) for m in messages]
+    stamps = [stamp_s(m.header.stamp) for m in messages]
     assert stamps == sorted(set(stamps)), "a stamp came twice or late"
     for message in messages:
         assert message.header.frame_id and message.target_seen
         assert all(-1 <= c <= 1 for point in scaled(message) for c in point)
         assert all(0 < score <= 1 for score in message.dlo_scores)
-    # The four points of a hanging bar follow one another downwards.
+    # The four points of a hanging bar spread over the height of the image.
     heights = [v for _, v in scaled(messages[-1])]
     assert max(heights) - min(heights) > 0.1
 
 
-def test_a_parameter_is_listed_read_set_and_guarded(graph):
+def test_a_parameter_is_listed_read_set_and_checked(graph):
     client = AsyncParameterClient(graph.ros.node, "policy_runner")
     graph.ros.wait_for(client.services_are_ready, 20, "the parameter services")
     listed = graph.ros.result(client.list_parameters(), 20, "the list of parameters").result.names
@@ -94,17 +93,19 @@ def test_the_arm_is_enabled_and_disabled(graph):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     graph.ros.node.create_subscription(ArmState, "/panda/arm_state", states.append, latched)
     for data, modes in ((True, (ArmState.MODE_TRACKING, ArmState.MODE_HOLD)), (False, (ArmState.MODE_IDLE,))):
+        is_in = lambda modes=modes: states and states[-1].mode in modes
         answer = graph.ros.call(SetBool, "/panda/enable", SetBool.Request(data=data))
         assert answer.success, answer.message
-        graph.ros.wait_for(lambda: states and states[-1].mode in modes, 20, f"a mode of {modes}")
+        graph.ros.wait_for(is_in, 20, f"a mode of {modes}")
         assert states[-1].is_sim
 
 
 def simulate(graph, **changes):
-    # Answers of more than 1.4 kB do not reach clients of Fast DDS: see README.
+    """Asks the pool for two bars on a short path; returns the frame times and the answer."""
+    # Few frames: RustDDS garbles answers of more than 64 kB to clients on Fast DDS (launch_configs/README.md).
     frames = [0.0, 1.0, 2.0]
     request = Simulate.Request(
-        model_yaml=(graph.root / "launch_configs/models/soft_bar.yaml").read_text(),
+        model_yaml=MODEL.read_text(),
         theta=[0.25, 2e3, 0.25, 4e4],
         drive=Simulate.Request.DRIVE_GRIP,
         frame_times=frames,
@@ -132,41 +133,29 @@ def test_two_bars_are_simulated_and_the_softer_one_hangs_lower(graph):
     assert again.tracks == answer.tracks, "the same request gave other bits"
 
 
-def test_a_request_that_makes_no_sense_is_answered_with_the_reason(graph):
+def test_an_invalid_request_is_answered_with_the_reason(graph):
     assert not (answer := simulate(graph, theta=[0.25])[1]).success
     assert "theta" in answer.message
     assert not (answer := simulate(graph, model_yaml="version: 1\nnam: x")[1]).success
     assert "nam" in answer.message and "line 2" in answer.message
 
 
-def run_action(graph, kind, name, goal):
-    """The result of a goal, and its feedback."""
-    client = ActionClient(graph.ros.node, kind, name)
-    graph.ros.wait_for(client.server_is_ready, 20, f"the server of {name}")
-    feedback = []
-    sent = client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
-    handle = graph.ros.result(sent, 20, "an answer to the goal")
-    assert handle.accepted
-    answer = graph.ros.result(handle.get_result_async(), 60, f"the end of {name}")
-    assert answer.status == GoalStatus.STATUS_SUCCEEDED, answer.result.message
-    return answer.result, feedback
-
-
 @pytest.fixture(scope="module")
 def episode(graph):
-    """An episode of the constant policy from the start pose, with its feedback, and the bag of it."""
+    """Result, feedback and bag of an episode of the constant policy from the start pose."""
     bag = graph.folder / "bag"
     recorder = graph.start("record", "--out", bag, "--json")
     graph.wait_for(bag.exists, 30, "the recorder's bag")
-    # The way to the start, and the rest there, are time for the recorder to be found by those whom it listens to.
-    moved, _ = run_action(graph, MoveToStart, "/panda/move_to_start", MoveToStart.Goal(settle_time=2.0))
+    # The publishers discover the recorder during the move to the start and the 2 s there.
+    moved = Goal(graph.ros, MoveToStart, "/panda/move_to_start", MoveToStart.Goal(settle_time=2.0)).result()
     assert moved.success and (moved.pose.position.x, moved.pose.position.z) == pytest.approx((0.40, 0.42), abs=0.005)
     policy = array.array("B", policy_file())
     goal = RunEpisode.Goal(policy=policy, policy_name="constant", seed=3, run_all_steps=True)
-    result, feedback = run_action(graph, RunEpisode, "/policy_runner/run_episode", goal)
+    run = Goal(graph.ros, RunEpisode, "/policy_runner/run_episode", goal, seconds=60)
+    result = run.result()
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait(20) == 0
-    return result, feedback, bag
+    return result, run.feedback, bag
 
 
 def test_an_episode_runs_to_its_end_with_feedback(episode):
@@ -174,7 +163,7 @@ def test_an_episode_runs_to_its_end_with_feedback(episode):
     assert result.success and result.end in ("step_limit", "success")
     assert len(result.rewards) == STEPS and all(-1 <= reward <= 1 for reward in result.rewards)
     assert result.episode_return == pytest.approx(sum(result.rewards))
-    # The first messages of a topic may be sent before its reader is known.
+    # The first feedback may be sent before its reader is known.
     steps = [f.step for f in feedback]
     assert steps == sorted(set(steps)) and steps[-1] == STEPS - 1 and len(steps) >= STEPS - 2
     assert [result.rewards[f.step] for f in feedback] == [f.reward for f in feedback]
@@ -206,26 +195,18 @@ def test_the_recording_holds_the_contract_and_the_episode(episode):
     moved = targets[-1].pose.position.x - targets[0].pose.position.x
     assert moved == pytest.approx((STEPS - 1) * MAX_DELTA_M * BIAS[0], abs=1e-6)
 
-    # How many of the streams came is the machine's affair; that they went on to the end is not.
-    span = stamp_s(ended) - stamp_s(started)
+    # The rates depend on the machine, so a quarter of the nominal one is enough. The streams have to last to the end.
+    start_s, end_s = stamp_s(started.header.stamp), stamp_s(ended.header.stamp)
+    span = end_s - start_s
     assert span == pytest.approx(STEPS * 0.5, abs=1.5)
     for topic, least_hz in (("/dlo/keypoints", 15), ("/dlo/mask", 15), ("/panda/current_pose", 50), ("/panda/arm_state", 12)):
-        during = [m for m in topics[topic] if stamp_s(started) <= stamp_s(m) <= stamp_s(ended)]
+        during = [at_s for m in topics[topic] if start_s <= (at_s := stamp_s(m.header.stamp)) <= end_s]
         assert len(during) > least_hz * span, topic
-        assert stamp_s(during[-1]) > stamp_s(ended) - 1, topic
-
-
-def rosidl_hashes():
-    """Type name to hash, as rosidl installed them."""
-    found = {}
-    for prefix in os.environ["AMENT_PREFIX_PATH"].split(":"):
-        for path in pathlib.Path(prefix, "share").glob("*/msg/*.json"):
-            found |= {row["type_name"]: row["hash_string"] for row in json.loads(path.read_text())["type_hashes"]}
-    return found
+        assert during[-1] > end_s - 1, topic
 
 
 def test_the_recording_states_qos_and_hashes(graph, episode):
-    bag, hashes = episode[2], rosidl_hashes()
+    bag, hashes = episode[2], type_hashes("*/msg/*.json")
     document = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     rows = {row["topic_metadata"]["name"]: row["topic_metadata"] for row in document["topics_with_message_count"]}
     assert set(rows) == set(CONTRACT)
@@ -239,29 +220,28 @@ def test_the_recording_states_qos_and_hashes(graph, episode):
 
 
 def test_the_recording_can_be_inferred_from(graph, episode):
-    model = graph.root / "launch_configs/models/soft_bar.yaml"
     sizes = ("--iterations", 1, "--simulations", 40, "--out", graph.folder / "inferred", "--json")
-    done = graph.run("infer", "--bag", episode[2], "--model", model, *sizes)
+    done = graph.run("infer", "--bag", episode[2], "--model", MODEL, *sizes)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert {m["name"] for m in report["marginals"]} == {"length_m", "youngs_modulus_pa"}
     assert report["duration_s"] == pytest.approx(STEPS * 0.5, abs=0.5)
 
 
-def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episode):
-    model = graph.root / "launch_configs/models/soft_bar.yaml"
+def test_the_result_of_an_inference_is_latched_on_the_topic_of_the_posterior(graph, episode):
     goal = Infer.Goal(
         source=Infer.Goal.SOURCE_BAG,
         bags=[str(episode[2])],
-        model_yaml=model.read_text(),
+        model_yaml=MODEL.read_text(),
         iterations=2,
         simulations=40,
         drive=Simulate.Request.DRIVE_GRIP,
         seed=5,
     )
-    result, feedback = run_action(graph, Infer, "/bayes_sim/infer", goal)
+    run = Goal(graph.ros, Infer, "/bayes_sim/infer", goal, seconds=60)
+    result = run.result()
     assert result.success and result.simulations == 80 and len(result.losses) == 2
-    assert feedback and feedback[-1].iterations == 2
+    assert run.feedback and run.feedback[-1].iterations == 2
     components = len(result.posterior.weights)
     assert sum(result.posterior.weights) == pytest.approx(1) and len(result.posterior.covariances) == 4 * components
     late, profile = [], QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -270,24 +250,21 @@ def test_the_posterior_is_the_actions_result_and_stays_on_its_topic(graph, episo
     assert late[0] == result.posterior
 
 
-# Of the default preset the first round is simulated, then networks learn; a step of the paper's is a long one.
+# After 0.4 s the first round is being simulated, after 4 s the networks learn. A training step of the paper's preset is long.
 @pytest.mark.parametrize(("preset", "after_s"), [("default", 0.4), ("default", 4), ("paper", 8)])
 def test_an_inference_is_cancelled_at_once(graph, episode, preset, after_s):
-    model = (graph.root / "launch_configs/models/soft_bar.yaml").read_text()
-    # More iterations than it makes by then, and a seed of its own: no state of another inference is its own.
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(episode[2])], model_yaml=model, preset=preset, drive=Simulate.Request.DRIVE_GRIP)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(episode[2])], model_yaml=MODEL.read_text(), preset=preset)
+    goal.drive = Simulate.Request.DRIVE_GRIP
+    # More iterations than fit into the time, and a seed of its own, so that no kept state of another inference is resumed.
     goal.iterations, goal.seed = 200, int(100 + 10 * after_s)
-    client = ActionClient(graph.ros.node, Infer, "/bayes_sim/infer")
-    graph.ros.wait_for(client.server_is_ready, 20, "the inference")
-    handle = graph.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
-    answer = handle.get_result_async()
-    assert graph.ros.holds_within(answer.done, after_s) is not True, "it ended by itself"
+    run = Goal(graph.ros, Infer, "/bayes_sim/infer", goal)
+    assert not run.ends_within(after_s), "it ended by itself"
     asked = time.monotonic()
-    graph.ros.result(handle.cancel_goal_async(), 20, "an answer to the cancel")
-    assert graph.ros.result(answer, 20, "the end").status == GoalStatus.STATUS_CANCELED
+    run.cancel()
+    run.result(GoalStatus.STATUS_CANCELED)
     took_s = time.monotonic() - asked
     print(f"{preset}, cancelled after {after_s} s: over after {took_s:.2f} s")
-    # A second is meant, on a machine that does nothing else.
+    # Within 1 s on an idle machine; the rest is for a busy one.
     assert took_s < 3
 
 

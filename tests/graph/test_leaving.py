@@ -1,22 +1,23 @@
-"""How nodes leave the graph: at once, however they end, so that nobody meets a ghost."""
+"""Nodes leave the graph as soon as they end, whatever ends them, so that nobody meets endpoints of a dead node."""
 
 import os
 import signal
 
 import pytest
-from conftest import ROOT
-from policy import policy_file
 from std_srvs.srv import SetBool
 
-MODEL = ("-p", f"model_file:={ROOT}/launch_configs/models/soft_bar.yaml")
+from support.policy import policy_file
+from support.program import MODEL
 
-# Every node of ours, with the parameters that it does not start without.
+MODEL_FILE = ("-p", f"model_file:={MODEL}")
+
+# Every node with the parameters that it needs to start.
 NODES = {
-    "simulated_cell": MODEL,
+    "simulated_cell": MODEL_FILE,
     "camera": (),
     "keypoint_tracker": (),
     "panda_bridge": (),
-    "policy_runner": MODEL,
+    "policy_runner": MODEL_FILE,
     "simulator_pool": (),
     "bayes_sim": (),
     "effect_finder": (),
@@ -40,7 +41,7 @@ def test_every_node_leaves_the_graph_as_it_ends(session, ending):
     assert set(codes.values()) == {0}, codes
 
 
-def test_a_command_leaves_the_graph_as_it_is_interrupted(session):
+def test_an_interrupted_command_leaves_the_graph(session):
     (session.folder / "policy").write_bytes(policy_file())
     deploy = session.start("deploy", "--policy", "policy")
     ros = session.meet("deploy")
@@ -53,13 +54,13 @@ def enable(ros):
     return ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))
 
 
-def test_what_is_started_anew_meets_no_ghost(session):
+def test_a_restarted_node_or_launch_meets_no_dead_one(session):
     nodes = {"simulated_cell", "camera", "keypoint_tracker", "policy_runner"}
     launch = session.launch("learning:=false", nodes=nodes)
     ros, first = session.ros, session.pid_of("policy_runner")
     os.kill(first, signal.SIGINT)
     session.wait_for(lambda: session.pid_of("policy_runner") not in (None, first), 10, "a new runner")
-    one = lambda: len(ros.node.get_publishers_info_by_topic("/panda/target_pose")) == 1  # noqa: E731
+    one = lambda: len(ros.node.get_publishers_info_by_topic("/panda/target_pose")) == 1
     assert ros.holds_within(one, 5), "the runner that ended still commands"
     answer = enable(ros)
     assert answer.success, answer.message

@@ -1,24 +1,26 @@
-"""Batches of simulations over several hosts: network namespaces on a bridge with the MTU of Ethernet.
+"""Batches of simulations over several hosts, which are network namespaces on a bridge with the MTU of Ethernet.
 
-Whatever joins, falls silent or comes back, the posterior is that of one host, to the bit.
+The posterior is equal to the posterior of one host, to the bit, although hosts join, fall silent and come back.
 """
 
 import sys
 import time
 
-import network
 import pytest
-from laboratory import Laboratory, outcome
+
+from support import network
+from support.laboratory import Laboratory, outcome
 
 REASON = network.why_not()
 pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
+# Batches that take long enough to cut a host off while they are simulated.
 LONG = {"iterations": 2, "simulations": 600}
 
 
 @pytest.fixture(scope="module")
 def laboratory(session_of_module):
-    """Three hosts with pools, beside that of the inference."""
+    """Three hosts with pools, beside the host of the inference."""
     laboratory = Laboratory(session_of_module, 3)
     try:
         for host in (1, 2, 3):
@@ -30,11 +32,12 @@ def laboratory(session_of_module):
 
 @pytest.fixture(scope="module")
 def one_host(laboratory):
-    """What a single pool on another host gives: a short inference and a long one."""
+    """Outcomes of a short and of a long inference with a single pool on another host."""
     laboratory.bayes("/host1")
     before = laboratory.hosts.received(0)
     short = laboratory.infer()
     assert short["success"] and short["simulations"] == 200, short["message"]
+    # 299 episodes: 200 simulations and 99 predictions of the posterior, each a track of more than 17 x 17 numbers of 8 bytes.
     assert laboratory.hosts.received(0) - before > 299 * 17 * 17 * 8, "the tracks did not come over the network"
     assert laboratory.shares() == {1: (299, 0)}
     return outcome(short), outcome(laboratory.infer(**LONG))
@@ -50,7 +53,7 @@ def test_more_hosts_give_the_bits_of_one_and_share_the_work(laboratory, one_host
     assert all(episodes > 299 / 3 / len(shares) for episodes, _ in shares.values()), shares
 
 
-def test_a_host_that_is_cut_off_is_noticed_its_work_done_elsewhere_and_it_may_come_back(laboratory, one_host):
+def test_the_work_of_a_host_that_is_cut_off_is_done_elsewhere_and_the_host_may_come_back(laboratory, one_host):
     laboratory.bayes("/host1,/host2")
     child = laboratory.ask(**LONG)
     cut_s = laboratory.cut_at_work(2)
@@ -65,7 +68,7 @@ def test_a_host_that_is_cut_off_is_noticed_its_work_done_elsewhere_and_it_may_co
     assert sum(episodes for episodes, _ in shares.values()) == 1299, "an episode was lost or counted twice"
     assert shares[2][1] > 0, "no episode was done again"
     assert noticed_s - cut_s < 15
-    # A fast machine may be done with this batch before the pause of a pool that was silent is over.
+    # A fast machine may end this batch before the pool that was silent gets work again; then the next batches show it.
     for _ in range(5):
         if laboratory.asked(2, after_s=mended_s) > 0:
             return
@@ -73,7 +76,7 @@ def test_a_host_that_is_cut_off_is_noticed_its_work_done_elsewhere_and_it_may_co
     raise AssertionError("the host came back and got no work")
 
 
-def test_a_host_that_comes_in_the_middle_gets_work_at_once(laboratory, one_host):
+def test_a_host_that_joins_during_a_batch_gets_work_at_once(laboratory, one_host):
     laboratory.hosts.cut(3)
     laboratory.bayes("/host1,/host3")
     child = laboratory.ask(**LONG)
@@ -84,15 +87,15 @@ def test_a_host_that_comes_in_the_middle_gets_work_at_once(laboratory, one_host)
         assert outcome(laboratory.answer(child)) == one_host[1]
         if laboratory.asked(3, after_s=mended_s) > 0:
             break
-        # A fast machine may be done before the host is heard of.
+        # A fast machine may end the inference before it discovers the host; then the next one shows it.
         child = laboratory.ask(**LONG)
     assert laboratory.asked(3, after_s=mended_s) > 0 and laboratory.shares()[3][0] > 0
     assert laboratory.asked(2) == 0, "a pool that no pattern names was asked"
 
 
-def test_a_pool_of_another_program_is_left_out_and_said(laboratory, one_host):
+def test_a_pool_of_another_version_is_left_out_with_an_error(laboratory, one_host):
     session = laboratory.session
-    script = session.root / "tests/hosts/other_pool.py"
+    script = session.root / "tests/support/other_pool.py"
     command = (sys.executable, script, session.environment["ROS_DOMAIN_ID"], "/host2/other_pool/simulate", "0.0.0")
     other = session.start_script(*laboratory.hosts.on(2, *command), name="other_pool")
     try:
@@ -105,14 +108,14 @@ def test_a_pool_of_another_program_is_left_out_and_said(laboratory, one_host):
         other.kill()
 
 
-def test_where_no_pool_is_found_the_inference_says_so(laboratory):
+def test_an_inference_that_finds_no_pool_says_so(laboratory):
     laboratory.bayes("/nowhere", patience_s=2.0)
     answer = laboratory.infer()
     assert not answer["success"]
     assert "no pool has been at work for 2 s, 0 in the graph" in answer["message"]
 
 
-def test_without_multicast_hosts_meet_in_a_tunnel(tmp_path, session, one_host):
+def test_without_multicast_hosts_meet_in_a_tunnel(session, one_host):
     laboratory = Laboratory(session, 1, multicast=False, tunnel=True)
     try:
         laboratory.pool(1)

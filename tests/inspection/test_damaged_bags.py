@@ -1,7 +1,7 @@
-"""catenary-inspect on bags that are damaged, unfinished, compressed or of another kind: what can be had, and what is missing."""
+"""catenary-inspect on damaged, unfinished, compressed and foreign bags: it shows the readable messages and names the missing ones."""
 
+import gc
 import io
-import pathlib
 import random
 import shutil
 import sqlite3
@@ -9,57 +9,45 @@ import sqlite3
 import pytest
 from catenary_inspect.main import main
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer as McapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from test_inspected_bags import figures, refused  # noqa: F401  fixtures
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-SWING = pathlib.Path(__file__).resolve().parents[2] / "bags/swing"
+from support.bags import copied
+from support.program import BAG
+
+# Messages of the sample bag on /dlo/keypoints and on all topics.
 FRAMES, MESSAGES = 83, 543
 
 
 def copy(folder, name="bag"):
-    """The sample bag anew, and its file."""
-    shutil.copytree(SWING, folder / name)
+    """Copies the sample bag; returns its folder and its file."""
+    shutil.copytree(BAG, folder / name)
     return folder / name, folder / name / "swing_0.mcap"
 
 
 def chunks(file):
-    """Where the chunks of a finished file begin and end."""
+    """Offsets of the begin and the end of each chunk of a finished file."""
     with open(file, "rb") as stream:
         return [(c.chunk_start_offset, c.chunk_start_offset + c.chunk_length) for c in make_reader(stream).get_summary().chunk_indexes]
 
 
 def spoil(file, place):
+    """Inverts the byte of a file at an offset."""
     content = bytearray(file.read_bytes())
     content[place] ^= 0xFF
     file.write_bytes(content)
 
 
-def rewritten(bag, plugin, mode=None):
-    """The sample bag as rosbags writes it."""
-    with Reader(SWING) as reader:
-        writer = Writer(bag, version=9, storage_plugin=plugin)
-        if mode:
-            writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            of = {}
-            for c in reader.connections:
-                known = {"msgdef": c.msgdef.data, "rihs01": c.digest, "offered_qos_profiles": c.ext.offered_qos_profiles}
-                of[c.id] = writer.add_connection(c.topic, c.msgtype, **known)
-            for connection, time_ns, data in reader.messages():
-                writer.write(of[connection.id], time_ns, data)
-    return bag
-
-
 def test_the_sample_bag_misses_nothing(figures):
-    said = figures("keypoints", "--bag", SWING)
+    said = figures("keypoints", "--bag", BAG)
     assert said["frames"] == FRAMES and said["notes"] == []
-    assert figures("graph", "--bag", SWING) == figures("graph", "--bag", SWING / "swing_0.mcap")
+    assert figures("graph", "--bag", BAG) == figures("graph", "--bag", BAG / "swing_0.mcap")
 
 
 @pytest.mark.parametrize("chunk", [0, 2])
 def test_a_damaged_chunk_costs_its_own_messages_alone(figures, tmp_path, chunk):
-    """The definitions of all later messages stand in the first one."""
+    """Chunk 0 matters most, because it holds the definitions of all later messages."""
     bag, file = copy(tmp_path)
     begin, end = chunks(file)[chunk]
     spoil(file, (begin + end) // 2)
@@ -72,9 +60,10 @@ def test_a_damaged_chunk_costs_its_own_messages_alone(figures, tmp_path, chunk):
     assert 0 < figures("keypoints", "--bag", bag)["frames"] < FRAMES
 
 
-def test_reading_goes_on_behind_a_record_of_wrong_length(figures, tmp_path):
+def test_reading_goes_on_after_a_record_of_wrong_length(figures, tmp_path):
     _, file = copy(tmp_path)
-    begin, end = chunks(file)[1]
+    begin, _ = chunks(file)[1]
+    # A byte of the chunk's length.
     spoil(file, begin + 5)
     said = figures("graph", "--bag", file)
     left = sum(row["count"] for row in said["topics"])
@@ -84,9 +73,9 @@ def test_reading_goes_on_behind_a_record_of_wrong_length(figures, tmp_path):
 
 
 def test_a_changed_byte_in_an_uncompressed_chunk_is_noticed(figures, tmp_path):
-    """No decoder would."""
+    """The checksum of the chunk shows it, which decoders of messages do not."""
     stream = io.BytesIO()
-    with open(SWING / "swing_0.mcap", "rb") as source:
+    with open(BAG / "swing_0.mcap", "rb") as source:
         writer, schemas, channels = McapWriter(stream, chunk_size=8_000, compression=CompressionType.NONE), {}, {}
         writer.start("ros2")
         for schema, channel, message in make_reader(source).iter_messages():
@@ -97,14 +86,14 @@ def test_a_changed_byte_in_an_uncompressed_chunk_is_noticed(figures, tmp_path):
         writer.finish()
     file = tmp_path / "plain.mcap"
     file.write_bytes(stream.getvalue())
-    assert figures("keypoints", "--bag", file) == figures("keypoints", "--bag", SWING / "swing_0.mcap")
-    begin, end = chunks(file)[3]
+    assert figures("keypoints", "--bag", file) == figures("keypoints", "--bag", BAG / "swing_0.mcap")
+    _, end = chunks(file)[3]
     spoil(file, end - 20)
     said = figures("graph", "--bag", file)
     assert 0 < sum(row["count"] for row in said["topics"]) < MESSAGES and "chunk" in said["notes"][0]
 
 
-def test_the_folder_of_a_killed_recorder_gives_what_is_in_it(figures, tmp_path, capsys):
+def test_the_folder_of_a_killed_recorder_gives_its_messages(figures, tmp_path, capsys):
     bag, file = copy(tmp_path, "killed")
     begin, end = chunks(file)[3]
     file.write_bytes(file.read_bytes()[: (begin + end) // 2])
@@ -117,14 +106,14 @@ def test_the_folder_of_a_killed_recorder_gives_what_is_in_it(figures, tmp_path, 
     assert str(file) in cut and "not finished" in cut
     assert f"`catenary reindex {bag}`" in hint
     assert listed["notes"] == [cut, hint]
-    # Words for people go where the table does not.
+    # Notes go to stderr, so that stdout holds the table alone.
     assert main(["keypoints", "--bag", str(bag)]) == 0
     shown = capsys.readouterr()
     assert f"catenary-inspect: {hint}" in shown.err.splitlines() and "reindex" not in shown.out
     assert figures("keypoints", "--bag", file)["notes"] == [cut, f"`catenary reindex {file}` finishes it"]
 
 
-def test_space_that_a_recorder_reserved_is_no_message(figures, tmp_path):
+def test_reserved_space_at_the_end_of_a_file_is_no_message(figures, tmp_path):
     _, file = copy(tmp_path)
     begin, _ = chunks(file)[3]
     file.write_bytes(file.read_bytes()[:begin] + bytes(100_000))
@@ -135,15 +124,15 @@ def test_space_that_a_recorder_reserved_is_no_message(figures, tmp_path):
     assert figures("graph", "--bag", file)["notes"][0] == f"{file}: not finished: {left} messages were found"
 
 
-def test_a_file_without_its_summary_is_told_of_and_loses_nothing(figures, tmp_path):
-    """Other readers cannot do without."""
+def test_a_file_without_its_summary_is_named_and_loses_nothing(figures, tmp_path):
+    """Readers that seek need the summary."""
     _, file = copy(tmp_path)
     file.write_bytes(file.read_bytes()[:-40])
     note, hint = figures("graph", "--bag", file)["notes"]
     assert note == f"{file}: it has no summary: {MESSAGES} messages were found" and "catenary reindex" in hint
 
 
-def test_files_that_metadata_yaml_knows_otherwise_are_told_of(figures, refused, tmp_path):
+def test_differences_between_metadata_yaml_and_the_files_are_named(figures, refused, tmp_path):
     bag, file = copy(tmp_path)
     metadata = bag / "metadata.yaml"
     file.rename(bag / "swing_7.mcap")
@@ -161,31 +150,32 @@ def test_files_that_metadata_yaml_knows_otherwise_are_told_of(figures, refused, 
 
 @pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE, CompressionMode.STORAGE])
 def test_compressed_bags_are_read_as_folders_and_as_files(figures, tmp_path, mode):
-    bag = rewritten(tmp_path / "bag", StoragePlugin.MCAP, mode)
+    bag = copied(tmp_path / "bag", mode=mode)
     (file,) = (path for path in bag.iterdir() if path.name != "metadata.yaml")
-    expected = figures("keypoints", "--bag", SWING)
+    expected = figures("keypoints", "--bag", BAG)
     for given in (bag, file):
         assert figures("keypoints", "--bag", given) == expected
-    assert figures("graph", "--bag", file) == figures("graph", "--bag", SWING)
+    assert figures("graph", "--bag", file) == figures("graph", "--bag", BAG)
 
 
 @pytest.mark.parametrize("mode", [None, CompressionMode.MESSAGE])
 def test_databases_are_read_as_folders_and_as_files(figures, tmp_path, mode):
-    bag = rewritten(tmp_path / "bag", StoragePlugin.SQLITE3, mode)
+    bag = copied(tmp_path / "bag", plugin=StoragePlugin.SQLITE3, mode=mode)
     for given in (bag, bag / "bag.db3"):
-        assert figures("keypoints", "--bag", given) == figures("keypoints", "--bag", SWING)
+        assert figures("keypoints", "--bag", given) == figures("keypoints", "--bag", BAG)
     (bag / "metadata.yaml").unlink()
     missing, hint = figures("keypoints", "--bag", bag)["notes"]
     assert "metadata.yaml" in missing and f"`ros2 bag reindex {bag}`" in hint
 
 
-def test_a_damaged_database_gives_what_can_be_had(figures, refused, tmp_path):
-    file = rewritten(tmp_path / "bag", StoragePlugin.SQLITE3) / "bag.db3"
+def test_a_damaged_database_gives_its_readable_messages(figures, refused, tmp_path):
+    file = copied(tmp_path / "bag", plugin=StoragePlugin.SQLITE3) / "bag.db3"
     content = file.read_bytes()
     file.write_bytes(content[: len(content) // 2])
     said = figures("graph", "--bag", file)
     left = sum(row["count"] for row in said["topics"])
-    assert 0 < left < MESSAGES and any(str(file) in note and f"damaged: {left} messages were found" in note for note in said["notes"])
+    assert 0 < left < MESSAGES
+    assert any(str(file) in note and f"damaged: {left} messages were found" in note for note in said["notes"])
     file.write_bytes(content[:600])
     refused("keypoints", "--bag", file, says=(str(file), "expected messages, found none", "damaged"))
     with sqlite3.connect(tmp_path / "other.db3") as other:
@@ -193,7 +183,7 @@ def test_a_damaged_database_gives_what_can_be_had(figures, refused, tmp_path):
     refused("keypoints", "--bag", tmp_path / "other.db3", says=("other.db3", "messages"))
 
 
-def test_messages_that_cannot_be_made_are_counted_and_named(figures, tmp_path, capsys):
+def test_messages_that_cannot_be_decoded_are_counted_and_named(figures, tmp_path, capsys):
     stream = io.BytesIO()
     writer = McapWriter(stream)
     writer.start("ros2")
@@ -212,9 +202,12 @@ def test_messages_that_cannot_be_made_are_counted_and_named(figures, tmp_path, c
 
 @pytest.mark.parametrize("command", ["graph", "keypoints", "episode"])
 def test_no_damage_ends_in_a_traceback(tmp_path, capsys, command):
-    """Cut off, a byte changed, or a stretch of zeros, anywhere in the file."""
+    """Damages the file 36 times: cut off, one byte changed, or 64 bytes set to zero, anywhere."""
     bag, file = copy(tmp_path)
     content, rng, codes = file.read_bytes(), random.Random(5), []
+    # Finalisers of objects of earlier tests may print, and this test checks every line on stderr.
+    gc.collect()
+    capsys.readouterr()
     for number in range(36):
         spoiled, place = bytearray(content), rng.randrange(len(content))
         if number % 3 == 0:

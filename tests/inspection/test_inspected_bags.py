@@ -1,63 +1,29 @@
-"""catenary-inspect on a bag that `catenary simulate` makes, and on what is no bag."""
+"""catenary-inspect on a bag that `catenary simulate` makes, and on files that are no bags."""
 
 import json
 import math
-import os
-import pathlib
-import subprocess
 
 import numpy
 import pytest
 from catenary_inspect.main import main
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
-MODEL = ROOT / "launch_configs/models/dlo_0.yaml"
+from support.bags import copied
+from support.pictures import is_picture
+from support.program import MODEL, MODELS
+
 ACTIONS = ((0.05, -0.05), (0.04, -0.06), (0.0, 0.03), (-0.06, 0.06))
+# About the camera noise of dlo_0.yaml.
 NOISE_PX = 0.8
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory):
+def bag(program, tmp_path_factory):
+    """Bag of a simulated episode with ACTIONS and camera noise."""
     folder = tmp_path_factory.mktemp("bags")
     (folder / "actions.csv").write_text("dx_m,dz_m\n" + "".join(f"{dx},{dz}\n" for dx, dz in ACTIONS))
-    command = [PROGRAM, "simulate", "--model", MODEL, "--actions", "actions.csv", "--noise", "--out", "bag", "--fidelity", "fast"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=60)
+    files = ("--model", MODELS / "dlo_0.yaml", "--actions", "actions.csv", "--out", "bag")
+    program.text("simulate", *files, "--noise", "--fidelity", "fast", folder=folder)
     return folder / "bag"
-
-
-@pytest.fixture
-def figures(capsys):
-    """What a command prints as JSON."""
-
-    def run(*arguments):
-        assert main([*map(str, arguments), "--json"]) == 0, capsys.readouterr().err
-        return json.loads(capsys.readouterr().out)
-
-    return run
-
-
-@pytest.fixture
-def refused(capsys):
-    """Runs a command that has to end with one line that holds all of `says`."""
-
-    def run(*arguments, says):
-        assert main(list(map(str, arguments))) == 1
-        said = capsys.readouterr()
-        assert said.out == "" and said.err.startswith("catenary-inspect: ") and said.err.count("\n") == 1
-        for part in says:
-            assert part in said.err, said.err
-
-    return run
-
-
-def is_picture(path):
-    """A PNG with more than one colour in it."""
-    from matplotlib.image import imread
-
-    pixels = imread(path)
-    return min(pixels.shape[:2]) > 300 and pixels[..., :3].std() > 0.02
 
 
 def test_an_episode_is_told_step_by_step(bag, figures):
@@ -66,7 +32,7 @@ def test_an_episode_is_told_step_by_step(bag, figures):
     assert (episode["policy"], episode["actions"], episode["end"], episode["duration_s"]) == ("actions", len(ACTIONS), "complete", 2.0)
     for row, (dx, dz) in zip(said["steps"], ACTIONS, strict=True):
         assert (row["dx_mm"], row["dz_mm"]) == pytest.approx((1e3 * dx, 1e3 * dz))
-        # The arm lags, and is nearly there at the end of a step.
+        # The arm follows its target with a lag and has nearly reached it at the end of a step.
         assert math.hypot(row["target_x_m"] - row["reached_x_m"], row["target_z_m"] - row["reached_z_m"]) < 0.01
     targets = [row["target_x_m"] for row in said["steps"]]
     assert numpy.diff([0.40, *targets]) == pytest.approx([dx for dx, _ in ACTIONS])
@@ -88,17 +54,15 @@ def test_latencies_of_a_simulated_bag_are_none_and_its_periods_even(bag, figures
     assert rows["/panda/current_pose"]["period"] == pytest.approx({"p50_ms": 5, "p99_ms": 5, "max_ms": 5}, rel=1e-3)
 
 
-def test_what_came_late_is_seen(bag, figures, tmp_path):
-    """The same bag, logged 30 ms later, and every tenth keypoint 200 ms later."""
-    with Reader(bag) as reader, Writer(tmp_path / "late", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        of = {}
-        for c in reader.connections:
-            known = {"msgdef": c.msgdef.data, "rihs01": c.digest, "offered_qos_profiles": c.ext.offered_qos_profiles}
-            of[c.id] = writer.add_connection(c.topic, c.msgtype, **known)
-        for number, (connection, time_ns, data) in enumerate(reader.messages()):
-            late = connection.topic == "/dlo/keypoints" and number % 10 == 0
-            writer.write(of[connection.id], time_ns + (200 if late else 30) * 10**6, data)
-    rows = {row["topic"]: row["age"] for row in figures("latency", "--bag", tmp_path / "late")["topics"]}
+def test_late_messages_show_in_the_ages(bag, figures, tmp_path):
+    """Logs the bag's messages 30 ms later, and about every tenth message of keypoints 200 ms later."""
+
+    def later(connection, number, time_ns):
+        is_late = connection.topic == "/dlo/keypoints" and number % 10 == 0
+        return time_ns + (200 if is_late else 30) * 10**6
+
+    late = copied(tmp_path / "late", bag, time_of=later)
+    rows = {row["topic"]: row["age"] for row in figures("latency", "--bag", late)["topics"]}
     assert rows["/panda/current_pose"] == pytest.approx({"p50_ms": 30, "p99_ms": 30, "max_ms": 30})
     assert rows["/dlo/keypoints"]["p50_ms"] == pytest.approx(30) and rows["/dlo/keypoints"]["max_ms"] == pytest.approx(200)
 
@@ -111,7 +75,7 @@ def test_topics_of_a_bag_are_listed_with_rate_and_profile(bag, figures):
 
 
 @pytest.mark.parametrize("command", ["graph", "episode", "keypoints", "latency"])
-def test_there_is_a_table_and_a_picture(bag, tmp_path, capsys, command):
+def test_every_report_has_a_table_and_a_picture(bag, tmp_path, capsys, command):
     picture = tmp_path / "made/picture.png"
     assert main([command, "--bag", str(bag), "--out", str(picture)]) == 0
     said = capsys.readouterr()
@@ -125,17 +89,16 @@ OTHERS = ("normal: {mean: 0.26, sd: 0.02, low: 0.2, high: 0.3}", f"mixture: {HAL
 
 
 @pytest.mark.parametrize("priors", [SHIPPED, OTHERS], ids=["uniform", "gaussian and mixture"])
-def test_the_posterior_of_a_file_is_that_of_the_report(bag, figures, tmp_path, priors):
-    text = (ROOT / "launch_configs/models/soft_bar.yaml").read_text()
+def test_the_posterior_of_a_file_agrees_with_the_inference(program, bag, figures, tmp_path, priors):
+    text = MODEL.read_text()
     for shipped, other in zip(SHIPPED, priors):
         assert shipped in text
         text = text.replace(shipped, other)
     model = tmp_path / "model.yaml"
     model.write_text(text)
-    sizes = ["--iterations", "1", "--simulations", "60", "--out", tmp_path / "out", "--json"]
-    command = [PROGRAM, "infer", "--bag", bag, "--model", model, *sizes]
-    done = subprocess.run(command, capture_output=True, timeout=60)
-    # A posterior of 60 simulations is rough, and may fit nothing of the recording: 3.
+    sizes = ("--iterations", 1, "--simulations", 60, "--out", tmp_path / "out", "--json")
+    done = program("infer", "--bag", bag, "--model", model, *sizes)
+    # Exit code 3: a posterior of 60 simulations is rough and may not fit the recording.
     assert done.returncode in (0, 3), done.stderr
     theirs = {m["name"]: m for m in json.loads(done.stdout)["marginals"]}
     said = figures("posterior", "--file", tmp_path / "out/posterior.json", "--out", tmp_path / "posterior.png")

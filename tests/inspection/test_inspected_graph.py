@@ -7,45 +7,35 @@ import subprocess
 import pytest
 from catenary_inspect.main import main
 from catenary_msgs.action import Infer, RunEpisode
-from contract import NODES, TOPICS
-from policy import BIAS, policy_file
-from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from test_inspected_bags import is_picture
+
+from support.contract import NODES, TOPICS
+from support.pictures import is_picture
+from support.policy import BIAS, policy_file
+from support.program import BAG, MODEL
+from support.ros import Goal
 
 STEPS = 3
 STREAMS = {row.name: row for row in TOPICS if row.hz}
 
 
 @pytest.fixture
-def figures(graph, monkeypatch, capsys):
-    """Figures of a command that runs in the graph's domain."""
+def figures(graph, monkeypatch, figures):
+    """Runs a command in the graph's domain; returns the document that it prints."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain))
-
-    def run(*arguments):
-        assert main([*map(str, arguments), "--json"]) == 0, capsys.readouterr().err
-        return json.loads(capsys.readouterr().out)
-
-    return run
+    return figures
 
 
-def start(graph, kind, name, goal):
-    client = ActionClient(graph.ros.node, kind, name)
-    graph.ros.wait_for(client.server_is_ready, 20, f"the server of {name}")
-    handle = graph.ros.result(client.send_goal_async(goal), 20, "an answer to the goal")
-    assert handle.accepted
-    return handle.get_result_async()
-
-
-def test_an_episode_that_runs_is_followed_to_its_end(graph, tmp_path):
+def test_a_running_episode_is_followed_to_its_end(graph, tmp_path):
     picture = tmp_path / "episode.png"
     environment = graph.environment | {"ROS_DOMAIN_ID": str(graph.domain)}
     command = ["catenary-inspect", "episode", "--json", "--out", picture, "--seconds", "60"]
     listener = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     graph.ros.wait_for(lambda: "catenary_inspect" in graph.ros.node.get_node_names(), 20, "the listener")
-    graph.ros.holds_within(lambda: False, 2)
+    # The listener subscribes to topics as it discovers their publishers.
+    graph.ros.spin(2)
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", run_all_steps=True, max_steps=STEPS)
-    result = graph.ros.result(start(graph, RunEpisode, "/policy_runner/run_episode", goal), 30, "the episode").result
+    result = Goal(graph.ros, RunEpisode, "/policy_runner/run_episode", goal).result()
     out, err = listener.communicate(timeout=30)
     assert listener.returncode == 0, err
     said = json.loads(out)
@@ -57,16 +47,16 @@ def test_an_episode_that_runs_is_followed_to_its_end(graph, tmp_path):
 
 
 def test_the_latched_posterior_is_read(graph, figures, tmp_path):
-    model = (graph.root / "launch_configs/models/soft_bar.yaml").read_text()
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(graph.root / "bags/swing")], model_yaml=model, iterations=1, simulations=30)
-    result = graph.ros.result(start(graph, Infer, "/bayes_sim/infer", goal), 60, "the posterior").result
+    sizes = {"iterations": 1, "simulations": 30}
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), **sizes)
+    result = Goal(graph.ros, Infer, "/bayes_sim/infer", goal, seconds=60).result()
     said = figures("posterior", "--out", tmp_path / "posterior.png")
     assert said["components"] == len(result.posterior.weights) and is_picture(tmp_path / "posterior.png")
     assert [m["name"] for m in said["marginals"]] == ["length_m", "youngs_modulus_pa"]
     assert said["mass_outside"] == pytest.approx(result.mass_outside, abs=0.03)
 
 
-def test_keypoints_and_latencies_are_those_of_the_stream(graph, figures, tmp_path):
+def test_keypoints_and_latencies_are_those_of_the_stream(figures, tmp_path):
     said = figures("keypoints", "--seconds", 1.5, "--out", tmp_path / "keypoints.png")
     assert said["rate_hz"] > 20 and all(point["seen"] > 0.9 for point in said["points"]) and is_picture(tmp_path / "keypoints.png")
     rows = {row["topic"]: row for row in figures("latency", "--seconds", 1.5, "--out", tmp_path / "latency.png")["topics"]}
@@ -91,9 +81,9 @@ def test_the_graph_names_nodes_topics_and_profiles_that_do_not_fit(graph, figure
     assert problems == [f"{row.name}: /stranger asks for reliable and hears nothing of /simulated_cell, which offers best effort"]
 
 
-def test_a_graph_with_a_clock_and_with_types_that_nobody_has_is_shown(session, monkeypatch, capsys):
+def test_a_graph_with_a_clock_is_shown(session, monkeypatch, capsys):
     session.node("keypoint_tracker", "-p", "use_sim_time:=true")
-    session.start("replay", session.root / "bags/swing", "--clock", "--loop", "--topics", "/dlo/keypoints", "/panda/current_pose")
+    session.start("replay", BAG, "--clock", "--loop", "--topics", "/dlo/keypoints", "/panda/current_pose")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(session.domain))
     session.meet("keypoint_tracker")
     assert main(["graph", "--seconds", "1.5", "--json"]) == 0, capsys.readouterr().err
@@ -103,7 +93,7 @@ def test_a_graph_with_a_clock_and_with_types_that_nobody_has_is_shown(session, m
     assert [p for topic in said["topics"] for p in topic["problems"]] == []
 
 
-def test_a_graph_without_what_is_needed_is_said(session, monkeypatch, capsys):
+def test_a_missing_topic_is_named(session, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(session.domain))
     assert main(["keypoints"]) == 1
     said = capsys.readouterr().err

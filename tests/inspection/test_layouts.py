@@ -1,20 +1,21 @@
-"""The layout of Foxglove and the configuration of RViz show topics of the contract, in fields that these have."""
+"""The layout of Foxglove and the configuration of RViz show topics and fields of the contract."""
 
 import json
-import pathlib
 import re
 
 import pytest
-from contract import BY_NAME, interface
 from rosidl_parser.definition import AbstractNestedType, Array, NamespacedType
 from ruamel.yaml import YAML
 
-LAUNCH_CONFIGS = pathlib.Path(__file__).resolve().parents[2] / "launch_configs"
+from support.contract import BY_NAME, interface
+from support.program import ROOT
+
+LAUNCH_CONFIGS = ROOT / "launch_configs"
 RVIZ_TYPES = {"Pose": "geometry_msgs/msg/PoseStamped", "Image": "sensor_msgs/msg/Image", "Wrench": "geometry_msgs/msg/WrenchStamped"}
 
 
 def walk(value):
-    """Every mapping in a document."""
+    """Every mapping in a document, nested ones included."""
     if isinstance(value, dict):
         yield value
     for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else []:
@@ -26,7 +27,7 @@ def foxglove():
 
 
 def check_path(path):
-    """A message path such as /topic.field.inner[2] leads to a number or a string."""
+    """Asserts that a message path such as /topic.field.inner[2] leads to a number or a string."""
     topic, *fields = path.split(".")
     cls = BY_NAME[topic].kind
     for field in fields:
@@ -57,7 +58,7 @@ def test_foxgloves_layout_places_every_panel_once():
     assert sorted(placed) == sorted(document["configById"])
 
 
-def test_rviz_asks_for_what_is_offered():
+def test_rviz_asks_for_offered_profiles():
     document = YAML(typ="safe").load((LAUNCH_CONFIGS / "catenary.rviz").read_text())
     assert document["Visualization Manager"]["Global Options"]["Fixed Frame"] == "panda_link0"
     displays = [d for d in document["Visualization Manager"]["Displays"] if "Topic" in d]
@@ -71,5 +72,5 @@ def test_rviz_asks_for_what_is_offered():
 
 
 @pytest.mark.parametrize("name", ["foxglove.json", "catenary.rviz"])
-def test_the_readme_names_it(name):
-    assert name in (LAUNCH_CONFIGS.parent / "nodes/inspect/README.md").read_text()
+def test_the_readme_names_the_layout(name):
+    assert name in (ROOT / "nodes/inspect/README.md").read_text()

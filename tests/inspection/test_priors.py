@@ -1,4 +1,4 @@
-"""Priors as the inspection reads them from a message and from a file."""
+"""Priors that catenary-inspect reads from a message and from a file."""
 
 from types import SimpleNamespace
 
@@ -8,18 +8,21 @@ from catenary_inspect import posterior, prior
 from catenary_inspect.message_log import InspectError
 from catenary_msgs.msg import Mixture, Parameter, PriorPart
 
-NORMAL = dict(mean=0.26, sd=0.02, low=0.2, high=0.3)
-UNIFORM, LOG = dict(low=1.0, high=3.0), dict(low=1.0, high=100.0)
+NORMAL = {"mean": 0.26, "sd": 0.02, "low": 0.2, "high": 0.3}
+UNIFORM, LOG = {"low": 1.0, "high": 3.0}, {"low": 1.0, "high": 100.0}
 CASES = {
     "uniform": (Parameter(prior=Parameter.PRIOR_UNIFORM, **UNIFORM), {"uniform": UNIFORM}, 2.0),
     "log-uniform": (Parameter(prior=Parameter.PRIOR_LOG_UNIFORM, **LOG), {"log_uniform": LOG}, 10.0),
-    # Bounds 3 below and 2 standard deviations above the mean: the median of the rest lies 0.0267 standard deviations below it.
+    # Truncated 3 standard deviations below and 2 above the mean: the median lies 0.0268 standard deviations below the mean.
     "normal": (Parameter(prior=Parameter.PRIOR_NORMAL, **NORMAL), {"normal": NORMAL}, 0.26 - 0.02 * 0.02684),
-    # Of the mass, 3/4 lie evenly in the logarithm between 1 and 100, and 1/4 evenly between 1 and 3: half of it below 4.64.
+    # 3/4 of the mass are log-uniform between 1 and 100, 1/4 uniform between 1 and 3. Half of it is below 100^(1/3) = 4.64.
     "mixture": (
         Parameter(
             prior=Parameter.PRIOR_MIXTURE, low=1.0, high=100.0,
-            parts=[PriorPart(weight=3.0, prior=Parameter.PRIOR_LOG_UNIFORM, **LOG), PriorPart(weight=1.0, prior=Parameter.PRIOR_UNIFORM, **UNIFORM)],
+            parts=[
+                PriorPart(weight=3.0, prior=Parameter.PRIOR_LOG_UNIFORM, **LOG),
+                PriorPart(weight=1.0, prior=Parameter.PRIOR_UNIFORM, **UNIFORM),
+            ],
         ),
         {"mixture": [{"weight": 3.0, "prior": {"log_uniform": LOG}}, {"weight": 1.0, "prior": {"uniform": UNIFORM}}]},
         100 ** (1 / 3),
@@ -28,7 +31,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_prior_of_a_message_is_that_of_a_file(name):
+def test_message_and_file_give_one_prior(name):
     message, document, median = CASES[name]
     told, written = prior.of_message(message), prior.of_document(document)
     unit = numpy.linspace(0.001, 0.999, 50)
@@ -43,8 +46,9 @@ def test_a_prior_of_an_unknown_kind_is_named():
         prior.of_document({"cauchy": UNIFORM})
 
 
-def test_a_mixture_over_decades_is_as_fine_at_its_lower_end():
-    parts = [{"weight": 1.0, "prior": {"log_uniform": dict(low=1.0, high=1e6)}}, {"weight": 1.0, "prior": {"uniform": dict(low=1.0, high=1e6)}}]
+def test_a_mixture_over_decades_is_resolved_at_its_lower_end():
+    decades = {"low": 1.0, "high": 1e6}
+    parts = [{"weight": 1.0, "prior": {kind: decades}} for kind in ("log_uniform", "uniform")]
     wide = prior.of_document({"mixture": parts})
     unit = numpy.linspace(0.001, 0.999, 50)
     assert wide.share_below(wide.value(unit)) == pytest.approx(unit, abs=1e-4)
@@ -61,7 +65,9 @@ IMPOSSIBLE = {
     "a log-uniform prior: expected numbers that make one, found 0.0 to 1.0": Parameter(prior=Parameter.PRIOR_LOG_UNIFORM, high=1.0),
     "a normal prior: expected numbers that make one, found 0.0 to 1.0, mean 0.0, sd 0.0": Parameter(prior=Parameter.PRIOR_NORMAL, high=1.0),
     "a mixture prior: expected parts, found 0": Parameter(prior=Parameter.PRIOR_MIXTURE),
-    "a uniform prior: expected no parts, found 1": Parameter(prior=Parameter.PRIOR_UNIFORM, **UNIFORM, parts=[PriorPart(weight=1.0, **UNIFORM)]),
+    "a uniform prior: expected no parts, found 1": Parameter(
+        prior=Parameter.PRIOR_UNIFORM, **UNIFORM, parts=[PriorPart(weight=1.0, **UNIFORM)]
+    ),
     "a mixture prior: expected weights of at least 0, not all of them 0, found [0.0]": Parameter(
         prior=Parameter.PRIOR_MIXTURE, parts=[PriorPart(prior=Parameter.PRIOR_UNIFORM, **UNIFORM)]
     ),

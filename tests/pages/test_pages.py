@@ -1,16 +1,15 @@
-"""The four reports in headless Chromium, wide and narrow: nothing is cut, texts can be read, the console is silent, the answer comes first."""
+"""The four report pages in headless Chromium at two widths: nothing is cut, texts are legible, the answer comes first."""
 
 import json
-import subprocess
 
 import pytest
 import yaml
-from chromium import Chromium, program
-from conftest import PROGRAM, ROOT
 from PIL import Image
 
-MODEL = ROOT / "launch_configs/models/soft_bar.yaml"
-BAG = ROOT / "bags/swing"
+from support import chromium
+from support.program import BAG, MODEL
+
+# CSS pixels of a desktop window and of a phone.
 WIDTHS = (1400, 420)
 LARGEST_BYTES = 3_000_000
 PARAMETERS = ("length_m", "youngs_modulus_pa")
@@ -18,49 +17,47 @@ PARAMETERS = ("length_m", "youngs_modulus_pa")
 
 @pytest.fixture(scope="module")
 def browser():
-    path = program()
+    path = chromium.program()
     if path is None:
         pytest.skip("needs Chromium: none of chromium, chromium-browser, google-chrome is on the PATH, and CHROME is not set")
-    browser = Chromium(path)
+    browser = chromium.Chromium(path)
     yield browser
     browser.close()
 
 
-def run(*arguments):
-    done = subprocess.run([PROGRAM, *map(str, arguments)], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
-def infer(tmp_path_factory):
+def infer(program, tmp_path_factory):
+    """Page of an inference."""
     out = tmp_path_factory.mktemp("infer")
-    run("infer", "--bag", BAG, "--model", MODEL, "--out", out, "--iterations", 2, "--simulations", 40)
+    program.text("infer", "--bag", BAG, "--model", MODEL, "--out", out, "--iterations", 2, "--simulations", 40)
     return out / "report.html"
 
 
 @pytest.fixture(scope="module")
 def find_effects(hidden_mass):
+    """Page of a search that finds a hidden mass."""
     folder, done = hidden_mass
     assert done.returncode == 0, done.stderr
     return folder / "found/report/index.html"
 
 
 @pytest.fixture(scope="module")
-def calibration(tmp_path_factory):
-    """Of inferences that were made before: the program goes on from their checks, of which none is left to make."""
+def calibration(program, tmp_path_factory):
+    """Page of a calibration whose inferences are all in its journal, so that the program only writes the report."""
     out, count = tmp_path_factory.mktemp("calibration"), 40
     share = [(i + 0.5) / count for i in range(count)]
-    check = lambda i: {"ranks": [share[i], share[(7 * i) % count]], "density": share[(11 * i) % count], "distance": share[(13 * i) % count]}
+    # Ranks of a calibrated posterior: uniform, in another order for each figure.
+    ranks = lambda i: [share[i], share[(7 * i) % count]]
+    check = lambda i: {"ranks": ranks(i), "density": share[(11 * i) % count], "distance": share[(13 * i) % count]}
     line = lambda i: {"truth": [0.25, 5e3], "mean": [0.25, 5e3], "sd": [0.01, 1e3], "check": check(i), "wall_s": 2.0}
     (out / "checks.jsonl").write_text("".join(json.dumps(line(i)) + "\n" for i in range(count)))
-    run("bench", "calibration", "--truths", count, "--out", out)
+    program.text("bench", "calibration", "--truths", count, "--out", out)
     return out / "report.html"
 
 
 @pytest.fixture(scope="module")
-def demo(infer, tmp_path_factory):
-    """Of a summary as a demo writes it, with policies of a moment."""
+def demo(program, infer, tmp_path_factory):
+    """Page of a summary as a demo writes it, with briefly trained policies."""
     folder = tmp_path_factory.mktemp("demo")
     inferred = json.loads((infer.parent / "inference.json").read_text())
     kept = {key: inferred[key] for key in ("posterior", "marginals", "mass_outside", "warnings")}
@@ -68,9 +65,9 @@ def demo(infer, tmp_path_factory):
     inference = kept | {"domains": [truth, [0.25, 5e3]], "losses": [2.0, 1.0, 0.5], "effective_sample_size": 90.0, "simulations": 200}
     policies = [folder / f"pi{i}" for i in (0, 1)]
     for i, policy in enumerate(policies):
-        run("train", "--model", MODEL, "--out", policy, "--steps", 512, "--seed", i)
+        program.text("train", "--model", MODEL, "--out", policy, "--steps", 512, "--seed", i)
     asked = [word for policy in policies for word in ("--policy", policy)]
-    evaluated = json.loads(run("evaluate", *asked, "--model", MODEL, "--episodes", 30, "--fidelity", "fast", "--json"))["policies"]
+    evaluated = program.json("evaluate", *asked, "--model", MODEL, "--episodes", 30, "--fidelity", "fast")["policies"]
     frames = []
     for step in range(3):
         Image.new("RGB", (640, 480), (200, 200, 60 * step)).save(folder / f"{step}.png")
@@ -90,7 +87,7 @@ def demo(infer, tmp_path_factory):
         "stages": [{"name": "start the graph", "wall_s": 1.0, "cpu_s": 0.5}],
     }  # fmt: skip
     (folder / "summary.json").write_text(json.dumps(summary))
-    run("report", "--dir", folder)
+    program.text("report", "--dir", folder)
     return folder / "report/index.html"
 
 
@@ -100,43 +97,44 @@ def page(request):
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_nothing_is_cut_and_everything_can_be_read(page, width, browser):
+def test_nothing_is_cut_and_every_text_is_legible(page, width, browser):
     name, path = page
-    looked = browser.look(path, width)
-    assert not looked["faults"], f"{name} at {width} px:\n" + "\n".join(looked["faults"][:20])
-    assert looked["texts"] > 10, "pictures have axes"
+    seen = browser.faults_of(path, width)
+    assert not seen["faults"], f"{name} at {width} px:\n" + "\n".join(seen["faults"][:20])
+    assert seen["texts"] > 10, "the pictures have no axes"
     assert path.stat().st_size < LARGEST_BYTES
-    words = looked["text"]
-    assert not any(parameter in words for parameter in (*PARAMETERS, "tip_mass_kg")), "names of fields are no words"
+    fields = [name for name in (*PARAMETERS, "tip_mass_kg") if name in seen["text"]]
+    assert not fields, f"names of fields in the text: {fields}"
 
 
 @pytest.mark.parametrize(
-    "name, words",
+    ("name", "words"),
     [
         ("infer", "The object is"),
         ("find_effects", "missing from the model"),
-        ("calibration", "Intervals hold what they say"),
+        ("calibration", "No check refutes the intervals"),
     ],
 )
 def test_the_answer_comes_first(name, words, browser, request):
-    lines = [line for line in browser.look(request.getfixturevalue(name), 420)["text"].splitlines() if line.strip()]
+    lines = [line for line in browser.faults_of(request.getfixturevalue(name), 420)["text"].splitlines() if line.strip()]
     assert words in " ".join(lines[1:3]), lines[:4]
 
 
-def test_the_search_tells_what_the_repair_is_worth_and_what_would_have_shown(find_effects, browser):
-    text = " ".join(browser.look(find_effects, 1400)["text"].split())
-    for words in ("Tip mass of", "With it the error falls from", "not used", "times the noise", "<= 1/20", "noise floor", "What would have shown", "not at any size"):
+def test_the_search_tells_the_gain_of_the_repair_and_the_detectable_sizes(find_effects, browser):
+    text = " ".join(browser.faults_of(find_effects, 1400)["text"].split())
+    repair = ("Tip mass of", "With it the error falls from", "not used", "times the noise", "<= 1/20", "noise floor")
+    for words in (*repair, "Detectable sizes", "not at any size"):
         assert words in text, words
 
 
-def test_faults_are_found(tmp_path, browser):
-    """The test of the tests: a page that is too wide, cut, small, and complains."""
+def test_the_checks_find_faults(tmp_path, browser):
+    """Opens a page that is too wide, has cut and small texts, writes an error to the console and asks for another page."""
     page = tmp_path / "page.html"
     page.write_text(
         "<!doctype html><meta charset=utf-8><p style='width:2000px'>wide</p>"
         "<svg viewBox='0 0 700 40' width=350><text x=10 y=20 font-size=12>small</text><text x=690 y=20 font-size=30>cut off</text></svg>"
         "<script>console.error('complaint'); fetch('http://localhost:9/');</script>"
     )
-    faults = "\n".join(browser.look(page, 420)["faults"])
+    faults = "\n".join(browser.faults_of(page, 420)["faults"])
     for words in ("the page is 20", "text of 6.0 px: small", "cut: cut off", "complaint", "asks for http://localhost"):
         assert words in faults, faults

@@ -1,14 +1,16 @@
-"""Bags of ours in the readers of others: rosbags, mcap-ros2-support, and rclpy's own deserialiser."""
+"""Our bags in other readers: rosbags, mcap-ros2-support, and the deserialiser of rclpy."""
 
 import importlib
 import math
-import pathlib
 import subprocess
 
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+from support.cdr import same
+from support.program import ROOT
+from support.stamps import stamp_ns
 
+# Type, reliability, durability and depth of each topic of the sample bag.
 TOPICS = {
     "/dlo/keypoints": ("catenary_msgs/msg/Keypoints", "BEST_EFFORT", "VOLATILE", 1),
     "/episode/event": ("catenary_msgs/msg/EpisodeEvent", "RELIABLE", "TRANSIENT_LOCAL", 16),
@@ -33,14 +35,11 @@ COUNTS = {
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
+    """The sample bag, made anew by the example `make_sample_bag`."""
     folder = tmp_path_factory.mktemp("bags") / "swing"
     command = ["cargo", "run", "--quiet", "--release", "-p", "catenary_bag", "--example", "make_sample_bag", "--", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True)
     return folder
-
-
-def stamp_ns(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
 def test_rosbags_reads_every_message(bag):
@@ -59,7 +58,7 @@ def test_rosbags_reads_every_message(bag):
             assert connection.digest.startswith("RIHS01_")
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            assert time - stamp_ns(message) == 500_000
+            assert time - stamp_ns(message.header.stamp) == 500_000
             assert time >= last
             last = time
             counts[connection.topic] = counts.get(connection.topic, 0) + 1
@@ -74,8 +73,8 @@ def test_mcap_ros2_support_reads_every_message(bag):
 
     counts, steps = {}, []
     for message in read_ros2_messages(str(bag / "swing_0.mcap")):
-        assert message.log_time_ns - stamp_ns(message.ros_msg) == 500_000
-        assert message.publish_time_ns == stamp_ns(message.ros_msg)
+        stamped_ns = stamp_ns(message.ros_msg.header.stamp)
+        assert (message.log_time_ns, message.publish_time_ns) == (stamped_ns + 500_000, stamped_ns)
         counts[message.channel.topic] = counts.get(message.channel.topic, 0) + 1
         if message.channel.topic == "/policy/observation":
             assert len(message.ros_msg.values) == 12
@@ -84,7 +83,7 @@ def test_mcap_ros2_support_reads_every_message(bag):
     assert steps == list(range(9))
 
 
-def test_the_file_is_what_rosbag2_writes(bag):
+def test_the_file_has_the_layout_of_rosbag2(bag):
     from mcap.reader import make_reader
     from ruamel.yaml import YAML
 
@@ -103,14 +102,6 @@ def test_the_file_is_what_rosbag2_writes(bag):
     assert outside["relative_file_paths"] == ["swing_0.mcap"]
     assert outside["starting_time"]["nanoseconds_since_epoch"] == 99_900_500_000
     assert outside["duration"]["nanoseconds"] == 4_100_000_000
-
-
-def same(message, other):
-    """Whether an rclpy message and that of another reader have the same values."""
-    if hasattr(message, "get_fields_and_field_types"):
-        return all(same(getattr(message, name), getattr(other, name)) for name in message.get_fields_and_field_types())
-    is_sequence = hasattr(message, "__len__") and not isinstance(message, str)
-    return list(message) == list(other) if is_sequence else message == other
 
 
 def test_rclpy_deserialises_every_message_to_the_same_values(bag):

@@ -1,4 +1,4 @@
-"""The whole graph on a simulated cell beside rclpy: what its nodes publish, serve, log and let be set."""
+"""The graph on a simulated cell beside rclpy: topics, services, actions, parameters and logs of its nodes."""
 
 import array
 import math
@@ -8,59 +8,35 @@ import pytest
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from catenary_msgs.action import FindEffects, Infer, MoveToStart, RunEpisode, Train
-from catenary_msgs.msg import ArmState, EpisodeEvent
+from catenary_msgs.msg import EpisodeEvent
 from catenary_msgs.srv import CloseEnvs, OpenEnvs, SetCompliance, Simulate, StepEnvs
-from conftest import Ros
-from contract import ACTIONS, BASE, BY_NAME, CELL, NODES, OPTICAL, REPLIES, RUNNER, SERVICES, TOPICS
-from policy import policy_file
 from rcl_interfaces.msg import Log, ParameterEvent, ParameterType
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rclpy.action import ActionClient, get_action_server_names_and_types_by_node
+from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
-MODEL = "launch_configs/models/soft_bar.yaml"
+from support.contract import ACTIONS, BASE, BY_NAME, CELL, NODES, OPTICAL, REPLIES, RUNNER, SERVICES, TOPICS
+from support.policy import policy_file
+from support.program import BAG, MODEL
+from support.ros import Goal, Ros
+from support.stamps import stamp_s
+
 IMAGE = "/camera/camera/color/image_raw"
 STEPS = 3
-
-
-def stamp_s(stamp):
-    return stamp.sec + 1e-9 * stamp.nanosec
 
 
 def profile_words(profile):
     return profile.reliability.name.lower(), profile.durability.name.lower()
 
 
-def model_yaml(graph):
-    return (graph.root / MODEL).read_text()
-
-
-class Goal:
-    """A goal of rclpy, from the asking to the result."""
-
-    def __init__(self, ros, name, goal, seconds=30):
-        self.ros, self.seconds, self.feedback = ros, seconds, []
-        self.client = ActionClient(ros.node, BY_NAME[name].kind, name)
-        ros.wait_for(self.client.server_is_ready, 20, f"the server of {name}")
-        sent = self.client.send_goal_async(goal, feedback_callback=lambda message: self.feedback.append(message.feedback))
-        self.handle = ros.result(sent, 20, f"an answer of {name}")
-        self.answer = self.handle.get_result_async() if self.handle.accepted else None
-
-    def result(self, status=GoalStatus.STATUS_SUCCEEDED):
-        answer = self.ros.result(self.answer, self.seconds, "the result")
-        assert answer.status == status, answer.result
-        return answer.result
-
-    def wait_feedback(self):
-        self.ros.wait_for(lambda: self.feedback, self.seconds, "feedback")
-
-    def cancel(self):
-        return self.ros.result(self.handle.cancel_goal_async(), 20, "an answer to the cancel")
+def send(graph, name, goal):
+    """Sends a goal to the action of this name."""
+    return Goal(graph.ros, BY_NAME[name].kind, name, goal)
 
 
 # Topics
@@ -68,14 +44,14 @@ class Goal:
 
 @pytest.fixture(scope="module")
 def heard(graph):
-    """What came on every topic, with its age in s, from before an episode and an inference to after them."""
+    """Messages of every topic with their time of arrival (s), during an episode and an inference; and the results of both."""
     messages = {row.name: [] for row in TOPICS}
 
     def keep(name):
         return lambda message: messages[name].append((message, time.time()))
 
-    # To make Python objects of all images would take the time that the others need.
-    latest_image = lambda data: messages[IMAGE].__setitem__(slice(None), [(data, time.time())])  # noqa: E731
+    # Decoding all images in Python would delay the other messages, so only the newest is kept, undecoded.
+    latest_image = lambda data: messages[IMAGE].__setitem__(slice(None), [(data, time.time())])
     subscriptions = []
     for row in TOPICS:
         raw, profile = row.name == IMAGE, row.profile_of_depth(max(row.depth, 100))
@@ -83,16 +59,16 @@ def heard(graph):
         subscriptions.append(graph.ros.node.create_subscription(row.kind, row.name, heard_by, profile, raw=raw))
     parameters = AsyncParameterClient(graph.ros.node, RUNNER)
     graph.ros.wait_for(parameters.services_are_ready, 20, "the parameter services")
-    # Which is logged.
+    # A change of a parameter is logged, so that /rosout has a message.
     graph.ros.result(parameters.set_parameters([Parameter("patience_s", value=1.0)]), 20, "an answer")
-    Goal(graph.ros, "/panda/move_to_start", MoveToStart.Goal(settle_time=0.5)).result()
+    send(graph, "/panda/move_to_start", MoveToStart.Goal(settle_time=0.5)).result()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", seed=3, run_all_steps=True, max_steps=STEPS)
-    run = Goal(graph.ros, "/policy_runner/run_episode", goal)
+    run = send(graph, "/policy_runner/run_episode", goal)
     result = run.result()
     assert result.success and len(result.rewards) == STEPS
-    infer = Infer.Goal(source=Infer.Goal.SOURCE_LIVE, model_yaml=model_yaml(graph), iterations=1, simulations=20)
-    inferred = Goal(graph.ros, "/bayes_sim/infer", infer).result()
-    graph.ros.holds_within(lambda: False, 0.3)
+    infer = Infer.Goal(source=Infer.Goal.SOURCE_LIVE, model_yaml=MODEL.read_text(), iterations=1, simulations=20)
+    inferred = send(graph, "/bayes_sim/infer", infer).result()
+    graph.ros.spin(0.3)
     for subscription in subscriptions:
         graph.ros.node.destroy_subscription(subscription)
     messages[IMAGE] = [(deserialize_message(data, BY_NAME[IMAGE].kind), came_s) for data, came_s in messages[IMAGE]]
@@ -112,7 +88,7 @@ def test_node_to_rclpy(graph, heard, row):
     for message, came_s in messages:
         if row.frame:
             assert message.header.frame_id == row.frame
-        # What is latched may be older.
+        # Latched messages may be older.
         if hasattr(message, "header") and row.durability == "volatile":
             assert -0.05 < came_s - stamp_s(message.header.stamp) < 2
 
@@ -126,9 +102,9 @@ def test_rclpy_to_node(graph, row):
         assert (subscription.topic_type, profile_words(subscription.qos_profile)) == (row.type_name, (row.reliability, row.durability))
 
 
-def test_no_other_topic_is_there(graph):
+def test_there_is_no_other_topic(graph):
     named = {name for name, _ in graph.ros.node.get_topic_names_and_types() if "/_action/" not in name}
-    # Nobody publishes the time of this graph, and nobody listens for it.
+    # This graph uses the time of the system, so no node has an endpoint on /clock.
     assert named - {"/parameter_events"} == {row.name for row in TOPICS if row.name != "/clock"} | set(REPLIES)
 
 
@@ -142,14 +118,14 @@ def test_types_are_those_of_the_contract(graph):
 def test_streams_keep_their_pace(heard, row):
     stamps = [stamp_s((m.transforms[0] if hasattr(m, "transforms") else m).header.stamp) for m, _ in heard[0][row.name]]
     assert stamps == sorted(stamps)
-    # A busy machine loses some, none comes twice.
+    # A busy machine loses some messages, but no message comes twice.
     rate = len(stamps) / (stamps[-1] - stamps[0])
     assert row.hz / 4 < rate < 1.1 * row.hz
 
 
-def test_an_episode_is_told_step_by_step(heard):
+def test_the_topics_tell_an_episode_step_by_step(heard):
     messages, result, _ = heard
-    only = lambda name: [message for message, _ in messages[name]]  # noqa: E731
+    only = lambda name: [message for message, _ in messages[name]]
     actions, observations = only("/policy/action"), only("/policy/observation")
     assert [a.step for a in actions] == list(range(STEPS)) and [o.step for o in observations] == list(range(STEPS + 1))
     started, ended = only("/episode/event")[-2:]
@@ -160,7 +136,7 @@ def test_an_episode_is_told_step_by_step(heard):
     assert [a.header.stamp for a in answers] == [t.header.stamp for t in targets] and all(a.accepted for a in answers)
 
 
-def test_transforms_say_what_the_topics_say(heard):
+def test_transforms_agree_with_the_poses(heard):
     messages = heard[0]
     poses = {stamp_s(m.header.stamp): m.pose for m, _ in messages["/panda/current_pose"]}
     both = 0
@@ -181,7 +157,7 @@ def test_transforms_say_what_the_topics_say(heard):
     assert math.hypot(turned.x, turned.y, turned.z, turned.w) == pytest.approx(1)
 
 
-def test_images_are_as_large_as_the_camera_says(heard):
+def test_images_have_the_size_of_the_camera_info(heard):
     messages = heard[0]
     info, image = messages["/camera/camera/color/camera_info"][-1][0], messages["/camera/camera/color/image_raw"][-1][0]
     assert (image.width, image.height, image.encoding, image.step) == (640, 480, "rgb8", 1920)
@@ -202,10 +178,10 @@ def test_every_node_reports_diagnostics(heard):
 
 
 def test_an_idle_graph_has_no_error(graph):
-    """A busy machine may make messages late for a moment, and warnings may stay."""
+    """Warnings are allowed: on a busy machine messages may be late for a moment."""
     kind, newest = BY_NAME["/diagnostics"].kind, {}
     reports = graph.ros.node.create_subscription(kind, "/diagnostics", lambda m: newest.update((s.name, s) for s in m.status), 100)
-    well = lambda: len(newest) == len(NODES) and all(status.level in (b"\0", b"\1") for status in newest.values())  # noqa: E731
+    well = lambda: len(newest) == len(NODES) and all(status.level in (b"\0", b"\1") for status in newest.values())
     assert graph.ros.holds_within(well, 30), newest
     graph.ros.node.destroy_subscription(reports)
 
@@ -213,7 +189,7 @@ def test_an_idle_graph_has_no_error(graph):
 # Late joiners and profiles that do not fit
 
 
-def test_late_joiners_get_what_is_latched(graph, heard):
+def test_late_joiners_get_latched_messages(graph, heard):
     late = Ros(graph.domain, "late")
     rows = [BY_NAME[name] for name in ("/episode/event", "/bayes_sim/posterior", "/panda/arm_state", "/tf_static")]
     got = {row.name: [] for row in rows}
@@ -240,7 +216,7 @@ def test_profiles_that_do_not_fit_are_reported_on_both_sides(graph):
     publisher = node.create_publisher(EpisodeEvent, "/episode/event", best_effort, event_callbacks=events)
     graph.ros.wait_for(lambda: asked and offered, 20, "rclpy's events")
     assert not messages
-    text = lambda name: graph.text(f"log/{name}.log")  # noqa: E731
+    text = lambda name: graph.text(f"log/{name}.log")
     graph.ros.wait_for(lambda: "QoS mismatch" in text(CELL), 10, "a word of the publishing node")
     node.destroy_subscription(subscription)
     node.destroy_publisher(publisher)
@@ -256,12 +232,12 @@ def call(graph, name, request):
 def envs_of_rclpy(graph):
     """Opens one environment, steps it and closes it."""
     domains = [0.25, 1e4]
-    request = OpenEnvs.Request(model_yaml=model_yaml(graph), count=1, domains=domains, fidelity=Simulate.Request.FIDELITY_FAST, seed=1)
+    request = OpenEnvs.Request(model_yaml=MODEL.read_text(), count=1, domains=domains, fidelity=Simulate.Request.FIDELITY_FAST, seed=1)
     opened = call(graph, "/simulator_pool/open_envs", request)
     assert opened.success and len(opened.observations) == 12, opened.message
     stepped = call(graph, "/simulator_pool/step_envs", StepEnvs.Request(handle=opened.handle, actions=[0.02, -0.01]))
     assert stepped.success and len(stepped.rewards) == 1 and len(stepped.observations) == 12, stepped.message
-    # x of the end effector follows the action.
+    # The first observation is x of the end effector, which follows the action of 0.02 m.
     assert 0.005 < stepped.observations[0] - opened.observations[0] < 0.025
     refused = call(graph, "/simulator_pool/step_envs", StepEnvs.Request(handle=opened.handle, actions=[0.02]))
     assert not refused.success and refused.message
@@ -272,7 +248,7 @@ def envs_of_rclpy(graph):
 
 
 def simulate_of_rclpy(graph):
-    request = Simulate.Request(model_yaml=model_yaml(graph), theta=[0.25, 1e4], drive=Simulate.Request.DRIVE_GRIP, frame_times=[0.0, 0.5])
+    request = Simulate.Request(model_yaml=MODEL.read_text(), theta=[0.25, 1e4], drive=Simulate.Request.DRIVE_GRIP, frame_times=[0.0, 0.5])
     grip = request.grip
     grip.time, grip.x, grip.z, grip.pitch = [0.0, 0.5], [0.40, 0.42], [0.42, 0.42], [0.0, 0.0]
     answer = call(graph, "/simulator_pool/simulate", request)
@@ -331,12 +307,12 @@ def test_rclpy_to_node_calls(graph, name):
 def test_two_clients_at_once_get_their_own_answers(graph):
     others = [Ros(graph.domain, f"client_{i}") for i in range(2)]
     names, clients = ("max_age_s", "patience_s"), []
-    for ros, name in zip(others, names):
+    for ros in others:
         client = AsyncParameterClient(ros.node, RUNNER)
         ros.wait_for(client.services_are_ready, 20, "the parameter services")
         clients.append(client)
     for _ in range(10):
-        # Ten in flight, as many as services keep, before the first answer is taken.
+        # Ten requests in flight before the first answer is taken, as many as services keep.
         futures = [[client.get_parameters([name]) for _ in range(5)] for client, name in zip(clients, names)]
         for ros, mine in zip(others, futures):
             ros.wait_for(lambda mine=mine: all(f.done() for f in mine), 20, "all answers")
@@ -361,36 +337,36 @@ def move(x, z, settle=0.0):
 
 def move_of_rclpy(graph):
     name = "/panda/move_to_start"
-    Goal(graph.ros, name, MoveToStart.Goal(settle_time=0.1)).result()
+    send(graph, name, MoveToStart.Goal(settle_time=0.1)).result()
     lines = graph.ros.listen_log()
-    rejected = Goal(graph.ros, name, MoveToStart.Goal(settle_time=100.0))
+    rejected = send(graph, name, MoveToStart.Goal(settle_time=100.0))
     assert not rejected.handle.accepted
-    # The protocol has no place for the reason.
-    said = lambda: [line for line in lines if "expected 0 to 60 s, got 100" in line.msg]  # noqa: E731
+    # The action protocol has no field for the reason of a rejection.
+    said = lambda: [line for line in lines if "expected 0 to 60 s, got 100" in line.msg]
     graph.ros.wait_for(said, 10, "the reason on /rosout")
     assert said()[0].name == CELL
-    there = Goal(graph.ros, name, move(0.45, 0.42))
+    there = send(graph, name, move(0.45, 0.42))
     there.wait_feedback()
-    second = Goal(graph.ros, name, move(0.40, 0.42))
+    second = send(graph, name, move(0.40, 0.42))
     assert not second.handle.accepted, "two goals move one arm"
     result = there.result()
     assert result.success and result.pose.position.x == pytest.approx(0.45, abs=0.01)
     distances = [feedback.distance for feedback in there.feedback]
     assert 0 < distances[0] < 0.06 and distances[-1] < distances[0]
-    back = Goal(graph.ros, name, move(0.36, 0.42))
+    back = send(graph, name, move(0.36, 0.42))
     back.wait_feedback()
     assert back.cancel().return_code == CancelGoal.Response.ERROR_NONE
     stopped = back.result(GoalStatus.STATUS_CANCELED)
     assert not stopped.success and stopped.message == "cancelled" and 0.36 < stopped.pose.position.x < 0.46
     assert back.cancel().return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
-    Goal(graph.ros, name, MoveToStart.Goal(settle_time=0.1)).result()
+    send(graph, name, MoveToStart.Goal(settle_time=0.1)).result()
 
 
 def episode_of_rclpy(graph):
-    bad = Goal(graph.ros, "/policy_runner/run_episode", RunEpisode.Goal(policy=array.array("B", b"none")))
+    bad = send(graph, "/policy_runner/run_episode", RunEpisode.Goal(policy=array.array("B", b"none")))
     assert "policy" in bad.result(GoalStatus.STATUS_ABORTED).message
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
-    episode = Goal(graph.ros, "/policy_runner/run_episode", goal)
+    episode = send(graph, "/policy_runner/run_episode", goal)
     episode.wait_feedback()
     episode.cancel()
     result = episode.result(GoalStatus.STATUS_CANCELED)
@@ -400,11 +376,11 @@ def episode_of_rclpy(graph):
 
 
 def infer_of_rclpy(graph):
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=["/nowhere"], model_yaml=model_yaml(graph))
-    assert "/nowhere" in Goal(graph.ros, "/bayes_sim/infer", goal).result(GoalStatus.STATUS_ABORTED).message
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(graph.root / "bags/swing")], model_yaml=model_yaml(graph))
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=["/nowhere"], model_yaml=MODEL.read_text())
+    assert "/nowhere" in send(graph, "/bayes_sim/infer", goal).result(GoalStatus.STATUS_ABORTED).message
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text())
     goal.iterations, goal.simulations = 10, 40
-    running = Goal(graph.ros, "/bayes_sim/infer", goal)
+    running = send(graph, "/bayes_sim/infer", goal)
     running.wait_feedback()
     assert running.feedback[0].iterations == 10 and running.feedback[0].posterior.weights
     running.cancel()
@@ -412,23 +388,23 @@ def infer_of_rclpy(graph):
 
 
 def train_of_rclpy(graph):
-    bad = Goal(graph.ros, "/ppo_trainer/train", Train.Goal(model_yaml="version: 1\nnam: x"))
+    bad = send(graph, "/ppo_trainer/train", Train.Goal(model_yaml="version: 1\nnam: x"))
     assert "nam" in bad.result(GoalStatus.STATUS_ABORTED).message
-    goal = Train.Goal(model_yaml=model_yaml(graph), total_steps=10_000_000, environments=1, fidelity=Simulate.Request.FIDELITY_FAST)
-    running = Goal(graph.ros, "/ppo_trainer/train", goal)
+    goal = Train.Goal(model_yaml=MODEL.read_text(), total_steps=10_000_000, environments=1, fidelity=Simulate.Request.FIDELITY_FAST)
+    running = send(graph, "/ppo_trainer/train", goal)
     running.wait_feedback()
     assert running.feedback[0].total_steps == 10_000_000
     assert running.cancel().return_code == CancelGoal.Response.ERROR_NONE
     result = running.result(GoalStatus.STATUS_CANCELED)
-    # Far more than a datagram of Ethernet: with launch_configs/fastdds_localhost.xml it goes in one all the same.
+    # Much larger than a packet of Ethernet; with launch_configs/fastdds_localhost.xml RustDDS sends it as one datagram.
     assert len(result.policy) > 10_000 and b"catenary policy 1" in bytes(result.policy)
 
 
 def find_of_rclpy(graph):
-    bad = Goal(graph.ros, "/effect_finder/find", FindEffects.Goal(bags=["/nowhere"], model_yaml=model_yaml(graph)))
+    bad = send(graph, "/effect_finder/find", FindEffects.Goal(bags=["/nowhere"], model_yaml=MODEL.read_text()))
     assert "/nowhere" in bad.result(GoalStatus.STATUS_ABORTED).message
-    goal = FindEffects.Goal(bags=[str(graph.root / "bags/swing")], model_yaml=model_yaml(graph), seed=5)
-    running = Goal(graph.ros, "/effect_finder/find", goal)
+    goal = FindEffects.Goal(bags=[str(BAG)], model_yaml=MODEL.read_text(), seed=5)
+    running = send(graph, "/effect_finder/find", goal)
     graph.ros.wait_for(lambda: any(f.conclusion for f in running.feedback), running.seconds, "a conclusion")
     first = next(f for f in running.feedback if f.conclusion)
     assert first.stage == "calibrate" and "RMSE" in first.conclusion and 0 <= first.progress <= 1
@@ -452,19 +428,20 @@ def test_rclpy_to_node_goals(graph, heard, name):
     GOALS[name](graph)
 
 
-def test_what_no_node_serves_is_not_there(graph):
+def test_there_is_no_other_action(graph):
     served = {name for node in NODES for name in offered_actions(graph, node)}
     assert served == {row.name for row in ACTIONS if row.server}
 
 
 # Parameters and logs
 
-# A parameter that may be changed while the node runs, another value, one out of its range and what is said of that.
+# For a node: a parameter that may change at run time, another value, a value out of its range, and the range in the message.
 CHANGES = {
     "simulated_cell": ("settle_time_s", 0.75, -1.0, "0 to 60"),
     "policy_runner": ("patience_s", 1.5, 100.0, "0 to 60"),
     "simulator_pool": ("workers", 1, 5000, "0 to 1024"),
 }
+# For a node: a parameter that is read at the start only.
 FIXED = {"simulated_cell": "seed", "camera": "dlo.min_saturation", "keypoint_tracker": "fractions"}
 
 
@@ -472,7 +449,7 @@ FIXED = {"simulated_cell": "seed", "camera": "dlo.min_saturation", "keypoint_tra
 def test_rclpy_to_node_parameters(graph, node):
     ros, client = graph.ros, AsyncParameterClient(graph.ros.node, node)
     ros.wait_for(client.services_are_ready, 20, "the parameter services")
-    ask = lambda future: ros.result(future, 20, "an answer")  # noqa: E731
+    ask = lambda future: ros.result(future, 20, "an answer")
     names = ask(client.list_parameters()).result.names
     assert names == sorted(names) and "use_sim_time" in names
     types = ask(client.get_parameter_types(names)).types
@@ -481,7 +458,7 @@ def test_rclpy_to_node_parameters(graph, node):
     described = ask(client.describe_parameters(names)).descriptors
     assert [d.name for d in described] == names and [d.type for d in described] == list(types)
     assert all(d.description for d in described)
-    put = lambda name, value: ask(client.set_parameters([Parameter(name, value=value)])).results[0]  # noqa: E731
+    put = lambda name, value: ask(client.set_parameters([Parameter(name, value=value)])).results[0]
     unknown = put("no_such_thing", 1)
     assert not unknown.successful and "no_such_thing" in unknown.reason and node in unknown.reason
     wrong = put("use_sim_time", "soon")
@@ -499,11 +476,11 @@ def value_of(name, message):
 
 
 def change(ros, client, ask, put, node):
-    """Sets a parameter and back, refuses what it must, and tells of it."""
+    """Sets a parameter and sets it back; checks refusals, the event of the change and the log."""
     name, other, beyond, said = CHANGES[node]
     events, lines = [], ros.listen_log()
     subscription = ros.node.create_subscription(ParameterEvent, "/parameter_events", events.append, QoSProfile(depth=100))
-    current = lambda: value_of(name, ask(client.get_parameters([name])).values[0])  # noqa: E731
+    current = lambda: value_of(name, ask(client.get_parameters([name])).values[0])
     first = current()
     refused = put(name, beyond)
     assert not refused.successful and said in refused.reason and name in refused.reason
@@ -512,11 +489,11 @@ def change(ros, client, ask, put, node):
     assert current() == first, "half of an atomic change was made"
     ros.wait_for(lambda: ros.node.count_publishers("/parameter_events") > 1, 10, "the nodes' events")
     assert put(name, other).successful and current() == other
-    mine = lambda: [e for e in events if e.node == f"/{node}" and e.changed_parameters]  # noqa: E731
+    mine = lambda: [e for e in events if e.node == f"/{node}" and e.changed_parameters]
     ros.wait_for(mine, 10, "an event")
     assert [p.name for p in mine()[0].changed_parameters] == [name]
     assert put(name, first).successful
-    told = lambda: [line for line in lines if line.name == node and f"parameter {name} is now" in line.msg]  # noqa: E731
+    told = lambda: [line for line in lines if line.name == node and f"parameter {name} is now" in line.msg]
     ros.wait_for(lambda: len(told()) >= 2, 10, "the log of both changes")
     assert all(line.level == Log.INFO for line in told())
     assert all(line.file.endswith(".rs") and line.line > 0 and line.stamp.sec > 0 for line in told())
@@ -530,7 +507,7 @@ def test_rosout_keeps_lines_for_late_joiners(graph):
     late.close()
 
 
-def test_nodes_are_where_they_say(graph):
+def test_nodes_are_in_the_root_namespace_and_publish_their_topics(graph):
     found = {(name, space) for name, space in graph.ros.node.get_node_names_and_namespaces() if name in NODES}
     assert found == {(name, "/") for name in NODES}
     for row in (row for row in TOPICS if row.publishers):

@@ -1,10 +1,8 @@
-"""Topics between our nodes and a second vendor's DDS: Cyclone, without ROS."""
+"""Topics between our nodes and Cyclone DDS, the DDS of a second vendor, without ROS."""
 
 from dataclasses import dataclass, field
 
 import pytest
-from conftest import wait_for
-from contract import BY_NAME
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct, annotations, types
@@ -12,7 +10,10 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
-from test_names_and_time import SIZE_PX, mask
+
+from support.contract import BY_NAME
+from support.masks import SIZE_PX, hanging_bar
+from support.waiting import wait_for
 
 CONFIG = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
@@ -147,9 +148,9 @@ def test_a_mask_of_cyclone_becomes_keypoints_that_cyclone_reads(session):
     session.node("keypoint_tracker")
     cyclone = Cyclone(session.domain)
     masks, keypoints = cyclone.writer("/dlo/mask", Image), cyclone.reader("/dlo/keypoints", Keypoints)
-    rclpys = mask()
+    pixels = list(hanging_bar().data)
     header = Header(Time(5, 7), "somewhere")
-    image = Image(header, SIZE_PX, SIZE_PX, "mono8", 0, SIZE_PX, list(rclpys.data))
+    image = Image(header, SIZE_PX, SIZE_PX, "mono8", 0, SIZE_PX, pixels)
 
     def answered():
         masks.write(image)
@@ -165,7 +166,7 @@ def test_a_target_of_cyclone_is_answered_by_the_cell(session):
     model = session.root / "launch_configs/models/soft_bar.yaml"
     session.node("simulated_cell", "-p", f"model_file:={model}", "-p", "fidelity:=fast")
     cyclone = Cyclone(session.domain)
-    # It comes late to the state, which is latched.
+    # This reader is later than the cell and gets the latched state.
     states, poses = cyclone.reader("/panda/arm_state", ArmState), cyclone.reader("/panda/current_pose", PoseStamped)
     (state,) = wait_for(lambda: states.take(1), 20, "the arm's state")
     assert state.mode == 0 and state.is_sim and state.header.frame_id == "panda_link0" and state.success_rate == 1.0

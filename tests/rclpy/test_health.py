@@ -1,6 +1,6 @@
-"""Health on /diagnostics: a node that drops what it gets, or hears nothing of what it needs, says so and recovers.
+"""Health on /diagnostics: a node reports dropped or missing messages, and recovers.
 
-One node of each kind runs beside publishers of rclpy that send what no node can use.
+One node of each kind runs beside publishers of rclpy that send unusable messages.
 """
 
 import array
@@ -8,7 +8,6 @@ import math
 
 import pytest
 from catenary_msgs.msg import ArmState
-from contract import BY_NAME
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
@@ -16,14 +15,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Image
 
+from support.contract import BY_NAME
+from support.program import MODEL
+
 OK, WARN, ERROR = b"\0", b"\1", b"\2"
 IMAGE, MASK, POSE = "/camera/camera/color/image_raw", "/dlo/mask", "/panda/current_pose"
-MODEL = "launch_configs/models/soft_bar.yaml"
 NODES = ("camera", "late_camera", "keypoint_tracker", "policy_runner", "panda_bridge", "bayes_sim")
 
 
 class Watched:
-    """Newest health of each node, and publishers at 20 Hz."""
+    """Newest health report of each node, and publishers at 20 Hz."""
 
     def __init__(self, session):
         self.session, self.ros, self.newest, self.timers = session, session.ros, {}, []
@@ -33,7 +34,7 @@ class Watched:
         self.newest |= {status.name.strip("/"): status for status in message.status}
 
     def publish(self, topic, message, profile=None):
-        """Publishes a message 20 times a second with the present time, or as it is where its stamp is set."""
+        """Publishes a message 20 times a second, stamped with the present time unless its stamp is set."""
         publisher = self.ros.node.create_publisher(type(message), topic, profile or BY_NAME[topic].profile)
         is_stamped = hasattr(message, "header") and message.header.stamp.sec == 0
 
@@ -52,7 +53,7 @@ class Watched:
             self.ros.node.destroy_publisher(publisher)
 
     def wait_for(self, node, levels, *words):
-        """Values of the first report of the node with one of these levels and all of these words."""
+        """Values of the next report of a node that has one of these levels and all of these words."""
         self.newest.pop(node, None)
 
         def told():
@@ -69,11 +70,13 @@ class Watched:
 
 @pytest.fixture(scope="module")
 def nodes(session_of_module):
+    """One node of each kind, with inputs that only these tests publish, and a second camera under simulated time."""
     session = session_of_module
     session.node("camera")
-    session.node("camera", "-r", "__node:=late_camera", "-r", f"{IMAGE[1:]}:=/late/image", "-p", "use_sim_time:=true", log="late_camera")
+    late = ("-r", "__node:=late_camera", "-r", f"{IMAGE[1:]}:=/late/image", "-p", "use_sim_time:=true")
+    session.node("camera", *late, log="late_camera")
     session.node("keypoint_tracker", "-r", f"{MASK[1:]}:=/strange/mask")
-    session.node("policy_runner", "-p", f"model_file:={session.root / MODEL}")
+    session.node("policy_runner", "-p", f"model_file:={MODEL}")
     session.node("panda_bridge", "-r", "current_pose:=/controller/pose")
     session.node("bayes_sim")
     session.meet(*NODES, within=20)
@@ -82,6 +85,7 @@ def nodes(session_of_module):
 
 @pytest.fixture
 def watched(nodes):
+    """The nodes, without publishers after the test."""
     yield nodes
     nodes.quiet()
 
@@ -97,7 +101,7 @@ def pose(frame="panda_link0", x=0.4):
     return message
 
 
-def test_a_camera_names_what_it_lacks_or_drops_and_recovers(watched):
+def test_a_camera_names_missing_and_dropped_images_and_recovers(watched):
     watched.wait_for("camera", [ERROR], "no images on " + IMAGE, "nobody publishes it")
     watched.publish(IMAGE, image("bgr8"))
     values = watched.wait_for("camera", [ERROR], "dropped", "expected rgb8", "bgr8")
@@ -108,16 +112,15 @@ def test_a_camera_names_what_it_lacks_or_drops_and_recovers(watched):
     watched.wait_for("camera", [OK], "ok")
 
 
-def test_an_image_without_a_stamp_is_doubted(watched):
-    unstamped = image("rgb8")
-    unstamped.header.stamp.nanosec = 1
-    unstamped.header.stamp.sec = 1
-    watched.publish(IMAGE, unstamped)
+def test_an_image_with_an_old_stamp_is_doubtful(watched):
+    old = image("rgb8")
+    old.header.stamp.sec, old.header.stamp.nanosec = 1, 1
+    watched.publish(IMAGE, old)
     values = watched.wait_for("camera", [WARN], "doubtful", "s old")
     assert int(values["images_doubtful_for_old_stamp"]) > 0 and int(values["images_received"]) > 0
 
 
-def test_an_image_of_another_size_than_its_data_is_named(watched):
+def test_an_image_whose_size_differs_from_its_data_is_named(watched):
     short = image("rgb8")
     short.height = 481
     watched.publish(IMAGE, short)
@@ -135,14 +138,18 @@ def test_simulated_time_without_a_clock_is_an_error(watched):
     watched.wait_for("late_camera", [ERROR], "/clock has been silent")
 
 
-@pytest.mark.parametrize("mask, word", [(image("mono8", 256, 200, 1), "256 x 200"), (image("rgb8", 256, 256), "rgb8")], ids=["size", "encoding"])
-def test_a_tracker_names_masks_that_are_none(watched, mask, word):
+WRONG_MASKS = [(image("mono8", 256, 200, 1), "256 x 200"), (image("rgb8", 256, 256), "rgb8")]
+WRONG_POSES = [(pose("world"), ("panda_link0", "world")), (pose(x=math.nan), ("finite",))]
+
+
+@pytest.mark.parametrize(("mask", "word"), WRONG_MASKS, ids=["size", "encoding"])
+def test_a_tracker_names_the_fault_of_a_mask(watched, mask, word):
     watched.publish("/strange/mask", mask, BY_NAME[MASK].profile)
     watched.wait_for("keypoint_tracker", [ERROR], "dropped", word)
 
 
-@pytest.mark.parametrize("message, words", [(pose("world"), ("panda_link0", "world")), (pose(x=math.nan), ("finite",))], ids=["frame", "nan"])
-def test_a_bridge_names_poses_that_are_none(watched, message, words):
+@pytest.mark.parametrize(("message", "words"), WRONG_POSES, ids=["frame", "nan"])
+def test_a_bridge_names_the_fault_of_a_pose(watched, message, words):
     watched.publish("/controller/pose", message, BY_NAME[POSE].profile)
     watched.wait_for("panda_bridge", [ERROR], "poses", "dropped", *words)
 

@@ -1,15 +1,16 @@
-"""Colour images at 640x480 and 60 Hz, both ways, with the profile of Fast DDS that is shipped.
+"""Colour images of 640x480 at 60 Hz, to and from rclpy, with the shipped profile of Fast DDS.
 
-The figures of a longer run on a quiet machine: tests/bench/images/images.py.
+The bench tests/bench/images/images.py gives figures of a longer run.
 """
 
-import pathlib
 import sys
 
 import pytest
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench/images"))
-from images import IMAGE, camera_of_node, recorded, table  # noqa: E402
+from support.program import ROOT
+
+sys.path.insert(0, str(ROOT / "tests/bench/images"))
+from images import IMAGE, camera_of_node, recorded, table
 
 SECONDS = 2
 NAME = pytest.mark.parametrize("name", [IMAGE])
@@ -20,7 +21,7 @@ def test_node_to_rclpy_images(session, name, capsys):
     row = camera_of_node(session, SECONDS)
     with capsys.disabled():
         print("\n" + table({f"{name} to rclpy": row}))
-    # Without the profile 80 % are lost and more.
+    # Without the profile more than 80 % are lost.
     assert row["sent"] > 30 * SECONDS and row["loss"] < 0.1 and row["p50_ms"] < 100
 
 
@@ -32,8 +33,7 @@ def test_rclpy_to_node_images(session, name, capsys):
     assert row["sent"] == 60 * SECONDS and row["loss"] < 0.1 and row["p50_ms"] < 100
 
 
-def test_the_profiles_are_those_that_the_readme_names():
-    root = pathlib.Path(__file__).resolve().parents[2]
-    readme = (root / "launch_configs/README.md").read_text()
-    for profile in sorted((root / "launch_configs").glob("fastdds_*.xml")):
+def test_the_readme_names_every_profile():
+    readme = (ROOT / "launch_configs/README.md").read_text()
+    for profile in sorted((ROOT / "launch_configs").glob("fastdds_*.xml")):
         assert profile.name in readme

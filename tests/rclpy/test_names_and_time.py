@@ -1,11 +1,9 @@
-"""Namespaces, remaps, /clock and what is latched, with one node of ours at a time beside rclpy."""
+"""Namespaces, remaps, /clock and latched messages, with one node of ours at a time beside rclpy."""
 
-import array
 import time
 
 import pytest
 from catenary_msgs.msg import EpisodeEvent, Keypoints
-from contract import BY_NAME
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
@@ -15,32 +13,21 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Image
 
-SIZE_PX = 256
-
-
-def mask():
-    """A bar that hangs down the middle, and a target beside it."""
-    rows = bytearray(SIZE_PX * SIZE_PX)
-    for v in range(40, 200):
-        rows[v * SIZE_PX + 124 : v * SIZE_PX + 132] = b"\1" * 8
-        if v >= 180:
-            rows[v * SIZE_PX + 200 : v * SIZE_PX + 220] = b"\2" * 20
-    image = Image(width=SIZE_PX, height=SIZE_PX, encoding="mono8", step=SIZE_PX, data=array.array("B", bytes(rows)))
-    image.header.stamp.sec, image.header.frame_id = 5, "somewhere"
-    return image
+from support.contract import BY_NAME
+from support.masks import SIZE_PX, hanging_bar
+from support.program import MODEL
 
 
 def test_a_node_goes_by_its_new_names(session):
     session.node("keypoint_tracker", "-r", "__ns:=/lab", "-r", "__node:=tracker", "-r", "dlo/mask:=/elsewhere/mask")
     ros = session.meet("tracker")
     assert ("tracker", "/lab") in ros.node.get_node_names_and_namespaces()
-    kinds = lambda found: {name: kinds for name, kinds in found}  # noqa: E731
-    published = kinds(ros.node.get_publisher_names_and_types_by_node("tracker", "/lab"))
+    published = dict(ros.node.get_publisher_names_and_types_by_node("tracker", "/lab"))
     assert published["/lab/dlo/keypoints"] == ["catenary_msgs/msg/Keypoints"] and "/diagnostics" in published
-    assert list(kinds(ros.node.get_subscriber_names_and_types_by_node("tracker", "/lab"))) == ["/elsewhere/mask"]
+    assert list(dict(ros.node.get_subscriber_names_and_types_by_node("tracker", "/lab"))) == ["/elsewhere/mask"]
     keypoints = ros.listen(Keypoints, "/lab/dlo/keypoints")
     masks = ros.node.create_publisher(Image, "/elsewhere/mask", BY_NAME["/dlo/mask"].profile)
-    image = mask()
+    image = hanging_bar()
 
     def answered():
         masks.publish(image)
@@ -71,7 +58,7 @@ def test_rclpy_to_node_sets_the_time(session, name):
         clocks.publish(message)
 
     ros.node.create_timer(0.02, tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    told = lambda second: any(stamp.sec == second for stamp in reports)  # noqa: E731
+    told = lambda second: any(stamp.sec == second for stamp in reports)
     ros.wait_for(lambda: told(1000), 10, "a report at the time of /clock")
     now_s[0] = 2000
     ros.wait_for(lambda: told(2000), 10, "a report at its new time")
@@ -86,20 +73,19 @@ def test_rclpy_to_node_sets_the_time(session, name):
 
 @pytest.mark.parametrize("name", ["/clock"])
 def test_node_to_rclpy_sets_the_time(session, name):
-    model = session.root / "launch_configs/models/soft_bar.yaml"
-    options = (f"model_file:={model}", "publish_clock:=true", "real_time_factor:=4.0", "fidelity:=fast")
+    options = (f"model_file:={MODEL}", "publish_clock:=true", "real_time_factor:=4.0", "fidelity:=fast")
     session.node("simulated_cell", *(part for option in options for part in ("-p", option)))
     ros = session.meet("simulated_cell")
     assert dict(ros.node.get_topic_names_and_types())[name] == ["rosgraph_msgs/msg/Clock"]
-    # A node is known by its name before its endpoints are known as its own.
-    of_cell = lambda: [p for p in ros.node.get_publishers_info_by_topic(name) if p.node_name == "simulated_cell"]  # noqa: E731
+    # rclpy discovers a node's name before it knows which endpoints belong to the node.
+    of_cell = lambda: [p for p in ros.node.get_publishers_info_by_topic(name) if p.node_name == "simulated_cell"]
     (publisher,) = ros.wait_for(of_cell, 10, "the publisher as the cell's own")
     assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     ros.node.set_parameters([Parameter("use_sim_time", value=True)])
-    now_s = lambda: 1e-9 * ros.node.get_clock().now().nanoseconds  # noqa: E731
+    now_s = lambda: 1e-9 * ros.node.get_clock().now().nanoseconds
     ros.wait_for(lambda: now_s() > 0, 20, "the cell's time")
     first, began = now_s(), time.monotonic()
-    ros.holds_within(lambda: False, 2)
+    ros.spin(2)
     passed, wall = now_s() - first, time.monotonic() - began
     assert passed > 1.5 * wall and first < 1000, f"{passed} s of the cell in {wall} s"
 
@@ -110,23 +96,24 @@ def test_our_late_joiner_gets_what_rclpy_latched(session):
     publisher = ros.node.create_publisher(row.kind, row.name, row.profile)
     for episode in range(20):
         publisher.publish(EpisodeEvent(episode=episode))
-    ros.holds_within(lambda: False, 1)
+    ros.spin(1)
     bag = session.folder / "bag"
     recorder = session.node("recorder", "-p", f"output:={bag}", "-p", "topics:=[/episode/event]")
     ros.wait_for(lambda: publisher.get_subscription_count() and bag.exists(), 20, "the recorder")
-    # They come with one of Fast DDS's next heartbeats: with its own settings up to 3 s later.
-    ros.holds_within(lambda: False, 2.5)
+    # Latched messages come with one of the next heartbeats of Fast DDS, up to 3 s later with its default settings.
+    ros.spin(2.5)
     publisher.publish(EpisodeEvent(episode=20))
-    ros.holds_within(lambda: False, 1)
+    ros.spin(1)
     session.stop(recorder)
     with AnyReader([bag]) as reader:
         episodes = [reader.deserialize(data, c.msgtype).episode for c, _, data in reader.messages()]
+    # The history of /episode/event keeps 16 messages.
     assert episodes == list(range(4, 21)), "not the last sixteen and the new one"
 
 
-def test_a_profile_that_does_not_fit_is_said_by_the_publishing_node(session):
+def test_the_publishing_node_reports_a_profile_that_does_not_fit(session):
     session.node("camera")
     ros = session.meet("camera")
     ros.node.create_subscription(Image, "/dlo/mask", print, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE))
-    said = lambda: 'QoS mismatch Reliability topic="rt/dlo/mask"' in session.text("camera.err")  # noqa: E731
+    said = lambda: 'QoS mismatch Reliability topic="rt/dlo/mask"' in session.text("camera.err")
     ros.wait_for(said, 20, "a word about the profile")

@@ -1,11 +1,7 @@
-"""Parameter files and -p give a node of ours the values that they give a node of rclpy."""
+"""Parameter files and -p give our nodes and nodes of rclpy equal values."""
 
-import subprocess
-
-import domains
 import pytest
 import rclpy
-from conftest import PROGRAM
 
 FILES = {
     "any1": "/**: {ros__parameters: {workers: 1}}",
@@ -21,6 +17,7 @@ FILES = {
     "again14": "simulator_pool: {ros__parameters: {workers: 13}}\n---\nsimulator_pool: {ros__parameters: {workers: 14}}\n",
     "rooted15": "/simulator_pool: {ros__parameters: {workers: 15}}",
 }
+# Arguments in order: names of FILES, and values for -p.
 CASES = [
     *FILES,
     "any1 own2", "own2 any1", "any1 any3", "any3 own2 any1", "any1 deep6 own2", "lab7 any1", "below8 lab7", "one9 own2",
@@ -30,12 +27,12 @@ CASES = [
     "workers:=3 workers:=x", "workers:=x workers:=3", "workers:=0x10", "workers:=010", "workers:=+5",
 ]  # fmt: skip
 ABSENT = 0
-CLAIM = domains.Domain()
 
 
-def of_rclpy(arguments, namespace):
+def of_rclpy(arguments, namespace, domain):
+    """Value that a node of rclpy gets for the parameter `workers`."""
     context = rclpy.Context()
-    context.init(args=["x", "--ros-args", *arguments], domain_id=CLAIM.number)
+    context.init(args=["x", "--ros-args", *arguments], domain_id=domain)
     try:
         node = rclpy.create_node(
             "simulator_pool", namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False
@@ -47,18 +44,16 @@ def of_rclpy(arguments, namespace):
     return value
 
 
-def of_ours(arguments, namespace):
-    """The node's own list of parameters shows the values that it would begin with."""
-    command = [PROGRAM, "node", "simulator_pool", "--help", "--ros-args", *arguments, "-r", f"__ns:={namespace}"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    (value,) = [line.split(" = ")[1] for line in done.stdout.splitlines() if line.strip().startswith("workers = ")]
+def of_ours(program, arguments, namespace):
+    """Value that our node would start with, from the list of parameters in its help."""
+    text = program.text("node", "simulator_pool", "--help", "--ros-args", *arguments, "-r", f"__ns:={namespace}")
+    (value,) = [line.split(" = ")[1] for line in text.splitlines() if line.strip().startswith("workers = ")]
     return int(value)
 
 
 @pytest.mark.parametrize("namespace", ["/", "/lab"])
 @pytest.mark.parametrize("case", CASES)
-def test_the_same_value_counts(tmp_path, case, namespace):
+def test_our_node_and_one_of_rclpy_get_one_value(program, tmp_path, case, namespace):
     arguments = []
     for word in case.split():
         if ":=" in word:
@@ -66,14 +61,14 @@ def test_the_same_value_counts(tmp_path, case, namespace):
         else:
             (tmp_path / word).write_text(FILES[word])
             arguments += ["--params-file", str(tmp_path / word)]
-    assert of_ours(arguments, namespace) == of_rclpy(arguments, namespace)
+    assert of_ours(program, arguments, namespace) == of_rclpy(arguments, namespace, program.domain)
 
 
 @pytest.mark.parametrize("key", ["/cam*", "/lab//pool", "/2pool", "/lab/", "*"])
-def test_a_name_that_no_node_can_have_is_refused(tmp_path, key):
+def test_a_name_that_no_node_can_have_is_refused(program, tmp_path, key):
     path = tmp_path / "f.yaml"
     path.write_text(f"{key}:\n  ros__parameters: {{workers: 1}}\n")
-    done = subprocess.run([PROGRAM, "node", "simulator_pool", "--ros-args", "--params-file", path], capture_output=True, text=True, timeout=20)
+    done = program("node", "simulator_pool", "--ros-args", "--params-file", path, seconds=20)
     assert done.returncode == 2 and str(path) in done.stderr, done.stderr
     with pytest.raises(Exception, match="parse params file"):
-        of_rclpy(["--params-file", str(path)], "/")
+        of_rclpy(["--params-file", str(path)], "/", program.domain)

@@ -1,11 +1,11 @@
-"""The table that our reader of parameters is tested with holds for rclpy: types and values from files and from -p."""
+"""The table of types and values that tests our reader of parameters (files and -p) holds for rclpy."""
 
 import json
-import pathlib
 
-from given_parameters import of_rclpy
+from support.given_parameters import of_rclpy
+from support.program import ROOT
 
-TABLE = pathlib.Path(__file__).resolve().parents[2] / "nodes/shell/src/args/rcl.json"
+TABLE = ROOT / "nodes/shell/src/parameters/args/rcl.json"
 
 
 def test_the_table_holds_for_rclpy(tmp_path):

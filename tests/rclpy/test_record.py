@@ -1,5 +1,6 @@
-"""`catenary record` beside publishers of rclpy: which topics it takes, how, and what is left of it whatever ends it."""
+"""`catenary record` beside publishers of rclpy: its choice of topics, its profiles, and its bag after every kind of end."""
 
+import itertools
 import json
 import os
 import resource
@@ -9,15 +10,15 @@ import time
 
 import pytest
 from catenary_msgs.msg import EefDelta, EpisodeEvent
-from conftest import PROGRAM
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from recorders import join, read_bag, record, stop, wait_for_readers
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
 from std_msgs.msg import Int32, String
+
+from support.recorders import join, read_bag, record, stop, wait_for_readers
 
 RELIABLE = QoSProfile(depth=1000)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -25,20 +26,21 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def pose(number):
+    """Pose with a number in x."""
     message = PoseStamped()
     message.pose.position.x = float(number)
     return message
 
 
 def numbers(bag, topic):
-    """The x of the poses of a topic."""
+    """Numbers of the poses of a topic, which `pose` puts into x."""
     with AnyReader([bag]) as reader:
         chosen = [c for c in reader.connections if c.topic == topic]
         return [int(reader.deserialize(data, c.msgtype).pose.position.x) for c, _, data in reader.messages(chosen)]
 
 
-def test_filters_take_what_those_of_ros2_bag_take(session):
-    """One publisher of each topic, and recorders with different filters beside it."""
+def test_filters_choose_the_topics_that_ros2_bag_chooses(session):
+    """Runs recorders with different filters beside one publisher of each topic."""
     ros = join(session)
     publishers = {
         "/lab/notes": (String, String(data="ünï")),
@@ -78,7 +80,7 @@ def test_filters_take_what_those_of_ros2_bag_take(session):
         for topic in ours:
             kind, message = publishers[topic]
             assert names[topic] == f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-            # Bytes differ in padding alone, which Fast CDR leaves as it finds it.
+            # Decoded, because the bytes may differ in padding, which Fast CDR leaves uninitialised.
             assert [deserialize_message(data, kind) for data in found[topic]] == [message], (name, topic)
         report = json.loads(session.text(f"{name}.out"))
         assert dict(report["topics"])[sorted(topics)[0]] == 1
@@ -90,8 +92,8 @@ def test_filters_take_what_those_of_ros2_bag_take(session):
     assert "/panda/current_pose" in listed and "/panda/arm_state" not in listed
 
 
-def test_what_cannot_be_recorded_is_said(session):
-    """A type that no installed package has, a name that is nearly right, and a publisher that offers less than is asked for."""
+def test_a_topic_that_cannot_be_recorded_is_named(session):
+    """Records a type that no installed package has, a misspelt name, and a publisher whose profile offers too little."""
     ros = join(session)
     number = ros.node.create_publisher(Int32, "/lab/number", RELIABLE)
     targets = ros.node.create_publisher(PoseStamped, "/panda/target_pose", BEST_EFFORT)
@@ -119,7 +121,7 @@ def test_what_cannot_be_recorded_is_said(session):
     assert "/panda/target_pose" not in session.text("hearing.err")
     assert number.get_subscription_count() == 0
     assert numbers(session.folder / "deaf", "/panda/target_pose") == []
-    # Best effort: a busy machine loses some.
+    # A busy machine loses some messages of best effort.
     assert len(numbers(session.folder / "hearing", "/panda/target_pose")) > 10
     for name in ("deaf", "hearing"):
         assert numbers(session.folder / name, "/lab/latched") == [5]
@@ -128,8 +130,8 @@ def test_what_cannot_be_recorded_is_said(session):
         assert (profile.reliability.name, profile.durability.name) == ("RELIABLE", "TRANSIENT_LOCAL")
 
 
-def test_topics_of_the_contract_are_asked_for_as_they_are_offered(session):
-    """Publishers that offer less than the contract, before and after the recorder; and one that comes too late to ask anew."""
+def test_topics_of_the_contract_are_subscribed_with_the_offered_profile(session):
+    """Starts publishers that offer less than the contract, and one that comes too late for another subscription."""
     ros = join(session)
     volatile = QoSProfile(depth=100)
     recorder = record(session, "bag", "--topics", "/panda/target_pose", "/policy/action", "/panda/current_pose", "/episode/event")
@@ -147,14 +149,14 @@ def test_topics_of_the_contract_are_asked_for_as_they_are_offered(session):
     what = "/policy/action: a publisher offers less than reliable, depth 10, and is not recorded"
     session.wait_for(lambda: what in session.text("bag.err"), 10, "the warning")
     assert late.get_subscription_count() == 0
-    for number in range(5):
+    for _ in range(5):
         actions.publish(EefDelta())
     time.sleep(0.3)
     stop(recorder)
     found = read_bag(session.folder / "bag")[1]
     episodes = [deserialize_message(data, EpisodeEvent).episode for data in found["/episode/event"]]
     assert episodes == list(range(20)) and len(found["/policy/action"]) == 25
-    # Best effort: a busy machine loses some.
+    # A busy machine loses some messages of best effort.
     assert len(found["/panda/target_pose"]) > 10
 
 
@@ -179,13 +181,13 @@ def test_bags_are_split_by_time_and_by_size(session):
         metadata = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
         assert [file["path"] for file in metadata["files"]] == metadata["relative_file_paths"] == [p.name for p in paths]
         spans = [(f["starting_time"]["nanoseconds_since_epoch"], f["duration"]["nanoseconds"]) for f in metadata["files"]]
-        for (start, duration), (following, _) in zip(spans, spans[1:]):
+        for (start, duration), (following, _) in itertools.pairwise(spans):
             assert start + duration < following
             if name == "by_time":
                 assert duration <= 10**9 < following - start
         if name == "by_size":
             assert all(path.stat().st_size >= 8192 for path in paths[:-1])
-    # A file by itself is a bag, too.
+    # One file of a bag is a bag, too.
     half = json.loads(session.run("info", session.folder / "by_time/by_time_1.mcap", "--json").stdout)
     whole = json.loads(session.run("info", session.folder / "by_time", "--json").stdout)
     assert whole["messages"] == 250 and len(whole["files"]) > 2 and 50 < half["messages"] < 150 and whole["notes"] == []
@@ -214,23 +216,24 @@ def test_a_killed_recorder_loses_the_last_second_at_most_and_its_bag_is_finished
     read = numbers(bag, "/panda/target_pose")
     assert read == list(range(before["messages"])) and len(read_bag(bag)[1]["/panda/target_pose"]) == len(read)
     assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
-    # A second is the promise; the rest is what a busy machine needs to write it.
+    # The promise is 1 s; 0.4 s are for a busy machine to write it.
     assert killed - sent[len(read) - 1] < 1.4, f"{killed - sent[len(read) - 1]:.2f} s lost"
 
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of 1 MiB; none where mounting is not permitted."""
+    """Folder on a disk of 1 MiB; None if mounting is not permitted."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", folder], capture_output=True).returncode == 0
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", folder]
+    mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
     yield folder if mounted else None
     if mounted:
         subprocess.run(["umount", "-l", folder], check=True)
 
 
 def fill(session, recorder, writer):
-    """Publishes 20 kB that do not compress, a hundred times a second, until the recorder ends."""
+    """Publishes messages of 20 kB of random text, a hundred times a second, until the recorder ends."""
     wait_for_readers(session, writer, 1)
     for number in range(1000):
         if recorder.poll() is not None:
@@ -241,11 +244,12 @@ def fill(session, recorder, writer):
 
 
 def kept(bag):
+    """Numbers of the messages of `fill` in a bag."""
     with AnyReader([bag]) as reader:
         return [int(reader.deserialize(data, c.msgtype).data[:4]) for c, _, data in reader.messages()]
 
 
-def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session, small_disk):
+def test_a_full_disk_ends_the_recording_with_a_bag_that_every_reader_reads(session, small_disk):
     if small_disk is None:
         pytest.skip("mounting a small file system is not permitted here")
     ros = join(session)
@@ -255,7 +259,7 @@ def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session,
     session.wait_for(lambda: recorder.poll() is not None or bag.exists(), 20, "the bag")
     fill(session, recorder, writer)
     said = session.text("record.err").splitlines()[-1]
-    assert "cannot write on: No space left on device" in said and session.text("record.out") == ""
+    assert "cannot write any further: No space left on device" in said and session.text("record.out") == ""
     found = kept(bag)
     assert len(found) > 20 and found == list(range(len(found)))
     assert f"the {len(found)} messages up to the last complete chunk are safe" in said
@@ -265,20 +269,16 @@ def test_a_full_disk_ends_the_recording_with_a_bag_that_everybody_reads(session,
 
 
 def test_a_limit_on_the_size_of_files_ends_the_recording_with_whole_chunks(session):
-    """As a full disk, where no small one can be mounted: the shell's `ulimit -f`, whose signal a program may survive."""
+    """Limits the size of files as `ulimit -f` does, in place of a full disk, which needs the right to mount one."""
     ros = join(session)
     writer = ros.node.create_publisher(String, "/lab/notes", RELIABLE)
-    command = ["record", "--out", "bag", "--topics", "/lab/notes", "--compression", "none"]
+    arguments = ["--out", "bag", "--topics", "/lab/notes", "--compression", "none"]
     limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000))
-    with open(session.folder / "record.err", "wb") as err:
-        recorder = subprocess.Popen(
-            [PROGRAM, *command], env=session.environment, cwd=session.folder, stdout=err, stderr=err, preexec_fn=limit
-        )
-    session.children.append(recorder)
+    recorder = session.start("record", *arguments, preexec_fn=limit)
     session.wait_for(lambda: recorder.poll() is not None or (session.folder / "bag").exists(), 20, "the bag")
     fill(session, recorder, writer)
     said = session.text("record.err").splitlines()[-1]
-    assert "cannot write on: File too large" in said and "messages up to the last complete chunk are safe" in said
+    assert "cannot write any further: File too large" in said and "messages up to the last complete chunk are safe" in said
     done = session.run("reindex", "bag")
     assert done.returncode == 0, done.stderr
     found = kept(session.folder / "bag")

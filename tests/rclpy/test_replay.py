@@ -1,5 +1,6 @@
-"""`catenary replay` beside rclpy: which topics, under which names and profiles, when, and with which clock."""
+"""`catenary replay` beside rclpy: its topics, their names and profiles, its timing and its clock."""
 
+import itertools
 import json
 import signal
 import time
@@ -8,13 +9,17 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from mcap.writer import Writer as McapWriter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from recorders import join, record, stop
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from support.program import BAG
+from support.recorders import join, record, stop
+from support.stamps import stamp_ns
+
+# Reliability and durability of the replayed topics of the sample bag.
 OFFERED = {
     "/dlo/keypoints": ("BEST_EFFORT", "VOLATILE"),
     "/episode/event": ("RELIABLE", "TRANSIENT_LOCAL"),
@@ -24,16 +29,14 @@ OFFERED = {
     "/policy/action": ("RELIABLE", "VOLATILE"),
     "/policy/observation": ("RELIABLE", "VOLATILE"),
 }
+# Topics of every node.
 BASIC = {"/clock", "/parameter_events", "/rosout"}
+# Time of the first message of the sample bag.
 START_NS = 99_900_500_000
 
 
-def stamp_ns(stamp):
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
-def published(session, ros, name):
-    """Topics of the replayer called `name` with reliability and durability, when it has begun to publish."""
+def published(ros):
+    """Reliability and durability by topic of the replayer, once it has created its publishers."""
     node = lambda: [n for n in ros.node.get_node_names() if n == "replayer"]
     ros.wait_for(node, 20, "the replayer")
 
@@ -42,8 +45,8 @@ def published(session, ros, name):
         return {topic for topic in found if topic not in BASIC - {"/clock"}}
 
     ros.wait_for(topics, 20, "its topics")
-    # They appear one after the other.
-    while (before := topics()) != (ros.holds_within(lambda: False, 0.5) or topics()):
+    # rclpy discovers the publishers one after the other, so this waits until no new one comes in 0.5 s.
+    while (before := topics()) != (ros.spin(0.5) or topics()):
         assert before
     found = {}
     for topic in topics():
@@ -66,13 +69,13 @@ def only(*topics):
     ],
     ids=["all", "names", "regex", "both"],
 )
-def test_topics_are_chosen_and_offered_as_they_were(session, arguments, expected):
+def test_chosen_topics_are_offered_with_their_recorded_profiles(session, arguments, expected):
     ros = join(session)
-    session.start("replay", session.root / "bags/swing", "--loop", *arguments)
-    assert published(session, ros, "replay") == expected
+    session.start("replay", BAG, "--loop", *arguments)
+    assert published(ros) == expected
 
 
-def test_topics_are_renamed_and_offered_as_the_file_says(session):
+def test_topics_are_renamed_and_offered_with_the_profiles_of_a_file(session):
     ros = join(session)
     overrides = session.folder / "overrides.yaml"
     overrides.write_text(
@@ -81,10 +84,8 @@ def test_topics_are_renamed_and_offered_as_the_file_says(session):
     )
     remaps = ("--remap", "/dlo/keypoints:=/lab/points", "/panda/arm_state:=/lab/state")
     topics = ("--topics", "/dlo/keypoints", "/episode/event", "/panda/arm_state", "/clock*")
-    replay = session.start(
-        "replay", session.root / "bags/swing", "-l", *topics, *remaps, "--qos-profile-overrides-path", overrides, "--clock", 50
-    )
-    assert published(session, ros, "replay") == {
+    replay = session.start("replay", BAG, "-l", *topics, *remaps, "--qos-profile-overrides-path", overrides, "--clock", 50)
+    assert published(ros) == {
         "/lab/points": ("RELIABLE", "VOLATILE"),
         "/lab/state": ("BEST_EFFORT", "VOLATILE"),
         "/episode/event": ("RELIABLE", "VOLATILE"),
@@ -95,7 +96,7 @@ def test_topics_are_renamed_and_offered_as_the_file_says(session):
 
 
 def test_a_part_is_played_again_and_again_with_its_clock(session):
-    """From 2 s on, for 1 s, at half the speed, 40 ticks a second."""
+    """Replays the second from 2 s to 3 s at half the speed, with 40 ticks of the clock a second."""
     ros = join(session)
     poses, ticks = [], []
     best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -103,20 +104,21 @@ def test_a_part_is_played_again_and_again_with_its_clock(session):
     ros.node.create_subscription(PoseStamped, "/panda/current_pose", arrived(poses), best_effort)
     ros.node.create_subscription(Clock, "/clock", arrived(ticks), best_effort)
     part = ("--start-offset", 2, "--playback-duration", 1, "--rate", 0.5, "--clock", 40, "--loop", "--topics", "/panda/current_pose")
-    session.start("replay", session.root / "bags/swing", *part)
-    rounds = lambda: sum(stamp_ns(b[1].clock) < stamp_ns(a[1].clock) for a, b in zip(ticks, ticks[1:]))
+    session.start("replay", BAG, *part)
+    rounds = lambda: sum(stamp_ns(b[1].clock) < stamp_ns(a[1].clock) for a, b in itertools.pairwise(ticks))
     ros.wait_for(lambda: rounds() >= 2, 30, "two rounds")
     stamps = [stamp_ns(message.header.stamp) for _, message in poses]
-    # The bag's times are half a millisecond behind the stamps.
+    # Each message was logged half a millisecond after its stamp.
     first, last = START_NS + 2 * 10**9 - 500_000, START_NS + 3 * 10**9
     assert min(stamps) >= first and max(stamps) <= last
     assert min(stamps) < first + 10**8 and max(stamps) > last - 10**8
-    assert any(b < a for a, b in zip(stamps, stamps[1:])), "the poses did not come again"
-    turns = [0] + [i + 1 for i, (a, b) in enumerate(zip(ticks, ticks[1:])) if stamp_ns(b[1].clock) < stamp_ns(a[1].clock)]
+    assert any(b < a for a, b in itertools.pairwise(stamps)), "the poses did not come again"
+    steps = enumerate(itertools.pairwise(ticks), 1)
+    turns = [0] + [i for i, (a, b) in steps if stamp_ns(b[1].clock) < stamp_ns(a[1].clock)]
     whole = ticks[turns[1] : turns[2]]
     times = [stamp_ns(message.clock) for _, message in whole]
     assert times == sorted(times) and times[0] >= first and times[-1] <= last
-    # A second of the bag takes two; best effort and a busy machine lose some ticks.
+    # One second of the bag takes two, so 80 ticks; a busy machine loses some of them, which are best effort.
     assert 60 <= len(whole) <= 81, len(whole)
     assert whole[-1][0] - whole[0][0] == pytest.approx(2 * (times[-1] - times[0]) / 1e9, abs=0.15)
 
@@ -124,8 +126,8 @@ def test_a_part_is_played_again_and_again_with_its_clock(session):
 THING = "std_msgs/Header header\nfloat64[] values\n"
 
 
-def test_topics_of_any_type_are_replayed_as_they_are(session):
-    """Types that are not of this package: one that rclpy knows, and one that nobody knows but the bag."""
+def test_topics_of_any_type_are_replayed_unchanged(session):
+    """Replays types of other packages: some that rclpy knows, and one that only the bag defines."""
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(THING, "lab_msgs/msg/Thing"))
     kinds = {"/lab/notes": "std_msgs/msg/String", "/lab/number": "std_msgs/msg/Int32", "/lab/thing": "lab_msgs/msg/Thing"}
@@ -134,7 +136,8 @@ def test_topics_of_any_type_are_replayed_as_they_are(session):
         for number in range(10):
             note = store.types["std_msgs/msg/String"](data=f"nöte {number}")
             writer.write(topics["/lab/notes"], 10**9 + number, store.serialize_cdr(note, "std_msgs/msg/String"))
-            writer.write(topics["/lab/number"], 10**9 + number, store.serialize_cdr(store.types["std_msgs/msg/Int32"](data=number), "std_msgs/msg/Int32"))
+            count = store.types["std_msgs/msg/Int32"](data=number)
+            writer.write(topics["/lab/number"], 10**9 + number, store.serialize_cdr(count, "std_msgs/msg/Int32"))
         writer.write(topics["/lab/thing"], 10**9, b"\0\1\0\0" + bytes(40))
     ros = join(session)
     notes = []
@@ -148,7 +151,7 @@ def test_topics_of_any_type_are_replayed_as_they_are(session):
 
 
 def bag_of(folder, messages):
-    """A bag of (topic, kind, time in ns, message)."""
+    """Writes a bag of the rows of `messages(types)`: topic, type, time in ns and message."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {}
@@ -158,6 +161,7 @@ def bag_of(folder, messages):
 
 
 def pose_of(types):
+    """A PoseStamped of rosbags."""
     time_ns, header = types["builtin_interfaces/msg/Time"](sec=1, nanosec=0), types["std_msgs/msg/Header"]
     point, turn = types["geometry_msgs/msg/Point"](x=0.4, y=0.0, z=0.3), types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
     pose = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
@@ -165,7 +169,7 @@ def pose_of(types):
 
 
 @pytest.mark.parametrize("name", ["/target_pose", "/right/controller/target_pose"])
-def test_no_command_of_any_controller_is_replayed_unasked(session, name):
+def test_no_command_of_any_controller_is_replayed_without_permission(session, name):
     kind = "geometry_msgs/msg/PoseStamped"
     bag_of(session.folder / "bag", lambda types: [(name, kind, 10**9, pose_of(types)), ("/lab/pose", kind, 10**9, pose_of(types))])
     done = session.run("replay", "bag", "--json")
@@ -176,8 +180,8 @@ def test_no_command_of_any_controller_is_replayed_unasked(session, name):
     assert refused.returncode != 0 and "allow_replay" in refused.stderr
 
 
-def test_as_fast_as_possible_no_tick_of_the_clock_is_skipped(session):
-    """Two messages a minute apart: 12,000 ticks between them."""
+def test_a_replay_as_fast_as_possible_skips_no_tick_of_the_clock(session):
+    """Replays two messages that are a minute apart, with 12,000 ticks between them."""
     text = lambda types: types["std_msgs/msg/String"](data="x")
     bag_of(session.folder / "bag", lambda types: [("/a", "std_msgs/msg/String", t, text(types)) for t in (10**9, 61 * 10**9)])
     ros = join(session)
@@ -188,12 +192,12 @@ def test_as_fast_as_possible_no_tick_of_the_clock_is_skipped(session):
     ros.wait_for(lambda: replay.poll() is not None, 60, "the end of the replay")
     times = [stamp_ns(tick.clock) for tick in ticks]
     assert replay.returncode == 0 and times == sorted(times)
-    # Best effort: a busy machine may lose some.
-    assert len(times) > 9000 and max(b - a for a, b in zip(times, times[1:])) < 2 * 10**9, len(times)
+    # A busy machine may lose some ticks, which are best effort.
+    assert len(times) > 9000 and max(b - a for a, b in itertools.pairwise(times)) < 2 * 10**9, len(times)
 
 
 def notes_at(session, *times_ns):
-    """A bag of notes at these times."""
+    """Writes a bag of notes with these times."""
     text = lambda types: types["std_msgs/msg/String"](data="x")
     bag_of(session.folder / "bag", lambda types: [("/a", "std_msgs/msg/String", t, text(types)) for t in times_ns])
 
@@ -204,13 +208,13 @@ def test_a_negative_duration_is_no_limit(session):
     assert done.returncode == 0 and json.loads(done.stdout)["published"] == 2, done.stderr
 
 
-def test_a_loop_without_messages_ends_with_words(session):
+def test_a_loop_without_messages_ends_with_an_error(session):
     notes_at(session, 10**9, 11 * 10**9)
     done = session.run("replay", "bag", "--loop", "--start-offset", 2, "--playback-duration", 1)
     assert done.returncode != 0 and "loop: expected messages to publish between the start and the end" in done.stderr
 
 
-def test_a_message_without_a_time_is_left_out(session):
+def test_a_message_with_an_impossible_time_is_left_out(session):
     with open(session.folder / "bag.mcap", "wb") as file:
         writer = McapWriter(file)
         writer.start("ros2")
@@ -229,7 +233,7 @@ def test_a_message_without_a_time_is_left_out(session):
 
 
 def test_late_subscribers_get_the_static_transforms_of_every_broadcaster(session):
-    """Two broadcasters, each with what it latched, recorded by a recorder that comes after them; replayed from later on."""
+    """Records latched transforms of two broadcasters with a later recorder, and replays the bag from a later time on."""
     ros = join(session)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     for child in ("camera", "object"):

@@ -1,4 +1,4 @@
-"""Our nodes as clients of servers written in rclpy: a lab may put its own arm, runner or simulator in the place of ours."""
+"""Our nodes and commands as clients of servers in rclpy, as in a lab with its own arm, policy runner or simulator."""
 
 import array
 import json
@@ -6,23 +6,24 @@ import signal
 
 import pytest
 from catenary_msgs.action import Infer, RunEpisode, Train
-from contract import ACTIONS, SERVICES
 from diagnostic_msgs.msg import DiagnosticArray
-from policy import BIAS, policy_file
-from stand_ins import Arm, Learner, Pool, Runner
-from test_cell import Goal, model_yaml
 
-MODEL = "launch_configs/models/soft_bar.yaml"
+from support.contract import ACTIONS, BY_NAME, SERVICES
+from support.policy import BIAS, policy_file
+from support.program import BAG, MODEL
+from support.ros import Goal
+from support.stand_ins import Arm, Learner, Pool, Runner
 
 
-def test_every_caller_of_the_table_is_tried_here():
+def test_every_caller_of_the_table_is_tested_here():
     callers = {row.caller for row in (*SERVICES, *ACTIONS) if row.caller}
-    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer", "catenary deploy", "catenary infer", "catenary train", "catenary find-effects"}
+    commands = {"catenary deploy", "catenary infer", "catenary train", "catenary find-effects"}
+    assert callers == {"policy_runner", "bayes_sim", "ppo_trainer"} | commands
 
 
 @pytest.fixture(scope="module")
 def learners(session_of_module):
-    """Inference and training beside a pool of rclpy."""
+    """Nodes of inference and training beside a pool in rclpy."""
     session = session_of_module
     for node in ("bayes_sim", "ppo_trainer"):
         session.node(node)
@@ -35,11 +36,11 @@ def learners(session_of_module):
 @pytest.mark.parametrize("name", ["/simulator_pool/simulate"])
 def test_node_to_rclpy_inference_asks_a_pool_of_rclpy(learners, name):
     session, pool = learners
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(session.root / "bags/swing")], model_yaml=model_yaml(session))
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text())
     goal.iterations, goal.simulations, goal.seed = 1, 30, 4
-    result = Goal(session.ros, "/bayes_sim/infer", goal).result()
+    result = Goal(session.ros, BY_NAME["/bayes_sim/infer"].kind, "/bayes_sim/infer", goal).result()
     assert result.success and result.simulations == 30
-    # Those that the posterior predicts come on top.
+    # More than two parameters for each of the 30: the posterior's predictions are simulated, too.
     assert sum(len(request.theta) for request in pool.simulated) > 2 * 30
     first = pool.simulated[0]
     assert first.model_yaml == goal.model_yaml and len(first.frame_times) > 1
@@ -52,8 +53,8 @@ def test_node_to_rclpy_training_asks_a_pool_of_rclpy(learners, name):
     pool.opened.clear()
     pool.closed.clear()
     before = pool.stepped
-    goal = Train.Goal(model_yaml=model_yaml(session), total_steps=64, environments=2, seed=2)
-    trained = Goal(session.ros, "/ppo_trainer/train", goal).result()
+    goal = Train.Goal(model_yaml=MODEL.read_text(), total_steps=64, environments=2, seed=2)
+    trained = Goal(session.ros, BY_NAME["/ppo_trainer/train"].kind, "/ppo_trainer/train", goal).result()
     assert trained.success and b"catenary policy 1" in bytes(trained.policy)
     (opened,) = pool.opened
     assert opened.count == 2 and opened.model_yaml == goal.model_yaml and opened.domains and len(opened.domains) % 2 == 0
@@ -62,15 +63,15 @@ def test_node_to_rclpy_training_asks_a_pool_of_rclpy(learners, name):
 
 @pytest.mark.parametrize("name", ["/panda/enable"])
 def test_node_to_rclpy_enables_an_arm_of_rclpy(session, name):
-    session.node("policy_runner", "-p", f"model_file:={session.root / MODEL}")
+    session.node("policy_runner", "-p", f"model_file:={MODEL}")
     ros = session.meet("policy_runner")
     with Arm(session.domain) as arm:
         reports = []
         ros.node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
-        heard = lambda: any(v.key == "poses_received" and int(v.value) > 0 for r in reports for v in r.status[0].values)  # noqa: E731
+        heard = lambda: any(v.key == "poses_received" and int(v.value) > 0 for r in reports for v in r.status[0].values)
         ros.wait_for(heard, 20, "the runner, to hear the arm")
         goal = RunEpisode.Goal(policy=array.array("B", policy_file()), max_steps=3, run_all_steps=True)
-        result = Goal(ros, "/policy_runner/run_episode", goal).result()
+        result = Goal(ros, BY_NAME["/policy_runner/run_episode"].kind, "/policy_runner/run_episode", goal).result()
     assert result.success and len(result.rewards) == 3
     assert arm.requests == [True, False]
     moved = [target.pose.position.x for target in arm.targets]
@@ -93,7 +94,7 @@ def test_node_to_rclpy_deploys_on_a_runner_of_rclpy(session, name):
     assert bytes(goal.policy) == policy_file() and goal.run_all_steps and runner.moves == 1
 
 
-def test_a_goal_that_rclpy_rejects_is_said(session):
+def test_a_goal_that_rclpy_rejects_ends_the_command_with_an_error(session):
     with Runner(session.domain, refuses=True):
         child = deploy(session, "--from-here", "--wait-s", 20)
         assert child.wait(30) == 1
@@ -111,11 +112,11 @@ def test_an_interrupt_cancels_the_goal_at_a_server_of_rclpy(session):
 
 @pytest.mark.parametrize("name", ["/bayes_sim/infer"])
 def test_node_to_rclpy_has_an_inference_of_rclpy_infer(session, name):
-    arguments = ("--bag", session.root / "bags/swing", "--model", session.root / MODEL, "--out", "out", "--iterations", 2, "--seed", 9)
+    arguments = ("--bag", BAG, "--model", MODEL, "--out", "out", "--iterations", 2, "--seed", 9)
     with Learner(session.domain) as learner:
         child = session.start("infer", "--node", *arguments, "--wait-s", 20, "--json")
         assert child.wait(30) == 0, session.text("infer.err")
-        arguments = ("--model", session.root / MODEL, "--posterior", "out/posterior.json", "--out", "pi1.safetensors")
+        arguments = ("--model", MODEL, "--posterior", "out/posterior.json", "--out", "pi1.safetensors")
         child = session.start("train", "--node", *arguments, "--wait-s", 20)
         assert child.wait(30) == 0, session.text("train.err")
     said = json.loads(session.text("infer.out"))
@@ -124,14 +125,14 @@ def test_node_to_rclpy_has_an_inference_of_rclpy_infer(session, name):
     assert length["name"] == "length_m" and length["median"] == pytest.approx(0.25, abs=1e-3)
     assert json.loads((session.folder / "out/posterior.json").read_text()) == said["posterior"]
     goal, over_posterior = learner.goals
-    assert goal.source == Infer.Goal.SOURCE_BAG and list(goal.bags) == [str(session.root / "bags/swing")] and goal.model_yaml == model_yaml(session)
+    assert goal.source == Infer.Goal.SOURCE_BAG and list(goal.bags) == [str(BAG)] and goal.model_yaml == MODEL.read_text()
     assert (goal.iterations, goal.simulations, goal.seed, goal.preset) == (2, 0, 9, "default")
     assert over_posterior.domains == Train.Goal.DOMAINS_MIXTURE and list(over_posterior.mixture.means) == pytest.approx([0.5, 0.5])
 
 
 @pytest.mark.parametrize("name", ["/ppo_trainer/train"])
 def test_node_to_rclpy_has_a_training_of_rclpy_train(session, name):
-    arguments = ("--model", session.root / MODEL, "--out", "pi0.safetensors", "--steps", 32, "--seed", 3)
+    arguments = ("--model", MODEL, "--out", "pi0.safetensors", "--steps", 32, "--seed", 3)
     with Learner(session.domain) as learner:
         child = session.start("train", "--node", *arguments, "--wait-s", 20, "--json")
         assert child.wait(30) == 0, session.text("train.err")
@@ -139,14 +140,14 @@ def test_node_to_rclpy_has_a_training_of_rclpy_train(session, name):
     assert said["policy"] == "pi0.safetensors" and said["curve"] == [[16, 0.25], [32, 0.5]] and said["steps"] == 32
     assert (session.folder / "pi0.safetensors").read_bytes() == policy_file()
     (goal,) = learner.goals
-    assert (goal.total_steps, goal.seed, goal.domains) == (32, 3, Train.Goal.DOMAINS_PRIOR) and goal.model_yaml == model_yaml(session)
+    assert (goal.total_steps, goal.seed, goal.domains) == (32, 3, Train.Goal.DOMAINS_PRIOR) and goal.model_yaml == MODEL.read_text()
 
 
 @pytest.mark.parametrize("command", ["infer", "train"])
-def test_an_interrupt_cancels_what_a_learner_of_rclpy_does(session, command):
-    bag = ("--bag", session.root / "bags/swing") if command == "infer" else ()
+def test_an_interrupt_cancels_the_work_of_a_learner_of_rclpy(session, command):
+    bag = ("--bag", BAG) if command == "infer" else ()
     with Learner(session.domain, endless=True) as learner:
-        child = session.start(command, "--node", *bag, "--model", session.root / MODEL, "--out", "out", "--wait-s", 20)
+        child = session.start(command, "--node", *bag, "--model", MODEL, "--out", "out", "--wait-s", 20)
         session.wait_for(lambda: learner.goals, 20, "the goal")
         child.send_signal(signal.SIGINT)
         assert child.wait(15) == 130
@@ -156,7 +157,7 @@ def test_an_interrupt_cancels_what_a_learner_of_rclpy_does(session, command):
 
 @pytest.mark.parametrize("name", ["/effect_finder/find"])
 def test_node_to_rclpy_has_a_search_of_rclpy_find(session, name):
-    arguments = ("--bag", session.root / "bags/swing", "--model", session.root / MODEL, "--out", "found", "--seed", 8)
+    arguments = ("--bag", BAG, "--model", MODEL, "--out", "found", "--seed", 8)
     with Learner(session.domain) as learner:
         child = session.start("find-effects", "--node", *arguments, "--wait-s", 20, "--json")
         assert child.wait(30) == 0, session.text("find-effects.err")
@@ -166,4 +167,4 @@ def test_node_to_rclpy_has_a_search_of_rclpy_find(session, name):
     assert said["conclusions"][-1] == "tip mass explains it"
     assert (session.folder / "found/model.yaml").read_text() == "version: 1\n"
     (goal,) = learner.goals
-    assert list(goal.bags) == [str(session.root / "bags/swing")] and goal.model_yaml == model_yaml(session) and goal.seed == 8
+    assert list(goal.bags) == [str(BAG)] and goal.model_yaml == MODEL.read_text() and goal.seed == 8

@@ -1,7 +1,6 @@
-"""Every topic of the contract between rclpy and our nodes, and through a bag: what counts up on one side comes out on the other.
+"""Every topic of the contract between rclpy and our nodes, and through a bag, with messages whose fields count up.
 
-The recorder is the node that subscribes all of them, the replayer the one that publishes all. What the nodes of a cell say
-on them is for test_cell.py.
+The recorder subscribes all topics and the replayer publishes all. test_cell.py checks the messages of the other nodes.
 """
 
 import itertools
@@ -9,9 +8,6 @@ import time
 
 import pytest
 from catenary_msgs.msg import ArmState
-from cdr import counted_message, pieces
-from conftest import Ros
-from contract import BY_NAME, TOPICS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rcl_interfaces.msg import Log
@@ -19,32 +15,25 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import Trigger
 
+from support.cdr import counted_message, pieces, same
+from support.contract import BY_NAME, TOPICS
+from support.ros import Ros
+
 COUNT = 3
 ROWS = pytest.mark.parametrize("row", TOPICS, ids=lambda row: row.name)
 
 
 def messages_of(row, index):
-    """Different ones for each topic."""
+    """Messages of a topic, different from those of every other topic."""
     return [counted_message(row.kind, [1 + 7 * index + number]) for number in range(COUNT)]
 
 
 SENT = {row.name: messages_of(row, index) for index, row in enumerate(TOPICS)}
 
 
-def same(message, other):
-    """Whether an rclpy message and that of another reader have the same values."""
-    if hasattr(message, "get_fields_and_field_types"):
-        return all(same(getattr(message, name), getattr(other, name)) for name in message.get_fields_and_field_types())
-    if hasattr(message, "__len__") and not isinstance(message, str | bytes):
-        return len(message) == len(other) and all(map(same, message, other))
-    if isinstance(message, bytes):
-        other = other if isinstance(other, bytes) else bytes([other])
-    return message == other
-
-
 @pytest.fixture(scope="module")
 def bag(session_of_module):
-    """A bag of what rclpy published on every topic."""
+    """Bag of the messages that rclpy published on every topic."""
     session = session_of_module
     folder = session.folder / "bag"
     names = "[" + ", ".join(row.name for row in TOPICS) + "]"
@@ -53,17 +42,17 @@ def bag(session_of_module):
     session.meet()
     ros = session.ros
     publishers = {row.name: ros.node.create_publisher(row.kind, row.name, row.profile) for row in TOPICS}
-    matched = lambda: all(p.get_subscription_count() == 1 for p in publishers.values())  # noqa: E731
+    matched = lambda: all(p.get_subscription_count() == 1 for p in publishers.values())
     ros.wait_for(matched, 20, "the recorder's subscriptions")
-    # The recorder may know the publishers a little later than they know it, and the best effort then loses their first. The
-    # pause is in the bag, too, and gives rclpy its time in the replay.
-    ros.holds_within(lambda: False, 0.5)
+    # The recorder may match the publishers a little later than they match it, and messages of best effort are lost until then.
+    # The pause is in the bag, too, and gives rclpy time to match the replayer.
+    ros.spin(0.5)
     publishers["/rosout"].publish(Log(msg="the first one"))
-    ros.holds_within(lambda: False, 0.5)
+    ros.spin(0.5)
     for number, row in itertools.product(range(COUNT), TOPICS):
         publishers[row.name].publish(SENT[row.name][number])
-        ros.holds_within(lambda: False, 0.005)
-    ros.holds_within(lambda: False, 1)
+        ros.spin(0.005)
+    ros.spin(1)
     session.stop(recorder)
     ros.close()
     return folder
@@ -71,7 +60,7 @@ def bag(session_of_module):
 
 @pytest.fixture(scope="module")
 def in_bag(bag):
-    """Type and bytes of what is in the bag by topic, what two other readers make of them, and rosbags' connections."""
+    """Content of the bag by topic: types and bytes, messages of two other readers, and connections of rosbags."""
     raw, by_mcap, by_rosbags = {}, {}, {}
     with open(bag / "bag_0.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -86,7 +75,7 @@ def in_bag(bag):
 
 
 def ours(row, messages):
-    """Without the log lines and parameters that nodes publish by themselves."""
+    """Messages that these tests sent, without the log lines and reports that nodes publish by themselves."""
     return [message for message in messages if any(message == sent for sent in SENT[row.name])]
 
 
@@ -116,13 +105,13 @@ def test_bag(in_bag, row):
 
 @pytest.fixture(scope="module")
 def replayed(session_of_module, bag):
-    """What rclpy heard when the replayer played the bag, and whom it heard, by topic."""
+    """Messages that rclpy heard from the replayer, and the replayer's publishers, by topic."""
     session = session_of_module
     session.ros = ros = Ros(session.domain)
     heard = {row.name: [] for row in TOPICS}
     for row in TOPICS:
         ros.node.create_subscription(row.kind, row.name, heard[row.name].append, row.profile_of_depth(max(row.depth, 10)))
-    # Targets are replayed where an arm is served that says it is simulated.
+    # The replayer publishes targets only beside an arm that says it is simulated.
     arm = ros.node.create_publisher(ArmState, "/panda/arm_state", BY_NAME["/panda/arm_state"].profile)
     ros.node.create_service(Trigger, "/panda/hold", lambda request, response: response)
     ros.node.create_timer(0.1, lambda: arm.publish(ArmState(is_sim=True)))
@@ -146,7 +135,7 @@ def replayed(session_of_module, bag):
 def test_node_to_rclpy(replayed, row):
     heard, publishers = replayed
     assert ours(row, heard[row.name]) == SENT[row.name]
-    # The replayer's own logs go by /rosout, too.
+    # More than one on /rosout, which carries the replayer's own log, too.
     for publisher in publishers[row.name]:
         profile = publisher.qos_profile
         assert (profile.reliability.name.lower(), profile.durability.name.lower()) == (row.reliability, row.durability)

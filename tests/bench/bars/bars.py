@@ -1,16 +1,17 @@
-"""The published study on hidden truths: each of the four bars is measured in a simulated cell, and its posterior held against it.
+"""Posteriors of the paper's four bars, each hidden in a simulated cell: errors of the means and coverage of the regions.
 
     source .venv/ros.env; .venv/bin/python tests/bench/bars/bars.py --out DIR [--seeds 10] [--preset default|paper] [--json]
 
-A cell is `catenary simulate --noise --fidelity reference`: finer than inference's simulator, with the model's camera noise and the
-arm's lag, friction and damping drawn and not told. Inference is given soft_bar.yaml, which does not know the bars. What is in DIR
-already is not run again. Each folder holds a report.html with the heatmap and the twelve training domains.
+A cell is `catenary simulate --noise --fidelity reference`: finer than the simulator of the inference, with camera noise, and with
+lag of the arm, friction and damping drawn at random. The inference gets soft_bar.yaml, which does not contain the bars. Results that
+DIR holds are not computed again. Each folder holds a report.html with the heatmap and the twelve training domains.
+
+Each of the 4 x 10 inferences of the default preset takes about half a minute on two cores.
 """
 
 import argparse
 import csv
 import json
-import os
 import pathlib
 import shutil
 import subprocess
@@ -18,18 +19,19 @@ import sys
 
 import numpy
 from catenary_inspect import posterior
+from scipy.stats import multivariate_normal
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
-MODELS = ROOT / "launch_configs/models"
-PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+from support.program import MODELS, PROGRAM
+
 BARS = range(4)
 STEPS = 16
-# The hand starts at (0.40, 0.42) m, and its targets stay in here: hanging bars of 0.3 m touch the table in the lower part.
+# Start of the hand, the box of its targets (hanging bars of 0.3 m touch the table in its lower part), and the largest action.
 LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.32, 0.22]), numpy.array([0.55, 0.47]), numpy.array([0.40, 0.42]), 0.06
 
 
 def actions(seed):
-    """A random walk of the target within the box, as rows of dx and dz in m."""
+    """Random walk of the target within the box, as rows of dx and dz in m."""
     rng, at, rows = numpy.random.default_rng(seed), START_M, []
     for _ in range(STEPS):
         to = numpy.clip(at + rng.uniform(-MOST_M, MOST_M, 2), LOW_M, HIGH_M)
@@ -39,14 +41,15 @@ def actions(seed):
 
 
 def program(*arguments):
-    done = subprocess.run([PROGRAM, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """Runs the program, which has to succeed; returns its stdout."""
+    done = subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"catenary {' '.join(map(str, arguments))}: {done.stderr}")
     return done.stdout
 
 
 def infer(folder, bar, seed, preset):
-    """Measures and infers, unless that was done; the answer of `infer --json`."""
+    """Measures and infers unless the folder holds the result; returns the document of `infer --json`."""
     found = folder / "inference.json"
     if not found.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -54,6 +57,7 @@ def infer(folder, bar, seed, preset):
         with table.open("w", newline="") as file:
             csv.writer(file).writerows([("dx_m", "dz_m"), *(map(repr, map(float, row)) for row in actions(seed))])
         if not bag.exists():
+            # Renamed when it is complete, so that an interrupted run leaves no half bag.
             measuring, half = ("--noise", "--seed", seed, "--fidelity", "reference"), folder / "half"
             shutil.rmtree(half, ignore_errors=True)
             program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", half / "bag")
@@ -65,23 +69,19 @@ def infer(folder, bar, seed, preset):
 
 
 def nominal(bar):
-    """Length in m and Young's modulus in Pa that dlo_N.yaml hides."""
+    """Length in m and Young's modulus in Pa of dlo_N.yaml."""
     line = next(line for line in (MODELS / f"dlo_{bar}.yaml").read_text().splitlines() if line.startswith("nominal:"))
     return [float(part.split(":")[-1]) for part in line.removeprefix("nominal:").strip(" {}").split(",")]
 
 
 def density(estimate, unit):
-    """Of a posterior at rows of unit coordinates."""
-    total = numpy.zeros(len(unit))
-    for weight, mean, covariance in zip(estimate.weights, estimate.means, estimate.covariances):
-        apart = unit - mean
-        square = numpy.einsum("ni,ij,nj->n", apart, numpy.linalg.inv(covariance), apart)
-        total += weight * numpy.exp(-0.5 * square) / numpy.sqrt(numpy.linalg.det(covariance))
-    return total
+    """Density of a posterior's mixture at rows of unit coordinates (N x D)."""
+    parts = zip(estimate.weights, estimate.means, estimate.covariances)
+    return sum(weight * numpy.atleast_1d(multivariate_normal(mean, covariance).pdf(unit)) for weight, mean, covariance in parts)
 
 
 def row_of(bar, seed, answer, path):
-    """Errors of the mean, and the mass of the region of highest density that just holds the truth."""
+    """Errors of the mean, and the mass of the smallest region of highest density that contains the truth."""
     truth, estimate = nominal(bar), posterior.of_file(path)
     unit = [prior.share_below(value) for (_, prior), value in zip(estimate.parameters, truth)]
     at_truth = density(estimate, numpy.array([unit]))[0]
@@ -135,7 +135,7 @@ def main():
     for seed in range(1, arguments.seeds + 1):
         for bar in BARS:
             folder = arguments.out / arguments.preset / f"bar_{bar}_{seed}"
-            # Of each bar another motion.
+            # Every bar of every seed gets another motion.
             answer = infer(folder, bar, len(BARS) * seed + bar, arguments.preset)
             rows.append(row_of(bar, seed, answer, folder / "posterior.json"))
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)

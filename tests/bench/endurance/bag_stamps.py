@@ -1,13 +1,14 @@
-"""What a bag's file holds: by topic the stamps of its messages and the times of logging, ns."""
+"""Stamps and logging times of the messages in a file of a bag."""
 
-import numpy
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
+from support.stamps import stamp_of_bytes_ns
+
 
 def messages_of(path):
-    """Topic and message of each; a file that was cut off gives what it has."""
+    """Topic and record of each message; an unfinished file gives the messages that it has."""
     channels = {}
     with open(path, "rb") as file:
         try:
@@ -21,8 +22,8 @@ def messages_of(path):
 
 
 def stamps_in(path):
+    """Stamp and logging time (ns) of every message, by topic."""
     found = {}
     for topic, message in messages_of(path):
-        sec, nanosec = numpy.frombuffer(message.data[4:12], numpy.uint32)
-        found.setdefault(topic, []).append((int(sec) * 10**9 + int(nanosec), message.log_time))
+        found.setdefault(topic, []).append((stamp_of_bytes_ns(message.data), message.log_time))
     return found

@@ -1,8 +1,8 @@
-"""How the graph of sim.launch.xml endures: a long recording with episodes back to back, and the death of each of its nodes.
+"""Endurance of the graph of sim.launch.xml: a long recording of successive episodes, and a kill of each node.
 
     source .venv/ros.env; .venv/bin/python tests/bench/endurance/endurance.py [--minutes 10] [--images] [--only steady|kills] [--json]
 
-Run it on a machine that does nothing else.
+It takes the given minutes for the recording, and some minutes more for the kills. Run it on an idle machine.
 """
 
 import argparse
@@ -11,26 +11,22 @@ import pathlib
 import sys
 import tempfile
 
-sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[2]), str(pathlib.Path(__file__).resolve().parent)]
-
-import kills  # noqa: E402
-import steady  # noqa: E402
-from conftest import session_in  # noqa: E402
-from figures import table  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+import kills
+import steady
+from figures import table
+from support.session import session_in
 
 
 def in_session(part, *arguments):
-    with tempfile.TemporaryDirectory(prefix="endurance_") as folder:
-        sessions = session_in(pathlib.Path(folder))
-        session = next(sessions)
+    """Runs a part of the bench in a session; prints the processes' stderr if it fails."""
+    with tempfile.TemporaryDirectory(prefix="endurance_") as folder, session_in(pathlib.Path(folder)) as session:
         try:
             return part(session, *arguments)
         except BaseException:
             for path in sorted(session.folder.glob("*.err")):
                 print(f"--- {path.name}", *path.read_text(errors="replace").splitlines()[-30:], sep="\n", file=sys.stderr)
             raise
-        finally:
-            sessions.close()
 
 
 def tables_of_steady(figures):
@@ -55,13 +51,15 @@ def table_of_kills(rows):
     yield table("killed", columns, {
         row["victim"]: [row[key] if row[key] is None else row[key] * scale.get(key, 1) for key in keys] for row in rows
     })  # fmt: skip
-    yield "\n".join(f"{row['victim']}: " + "; ".join(["the episode went on" if row["went_on"] else row["end"], *row["refusals"]]) for row in rows)
+    ends = [["the episode went on" if row["went_on"] else row["end"], *row["refusals"]] for row in rows]
+    yield "\n".join(f"{row['victim']}: {'; '.join(end)}" for row, end in zip(rows, ends))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=10, help="of the recording")
-    parser.add_argument("--images", action="store_true", help=f"record the images, too: {steady.IMAGES_GB_PER_MIN} GB a minute, 2 of them kept")
+    size = f"{steady.IMAGES_GB_PER_MIN} GB a minute, 2 of them kept"
+    parser.add_argument("--images", action="store_true", help=f"record the images, too: {size}")
     parser.add_argument("--only", choices=["steady", "kills"], help="one part")
     parser.add_argument("--victims", nargs="+", choices=kills.VICTIMS, default=kills.VICTIMS)
     parser.add_argument("--json", action="store_true")

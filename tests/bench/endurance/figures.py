@@ -1,13 +1,14 @@
-"""Slopes, gaps and tables: numbers from numbers."""
+"""Slopes, gaps and tables of measured series."""
 
 import numpy
+from scipy.stats import theilslopes
 
-# A slope is taken over medians of this long, whose errors are nearly independent.
+# Length of the bins whose medians a slope is fitted to; errors of successive medians are nearly independent.
 BIN_S = 10
 
 
 def binned(times_s, values, width_s=BIN_S):
-    """The middle of each bin and the median of its values."""
+    """Middle of each bin and median of its values."""
     bins = numpy.floor((numpy.asarray(times_s) - times_s[0]) / width_s).astype(int)
     kept = [number for number in numpy.unique(bins) if numpy.count_nonzero(bins == number) > 1]
     middles = [times_s[0] + (number + 0.5) * width_s for number in kept]
@@ -15,19 +16,14 @@ def binned(times_s, values, width_s=BIN_S):
 
 
 def slope(times, values):
-    """Theil-Sen slope and its 95 % interval by Kendall's variance (Sen 1968, without the correction for ties)."""
+    """Theil-Sen slope with its 95 % interval (Sen 1968)."""
     assert len(times) > 1, f"a slope needs {2 * BIN_S} s after the warm-up"
-    i, j = numpy.triu_indices(len(times), 1)
-    slopes = numpy.sort((values[j] - values[i]) / (times[j] - times[i]))
-    n = len(times)
-    reach = 1.96 * numpy.sqrt(n * (n - 1) * (2 * n + 5) / 18)
-    low = int(max((len(slopes) - reach) / 2, 0))
-    high = int(min((len(slopes) + reach) / 2, len(slopes) - 1))
-    return float(numpy.median(slopes)), float(slopes[low]), float(slopes[high])
+    found = theilslopes(values, times, alpha=0.95)
+    return float(found.slope), float(found.low_slope), float(found.high_slope)
 
 
 def memory(times_s, rss_kb, warm_up_s):
-    """Start, end and slope in kB/min of what came after the warm-up."""
+    """Memory (kB) at the start, after the warm-up, at the end and at most, and its slope (kB/min) after the warm-up."""
     times_s, rss_kb = numpy.asarray(times_s), numpy.asarray(rss_kb)
     warm = times_s - times_s[0] >= warm_up_s
     times, medians = binned(times_s[warm], rss_kb[warm])
@@ -37,7 +33,7 @@ def memory(times_s, rss_kb, warm_up_s):
 
 
 def gaps(sent_ns, numbers):
-    """p99 and longest time in ms between messages that follow one another in the sender's count."""
+    """99th percentile and maximum of the time (ms) between messages with successive sequence numbers."""
     order = numpy.argsort(numbers)
     between = 1e-6 * numpy.diff(numpy.asarray(sent_ns)[order])
     between = between[numpy.diff(numpy.asarray(numbers)[order]) == 1]
@@ -45,8 +41,9 @@ def gaps(sent_ns, numbers):
 
 
 def table(title, columns, rows):
-    """Lines of a table: a dictionary of name to cells, each a text, a number or none."""
-    texts = [[name, *("-" if cell is None else f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in cells)] for name, cells in rows.items()]
-    lines = [[title, *columns], *texts]
+    """Text of a table; `rows` maps names to cells, each a text, a number or None."""
+    word = lambda cell: "-" if cell is None else f"{cell:.5g}" if isinstance(cell, float) else str(cell)
+    lines = [[title, *columns], *([name, *map(word, cells)] for name, cells in rows.items())]
     widths = [max(len(line[column]) for line in lines) for column in range(len(columns) + 1)]
-    return "\n".join(f"{line[0]:<{widths[0]}}" + "".join(f"  {cell:>{width}}" for cell, width in zip(line[1:], widths[1:])) for line in lines)
+    right = lambda line: "".join(f"  {cell:>{width}}" for cell, width in zip(line[1:], widths[1:]))
+    return "\n".join(f"{line[0]:<{widths[0]}}" + right(line) for line in lines)

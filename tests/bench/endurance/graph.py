@@ -1,26 +1,27 @@
-"""The graph as a stranger in rclpy hears and drives it."""
+"""Listener and driver of the graph in rclpy."""
 
 import array
 import time
 
-import numpy
 from catenary_msgs.action import MoveToStart, RunEpisode
-from contract import BY_NAME
-from policy import policy_file
 from rclpy.action import ActionClient
+
+from support.contract import BY_NAME
+from support.policy import policy_file
 
 POLICY = array.array("B", policy_file())
 
 
 class Heard:
-    """A topic: for each message its number in the sender's count, the times of sending and taking in ns, and its bytes."""
+    """Messages of a topic: sequence number of the sender, times of sending and taking (ns), and bytes (12 without `keep`)."""
 
     def __init__(self, ros, name, keep=True, depth=2000):
         row = BY_NAME[name]
         self.kind, self.messages = row.kind, []
 
         def came(data, info):
-            self.messages.append((info["publication_sequence_number"], info["source_timestamp"], time.time_ns(), data if keep else data[:12]))
+            kept = data if keep else data[:12]
+            self.messages.append((info["publication_sequence_number"], info["source_timestamp"], time.time_ns(), kept))
 
         self.subscription = ros.node.create_subscription(row.kind, name, came, row.profile_of_depth(depth), raw=True)
 
@@ -32,18 +33,12 @@ class Heard:
         return self.messages[first:]
 
     def sent_since(self, sent_ns):
-        """The newest message, if it was sent after a time."""
+        """Tells whether the newest message was sent after a time."""
         return bool(self.messages) and self.messages[-1][1] > sent_ns
 
 
-def stamp_of(data):
-    """The stamp in ns that a message with a header begins with, after the CDR header."""
-    sec, nanosec = numpy.frombuffer(data[4:12], numpy.uint32)
-    return int(sec) * 10**9 + int(nanosec)
-
-
 class Driver:
-    """Moves to the start and runs episodes, as a lab's own script would."""
+    """Moves the arm to the start and runs episodes, as a script of a lab does."""
 
     def __init__(self, ros):
         self.ros = ros
@@ -51,7 +46,7 @@ class Driver:
         self.runner = ActionClient(ros.node, RunEpisode, "/policy_runner/run_episode")
 
     def send(self, client, goal, seconds=10):
-        """An accepted goal."""
+        """Sends a goal; returns the handle of the accepted goal."""
         self.ros.wait_for(client.server_is_ready, seconds, "the server of an action")
         handle = self.ros.result(client.send_goal_async(goal), seconds, "an answer to a goal")
         assert handle.accepted, "the goal was rejected"
@@ -67,7 +62,7 @@ class Driver:
         return self.send(self.runner, goal)
 
     def episode(self, seed, steps=0):
-        """The result of a whole episode from the start pose."""
+        """Runs a whole episode from the start pose; returns its result."""
         self.to_start()
         result = self.ros.result(self.begin(seed, steps).get_result_async(), 40, "the end of the episode").result
         assert result.success, f"episode: {result.message}"

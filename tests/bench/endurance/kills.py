@@ -1,4 +1,4 @@
-"""Death by signal 9 of each node while an episode runs: what becomes of the episode, of the arm, and of the graph."""
+"""SIGKILL to each node during an episode, and its effect on the episode, the arm and the graph."""
 
 import math
 import os
@@ -6,37 +6,39 @@ import signal
 import time
 
 from action_msgs.msg import GoalStatus
-from bag_stamps import stamps_in
 from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import ArmState
 from catenary_msgs.srv import Simulate
-from contract import BAYES, BY_NAME, CAMERA, CELL, POOL, RUNNER, TOPICS, TRACKER, TRAINER
-from graph import Driver, Heard, stamp_of
-from policy import STEPS
 from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 
+from bag_stamps import stamps_in
+from graph import Driver, Heard
+from support.contract import BAYES, BY_NAME, CAMERA, CELL, POOL, RUNNER, TOPICS, TRACKER, TRAINER
+from support.policy import STEPS
+from support.program import BAG, MODEL
+from support.stamps import stamp_of_bytes_ns
+
 RECORDER = "recorder"
 VICTIMS = (CAMERA, TRACKER, RUNNER, CELL, POOL, BAYES, TRAINER, RECORDER)
-# Without these an episode cannot go on, unless they are back in time.
+# Nodes that an episode needs: it goes on only if they are back in time.
 NEEDED = {CAMERA, TRACKER, RUNNER, CELL}
 POSE, STATE, TARGET, ACCEPTED = "/panda/current_pose", "/panda/arm_state", "/panda/target_pose", "/panda/accepted_target"
-# What flows again where a node is back: its own topics, and those of nodes that listen to it.
+# Topics that flow again after a restart: the node's own, and those of nodes that depend on it.
 FLOWS = {
     CAMERA: ("/dlo/mask", "/dlo/keypoints"),
     TRACKER: ("/dlo/keypoints",),
     CELL: (POSE, STATE, "/camera/camera/color/camera_info", "/dlo/mask", "/dlo/keypoints"),
 }
-MODEL = "launch_configs/models/soft_bar.yaml"
 ENABLED = (ArmState.MODE_TRACKING, ArmState.MODE_HOLD, ArmState.MODE_MOVING)
-# From the death to an arm that follows no target: data may be 1 s late, a step after it takes 0.5 s, and silence counts as such
-# after one and a half steps.
+# Longest time from the kill to an arm that follows no target: data may be 1 s late, the step after it takes 0.5 s, and the arm
+# treats one and a half steps without a target as silence.
 STOP_S = 2.5
-# From then on.
+# Largest motion of an arm that counts as standing.
 STILL_M = 0.001
-# Longest time until everything works again: a second's delay of the launch, the start, discovery, and the lease of who commands.
+# Longest time until everything works again: 1 s of the launch's delay, the start, discovery, and the lease of the arm's commander.
 HEALED_S = 15
-# A recorder that is killed loses a second, and half of one for a busy machine.
+# Longest end of a recording that a killed recorder may lose: 1 s, and half a second for a busy machine.
 LACKS_S = 1.5
 
 
@@ -46,12 +48,14 @@ def distance(a, b):
 
 
 def bag_lacks(bag, killed):
-    """How much of the end a killed recorder's bag lacks, s."""
+    """Seconds between the last message in a killed recorder's bag and the kill."""
     last = max(logged for path in bag.glob("*.mcap") for rows in stamps_in(path).values() for _, logged in rows)
     return 1e-9 * (killed - last)
 
 
-class Deaths:
+class Kills:
+    """A graph with a recorder, whose processes are killed one at a time."""
+
     def __init__(self, session, say):
         self.session, self.say = session, say
         session.launch()
@@ -75,7 +79,7 @@ class Deaths:
         return self.session.pid_of(node)
 
     def kill(self, node):
-        """What came of the death of a node."""
+        """Kills a node during an episode; returns the figures of a row."""
         self.driver.to_start()
         goal = self.driver.begin(1)
         begun = time.time_ns()
@@ -99,7 +103,7 @@ class Deaths:
         return found | ({"bag_lacks_s": bag_lacks(bag, killed)} if node == RECORDER else {})
 
     def flow(self, node, killed, back):
-        """When all topics of the new process and of those behind it were heard again."""
+        """Seconds from the kill until all topics of FLOWS are heard from after the restart; None for other nodes."""
         if node not in FLOWS:
             return None
         wanted = [self.heard[name] for name in FLOWS[node]]
@@ -107,8 +111,10 @@ class Deaths:
         return 1e-9 * (time.time_ns() - killed)
 
     def end_of(self, goal, result, ended, node, killed):
-        """Whether the episode went on to its end; else how it ended, and when. The result of a dead runner never comes: the
-        new one is asked whether it knows of the goal."""
+        """Tells whether the episode went on to its end; if not, how and when it ended.
+
+        The result never comes from a dead runner, so the restarted one is asked for it, too.
+        """
         asked = time.monotonic()
         answers = [result]
 
@@ -124,13 +130,15 @@ class Deaths:
         if answer.status == GoalStatus.STATUS_SUCCEEDED:
             whole = len(answer.result.rewards) == STEPS
             return {"went_on": whole, "end": answer.result.end, "end_s": None if whole else seconds}
-        end = answer.result.message or "nobody knows of it any more"
+        end = answer.result.message or "no node knows of it any more"
         return {"went_on": False, "end": end, "end_s": seconds}
 
     def arm(self, since, killed, went_on):
-        """When the arm followed no target any more, what it did from then on, and what it was doing at the end. Times are those
-        of its measurements, from when there was an arm."""
-        self.ros.holds_within(lambda: False, 1)
+        """Time at which the arm stopped following targets, its motion and accepted targets after that, and its mode at the end.
+
+        Times are stamps of the arm's messages; `since` is the time from which there is an arm.
+        """
+        self.ros.spin(1)
         states, poses = self.measured(STATE, since), self.measured(POSE, since)
         mode = states[-1][1].mode
         if went_on:
@@ -138,20 +146,20 @@ class Deaths:
         stopped = next((stamp for stamp, state in states if state.mode != ArmState.MODE_TRACKING), None)
         if stopped is None:
             return {"stopped_s": None, "moved_m": math.inf, "targets": None, "mode": mode}
-        # A measurement for the order to stop.
+        # 10 ms, two measurements at 200 Hz, until the order to stop takes effect.
         after = [pose for stamp, pose in poses if stamp > stopped + 10_000_000]
         accepted = [answer.accepted for stamp, answer in self.measured(ACCEPTED, since) if stamp > stopped]
         moved = max(distance(pose, after[0]) for pose in after)
         return {"stopped_s": 1e-9 * (stopped - killed), "moved_m": moved, "targets": sum(accepted), "mode": mode}
 
     def measured(self, name, since):
-        """Stamps and messages from a time on."""
+        """Stamps and messages of a topic from a time on."""
         heard = self.heard[name]
-        stamped = [(stamp_of(message[3]), message[3]) for message in heard.since(since)]
+        stamped = [(stamp_of_bytes_ns(message[3]), message[3]) for message in heard.since(since)]
         return [(stamp, deserialize_message(bytes(data), heard.kind)) for stamp, data in stamped if stamp > since]
 
     def next_episode(self, node, killed):
-        """When a whole episode began that ran to its end, what was refused before it, and how many steps it had."""
+        """Seconds from the kill to the begin of the next whole episode, refusals before it, and its number of steps."""
         refusals = []
         while True:
             try:
@@ -164,14 +172,13 @@ class Deaths:
                 assert time.time_ns() - killed < 120e9, f"no episode within 2 min after the death of {node}: {refusals[-1]}"
 
     def serve(self, node, killed):
-        """When what the learning nodes serve was done again, for rclpy and for one another; the recorder: when the new bag held
-        every topic that flows."""
-        model = (self.session.root / MODEL).read_text()
+        """Seconds from the kill until a learning node completes a goal again, or until the next bag has every flowing topic."""
+        model = MODEL.read_text()
         if node in (POOL, TRAINER):
-            self.act("/ppo_trainer/train", Train.Goal(model_yaml=model, total_steps=64, environments=2, fidelity=Simulate.Request.FIDELITY_FAST))
+            sizes = {"total_steps": 64, "environments": 2, "fidelity": Simulate.Request.FIDELITY_FAST}
+            self.act("/ppo_trainer/train", Train.Goal(model_yaml=model, **sizes))
         elif node == BAYES:
-            bag = str(self.session.root / "bags/swing")
-            goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[bag], model_yaml=model, iterations=1, simulations=20)
+            goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=model, iterations=1, simulations=20)
             self.act("/bayes_sim/infer", goal)
         elif node == RECORDER:
             flowing = {row.name for row in TOPICS if row.hz and row.name != "/camera/camera/color/image_raw"}
@@ -182,7 +189,7 @@ class Deaths:
         return 1e-9 * (time.time_ns() - killed)
 
     def act(self, name, goal):
-        """Runs a goal to its end, asked for again a second later where nobody answers or what it needs is not there."""
+        """Runs a goal to its end; sends it again after a second if no server answers or the server lacks another node."""
         client = ActionClient(self.ros.node, BY_NAME[name].kind, name)
         deadline = time.monotonic() + 60
         while True:
@@ -194,40 +201,43 @@ class Deaths:
                 self.say(str(error))
                 if time.monotonic() > deadline:
                     raise
-                self.ros.holds_within(lambda: False, 1)
+                self.ros.spin(1)
 
 
 def run(session, victims, say):
-    deaths = Deaths(session, say)
+    """Kills the victims one after the other; returns a row of figures for each."""
+    kills = Kills(session, say)
     found = []
     for victim in victims:
-        found.append(deaths.kill(victim))
+        found.append(kills.kill(victim))
         say(f"{victim}: {found[-1]}")
-    session.stop(deaths.recorder)
+    session.stop(kills.recorder)
     return found
 
 
 def healed_s(row):
-    """From the death until everything was done again that the victim does; of those that an episode needs, a whole one."""
+    """Seconds from the kill until the victim does all of its work again; for nodes of an episode, until the next whole episode."""
     needed = row["next_s"] if row["victim"] in NEEDED and not row["went_on"] else 0
     return max(row["process_s"], row["flows_s"] or 0, row["served_s"] or 0, needed)
 
 
 def fails_safe(row):
-    """Whether an episode that did not go on left a standing arm; the cell's arm stands when it is there again."""
+    """Tells whether an episode that did not go on left a standing arm; the cell's arm is judged from its restart on."""
     stops_s = STOP_S + (row["process_s"] if row["victim"] == CELL else 0)
     stopped = row["stopped_s"] is not None and row["stopped_s"] < stops_s
     return stopped and row["moved_m"] < STILL_M and row["targets"] == 0 and row["mode"] not in ENABLED
 
 
 def verdicts(found):
-    """Pairs of what must hold and whether it does."""
+    """Pairs of a requirement in words and True if it holds."""
     for row in found:
         victim = row["victim"]
         if row["went_on"]:
             yield f"{victim} dies: the episode goes on to its end", True
         else:
-            stopped = "never stops" if row["stopped_s"] is None else f"stops after {row['stopped_s']:.2f} s, then moves {1e3 * row['moved_m']:.2f} mm"
+            stopped = "never stops"
+            if row["stopped_s"] is not None:
+                stopped = f"stops after {row['stopped_s']:.2f} s, then moves {1e3 * row['moved_m']:.2f} mm"
             yield f"{victim} dies: the episode fails after {row['end_s']:.1f} s, the arm {stopped}", victim in NEEDED and fails_safe(row)
         yield f"{victim} is healed in {healed_s(row):.1f} s", healed_s(row) < HEALED_S
         yield f"the next episode after the death of {victim} has {row['next_steps']} steps", row["next_steps"] == STEPS

@@ -1,4 +1,4 @@
-"""The graph at work: memory, messages and rates, while episodes follow one another and a recorder listens."""
+"""Memory, messages and rates of the graph while episodes follow one another and a recorder listens."""
 
 import concurrent.futures
 import multiprocessing
@@ -7,53 +7,56 @@ import time
 
 from bag_stamps import stamps_in
 from figures import gaps, memory
-from graph import Driver, Heard, stamp_of
+from graph import Driver, Heard
 from processes import Sampler
+from support.stamps import stamp_of_bytes_ns
 
 IMAGE, INFO = "/camera/camera/color/image_raw", "/camera/camera/color/camera_info"
 STREAMS = {"image": INFO, "mask": "/dlo/mask", "keypoints": "/dlo/keypoints"}
-RELIABLE = ("/policy/action", "/policy/observation", "/panda/target_pose", "/panda/accepted_target", "/episode/event", "/panda/arm_state")
+RELIABLE = (
+    "/policy/action", "/policy/observation", "/panda/target_pose", "/panda/accepted_target", "/episode/event", "/panda/arm_state",
+)  # fmt: skip
 RATE_HZ = 60
-# One frame in a hundred.
+# Lowest rate that is accepted: one frame in a hundred may be missing.
 LEAST_HZ = 0.99 * RATE_HZ
-# Sixty megabytes in a lab's day of ten hours, in each process.
+# Largest slope of a process's memory that is accepted: 60 MB in a working day of ten hours.
 FLAT_KB_PER_MIN = 100
-# Latched states fill the queues of their readers in 82 s, 4096 at 50 Hz, and allocators settle in some minutes.
+# Latched states fill the queues of their readers in 82 s (4096 at 50 Hz), and allocators settle in some minutes.
 WARM_UP_S = 300
-# The recorder with images writes so much in a minute.
+# Measured size of a recording with images.
 IMAGES_GB_PER_MIN = 3.4
 FILE_BYTES = 1 << 30
 FILE_S = 60
-# Episodes that may fail until the run is given up.
+# Number of failed episodes after which the run ends.
 MOST_FAILURES = 10
 
 
 class Recording:
-    """A recorder of the contract whose finished files are read beside it; those with images are removed when they are read."""
+    """A recorder whose finished files are read while it runs; files with images are removed after that."""
 
     def __init__(self, session, images):
         self.session, self.images, self.found, self.bytes, self.reading = session, images, {}, 0, []
         self.bag = session.folder / "bag"
         options = ("--images", "--compression", "none") if images else ()
-        # The index of a file's chunks is in memory up to its end.
+        # Files are limited because the recorder has the index of a file's chunks in memory until the file ends.
         limits = ("-b", FILE_BYTES, "-d", FILE_S)
         self.process = session.start("record", "--out", self.bag, *limits, *options, name="recorder")
         session.wait_for(self.bag.exists, 20, "the recorder's bag")
         self.pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
 
-    def look(self, finished=False):
-        """Has the files read that will not grow any more."""
+    def read_finished(self, all_of_them=False):
+        """Starts to read the files that will not grow any more."""
         read = len(self.reading)
-        # Those that were read may be gone.
+        # The number of files comes from the newest name, because files that were read may be removed.
         files = 1 + max(int(path.stem.rpartition("_")[2]) for path in self.bag.glob("*.mcap"))
-        for number in range(read, files if finished else files - 1):
+        for number in range(read, files if all_of_them else files - 1):
             path = self.bag / f"bag_{number}.mcap"
             self.bytes += path.stat().st_size
             self.reading.append(self.pool.submit(take, path, self.images))
 
     def end(self):
         self.session.stop(self.process)
-        self.look(finished=True)
+        self.read_finished(all_of_them=True)
         for part in concurrent.futures.as_completed(self.reading):
             for topic, stamps in part.result().items():
                 self.found.setdefault(topic, []).extend(stamps)
@@ -62,6 +65,7 @@ class Recording:
 
 
 def take(path, remove):
+    """Reads the stamps of a file, and removes the file on request."""
     found = stamps_in(path)
     if remove:
         path.unlink()
@@ -69,7 +73,7 @@ def take(path, remove):
 
 
 def run(session, minutes, images, say):
-    """Figures and verdicts of so many minutes."""
+    """Runs episodes for `minutes`; returns the figures."""
     if images:
         free_gb = shutil.disk_usage(session.folder).free / 1e9
         assert free_gb > 5, f"two files of the bag need 5 GB, the disk has {free_gb:.1f}"
@@ -86,18 +90,18 @@ def run(session, minutes, images, say):
     sampler.start()
     begun, began_s, results, failures = time.time_ns(), time.monotonic(), [], []
     while time.monotonic() - began_s < 60 * minutes:
-        recording.look()
+        recording.read_finished()
         try:
             results.append(driver.episode(len(results) + 1))
             say(f"{(time.monotonic() - began_s) / 60:.1f} min: episode {results[-1].episode}, {results[-1].end}")
         except AssertionError as error:
             failures.append(str(error))
             say(f"{(time.monotonic() - began_s) / 60:.1f} min: {error}")
-            # A node that is gone fails every one.
+            # A missing node makes every episode fail.
             if len(failures) > MOST_FAILURES:
                 raise
     ended = time.time_ns()
-    ros.holds_within(lambda: False, 1)
+    ros.spin(1)
     sampler.stop()
     assert {name: session.pid_of(name) for name in sorted(session.nodes)}.items() <= pids.items(), "a node was started anew"
     bag = recording.end()
@@ -114,7 +118,7 @@ def run(session, minutes, images, say):
 
 
 def memory_of(figures):
-    """Memory and processor time of each process after the warm-up."""
+    """Memory and share of a processor of each process, after the warm-up."""
     found, warm_up_s = {}, min(WARM_UP_S, figures["seconds"] / 2)
     for name, samples in figures["processes"].items():
         times, rss, cpu = zip(*samples)
@@ -123,32 +127,31 @@ def memory_of(figures):
 
 
 def messages(heard, bag, results, begun, ended):
-    """By reliable topic what was sent by DDS's count, what of it came to rclpy and into the bag, and what episodes that ran to
-    their end told of."""
+    """Counts of messages by reliable topic: told by whole episodes, sent (sequence numbers of DDS), heard by rclpy, in the bag."""
     steps = sum(len(result.rewards) for result in results)
-    told = {name: steps for name in RELIABLE} | {"/policy/observation": steps + len(results), "/episode/event": 2 * len(results)}
+    told = dict.fromkeys(RELIABLE, steps) | {"/policy/observation": steps + len(results), "/episode/event": 2 * len(results)}
     found = {}
     for name in RELIABLE:
         came = [message for message in heard[name].messages if begun <= message[1] <= ended]
         numbers = [message[0] for message in came]
-        stamps = {stamp_of(message[3]) for message in came}
+        stamps = {stamp_of_bytes_ns(message[3]) for message in came}
         first, last = min(stamps), max(stamps)
         recorded = {stamp for stamp, _ in bag.get(name, []) if first <= stamp <= last}
-        # Nobody tells how many states an arm has.
+        # No message tells how many states an arm publishes.
         found[name] = {"told": None if name == "/panda/arm_state" else told[name], "sent": max(numbers) - min(numbers) + 1}
         found[name] |= {"rclpy": len(set(numbers)), "bag": len(recorded), "differ": len(stamps ^ recorded)}
     return found
 
 
 def streams(heard, bag, images, begun, ended):
-    """Rates as sent, gaps, and what is lost at each stage and on the way to rclpy and into the bag."""
+    """Rates and gaps of the streams as sent, and shares lost at each stage, on the way to rclpy and into the bag."""
     found, before = {}, None
     for name, topic in STREAMS.items():
         came = [message for message in heard[topic].messages if begun <= message[1] <= ended]
         numbers, sent_ns = [message[0] for message in came], [message[1] for message in came]
         sent, seconds = max(numbers) - min(numbers) + 1, 1e-9 * (sent_ns[-1] - sent_ns[0])
         p99, longest = gaps(sent_ns, numbers)
-        first, last = stamp_of(came[0][3]), stamp_of(came[-1][3])
+        first, last = stamp_of_bytes_ns(came[0][3]), stamp_of_bytes_ns(came[-1][3])
         in_bag = len({stamp for stamp, _ in bag.get(IMAGE if name == "image" and images else topic, []) if first <= stamp <= last})
         row = {"hz": (sent - 1) / seconds, "p99_ms": p99, "max_ms": longest}
         row["dropped"] = 1 - row["hz"] / (RATE_HZ if before is None else before)
@@ -158,12 +161,12 @@ def streams(heard, bag, images, begun, ended):
 
 
 def no_loss(row, failed=0):
-    """Whether rclpy and the bag have all that was sent, and that is what the episodes told of, if all ran to their end."""
+    """Tells whether rclpy and the bag have all messages that were sent and, if no episode failed, that the episodes told of."""
     return row["sent"] == row["rclpy"] == row["bag"] and row["differ"] == 0 and (failed or row["told"] in (None, row["sent"]))
 
 
 def verdicts(figures):
-    """Pairs of what must hold and whether it does."""
+    """Pairs of a requirement in words and True if it holds."""
     for name, row in figures["memory"].items():
         yield f"memory of {name} is flat: at most {row['high']:.0f} kB/min", row["high"] <= FLAT_KB_PER_MIN
     whole, failed = figures["episodes"], len(figures["failures"])

@@ -1,10 +1,10 @@
-"""Simulations over several hosts, which are network namespaces here: a table in Markdown.
+"""Table (Markdown) of simulations over several hosts, which are network namespaces here.
 
     source .venv/ros.env; .venv/bin/python tests/bench/hosts/hosts.py [--simulations 600] [--hosts 3]
 
-Episodes a second are those of the batches, without the training of the network between them. All hosts share this machine's
-processors: where these are few, more hosts simulate no faster. Cut off: a host's cable is pulled in the middle of a batch and stays
-so; how many of its episodes others did again, and how long it took to notice. Needs root and the program ip.
+Episodes a second are those of the batches, without the training between them. All hosts share the processors of this machine, so on
+few processors more hosts are not faster. For the last columns a host's link goes down in the middle of a batch: episodes that other
+hosts did in its place, and the time until its silence was noticed. Needs root and the program ip; takes some minutes.
 """
 
 import argparse
@@ -13,12 +13,10 @@ import pathlib
 import sys
 import tempfile
 
-TESTS = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(TESTS), str(TESTS / "hosts")]
-
-import network  # noqa: E402
-from conftest import session_in  # noqa: E402
-from laboratory import Laboratory, outcome  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+from support import network
+from support.laboratory import Laboratory, outcome
+from support.session import session_in
 
 HEAD = ("hosts", "episodes/s", "share of each host", "bits equal", "after a cut: done again", "seconds to notice", "bits equal")
 
@@ -28,6 +26,7 @@ def row(*cells):
 
 
 def rate(laboratory):
+    """Episodes a second over all batches so far."""
     batches = laboratory.seconds_of_batches()
     return sum(episodes for episodes, _ in batches) / sum(seconds for _, seconds in batches)
 
@@ -37,6 +36,7 @@ def yes(holds):
 
 
 def measure(session, hosts, simulations):
+    """Prints a row for each number of hosts."""
     laboratory = Laboratory(session, hosts)
     sizes = {"simulations": simulations}
     reference = None
@@ -63,6 +63,7 @@ def measure(session, hosts, simulations):
 
 
 def cut_off(laboratory, host, names, sizes, reference):
+    """Cells of an inference during which a host is cut off."""
     laboratory.bayes(names)
     child = laboratory.ask(**sizes)
     cut_s = laboratory.cut_at_work(host)
@@ -82,12 +83,8 @@ def main():
     if reason := network.why_not():
         sys.exit(f"hosts: {reason}")
     print(f"{os.cpu_count()} processors for all hosts", file=sys.stderr)
-    with tempfile.TemporaryDirectory() as folder:
-        sessions = session_in(pathlib.Path(folder))
-        try:
-            measure(next(sessions), arguments.hosts, arguments.simulations)
-        finally:
-            sessions.close()
+    with tempfile.TemporaryDirectory() as folder, session_in(pathlib.Path(folder)) as session:
+        measure(session, arguments.hosts, arguments.simulations)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     source .venv/ros.env; .venv/bin/python tests/bench/images/images.py [--seconds 10] [--json] [--default-profile]
 
-From the node: the cell's camera, where a camera_info without its image is a loss, and poses that the replayer plays; latency from
-the sending, which DDS tells, to the taking in Python. To the node: images and poses of rclpy that the recorder logs, latency from
-the stamp to the logging. Run it on a machine that does nothing else.
+From our nodes: images of the simulated cell, where a camera_info without its image counts as a loss, and poses of the replayer. The
+latency is the time from the sending, by the timestamp of DDS, to the taking in Python. To our nodes: images and poses of rclpy that
+the recorder logs, with the latency from the stamp to the logging. Takes about a minute. Run it on an idle machine.
 """
 
 import argparse
@@ -17,61 +17,61 @@ import tempfile
 import threading
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+import numpy
+from mcap.reader import make_reader
+from rclpy.serialization import serialize_message
 
-import numpy  # noqa: E402
-from conftest import Ros, session_in  # noqa: E402
-from contract import BY_NAME  # noqa: E402
-from mcap.reader import make_reader  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+from support.contract import BY_NAME
+from support.program import MODEL
+from support.ros import Ros
+from support.session import session_in
+from support.stamps import CDR_HEADER, stamp_of_bytes_ns
 
 IMAGE, INFO, POSE = "/camera/camera/color/image_raw", "/camera/camera/color/camera_info", "/panda/current_pose"
 WIDTH, HEIGHT = 640, 480
 
 
 def figures(sent, latencies_s):
-    """Counts and percentiles; latencies in ms."""
+    """Counts, loss and percentiles of the latency (ms)."""
     p50, p99 = (1e3 * numpy.percentile(latencies_s, [50, 99])).tolist() if latencies_s else (None, None)
     return {"sent": sent, "received": len(latencies_s), "loss": 1 - len(latencies_s) / sent, "p50_ms": p50, "p99_ms": p99}
 
 
 def hear(ros, name, heard):
-    """Adds stamp, time of sending and time of taking of each message, in ns.
+    """Subscribes to a topic; appends stamp, time of sending and time of taking (ns) of each message to `heard`.
 
-    Raw messages: to make a Python object of an image takes longer than to send it.
+    The messages stay undecoded, because decoding an image in Python takes longer than sending it.
     """
 
     def came(data, info):
-        # The CDR header, then the stamp.
-        sec, nanosec = numpy.frombuffer(data[4:12], numpy.uint32)
-        heard.append((int(sec) * 10**9 + int(nanosec), info["source_timestamp"], time.time_ns()))
+        heard.append((stamp_of_bytes_ns(data), info["source_timestamp"], time.time_ns()))
 
     row = BY_NAME[name]
     ros.node.create_subscription(row.kind, name, came, row.profile_of_depth(1000), raw=True)
 
 
 def camera_of_node(session, seconds):
-    """Images of a simulated cell."""
-    model = session.root / "launch_configs/models/soft_bar.yaml"
-    cell = session.node("simulated_cell", "-p", f"model_file:={model}", "-p", "fidelity:=fast")
+    """Figures of a simulated cell's images."""
+    cell = session.node("simulated_cell", "-p", f"model_file:={MODEL}", "-p", "fidelity:=fast")
     ros = session.meet("simulated_cell")
     images, infos = [], []
     hear(ros, IMAGE, images)
     hear(ros, INFO, infos)
     ros.wait_for(lambda: len(images) > 5, 20, "images")
-    ros.holds_within(lambda: False, 0.5)
+    ros.spin(0.5)
     images.clear()
     infos.clear()
-    ros.holds_within(lambda: False, seconds)
+    ros.spin(seconds)
     session.stop(cell)
     ros.close()
-    # The image that belongs to the last information may be on its way.
+    # Without the last camera_info, whose image may still be on its way.
     wanted = {stamp for stamp, _, _ in infos[:-1]}
     return figures(len(wanted), [1e-9 * (taken - sent) for stamp, sent, taken in images if stamp in wanted])
 
 
 def poses_of_node(session, bag):
-    """Poses of a bag that the replayer plays."""
+    """Figures of a bag's poses that the replayer plays."""
     ros = Ros(session.domain)
     heard = []
     hear(ros, POSE, heard)
@@ -86,6 +86,7 @@ def poses_of_node(session, bag):
 
 
 def recorded(session, name, rate_hz, seconds):
+    """Figures and bag of messages that rclpy sends to a recorder."""
     row, bag = BY_NAME[name], session.folder / f"bag_{rate_hz}"
     options = (f"output:={bag}", f"topics:=[{name}]", "compression:=none")
     recorder = session.node("recorder", *(part for option in options for part in ("-p", option)), log=f"recorder_{rate_hz}")
@@ -93,7 +94,7 @@ def recorded(session, name, rate_hz, seconds):
     ros = session.meet("recorder")
     publisher = ros.node.create_publisher(row.kind, name, row.profile)
     ros.wait_for(publisher.get_subscription_count, 20, "the recorder")
-    ros.holds_within(lambda: False, 0.5)
+    ros.spin(0.5)
     message = row.kind()
     if name == IMAGE:
         message.width, message.height, message.encoding, message.step = WIDTH, HEIGHT, "rgb8", 3 * WIDTH
@@ -105,20 +106,19 @@ def recorded(session, name, rate_hz, seconds):
     latencies = []
     with open(bag / f"{bag.name}_0.mcap", "rb") as file:
         for _, _, logged in make_reader(file).iter_messages():
-            sec, nanosec = numpy.frombuffer(logged.data[4:12], numpy.uint32)
-            latencies.append(1e-9 * (logged.log_time - int(sec) * 10**9 - int(nanosec)))
+            latencies.append(1e-9 * (logged.log_time - stamp_of_bytes_ns(logged.data)))
     return figures(sent, latencies), bag
 
 
 def publish(publisher, message, rate_hz, seconds):
-    """Publishes copies that differ in their stamp, at a steady rate, from a thread of their own; returns how many."""
+    """Publishes a message with new stamps at a steady rate from a thread of its own; returns the number of messages."""
     data, count = bytearray(serialize_message(message)), round(rate_hz * seconds)
 
     def run():
         began = time.monotonic()
         for number in range(count):
             time.sleep(max(0, began + number / rate_hz - time.monotonic()))
-            data[4:12] = numpy.array(divmod(time.time_ns(), 10**9), numpy.uint32).tobytes()
+            data[CDR_HEADER : CDR_HEADER + 8] = numpy.array(divmod(time.time_ns(), 10**9), numpy.uint32).tobytes()
             publisher.publish(bytes(data))
 
     thread = threading.Thread(target=run)
@@ -128,16 +128,13 @@ def publish(publisher, message, rate_hz, seconds):
 
 
 def measure(folder, seconds):
-    sessions = session_in(folder)
-    session = next(sessions)
-    try:
+    """Rows of the table."""
+    with session_in(folder) as session:
         rows = {"image 60 Hz, node to rclpy": camera_of_node(session, seconds)}
         rows["image 60 Hz, rclpy to node"], _ = recorded(session, IMAGE, 60, seconds)
         rows["pose 1 kHz, rclpy to node"], bag = recorded(session, POSE, 1000, seconds)
         rows["pose 1 kHz, node to rclpy"] = poses_of_node(session, bag)
         return rows
-    finally:
-        sessions.close()
 
 
 def table(rows):

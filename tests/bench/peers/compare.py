@@ -1,4 +1,7 @@
-"""Adds MuJoCo's rows to ours (JSON on stdin), and prints the table, or with --json everything."""
+"""Adds rows of MuJoCo to our rows (JSON on stdin) and prints the table, or all figures with --json.
+
+The script tests/bench/peers/run calls it; see its README.md.
+"""
 
 import json
 import math

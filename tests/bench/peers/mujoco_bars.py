@@ -1,8 +1,8 @@
-"""The soft bar in MuJoCo: as a 3D flex of three kinds, and as a rod, its rope form.
+"""The soft bar in MuJoCo, as a 3D flex of three kinds and as a rod (a 1D flex).
 
-Everything is documented MuJoCo: the flex elements' Young's modulus, Poisson's ratio and Rayleigh damping time, the
-integrator "discrete", which alone takes elasticity implicitly, and elliptic friction cones. Masses are
-lumped by share of volume, where a flexcomp would give each node the same.
+All settings are documented by MuJoCo: Young's modulus, Poisson's ratio and Rayleigh damping time of flex elements, elliptic friction
+cones, and the integrator "discrete", the only one that treats elasticity implicitly. Masses are lumped by share of volume, because a
+flexcomp gives each node an equal mass.
 """
 
 import dataclasses
@@ -11,37 +11,36 @@ import time
 import mujoco
 import numpy as np
 
-# MuJoCo's warnings since they were cleared, by their beginning, and how often. With no handler, MuJoCo would write them to a
-# log in the folder where it runs.
+# Number of MuJoCo's warnings by their first 60 characters, since the last clear. Without a handler MuJoCo writes a log file.
 warnings = {}
 mujoco.set_mju_user_warning(lambda text: warnings.__setitem__(text[:60], warnings.get(text[:60], 0) + 1))
 
 GRAVITY_M_S2 = 9.81
-# Height in m at which a bar hangs or sags at rest, far from the table.
+# Height in m of the grip in the tests at rest, far above the table.
 REST_HEIGHT_M = 1.0
-# The way to rest: steps of this length (bars stiffer than STIFF_PA: the second), each begun without velocity, until
-# nothing moves any more.
+# Relaxation to rest: steps of the first length (the second for bars stiffer than STIFF_PA), each begun without velocity, until no
+# coordinate moves by STILL_M in a step.
 REST_STEPS_S = (0.01, 0.002)
 STIFF_PA = 1e6
 MAX_REST_STEPS = 4000
 STILL_M = 1e-7
-# The hand's inertia in kg along its slides. Its motion is set anew at each step, and the bar of 50 g does not move it.
+# Inertia in kg of the hand along its slides, so large that the bar of 50 g does not move it within a step.
 HAND_ARMATURE_KG = 1e3
-# Thickness in m that a flex's surface gains for contacts.
+# Thickness in m that contacts add to the surface of a flex.
 SKIN_M = 2.5e-4
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """How the bar is made and how time is divided."""
+    """Discretisation of the bar and of time."""
 
     name: str
-    # "full", "trilinear" or "quadratic": the nodes of a 3D flex; "rod": a 1D flex.
+    # Nodes of a 3D flex ("full", "trilinear" or "quadratic"), or "rod" for a 1D flex.
     kind: str
-    # Elements along the bar; over height and width there is one.
+    # Number of elements along the bar; there is one over height and width.
     cells: int
     step_s: float
-    # What MuJoCo's guide names for such a flex: Newton for rods, CG for soft volumes.
+    # Solver that MuJoCo's guide advises for the flex: Newton for rods, CG for soft volumes.
     solver: str
 
     def describe(self):
@@ -55,7 +54,7 @@ class Setting:
 
 
 class Bar:
-    """A bar that a hand holds at one end, hanging from `hand_m` (x, z) in m at rest."""
+    """A bar at rest that a hand at `hand_m` (x, z) in m holds at one end, level (`level`) or hanging."""
 
     def __init__(self, setting, episode, youngs_modulus_pa, level, table, hand_m):
         self.setting, self.episode = setting, episode
@@ -66,10 +65,10 @@ class Bar:
         mujoco.mj_forward(self.model, self.data)
         along = self.data.flexvert_xpos[:, 0] - hand_m[0] if level else hand_m[1] - self.data.flexvert_xpos[:, 2]
         self._lump_masses(level)
-        # Vertices by section, in front of the grip, to the tip.
+        # Vertices of each section from the first one after the grip to the tip.
         places = np.round(along / episode["length_m"], 6)
         self.sections = [np.flatnonzero(places == p) for p in np.unique(places) if p > 0.0]
-        # The hand's slides along x, y and z: the first joints of the model.
+        # Slides of the hand along x, y and z, the first joints of the model.
         self.slides = slice(0, 3)
         self._come_to_rest(REST_STEPS_S[youngs_modulus_pa > STIFF_PA])
 
@@ -77,13 +76,11 @@ class Bar:
         e, s = self.episode, self.setting
         length_m, side_m, n = e["length_m"], e["side_m"], s.cells
         mass_kg = e["density_kg_m3"] * length_m * side_m**2
-        # Contacts as stiff as the step resolves, and no stiffer than 4 ms.
+        # Contacts as stiff as the step resolves (MuJoCo asks for at least twice the step), and no stiffer than 4 ms.
         contact = f'friction="{e["table_friction"]} 0.005 0.0001" solref="{max(0.004, 2 * s.step_s)} 1"'
-        elasticity = (
-            f'young="{youngs_modulus_pa}" poisson="{e["poisson_ratio"]}" damping="{e["kelvin_voigt_time_s"]}"'
-        )
+        elasticity = f'young="{youngs_modulus_pa}" poisson="{e["poisson_ratio"]}" damping="{e["kelvin_voigt_time_s"]}"'
         if s.kind == "rod":
-            # The clamped edge lies half before the grip: the first bend then stands for the first edge's length.
+            # Half of the clamped edge lies before the grip, so that the first bend stands for the length of the first edge.
             spacing_m = length_m / (n + 0.5)
             points = " ".join(f"{(k - 0.5) * spacing_m} 0 0" for k in range(n + 2))
             edges = " ".join(f"{k} {k + 1}" for k in range(n + 1))
@@ -128,14 +125,16 @@ class Bar:
           </mujoco>"""
 
     def _lump_masses(self, level):
-        """Gives every node its share of the bar's volume: half of each neighbouring cell, a sixth or two thirds of a
-        quadratic one along each axis."""
+        """Gives every node the mass of its share of the bar's volume.
+
+        Along each axis the share is half of each neighbouring cell, or a sixth or two thirds of a quadratic cell (Simpson's rule).
+        """
         m, e, s = self.model, self.episode, self.setting
         mass_kg = e["density_kg_m3"] * e["length_m"] * e["side_m"] ** 2
         order = 2 if s.kind == "quadratic" else 1
 
         def share(place, cells):
-            """Of the whole length that a node at `place` (0 to 1) stands for."""
+            """Share of the length that a node at `place` (0 to 1) stands for."""
             k = round(place * cells * order)
             ends = 0.5 if k in (0, cells * order) else 1.0
             if order == 1:
@@ -174,8 +173,10 @@ class Bar:
         mujoco.mj_forward(m, d)
 
     def _hold(self, place_m, velocity_m_s, next_velocity_m_s):
-        """Puts the hand at a place with a velocity, and pushes it so that the coming step gives it the next velocity: the
-        bar, whose nodes slide relative to the hand, then feels the acceleration."""
+        """Sets the hand's position and velocity, and applies the force that gives it the next velocity in the coming step.
+
+        The bar's nodes are relative to the hand, so this is how the acceleration acts on the bar.
+        """
         d = self.data
         away, v, w = place_m - self.hand_m, velocity_m_s, next_velocity_m_s
         d.qpos[self.slides] = away[0], 0.0, away[1]
@@ -184,20 +185,20 @@ class Bar:
         d.qfrc_applied[self.slides] = push[0], 0.0, push[1]
 
     def centre_line_m(self):
-        """Middles of the sections (x, z) in m, from the grip to the tip."""
+        """Centres of the sections (x, z) in m, from the grip to the tip."""
         grip = self.hand_m + self.data.qpos[self.slides][[0, 2]]
         middles = [self.data.flexvert_xpos[section].mean(axis=0)[[0, 2]] for section in self.sections]
         return np.array([grip, *middles])
 
     def keypoints_m(self):
-        """The points (x, z) in m at the keypoints' fractions of the deformed length."""
+        """Points (x, z) in m at the keypoints' fractions of the deformed length."""
         line = self.centre_line_m()
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         wanted = np.array(self.episode["keypoint_fractions"]) * arc[-1]
         return np.stack([np.interp(wanted, arc, line[:, i]) for i in (0, 1)], axis=1)
 
     def run(self):
-        """The episode. Returns the track (frames, 4, 2) in m and the core-seconds that it took."""
+        """Runs the episode; returns the track (frames, 4, 2) in m and its core-seconds."""
         e, m, d, step_s = self.episode, self.model, self.data, self.setting.step_s
         path = np.array(e["grip_m"])
         times_s = np.arange(len(path)) * e["grip_period_s"]
@@ -217,7 +218,7 @@ class Bar:
         return np.array(track), time.thread_time() - started_s
 
 
-# The longest steps that MuJoCo's guide calls typical: README.md says what others change.
+# Steps are the longest that MuJoCo's guide calls typical; README.md has figures for other steps.
 SETTINGS = (
     Setting("MuJoCo 4 flex, full", "full", 14, 4e-3, "CG"),
     Setting("MuJoCo 4 flex, trilinear", "trilinear", 14, 4e-3, "CG"),
@@ -228,7 +229,7 @@ SETTINGS = (
 
 
 def theory(episode, youngs_modulus_pa):
-    """Elongation of the hanging bar and sag of the level one (Euler-Bernoulli), in m."""
+    """Elongation of the hanging bar, and sag of the level bar by Euler-Bernoulli theory, in m."""
     weight_pa_m = episode["density_kg_m3"] * GRAVITY_M_S2
     length_m, side_m = episode["length_m"], episode["side_m"]
     elongation_m = weight_pa_m * length_m**2 / (2.0 * youngs_modulus_pa)
@@ -237,7 +238,8 @@ def theory(episode, youngs_modulus_pa):
 
 
 def measure(setting, episode):
-    """One row of the report."""
+    """Row of the table for a setting."""
+
     def at_rest(youngs_modulus_pa, level):
         bar = Bar(setting, episode, youngs_modulus_pa, level, False, (0.4, REST_HEIGHT_M))
         drop_m = REST_HEIGHT_M - bar.centre_line_m()[-1, 1]

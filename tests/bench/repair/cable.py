@@ -1,12 +1,14 @@
-"""What the effect finder makes of a measured cable, from a model that lacks tip mass, damping and rest curvature.
+"""Effects that `catenary find-effects` names for a measured cable, from a model without tip mass, damping and rest curvature.
 
     source .venv/ros.env; .venv/bin/python tests/bench/repair/cable.py --data DIR --out DIR [--null-sets 199] [--json]
 
-The bare cable's two motions are searched, each with the other held out, with the model of `launch_configs/models/measured_cable.yaml`
-less rest curvature, all that damps it (in bending, between the strands, in the air) and its markers' mass. The motions with a mass at the tip are searched
-with the model that the bare swing's repair left, again each with the other held out; then once more with that model, whose bending
-stiffness may be anything that it could be at first: mass makes up for stiffness, and the search has to say so. --data holds the measured tracks. A search
-that is in --out already, by the same model and null sets, is not done again, and one that was cut off goes on.
+1. The two motions of the bare cable are searched, each with the other held out. The model is launch_configs/models/measured_cable.yaml
+   without rest curvature, without damping (in bending, between strands, in the air) and without the mass of the markers.
+2. The motions with a mass at the tip are searched with the model that the repair of the bare swing gave, each with the other held out.
+3. The same searches run with the bending stiffness of that model free again: mass and stiffness trade off, which the search has to say.
+
+--data names the folder of measured tracks. Searches that --out holds with the same model and number of null sets are not made again,
+and an interrupted search goes on. The time of each search is printed.
 """
 
 import argparse
@@ -18,12 +20,14 @@ import sys
 
 import yaml
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "tests/blind"))
-import draw  # noqa: E402
-import score  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+sys.path.insert(0, f"{sys.path[0]}/blind")
+import draw
+import score
 
-MODEL = ROOT / "launch_configs/models/measured_cable.yaml"
+from support.program import MODELS
+
+MODEL = MODELS / "measured_cable.yaml"
 LACKING = {"kelvin_voigt_time_s", "rest_curvature_per_m", "sticking_stiffness_n_m2", "slip_moment_n_m", "linear_drag_n_s_m2"}
 SWING, MOVING = "swing", "moving_grip"
 MOTIONS = [(SWING, MOVING), (MOVING, SWING)]
@@ -31,7 +35,7 @@ STIFFNESS = "bending_stiffness_n_m2"
 
 
 def straight_model(path):
-    """Writes what a lab would begin with that thinks of a straight elastic rod."""
+    """Writes the model of a straight elastic rod, with which a lab would begin."""
     model = yaml.safe_load(MODEL.read_text())
     model["name"] = "straight_cable"
     del model["parameters"]["tip_mass_kg"]
@@ -41,7 +45,7 @@ def straight_model(path):
 
 
 def loosened(path, repaired):
-    """Writes the repaired model with the stiffness as free as it was at first."""
+    """Writes the repaired model with the first prior of the stiffness."""
     model, first = (yaml.safe_load(p.read_text()) for p in (repaired, MODEL))
     (free,) = (entry for entry in first["theta"] if entry["name"] == STIFFNESS)
     model["theta"] = [free if entry["name"] == STIFFNESS else entry for entry in model["theta"]]
@@ -49,7 +53,7 @@ def loosened(path, repaired):
 
 
 def imported(arguments, model, state, motion):
-    """The bag of a measured track."""
+    """Bag of a measured track."""
     path, bag = arguments.data / f"{motion}_{state}.csv", arguments.out / f"bag_{motion}_{state}"
     if not path.exists():
         sys.exit(f"{path}: expected a measured track there")
@@ -59,7 +63,7 @@ def imported(arguments, model, state, motion):
 
 
 def search(arguments, model, state, motion, other):
-    """Searches one recording, with the other motion unseen; the folder of what was found."""
+    """Searches one recording with the other motion held out; returns the folder of the result."""
     asked_for = hashlib.sha256(model.read_bytes() + str(arguments.null_sets).encode()).hexdigest()
     found = arguments.out / f"{model.stem}_{motion}_{state}_{asked_for[:8]}"
     if not found.exists():
@@ -73,7 +77,7 @@ def search(arguments, model, state, motion, other):
 
 
 def row_of(model, state, motion, verdict):
-    """What is told of one search."""
+    """Figures of one search."""
     unseen, first = verdict["verification"], verdict["explanations"][:1]
     return {
         "model": model,

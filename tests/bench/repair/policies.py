@@ -1,12 +1,12 @@
-"""Policies trained on a repaired model beside such of the unrepaired one, on the cell whose effect was hidden from both.
+"""Gain of a repaired model: policies trained on it and on the unrepaired one, evaluated on a cell with the hidden effect.
 
     source .venv/ros.env; .venv/bin/python tests/bench/repair/policies.py --out DIR [--hide tip_mass_kg=0.05 ...] [--seeds 5] [--json]
 
-For each hidden effect: three episodes are measured in a cell at `reference` fidelity; `catenary find-effects` searches two of them
-and keeps the third unseen. All policies learn over posteriors of `catenary infer`, which have seen the three: of the model that knows
-nothing of the effect from all of them; of the repaired one, whose priors are what was learnt of two, from the third. `catenary
-evaluate` runs all of them on the same episodes of the cell. Where nothing was repaired, nothing is gained. What is in DIR already
-is not done again.
+For each hidden effect, three episodes are measured in a cell at `reference` fidelity. `catenary find-effects` searches two of them and
+holds out the third. All policies are trained over posteriors of `catenary infer` that use the three episodes: the posterior of the
+unrepaired model is inferred from all of them; the repaired model's priors come from two, and its posterior from the third. `catenary
+evaluate` runs all policies on the same episodes of the cell. An effect without a repair has no gain. Results that DIR holds are not
+computed again.
 """
 
 import argparse
@@ -16,20 +16,18 @@ import shutil
 import sys
 
 import numpy
+from scipy.stats import t
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "tests/blind"))
-import draw  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "blind"))
+import draw
 
 HIDDEN = ["tip_mass_kg=0.05", "arm_standing_error_m=0.02", "camera_offset_z_m=0.03"]
 OBJECT = ["length_m=0.25", "youngs_modulus_pa=8000"]
 EPISODES = 3
-# Quantile of a two-sided interval of 95 % after Student, for two seeds and more.
-STUDENT = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262]
 
 
 def once(path, work):
-    """Lets `work` make the file or folder at `path`, which appears when it is whole."""
+    """Has `work` make the file or folder at `path` unless it exists; it gets this name when it is complete."""
     if not path.exists():
         half = path.with_name("half_" + path.name)
         shutil.rmtree(half, ignore_errors=True)
@@ -39,7 +37,7 @@ def once(path, work):
 
 
 def measured(folder, model, hidden):
-    """Bags of the cell that hides an effect."""
+    """Bags of episodes of the cell with a hidden effect."""
 
     def episode(number):
         rows, table = draw.actions(numpy.random.default_rng(number)), folder / "actions.csv"
@@ -52,14 +50,14 @@ def measured(folder, model, hidden):
 
 
 def interval(values):
-    """Mean over seeds with its interval of 95 %."""
+    """Mean over seeds with its 95 % interval by Student's t."""
     mean, n = float(numpy.mean(values)), len(values)
-    half = STUDENT[n - 2] * float(numpy.std(values, ddof=1)) / n**0.5
+    half = float(t.ppf(0.975, n - 1) * numpy.std(values, ddof=1)) / n**0.5
     return {"mean": mean, "low": mean - half, "high": mean + half}
 
 
 def study(folder, hidden, seeds, episodes, steps):
-    """Searches, trains and evaluates for one hidden effect."""
+    """Row of one hidden effect: search, inference, training and evaluation."""
     folder.mkdir(parents=True, exist_ok=True)
     model = folder / "model.yaml"
     model.write_text(draw.MODEL.read_text().replace(draw.GRIP, draw.ACTIONS))

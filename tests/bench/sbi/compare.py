@@ -1,5 +1,7 @@
-"""Trains this project's networks and `sbi`'s on the same simulations of public tasks and holds the posteriors against the
-published ones. Every result is kept in --out as it comes; a run that was cut off goes on from there."""
+"""Trains our networks and those of `sbi` on the same simulations of public tasks and compares with the published posteriors.
+
+The script tests/bench/sbi/run calls it; see its README.md. Results are kept in --out, and an interrupted run goes on from there.
+"""
 
 import argparse
 import hashlib
@@ -9,18 +11,18 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
+# One thread for each estimator; numpy and torch read the variables when they are imported.
 for threads in ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"]:
     os.environ.setdefault(threads, "1")
 
-import numpy as np
-import torch
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
 
-import estimators
-from c2st import side_by_side
-from tasks import TASKS, References
+import estimators  # noqa: E402
+from c2st import side_by_side  # noqa: E402
+from tasks import TASKS, References  # noqa: E402
 
-
-# Beside the defaults, which are for a hundred tracks at a time whose posteriors are near to Gaussian: room for other shapes, and time.
+# Larger than the defaults, which are for a hundred tracks at a time whose posteriors are nearly Gaussian.
 SETTINGS = {
     "components": 8,
     "hidden": [64, 64, 64],
@@ -73,14 +75,14 @@ def measure(args: argparse.Namespace, references: References, name: str, size: i
 
 
 def known(path: Path | None) -> dict[tuple, dict]:
-    """Results of a file by what was measured."""
+    """Results of a file by seed, simulations, task and estimator."""
     lines = path.read_text().splitlines() if path else []
     results = [json.loads(line) for line in lines]
     return {(r["seed"], r["simulations"], r["task"], r["estimator"]): r for r in results}
 
 
 def variant(args: argparse.Namespace, estimator: str) -> str:
-    """What else a result depends on, as part of its file's name: ours on the settings and the program."""
+    """Part of a result's file name: hash of the number of observations and, for our networks, of settings and program."""
     told = [args.observations, "processor's seconds"]
     if estimator == "catenary":
         told += [args.settings, hashlib.sha256(args.program.read_bytes()).hexdigest()]
@@ -88,7 +90,7 @@ def variant(args: argparse.Namespace, estimator: str) -> str:
 
 
 def table(results: list[dict]) -> str:
-    """One line a task and size: means over seeds and observations."""
+    """Table with a line for each task and size: means over seeds and observations."""
     cells = defaultdict(list)
     for result in results:
         cells[result["task"], result["simulations"], result["estimator"]].append(result)
@@ -102,8 +104,8 @@ def table(results: list[dict]) -> str:
             if not found:
                 row += " - | - | - |"
                 continue
-            mean = lambda key: np.mean([np.mean(r[key]) for r in found])
-            # Between seeds, of which one alone says nothing.
+            mean = lambda key, found=found: np.mean([np.mean(r[key]) for r in found])
+            # Standard deviation between seeds, which needs two of them.
             spread = np.std([np.mean(r["c2st"]) for r in found], ddof=1) if len(found) > 1 else np.nan
             row += f" {mean('c2st'):.3f} +- {spread:.3f} | {mean('log_probability'):.2f} | {mean('train_s'):.1f} |"
         lines.append(row)
@@ -120,16 +122,12 @@ def main() -> None:
         args.settings[name] = SETTINGS[name]
     args.program, args.wheel, args.out = (path.resolve() for path in (args.program, args.wheel, args.out))
     args.measured = args.measured and args.measured.resolve()
-    # sbi writes its logs where it is.
+    # sbi writes its logs into the working directory.
     os.chdir(args.out)
     references = References(args.wheel)
     results = []
     wanted = [
-        (seed, size, name, estimator)
-        for seed in args.seeds
-        for size in args.sizes
-        for name in args.tasks
-        for estimator in args.estimators
+        (seed, size, name, estimator) for seed in args.seeds for size in args.sizes for name in args.tasks for estimator in args.estimators
     ]
     measured = known(args.measured)
     for done, (seed, size, name, estimator) in enumerate(wanted, 1):

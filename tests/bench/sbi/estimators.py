@@ -1,4 +1,4 @@
-"""The estimators that are compared: each trains once on the simulations, then looks at every observation."""
+"""Estimators of the comparison: each trains once on the simulations and then gives a posterior for every observation."""
 
 import contextlib
 import functools
@@ -27,8 +27,10 @@ class Data:
 
 @dataclass
 class Estimate:
-    """What an estimator gave: draws (O x draws x D), log densities at the truths (O), and the processor's time that training took;
-    that of a machine whose cores others use, too, is the same."""
+    """Draws (O x draws x D), log densities at the truths (O), and processor time of the training (s).
+
+    Processor time, unlike wall time, does not depend on other work of the machine.
+    """
 
     draws: np.ndarray
     log_probabilities: list[float]
@@ -36,13 +38,13 @@ class Estimate:
 
 
 def processor_s(who: int) -> float:
-    """Seconds of processor time so far, of this process or of its children that have ended."""
+    """Seconds of processor time so far, of this process or of its ended children (`who`)."""
     used = resource.getrusage(who)
     return used.ru_utime + used.ru_stime
 
 
 def catenary(program: Path, task: Task, data: Data, draws: int, seed: int, settings: dict) -> Estimate:
-    """This project's networks. Their time holds that of reading the simulations and of drawing, which is short."""
+    """Estimate of our networks. The time includes reading the simulations and drawing, which is short."""
     problem = {
         "parameters": task.parameters(),
         "thetas": data.thetas.tolist(),
@@ -64,7 +66,7 @@ def catenary(program: Path, task: Task, data: Data, draws: int, seed: int, setti
 
 @functools.cache
 def warm_up(model: str) -> None:
-    """What is loaded at first use counts for no training: a short one that nobody looks at."""
+    """Runs a short training once, so that the time of a training does not include loading libraries."""
     import torch
     from sbi.inference import NPE
 
@@ -74,7 +76,7 @@ def warm_up(model: str) -> None:
 
 
 def sbi(model: str, task: Task, data: Data, draws: int, seed: int) -> Estimate:
-    """`sbi`'s neural posterior estimation with its defaults, on one thread; `model` is mdn, maf or nsf."""
+    """Estimate of neural posterior estimation in `sbi` with its defaults, on one thread; `model` is mdn, maf or nsf."""
     import torch
     from sbi.inference import NPE
     from sbi.utils import BoxUniform
@@ -90,7 +92,7 @@ def sbi(model: str, task: Task, data: Data, draws: int, seed: int) -> Estimate:
     torch.manual_seed(seed)
     started = processor_s(resource.RUSAGE_SELF)
     inference = NPE(prior, density_estimator=model, show_progress_bars=False)
-    # It says on stdout when it has converged.
+    # sbi prints its convergence on stdout, which is for the table.
     with contextlib.redirect_stdout(sys.stderr):
         inference.append_simulations(tensor(data.thetas), tensor(data.rows)).train()
     train_s = processor_s(resource.RUSAGE_SELF) - started

@@ -1,11 +1,13 @@
-"""Five tasks of the benchmark of simulation-based inference (Lueckmann et al. 2021): simulators, priors, and the published
-observations with draws from their exact posteriors, which come from the data files in the wheel of `sbibm` 1.1.0."""
+"""Five tasks of the benchmark of simulation-based inference (Lueckmann et al. 2021).
+
+Each has a simulator and a prior. Observations and draws from their exact posteriors come from the wheel of `sbibm` 1.1.0.
+"""
 
 import bz2
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable
 
 import numpy as np
 
@@ -14,8 +16,10 @@ Simulator = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 @dataclass(frozen=True)
 class Task:
-    """A simulator with its prior: uniform from -bound to bound, or Gaussian with a mean and a standard deviation for each
-    parameter; `logarithms`: what is Gaussian, and what is estimated, are the parameters' logarithms."""
+    """A simulator and its prior: uniform from -bound to bound, or Gaussian with a mean and a standard deviation for each parameter.
+
+    `logarithms`: the prior and the estimate are of the logarithms of the benchmark's parameters.
+    """
 
     name: str
     dimension: int
@@ -26,13 +30,13 @@ class Task:
     logarithms: bool = False
 
     def prior(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """`count` draws of what is estimated, count x dimension."""
+        """Draws of the estimated parameters, count x dimension."""
         if self.bound is not None:
             return rng.uniform(-self.bound, self.bound, (count, self.dimension))
         return rng.normal(self.mean, self.sd, (count, self.dimension))
 
     def parameters(self) -> list[dict]:
-        """The prior as catenary writes it; a Gaussian one ends at seven standard deviations."""
+        """Prior in the form of catenary's files; a Gaussian ends at seven standard deviations, beyond which no draw lies."""
         if self.bound is not None:
             priors = [{"uniform": {"low": -self.bound, "high": self.bound}}] * self.dimension
         else:
@@ -41,19 +45,19 @@ class Task:
         return [{"name": f"theta_{i}", "prior": prior} for i, prior in enumerate(priors)]
 
     def simulate(self, estimated: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Data of each row of what is estimated."""
+        """Data for each row of estimated parameters."""
         return self.simulator(self.published(estimated), rng)
 
     def published(self, estimated: np.ndarray) -> np.ndarray:
-        """The benchmark's parameters."""
+        """Parameters of the benchmark for estimated ones."""
         return np.exp(estimated) if self.logarithms else estimated
 
     def estimated(self, published: np.ndarray) -> np.ndarray:
-        """What is estimated of the benchmark's parameters."""
+        """Estimated parameters for those of the benchmark."""
         return np.log(published) if self.logarithms else published
 
     def log_volume(self, estimated: np.ndarray) -> float:
-        """Logarithm of the volume that the benchmark's parameters take for each unit of what is estimated."""
+        """Log of the Jacobian determinant of the benchmark's parameters by the estimated ones."""
         return float(np.sum(estimated)) if self.logarithms else 0.0
 
 
@@ -86,8 +90,10 @@ def linear(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def sir(theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The infected among 1,000 tested every 17th day of an epidemic: contact and recovery rate, a million people, one ill at
-    first. Runge-Kutta of the fourth order, eight steps a day: exact to 2e-5 of the people for all rates that the prior gives."""
+    """Infected among 1,000 tested every 17th day of an epidemic with a contact and a recovery rate (one of a million ill at first).
+
+    Runge-Kutta of the fourth order with eight steps a day is exact to 2e-5 of the people for all rates of the prior.
+    """
     contact, recovery = theta.T
     steps, step = 8, 1.0 / 8.0
 
@@ -123,7 +129,7 @@ TASKS = {
 
 
 class References:
-    """The published observations of every task, numbered from 1 to 10."""
+    """Published observations of every task, numbered from 1 to 10."""
 
     def __init__(self, wheel: Path):
         self.archive = zipfile.ZipFile(wheel)
@@ -134,11 +140,11 @@ class References:
         return np.array([[float(v) for v in line.split(",")] for line in text.splitlines()[1:]])
 
     def observation(self, task: str, number: int) -> np.ndarray:
-        """The observed data."""
+        """Observed data."""
         return self._table(task, number, "observation.csv")[0]
 
     def truth(self, task: str, number: int) -> np.ndarray:
-        """The parameters that gave it."""
+        """Parameters of the observation."""
         return self._table(task, number, "true_parameters.csv")[0]
 
     def posterior(self, task: str, number: int) -> np.ndarray:

@@ -1,5 +1,7 @@
-"""Trains `sbi`'s estimators on simulated tracks that `catenary bench networks --export FILE` wrote, and prints the mean log density
-at the truths that the networks there are shown: the same tracks, the same coordinates, the same unit."""
+"""Trains estimators of `sbi` on tracks of `catenary bench networks --export FILE` and prints their mean log density at the truths.
+
+The script `tests/bench/sbi/run tracks FILE` calls it. Tracks, truths, coordinates and units are those of our networks in that bench.
+"""
 
 import argparse
 import contextlib
@@ -34,10 +36,10 @@ def main() -> None:
 
     warnings.filterwarnings("ignore")
     torch.set_num_threads(args.threads)
-    # sbi writes its logs where it is.
+    # sbi writes its logs into the working directory.
     logs = tempfile.TemporaryDirectory()
     os.chdir(logs.name)
-    # A column that never varies tells nothing, and has no scale.
+    # Columns that never vary are left out: they carry no information, and cannot be scaled.
     varies = rows.std(axis=0) > 1e-6
     dimension = thetas.shape[1]
     print("| estimator | seed | log density at the truth, nat | seconds of training |\n|---|---|---|---|")

@@ -1,4 +1,5 @@
-"""Tables and pictures of a catenary graph: of its live topics by rclpy, or of a bag.
+"""Tables and pictures of a catenary graph, from its live topics by rclpy or from a bag.
 
-`bag` and `live` fill a `MessageLog`; the other modules each make a report of one, which has a table, figures for JSON, and a picture.
+`bag` and `live` fill a `MessageLog`. Each of `graph`, `episode`, `posterior`, `keypoints` and `latency` makes a report of it, which
+has a table, figures for JSON and a picture.
 """

@@ -1,4 +1,4 @@
-"""A bag as a message log: a folder or a file of rosbag2, whole or not. What is missing of it is noted."""
+"""Message log of a bag: a folder or a file of rosbag2, complete or damaged. Missing parts are noted."""
 
 import pathlib
 import tempfile
@@ -16,7 +16,7 @@ EXPECTED = "expected a bag folder or an .mcap or .db3 file"
 
 
 def read(path, names=None):
-    """The messages of these topics. With None: of all of them, as lengths in bytes."""
+    """Reads the messages of the named topics; without names, the lengths in bytes of the messages of all topics."""
     path = pathlib.Path(path)
     if not path.exists():
         raise InspectError(f"--bag {path}: {EXPECTED}, found nothing there")
@@ -42,11 +42,11 @@ def read(path, names=None):
 
 
 class NoBag(Exception):
-    """A file that is none of a bag."""
+    """The file is no part of a bag; says why."""
 
 
 class Reading:
-    """Fills `log` from the files of a bag. `failed`: for each topic how many messages could not be made, and why the first."""
+    """Fills `log` from the files of a bag. `failed`: by topic the number of undecodable messages and the first error."""
 
     def __init__(self, log, names):
         self.log, self.names = log, names
@@ -54,7 +54,7 @@ class Reading:
         self.unfinished, self.is_plain_mcap = False, True
 
     def read(self, path):
-        """Takes what can be had of one file."""
+        """Takes the readable messages of one file."""
         with open(path, "rb") as file:
             start = file.read(16)
         if is_packed(start):
@@ -67,7 +67,7 @@ class Reading:
             self.read_unpacked(path, path)
 
     def read_unpacked(self, path, source):
-        """Of `source`, which is called `path` in notes."""
+        """Takes the readable messages of the uncompressed file `source`, which notes call `path`."""
         with open(source, "rb") as file:
             start = file.read(16)
         if start.startswith(mcap_file.MAGIC):
@@ -79,7 +79,7 @@ class Reading:
             raise NoBag("another file, which begins neither as MCAP nor as sqlite3" if start else "an empty file")
 
     def define(self, topic, type_name, profiles):
-        """Takes that a bag has this topic, and what its publishers offered, in the words of rosbag2."""
+        """Adds a topic and the QoS profiles of its publishers, a text in the form of rosbag2."""
         channel = self.log.channels.setdefault(topic, Channel(type_name))
         for profile in parsed(profiles):
             endpoint = Endpoint("", profile.reliability.name.lower(), profile.durability.name.lower())
@@ -87,14 +87,14 @@ class Reading:
                 channel.publishers.append(endpoint)
 
     def take(self, topic, definition, time_ns, data):
-        """Takes one message."""
+        """Adds one message, decoded by its definition."""
         channel = self.log.channels[topic]
         channel.count += 1
         if self.names is not None and topic not in self.names:
             return
         try:
             if is_packed(data):
-                # The folder of such a bag can be indexed by rosbag2 alone.
+                # Only rosbag2 can index the folder of such a bag.
                 self.is_plain_mcap, data = False, unpack(data)
             message = len(data) if self.names is None else self.definitions.decode(definition, data)
         except Undecodable as error:
@@ -103,22 +103,22 @@ class Reading:
             channel.messages.append((time_ns, message))
 
     def notes(self):
-        """What could not be made of the messages that were found."""
+        """Notes on undecodable messages, one for each topic."""
         for topic, (count, error) in self.failed.items():
             channel = self.log.channels[topic]
             yield f"{topic}: {count} of {channel.count} messages of {channel.type_name} cannot be made: {error}"
 
 
 def parsed(profiles):
-    """None where they cannot be read."""
+    """QoS profiles of a text of rosbag2; none if the text cannot be parsed."""
     try:
         return parse_qos(profiles)
-    except Exception:  # rosbags lets through what is not as it expects: KeyError, TypeError and others.
+    except Exception:  # rosbags raises KeyError, TypeError and others on unexpected texts.
         return []
 
 
 def files_of(folder, notes):
-    """The files of a bag folder in the order of their numbers: those that metadata.yaml lists, or where it says nothing, all."""
+    """Files of a bag folder in the order of metadata.yaml, or all files by number if it is missing. Differences are noted."""
     present = {path.name: path for path in sorted(folder.iterdir(), key=order)}
     bag_files = [name for name in present if name.removesuffix(".zstd").endswith((".mcap", ".db3"))]
     try:
@@ -139,12 +139,13 @@ def files_of(folder, notes):
 
 
 def order(path):
-    """Of split files by their numbers."""
+    """Sort key of a file: its number in a split bag, then its name."""
     number = path.name.split(".")[0].rpartition("_")[2]
     return (int(number) if number.isdecimal() else float("inf"), path.name)
 
 
 def listed_in(metadata):
+    """Names of the files that a metadata.yaml lists."""
     paths = YAML(typ="safe").load(metadata.read_text())["rosbag2_bagfile_information"]["relative_file_paths"]
     return [pathlib.PurePath(path).name for path in paths]
 

@@ -1,4 +1,4 @@
-"""One file of a bag in rosbag2's format before MCAP: a database of sqlite3."""
+"""One file of a bag in the older format of rosbag2, a database of sqlite3."""
 
 import contextlib
 import sqlite3
@@ -7,12 +7,12 @@ MAGIC = b"SQLite format 3"
 
 
 def read(path, source, reading, notes):
-    """Gives what is in `source`, which notes call `path`, to `reading`. In the order of the file: before a damage all is found."""
+    """Gives the messages of `source`, which notes call `path`, to `reading` in the order of the file, up to the first damage."""
     taken = 0
     with contextlib.closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True)) as database:
         database.row_factory = sqlite3.Row
         try:
-            # Without it a database that is shorter than it says is not read at all. Nothing is written by it.
+            # Lets sqlite3 read a truncated database, which it refuses otherwise. The file is open read-only all the same.
             database.execute("PRAGMA writable_schema = 1")
             topics = topics_of(database, reading)
             for number, time_ns, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"):
@@ -24,9 +24,9 @@ def read(path, source, reading, notes):
 
 
 def topics_of(database, reading):
-    """Name and definition of each topic by its number."""
+    """Name and definition of each topic, by its number in the database."""
     texts = {}
-    # Older recorders wrote none.
+    # Older recorders wrote no definitions.
     if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
         for row in database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"):
             texts[row[0]] = (row[1], row[2])
@@ -34,5 +34,6 @@ def topics_of(database, reading):
     for row in database.execute("SELECT * FROM topics"):
         language, text = texts.get(row["type"], ("", ""))
         topics[row["id"]] = (row["name"], (row["type"], row["serialization_format"], language, text))
-        reading.define(row["name"], row["type"], row["offered_qos_profiles"] if "offered_qos_profiles" in row.keys() else "")
+        columns = row.keys()
+        reading.define(row["name"], row["type"], row["offered_qos_profiles"] if "offered_qos_profiles" in columns else "")
     return topics

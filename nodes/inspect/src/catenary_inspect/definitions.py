@@ -1,4 +1,4 @@
-"""Messages from bytes, by the definitions that a bag carries."""
+"""Decoding of messages by the definitions in a bag."""
 
 import re
 
@@ -6,21 +6,25 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 
 class Undecodable(Exception):
-    """A message that cannot be made: says why."""
+    """The message cannot be decoded; says why."""
 
 
 class Definitions:
-    """A definition is the name of a type, the encoding of its messages, that of its text, and the text, empty where a bag has none:
-    then those of ROS itself are known."""
+    """Decoders by definition.
+
+    A definition is the name of a type, the encoding of its messages, the language of its text, and the text. Without a text, the
+    types of ROS 2 Jazzy are known.
+    """
 
     def __init__(self):
         self.stores = {}
 
     def decode(self, definition, data):
+        """Decodes one message; raises Undecodable."""
         type_name, encoding, _, _ = definition
         if encoding != "cdr":
             raise Undecodable(f"expected cdr, found {encoding or 'no encoding'}")
-        # rosbags lets through what its parsers met: KeyError, struct.error and others.
+        # The parsers of rosbags raise KeyError, struct.error and others on bad bytes.
         try:
             if definition not in self.stores:
                 self.stores[definition] = store(definition)
@@ -32,7 +36,7 @@ class Definitions:
 
 
 def store(definition):
-    """What makes messages of a definition."""
+    """Type store that decodes messages of a definition."""
     type_name, _, language, text = definition
     if not text:
         return get_typestore(Stores.ROS2_JAZZY)

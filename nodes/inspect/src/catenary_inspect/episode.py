@@ -1,4 +1,4 @@
-"""Episodes: what the policy did, what the arm made of it, how it ended."""
+"""Report of episodes: actions of the policy, motion of the arm, and the end."""
 
 import numpy
 from matplotlib import colormaps
@@ -12,25 +12,27 @@ STARTED, ENDED = 0, 1
 
 
 class Episode:
-    """What was said between the start and the end of one episode, whose end may be missing."""
+    """Messages between the start and the end of one episode, whose end may be missing."""
 
     def __init__(self, log, number, start, end):
         self.number, self.start, self.end = number, start, end
         self.from_ns = stamp_ns(start.header.stamp)
         self.to_ns = stamp_ns(end.header.stamp) if end else None
-        of = lambda topic: [m for _, m in log.get(topic[0])]  # noqa: E731
+        of = lambda topic: [m for _, m in log.get(topic[0])]
         self.actions = [m for m in of(ACTION) if m.episode == number]
         self.targets, self.answers, self.poses, self.keypoints = (self.within(of(topic)) for topic in (TARGET, ACCEPTED, POSE, KEYPOINTS))
 
     def within(self, messages):
+        """Messages stamped during the episode."""
         last_ns = float("inf") if self.to_ns is None else self.to_ns
         return [m for m in messages if self.from_ns <= stamp_ns(m.header.stamp) <= last_ns]
 
     def seconds(self, message):
-        """Since the start."""
+        """Seconds from the start to a message's stamp."""
         return 1e-9 * (stamp_ns(message.header.stamp) - self.from_ns)
 
     def data(self):
+        """Figures for JSON."""
         rejected = [a for a in self.answers if not a.accepted]
         clipped = [a for a in self.answers if a.clipped_x or a.clipped_y or a.clipped_z]
         return {
@@ -43,7 +45,7 @@ class Episode:
         }  # fmt: skip
 
     def steps(self):
-        """A row for each action: step, s, dx and dz in mm, target x and z, and x and z reached a step later, in m."""
+        """Row for each action: step, time (s), dx and dz (mm), x and z of the target, and x and z reached a step later (m)."""
         times = numpy.array([self.seconds(p) for p in self.poses])
         rows = []
         for action in self.actions:
@@ -51,13 +53,13 @@ class Episode:
             target = next((t for t in self.targets if self.seconds(t) >= at - 1e-6), None)
             later = int(numpy.searchsorted(times, at + self.start.step_period)) if len(times) else 0
             reached = self.poses[min(later, len(times) - 1)].pose.position if len(times) else None
-            place = lambda p: (None, None) if p is None else (float(p.x), float(p.z))  # noqa: E731
+            place = lambda p: (None, None) if p is None else (float(p.x), float(p.z))
             rows.append((int(action.step), at, 1e3 * action.dx, 1e3 * action.dz, *place(target and target.pose.position), *place(reached)))
         return rows
 
 
 class Report:
-    """`episodes`: all of them; `shown`: the one whose steps are told."""
+    """Report of all `episodes`, with the steps of the one `shown`."""
 
     def __init__(self, log, wanted):
         events = [m for _, m in log.need(*EVENT, "episodes")]
@@ -70,7 +72,7 @@ class Report:
         numbers = list(starts)
         if wanted is not None and wanted not in starts:
             raise InspectError(f"--episode {wanted}: expected an episode of {log.origin}, which has {', '.join(map(str, numbers))}")
-        # Live, episodes of before are told by their events alone.
+        # Episodes from before the begin of listening have latched events, but no actions.
         told = [e for e in self.episodes if e.actions] or self.episodes
         self.shown = next(e for e in self.episodes if e.number == wanted) if wanted is not None else told[-1]
 
@@ -93,7 +95,7 @@ class Report:
         return "\n".join(lines)
 
     def draw_picture(self, figure):
-        """The path in the arm's plane, its coordinates over time, the actions, and the keypoints in the image."""
+        """Draws the path in the arm's plane, its coordinates over time, the actions, and the keypoints in the image."""
         (plane, over_time), (acted, image) = figure.subplots(2, 2)
         self.draw_arm(plane, over_time)
         e = self.shown
@@ -118,15 +120,13 @@ class Report:
         if times:
             dots = plane.scatter(x, z, c=times, s=4, cmap="viridis")
             plane.figure.colorbar(dots, ax=plane, label="time, s")
-        plane.plot(
-            [t.pose.position.x for t in e.targets], [t.pose.position.z for t in e.targets], "x", color="#ee6677", label="targets"
-        )
+        plane.plot([t.pose.position.x for t in e.targets], [t.pose.position.z for t in e.targets], "x", color="#ee6677", label="targets")
         plane.set(xlabel="x, m", ylabel="z, m", title="end effector in panda_link0", aspect="equal")
         plane.margins(0.1)
         plane.locator_params(axis="x", nbins=5)
         if e.targets:
             plane.legend(fontsize="small")
-        # The last one holds to the end.
+        # The last target holds to the end.
         target_times = [e.seconds(t) for t in e.targets] + times[-1:] if e.targets else []
         for axis, values, colour in (("x", x, "#4477aa"), ("z", z, "#ee6677")):
             over_time.plot(times, values, color=colour, label=axis)
@@ -151,7 +151,7 @@ class Report:
 
 
 def is_complete(log):
-    """Whether an episode began and ended while it was listened to."""
+    """Tells whether an episode ended of which an action was heard."""
     events = [m for _, m in log.get(EVENT[0])]
     acted = {m.episode for _, m in log.get(ACTION[0])}
     return any(m.event == ENDED and m.episode in acted for m in events)

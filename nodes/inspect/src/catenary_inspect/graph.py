@@ -1,14 +1,15 @@
-"""Who talks to whom: nodes, topics, rates, and profiles that do not fit."""
+"""Report of the graph: nodes, topics, rates, and QoS profiles that do not fit."""
 
 from .message_log import InspectError
 from .table import table
 
 NAMES, NEEDED = None, []
+# Time after the begin of listening in which latched messages come at once.
 BURST_NS = 500_000_000
 
 
 class Report:
-    """`rows`: one for each topic."""
+    """Report with a row for each topic."""
 
     def __init__(self, log):
         self.origin, self.nodes = log.origin, log.nodes
@@ -21,7 +22,7 @@ class Report:
 
     def text(self):
         lines = [f"{self.origin}: {len(self.rows)} topics" + (f", {len(self.nodes)} nodes" if self.nodes else "")]
-        short = lambda names: ", ".join(name.lstrip("/") for name in names) or "-"  # noqa: E731
+        short = lambda names: ", ".join(name.lstrip("/") for name in names) or "-"
         rows = [
             (r["name"], r["type"], r["count"], r["rate_hz"], r["kb_per_s"], r["profile"], short(r["publishers"]), short(r["subscriptions"]))
             for r in self.rows
@@ -34,7 +35,7 @@ class Report:
         return "\n".join(lines)
 
     def draw_picture(self, figure):
-        """Publishers to the left, topics in the middle, subscribers to the right; of a bag: its topics' rates."""
+        """Draws publishers, topics and subscribers from left to right; for a bag, bars of its topics' messages."""
         axis = figure.subplots()
         if not self.nodes:
             rows = [r for r in self.rows if r["count"]][::-1]
@@ -47,7 +48,7 @@ class Report:
         axis.axis("off")
         rows = [r for r in self.rows if r["name"] not in ("/rosout", "/diagnostics") and (r["publishers"] or r["subscriptions"])]
         nodes = sorted({n for r in rows for n in (*r["publishers"], *r["subscriptions"])})
-        height = lambda names, i: 1 - (i + 0.5) / len(names)  # noqa: E731
+        height = lambda names, i: 1 - (i + 0.5) / len(names)
         at = {node: height(nodes, i) for i, node in enumerate(nodes)}
         box = {"boxstyle": "round", "facecolor": "#eeeeee", "edgecolor": "#888888"}
         for node in nodes:
@@ -72,7 +73,8 @@ def arrow(axis, start, end, colour):
 
 
 def row_of(name, channel):
-    # What is latched comes at once in the beginning.
+    """Figures of a topic."""
+    # Latched messages at the begin would raise the rate.
     flowing = [pair for pair in channel.messages if not channel.since_ns or pair[0] > channel.since_ns + BURST_NS]
     times = [time_ns for time_ns, _ in flowing]
     span_s = 1e-9 * (times[-1] - times[0]) if len(times) > 1 else 0
@@ -88,7 +90,7 @@ def row_of(name, channel):
 
 
 def problems(name, channel):
-    """Subscriptions that hear nothing of a publisher, and topics of two types."""
+    """Sentences on subscriptions that hear nothing of a publisher, and on topics with several types."""
     if "," in channel.type_name:
         yield f"{name} has several types: {channel.type_name}"
     elif channel.unheard:
@@ -99,7 +101,7 @@ def problems(name, channel):
 
 
 def deaf(channel):
-    """Subscriptions with publishers whose offer is less than they ask for, and the policy."""
+    """Triples of a subscription, a publisher that offers less than it asks for, and the policy."""
     for s in channel.subscriptions:
         for p in channel.publishers:
             if s.reliability == "reliable" and p.reliability == "best_effort":

@@ -1,4 +1,4 @@
-"""The keypoints of the object and of the target: how steadily they come, how surely and how quietly."""
+"""Report of the keypoints of object and target: rate, scores and noise."""
 
 import numpy
 
@@ -12,15 +12,17 @@ POINTS = ("keypoint 0", "keypoint 1", "keypoint 2", "keypoint 3", "target")
 
 
 def noise_px(values):
-    """Standard deviation of what is no smooth motion, from second differences, robust against jumps."""
+    """Standard deviation of the noise on a smooth motion, from second differences; None for fewer than five values."""
     seen = values[numpy.isfinite(values)]
     if len(seen) < 5:
         return None
+    # 1.4826 turns the median absolute deviation of a Gaussian into its standard deviation, which is robust against jumps. The
+    # second difference of white noise has 6 times its variance.
     return float(1.4826 * numpy.median(numpy.abs(numpy.diff(seen, 2))) / 6**0.5)
 
 
 class Report:
-    """`time_s` (F), `points` (F, 5, 2) in pixels with NaN where a point was not seen, `scores` (F, 5)."""
+    """Report of F frames: `time_s` (F), `points` (F, 5, 2) in pixels, NaN if a point was not seen, `scores` (F, 5)."""
 
     def __init__(self, log):
         messages = [message for _, message in log.need(*KEYPOINTS, "the keypoints")]
@@ -36,7 +38,7 @@ class Report:
         self.points[self.scores == 0] = numpy.nan
 
     def flips(self):
-        """Frames in which the four points fit the frame before better in reverse order."""
+        """Number of frames whose four points are nearer to the previous frame in reverse order."""
         now, before = self.points[1:, :4], self.points[:-1, :4]
         same = numpy.linalg.norm(now - before, axis=2).sum(axis=1)
         turned = numpy.linalg.norm(now[:, ::-1] - before, axis=2).sum(axis=1)
@@ -71,7 +73,7 @@ class Report:
             f"{self.origin}, {KEYPOINTS[0]}: {d['frames']} frames in {d['span_s']:.2f} s, {rate} Hz, longest gap {gap} ms, "
             f"{d['order_flips']} flips of the order, image {width}x{height}"
         )
-        between = lambda pair: "-" if pair is None else f"{pair[0]:.1f} to {pair[1]:.1f}"  # noqa: E731
+        between = lambda pair: "-" if pair is None else f"{pair[0]:.1f} to {pair[1]:.1f}"
         rows = [
             (p["name"], 100 * p["seen"], p["score"], between(p["u"]), between(p["v"]), p["noise_u_px"], p["noise_v_px"])
             for p in d["points"]
@@ -79,7 +81,7 @@ class Report:
         return about + "\n" + table(("point", "seen %", "score", "u px", "v px", "noise u px", "noise v px"), rows)
 
     def draw_picture(self, figure):
-        """Left: the paths in the image. Right: both coordinates over time."""
+        """Draws the paths in the image, and both coordinates over time."""
         left, right = figure.subfigures(1, 2)
         image = left.subplots()
         over_time = right.subplots(2, 1, sharex=True)

@@ -1,4 +1,4 @@
-"""How old messages are when they come, how evenly they come, and how old what a step of the policy used was."""
+"""Report of latencies: ages and periods of messages, and ages of the inputs of a policy step."""
 
 import numpy
 
@@ -6,13 +6,13 @@ from .message_log import InspectError, stamp_ns
 from .table import table
 from .topics import ACCEPTED, ACTION, ARM_STATE, JOINTS, KEYPOINTS, MASK, OBSERVATION, POSE, TARGET
 
-# Images are left out: Python needs longer for one than it takes to come.
+# Without images, whose decoding in Python takes longer than their transport.
 STAMPED = (MASK, KEYPOINTS, POSE, JOINTS, ARM_STATE, TARGET, ACCEPTED, ACTION, OBSERVATION)
 NAMES, NEEDED = [name for name, _ in STAMPED], []
 
 
 def percentiles_ms(values_s):
-    """50 % and 99 %, and the greatest, in ms; none of no values."""
+    """Median, 99th percentile and maximum in ms; None for no values."""
     if not len(values_s):
         return {"p50_ms": None, "p99_ms": None, "max_ms": None}
     p50, p99, greatest = (1e3 * numpy.quantile(values_s, [0.5, 0.99, 1])).tolist()
@@ -20,13 +20,13 @@ def percentiles_ms(values_s):
 
 
 class Report:
-    """`ages_s`: for each topic what the messages' ages were when they came. `spans_s`: the same of derived times."""
+    """Report with `ages_s`, ages of messages at their arrival by topic, and `spans_s`, derived times by name."""
 
     def __init__(self, log):
         self.origin, self.rows, self.ages_s, self.spans_s = log.origin, [], {}, {}
         for name, _ in STAMPED:
             since_ns = log.channels[name].since_ns if name in log.channels else 0
-            # What is latched was measured before anybody listened.
+            # Latched messages from before the begin of listening are left out: their age says nothing about the transport.
             messages = [pair for pair in log.get(name) if stamp_ns(pair[1].header.stamp) >= since_ns]
             if messages:
                 self.add(name, messages)
@@ -36,10 +36,11 @@ class Report:
         self.add_spans(log)
 
     def add(self, name, messages):
+        """Adds the row of a topic."""
         came = numpy.array([time_ns for time_ns, _ in messages])
         stamps = numpy.array([stamp_ns(message.header.stamp) for _, message in messages])
         self.ages_s[name] = 1e-9 * (came - stamps)
-        # That of the measurements: a recorder or Python may take several messages at once.
+        # Periods are those of the stamps, because a recorder or Python may take several messages at once.
         periods = 1e-9 * numpy.diff(stamps)
         span = periods.sum()
         self.rows.append(
@@ -50,15 +51,13 @@ class Report:
         )  # fmt: skip
 
     def add_spans(self, log):
-        """Ages of what observations hold, and times from targets to their answers."""
+        """Adds the ages of the inputs of observations, and the times from targets to their answers."""
         for what, field in (("keypoints used by a step", "keypoints_stamp"), ("pose used by a step", "pose_stamp")):
             of = [1e-9 * (stamp_ns(m.header.stamp) - stamp_ns(getattr(m, field))) for _, m in log.get(OBSERVATION[0])]
             if of:
                 self.spans_s[what] = numpy.array(of)
         sent = {stamp_ns(m.header.stamp): time_ns for time_ns, m in log.get(TARGET[0])}
-        answered = [
-            1e-9 * (time_ns - sent[stamp]) for time_ns, m in log.get(ACCEPTED[0]) if (stamp := stamp_ns(m.header.stamp)) in sent
-        ]
+        answered = [1e-9 * (time_ns - sent[stamp]) for time_ns, m in log.get(ACCEPTED[0]) if (stamp := stamp_ns(m.header.stamp)) in sent]
         if answered:
             self.spans_s["target to its answer"] = numpy.array(answered)
 
@@ -82,12 +81,12 @@ class Report:
         return "\n".join(lines)
 
     def draw_picture(self, figure):
-        """Shares of messages by age."""
+        """Draws the cumulative distribution of the ages."""
         axis = figure.subplots()
         for what, values in (self.ages_s | self.spans_s).items():
             style = "--" if what in self.spans_s else "-"
             axis.step(1e3 * numpy.sort(values), numpy.linspace(0, 100, len(values)), where="post", label=what, linestyle=style)
-        # The few that are late would hide all the others.
+        # The axis ends near the 99th percentile, because a few late messages would hide the others.
         most = max(float(numpy.quantile(values, 0.99)) for values in (self.ages_s | self.spans_s).values())
         axis.set(xlabel="age when it came, ms (dashed: the time named)", ylabel="messages, %", xlim=(0, max(1.1e3 * most, 1)))
         axis.set_title("up to the latest 1 %")

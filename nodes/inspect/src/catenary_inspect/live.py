@@ -1,4 +1,4 @@
-"""The running graph as a message log, by rclpy."""
+"""Message log of the running graph, by rclpy."""
 
 import contextlib
 import importlib
@@ -6,9 +6,9 @@ import time
 
 from .message_log import Channel, Endpoint, InspectError, MessageLog
 
-# Time in which those who publish what is needed must be found.
+# Time within which publishers of the needed topics have to be discovered.
 PATIENCE_S = 5.0
-# After which what discovery found is taken for all there is.
+# Time after which discovery is taken as complete.
 SETTLE_S = 1.5
 
 
@@ -21,6 +21,7 @@ def import_rclpy():
 
 
 def message_class(topic, type_name):
+    """Python class of a message type."""
     package, kind, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), name)
@@ -30,7 +31,7 @@ def message_class(topic, type_name):
 
 @contextlib.contextmanager
 def node():
-    """A node of rclpy and a function that spins it for a while."""
+    """Node of rclpy, and a function that spins it for some seconds."""
     rclpy = import_rclpy()
     from rclpy.executors import SingleThreadedExecutor
 
@@ -48,13 +49,18 @@ def node():
 
 
 class Unseen(Exception):
-    """Nobody publishes what is needed, as far as this node was told."""
+    """This node has discovered no publisher of a needed topic; names the topics."""
 
 
 def listen(names, needed, seconds, done=lambda log: False):
-    """What comes on these topics within `seconds`, or until `done`. Those `needed` must have a publisher soon. With `names` None: on
-    all topics, as lengths in bytes."""
-    for last in (False, True):
+    """Listens to topics for `seconds`, or until `done(log)`; returns the log.
+
+    `needed`: topics that need a publisher within PATIENCE_S. `names`: topics to listen to; None for the lengths in bytes of the
+    messages of all topics.
+    """
+    attempts_left = 2
+    while True:
+        attempts_left -= 1
         with node() as (mine, spin):
             log = MessageLog("live graph")
             try:
@@ -62,15 +68,15 @@ def listen(names, needed, seconds, done=lambda log: False):
                 return log
             except Unseen as missing:
                 others = sorted(name for name, channel in log.channels.items() if channel.publishers)
-                # A node of Fast DDS may never be told of some of RustDDS; the next one mostly is.
-                if others and not last:
+                # A participant of Fast DDS may never hear of some endpoints on RustDDS; the next participant mostly does.
+                if others and attempts_left:
                     continue
                 found = f"publishers of {', '.join(others)}" if others else "no publisher: is ROS_DOMAIN_ID right?"
                 raise InspectError(f"live graph: expected a publisher of {missing} within {PATIENCE_S:g} s, found {found}") from None
 
 
 def listen_with(mine, spin, log, names, needed, seconds, done):
-    """Fills the log with what this node hears."""
+    """Fills the log with the messages that this node hears."""
     subscribed, began, end = set(), time.monotonic(), None
     while end is None or time.monotonic() < end:
         add_endpoints(mine, log, subscribed, names)
@@ -90,7 +96,7 @@ def listen_with(mine, spin, log, names, needed, seconds, done):
 
 
 def add_endpoints(mine, log, subscribed, names):
-    """Notes who publishes and subscribes, and subscribes to what is new."""
+    """Updates the log's publishers and subscriptions, and subscribes to topics that are new."""
     for name, types in mine.get_topic_names_and_types():
         if "/_" in name or name == "/parameter_events":
             continue
@@ -103,7 +109,7 @@ def add_endpoints(mine, log, subscribed, names):
             try:
                 subscribe(mine, name, channel, raw=names is None)
             except InspectError as error:
-                # Where all topics are looked at, one that cannot be heard is a line of the report.
+                # In a report of all topics, a topic that cannot be heard is one of its lines.
                 if names is not None:
                     raise
                 channel.unheard = str(error)
@@ -111,7 +117,7 @@ def add_endpoints(mine, log, subscribed, names):
 
 
 def endpoints(found):
-    """Those of other nodes; without a name where the middleware has them for itself."""
+    """Endpoints of other nodes; the name is empty for endpoints of the middleware itself."""
 
     def endpoint(info):
         unnamed = "UNKNOWN" in info.node_name
@@ -122,7 +128,7 @@ def endpoints(found):
 
 
 def subscribe(mine, name, channel, raw):
-    """Asks for as much as all publishers offer."""
+    """Subscribes with the strongest profile that all publishers offer."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     reliable = all(p.reliability == "reliable" for p in channel.publishers)

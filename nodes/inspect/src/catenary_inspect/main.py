@@ -1,4 +1,4 @@
-"""The command line."""
+"""Command line of catenary-inspect."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ import sys
 from . import bag, episode, graph, keypoints, latency, posterior
 from .message_log import InspectError
 
-# What is shown, s to listen for, width and height of the picture in inches, when to stop listening.
+# For a command: module, description, seconds to listen, width and height of the picture in inches, condition to stop listening.
 COMMANDS = {
     "graph": (graph, "nodes, topics, rates, and profiles that do not fit", 3.0, (12, 7), None),
     "episode": (episode, "what a policy did, and what the arm made of it", 120.0, (11, 9), episode.is_complete),
@@ -38,7 +38,7 @@ def parser():
 
 
 def make_report(options):
-    """What is to be shown, and notes of what is missing of a bag, which are told to people at once."""
+    """Report of a command, and notes on missing parts of a bag, which are also printed on stderr."""
     module, _, _, _, done = COMMANDS[options.command]
     if not options.seconds > 0:
         raise InspectError(f"--seconds: expected a number above 0, got {options.seconds:g}")
@@ -55,6 +55,7 @@ def make_report(options):
 
 
 def save(report, path, size):
+    """Draws the picture of a report into a file."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""One MCAP file, from the front and chunk by chunk: what is damaged costs no more than itself."""
+"""One MCAP file, read chunk by chunk from the front, so that a damaged chunk costs only its own messages."""
 
 import struct
 
@@ -10,12 +10,12 @@ from mcap.summary import Summary
 from zstandard import ZstdError
 
 MAGIC = b"\x89MCAP0\r\n"
-# What the reader, and the decompression of chunks, let through of bytes that are no MCAP.
+# Errors that the reader and the decompression raise on damaged bytes.
 DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError, RuntimeError)
 
 
 def read(path, source, reading, notes):
-    """Gives what is in `source`, which notes call `path`, to `reading`; returns whether its recorder did not finish it."""
+    """Gives the messages of `source`, which notes call `path`, to `reading`; returns True if the file is unfinished."""
     with open(source, "rb") as stream:
         file = McapFile(stream, reading)
         file.read()
@@ -25,8 +25,11 @@ def read(path, source, reading, notes):
 
 
 class McapFile:
-    """`is_finished`: whether it has a summary. `at_end`: whether its data were read to their end; `end`: to where they were read.
-    `orphans`: messages whose topic nothing defines."""
+    """A file that may be damaged.
+
+    `is_finished`: it has a summary. `at_end`: the data were read to their end. `end`: offset up to which the data were read.
+    `orphans`: number of messages without a definition of their topic.
+    """
 
     def __init__(self, stream, reading):
         self.stream, self.reading = stream, reading
@@ -35,26 +38,26 @@ class McapFile:
         self.is_finished = self.summary.statistics is not None
         self.schemas = dict(self.summary.schemas)
         self.channels, self.damages, self.taken, self.orphans = {}, [], 0, 0
-        # A chunk that is damaged may be the one that defines what the others hold.
+        # Definitions come from the summary, too, because the chunk that holds them may be damaged.
         for channel in self.summary.channels.values():
             self.define(channel)
 
     def read(self):
-        """Takes all records up to the end of the data."""
+        """Takes all readable records."""
         later = [chunk.chunk_start_offset for chunk in self.summary.chunk_indexes]
         start = 0
         while start is not None:
             for record in self.records(start):
                 self.take_record(record)
                 self.end = self.stream.tell()
-            # Where records can no longer be told apart, the next chunk that the summary knows is.
+            # After a record of wrong length, reading goes on at the next chunk that the summary lists.
             reached, start = self.end, min((at for at in later if at > self.end and not self.at_end), default=None)
             if start is not None:
                 self.damages.append(f"damaged from byte {reached} to {start}")
                 self.end = start
 
     def records(self, start):
-        """Records from a byte on, to the end of the data or to where one is damaged."""
+        """Records from an offset to the end of the data or to a damaged record."""
         self.at_end = False
         self.stream.seek(start)
         reader = StreamReader(self.stream, skip_magic=start > 0, emit_chunks=True, validate_crcs=True, record_size_limit=self.size)
@@ -65,7 +68,7 @@ class McapFile:
                     return
                 yield record
         except CRCValidationError as error:
-            # Of the data as a whole: it stands at their end.
+            # The checksum of all data stands at their end.
             self.at_end = True
             if not self.damages:
                 self.damages.append(f"damaged somewhere: {error}")
@@ -73,15 +76,17 @@ class McapFile:
             return
 
     def take_record(self, record):
+        """Takes a record, or all records of a chunk."""
         if not isinstance(record, Chunk):
-            return self.take(record)
+            self.take(record)
+            return
         try:
             if record.compression not in ("", "zstd", "lz4"):
                 raise McapError(f"expected compression by zstd or lz4, found {record.compression}")
             records = breakup_chunk(record, validate_crc=True)
         except DAMAGE as error:
             self.damages.append(f"damaged: the chunk at byte {self.end} is lost: {error or repr(error)}")
-            return None
+            return
         for inner in records:
             self.take(inner)
 
@@ -107,7 +112,7 @@ class McapFile:
         self.reading.define(channel.topic, type_name, channel.metadata.get("offered_qos_profiles", ""))
 
     def missing(self):
-        """What is missing, in words."""
+        """Sentences on missing and damaged parts."""
         if not self.is_finished:
             left = 0 if self.at_end else self.size - self.end
             state = "it has no summary" if self.at_end else "not finished"
@@ -121,9 +126,9 @@ class McapFile:
 
 
 def summary(stream, size):
-    """What stands at the end of a file; empty where that is missing or damaged."""
+    """Summary at the end of a file; empty if it is missing or damaged."""
     try:
         stream.seek(0)
         return SeekingReader(stream, record_size_limit=size).get_summary() or Summary()
-    except (*DAMAGE, OSError):  # A file may be shorter than an end is.
+    except (*DAMAGE, OSError):  # OSError: the file is shorter than an end record.
         return Summary()

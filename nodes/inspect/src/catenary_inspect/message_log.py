@@ -1,10 +1,10 @@
-"""Messages by topic with the times at which they came, wherever they are from."""
+"""Messages by topic with their times of arrival, from a bag or from the running graph."""
 
 from dataclasses import dataclass, field
 
 
 class InspectError(Exception):
-    """Something that the user has to mend: says where, what was found and what is needed."""
+    """A mistake that the user can correct; says where, what was expected and what was found."""
 
 
 @dataclass
@@ -18,9 +18,12 @@ class Endpoint:
 
 @dataclass
 class Channel:
-    """One topic. `messages` are pairs of the time of arrival in ns and the message, or its length in bytes where no topic was asked
-    for; `count` is known of topics that were not asked for, too. `since_ns`: when listening began, live; what is latched is older.
-    `unheard`: why nothing was listened to."""
+    """One topic.
+
+    `messages`: pairs of the time of arrival (ns) and the message, or its length in bytes in a report of all topics.
+    `count`: number of messages, also of topics whose messages were not read. `unheard`: reason why the topic could not be heard.
+    `since_ns`: begin of listening to live topics; latched messages are older.
+    """
 
     type_name: str
     publishers: list = field(default_factory=list)
@@ -33,7 +36,7 @@ class Channel:
 
 @dataclass
 class MessageLog:
-    """`origin` names the bag or the graph in messages to the user. `notes`: what is missing or damaged, in sentences."""
+    """Messages of a bag or graph (`origin`, in the user's words). `notes`: sentences on missing and damaged parts."""
 
     origin: str
     channels: dict = field(default_factory=dict)
@@ -41,12 +44,12 @@ class MessageLog:
     notes: list = field(default_factory=list)
 
     def describe(self):
-        """What there is, in words."""
+        """Topics with their numbers of messages, in words."""
         counts = {name: max(channel.count, len(channel.messages)) for name, channel in sorted(self.channels.items())}
         return ", ".join(f"{name} ({count})" for name, count in counts.items() if count) or "no message"
 
     def need(self, topic, type_name, purpose):
-        """The messages of a topic that `purpose` cannot do without."""
+        """Messages of a topic that `purpose` needs; raises InspectError if there are none."""
         channel = self.channels.get(topic)
         if channel is None or not channel.messages:
             raise InspectError(f"{self.origin}: expected messages on {topic} ({type_name}) for {purpose}, found {self.describe()}")
@@ -55,7 +58,7 @@ class MessageLog:
         return channel.messages
 
     def get(self, topic):
-        """The messages of a topic, none where it is not there."""
+        """Messages of a topic; an empty list for a missing topic."""
         channel = self.channels.get(topic)
         return channel.messages if channel else []
 

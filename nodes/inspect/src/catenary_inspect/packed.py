@@ -1,4 +1,4 @@
-"""What rosbag2 compresses beyond the chunks of MCAP: whole files, and messages one by one, by zstd."""
+"""Files and single messages that rosbag2 compressed by zstd, beside the chunks of MCAP."""
 
 import zstandard
 
@@ -8,11 +8,12 @@ MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def is_packed(data):
-    """Whether these bytes begin as a frame of zstd does; a message in CDR begins with a zero."""
+    """Tells whether bytes are a frame of zstd; a message in CDR begins with a zero instead."""
     return bytes(data[:4]) == MAGIC
 
 
 def unpack(data):
+    """Decompresses a message; raises Undecodable."""
     try:
         return zstandard.ZstdDecompressor().decompressobj().decompress(data)
     except zstandard.ZstdError as error:
@@ -20,7 +21,7 @@ def unpack(data):
 
 
 def unpack_file(path, unpacked):
-    """Writes what can be had of a compressed file to another, and returns notes of what cannot."""
+    """Decompresses a file into another as far as possible; returns notes on the rest."""
     with open(path, "rb") as source, open(unpacked, "wb") as target:
         try:
             zstandard.ZstdDecompressor().copy_stream(source, target)

@@ -1,30 +1,34 @@
-"""Prior distributions of one parameter, whose distribution function gives its unit coordinate."""
+"""Prior distributions of one parameter; the distribution function gives the parameter's unit coordinate."""
 
 import math
 import statistics
 
 import numpy
 
-# What the message and the model file call them, in the order of the message's numbers.
+# Names in the model file, in the order of the numbers in catenary_msgs/msg/Parameter.
 KINDS = ("uniform", "log_uniform", "normal", "mixture")
+# Points of the table that inverts a distribution function without a closed inverse.
 GRID = 4001
 
 
 def is_possible(kind, low, high, mean, sd):
-    """Whether there is a prior of these numbers."""
+    """Tells whether a prior with these numbers exists."""
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         return False
-    return low > 0.0 if kind == "log_uniform" else kind != "normal" or math.isfinite(mean) and 0.0 < sd < math.inf
+    if kind == "normal":
+        return math.isfinite(mean) and 0.0 < sd < math.inf
+    return low > 0.0 if kind == "log_uniform" else True
 
 
 class Prior:
-    """`low` and `high` bound the support, in the parameter's unit. A mixture has `parts`: pairs of weight and prior."""
+    """Prior with the support `low` to `high`, in the parameter's unit. A mixture has `parts`, pairs of weight and prior."""
 
     def __init__(self, kind, low=None, high=None, mean=None, sd=None, parts=()):
         if kind not in KINDS:
             raise ValueError(f"a prior: expected one of {', '.join(KINDS)}, found {kind}")
         if bool(parts) != (kind == "mixture"):
-            raise ValueError(f"a {kind.replace('_', '-')} prior: expected {'parts' if kind == 'mixture' else 'no parts'}, found {len(parts)}")
+            wanted = "parts" if kind == "mixture" else "no parts"
+            raise ValueError(f"a {kind.replace('_', '-')} prior: expected {wanted}, found {len(parts)}")
         self.kind, self.mean, self.sd, self.parts = kind, mean, sd, parts
         self.low = min(part.low for _, part in parts) if parts else float(low)
         self.high = max(part.high for _, part in parts) if parts else float(high)
@@ -35,15 +39,15 @@ class Prior:
 
     @property
     def is_log(self):
-        """Whether an axis of it is best logarithmic."""
-        return self.kind == "log_uniform" or bool(self.parts) and all(part.is_log for _, part in self.parts)
+        """Tells whether an axis of the parameter should be logarithmic."""
+        return self.kind == "log_uniform" or (bool(self.parts) and all(part.is_log for _, part in self.parts))
 
     @property
     def name(self):
         return self.kind.replace("_", "-")
 
     def share_below(self, values):
-        """Its distribution function, between 0 and 1."""
+        """Distribution function at values, between 0 and 1."""
         inside = numpy.clip(values, self.low, self.high)
         if self.kind == "uniform":
             return (inside - self.low) / (self.high - self.low)
@@ -65,14 +69,14 @@ class Prior:
         return numpy.interp(unit, self.share_below(grid), grid)
 
     def grid(self):
-        """Values over the support, close together where a part of it is: evenly, and evenly in the logarithm."""
+        """Values over the support: evenly spaced, evenly in the logarithm for log-uniform, the union of all parts for a mixture."""
         if self.parts:
             return numpy.unique(numpy.concatenate([part.grid() for _, part in self.parts]))
         return (numpy.geomspace if self.kind == "log_uniform" else numpy.linspace)(self.low, self.high, GRID)
 
 
 def of_message(message):
-    """Of a catenary_msgs/msg/Parameter or PriorPart, which in older recordings has no mean, sd and parts."""
+    """Prior of a catenary_msgs/msg/Parameter or PriorPart; in older recordings they have no mean, sd and parts."""
     parts = [(part.weight, of_message(part)) for part in getattr(message, "parts", ())]
     if not 0 <= message.prior < len(KINDS):
         raise ValueError(f"a prior: expected a kind of 0 to {len(KINDS) - 1}, found {message.prior}")
@@ -81,7 +85,7 @@ def of_message(message):
 
 
 def of_document(document):
-    """Of a prior in posterior.json: its kind and the fields of that."""
+    """Prior of its document in posterior.json: its kind and the fields of that kind."""
     ((kind, fields),) = document.items()
     if kind == "mixture":
         return Prior(kind, parts=[(part["weight"], of_document(part["prior"])) for part in fields])

@@ -1,4 +1,4 @@
-"""Names of the contract that are looked at, with their types."""
+"""Names and types of the topics that reports read."""
 
 IMAGE = ("/camera/camera/color/image_raw", "sensor_msgs/msg/Image")
 MASK = ("/dlo/mask", "sensor_msgs/msg/Image")

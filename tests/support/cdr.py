@@ -1,11 +1,12 @@
-"""Messages of any rosidl type whose fields count up, and their bytes in CDR."""
+"""Messages of any rosidl type whose fields count up, their bytes in CDR, and comparison of two readers' messages."""
 
-from contract import interface
 from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType, BoundedSequence
+
+from .contract import interface
 
 
 def counted(kind, counter):
-    """The next counted value of a rosidl type: see `Filled` in the Rust crate. With `counter` None, the value that is empty."""
+    """Next counted value of a rosidl type, as `Filled` of the crate catenary_msgs counts; the empty value if `counter` is None."""
     if isinstance(kind, AbstractNestedType):
         most = kind.maximum_size if isinstance(kind, BoundedSequence) else 2
         count = kind.size if isinstance(kind, Array) else min(2, most) if counter else 0
@@ -26,6 +27,7 @@ def counted(kind, counter):
 
 
 def counted_message(cls, counter):
+    """Message of a class whose fields continue the count in `counter`, a list with the last number; empty fields if it is None."""
     message = cls()
     for name, kind in zip(cls.get_fields_and_field_types(), cls.SLOT_TYPES):
         setattr(message, name, counted(kind, counter))
@@ -33,6 +35,7 @@ def counted_message(cls, counter):
 
 
 def rosidl_class(type_name):
+    """Class of a message, or of a part of a service or action, such as `std_srvs/srv/SetBool_Request`."""
     package, kind, name = type_name.split("/")
     if kind == "msg":
         return interface(type_name)
@@ -69,10 +72,22 @@ def message_layout(message):
 
 
 def pieces(data, message):
-    """The pieces of a CDR message, and where the last one ends. Padding is left out: Fast CDR leaves it uninitialised."""
+    """Pieces of a CDR message, and the offset after the last one. Padding is left out because Fast CDR leaves it uninitialised."""
     body, offset, found = data[4:], 0, []
     for alignment, size in message_layout(message):
         offset += -offset % alignment
         found.append(body[offset : offset + size])
         offset += size
     return found, offset + 4
+
+
+def same(message, other):
+    """Tells whether a message of rclpy and one of another reader have the same values."""
+    if hasattr(message, "get_fields_and_field_types"):
+        return all(same(getattr(message, name), getattr(other, name)) for name in message.get_fields_and_field_types())
+    if hasattr(message, "__len__") and not isinstance(message, str | bytes):
+        return len(message) == len(other) and all(map(same, message, other))
+    if isinstance(message, bytes):
+        # rclpy has an octet as one byte, other readers as a number.
+        other = other if isinstance(other, bytes) else bytes([other])
+    return message == other

@@ -1,28 +1,29 @@
-"""Nodes of a lab, written in rclpy, in place of ours: an arm, a runner of episodes, a pool of simulations, a learner."""
+"""Nodes of a lab in rclpy that replace ours: an arm, a policy runner, a simulator pool, inference and training."""
 
 import math
-import pathlib
 import threading
-import tomllib
 
 import rclpy
+import tomllib
 from catenary_msgs.action import FindEffects, Infer, MoveToStart, RunEpisode, Train
 from catenary_msgs.msg import AcceptedTarget, ArmState, Keypoints, Mixture, Parameter, Track
 from catenary_msgs.srv import CloseEnvs, OpenEnvs, StepEnvs
-from contract import BASE, BY_NAME, OPTICAL
 from geometry_msgs.msg import PoseStamped
-from policy import policy_file
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 
+from .contract import BASE, BY_NAME, OPTICAL
+from .policy import policy_file
+from .program import ROOT
+
 IMAGE_PX = 256
 # bayes_sim takes no tracks from a pool of another version than its own.
-VERSION = tomllib.loads((pathlib.Path(__file__).parents[1] / "Cargo.toml").read_text())["workspace"]["package"]["version"]
+VERSION = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
 
 
 class StandIn:
-    """A node of rclpy in a context of its own, spun by threads of its own."""
+    """A node of rclpy in a context of its own, spun by its own threads."""
 
     def __init__(self, domain, name):
         self.context = rclpy.Context()
@@ -40,6 +41,9 @@ class StandIn:
     def __exit__(self, *_):
         self.executor.shutdown()
         self.thread.join()
+        # rclpy's shutdown does not wait for its thread pool. A callback that starts after the node is destroyed would fail, and
+        # the garbage collector would print its error in the middle of another test.
+        self.executor._executor.shutdown(wait=True)
         self.node.destroy_node()
         self.context.try_shutdown()
 
@@ -70,7 +74,7 @@ class StandIn:
 
 
 class Arm(StandIn):
-    """An arm that is at once where it is told to be, and the keypoints of a bar that hangs from it."""
+    """An arm that reaches each target at once, and keypoints of a bar that hangs from it."""
 
     def __init__(self, domain):
         super().__init__(domain, "lab_arm")
@@ -106,7 +110,7 @@ class Arm(StandIn):
 
 
 class Stranger(StandIn):
-    """Another laboratory's graph: whatever it is told to do it does, and notes. It tells no state, even where it has a publisher."""
+    """Another laboratory's graph: it accepts every command and notes its name. Its publishers (`publishes`) stay silent."""
 
     SERVICES = ("/panda/enable", "/panda/hold", "/panda/error_recovery", "/panda/set_compliance")
     ACTIONS = ("/panda/move_to_start", "/policy_runner/run_episode")
@@ -139,7 +143,7 @@ BY_ACTION = {MoveToStart.Goal: MoveToStart, RunEpisode.Goal: RunEpisode}
 
 
 class Runner(StandIn):
-    """Moves to the start and runs episodes by saying so."""
+    """A policy runner and arm that report moves and episodes without doing them."""
 
     def __init__(self, domain, steps=3, refuses=False, endless=False):
         super().__init__(domain, "lab_runner")
@@ -168,7 +172,7 @@ class Runner(StandIn):
 
 
 class Pool(StandIn):
-    """Simulations and environments by formula: bars hang straight down, the longer and the softer the lower."""
+    """A simulator pool by formula: bars hang straight down, longer and softer ones lower."""
 
     def __init__(self, domain):
         super().__init__(domain, "lab_pool")
@@ -215,7 +219,7 @@ class Pool(StandIn):
 
 
 class Learner(StandIn):
-    """An inference, a training and a search that know the answer."""
+    """Servers of inference, training and effect search with fixed answers."""
 
     def __init__(self, domain, endless=False):
         super().__init__(domain, "lab_learner")
@@ -225,7 +229,7 @@ class Learner(StandIn):
         self.act("/effect_finder/find", self.find)
 
     def work(self, handle, feedback):
-        """Tells feedback; whether the goal was cancelled."""
+        """Publishes feedback until the goal is done; returns True if it was cancelled."""
         self.goals.append(handle.request)
         pause, step = threading.Event(), 0
         while step < 4 or self.endless:
@@ -247,7 +251,8 @@ class Learner(StandIn):
             Parameter(name="youngs_modulus_pa", prior=Parameter.PRIOR_LOG_UNIFORM, low=1e3, high=5e4),
         ]
         middle = Mixture(parameters=parameters, weights=[1.0], means=[0.5, 0.5], covariances=[1e-4, 0.0, 0.0, 1e-4])
-        return Infer.Result(success=True, posterior=middle, simulations=40, losses=[1.5], effective_sample_size=33.0, warnings=["a warning"])
+        found = {"losses": [1.5], "effective_sample_size": 33.0, "warnings": ["a warning"]}
+        return Infer.Result(success=True, posterior=middle, simulations=40, **found)
 
     def train(self, handle):
         if self.work(handle, lambda step: Train.Feedback(steps=8 * step, total_steps=32, mean_return=0.5, success_rate=0.25)):

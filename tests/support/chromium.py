@@ -1,6 +1,8 @@
-"""Headless Chromium over a pipe: opens a page at a width, and tells what is wrong with how it looks.
+"""Headless Chromium over a pipe: opens a page at a width and lists faults of its layout.
 
-CHROME: the program; else chromium, chromium-browser or google-chrome of the PATH.
+CHROME: path of the browser; by default chromium, chromium-browser or google-chrome on the PATH.
+
+    python tests/support/chromium.py FOLDER PAGE...    # screenshots at 1400 and at 420 px
 """
 
 import base64
@@ -10,6 +12,7 @@ import pathlib
 import select
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 
@@ -19,35 +22,11 @@ FLAGS = (
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--remote-debugging-pipe",
 )  # fmt: skip
 
-# Faults of the page as it is laid out now. A box may be wider than its place only where it scrolls by itself.
-FAULTS = """(() => {
-  const width = document.documentElement.clientWidth, found = [];
-  if (document.documentElement.scrollWidth > width) found.push(`the page is ${document.documentElement.scrollWidth} px wide, of ${width}`);
-  const scrolls = e => { for (; e; e = e.parentElement) if (['auto', 'scroll'].includes(getComputedStyle(e).overflowX)) return true; return false; };
-  for (const e of document.body.querySelectorAll('*')) {
-    if (e.closest('svg') && e.tagName !== 'svg') continue;
-    const box = e.getBoundingClientRect();
-    if (box.width && (box.right > width + 0.5 || box.left < -0.5) && !scrolls(e)) found.push(`${e.tagName} from ${box.left} to ${box.right} px: ${e.textContent.slice(0, 60)}`);
-  }
-  for (const svg of document.querySelectorAll('svg')) {
-    const own = svg.getBoundingClientRect();
-    for (const text of svg.querySelectorAll('text')) {
-      const box = text.getBoundingClientRect(), size = parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a;
-      if (own.width && size < 11) found.push(`text of ${size.toFixed(1)} px: ${text.textContent}`);
-      if (own.width && (box.left < own.left - 1 || box.right > own.right + 1 || box.top < own.top - 1 || box.bottom > own.bottom + 1)) found.push(`cut: ${text.textContent}`);
-    }
-  }
-  for (const e of document.querySelectorAll('p, td, th, li, summary, figcaption, h1, h2')) {
-    const size = parseFloat(getComputedStyle(e).fontSize);
-    if (size < 11) found.push(`text of ${size} px: ${e.textContent.slice(0, 60)}`);
-  }
-  for (const image of document.images) if (!image.complete || !image.naturalWidth) found.push(`broken picture: ${image.src.slice(0, 60)}`);
-  return {faults: found, text: document.body.innerText, texts: document.querySelectorAll('svg text').length};
-})()"""
+FAULTS = pathlib.Path(__file__).with_name("page_faults.js").read_text()
 
 
 def program():
-    """Path of Chromium; none where there is none."""
+    """Path of Chromium; None if there is none."""
     return os.environ.get("CHROME") or next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -58,10 +37,12 @@ class Chromium:
         self.folder = tempfile.TemporaryDirectory(prefix="chromium", ignore_cleanup_errors=True)
         to_browser, self.send = os.pipe()
         self.receive, from_browser = os.pipe()
-        # The browser reads descriptor 3 and writes to 4.
+        # --remote-debugging-pipe reads from file descriptor 3 and writes to 4.
         words = 'in=$1 out=$2; shift 2; eval "exec 3<&$in 4>&$out"; exec "$@"'
-        command = ["bash", "-c", words, "bash", str(to_browser), str(from_browser), path, *FLAGS, f"--user-data-dir={self.folder.name}", "about:blank"]
-        self.child = subprocess.Popen(command, pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        browser = [path, *FLAGS, f"--user-data-dir={self.folder.name}", "about:blank"]
+        command = ["bash", "-c", words, "bash", str(to_browser), str(from_browser), *browser]
+        null = subprocess.DEVNULL
+        self.child = subprocess.Popen(command, pass_fds=(to_browser, from_browser), stdin=null, stdout=null, stderr=null)
         os.close(to_browser)
         os.close(from_browser)
         self.number, self.rest, self.events, self.session = 0, b"", [], None
@@ -102,24 +83,27 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def look(self, page, width, picture=None):
-        """Faults of the page at this width, its folded parts opened at the end, and its text; a screenshot where a path is given."""
+    def faults_of(self, page, width, picture=None):
+        """Opens a page at a width, folded and unfolded; returns its faults, its text and the number of texts in pictures.
+
+        `picture`: path of a screenshot.
+        """
         self.events.clear()
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         self.call("Page.navigate", url=pathlib.Path(page).resolve().as_uri())
         self.wait("Page.loadEventFired")
         if picture:
             self.save(picture)
-        looked = self.evaluate(FAULTS)
+        found = self.evaluate(FAULTS)
         self.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
         if picture:
             self.save(pathlib.Path(picture).with_suffix(".all.png"))
         opened = self.evaluate(FAULTS)
-        looked["faults"] += opened["faults"] + self.complaints()
-        return looked | {"texts": opened["texts"]}
+        found["faults"] += opened["faults"] + self.complaints()
+        return found | {"texts": opened["texts"]}
 
     def complaints(self):
-        """Errors of the console, and everything that the page asked for beyond itself."""
+        """Errors of the console, and requests of the page beyond itself."""
         said = []
         for event in self.events:
             method, told = event.get("method"), event.get("params", {})
@@ -153,14 +137,12 @@ class Chromium:
 
 
 def main():
-    """Screenshots of pages: `python chromium.py FOLDER PAGE...`, at 1400 and at 420 px."""
-    import sys
-
+    """Saves screenshots of the pages on the command line and prints their faults."""
     browser, folder = Chromium(program()), pathlib.Path(sys.argv[1])
     for page in sys.argv[2:]:
         name = "_".join(pathlib.Path(page).with_suffix("").parts[-3:]).strip("/")
         for width in (1400, 420):
-            print(page, width, *browser.look(page, width, folder / f"{name}_{width}.png")["faults"], sep="\n  ")
+            print(page, width, *browser.faults_of(page, width, folder / f"{name}_{width}.png")["faults"], sep="\n  ")
     browser.close()
 
 

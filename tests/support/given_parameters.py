@@ -1,4 +1,4 @@
-"""Parameters that a node of rclpy gets from ROS 2 arguments."""
+"""Parameters that a node of rclpy reads from ROS 2 arguments."""
 
 import math
 
@@ -6,15 +6,15 @@ import pytest
 
 
 def written(value):
-    """Value as the tables of tests have it: infinities and NaN in words."""
+    """Value as the JSON tables of tests write it, with infinities and NaN as words."""
     if isinstance(value, float) and not math.isfinite(value):
         return repr(value)
     return value if value is None or isinstance(value, (bool, int, float, str)) else [written(item) for item in value]
 
 
 def of_rclpy(arguments):
-    """Type and value of each parameter for /cam, by name; None where rclpy refuses the arguments."""
-    # The folder tests/rclpy passes for an empty package `rclpy`; it has no submodule.
+    """Type and value of each parameter for the node /cam, by name; None if rclpy refuses the arguments."""
+    # A submodule, because the folder tests/rclpy passes for an empty package `rclpy`.
     pytest.importorskip("rclpy.node")
     import rclpy
 

@@ -1,4 +1,4 @@
-"""What ROS 2's own launch makes of a launch file, without starting anything. Needs launch, launch_xml and launch_ros."""
+"""Processes that ROS 2's own launch would start for a launch file. Needs launch, launch_xml and launch_ros."""
 
 import asyncio
 import os
@@ -11,13 +11,14 @@ from launch_ros.actions import Node
 
 
 def processes(path, arguments, read=yaml.safe_load):
-    """The processes in order, each as `catenary launch --show --json` prints them, with parameter files read by `read`."""
+    """Processes in order, each as `catenary launch --show --json` prints it, with parameter files read by `read`."""
     before = dict(os.environ)
     context = launch.LaunchContext(argv=[])
     context._set_asyncio_loop(asyncio.new_event_loop())
     found = []
     try:
-        visit(IncludeLaunchDescription(AnyLaunchDescriptionSource(str(path)), launch_arguments=list(arguments.items())), context, before, found, read)
+        source = AnyLaunchDescriptionSource(str(path))
+        visit(IncludeLaunchDescription(source, launch_arguments=list(arguments.items())), context, before, found, read)
     finally:
         os.environ.clear()
         os.environ.update(before)
@@ -25,6 +26,7 @@ def processes(path, arguments, read=yaml.safe_load):
 
 
 def visit(entity, context, before, found, read):
+    """Appends the processes of an entity and of all inside it to `found`."""
     if not isinstance(entity, ExecuteLocal):
         for inner in entity.visit(context) or []:
             visit(inner, context, before, found, read)
@@ -33,7 +35,7 @@ def visit(entity, context, before, found, read):
 
 
 def process(entity, context, before, read):
-    """As `entity.execute` prepares it; its values are private."""
+    """Process of an entity, prepared as `entity.execute` does. Launch keeps the values in private attributes."""
     private = lambda kind, name: getattr(entity, f"_{kind}__{name}")
     if isinstance(entity, Node):
         entity._perform_substitutions(context)
@@ -50,9 +52,11 @@ def process(entity, context, before, read):
                 command[i] = read(file)
             os.unlink(word)
     after = description.final_env
-    changes = {name: value for name, value in after.items() if before.get(name) != value} | {name: None for name in before if name not in after}
+    changes = {name: value for name, value in after.items() if before.get(name) != value}
+    changes |= {name: None for name in before if name not in after}
     retries = private("ExecuteLocal", "respawn_max_retries")
-    grace = [float("".join(context.perform_substitution(part) for part in parts)) for parts in (entity.sigterm_timeout, entity.sigkill_timeout)]
+    timeouts = (entity.sigterm_timeout, entity.sigkill_timeout)
+    grace = [float("".join(context.perform_substitution(part) for part in parts)) for parts in timeouts]
     return {
         "name": description.final_name.rsplit("-", 1)[0],
         "command": command,

@@ -1,25 +1,31 @@
-"""A lab beside the relay, in rclpy: a controller in the form of crisp_controllers, and keypoints of an object that hangs from its arm.
+"""A lab beside the relay, in rclpy: a controller with the interface of crisp_controllers, and keypoints of a hanging object.
 
-    stand_in_lab.py DOMAIN
+Usage: stand_in_lab.py DOMAIN
 """
 
+import contextlib
 import math
+import pathlib
 import sys
 
 import rclpy
 from catenary_msgs.msg import Keypoints
-from contract import BASE, BY_NAME, OPTICAL
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+from support.contract import BASE, BY_NAME, OPTICAL
+
 PERIOD_S = 0.005
-# That of the simulated cell's arm, about.
+# Lag of the controlled arm, about as in the simulated cell.
 TIME_CONSTANT_S = 0.15
 IMAGE_PX = 256
 
 
 class Lab:
+    """Controller and camera of the lab; the arm follows targets with a first-order lag."""
+
     def __init__(self, context):
         self.node = node = rclpy.create_node("cartesian_impedance_controller", context=context)
         for axis in ("pos_x", "pos_y", "pos_z", "rot_x", "rot_y", "rot_z"):
@@ -66,10 +72,8 @@ def main():
     context.init(domain_id=int(sys.argv[1]))
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(Lab(context).node)
-    try:
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == "__main__":

@@ -1,26 +1,26 @@
-"""Recorders beside publishers of rclpy, and what two readers of others find in the bags."""
+"""Recorders beside publishers of rclpy, and their bags as rosbags and mcap-ros2-support read them."""
 
 import signal
 import time
 
-from conftest import Ros
+from .ros import Ros
 
 
 def join(session):
-    """A node of rclpy in the session's domain."""
+    """Starts a node of rclpy in the session's domain."""
     session.ros = Ros(session.domain)
     return session.ros
 
 
 def record(session, name, *arguments):
-    """A recorder of the bag called `name`, which subscribes by now."""
+    """Starts a recorder of the bag called `name`; returns when it subscribes."""
     recorder = session.start("record", "--out", name, "--json", *arguments, name=name)
     session.wait_for(lambda: recorder.poll() is not None or (session.folder / name).exists(), 20, f"the bag {name}")
     return recorder
 
 
 def stop(*recorders):
-    """Ends recorders in order."""
+    """Interrupts recorders, which have to end well."""
     for recorder in recorders:
         recorder.send_signal(signal.SIGINT)
     for recorder in recorders:
@@ -28,13 +28,14 @@ def stop(*recorders):
 
 
 def wait_for_readers(session, publisher, count):
-    """Waits until `count` subscriptions are matched, and have heard of it."""
+    """Waits until `count` subscriptions are matched on both sides."""
     session.wait_for(lambda: publisher.get_subscription_count() >= count, 20, f"{count} readers of {publisher.topic}")
+    # The readers may know of the match a little later than the publisher, and lose messages of best effort until then.
     time.sleep(0.3)
 
 
 def read_bag(bag):
-    """Types by topic, and messages as bytes by topic, from rosbags; mcap-ros2-support must find as many."""
+    """Types by topic, and serialised messages by topic, as rosbags reads them; mcap-ros2-support has to find as many."""
     from mcap_ros2.reader import read_ros2_messages
     from rosbags.highlevel import AnyReader
 

@@ -1,12 +1,10 @@
-"""The contract as a stranger's program sees it: a row for each topic, service and action.
+"""The ROS 2 interface of the graph, as other programs see it: a row for each topic, service and action.
 
-`publishers`, `subscribers` and `server` are nodes of the simulated cell's graph; where there are none, `remark` says why.
+`publishers`, `subscribers` and `server` name nodes of the simulated cell's graph. `remark` says why a row has none.
 """
 
 import importlib
 from dataclasses import dataclass
-
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 BEST_EFFORT, RELIABLE, LATCHED = ("best_effort", "volatile"), ("reliable", "volatile"), ("reliable", "transient_local")
 NODES = (
@@ -24,13 +22,15 @@ BASE, OPTICAL = "panda_link0", "camera_color_optical_frame"
 
 
 def interface(type_name):
-    """The class of `package/kind/Name`."""
+    """Python class of `package/kind/Name`."""
     package, kind, name = type_name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), name)
 
 
 @dataclass(frozen=True)
 class Topic:
+    """A topic with its QoS, frame and nominal rate in Hz."""
+
     name: str
     type_name: str
     reliability: str
@@ -48,6 +48,9 @@ class Topic:
 
     @property
     def profile(self):
+        # Not at the top: the table of names is used without rclpy, too.
+        from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
         return QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=self.depth,
@@ -63,8 +66,11 @@ class Topic:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A service or an action. `caller`: a process of ours that calls it, so that an rclpy server can stand in. `large`: between
-    our own nodes, large answers go by a topic of its own."""
+    """A service or an action.
+
+    `caller`: the node or command of ours that calls it, to which a server in rclpy can answer in place of ours.
+    `large`: our own nodes exchange large answers by a topic beside the service.
+    """
 
     name: str
     type_name: str
@@ -124,7 +130,7 @@ ACTIONS = (
     Endpoint("/effect_finder/find", "catenary_msgs/action/FindEffects", FINDER, "catenary find-effects"),
 )
 
-# Topics of catenary_msgs/msg/Reply for large answers between our own nodes, hidden as those of actions.
+# Topics of catenary_msgs/msg/Reply for large answers between our own nodes, hidden by their names as those of actions are.
 REPLIES = tuple(f"{row.name}/_reply" for row in SERVICES if row.large)
 
 BY_NAME = {row.name: row for row in (*TOPICS, *SERVICES, *ACTIONS)}

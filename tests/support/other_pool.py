@@ -1,4 +1,7 @@
-"""A pool that is not of this program: answers at once with tracks of zeros. Arguments: DOMAIN SERVICE VERSION."""
+"""A foreign simulator pool that answers at once with tracks of zeros.
+
+Usage: other_pool.py DOMAIN SERVICE VERSION
+"""
 
 import sys
 

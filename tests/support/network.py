@@ -1,4 +1,4 @@
-"""Hosts on one machine: network namespaces on a bridge, with the MTU of Ethernet, and links that can be cut."""
+"""Hosts on one machine: network namespaces on a bridge, with the MTU of Ethernet and links that can be cut."""
 
 import itertools
 import os
@@ -14,7 +14,7 @@ def ip(*words, check=True):
 
 
 def why_not():
-    """Why this machine cannot have hosts; none where it can."""
+    """Reason why this machine cannot have hosts; None if it can."""
     if not shutil.which("ip"):
         return "network namespaces need the program ip (iproute2)"
     if os.geteuid() != 0:
@@ -29,7 +29,7 @@ def why_not():
 
 
 class Hosts:
-    """`count` hosts, numbered from 0, at 10.77.0.1 and so on. `multicast`: whether the network carries it."""
+    """`count` hosts, numbered from 0, with the addresses 10.77.0.1 and so on. Without `multicast` the network drops it."""
 
     def __init__(self, count, multicast=True):
         self.tag = f"c{os.getpid()}n{next(numbers)}"
@@ -51,7 +51,7 @@ class Hosts:
         ip("link", "add", link, "mtu", MTU, "type", "veth", "peer", "name", "eth0", "mtu", MTU, "netns", name)
         ip("link", "set", link, "master", self.bridge, "up")
         if not multicast:
-            # The bridge's port floods no group to this host.
+            # The bridge forwards no multicast to this host.
             ip("link", "set", link, "type", "bridge_slave", "mcast_flood", "off")
         ip("-n", name, "link", "set", "lo", "up")
         ip("-n", name, "addr", "add", f"{self.address(host)}/24", "dev", "eth0")
@@ -62,7 +62,7 @@ class Hosts:
         return f"{self.tag}h{host}"
 
     def link(self, host):
-        """The end of a host's cable at the bridge."""
+        """Name of the bridge's end of a host's link."""
         return f"{self.tag}v{host}"
 
     @staticmethod
@@ -70,31 +70,31 @@ class Hosts:
         return f"10.77.0.{host + 1}"
 
     def on(self, host, *command):
-        """A command that runs on a host."""
+        """Command line that runs a command on a host."""
         return ("ip", "netns", "exec", self.name(host), *map(str, command))
 
     def cut(self, host):
-        """Pulls the cable: nobody is told."""
+        """Takes a host's link down without any notice to the others, as a pulled cable does."""
         ip("link", "set", self.link(host), "down")
 
     def mend(self, host):
         ip("link", "set", self.link(host), "up")
 
     def tunnel(self):
-        """A network of its own over these hosts' one, in unicast: a VXLAN that copies what is meant for all to each of them."""
+        """Adds a VXLAN over unicast that copies multicast packets to every host."""
         for host in range(self.count):
             inside = ("-n", self.name(host))
             ip(*inside, "link", "add", "ros", "type", "vxlan", "id", 42, "dstport", 4789, "local", self.address(host), "dev", "eth0")
             for other in range(self.count):
                 if other != host:
-                    command = "bridge fdb append 00:00:00:00:00:00 dev ros dst".split()
+                    command = ("bridge", "fdb", "append", "00:00:00:00:00:00", "dev", "ros", "dst")
                     subprocess.run(self.on(host, *command, self.address(other)), check=True)
             ip(*inside, "addr", "add", f"10.78.0.{host + 1}/24", "dev", "ros")
             ip(*inside, "link", "set", "ros", "up")
             ip(*inside, "route", "replace", "default", "dev", "ros")
 
     def received(self, host):
-        """Bytes that came over a host's cable."""
+        """Bytes that a host has received."""
         path = "/sys/class/net/eth0/statistics/rx_bytes"
         return int(subprocess.run(self.on(host, "cat", path), check=True, capture_output=True, text=True).stdout)
 

@@ -1,0 +1,1 @@
+//! Comparison of the mask operations with those of imageproc; see `benches/masks.rs`.
