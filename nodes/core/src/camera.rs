@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// Side of the label mask in pixels.
 pub const MASK_SIZE_PX: u32 = 256;
-/// Half the side of the label mask in pixels: a pixel is 1 / 128 of the image coordinates, which are scaled to -1 .. 1.
+/// Half the side of the label mask in pixels: in coordinates scaled to -1 .. 1 over the mask, one pixel is 1 / 128.
 pub const HALF_MASK_PX: f64 = 0.5 * MASK_SIZE_PX as f64;
 
 /// Camera together with the cut of the mask from its image.

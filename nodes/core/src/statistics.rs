@@ -1,9 +1,9 @@
 //! Statistics of samples: mean, standard deviation, quantiles, medians, Wilson's interval, and the Kolmogorov-Smirnov
 //! test of uniformity.
 //!
-//! The crate `statrs` is not used for them. Its quantile is Hyndman and Fan's type 8, which would change every figure
-//! in a report. Its Kolmogorov-Smirnov test has an exact p-value that refuses ties, which ranks have, and overflows
-//! from 144 values on; its asymptotic one has no correction for few values (0.057 instead of 0.05 for 60 values).
+//! The crate `statrs` is not used for them. Its quantile is Hyndman and Fan's type 8, which would change every figure in a
+//! report. Its Kolmogorov-Smirnov test has an exact p-value that refuses ties, which ranks have, and overflows from 144
+//! values on; its asymptotic one has no correction for few values: at 60 values it returns 0.057 where 0.05 is right.
 
 /// Standard normal quantile of a two-sided interval of 95 %.
 pub const Z_95: f64 = 1.959_964;
@@ -71,7 +71,7 @@ pub fn median_high(values: &mut [f64]) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-/// Interval of 95 % `[low, high]` of a share of which `hits` of `trials` were observed (Wilson 1927).
+/// 95 % interval `[low, high]` of a probability, after `hits` in `trials` (Wilson 1927).
 pub fn wilson_interval(hits: usize, trials: usize) -> [f64; 2] {
     let n = trials as f64;
     let share = hits as f64 / n;

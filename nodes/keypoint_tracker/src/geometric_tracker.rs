@@ -37,9 +37,9 @@ use crate::{Error, KeypointTracker, PathStart, TrackerParams};
 /// 5. Pieces that follow one another across a gap, such as the gripper, are joined.
 /// 6. The keypoints lie at the given fractions of the line's length.
 ///
-/// The line covers the visible part: if an end is hidden or cut off by the image's edge, the keypoints lie on the rest.
-/// A bar folded flat onto itself looks like a shorter, thicker bar and is tracked as one.
-/// [`PathStart`] defines the first end. The order of the keypoints flips when the two ends pass one another in height.
+/// The line covers the visible part: if an end is hidden or cut off by the image's edge, the keypoints lie on the rest. A
+/// bar folded flat onto itself looks like a shorter, thicker bar and is tracked as one. [`PathStart`] defines the first
+/// end. The order of the keypoints flips when the two ends pass one another in height (`Upper`) or sideways (`Left`).
 ///
 /// The confidence of a keypoint is a product of five factors:
 ///

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 /// Time without a mask after which the node reports a fault: the time that a policy waits for fresh data by default.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Largest difference between a mask's stamp and the node's clock. Policies discard data that are older.
+/// Largest difference between a mask's stamp and the node's clock. It is only reported; policies discard data that are far
+/// younger (`max_age_s`).
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
 
 /// Runs the node from the arguments after the program's name.

@@ -114,7 +114,7 @@ impl Settings {
         }
     }
 
-    /// Checks all ranges.
+    /// Checks the counts, the positive numbers and the shares.
     ///
     /// # Errors
     /// [`SettingsError`] with the field that is out of range.

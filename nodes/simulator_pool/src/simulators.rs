@@ -1,5 +1,5 @@
-//! Simulators of the models that came newest, kept for further requests of them. The one that was built first is dropped
-//! first.
+//! Cache of the simulators that were built last, for further requests of their models. The one that was built first is
+//! dropped first.
 
 use catenary_core::ModelError;
 use catenary_simulator::parameters::ParameterError;

@@ -22,7 +22,7 @@ const LEAST_VARIANCE: f64 = 1e-12;
 /// Share of the bound up to which [`unbend`] inverts the bend. Beyond it the inverse is too steep.
 const MOST_BENT: f64 = 0.95;
 
-/// Logarithm of the weight below which the mass of a component inside counts as one: e^-8 is 0.03 %.
+/// Logarithm of the weight below which a component counts as lying wholly inside the support: e^-8 is 0.03 %.
 const LEAST_LOG_WEIGHT: f64 = -8.0;
 
 /// Logarithm of 2 pi.
@@ -299,7 +299,8 @@ mod tests {
             };
             let ((above, to), (below, from)) = (at(STEP), at(-STEP));
             let difference = 0.4 * (above - below) / (to - from);
-            // The loss is in double precision: the error is the curvature, STEP^2 times a third derivative of order 10.
+            // The loss is in double precision: the error is that of the central difference, STEP^2 / 6 times a third
+            // derivative of order 10.
             assert!((difference - f64::from(gradient[i])).abs() < 3e-4, "{i}: {difference} against {}", gradient[i]);
         }
     }

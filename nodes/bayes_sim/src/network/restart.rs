@@ -6,9 +6,9 @@ use crate::network::standard::Affine;
 use rand::Rng;
 
 impl Network {
-    /// Returns this network standardised by `samples` with `weights`. The function stays up to two approximations: the
-    /// principal components become those of `samples`, which drops variation outside of their span; and the bend of the
-    /// diagonals ([`super::head::DIAGONAL_LIMIT`]) is linearised about their mean.
+    /// Returns this network standardised by `samples` with `weights`. The function stays the same, except for two
+    /// approximations: the principal components become those of `samples`, which drops variation outside of their span; and
+    /// the bend of the diagonals ([`super::head::DIAGONAL_LIMIT`]) is linearised about their mean.
     pub fn restarted<R: Rng>(&self, samples: &Samples, weights: &[f64], rng: &mut R) -> Self {
         let mut next = self.clone();
         next.standardise(samples, weights, rng);
@@ -109,8 +109,9 @@ impl Network {
     }
 }
 
-/// Converts rows of weights on columns standardised by `before` to rows on columns standardised by `after`. Adds the effect of
-/// the new centres to the shift of each row. A column that is now constant counts with its centre.
+/// Converts rows of weights on columns standardised by `before` to rows on columns standardised by `after`. Adds the effect
+/// of the new centres to the shift of each row. A column that is now constant gets weight zero. The effect of its constant
+/// value goes into the shift.
 fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut [f32]) {
     if before.centre.is_empty() {
         return;
@@ -122,8 +123,9 @@ fn carry_affine(before: &Affine, after: &Affine, rows: &mut [f32], shifts: &mut 
     }
 }
 
-/// Converts rows of weights on frames of `width` columns, as [`carry_affine`]. The columns of an absent frame are zero before
-/// and after, except for its presence. The effect of the other columns' centres is therefore carried by the presence column.
+/// Converts rows of weights on frames of `width` columns, as [`carry_affine`]. In both standardisations all columns of an
+/// absent frame are zero, except its presence column. The effect of the other columns' centres is therefore carried by the
+/// presence column.
 fn carry_frames(
     before: &Affine,
     after: &Affine,

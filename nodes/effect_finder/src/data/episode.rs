@@ -13,7 +13,7 @@ use serde::Serialize;
 /// Measured episode with the request that simulates it.
 #[derive(Debug, Clone)]
 pub struct MeasuredEpisode {
-    /// Simulation request without thetas, effects, seed and noise.
+    /// Simulation request with thetas and effects still empty, and without noise.
     pub template: SimulationRequest,
     /// Measured track.
     pub measured: Track,
@@ -153,7 +153,7 @@ impl MeasuredEpisode {
         let count = (share * self.measured.frames.len() as f64).ceil() as usize;
         let mut first = self.clone();
         first.measured.frames.truncate(count);
-        // A path is cut by its frame times; of actions, the frame after the last one needs none.
+        // A path is cut by its frame times. There is one action fewer than frames: none follows the last frame.
         first.template.frame_times_s.truncate(count);
         if let Drive::Actions(actions) = &mut first.template.drive {
             actions.truncate(count.saturating_sub(1));

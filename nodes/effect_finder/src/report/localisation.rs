@@ -51,7 +51,7 @@ pub fn localise(fit: &Fit, channels: &[Channel], detection: &Detection) -> Vec<L
     };
     let null: Vec<Vec<f64>> = detection.null.iter().map(|n| sums(&n.residuals)).collect();
     let measured = sums(&fit.residuals);
-    // Without a gap the measured set is exchangeable with the null sets, so that the moments include it.
+    // If the model lacks nothing, the measured set is one more null set. The moments therefore include it.
     let pooled = || null.iter().chain([&measured]);
     let count = null.len() as f64 + 1.0;
     let moments: Vec<(f64, f64)> = (0..parts.len())

@@ -19,9 +19,9 @@ impl Beam {
             && self.steps_since_start == other.steps_since_start
     }
 
-    /// Advances as [`Self::advance_to`] does, together with `neighbours`, whose differences from this beam are
-    /// propagated to first order. `grip(i, t)` gives the state of the clamped end at time t in s: i = 0 is this beam, i
-    /// + 1 is neighbour i. This beam moves to the bit as it would alone.
+    /// Advances as [`Self::advance_to`] does, together with `neighbours`, whose differences from this beam are propagated
+    /// to first order. `grip(i, t)` gives the state of the clamped end at time t in s: i = 0 is this beam, i + 1 is
+    /// neighbour i. This beam moves bit for bit as it would alone.
     pub fn advance_with(&mut self, neighbours: &mut [&mut Beam], time_s: f64, grip: impl Fn(usize, f64) -> GripState) {
         while let Some(next_s) = self.next_step_before(time_s) {
             self.step_with(neighbours, |beam| grip(beam, next_s));

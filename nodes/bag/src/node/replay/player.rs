@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Messages and bytes per second at an infinite rate. A faster burst would overflow the sockets of best-effort
 /// subscribers.
 const FASTEST: [f64; 2] = [5_000.0, 1e8];
-/// Time between two checks of the followers of commands.
+/// Least time between two checks of who follows the replayed commands.
 const LOOK: Duration = Duration::from_millis(200);
 /// Least time between two log lines about failed messages.
 const COMPLAIN: Duration = Duration::from_secs(5);
@@ -96,7 +96,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Publishes the bag once. Returns false if the node is told to shut down.
+    /// Publishes the bag once. Returns false if the bag is empty or the node is told to shut down.
     ///
     /// It begins with the latched messages that a subscriber at the start of the played part would have received.
     pub(super) fn play(
