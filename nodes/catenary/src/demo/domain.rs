@@ -1,12 +1,9 @@
 //! A DDS domain for the demo alone, so that its commands reach no other arm and its names clash with no other node.
 
+use crate::graph::DISCOVERY_TIME;
 use crate::launch::Supervisor;
 use anyhow::{Result, ensure};
 use catenary_shell::{Discovery, DomainClaim, Node, NodeBuilder, Peer, RosArgs, ShellError, contract, list_peers};
-use std::time::Duration;
-
-/// Time in which the participants of a domain answer a new one. Discovery on one machine takes well below this.
-const LOOK: Duration = Duration::from_millis(700);
 
 /// Claim to a domain without other participants.
 #[derive(Debug)]
@@ -52,7 +49,7 @@ impl OwnDomain {
 /// Participants of a domain, as far as they run on this machine.
 fn look(id: u16) -> Result<Vec<Peer>, ShellError> {
     let node = NodeBuilder::new("demo_look", &RosArgs::default())?.domain(id, Discovery::Localhost).build()?;
-    let others = node.look_around(LOOK);
+    let others = node.look_around(DISCOVERY_TIME);
     // The temporary participant must not stay visible to the demo's own nodes.
     node.stop();
     Ok(others)

@@ -1,5 +1,6 @@
 //! Check before a command to the running graph's arm: there is exactly one arm, and only the graph commands it.
 
+use super::DISCOVERY_TIME;
 use crate::exit::Interrupted;
 use anyhow::{Error, Result, ensure};
 use catenary_shell::{CallError, Node, Peer, Shutdown, contract, list_peers};
@@ -7,8 +8,6 @@ use std::time::{Duration, Instant};
 
 /// Time between two checks.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Time in which every other node of the domain is found. Discovery takes less than half a second.
-const LOOK: Duration = Duration::from_millis(700);
 
 /// Remedy for two graphs.
 const REMEDY: &str = "end one graph, or give each a ROS_DOMAIN_ID or a namespace of its own; nothing was sent";
@@ -30,7 +29,7 @@ pub fn ensure_one_arm(node: &Node, needed: &[&str], wait: Duration, interrupted:
         }
     }
     // A second arm may be discovered later than the first server.
-    let _everybody = node.look_around(LOOK);
+    let _everybody = node.look_around(DISCOVERY_TIME);
     for name in contract::ARM.iter().chain(needed) {
         let servers = node.servers(&[name])?;
         let name = node.resolve(name)?;

@@ -1,6 +1,7 @@
 //! Check before a launch: no running graph may use the same names.
 
 use super::logs;
+use crate::graph::DISCOVERY_TIME;
 use crate::launch::description::{LaunchDescription, Process};
 use anyhow::{Result, bail};
 use catenary_shell::{
@@ -10,8 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Time in which every other node of a domain is found.
-const LOOK: Duration = Duration::from_millis(700);
 /// Time for a graph that is just ending to disappear.
 const LEAVING: Duration = Duration::from_secs(3);
 
@@ -106,7 +105,7 @@ pub fn refuse_second_graph(description: &LaunchDescription, shutdown: &Shutdown)
 /// Nodes that have one of the names. Nodes that are about to end get time to do so.
 fn look(node: &Node, names: &Names, shutdown: &Shutdown) -> Result<Vec<Peer>> {
     let start = Instant::now();
-    let mut peers = node.look_around(LOOK);
+    let mut peers = node.look_around(DISCOVERY_TIME);
     loop {
         let [served, told] = [&names.served, &names.told].map(|set| set.iter().map(String::as_str).collect::<Vec<_>>());
         let mut taken: Vec<Peer> =
