@@ -16,9 +16,9 @@ pub const THETA: [f64; 2] = [0.25, 2e4];
 pub const DOWN: f64 = -std::f64::consts::FRAC_PI_2;
 pub const GRAVITY: f64 = 9.81;
 
-/// Simulates an episode with camera noise in which the bar swings, is pressed on the table and drags over it.
-pub fn episode(effects: &[(&str, f64)], drive: Drive) -> Track {
-    let request = SimulationRequest {
+/// Request of an episode in which the bar swings, is pressed on the table and drags over it.
+pub fn request(effects: &[(&str, f64)], drive: Drive, noise: bool) -> SimulationRequest {
+    SimulationRequest {
         thetas: vec![THETA.to_vec()],
         effects: effects.iter().map(|(name, v)| ((*name).to_owned(), vec![*v])).collect(),
         drive,
@@ -28,8 +28,13 @@ pub fn episode(effects: &[(&str, f64)], drive: Drive) -> Track {
         fidelity: Fidelity::Fast,
         seed: 3,
         first_episode: 0,
-        noise: true,
-    };
+        noise,
+    }
+}
+
+/// Simulates that episode with camera noise.
+pub fn episode(effects: &[(&str, f64)], drive: Drive) -> Track {
+    let request = request(effects, drive, true);
     BeamSimulator::new(&bare_bar(), 1).unwrap().simulate(&request).unwrap().remove(0)
 }
 

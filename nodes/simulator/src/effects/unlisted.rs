@@ -120,22 +120,10 @@ mod tests {
     use super::super::fixtures::{self, actions};
     use crate::parameters::tests::soft_bar;
     use crate::simulator::BeamSimulator;
-    use catenary_core::simulator::StartShape;
-    use catenary_core::{Fidelity, SimulationRequest, Simulator, Track};
+    use catenary_core::{Simulator, Track};
 
     fn episode(effects: &[(&str, f64)]) -> Track {
-        let request = SimulationRequest {
-            thetas: vec![fixtures::THETA.to_vec()],
-            effects: effects.iter().map(|(name, v)| ((*name).to_owned(), vec![*v])).collect(),
-            drive: actions(),
-            start: StartShape::HangingAtRest,
-            frame_times_s: (0..25).map(|i| 0.1 * f64::from(i)).collect(),
-            target_m: None,
-            fidelity: Fidelity::Fast,
-            seed: 3,
-            first_episode: 0,
-            noise: false,
-        };
+        let request = fixtures::request(effects, actions(), false);
         let simulator = BeamSimulator::with_effects(&soft_bar(), &Registry::with_unlisted(), 1);
         simulator.unwrap().simulate(&request).unwrap().remove(0)
     }
