@@ -63,7 +63,7 @@ pub enum MixtureError {
     #[error("mixture: component {0}: expected a finite mean and a symmetric positive definite covariance")]
     Component(usize),
     /// Mixture with (nearly) no mass in the unit cube.
-    #[error("mixture: no draw in {MAX_REJECTIONS} fell inside the support of the prior")]
+    #[error("mixture: no draw fell inside the support of the prior")]
     OutsideSupport,
 }
 

@@ -80,8 +80,10 @@ pub fn transitions(r: &StepEnvsResponse, count: usize) -> Result<Vec<Transition>
         return Err(EnvError::Backend(r.message.clone()));
     }
     // The lists of an answer may differ in length: each one is checked before it is indexed.
-    if [r.rewards.len(), r.terminated.len(), r.truncated.len()] != [count; 3] {
-        return Err(EnvError::Backend(format!("expected {count} rewards and ends, got {}", r.rewards.len())));
+    let lengths @ [rewards, terminated, truncated] = [r.rewards.len(), r.terminated.len(), r.truncated.len()];
+    if lengths != [count; 3] {
+        let got = format!("{rewards} rewards, {terminated} terminated and {truncated} truncated");
+        return Err(EnvError::Backend(format!("expected {count} rewards and ends, got {got}")));
     }
     let next = observations(&r.observations, count)?;
     let last = observations(&r.final_observations, count)?;

@@ -45,7 +45,7 @@ impl Vote {
         let size = out.width as usize;
         if side > MAX_SCALE * size as f64 {
             let got = format!("{side} px for a mask of {size} px");
-            return Err(Error::Parameter { field: "crop.side_px", expected: "at most 15 times the mask's", got });
+            return Err(Error::Parameter { field: "crop.side_px", expected: "at most 15 times the mask's side", got });
         }
         edges(&mut self.columns, left, side, size);
         edges(&mut self.rows, top, side, size);
