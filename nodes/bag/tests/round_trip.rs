@@ -168,7 +168,7 @@ fn a_bag_is_split_by_time_before_the_message_that_is_too_late() {
     let folder = tempfile::tempdir().unwrap();
     let split = Split { bytes: None, duration: Some(Duration::from_secs(3)) };
     let files = write_split(&folder.path().join("long"), split);
-    // As in rosbag2, a file lasts until more than three seconds have passed since its first message.
+    // A file lasts until more than three seconds have passed since its first message, as in rosbag2.
     assert_eq!(files, [(0.0, 31), (31.0, 31), (62.0, 31), (93.0, 7)]);
     let text = std::fs::read_to_string(folder.path().join("long/metadata.yaml")).unwrap();
     let listed = "relative_file_paths:\n  - long_0.mcap\n  - long_1.mcap\n  - long_2.mcap\n  - long_3.mcap\n";

@@ -154,8 +154,8 @@ impl Member {
         let Verdict { reward, end } = verdict(shared.judge, &self.arm, &observation, is_last);
         let terminated = end.is_some();
         let truncated = !terminated && is_last;
-        // As in Gymnasium's vector environments: the next episode begins at once, and the last observation is given
-        // apart.
+        // The next episode begins at once, and the last observation is given apart, as in Gymnasium's vector
+        // environments.
         let next = if terminated || truncated { self.reset(shared, index)? } else { observation };
         Ok(Transition { observation: next, reward, terminated, truncated, final_observation: observation })
     }

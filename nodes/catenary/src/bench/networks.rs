@@ -90,7 +90,7 @@ fn entrants(with_paper: bool) -> Vec<Entrant> {
     ];
     if with_paper {
         let mut paper = Settings::paper();
-        // As many gradient steps as its iterations make in total: iteration i trains on the tracks of all iterations so
+        // Number of gradient steps is that of all its iterations: iteration i trains on the tracks of all iterations so
         // far.
         paper.schedule.max_epochs *= paper.iterations.div_ceil(2);
         paper.schedule.patience_epochs = paper.schedule.max_epochs;

@@ -143,7 +143,7 @@ impl Participation {
                 });
             }
         };
-        // As in rcl, the old variable outranks the new one.
+        // The old variable outranks the new one, as in rcl.
         if variable("ROS_LOCALHOST_ONLY").as_deref() == Some("1") {
             warnings.push("ROS_LOCALHOST_ONLY is deprecated and taken for ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST");
             discovery = Discovery::Localhost;

@@ -215,8 +215,8 @@ impl RosArgs {
 
     /// Returns the parameter values that apply to a node. The last of several values for one parameter takes precedence.
     ///
-    /// As in ROS 2, values are grouped by the node name or pattern that they stand under, in the order of first appearance, and
-    /// `-p` without a node stands under `/**`. Therefore `-p` outranks a file's entry for the node, unless `/**` appeared before
+    /// Values are grouped by the node name or pattern that they stand under, in the order of first appearance. `-p` without
+    /// a node stands under `/**`. Both rules are those of ROS 2. Therefore `-p` outranks a file's entry for the node, unless `/**` appeared before
     /// that entry.
     #[must_use]
     pub fn params_for(&self, namespace: &str, node: &str) -> Vec<&ParamOverride> {

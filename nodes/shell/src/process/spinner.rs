@@ -85,7 +85,7 @@ fn report_changes(node: &Node, graph: &Arc<Graph>, switched: smol::channel::Send
     let policies = Qos::PARAMETER_EVENTS.policies();
     let events: Events = graph.writer(&name, "rcl_interfaces/msg/ParameterEvent", &policies)?;
     let (clock, path) = (node.clock().clone(), node.path().to_owned());
-    // As rclcpp and rclpy, every declared parameter is announced as new at the start.
+    // Declared parameters are announced as new at the start, as rclcpp and rclpy do.
     publish_event(&events, &clock, &path, all_as_changes(node.params()), Vec::new());
     node.params().on_change(move |changes| {
         publish_event(&events, &clock, &path, Vec::new(), changes.to_vec());

@@ -53,7 +53,7 @@ const SKIN_M: f64 = 2.5e-4;
 /// Half extents in m of the table. Its middle lies under the origin.
 const TABLE_HALF_M: [f64; 3] = [3.0, 3.0, 0.1];
 /// Length unit of rapier in m.
-// As large as the object's section: with the default of 1 m contacts are found 20 mm ahead.
+// Size of the object's section: with the default of 1 m contacts are found 20 mm ahead.
 const LENGTH_UNIT_M: f64 = 0.02;
 /// Largest number of iterations of the conjugate gradient.
 // The default of 20 does not converge on stiff bars.

@@ -182,7 +182,7 @@ impl Reader<'_> {
         if self.prefix.count == 0 {
             self.param = Some(self.overrides.find(node, key));
         } else {
-            // As in rcl, an existing entry of the prefix itself is renamed.
+            // Existing entries of the prefix itself are renamed, as in rcl.
             let param = self.overrides.find(node, &self.prefix.text);
             self.overrides.param(node, param).name = format!("{}.{key}", self.prefix.text);
             self.param = Some(param);

@@ -7,7 +7,7 @@ use rand::RngExt;
 pub const DURATION_S: f64 = 8.0;
 const MOVES: usize = 16;
 /// Time constant of the arm in s, and its largest speed in m/s.
-// As the shipped soft bar's arm.
+// Values of the shipped soft bar's arm.
 const LAG_S: f64 = 0.16;
 const MAX_SPEED_M_S: f64 = 0.5;
 const SAMPLE_S: f64 = 1e-3;
