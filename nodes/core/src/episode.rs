@@ -9,11 +9,13 @@ mod error;
 mod log;
 mod measured;
 mod plausible;
+mod start;
 #[cfg(test)]
 mod tests;
 
 pub use complete::{Episode, EpisodeStart};
 pub use error::EpisodeError;
 pub use log::{EpisodeLog, RecordKind, is_base_frame};
-pub use measured::{MeasuredTrack, order_from};
+pub use measured::MeasuredTrack;
 pub use plausible::MeasuredPose;
+pub use start::order_from;

@@ -93,6 +93,14 @@ impl GripTrajectory {
         Ok(Self { times_s, poses })
     }
 
+    /// Path with all times later by `by_s` in s.
+    ///
+    /// # Errors
+    /// [`GripError`] if two times fall together.
+    pub fn shifted(self, by_s: f64) -> Result<Self, GripError> {
+        Self::new(self.times_s.into_iter().map(|time_s| time_s + by_s).collect(), self.poses)
+    }
+
     /// Sampled times in s.
     pub fn times_s(&self) -> &[f64] {
         &self.times_s

@@ -1,6 +1,6 @@
 //! Settings of one episode: beam, grip, arm and camera, effects included.
 
-use crate::beam::{BeamParameters, Terms};
+use crate::beam::{BeamParameters, StartChange, Terms};
 use catenary_core::model::ArmLaw;
 use catenary_core::{Camera, DeltaAnchor};
 use std::sync::Arc;
@@ -15,6 +15,8 @@ pub struct EpisodeModel {
     pub beam: BeamParameters,
     /// Terms from outside: forces, materials and grips that [`BeamParameters`] has no field for.
     pub terms: Terms,
+    /// Change of the object's state at the start.
+    pub start: StartChange,
     /// Angle in rad of the clamped tangent from +x at pitch 0, counter-clockwise.
     pub grip_angle_rad: f64,
     /// Arm.

@@ -1,6 +1,6 @@
 //! Physical parameters and effects that a model may name, and the episode settings that they make.
 
-use crate::beam::{BeamError, BeamParameters, Table, Terms};
+use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
 use crate::effects::Registry;
 use crate::episode_model::{ArmSettings, CameraSettings, EpisodeModel};
 use catenary_core::Model;
@@ -246,6 +246,7 @@ impl<'r> Values<'r> {
         let mut episode_model = EpisodeModel {
             beam: self.beam(model)?,
             terms: Terms::default(),
+            start: StartChange::default(),
             grip_angle_rad: model.object.grip_angle_rad,
             arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),

@@ -58,11 +58,13 @@ pub(super) fn frame_warning(got: usize, room: usize, frames: usize) -> Option<St
         .then(|| format!("the track has {got} frames, and the model uses {frames}: the posterior rests on few data"))
 }
 
-/// Warning about a start shape that was computed from frames at these times in s, if they are late or far apart.
-pub(super) fn start_warning([first_s, second_s]: [f64; 2]) -> Option<String> {
-    (first_s > SPARSE_S || second_s - first_s > SPARSE_S).then(|| {
+/// Warning about a start shape that was computed from `count` frames, the first and the last at these times in s, if they are
+/// late or far apart.
+pub(super) fn start_warning([first_s, last_s]: [f64; 2], count: usize) -> Option<String> {
+    let apart_s = (last_s - first_s) / count.saturating_sub(1).max(1) as f64;
+    (first_s > SPARSE_S || apart_s > SPARSE_S).then(|| {
         format!(
-            "shape and velocity at the start come from frames at {first_s:.2} s and {second_s:.2} s: no earlier frames show the object"
+            "shape and velocity at the start come from {count} frames between {first_s:.2} s and {last_s:.2} s: no earlier or closer frames show the object"
         )
     })
 }

@@ -4,11 +4,12 @@ use super::complete::Episode;
 use super::coverage::{frame_warning, path_coverage, start_warning};
 use super::error::EpisodeError;
 use super::plausible::{self, HandLimits};
+use super::start::measured_start;
 use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::statistics::median_high;
 use crate::track::End;
-use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
+use crate::{Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use serde::Serialize;
 
 /// Measured track with the inputs that a simulator needs to reproduce it.
@@ -48,12 +49,31 @@ impl Episode {
         warnings.extend(self.namesake_warning());
         warnings.extend(hand.warnings);
         warnings.extend(seen.warnings);
-        let seen = seen.kept;
+        let mut seen = seen.kept;
+        let camera = &model.camera.view;
+        let is_path = model.observation.drive == DriveKind::Grip;
+        let (mut grip, mut begin_s) = (grip, 0.0);
+        let start = match model.observation.start {
+            StartKind::HangingAtRest => StartShape::HangingAtRest,
+            StartKind::Measured => {
+                let shown = measured_start(&seen, camera, &grip);
+                let shown = shown.ok_or_else(|| missing("two first frames that the camera can place"))?;
+                warnings.extend(start_warning(shown.frames_s, shown.frames));
+                // A path may begin anywhere; the steps of a policy are counted from the start of the episode.
+                if is_path {
+                    begin_s = shown.time_s;
+                    seen.iter_mut().for_each(|(time_s, _)| *time_s -= begin_s);
+                    grip = grip.shifted(-begin_s)?;
+                }
+                shown.shape
+            }
+        };
+        let duration_s = self.duration_s - begin_s;
         let (frames, actions) = match model.observation.drive {
             DriveKind::Grip => {
-                let covered = path_coverage(grip.times_s(), self.duration_s);
+                let covered = path_coverage(grip.times_s(), duration_s);
                 let frames = sampled_frames(&seen, model, &grip, covered.until_s);
-                let room = self.room(model, covered.until_s);
+                let room = room(model, duration_s, covered.until_s);
                 warnings.extend(covered.warning);
                 warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
                 (frames, Vec::new())
@@ -70,18 +90,8 @@ impl Episode {
         if frames.len() < 2 {
             return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
         }
-        let camera = &model.camera.view;
         // The target stands still: the median drops frames that mistake something else for it.
         let target = median_target(&frames);
-        let start = match model.observation.start {
-            StartKind::HangingAtRest => StartShape::HangingAtRest,
-            StartKind::Measured => {
-                let shown = start_shape(&seen, camera, &grip);
-                let (shape, times_s) = shown.ok_or_else(|| missing("two first frames that the camera can place"))?;
-                warnings.extend(start_warning(times_s));
-                shape
-            }
-        };
         // Ends by the user or by a fault have no name among the task's ends.
         let end = End::from_name(&self.end).unwrap_or(End::Complete);
         Ok(MeasuredTrack {
@@ -109,12 +119,6 @@ impl Episode {
                 self.duration_s
             ),
         }
-    }
-
-    /// Number of the model's frame times that lie within the episode and not after `until_s`.
-    fn room(&self, model: &Model, until_s: f64) -> usize {
-        let last_s = self.duration_s.min(until_s);
-        (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
     }
 
     /// Actions and observations of all steps from 0 on. A lost step is an error: it would shift all later steps in
@@ -150,6 +154,12 @@ impl Episode {
     }
 }
 
+/// Number of the model's frame times within a track of `duration_s`, and not after `until_s`.
+fn room(model: &Model, duration_s: f64, until_s: f64) -> usize {
+    let last_s = duration_s.min(until_s);
+    (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
+}
+
 /// Frames nearest to the model's frame times, between the start of the episode and `until_s`. A frame time without a
 /// frame within half a period is skipped.
 fn sampled_frames(keypoints: &[(f64, Keypoints)], model: &Model, grip: &GripTrajectory, until_s: f64) -> Vec<Frame> {
@@ -178,54 +188,12 @@ fn sampled_frames(keypoints: &[(f64, Keypoints)], model: &Model, grip: &GripTraj
     frames
 }
 
-/// Points and velocities at the first frame at or after the start, ordered from the grip on, and the times in s of the
-/// two frames behind the velocities. None without two frames that the camera can place.
-fn start_shape(
-    keypoints: &[(f64, Keypoints)],
-    camera: &Camera,
-    grip: &GripTrajectory,
-) -> Option<(StartShape, [f64; 2])> {
-    // Times were converted from ns: a frame stamped at the start may lie below 0 by rounding.
-    let mut seen = keypoints.iter().filter(|(t, k)| *t >= -1e-9 && k.dlo_seen());
-    let mut placed = || {
-        let (time_s, k) = seen.next()?;
-        let points = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
-        let [a, b, c, d] = points;
-        let p = grip.at(*time_s);
-        Some((*time_s, order_from([p.x_m, p.z_m], [a?, b?, c?, d?])))
-    };
-    let (t0, first) = placed()?;
-    let (t1, second) = placed()?;
-    let velocity = |i: usize, j: usize| (second[i][j] - first[i][j]) / (t1 - t0);
-    let shape = StartShape::Measured {
-        points_m: first,
-        velocities_m_s: std::array::from_fn(|i| [velocity(i, 0), velocity(i, 1)]),
-    };
-    Some((shape, [t0, t1]))
-}
-
 /// Values of steps 0, 1, 2 and so on. The error describes the first step that is missing or comes twice.
 fn each_once<T: Copy>(steps: &[(u32, T)]) -> Result<Vec<T>, String> {
     match steps.iter().enumerate().find(|(i, (step, _))| *i as u64 != u64::from(*step)) {
         Some((i, (step, _))) => Err(format!("step {step} in place of step {i}, among {} in all", steps.len())),
         None => Ok(steps.iter().map(|(_, value)| *value).collect()),
     }
-}
-
-/// Order of four unordered points along the object: the shortest path from the grip through all of them.
-pub fn order_from(grip_m: [f64; 2], points_m: [[f64; 2]; 4]) -> [[f64; 2]; 4] {
-    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let length = |order: &[usize; 4]| {
-        let path = std::iter::once(grip_m).chain(order.iter().map(|&i| points_m[i]));
-        let points: Vec<[f64; 2]> = path.collect();
-        points.windows(2).map(|w| distance(w[0], w[1])).sum::<f64>()
-    };
-    // The 24 permutations among the 256 codes of four base-4 digits.
-    let orders = (0..256usize)
-        .map(|code| std::array::from_fn(|i| (code >> (2 * i)) & 3))
-        .filter(|o: &[usize; 4]| (0..4).all(|i| o.contains(&i)));
-    let best = orders.min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or([0, 1, 2, 3]);
-    best.map(|i| points_m[i])
 }
 
 /// Median of the target's position over the frames, coordinate by coordinate.

@@ -251,7 +251,7 @@ fn a_thin_track_says_so() {
     assert_eq!(without(none, none).measured(&model).unwrap().warnings, [] as [String; 0]);
     let late = without(none, |t| t < 0.2).measured(&model).unwrap();
     assert!(
-        late.warnings.len() == 1 && late.warnings[0].contains("frames at 0.23 s and 0.26 s"),
+        late.warnings.len() == 1 && late.warnings[0].contains("7 frames between 0.23 s and 0.43 s"),
         "{:?}",
         late.warnings
     );

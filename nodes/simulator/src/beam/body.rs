@@ -148,7 +148,7 @@ impl Beam {
         self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
         // A new start has no friction between strands: every motion starts from the middle of its hysteresis loop.
         for (neutral, strain) in self.increment.neutral_curvature.iter_mut().zip(&self.state.strain) {
-            *neutral = strain[2];
+            neutral.fill(strain[2]);
         }
         self.interpolated.copy_from_slice(&self.state.position);
         self.steps_since_start = 0;

@@ -73,7 +73,7 @@ impl Beam {
         let mut r = element::respond(element, AxialMix::of(&self.parameters), &memory, &at);
         let friction = &self.increment.strand_friction;
         if friction.acts() {
-            friction.add(element, at.strain[2], self.increment.neutral_curvature[k], &mut r);
+            friction.add(element, at.strain[2], &self.increment.neutral_curvature[k], &mut r);
         }
         let sign = if k == c { -1.0 } else { 1.0 };
         [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]
@@ -96,7 +96,7 @@ impl Beam {
             for ((element, strain), neutral) in
                 mesh.elements.iter().zip(&state.strain).zip(&self.increment.neutral_curvature)
             {
-                energy.strands_j += element.length * friction.stored(strain[2], *neutral);
+                energy.strands_j += element.length * friction.stored(strain[2], neutral);
             }
         }
         for (inertia, (q, v)) in mesh.inertia.iter().zip(state.position.iter().zip(&state.velocity)) {

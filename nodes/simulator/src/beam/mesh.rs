@@ -82,7 +82,8 @@ impl Mesh {
             let stiffer = 1.0 + p.stiffness_gradient * (2.0 * fraction - 1.0);
             let mut material = ElementMaterial {
                 stiffness: [p.axial_stiffness_n, p.shear_stiffness_n, p.bending_stiffness_n_m2].map(|s| s * stiffer),
-                rest_curvature_per_m: p.rest_curvature_per_m,
+                rest_curvature_per_m: p.rest_curvature_per_m
+                    + p.rest_curvature_gradient_per_m2 * (fraction - 0.5) * (p.length_m - p.overhang_m),
                 mass_per_length_kg_m: p.mass_per_length_kg_m,
             };
             for term in &terms.materials {

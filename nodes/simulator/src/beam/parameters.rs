@@ -38,6 +38,9 @@ pub struct BeamParameters {
     pub sticking_stiffness_n_m2: f64,
     /// Moment in N m at which the strands slip. Small motions stay below it.
     pub slip_moment_n_m: f64,
+    /// Friction between strands that slip gradually, c: after a turn t of the whole length, in rad, they add a moment of c EI
+    /// / L t^(1/4).
+    pub strand_friction: f64,
     /// Share of its stress that a strain loses if held for ever: standard linear solid with unrelaxed stiffness EA, GA,
     /// EI. The initial shape counts as new: nothing of it has relaxed.
     pub creep_fraction: f64,
@@ -48,8 +51,10 @@ pub struct BeamParameters {
     /// Quadratic air drag: force per length and squared cross speed, in N s^2/m^3, against the velocity across the
     /// centre line (drag coefficient times air density times height / 2).
     pub quadratic_drag_n_s2_m3: f64,
-    /// Curvature of the unloaded centre line in 1/m, positive counter-clockwise.
+    /// Mean curvature of the unloaded centre line in 1/m, positive counter-clockwise.
     pub rest_curvature_per_m: f64,
+    /// Slope in 1/m^2 of that curvature along the centre line, from the grip to the tip; the mean stays.
+    pub rest_curvature_gradient_per_m2: f64,
     /// Point mass at the tip in kg.
     pub tip_mass_kg: f64,
     /// Gravity (x, z) in m/s^2. It has an x part if the table is not level.
@@ -145,9 +150,11 @@ impl BeamParameters {
             creep_time_s: 2.0,
             sticking_stiffness_n_m2: 0.0,
             slip_moment_n_m: 0.0,
+            strand_friction: 0.0,
             linear_drag_n_s_m2: 0.0,
             quadratic_drag_n_s2_m3: 0.0,
             rest_curvature_per_m: 0.0,
+            rest_curvature_gradient_per_m2: 0.0,
             tip_mass_kg: 0.0,
             gravity_m_s2: [0.0, -GRAVITY_M_S2],
             clamped: true,
@@ -203,6 +210,7 @@ impl BeamParameters {
             ("kelvin_voigt_time_s", self.kelvin_voigt_time_s),
             ("sticking_stiffness_n_m2", self.sticking_stiffness_n_m2),
             ("slip_moment_n_m", self.slip_moment_n_m),
+            ("strand_friction", self.strand_friction),
             ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
             ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
             ("tip_mass_kg", self.tip_mass_kg),
@@ -215,8 +223,14 @@ impl BeamParameters {
         require("other_law_share", "0 to 1", self.other_law_share, |v| (0.0..=1.0).contains(&v))?;
         require("creep_fraction", "0 to below 1", self.creep_fraction, |v| (0.0..1.0).contains(&v))?;
         require("stiffness_gradient", "above -1 and below 1", self.stiffness_gradient, |v| v.abs() < 1.0)?;
-        for value in [self.rest_curvature_per_m, self.gravity_m_s2[0], self.gravity_m_s2[1]] {
-            require("rest_curvature_per_m, gravity_m_s2", "finite numbers", value, |_| true)?;
+        let finite = [self.rest_curvature_per_m, self.rest_curvature_gradient_per_m2];
+        for value in finite.into_iter().chain(self.gravity_m_s2) {
+            require(
+                "rest_curvature_per_m, rest_curvature_gradient_per_m2, gravity_m_s2",
+                "finite numbers",
+                value,
+                |_| true,
+            )?;
         }
         require("overhang_m", "at least zero and under half the length", self.overhang_m, |v| {
             v >= 0.0 && v < 0.5 * self.length_m

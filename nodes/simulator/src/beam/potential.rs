@@ -13,7 +13,7 @@ use super::material::AxialMix;
 use super::mesh::Mesh;
 use super::node::Node;
 use super::parameters::{BeamParameters, Table};
-use super::strand_friction::StrandFriction;
+use super::strand_friction::{LAYERS, Neutral, StrandFriction};
 
 /// Quadratic drag at one node, linearised over the step: coefficient in N s/m, and the unit normal of the centre line.
 #[derive(Debug, Clone, Copy, Default)]
@@ -62,8 +62,8 @@ pub(super) struct Increment {
     /// Forces of terms from outside on the nodes, (x, z) in N.
     pub term_force: Vec<[f64; 2]>,
     pub strand_friction: StrandFriction,
-    /// Curvature of each element, less the rest curvature, in 1/m, at which its strands' friction is zero.
-    pub neutral_curvature: Vec<f64>,
+    /// State of the strands of each element.
+    pub neutral_curvature: Vec<Neutral>,
     /// True if there is any drag.
     pub drag: bool,
     pub linear_drag: f64,
@@ -149,7 +149,7 @@ impl Increment {
             grip_spring: None,
             term_force: vec![[0.0; 2]; elements + 1],
             strand_friction: StrandFriction::default(),
-            neutral_curvature: vec![0.0; elements],
+            neutral_curvature: vec![[0.0; LAYERS]; elements],
             drag: false,
             linear_drag: 0.0,
             cross_drag: vec![CrossDrag::default(); elements + 1],
@@ -162,7 +162,7 @@ impl Increment {
     pub fn enable_motion(&mut self, p: &BeamParameters, clamped_node: Option<usize>) {
         self.mix = AxialMix::of(p);
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
-        self.strand_friction = StrandFriction { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
+        self.strand_friction = StrandFriction::of(p);
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;
@@ -209,7 +209,7 @@ impl Increment {
             let memory = Memory { stiffening, shift: self.stress_shift[k] };
             let mut response = element::respond(element, self.mix, &memory, &at);
             if self.strand_friction.acts() {
-                self.strand_friction.add(element, at.strain[2], self.neutral_curvature[k], &mut response);
+                self.strand_friction.add(element, at.strain[2], &self.neutral_curvature[k], &mut response);
             }
             potential += response.energy;
             system.add_gradient(k, &response);

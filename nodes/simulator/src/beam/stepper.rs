@@ -323,7 +323,7 @@ impl Beam {
         }
         if increment.strand_friction.acts() {
             for (neutral, strain) in increment.neutral_curvature.iter_mut().zip(&state.strain) {
-                *neutral = increment.strand_friction.neutral_after(strain[2], *neutral);
+                increment.strand_friction.slip(strain[2], neutral);
             }
         }
         let stiffening = rate * increment.kelvin_voigt_time_s;

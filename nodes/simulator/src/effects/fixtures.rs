@@ -97,6 +97,32 @@ pub fn at_rest(parameters: BeamParameters, tangent_rad: f64) -> Beam {
     beam
 }
 
+/// State of a bar that hangs from the origin when its episode starts.
+#[derive(Debug)]
+pub struct Start {
+    /// Displacement (x, z) in m of the tip from rest.
+    pub tip_m: [f64; 2],
+    /// Displacement (x, z) in m of the middle from rest.
+    pub middle_m: [f64; 2],
+    /// Speed of the tip along x in m/s over the first microsecond.
+    pub tip_speed_m_s: f64,
+}
+
+/// Returns the start of an episode of the bar with one effect. Positive displacements of the effect are along +x.
+pub fn start_of(effect: &dyn Effect, magnitude: f64) -> Start {
+    let settings = episode_model(effect, magnitude);
+    let grip = GripState { tangent_rad: DOWN, ..GripState::default() };
+    let mut beam = at_rest(settings.beam, DOWN);
+    let places = |beam: &Beam| beam.centre_line_at_deformed_fraction([1.0, 0.5]);
+    let rest = places(&beam);
+    beam.change_start(&settings.start);
+    let first = places(&beam);
+    beam.advance_to(1e-6, |_| grip);
+    let later = places(&beam);
+    let moved = |k: usize| [0, 1].map(|i| first[k][i] - rest[k][i]);
+    Start { tip_m: moved(0), middle_m: moved(1), tip_speed_m_s: (later[0][0] - first[0][0]) / 1e-6 }
+}
+
 /// Returns the force in N along x that holds a bar at `speed_m_s` along x after `duration_s`, when the motion is
 /// steady.
 pub fn steady_drag_n(parameters: BeamParameters, speed_m_s: f64, duration_s: f64) -> f64 {

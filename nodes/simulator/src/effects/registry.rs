@@ -5,8 +5,8 @@ use super::{
     arm_delay, arm_lag, arm_standing_error, axial_law, camera_offset_x, camera_offset_z, camera_scale, camera_tilt,
     creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
     grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
-    rest_curvature, rolling_shutter, stiffness_gradient, table_adhesion, table_friction, table_height, tip_mass,
-    unlisted,
+    rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity, stiffness_gradient,
+    strand_friction, table_adhesion, table_friction, table_height, tip_mass, unlisted,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -25,7 +25,9 @@ impl Registry {
                 Arc::new(kelvin_voigt::KelvinVoigt),
                 Arc::new(creep::Creep),
                 Arc::new(rest_curvature::RestCurvature),
+                Arc::new(rest_curvature_gradient::RestCurvatureGradient),
                 Arc::new(stiffness_gradient::StiffnessGradient),
+                Arc::new(strand_friction::StrandFriction),
                 Arc::new(axial_law::AxialLawChange),
                 Arc::new(density::Density),
                 // forces
@@ -41,6 +43,8 @@ impl Registry {
                 Arc::new(grip_compliance::GripCompliance),
                 Arc::new(grip_slip::GripSlip),
                 Arc::new(overhang::Overhang),
+                Arc::new(start_offset::StartOffset),
+                Arc::new(start_velocity::StartVelocity),
                 // actuation
                 Arc::new(arm_delay::ArmDelay),
                 Arc::new(arm_lag::ArmLag),

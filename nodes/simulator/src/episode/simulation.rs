@@ -131,7 +131,16 @@ impl EpisodeSimulation {
 
     /// Starts with the object hanging at rest from the grip.
     pub fn hang(&mut self, grip: GripPose) {
+        self.hang_at_rest(grip);
+        self.change_start();
+    }
+
+    fn hang_at_rest(&mut self, grip: GripPose) {
         let _counted = self.beam.hang_at_rest(GripState::from_pose(grip, self.episode_model.grip_angle_rad));
+    }
+
+    fn change_start(&mut self) {
+        self.beam.change_start(&self.episode_model.start);
         self.remember(0.0);
     }
 
@@ -234,7 +243,7 @@ impl EpisodeSimulation {
         let turning = -rate(grip.pitch_rad, later.pitch_rad);
         let velocity = [rate(grip.x_m, later.x_m), rate(grip.z_m, later.z_m), turning];
         // The hanging shape gives the deformed length, which places the keypoints on the beam.
-        self.hang(grip);
+        self.hang_at_rest(grip);
         let fractions = self.keypoint_fractions();
         let sd = self.model.observation.start_velocity_sd_m_s;
         let mut drawn = |v: f64| match &mut self.start_noise {
@@ -249,7 +258,7 @@ impl EpisodeSimulation {
         });
         let _counted =
             self.beam.set_shape(GripState::from_pose(grip, self.episode_model.grip_angle_rad), velocity, &points);
-        self.remember(0.0);
+        self.change_start();
     }
 
     /// Runs an episode of actions from the model's start pose, with a frame before each step and after the last.

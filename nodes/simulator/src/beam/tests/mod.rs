@@ -5,6 +5,7 @@ mod friction;
 mod motion;
 mod repeatability;
 mod rest;
+mod start;
 mod strands;
 mod tolerance;
 

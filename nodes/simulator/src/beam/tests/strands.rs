@@ -70,8 +70,7 @@ fn let_go(slip_moment_n_m: f64) -> ([f64; 2], f64) {
         beam.step(grip(0.0));
         let (friction, now) = (beam.increment.strand_friction, &beam.increment.neutral_curvature);
         for (k, element) in beam.mesh.elements.iter().enumerate() {
-            let moment = friction.moment_at(beam.state.strain[k][2], now[k]);
-            slipped_j += element.length * moment * (now[k] - before[k]);
+            slipped_j += element.length * friction.slipped(beam.state.strain[k][2], &before[k], &now[k]);
         }
         let energy_j = beam.energy().total_j();
         (least, most) = (energy_j.min(least), energy_j.max(most));
