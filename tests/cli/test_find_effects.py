@@ -61,7 +61,14 @@ def test_a_hidden_mass_is_named_and_verified_on_an_unseen_episode(hidden_mass):
     assert said["held_out"] == [{"bag": str(folder / "unseen/bag"), "number": 1}]
     assert "tip_mass_kg" in (folder / "found/model.yaml").read_text()
     page = (folder / "found/report/index.html").read_text()
-    for words in ("noise floor", "Held-out episode 0", "Probability of each explanation", "Tip mass of"):
+    # Both bags have one name, and in each the episode has the number 1.
+    for words in (
+        "noise floor",
+        "Fitted (fitted/bag, episode 1)",
+        "Held out (unseen/bag, episode 1)",
+        "Probability of each explanation",
+        "Tip mass of",
+    ):
         assert words in page, words
     assert "held-out episodes" in done.stderr
     told = (ROOT / "nodes/effect_finder/VERDICT.md").read_text()

@@ -28,6 +28,7 @@ mod tests {
     fn each_part_changes_the_fingerprint() {
         let model = Model::from_yaml(SOFT_BAR).unwrap();
         let measured = MeasuredTrack {
+            name: "toy episode".into(),
             track: Track::default(),
             grip: GripTrajectory::new(vec![0.0, 1.0], vec![Default::default(); 2]).unwrap(),
             actions: Vec::new(),

@@ -187,6 +187,7 @@ mod tests {
 
     fn measured() -> MeasuredTrack {
         MeasuredTrack {
+            name: "toy episode".into(),
             track: TOY.track(&TRUTH, 5),
             grip: GripTrajectory::new(vec![0.0, 1.0], vec![Default::default(); 2]).unwrap(),
             actions: Vec::new(),

@@ -113,6 +113,31 @@ pub fn uniformity_band(count: f64) -> f64 {
     1.358 / stephens(count)
 }
 
+/// p-value of a test against `null_sets` simulated data sets, in words: "0.30". The least possible value is 1 / (1 +
+/// `null_sets`). The true p-value may be smaller, so that it is written as a bound, rounded up: "<= 0.005 (199 null data
+/// sets)".
+pub fn p_words(p: f64, null_sets: usize) -> String {
+    let least = 1.0 / (1.0 + null_sets as f64);
+    if p <= least * (1.0 + 1e-9) {
+        let digits = 1 - least.log10().floor() as i32;
+        let unit = 10f64.powi(-digits);
+        // The margin keeps 0.005, which is 50.00000000000001 units, from being rounded up.
+        let bound = (least / unit - 1e-6).ceil() * unit;
+        let text = format!("{bound:.*}", digits.max(0) as usize);
+        let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+        return format!("<= {short} ({null_sets} null data sets)");
+    }
+    // Below 0.1 a third decimal tells p-values apart; more null data sets need more decimals.
+    let decimals = if p < 0.0995 { (-least.log10() - 1e-9).ceil().max(3.0) as usize } else { 2 };
+    format!("{p:.decimals$}")
+}
+
+/// [`p_words`] as a clause: "p = 0.30", "p <= 0.005 (199 null data sets)".
+pub fn p_clause(p: f64, null_sets: usize) -> String {
+    let words = p_words(p, null_sets);
+    if words.starts_with('<') { format!("p {words}") } else { format!("p = {words}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,5 +205,22 @@ mod tests {
         let shifted: Vec<f64> =
             (0..n).map(|i| (f64::from(i) + 1.0) / f64::from(n) - uniformity_band(f64::from(n))).collect();
         assert!((uniformity(&shifted) - 0.05).abs() < 1e-3, "{}", uniformity(&shifted));
+    }
+
+    #[test]
+    fn a_p_value_at_the_floor_is_a_bound() {
+        assert_eq!(p_words(1.0 / 200.0, 199), "<= 0.005 (199 null data sets)");
+        assert_eq!(p_words(2.0 / 200.0, 199), "0.010");
+        assert_eq!(p_words(0.45, 199), "0.45");
+        assert_eq!([p_words(0.002, 999), p_words(0.0002, 9999)], ["0.002", "0.0002"]);
+        let bound = |null_sets: usize| p_words(1.0 / (1.0 + null_sets as f64), null_sets);
+        assert_eq!(
+            [19, 99, 999].map(bound).map(|words| words.split(' ').nth(1).unwrap().to_owned()),
+            ["0.05", "0.01", "0.001"]
+        );
+        assert_eq!(bound(130), "<= 0.0077 (130 null data sets)", "1/131 is 0.00763: a bound is rounded up");
+        assert_eq!(bound(0), "<= 1 (0 null data sets)");
+        assert_eq!(p_clause(0.005, 199), "p <= 0.005 (199 null data sets)");
+        assert_eq!(p_clause(0.3, 199), "p = 0.30");
     }
 }

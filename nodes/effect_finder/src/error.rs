@@ -20,10 +20,10 @@ pub enum FinderError {
     #[error("expected at least one measured episode, got none")]
     NoEpisode,
     /// Episode without the actions that the model's drive needs.
-    #[error("episode {episode}: the model drives the simulator by {drive}: expected the episode's actions, got none")]
+    #[error("{episode}: the model drives the simulator by {drive}: expected the episode's actions, got none")]
     Drive {
-        /// Index of the episode, from 0.
-        episode: usize,
+        /// Name of the episode.
+        episode: String,
         /// Drive of the model.
         drive: &'static str,
     },

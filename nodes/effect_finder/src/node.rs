@@ -3,8 +3,10 @@
 
 pub mod convert;
 pub mod journal;
+pub mod names;
 
 use self::journal::Journal;
+use self::names::named_apart;
 use crate::error::FinderError;
 use crate::settings::Settings;
 use crate::{Question, find};
@@ -135,8 +137,10 @@ fn measured(
     model: &Model,
 ) -> Result<(Vec<MeasuredTrack>, Vec<MeasuredTrack>)> {
     let goal = handle.goal();
+    let all: Vec<&Path> = goal.bags.iter().chain(&goal.verify).map(Path::new).collect();
     let of_bags = |bags: &[String]| -> Result<Vec<MeasuredTrack>> {
-        let episodes = bags.iter().map(|bag| episodes_of(Path::new(bag), model)).collect::<Result<Vec<_>>>()?;
+        let named = |bag: &String| Ok(named_apart(episodes_of(Path::new(bag), model)?, Path::new(bag), &all));
+        let episodes = bags.iter().map(named).collect::<Result<Vec<_>>>()?;
         Ok(episodes.into_iter().flatten().map(|(_, measured)| measured).collect())
     };
     let held_out = of_bags(&goal.verify)?;

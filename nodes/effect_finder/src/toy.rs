@@ -107,6 +107,7 @@ pub fn measured(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> Measured
 
 fn unmeasured() -> MeasuredTrack {
     MeasuredTrack {
+        name: "toy episode".into(),
         track: Track { frames: vec![Frame { time_s: 0.0, ..EMPTY }; FRAMES], end: End::Complete },
         grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).expect("the times increase"),
         actions: Vec::new(),
@@ -119,7 +120,7 @@ fn unmeasured() -> MeasuredTrack {
 /// Episode without noise, at these values of theta and effects.
 pub fn episode(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> MeasuredEpisode {
     let mut episode =
-        MeasuredEpisode::new(&model(), &unmeasured(), 0, &Settings::default()).expect("the toy model has noise");
+        MeasuredEpisode::new(&model(), &unmeasured(), &Settings::default()).expect("the toy model has noise");
     let request = SimulationRequest {
         thetas: vec![theta.to_vec()],
         effects: effects.iter().map(|(n, v)| ((*n).to_owned(), vec![*v])).collect(),

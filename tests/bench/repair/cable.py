@@ -101,7 +101,10 @@ def text(row):
     names = ", ".join(" or ".join(alike) for alike in row["found"]) or "nothing"
     values = ", ".join(f"{v['name']} {v['value']:.3g} +- {v['sd']:.2g}" for v in row["values"])
     arrow = lambda pair: "-" if pair is None else " -> ".join("-" if v is None else f"{v:.1f}" for v in pair) + " mm"
-    lines = [f"{row['model']}, {row['motion']}, {row['state']}: {row['verdict']}, {names} ({values}), p = {row['p_value']:.3g}"]
+    # The least p-value is a bound.
+    sign = "=" if row["p_value"] > 1.000001 / (1 + row["null_sets"]) else "<="
+    p = f"p {sign} {row['p_value']:.3g} ({row['null_sets']} null data sets)"
+    lines = [f"{row['model']}, {row['motion']}, {row['state']}: {row['verdict']}, {names} ({values}), {p}"]
     lines.append(f"  there {arrow(row['rmse_mm'])}, unseen {arrow(row['unseen_mm'])}, {row['wall_s']:.0f} s")
     lines += [f"  {' and '.join(t['between'])} trade off, correlation {t['correlation']:.2f}" for t in row["trade_offs"]]
     return "\n".join(lines)

@@ -42,6 +42,7 @@ pub fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64, fidelity:
     let track = BeamSimulator::new(model, 1)?.simulate(&request)?.remove(0);
     let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
     Ok(MeasuredTrack {
+        name: format!("simulated episode {episode_seed}"),
         track,
         grip: path,
         actions: Vec::new(),

@@ -1,7 +1,8 @@
 //! Answer of a search, in sentences.
 
-use crate::report::number::{millimetres, p_clause, percent, plain};
+use crate::report::number::{millimetres, percent, plain};
 use crate::report::quantity::{Quantity, capital};
+use catenary_core::statistics::p_clause;
 use effect_finder::evidence::Test;
 use effect_finder::{Finding, Verdict};
 
@@ -142,7 +143,7 @@ pub mod tests {
     pub fn named() -> Finding {
         let mass = Estimate { name: "tip_mass_kg".into(), value: 0.2271, q05: 0.161, q95: 0.292 };
         let magnitude = Magnitude { name: "tip_mass_kg".into(), title: "tip mass".into(), value: 0.2271, sd: 0.04 };
-        let score = |rmse_mm: f64| Score { rmse_mm, energy_mm: rmse_mm };
+        let score = |rmse_mm: f64| Score { rmse_mm, energy_mm: Some(rmse_mm) };
         Finding {
             verdict: Verdict::Named,
             misfit: None,
@@ -171,10 +172,12 @@ pub mod tests {
                 episodes: 1,
                 before: score(27.8),
                 after: score(17.9),
-                floor_mm: 5.0,
+                floor_mm: Some(5.0),
                 gap_closed: Some(0.43),
                 interval: None,
                 p_value: None,
+                null_sets: 0,
+                draws_left_out: 0,
                 share_explained: None,
                 log_likelihood_gain: 3.0,
                 wrong_effect: None,

@@ -12,10 +12,11 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_shell::Shutdown;
 use catenary_simulator::{BeamSimulator, Registry, workers};
 use effect_finder::node::journal::{self, Journal};
+use effect_finder::node::names::named_apart;
 use effect_finder::node::{convert, episodes_of, hold_out};
 use effect_finder::{FinderError, Outcome, Question, Settings, find};
 use indicatif::ProgressBar;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -30,10 +31,11 @@ const JOURNAL: &str = "search.journal";
 pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()> {
     let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
     settings.check().context("--null-sets").given()?;
-    let mut fitted = episodes(arguments.bags.all(), model).given()?;
+    let all: Vec<PathBuf> = arguments.bags.all().iter().chain(&arguments.verify).cloned().collect();
+    let mut fitted = episodes(arguments.bags.all(), &all, model).given()?;
     let held_out = match arguments.verify.as_slice() {
         [] => hold_out(&mut fitted),
-        bags => episodes(bags, model).given()?,
+        bags => episodes(bags, &all, model).given()?,
     };
     // Checked before the search, which takes minutes.
     for name in FILES {
@@ -67,9 +69,7 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         Some(model) => model.rewrite(text)?,
         None => text.to_owned(),
     };
-    let all = measured.iter().chain(&unseen).flat_map(|m| m.warnings.iter().cloned());
-    // Several episodes of a bag often share a warning.
-    let warnings = all.collect::<BTreeSet<String>>().into_iter().collect();
+    let warnings = warnings(&measured.iter().chain(&unseen).collect::<Vec<_>>());
     let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
     let report = Report {
         model: model.name.clone(),
@@ -88,14 +88,29 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
 }
 
-/// All complete episodes of the bags.
-fn episodes(bags: &[PathBuf], model: &Model) -> Result<Vec<(UsedEpisode, MeasuredTrack)>> {
-    let mut all = Vec::new();
+/// All complete episodes of `bags`, named apart from those of `all` bags of the search.
+fn episodes(bags: &[PathBuf], all: &[PathBuf], model: &Model) -> Result<Vec<(UsedEpisode, MeasuredTrack)>> {
+    let mut episodes = Vec::new();
     for bag in bags {
-        let used = |(number, track)| (UsedEpisode { bag: bag.clone(), number }, track);
-        all.extend(episodes_of(bag, model)?.into_iter().map(used));
+        let used = |(number, track): (u32, MeasuredTrack)| {
+            (UsedEpisode { bag: bag.clone(), number, name: track.name.clone() }, track)
+        };
+        episodes.extend(named_apart(episodes_of(bag, model)?, bag, all).into_iter().map(used));
     }
-    Ok(all)
+    Ok(episodes)
+}
+
+/// Warnings of the episodes, each once. If there are several episodes, its own are named behind it.
+fn warnings(episodes: &[&MeasuredTrack]) -> Vec<String> {
+    let mut named: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for episode in episodes {
+        episode.warnings.iter().for_each(|w| named.entry(w).or_default().push(&episode.name));
+    }
+    let words = |(warning, names): (&str, Vec<&str>)| match episodes {
+        [_] => warning.to_owned(),
+        _ => format!("{warning} ({})", names.join("; ")),
+    };
+    named.into_iter().map(words).collect()
 }
 
 /// Searches in this process with a progress bar. Conclusions are printed as they come.

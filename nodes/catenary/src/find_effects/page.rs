@@ -4,12 +4,13 @@ use super::answer::{answer, most_probable, noise_words, times_the_noise};
 use super::report::{Report, UsedEpisode};
 use crate::exit::Misfit;
 use crate::report::Page;
-use crate::report::number::{millimetres, p_value, percent, plain};
+use crate::report::number::{millimetres, percent, plain};
 use crate::report::palette::Role;
 use crate::report::plots::densities::null_histogram;
 use crate::report::plots::search::{Bar, Entry, Interval, Panel, Ribbon, Shape, bars, intervals, panel};
 use crate::report::quantity::Quantity;
 use anyhow::Result;
+use catenary_core::statistics::p_words;
 use catenary_core::{Model, Prior};
 use catenary_simulator::Registry;
 use effect_finder::Verdict;
@@ -45,13 +46,13 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
     models(&mut page, finding, model);
     page.heading("Measured and predicted");
     page.note("Keypoint at the tip; bands hold 90 % of a model's predictions.");
-    for (title, episode) in chosen(shown).into_iter().take(2) {
+    for (title, episode) in chosen(shown, report).into_iter().take(2) {
         (0..2).for_each(|axis| page.svg(&overlay(&title, episode, 3, axis)));
     }
     if let Some(verification) = &finding.verification {
         page.svg(&gap(verification));
     }
-    page.svg(&places("Errors of the present model", &finding.places, report.settings.level));
+    page.svg(&places("Errors of the present model", report));
     if !finding.explanations.is_empty() {
         page.heading("Competing explanations");
         explanations(&mut page, finding)?;
@@ -120,7 +121,7 @@ fn models(page: &mut Page, finding: &Finding, model: &Model) {
     let none = String::new;
     rows.push(cells("error (root mean square)".into(), none(), &|f| format!("{} mm", millimetres(f.rmse_mm))));
     rows.push(cells("residual".into(), none(), &|f| noise_words(&f.test)));
-    rows.push(cells("p-value of the residual".into(), none(), &|f| p_value(f.test.p_value, f.test.null.len())));
+    rows.push(cells("p-value of the residual".into(), none(), &|f| p_words(f.test.p_value, f.test.null.len())));
     let head = [Some(""), Some(PRESENT), repaired.map(|_| REPAIRED), Some("prior")];
     page.table(&head.into_iter().flatten().collect::<Vec<_>>(), &rows);
     if let Some(repaired) = repaired {
@@ -168,17 +169,17 @@ fn gap(v: &Verification) -> String {
         .map(|(name, score)| bar(&format!("with {} instead", titles(name)), score.rmse_mm, Role::Other));
     all.extend(wrong);
     all.extend(v.black_box_mm.map(|mm| bar("regression without physics", mm, Role::Other)));
-    let floor = Some(("noise floor", v.floor_mm, Role::Noise));
+    let floor = v.floor_mm.map(|mm| ("noise floor", mm, Role::Noise));
     bars("Error on held-out recordings", "root mean square distance, mm", &all, floor, &[])
 }
 
 /// Fitted and held-out episodes in turn, each with a title.
-fn chosen(shown: &[EpisodeBands]) -> Vec<(String, &EpisodeBands)> {
-    let of = |is_held_out: bool, words: &'static str| {
+fn chosen<'a>(shown: &'a [EpisodeBands], report: &'a Report) -> Vec<(String, &'a EpisodeBands)> {
+    let of = |is_held_out: bool, words: &'static str, episodes: &'a [UsedEpisode]| {
         let own = shown.iter().filter(move |s| s.is_held_out == is_held_out).take(SHOWN);
-        own.enumerate().map(move |(i, s)| (format!("{words} episode {i}"), s))
+        own.zip(episodes).map(move |(s, episode)| (format!("{words} ({})", episode.name), s))
     };
-    let (mut fitted, mut held_out) = (of(false, "Fitted"), of(true, "Held-out"));
+    let (mut fitted, mut held_out) = (of(false, "Fitted", &report.episodes), of(true, "Held out", &report.held_out));
     let mut all = Vec::new();
     loop {
         let next = [fitted.next(), held_out.next()];
@@ -197,6 +198,7 @@ fn overlay(title: &str, episode: &EpisodeBands, k: usize, axis: usize) -> String
         let values = low.iter().zip(middle).zip(high).map(|((l, m), h)| [*l, m, h]).collect();
         Ribbon { name: name.into(), role, values }
     };
+    let before = episode.before.as_ref().map(|band| ribbon(PRESENT, Role::Before, band));
     let after = episode.after.as_ref().map(|band| ribbon(REPAIRED, Role::After, band));
     let direction = ["x", "z"][axis];
     panel(
@@ -205,7 +207,7 @@ fn overlay(title: &str, episode: &EpisodeBands, k: usize, axis: usize) -> String
             title: format!("{title}: {}, {}", keypoint(k), ["along x", "height"][axis]),
             label: format!("{direction}, mm"),
             measured: of(&episode.measured),
-            ribbons: std::iter::once(ribbon(PRESENT, Role::Before, &episode.before)).chain(after).collect(),
+            ribbons: before.into_iter().chain(after).collect(),
         },
     )
 }
@@ -220,12 +222,17 @@ fn keypoint(k: usize) -> String {
 }
 
 /// Picture of the residual of each part of the data, in units of the noise.
-fn places(title: &str, places: &[Localisation], level: f64) -> String {
+fn places(title: &str, report: &Report) -> String {
+    let (places, level) = (&report.finding.places, report.settings.level);
     let bar = |p: &Localisation| {
         let times = p.mean_square.sqrt();
         // Faint bars are within the noise at the level of the tests.
         let opacity = if p.p_value <= level { 1.0 } else { 0.35 };
-        Bar { label: part(&p.part), parts: vec![(times, Role::Before, opacity)], value: plain(times, 1) }
+        Bar {
+            label: part(&p.part, &report.episodes),
+            parts: vec![(times, Role::Before, opacity)],
+            value: plain(times, 1),
+        }
     };
     let all: Vec<Bar> = places.iter().map(bar).collect();
     let entry = |name: &str, opacity: &str| Entry {
@@ -345,37 +352,45 @@ fn details(page: &mut Page, report: &Report, shown: &[EpisodeBands]) -> Result<(
         }
         let place = |p: &Localisation| {
             let null_sets = finding.present.test.null.len();
-            vec![part(&p.part), plain(p.mean_square.sqrt(), 2), plain(p.excess, 1), p_value(p.p_value, null_sets)]
+            vec![
+                part(&p.part, &report.episodes),
+                plain(p.mean_square.sqrt(), 2),
+                plain(p.excess, 1),
+                p_words(p.p_value, null_sets),
+            ]
         };
         let head = ["part of the data", "times the noise", "excess, sd", "p, corrected for all parts"];
         page.table(&head, &finding.places.iter().map(place).collect::<Vec<_>>());
         anyhow::Ok(())
     })?;
     page.details("All keypoints", |page| {
-        for (title, episode) in chosen(shown) {
+        for (title, episode) in chosen(shown, report) {
             (0..4).for_each(|k| (0..2).for_each(|axis| page.svg(&overlay(&title, episode, k, axis))));
         }
         anyhow::Ok(())
     })?;
     page.details("Recordings", |page| {
         let row = |kind: &'static str| {
-            move |(i, e): (usize, &UsedEpisode)| {
-                vec![format!("{kind} {i}"), e.number.to_string(), e.bag.display().to_string()]
+            move |e: &UsedEpisode| {
+                vec![e.name.clone(), kind.to_owned(), e.number.to_string(), e.bag.display().to_string()]
             }
         };
-        let mut rows: Vec<Vec<String>> = report.episodes.iter().enumerate().map(row("fitted")).collect();
-        rows.extend(report.held_out.iter().enumerate().map(row("held out")));
-        page.table(&["episode", "number in its bag", "bag"], &rows);
+        let mut rows: Vec<Vec<String>> = report.episodes.iter().map(row("fitted")).collect();
+        rows.extend(report.held_out.iter().map(row("held out")));
+        page.table(&["episode", "used", "number in its bag", "bag"], &rows);
         anyhow::Ok(())
     })
 }
 
-fn part(part: &Part) -> String {
+/// Part of the data in words; its window lies in one of the fitted `episodes`.
+fn part(part: &Part, episodes: &[UsedEpisode]) -> String {
     match *part {
         Part::Quantity(data::Quantity::Keypoint { point, axis }) => {
             format!("{}, {} in the picture", keypoint(point), ["across", "up and down"][axis])
         }
         Part::Quantity(data::Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
-        Part::Window { episode, from_s, to_s } => format!("episode {episode}, {from_s:.2} to {to_s:.2} s"),
+        Part::Window { episode, from_s, to_s } => {
+            format!("{}, {from_s:.2} to {to_s:.2} s", episodes[episode].name)
+        }
     }
 }

@@ -34,6 +34,9 @@ pub struct UsedEpisode {
     pub bag: PathBuf,
     /// Number of the episode in its bag.
     pub number: u32,
+    /// Name in sentences and pictures, by bag and number.
+    #[serde(skip)]
+    pub name: String,
 }
 
 impl Report {

@@ -58,22 +58,6 @@ pub fn percent(share: f64) -> String {
     }
 }
 
-/// p-value of a test against `null_sets` simulated data sets. The smallest possible value is 1 / (`null_sets` + 1); it
-/// is written as a bound, because p may be smaller.
-pub fn p_value(p: f64, null_sets: usize) -> String {
-    let least = 1.0 / (null_sets as f64 + 1.0);
-    if p <= least * (1.0 + 1e-9) {
-        return format!("<= 1/{}", null_sets + 1);
-    }
-    plain(p, if p < 0.0995 { 3 } else { 2 })
-}
-
-/// p-value as a clause: "p = 0.30", "p <= 1/200".
-pub fn p_clause(p: f64, null_sets: usize) -> String {
-    let words = p_value(p, null_sets);
-    if words.starts_with('<') { format!("p {words}") } else { format!("p = {words}") }
-}
-
 /// Writes a number with four significant figures.
 pub fn figures(v: f64) -> String {
     if v != 0.0 && !(1e-3..1e5).contains(&v.abs()) {
@@ -122,14 +106,5 @@ mod tests {
         );
         assert_eq!((percent(0.974), percent(0.001), percent(0.0)), ("97 %".into(), "< 1 %".into(), "0 %".into()));
         assert_eq!((percent(0.999), percent(1.0)), ("> 99 %".into(), "100 %".into()));
-    }
-
-    #[test]
-    fn a_p_value_at_the_floor_is_a_bound() {
-        assert_eq!(p_value(1.0 / 200.0, 199), "<= 1/200");
-        assert_eq!(p_value(2.0 / 200.0, 199), "0.010");
-        assert_eq!(p_value(0.05, 19), "<= 1/20");
-        assert_eq!(p_value(0.45, 199), "0.45");
-        assert_eq!((p_clause(0.005, 199), p_clause(0.3, 199)), ("p <= 1/200".into(), "p = 0.30".into()));
     }
 }

@@ -15,6 +15,9 @@ use serde::Serialize;
 /// Measured track with the inputs that a simulator needs to reproduce it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeasuredTrack {
+    /// Name of the episode in sentences. It is no part of the data: fingerprints leave it out.
+    #[serde(skip)]
+    pub name: String,
     /// Observed frames and end.
     pub track: Track,
     /// Measured path of the clamped end.
@@ -95,6 +98,7 @@ impl Episode {
         // Ends by the user or by a fault have no name among the task's ends.
         let end = End::from_name(&self.end).unwrap_or(End::Complete);
         Ok(MeasuredTrack {
+            name: format!("episode {}", self.number),
             track: Track { frames, end },
             grip,
             actions,

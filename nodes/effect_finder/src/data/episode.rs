@@ -36,17 +36,12 @@ pub(super) struct Correction {
 }
 
 impl MeasuredEpisode {
-    /// Episode number `episode`, driven as the model says. A model driven by a policy replays the policy's actions.
+    /// Episode driven as the model says. A model driven by a policy replays the policy's actions.
     ///
     /// # Errors
     /// [`FinderError::Drive`] if actions are needed and there are none, [`FinderError::Noise`] if the model's camera
     /// has no noise, [`FinderError::PoseNoise`] if its predicted arm has none.
-    pub fn new(
-        model: &Model,
-        measured: &MeasuredTrack,
-        episode: usize,
-        settings: &Settings,
-    ) -> Result<Self, FinderError> {
+    pub fn new(model: &Model, measured: &MeasuredTrack, settings: &Settings) -> Result<Self, FinderError> {
         let noise_px = model.camera.keypoint_noise_px;
         if !(noise_px > 0.0 && noise_px.is_finite()) {
             return Err(FinderError::Noise { got: noise_px });
@@ -61,7 +56,9 @@ impl MeasuredEpisode {
         }
         let drive = match kind {
             DriveKind::Grip => Drive::Grip(measured.grip.clone()),
-            _ if measured.actions.is_empty() => return Err(FinderError::Drive { episode, drive: kind.name() }),
+            _ if measured.actions.is_empty() => {
+                return Err(FinderError::Drive { episode: measured.name.clone(), drive: kind.name() });
+            }
             _ => Drive::Actions(measured.actions.clone()),
         };
         let times = || measured.track.frames.iter().map(|f| f.time_s).collect();
@@ -189,6 +186,7 @@ pub(super) mod tests {
         let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         model.observation.drive = drive;
         let measured = MeasuredTrack {
+            name: "episode of a bar".into(),
             track: Track { frames: (0..5).map(|i| frame(f64::from(i))).collect(), end: End::Complete },
             grip: GripTrajectory::new(vec![0.0, 5.0], vec![Default::default(); 2]).unwrap(),
             actions: vec![[0.0; 2]; 4],
@@ -196,7 +194,7 @@ pub(super) mod tests {
             target_m: None,
             warnings: Vec::new(),
         };
-        MeasuredEpisode::new(&model, &measured, 0, &Settings::default()).unwrap()
+        MeasuredEpisode::new(&model, &measured, &Settings::default()).unwrap()
     }
 
     #[test]

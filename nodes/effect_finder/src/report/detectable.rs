@@ -144,11 +144,17 @@ pub fn detectable_size(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
     }
     let Some((magnitude, fit)) = shown.into_iter().next() else { return Ok(None) };
     Ok(Some(match before {
-        Some((smaller, less)) if less.cost > 0.0 => {
-            smaller * (magnitude / smaller).powf((needed / less.cost).ln() / (fit.cost / less.cost).ln())
-        }
-        _ => magnitude,
+        Some((smaller, less)) => between([smaller, magnitude], [less.cost, fit.cost], needed).unwrap_or(magnitude),
+        None => magnitude,
     }))
+}
+
+/// Magnitude at which the cost reaches `needed`, between two `magnitudes` with `costs` below and from `needed` on. A power law
+/// joins them. None if that is not finite, as for a cost of zero.
+fn between([smaller, larger]: [f64; 2], [below, above]: [f64; 2], needed: f64) -> Option<f64> {
+    let share = (needed / below).ln() / (above / below).ln();
+    let magnitude = smaller * (larger / smaller).powf(share);
+    (share.is_finite() && magnitude.is_finite()).then_some(magnitude)
 }
 
 /// Noncentrality x that an effect must add to the residual energy of `n` degrees of freedom. The energy is a noncentral
@@ -215,6 +221,16 @@ mod tests {
         let name = "tip_mass_kg".to_owned();
         let candidate = Candidate { title: name.clone(), name, prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 };
         detectable_size(&problem, &u.collect::<Vec<_>>(), &candidate).unwrap()
+    }
+
+    #[test]
+    fn a_size_between_two_magnitudes_follows_the_power_law_of_their_costs() {
+        let near = between([1.0, 4.0], [2.0, 32.0], 8.0).unwrap();
+        assert!((near - 2.0).abs() < 1e-12, "{near}");
+        for costs in [[0.0, 32.0], [2.0, f64::INFINITY], [8.0, 8.0], [f64::NAN, 32.0]] {
+            assert!(between([1.0, 4.0], costs, 8.0).is_none_or(|size| (1.0..=4.0).contains(&size)), "{costs:?}");
+        }
+        assert_eq!(between([1.0, 4.0], [0.0, 32.0], 8.0), None);
     }
 
     /// The residual of a tip mass m is proportional to m, so that twice the gain halves the detectable size.

@@ -20,22 +20,33 @@ pub fn cost(fits: &[Fit]) -> f64 {
     fits.iter().map(|f| f.cost).sum()
 }
 
+/// Closed share of a gap in distance: (before - after) / (before - floor). None without a gap, or if the share is not finite.
+pub fn share_closed(before: f64, after: f64, floor: f64) -> Option<f64> {
+    let gap = before - floor;
+    // A NaN is no gap.
+    (gap > 0.0).then(|| (before - after) / gap).filter(|share| share.is_finite())
+}
+
 /// Share of the present model's excess residual energy that a repair removes. 0 if only the repaired model has an excess,
-/// none if neither has.
+/// none if neither has, or if an energy is not finite.
 pub fn share_explained(before: &[Fit], after: &[Fit]) -> Option<f64> {
     let coordinates: f64 = before.iter().map(|f| f.residuals.len() as f64).sum();
     let beyond = |fits: &[Fit]| cost(fits) - coordinates;
     let is_gap = |fits: &[Fit]| beyond(fits) > GAP_SDS * (2.0 * coordinates).sqrt();
     match (is_gap(before), is_gap(after)) {
-        (true, _) => Some(1.0 - beyond(after).max(0.0) / beyond(before)),
+        // The excess exceeds zero here, but may be infinite.
+        (true, _) => Some(1.0 - beyond(after).max(0.0) / beyond(before)).filter(|share| share.is_finite()),
         (false, true) => Some(0.0),
         (false, false) => None,
     }
 }
 
 /// Energy score of each frame: the mean distance of predictions from the measurement, less half the mean distance
-/// between predictions.
+/// between predictions. Empty without predictions.
 pub fn energy_score_mm(episode: &MeasuredEpisode, predictions: &[Track], camera: &Camera) -> Vec<f64> {
+    if predictions.is_empty() {
+        return Vec::new();
+    }
     let distance = |o: &Offset| o.map(|o| o.iter().map(|v| v * v).sum::<f64>().sqrt());
     let n = predictions.len() as f64;
     let mut scores = vec![Some(0.0); episode.measured.frames.len()];
@@ -47,7 +58,8 @@ pub fn energy_score_mm(episode: &MeasuredEpisode, predictions: &[Track], camera:
     for (i, a) in predictions.iter().enumerate() {
         add(&episode.offsets_mm(a, camera), 1.0 / n);
         for b in &predictions[..i] {
-            // The mean runs over all ordered pairs of different draws, so that each pair counts twice.
+            // The mean runs over all ordered pairs of different draws, so that each pair counts twice. There is a pair only
+            // with two draws or more.
             add(&offsets_mm(a, b, episode.order, camera), -1.0 / (n * (n - 1.0)));
         }
     }
@@ -94,6 +106,7 @@ pub fn closed_interval(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toy::{self, Toy};
     use nalgebra::DVector;
 
     #[test]
@@ -110,5 +123,39 @@ mod tests {
         assert_eq!(share_explained(&[fit(700.0)], &[fit(1200.0)]), Some(-1.0));
         assert_eq!(share_explained(&[fit(255.0)], &[fit(200.0)]), None);
         assert_eq!(share_explained(&[fit(255.0)], &[fit(300.0)]), Some(0.0), "the repair makes it worse");
+    }
+
+    #[test]
+    fn shares_without_a_finite_gap_are_none() {
+        assert_eq!(share_closed(10.0, 4.0, 2.0), Some(0.75));
+        assert_eq!(share_closed(2.0, 1.0, 2.0), None, "the present model is at the floor");
+        // Differences of the last bit, and distances that overflow or are no numbers.
+        assert_eq!(share_closed(f64::MIN_POSITIVE, -1e9, 0.0), None);
+        for (before, after, floor) in [(f64::INFINITY, 1.0, 0.0), (f64::NAN, 1.0, 0.0), (3.0, f64::NAN, 1.0)] {
+            assert_eq!(share_closed(before, after, floor), None, "{before} {after} {floor}");
+        }
+        assert_eq!(share_closed(3.0, 1.0, f64::NAN), None);
+        let fit = |cost| Fit {
+            point: Vec::new(),
+            cost,
+            residuals: DVector::zeros(200),
+            jacobian: nalgebra::DMatrix::zeros(200, 0),
+            tracks: Vec::new(),
+        };
+        assert_eq!(share_explained(&[fit(f64::INFINITY)], &[fit(f64::INFINITY)]), None);
+        assert_eq!(share_explained(&[fit(f64::NAN)], &[fit(200.0)]), None);
+    }
+
+    #[test]
+    fn an_energy_score_needs_predictions_and_two_have_a_spread() {
+        let model = toy::model();
+        let episode = toy::episode(&Toy { gain: 0.3 }, [0.25, 2e4], &[]);
+        let score = |predictions: &[Track]| energy_score_mm(&episode, predictions, &model.camera.view);
+        assert_eq!(score(&[]), [0.0; 0]);
+        let other = toy::episode(&Toy { gain: 0.3 }, [0.26, 2e4], &[]).measured;
+        let one = score(std::slice::from_ref(&other));
+        let two = score(&[other.clone(), other]);
+        assert!(one.len() == toy::FRAMES && one.iter().all(|v| v.is_finite() && *v > 0.0), "{one:?}");
+        assert!(one.iter().zip(&two).all(|(a, b)| (a - b).abs() < 1e-9), "equal draws have no spread: {two:?}");
     }
 }

@@ -1,5 +1,6 @@
 //! Sentences of the conclusions of a search.
 
+use super::bands::EpisodeBands;
 use super::decide::Objection;
 use super::finding::{Estimate, Finding, Fitness};
 use super::localisation::{Localisation, Part, onset, worst_quantity};
@@ -10,6 +11,7 @@ use crate::data::{Candidate, Quantity};
 use crate::evidence::{Hypothesis, Magnitude, Ranking};
 use crate::settings::Settings;
 use catenary_core::Fidelity;
+use catenary_core::statistics::p_clause;
 
 /// Number with four significant figures.
 fn short(value: f64) -> String {
@@ -37,17 +39,15 @@ pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
         0 => String::new(),
         some => format!("; {some} of {} null data sets could not be fitted", some + test.null.len()),
     };
-    let (statistic, p_value) = (test.statistic, test.p_value);
-    format!(
-        "{meaning}: residual energy {statistic:.0}, median of the null data sets {middle:.0}, p = {p_value:.3}{less}"
-    )
+    let (statistic, p) = (test.statistic, p_clause(test.p_value, test.null.len()));
+    format!("{meaning}: residual energy {statistic:.0}, median of the null data sets {middle:.0}, {p}{less}")
 }
 
-/// Localisation of the disagreement.
-pub fn located(places: &[Localisation], level: f64) -> String {
+/// Localisation of the disagreement. `names` are those of the fitted episodes.
+pub fn located(places: &[Localisation], level: f64, names: &[&str]) -> String {
     let begin = onset(places, level).map(|p| match p.part {
         Part::Window { episode, from_s, to_s } => {
-            format!("disagreement begins in episode {episode} between {from_s:.2} s and {to_s:.2} s")
+            format!("disagreement begins in {} between {from_s:.2} s and {to_s:.2} s", names[episode])
         }
         Part::Quantity(_) => String::new(),
     });
@@ -182,7 +182,7 @@ pub fn not_plain(hypothesis: &Hypothesis, log_odds: f64) -> String {
     format!("adding {last} makes the model only {:.1} times as probable: it is not added", log_odds.exp())
 }
 
-/// Priors that are too narrow.
+/// Priors that are too narrow. The p-value exceeds the level of the test, so that it is no bound.
 pub fn narrow(pressing: &[String], p_value: f64) -> String {
     format!("{} at a bound of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))
 }
@@ -204,9 +204,10 @@ pub fn at_the_edge(finding: &Finding) -> String {
 
 /// Result on held-out episodes.
 pub fn verified(v: &Verification) -> String {
+    let floor = v.floor_mm.map_or("unknown".to_owned(), |mm| format!("{mm:.1} mm"));
     let mut words = format!(
-        "RMSE on {} held-out episodes {:.1} -> {:.1} mm, noise floor {:.1} mm",
-        v.episodes, v.before.rmse_mm, v.after.rmse_mm, v.floor_mm,
+        "RMSE on {} held-out episodes {:.1} -> {:.1} mm, noise floor {floor}",
+        v.episodes, v.before.rmse_mm, v.after.rmse_mm,
     );
     words += &match (v.gap_closed, v.interval) {
         (Some(closed), Some(interval)) => {
@@ -214,10 +215,11 @@ pub fn verified(v: &Verification) -> String {
             format!(": {:.0} % of the gap closed ({low:.0} to {high:.0} %)", 100.0 * closed)
         }
         (Some(_), None) => ": too small a gap to say how much of it is closed".into(),
+        (None, _) if v.floor_mm.is_none() => ": none of its repeats could be simulated".into(),
         (None, _) => ": they show no gap".into(),
     };
     if let Some(p_value) = v.p_value {
-        words += &format!("; test of the remaining residual: p = {p_value:.3}");
+        words += &format!("; test of the remaining residual: {}", p_clause(p_value, v.null_sets));
     }
     if let Some((name, score)) = &v.wrong_effect {
         words += &format!("; with {name} instead {:.1} mm", score.rmse_mm);
@@ -225,7 +227,24 @@ pub fn verified(v: &Verification) -> String {
     if let Some(black_box_mm) = v.black_box_mm {
         words += &format!("; a regression without physics {black_box_mm:.1} mm");
     }
+    if v.draws_left_out > 0 {
+        words += &format!("; {} draws of the predictions could not be simulated", v.draws_left_out);
+    }
     words
+}
+
+/// Draws that are missing in the pictures of the fitted episodes.
+pub fn left_out_of_pictures(left_out: usize, bands: &[EpisodeBands], is_repaired: bool) -> String {
+    let lacks_band = [
+        ("present", bands.iter().any(|b| b.before.is_none())),
+        ("repaired", is_repaired && bands.iter().any(|b| b.after.is_none())),
+    ];
+    let lacking: Vec<&str> = lacks_band.iter().filter(|(_, lacks)| *lacks).map(|(model, _)| *model).collect();
+    let rest = match lacking.as_slice() {
+        [] => String::new(),
+        models => format!("; too few are left for a band of the {} model", models.join(" and of the ")),
+    };
+    format!("pictures: {left_out} draws of the posterior could not be simulated and are left out{rest}")
 }
 
 /// Motion that would separate two explanations.
@@ -243,5 +262,59 @@ pub fn separated(separation: Option<&Separation>) -> String {
             "a motion that would tell {} from {}: residual energy {:.0}, {:.0} for the median motion",
             s.between[0], s.between[1], s.deviations, s.usual_deviations
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Test;
+    use crate::report::{Band, Score};
+
+    #[test]
+    fn the_least_possible_p_value_is_said_to_be_a_bound() {
+        let said = |p_value| {
+            let test = Test { p_value, statistic: 900.0, null: vec![100.0; 199], null_left_out: 0, coordinates: 100 };
+            detected(&Fitness { estimates: Vec::new(), test, rmse_mm: 3.0 }, true)
+        };
+        assert!(said(1.0 / 200.0).ends_with(", p <= 0.005 (199 null data sets)"), "{}", said(1.0 / 200.0));
+        assert!(said(2.0 / 200.0).ends_with(", p = 0.010"), "{}", said(2.0 / 200.0));
+    }
+
+    #[test]
+    fn a_verification_says_its_bound_its_missing_floor_and_its_missing_draws() {
+        let score = Score { rmse_mm: 4.0, energy_mm: None };
+        let verification = Verification {
+            episodes: 1,
+            before: score,
+            after: score,
+            floor_mm: None,
+            gap_closed: None,
+            interval: None,
+            p_value: Some(1.0 / 100.0),
+            null_sets: 99,
+            draws_left_out: 7,
+            share_explained: None,
+            log_likelihood_gain: 0.0,
+            wrong_effect: None,
+            black_box_mm: None,
+        };
+        let words = verified(&verification);
+        assert!(words.contains("noise floor unknown: none of its repeats could be simulated"), "{words}");
+        assert!(words.contains("p <= 0.01 (99 null data sets)") && words.contains("7 draws"), "{words}");
+        let known = verified(&Verification { floor_mm: Some(1.5), draws_left_out: 0, ..verification });
+        assert!(known.contains("noise floor 1.5 mm: they show no gap") && !known.contains("draws"), "{known}");
+    }
+
+    #[test]
+    fn a_picture_without_a_band_is_told() {
+        let lacking = |before, after| {
+            let bands = EpisodeBands { is_held_out: false, times_s: Vec::new(), measured: Vec::new(), before, after };
+            left_out_of_pictures(12, &[bands], true)
+        };
+        let band = || Some(Band { q05: Vec::new(), median: Vec::new(), q95: Vec::new() });
+        assert!(lacking(band(), band()).ends_with("12 draws of the posterior could not be simulated and are left out"));
+        assert!(lacking(band(), None).ends_with("too few are left for a band of the repaired model"));
+        assert!(lacking(None, None).ends_with("of the present and of the repaired model"));
     }
 }

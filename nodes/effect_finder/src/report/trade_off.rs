@@ -36,6 +36,8 @@ pub fn trade_offs(found: &Hypothesis) -> Vec<TradeOff> {
         .flat_map(others)
         .map(|(effect, other)| {
             let [e, o] = [effect, other].map(|i| found.unknowns.column(i, 0));
+            // The prior's precision keeps the variances positive; a curvature that is not finite gives a NaN, which is below
+            // every limit.
             let correlation = covariance[(e, o)] / (covariance[(e, e)] * covariance[(o, o)]).sqrt();
             TradeOff { between: [list[effect].name.clone(), list[other].name.clone()], correlation }
         })

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 pub struct Score {
     /// Root mean square distance of keypoints, mm.
     pub rmse_mm: f64,
-    /// Energy score of the four keypoints together, mm, mean over frames (Gneiting and Raftery 2007).
-    pub energy_mm: f64,
+    /// Energy score of the four keypoints together, mm, mean over frames (Gneiting and Raftery 2007); none if no draw of the
+    /// predictions can be simulated.
+    pub energy_mm: Option<f64>,
 }
 
 /// Value of a repair on held-out episodes.
@@ -20,16 +21,21 @@ pub struct Verification {
     pub before: Score,
     /// Scores of the repaired model.
     pub after: Score,
-    /// Noise floor: root mean square distance of the repaired model on repeats simulated from it, mm.
-    pub floor_mm: f64,
+    /// Noise floor: root mean square distance of the repaired model on repeats simulated from it, mm; none if no repeat can
+    /// be simulated.
+    pub floor_mm: Option<f64>,
     /// Closed share of the gap in root mean square distance, (before - after) / (before - floor); none if the present
-    /// model is at the floor.
+    /// model is at the floor, or if there is no floor.
     pub gap_closed: Option<f64>,
     /// 5 and 95 % quantiles of the closed share, by a block bootstrap over frames; none if too many draws show no gap.
     pub interval: Option<[f64; 2]>,
     /// p-value of the hypothesis that the repaired model, with its posterior, explains the episodes; none if it can
     /// hardly be simulated.
     pub p_value: Option<f64>,
+    /// Number of null data sets of that test. The least p-value is 1 / (1 + this number).
+    pub null_sets: usize,
+    /// Number of draws of the predictions of both models that could not be simulated, and are left out.
+    pub draws_left_out: usize,
     /// Share of the present model's excess residual energy that the repair removes. 0 if only the repaired model has an
     /// excess, none if neither has.
     pub share_explained: Option<f64>,

@@ -4,13 +4,15 @@
 //! residual of the repaired model on repeats that are simulated from it and treated the same way.
 
 use super::black_box::BlackBox;
-use super::scores::{closed_interval, cost, energy_score_mm, share_explained};
+use super::draws::Draws;
+use super::scores::{closed_interval, cost, energy_score_mm, share_closed, share_explained};
 use super::verification::{Score, Verification};
 use crate::data::{MeasuredEpisode, Offset, Scope, offsets_mm, rmse_mm};
 use crate::error::FinderError;
 use crate::evidence::{Hypothesis, p_value};
 use crate::fitting::{FidelityCorrection, Fit, Laplace, OnRound, Problem, SimulatedSet, Start, corrected_fit};
 use crate::settings::Settings;
+use catenary_core::statistics::mean;
 use catenary_core::{Camera, Track, seed};
 use rand::RngExt;
 
@@ -21,9 +23,7 @@ const DRAWS: usize = 64;
 /// Number of draws from which a fit starts.
 const STARTS: usize = 3;
 /// Number of predictions behind an energy score.
-const PREDICTIONS: usize = 20;
-/// Most draws for each wanted prediction, because some cannot be simulated.
-const DRAWN_ANEW: usize = 3;
+pub(crate) const PREDICTIONS: usize = 20;
 /// Number of repeats behind the noise floor.
 const REPEATS: usize = 8;
 /// Number of null sets of the held-out test.
@@ -50,8 +50,10 @@ pub struct Prediction {
     pub tracks: Vec<Track>,
     /// Offsets of the measured keypoints from the predicted ones, by episode and frame.
     pub offsets: Vec<Vec<Offset>>,
-    /// Draws of the prediction with noise, by episode and draw.
+    /// Draws of the prediction with noise, by episode and draw. Draws that cannot be simulated are missing.
     pub draws: Vec<Vec<Track>>,
+    /// Number of draws that could not be simulated.
+    pub left_out: usize,
     /// Scores of the predictions.
     pub score: Score,
     fits: Vec<Fit>,
@@ -67,8 +69,8 @@ impl Prediction {
 }
 
 impl Verifier<'_> {
-    /// Compares the models on the held-out episodes; returns the predictions of `before` and `after`, too. A `known`
-    /// p-value is not computed again.
+    /// Compares the models on the held-out episodes; returns the predictions of `before` and `after`, too. The p-value of a
+    /// `known` verification is taken over.
     ///
     /// # Errors
     /// [`FinderError`] of the simulator, or of a cancelled search.
@@ -77,19 +79,20 @@ impl Verifier<'_> {
         before: &Hypothesis,
         after: &Hypothesis,
         wrong: Option<&Hypothesis>,
-        known: Option<f64>,
+        known: Option<&Verification>,
         on_round: OnRound<'_>,
     ) -> Result<(Verification, [Prediction; 2]), FinderError> {
         let first = self.predict(before, on_round)?;
         let second = self.predict(after, on_round)?;
-        let wrong_effect = match wrong {
-            Some(wrong) => Some((wrong.names().join(" + "), self.predict(wrong, on_round)?.score)),
-            None => None,
+        let wrong_effect = match wrong.map(|wrong| (wrong, self.predict(wrong, on_round))) {
+            // The wrong effect is a bar for comparison alone: the search does without it if it cannot be simulated here.
+            None | Some((_, Err(FinderError::NoFit(_) | FinderError::Simulator(_)))) => None,
+            Some((wrong, prediction)) => Some((wrong.names().join(" + "), prediction?.score)),
         };
         let floor_mm = self.floor(after, &second, on_round)?;
-        let closed = |before: f64, after: f64| (before > floor_mm).then(|| (before - after) / (before - floor_mm));
-        let p_value = match known {
-            Some(known) => Some(known),
+        let closed = |before: f64, after: f64| share_closed(before, after, floor_mm?);
+        let (p_value, null_sets) = match known.filter(|known| known.p_value.is_some()) {
+            Some(known) => (known.p_value, known.null_sets),
             None => self.p_value(after, &second, on_round)?,
         };
         let gap_closed = closed(first.score.rmse_mm, second.score.rmse_mm);
@@ -103,6 +106,8 @@ impl Verifier<'_> {
                 closed_interval(&first.offsets, &second.offsets, &closed, seed::rng(self.settings.seed, STREAMS[2]))
             }),
             p_value,
+            null_sets,
+            draws_left_out: first.left_out + second.left_out,
             share_explained: share_explained(&first.fits, &second.fits),
             log_likelihood_gain: 0.5 * (first.cost() - second.cost()),
             wrong_effect,
@@ -167,7 +172,8 @@ impl Verifier<'_> {
             tracks: Vec::new(),
             offsets: Vec::new(),
             draws: Vec::new(),
-            score: Score { rmse_mm: 0.0, energy_mm: 0.0 },
+            left_out: 0,
+            score: Score { rmse_mm: 0.0, energy_mm: None },
             fits: Vec::new(),
             episodes: Vec::new(),
         };
@@ -175,7 +181,8 @@ impl Verifier<'_> {
         let known = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
         for (index, episode) in self.held_out.iter().enumerate() {
             let (episode, fit) = self.fitted(episode, hypothesis, on_round)?;
-            let draws = self.draws(&episode, hypothesis, &known, &fit, (STREAMS[0], index), PREDICTIONS)?;
+            let (draws, left_out) = self.draws(&episode, hypothesis, &known, &fit, (STREAMS[0], index), PREDICTIONS)?;
+            prediction.left_out += left_out;
             energies.extend(energy_score_mm(&episode, &draws, self.camera));
             prediction.offsets.push(episode.offsets_mm(&fit.tracks[0], self.camera));
             prediction.tracks.push(fit.tracks[0].clone());
@@ -185,12 +192,13 @@ impl Verifier<'_> {
         }
         prediction.score = Score {
             rmse_mm: rmse_mm(prediction.offsets.iter().flatten()),
-            energy_mm: energies.iter().sum::<f64>() / energies.len() as f64,
+            energy_mm: (!energies.is_empty()).then(|| mean(&energies)),
         };
         Ok(prediction)
     }
 
-    /// Draws of the predicted episode with noise: shared unknowns from `shared`, the others around their fit.
+    /// Draws of the predicted episode with noise: shared unknowns from `shared`, the others around their fit. The number of
+    /// draws that could not be simulated comes with them.
     fn draws(
         &self,
         episode: &MeasuredEpisode,
@@ -199,40 +207,27 @@ impl Verifier<'_> {
         held: &Fit,
         (stream, index): (u64, usize),
         count: usize,
-    ) -> Result<Vec<Track>, FinderError> {
+    ) -> Result<(Vec<Track>, usize), FinderError> {
         let own = Laplace::of(held).ok_or_else(FinderError::curvature)?;
         let problem = self.problem_of(hypothesis, episode);
         let mut rng = seed::rng(seed::derive(self.settings.seed, stream), index as u64);
-        let mut draw = || {
+        let Draws { tracks, left_out } = Draws::of(&problem, count, || {
             let point = own.draw(&mut rng);
             with_shared(&problem, hypothesis, point, &shared.draw(&mut rng))
-        };
-        let (mut simulated, mut refusal) = (Vec::new(), None);
-        for _ in 0..DRAWN_ANEW {
-            let points: Vec<Vec<f64>> = (simulated.len()..count).map(|_| draw()).collect();
-            if points.is_empty() {
-                break;
-            }
-            for tracks in problem.tracks_each(&points) {
-                tracks.map_or_else(|e| refusal = Some(e), |tracks| simulated.push(tracks));
-            }
-        }
-        match refusal {
-            Some(error) if simulated.is_empty() => Err(error.into()),
-            _ => Ok(simulated.iter().map(|tracks| episode.measure(&tracks[0], &mut rng)).collect()),
-        }
+        });
+        Ok((tracks.iter().map(|tracks| episode.measure(&tracks[0], &mut rng)).collect(), left_out))
     }
 
     /// p-value of the model's residual energy among null sets simulated from its posterior. In a null set all held-out
     /// episodes have the same draw of the shared unknowns. As for the measured data, a fit holds the shared unknowns of
     /// the fitted episodes, so that its offset from the draw counts as noise. None if fewer than half of the null sets
-    /// can be simulated.
+    /// can be simulated. The number of null sets comes with it.
     fn p_value(
         &self,
         hypothesis: &Hypothesis,
         prediction: &Prediction,
         on_round: OnRound<'_>,
-    ) -> Result<Option<f64>, FinderError> {
+    ) -> Result<(Option<f64>, usize), FinderError> {
         let known = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
         let seeds = seed::derive(self.settings.seed, STREAMS[4]);
         let mut rng = seed::rng(seeds, 0);
@@ -254,31 +249,37 @@ impl Verifier<'_> {
         }
         let null: Vec<f64> = null.into_iter().flatten().collect();
         // Failed sets are not random: they may be the extreme draws.
-        let is_enough = 2 * null.len() >= TESTED;
-        Ok(is_enough.then(|| p_value(prediction.cost(), null.into_iter())))
+        let (count, is_enough) = (null.len(), 2 * null.len() >= TESTED);
+        Ok((is_enough.then(|| p_value(prediction.cost(), null.into_iter())), count))
     }
 
-    /// Noise floor: root mean square distance of repeats simulated from the model, after a fit of their own unknowns.
+    /// Noise floor: root mean square distance of repeats simulated from the model, after a fit of their own unknowns; none if
+    /// no repeat can be simulated and fitted.
     fn floor(
         &self,
         hypothesis: &Hypothesis,
         prediction: &Prediction,
         on_round: OnRound<'_>,
-    ) -> Result<f64, FinderError> {
+    ) -> Result<Option<f64>, FinderError> {
         let mut offsets: Vec<Offset> = Vec::new();
         // Repeats share one condition, so that the spread between conditions does not count.
         let known = Laplace::of(&hypothesis.fit).ok_or_else(FinderError::curvature)?;
         for (index, (episode, fit)) in prediction.episodes.iter().zip(&prediction.fits).enumerate() {
             let problem = self.problem_of(hypothesis, episode);
-            let repeats = self.draws(episode, hypothesis, &known, fit, (STREAMS[1], index), REPEATS)?;
+            let repeats = self.draws(episode, hypothesis, &known, fit, (STREAMS[1], index), REPEATS)?.0;
             let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };
-            let fits = problem.fit(repeats.iter().map(start).collect(), on_round)?;
+            let fits = match problem.fit(repeats.iter().map(start).collect(), on_round) {
+                // The floor is that of the other episodes.
+                Err(FinderError::NoFit(_)) => continue,
+                fits => fits?,
+            };
             for (repeat, fit) in repeats.iter().zip(fits) {
                 offsets
                     .extend(fit.into_iter().flat_map(|f| offsets_mm(repeat, &f.tracks[0], episode.order, self.camera)));
             }
         }
-        Ok(rmse_mm(offsets.iter()))
+        let is_seen = offsets.iter().any(Option::is_some);
+        Ok(is_seen.then(|| rmse_mm(offsets.iter())))
     }
 
     fn black_box(&self, before: &Hypothesis, prediction: &Prediction) -> Option<f64> {
@@ -387,7 +388,7 @@ mod tests {
         let camera = &model.camera.view;
         let verifier = Verifier { problem: &problem, held_out: &held_out, camera, settings: &settings };
         let prediction = verifier.predict(&base, &mut go_on).unwrap();
-        verifier.p_value(&base, &prediction, &mut go_on).unwrap().unwrap()
+        verifier.p_value(&base, &prediction, &mut go_on).unwrap().0.unwrap()
     }
 
     /// p-values count the fit's own uncertainty once for all episodes, so that they are uniform: a tenth lies under

@@ -25,7 +25,7 @@ pub(super) fn calibrate(
     reporter: &mut Reporter<'_>,
 ) -> Result<Calibration, FinderError> {
     let episodes = |measured: &[MeasuredTrack]| -> Result<Vec<MeasuredEpisode>, FinderError> {
-        measured.iter().enumerate().map(|(i, m)| MeasuredEpisode::new(question.model, m, i, settings)).collect()
+        measured.iter().map(|m| MeasuredEpisode::new(question.model, m, settings)).collect()
     };
     let (fitted, held_out) = (episodes(question.measured)?, episodes(question.held_out)?);
     let present = fit_present(question.model, fitted, simulator, Vec::new(), settings, reporter)?;

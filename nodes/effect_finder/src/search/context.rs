@@ -6,7 +6,7 @@ use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Detection, Extent, Hypothesis, Ranking, detect};
 use crate::fitting::{Fit, Problem};
-use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands};
+use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands, sentences};
 use crate::settings::Settings;
 
 /// Number of the most probable models that are refined and extended.
@@ -82,9 +82,20 @@ impl<'a> Search<'a> {
         Agreement::new(problem, fit, &self.question.model.camera.view, self.settings)
     }
 
-    /// Predictive bands of the fitted episodes, for pictures.
-    pub fn bands(&self, present: &Hypothesis, repaired: Option<&Hypothesis>) -> Result<Vec<EpisodeBands>, FinderError> {
-        fitted_bands(self.problem, present, repaired, &self.question.model.camera.view, self.settings.seed)
+    /// Predictive bands of the fitted episodes, for pictures. Draws that cannot be simulated are left out, and a conclusion
+    /// says so.
+    pub fn bands(
+        &mut self,
+        present: &Hypothesis,
+        repaired: Option<&Hypothesis>,
+    ) -> Result<Vec<EpisodeBands>, FinderError> {
+        let camera = &self.question.model.camera.view;
+        let (bands, left_out) = fitted_bands(self.problem, present, repaired, camera, self.settings.seed);
+        if left_out > 0 {
+            let stage = if repaired.is_some() { Stage::Repair } else { Stage::Localise };
+            self.reporter.conclude(stage, sentences::left_out_of_pictures(left_out, &bands, repaired.is_some()))?;
+        }
+        Ok(bands)
     }
 
     /// Verifier of models on the held-out episodes.

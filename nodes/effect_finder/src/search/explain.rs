@@ -46,7 +46,8 @@ impl Search<'_> {
             best = self.fit_with_discrepancy(best, &mut fitness, baseline)?;
             finding.set_magnitudes(best.magnitudes());
             // The p-value of the first look stays: the repaired model was weighed by the held-out episodes since then.
-            checked = self.verify(base, &best, &ranking, evidence.first_p_value)?;
+            let first = checked.take();
+            checked = self.verify(base, &best, &ranking, first.as_ref().map(|c| &c.verification))?;
         }
         finding.repaired = Some(fitness);
         finding.trade_offs = trade_offs(&best);

@@ -58,8 +58,9 @@ impl Search<'_> {
             self.reporter.with_progress(Stage::Localise, |on_round| limits(problem, &fit, candidates, on_round))?;
         let mut closes_beyond_prior = false;
         if is_gap {
+            let names: Vec<&str> = self.question.measured.iter().map(|m| m.name.as_str()).collect();
             self.reporter
-                .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level))?;
+                .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level, &names))?;
             closes_beyond_prior = self.closes_with_open_priors(&fit, &outcome.finding, &detection)?;
         }
         let baseline = Baseline::new(self.problem.episodes, &fit).ok_or_else(FinderError::curvature)?;

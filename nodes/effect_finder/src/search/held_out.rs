@@ -5,7 +5,7 @@ use super::progress::Stage;
 use crate::error::FinderError;
 use crate::evidence::{Effort, Extent, Hypothesis, Ranking};
 use crate::fitting::FidelityCorrection;
-use crate::report::{EpisodeBands, HeldOutEvidence, RepairEvidence, Verification};
+use crate::report::{EpisodeBands, HeldOutEvidence, PREDICTIONS, RepairEvidence, Verification};
 
 impl Search<'_> {
     /// Evidence of the fitted episodes on the best repair, with the first look at the held-out ones.
@@ -39,14 +39,14 @@ impl Search<'_> {
         }
     }
 
-    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. Their p-value is
-    /// computed unless `known`.
+    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. The p-value of
+    /// a `known` verification is taken over.
     pub(super) fn verify(
         &mut self,
         base: &Hypothesis,
         best: &Hypothesis,
         ranking: &Ranking,
-        known: Option<f64>,
+        known: Option<&Verification>,
     ) -> Result<Option<Checked>, FinderError> {
         if self.held_out.is_empty() {
             return Ok(None);
@@ -68,7 +68,7 @@ impl Search<'_> {
             .held_out
             .iter()
             .zip(draws)
-            .map(|(episode, (b, a))| EpisodeBands::held_out(episode, b, a, camera))
+            .map(|(episode, (b, a))| EpisodeBands::held_out(episode, [b, a], PREDICTIONS, camera))
             .collect();
         Ok(Some(Checked { verification, bands }))
     }

@@ -1,14 +1,14 @@
 //! Pictures of posteriors and of their calibration.
 
 use super::{HEIGHT, range, thinned};
-use crate::report::number::{p_clause, plain};
+use crate::report::number::plain;
 use crate::report::palette::{Role, shade};
 use crate::report::quantity::{Quantity, capital};
 use crate::report::svg::{Axis, Chart, Entry, Shape};
 use crate::report::ticks;
 use anyhow::{Context, Result};
 use base64::Engine;
-use catenary_core::statistics::uniformity_band;
+use catenary_core::statistics::{p_clause, uniformity_band};
 use catenary_core::{Parameter, Posterior};
 use std::io::Cursor;
 
@@ -297,7 +297,7 @@ mod tests {
     #[test]
     fn a_histogram_says_how_improbable_the_measured_value_is() {
         let svg = null_histogram("t", "x", &[1.0, 2.0, 2.1, 5.0], 9.0, 0.2);
-        assert!(svg.contains("measured, p &lt;= 1/5"), "{svg}");
+        assert!(svg.contains("measured, p &lt;= 0.2 (4 null data sets)"), "{svg}");
         assert!(calibration("length", &[0.1, 0.5]).contains(">exact ones<") && calibration("t", &[]).contains("<path"));
     }
 }
