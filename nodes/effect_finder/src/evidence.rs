@@ -9,9 +9,9 @@ mod marginal;
 mod ranking;
 
 pub use detection::{Detection, NullFit, Test, detect, p_value};
-pub use discrepancy::{Discrepancy, Whitening};
+pub use discrepancy::{Discrepancy, Whitening, gain_beside_discrepancy};
 pub use hypothesis::{Effort, Hypothesis, lowest_cost};
 pub use linearised::LinearisedModel;
 pub use magnitude::Magnitude;
 pub use marginal::{Baseline, Evidence};
-pub use ranking::{Explanation, Extent, Ranking, gain, groups};
+pub use ranking::{Explanation, Extent, Ranking, gain, groups, joined};

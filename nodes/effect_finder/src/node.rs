@@ -40,9 +40,10 @@ struct Parameters {
 /// Every third episode is held out by default.
 const HELD_OUT: usize = 3;
 
-/// Takes the held-out episodes out of `episodes`, by default: the last third.
+/// Takes the validation episodes out of `episodes`, by default: the last third, and at least one of several.
 pub fn hold_out<T>(episodes: &mut Vec<T>) -> Vec<T> {
-    episodes.split_off(episodes.len() - episodes.len() / HELD_OUT)
+    let count = (episodes.len() / HELD_OUT).max(usize::from(episodes.len() > 1));
+    episodes.split_off(episodes.len() - count)
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
@@ -92,12 +93,18 @@ fn serve(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Par
 fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Parameters) -> Result<FindEffectsResult> {
     let goal = handle.goal();
     let model = model_text::read(&goal.model_yaml).context("model_yaml")?;
-    let (measured, held_out) = measured(handle, live, &model)?;
+    let (measured, validation) = measured(handle, live, &model)?;
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
     let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
     let candidates = convert::candidates(Registry::shipped(), &model)?;
-    let question = Question { model: &model, measured: &measured, held_out: &held_out, candidates: &candidates };
+    let question = Question {
+        model: &model,
+        measured: &measured,
+        validation: &validation,
+        held_out: &[],
+        candidates: &candidates,
+    };
     let journal = state_folder(&parameters.states.get(), "effect_finder").map(|folder| {
         remove_old_states(&folder, journal::EXTENSION);
         let fingerprint = journal::fingerprint(&question, &settings);
@@ -130,7 +137,7 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     }
 }
 
-/// Measured and held-out episodes of the goal. Without bags the goal waits for the next episode on the topics.
+/// Measured episodes of the goal, and its validation episodes (`verify`). Without bags the goal waits for the next episode on the topics.
 fn measured(
     handle: &GoalHandle<FindEffects>,
     live: &LiveEpisodes,
@@ -198,14 +205,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_third_is_held_out_but_none_of_one_or_two() {
+    fn the_last_third_is_held_out_and_one_of_two_but_none_of_one() {
         let split = |count: usize| {
             let mut fitted: Vec<usize> = (0..count).collect();
             let held_out = hold_out(&mut fitted);
             (fitted, held_out)
         };
         assert_eq!(split(1), (vec![0], vec![]));
-        assert_eq!(split(2), (vec![0, 1], vec![]));
+        assert_eq!(split(2), (vec![0], vec![1]));
         assert_eq!(split(3), (vec![0, 1], vec![2]));
         assert_eq!(split(7), (vec![0, 1, 2, 3, 4], vec![5, 6]));
     }

@@ -7,11 +7,11 @@ mod correction;
 mod elsewhere;
 mod explain;
 mod find;
-mod held_out;
 mod naming;
 mod priors;
 mod progress;
 mod question;
+mod validation;
 mod with_discrepancy;
 
 pub use find::find;

@@ -4,6 +4,7 @@ use crate::report::number::{millimetres, percent, plain};
 use crate::report::quantity::{Quantity, capital};
 use catenary_core::statistics::p_clause;
 use effect_finder::evidence::Test;
+use effect_finder::report::StandIn;
 use effect_finder::{Finding, Verdict};
 
 /// Residual in units of the noise: square root of the test statistic over its median without a gap.
@@ -17,8 +18,25 @@ pub fn noise_words(test: &Test) -> String {
     format!("{} times the noise", plain(times_the_noise(test), 1))
 }
 
-/// Answer in sentences; `episodes` were fitted and `held_out` were not.
-pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String> {
+/// Answer in sentences; `episodes` were fitted.
+pub fn answer(finding: &Finding, episodes: usize) -> Vec<String> {
+    let mut sentences = by_verdict(finding, episodes);
+    sentences.extend(finding.stand_ins.iter().map(stand_in));
+    sentences
+}
+
+/// Effect that stands in for something else: "Gravity tilt is not named: it would have to be ...".
+fn stand_in(effect: &StandIn) -> String {
+    let quantity = Quantity::of(&effect.name);
+    let [low, high] = effect.prior.map(|v| quantity.value(v));
+    format!(
+        "{} is not named: it would have to be {}, beyond its prior of {low} to {high}, and stands in for something else.",
+        capital(&quantity.title),
+        quantity.value(effect.value)
+    )
+}
+
+fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
     let present = &finding.present;
     let (rmse, noise) = (millimetres(present.rmse_mm), noise_words(&present.test));
     let on = recordings(episodes);
@@ -35,18 +53,18 @@ pub fn answer(finding: &Finding, episodes: usize, held_out: usize) -> Vec<String
             ),
         ],
         Verdict::Named => {
-            vec![format!("{} missing from the model.", subject(finding)), repair(finding, episodes, held_out)]
+            vec![format!("{} missing from the model.", subject(finding)), repair(finding, episodes)]
         }
         Verdict::NamedInPart => vec![
             format!(
                 "{} missing from the model, and something else that is no effect of the library.",
                 subject(finding)
             ),
-            repair(finding, episodes, held_out),
+            repair(finding, episodes),
         ],
         Verdict::CannotTellApart => vec![
             format!("{} missing from the model; the recordings cannot tell which.", alternatives(finding)),
-            repair(finding, episodes, held_out),
+            repair(finding, episodes),
         ],
         Verdict::NoneOfThese => {
             vec!["Something is missing from the model, and no effect of the library explains it.".into(), left]
@@ -106,7 +124,7 @@ fn alternatives(finding: &Finding) -> String {
 }
 
 /// Sentence on the errors before and after the repair.
-fn repair(finding: &Finding, episodes: usize, held_out: usize) -> String {
+fn repair(finding: &Finding, episodes: usize) -> String {
     let Some(repaired) = &finding.repaired else { return String::new() };
     let with = if most_probable(finding).len() > 1 { "them" } else { "it" };
     let change = |before: f64, after: f64| {
@@ -119,10 +137,11 @@ fn repair(finding: &Finding, episodes: usize, held_out: usize) -> String {
     match &finding.verification {
         None => format!("{words}. There was no other recording to verify it."),
         Some(v) => {
-            let unseen = if held_out == 1 { "one that was".to_owned() } else { format!("{held_out} that were") };
+            let unseen = if v.episodes == 1 { "one that was".to_owned() } else { format!("{} that were", v.episodes) };
+            let chose = if v.selects { "fitted, but chose between the models" } else { "used" };
             let closed = v.gap_closed.map(|share| format!(" ({} of the gap)", percent(share.clamp(0.0, 1.0))));
             let there = change(v.before.rmse_mm, v.after.rmse_mm).1;
-            format!("{words} and {there} on {unseen} not used{}.", closed.unwrap_or_default())
+            format!("{words} and {there} on {unseen} not {chose}{}.", closed.unwrap_or_default())
         }
     }
 }
@@ -166,10 +185,12 @@ pub mod tests {
             probability_of_unknown: 0.01,
             found: vec![vec!["tip_mass_kg".into()]],
             repaired: Some(fitness(7.44, 100.0, vec![mass])),
+            stand_ins: Vec::new(),
             trade_offs: Vec::new(),
             discrepancy: None,
             verification: Some(Verification {
                 episodes: 1,
+                selects: false,
                 before: score(27.8),
                 after: score(17.9),
                 floor_mm: Some(5.0),
@@ -189,7 +210,7 @@ pub mod tests {
 
     #[test]
     fn the_answer_names_the_effect_and_the_errors_before_and_after() {
-        let said = answer(&named(), 1, 1);
+        let said = answer(&named(), 1);
         assert_eq!(said[0], "Tip mass of 0.23 kg (0.16 to 0.29) is missing from the model.");
         assert_eq!(
             said[1],
@@ -208,16 +229,16 @@ pub mod tests {
             Verdict::PriorTooNarrow,
         ] {
             let found = vec![vec!["tip_mass_kg".into(), "density_change + rest_curvature_per_m".into()]];
-            let said = answer(&Finding { verdict, found, ..named() }, 3, 2).join(" ");
+            let said = answer(&Finding { verdict, found, ..named() }, 3).join(" ");
             assert!(!said.contains('_') && said.len() > 60, "{verdict:?}: {said}");
             assert!(said.chars().next().is_some_and(char::is_uppercase), "{said}");
         }
         let alike = Finding { verdict: Verdict::CannotTellApart, ..named() };
-        assert!(answer(&alike, 1, 0)[0].starts_with("Tip mass of 0.23 kg"), "{:?}", answer(&alike, 1, 0));
+        assert!(answer(&alike, 1)[0].starts_with("Tip mass of 0.23 kg"), "{:?}", answer(&alike, 1));
         let none = Finding { verdict: Verdict::NoneOfThese, ..named() };
-        assert_eq!(answer(&none, 1, 0)[1], "The error of the model is 38 mm on the recording, 5.0 times the noise.");
+        assert_eq!(answer(&none, 1)[1], "The error of the model is 38 mm on the recording, 5.0 times the noise.");
         let fine = Finding { verdict: Verdict::NoGap, present: fitness(0.91, 99.0, Vec::new()), ..named() };
-        let said = answer(&fine, 2, 0).join(" ");
+        let said = answer(&fine, 2).join(" ");
         assert!(said.contains("explains the 2 recordings") && said.contains("1.0 times the noise, p = 0.40"), "{said}");
     }
 }

@@ -11,8 +11,12 @@ pub struct FindEffectsArgs {
     /// Bags whose complete episodes are analysed
     #[command(flatten)]
     pub bags: Bags,
-    /// Bag of held-out episodes, which no fit uses and which judge the repair; several may be given; default: the last
-    /// third of the episodes
+    /// Bag of validation episodes, which no fit uses and which choose between models; several may be given; default: those
+    /// of --verify, otherwise the last third of the episodes
+    #[arg(long, conflicts_with = "node")]
+    pub validate: Vec<PathBuf>,
+    /// Bag of held-out episodes, which choose nothing and verify the result; several may be given. Without --validate they
+    /// are the validation episodes, and the result says so
     #[arg(long)]
     pub verify: Vec<PathBuf>,
     /// Model (file or name)

@@ -31,11 +31,15 @@ const JOURNAL: &str = "search.journal";
 pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()> {
     let settings = Settings { null_sets: arguments.null_sets, seed: arguments.seed, ..Settings::default() };
     settings.check().context("--null-sets").given()?;
-    let all: Vec<PathBuf> = arguments.bags.all().iter().chain(&arguments.verify).cloned().collect();
+    let further = arguments.validate.iter().chain(&arguments.verify);
+    let all: Vec<PathBuf> = arguments.bags.all().iter().chain(further).cloned().collect();
     let mut fitted = episodes(arguments.bags.all(), &all, model).given()?;
-    let held_out = match arguments.verify.as_slice() {
-        [] => hold_out(&mut fitted),
-        bags => episodes(bags, &all, model).given()?,
+    let given = |bags: &[PathBuf]| if bags.is_empty() { Ok(Vec::new()) } else { episodes(bags, &all, model).given() };
+    let (validation, held_out) = match (given(&arguments.validate)?, given(&arguments.verify)?) {
+        (validate, verify) if validate.is_empty() && verify.is_empty() => (hold_out(&mut fitted), verify),
+        // Without others, the episodes that verify must choose, too.
+        (validate, verify) if validate.is_empty() => (verify, validate),
+        (validate, verify) => (validate, verify),
     };
     // Checked before the search, which takes minutes.
     for name in FILES {
@@ -45,9 +49,10 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     let tracks = |list: &[(UsedEpisode, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
-    let (measured, unseen) = (tracks(&fitted), tracks(&held_out));
+    let (measured, selecting, unseen) = (tracks(&fitted), tracks(&validation), tracks(&held_out));
     let candidates = convert::candidates(Registry::shipped(), model)?;
-    let question = Question { model, measured: &measured, held_out: &unseen, candidates: &candidates };
+    let question =
+        Question { model, measured: &measured, validation: &selecting, held_out: &unseen, candidates: &candidates };
     let simulator = BeamSimulator::new(model, workers::available())?;
     let number = journal::fingerprint(&question, &settings);
     let journal = Journal::open(arguments.out.join(JOURNAL), number, &simulator);
@@ -69,11 +74,12 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         Some(model) => model.rewrite(text)?,
         None => text.to_owned(),
     };
-    let warnings = warnings(&measured.iter().chain(&unseen).collect::<Vec<_>>());
+    let warnings = warnings(&measured.iter().chain(&selecting).chain(&unseen).collect::<Vec<_>>());
     let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
     let report = Report {
         model: model.name.clone(),
         episodes: used(fitted),
+        validation: used(validation),
         held_out: used(held_out),
         settings,
         wall_s: started.elapsed().as_secs_f64(),

@@ -36,7 +36,7 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
     let finding = &report.finding;
     let mut page = Page::new(&format!("Missing effects of the model {}", report.model));
     page.answer(
-        &answer(finding, report.episodes.len(), report.held_out.len()),
+        &answer(finding, report.episodes.len()),
         matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
     );
     finding.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
@@ -170,16 +170,17 @@ fn gap(v: &Verification) -> String {
     all.extend(wrong);
     all.extend(v.black_box_mm.map(|mm| bar("regression without physics", mm, Role::Other)));
     let floor = v.floor_mm.map(|mm| ("noise floor", mm, Role::Noise));
-    bars("Error on held-out recordings", "root mean square distance, mm", &all, floor, &[])
+    bars("Error on recordings that were not fitted", "root mean square distance, mm", &all, floor, &[])
 }
 
 /// Fitted and held-out episodes in turn, each with a title.
 fn chosen<'a>(shown: &'a [EpisodeBands], report: &'a Report) -> Vec<(String, &'a EpisodeBands)> {
-    let of = |is_held_out: bool, words: &'static str, episodes: &'a [UsedEpisode]| {
-        let own = shown.iter().filter(move |s| s.is_held_out == is_held_out).take(SHOWN);
-        own.zip(episodes).map(move |(s, episode)| (format!("{words} ({})", episode.name), s))
-    };
-    let (mut fitted, mut held_out) = (of(false, "Fitted", &report.episodes), of(true, "Held out", &report.held_out));
+    let of = |is_held_out: bool| shown.iter().filter(move |s| s.is_held_out == is_held_out).take(SHOWN);
+    let title = |words: &str, episode: &UsedEpisode| format!("{words} ({})", episode.name);
+    let mut fitted = of(false).zip(&report.episodes).map(|(s, e)| (title("Fitted", e), s));
+    // Their bands follow one another.
+    let unseen = report.validation.iter().chain(&report.held_out);
+    let mut held_out = of(true).zip(unseen).map(|(s, e)| (title("Not fitted", e), s));
     let mut all = Vec::new();
     loop {
         let next = [fitted.next(), held_out.next()];
@@ -376,7 +377,8 @@ fn details(page: &mut Page, report: &Report, shown: &[EpisodeBands]) -> Result<(
             }
         };
         let mut rows: Vec<Vec<String>> = report.episodes.iter().map(row("fitted")).collect();
-        rows.extend(report.held_out.iter().map(row("held out")));
+        rows.extend(report.validation.iter().map(row("validation: chose between models")));
+        rows.extend(report.held_out.iter().map(row("held out: chose nothing")));
         page.table(&["episode", "used", "number in its bag", "bag"], &rows);
         anyhow::Ok(())
     })

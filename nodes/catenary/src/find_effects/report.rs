@@ -12,6 +12,8 @@ pub struct Report {
     pub model: String,
     /// Fitted episodes; conclusions and places count these from 0.
     pub episodes: Vec<UsedEpisode>,
+    /// Validation episodes.
+    pub validation: Vec<UsedEpisode>,
     /// Held-out episodes.
     pub held_out: Vec<UsedEpisode>,
     /// Settings of the search.

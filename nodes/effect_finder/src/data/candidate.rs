@@ -69,6 +69,11 @@ impl Candidate {
         (is_end && !(down..=up).contains(&(value - self.base))).then_some(value)
     }
 
+    /// Smallest and largest value that the prior allows, over all signs.
+    pub fn support(&self) -> [f64; 2] {
+        self.reach().map(|change| (self.base + change).clamp(self.range[0], self.range[1]))
+    }
+
     /// Density of the prior at `value`, per unit of it; all signs are equally likely.
     pub fn density(&self, value: f64) -> f64 {
         let change = value - self.base;

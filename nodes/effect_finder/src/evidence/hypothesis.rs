@@ -6,6 +6,9 @@ use crate::data::{Candidate, MeasuredEpisode, Unknowns};
 use crate::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
 use std::sync::Arc;
 
+/// Half width of a 90 % interval of a normal distribution, in standard deviations.
+const INTERVAL_SDS: f64 = 1.645;
+
 /// Effort behind a best fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
@@ -37,7 +40,7 @@ pub struct Hypothesis {
     pub evidence: Evidence,
     /// Effort behind the best fit.
     pub effort: Effort,
-    /// Standard deviation of each effect between conditions, in unit coordinates; empty if unknown.
+    /// Standard deviation between conditions of each coordinate of a point; empty if unknown.
     pub spread: Vec<f64>,
 }
 
@@ -72,7 +75,7 @@ impl Hypothesis {
         let own = cost.map_or(most, |c| sd_of(candidate, &c, i).min(most));
         let value = candidate.search().from_unit(self.fit.point[self.column(i)]);
         // The spread between conditions is independent of the fit's own uncertainty.
-        (value, own.hypot((high - low) * self.spread.get(i).copied().unwrap_or(0.0)))
+        (value, own.hypot((high - low) * self.spread.get(self.column(i)).copied().unwrap_or(0.0)))
     }
 
     /// Effects with their values and standard deviations.
@@ -84,14 +87,31 @@ impl Hypothesis {
         self.candidates.iter().enumerate().map(one).collect()
     }
 
-    /// Effect at the [limit](Candidate::limit_at) of its range that would fit better beyond it, and its value.
-    pub fn at_its_limit(&self) -> Option<(&Candidate, f64)> {
+    /// Effect that stands in for something else, and the value that it would need: it is at the
+    /// [limit](Candidate::limit_at) of its range and would fit better beyond it, or its 90 % interval lies outside of its prior.
+    pub fn stand_in(&self) -> Option<(&Candidate, f64)> {
         let gradient = self.fit.gradient();
         self.candidates.iter().enumerate().find_map(|(i, candidate)| {
             let column = self.column(i);
             let u = self.fit.point[column];
-            candidate.limit_at(u).filter(|_| is_bound_active(u, gradient[column])).map(|limit| (candidate, limit))
+            let limit = candidate.limit_at(u).filter(|_| is_bound_active(u, gradient[column]));
+            let beyond = || {
+                let ((value, sd), [low, high]) = (self.magnitude(i), candidate.support());
+                let reach = INTERVAL_SDS * sd;
+                (value - reach > high || value + reach < low).then_some(value)
+            };
+            limit.or_else(beyond).map(|value| (candidate, value))
         })
+    }
+
+    /// Pairs of effects, by index, of which the data determine little more than a sum or a difference: the correlation of
+    /// their sizes is at least `least`, all other unknowns free.
+    pub fn trading_pairs(&self, least: f64) -> Vec<(usize, usize)> {
+        let Some(likelihood) = Laplace::of_likelihood(&self.fit) else { return Vec::new() };
+        let covariance = likelihood.covariance(self.column(0)..self.unknowns.columns());
+        let correlation = |i: usize, j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+        let pairs = (0..self.candidates.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
+        pairs.filter(|&(i, j)| correlation(i, j).abs() >= least).collect()
     }
 
     /// Starting points for a fit of this model near the fit of `other`. Shared unknowns start as in `other`. Each
@@ -117,10 +137,10 @@ impl Hypothesis {
         points
     }
 
-    /// Posterior of the unknowns around the fit, with the effects' spread between conditions; none if the Gauss-Newton
-    /// matrix is not positive definite.
+    /// Posterior of the unknowns around the fit, with their spread between conditions; none if the Gauss-Newton matrix is not
+    /// positive definite.
     pub fn posterior(&self) -> Option<Laplace> {
-        Some(Laplace::of(&self.fit)?.widened(self.column(0), &self.spread))
+        Some(Laplace::of(&self.fit)?.widened(0, &self.spread))
     }
 
     /// Fitting problem of the model.
@@ -200,20 +220,29 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_is_at_its_limit_if_it_would_fit_better_beyond() {
+    fn an_effect_at_its_limit_stands_in_if_it_would_fit_better_beyond() {
         let toy = Toy { gain: 0.3 };
         let episodes = [toy::episode(&toy, [0.25, 2e4], &[("tip_mass_kg", 0.05)])];
         let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
         let mut there = fitted(&problem, "tip_mass_kg", 0.5);
         there.candidates[0].range = [0.0, 0.3];
-        assert!(there.at_its_limit().is_none(), "it lies within");
+        assert!(there.stand_in().is_none(), "it lies within");
         let column = there.column(0);
         there.fit.point[column] = 1.0;
-        for (towards, limit) in [(1.0, Some(0.3)), (-1.0, None)] {
+        let mut found = |towards: f64| {
             there.fit.residuals = towards * there.fit.jacobian.column(column).into_owned();
-            let found = there.at_its_limit().map(|(_, limit)| limit);
-            assert!(found.is_some() == limit.is_some() && found.zip(limit).is_none_or(|(a, b)| (a - b).abs() < 1e-12));
-        }
+            there.stand_in().map(|(_, limit)| limit)
+        };
+        // The prior ends at 0.1, so that a well-known value at 0.3 is beyond it wherever the cost falls.
+        assert_eq!([1.0, -1.0].map(&mut found).map(|v| v.is_some_and(|v| (v - 0.3).abs() < 1e-12)), [true; 2]);
+        // A value of which the data say nothing may lie within a prior up to 0.2.
+        there.candidates[0].prior = Prior::LogUniform { low: 1e-3, high: 0.2 };
+        there.fit.jacobian *= 1e-6;
+        let mut found = |towards: f64| {
+            there.fit.residuals = towards * there.fit.jacobian.column(column).into_owned();
+            there.stand_in().is_some()
+        };
+        assert_eq!([1.0, -1.0].map(&mut found), [true, false]);
     }
 
     #[test]

@@ -173,6 +173,22 @@ pub fn groups(alike: &[&Hypothesis]) -> Vec<Vec<String>> {
     groups
 }
 
+/// Groups of the effects of `best`, with the groups of two effects joined that the data determine only together: they
+/// replace, or cancel, each other. Correlations of at least `least` count.
+pub fn joined(mut groups: Vec<Vec<String>>, best: &Hypothesis, least: f64) -> Vec<Vec<String>> {
+    for (i, j) in best.trading_pairs(least) {
+        let of = |groups: &[Vec<String>], name: &str| groups.iter().position(|g| g.iter().any(|n| n == name));
+        let places = [i, j].map(|k| of(&groups, &best.candidates[k].name));
+        if let [Some(into), Some(from)] = places
+            && into != from
+        {
+            let moved = groups.remove(from);
+            groups[if from < into { into - 1 } else { into }].extend(moved);
+        }
+    }
+    groups
+}
+
 /// Indices of the one effect of `best` that `other` replaces, and of its replacement; none if they differ in more.
 fn single_swap(best: &Hypothesis, other: &Hypothesis) -> Option<(usize, usize)> {
     let missing = |of: &Hypothesis, from: &Hypothesis| -> Vec<usize> {

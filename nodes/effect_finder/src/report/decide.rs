@@ -26,20 +26,20 @@ pub struct RepairEvidence {
     pub share_explained: f64,
     /// Gain in log evidence over the present model, both with a discrepancy.
     pub gain_over_discrepancy: f64,
-    /// An effect is at the end of its range, beyond its prior, and would fit better beyond it.
-    pub is_at_limit: bool,
+    /// An effect stands in for something else: it would have to lie beyond its prior.
+    pub is_stand_in: bool,
     /// Number of other explanations that the data do not tell from the best one.
     pub alternatives: usize,
-    /// p-value of the held-out episodes before the repaired model is weighed by them. None if the fitted episodes leave a
-    /// residual, or without held-out episodes.
+    /// p-value of the validation episodes before the repaired model is weighed by them. None if the fitted episodes leave a
+    /// residual, or without validation episodes.
     pub first_p_value: Option<f64>,
-    /// Comparison with the present model on held-out episodes; none without such episodes, or before it is made.
-    pub held_out: Option<HeldOutEvidence>,
+    /// Comparison with the present model on validation episodes; none without such episodes, or before it is made.
+    pub validation: Option<ValidationEvidence>,
 }
 
-/// Evidence of the held-out episodes on the best repair.
+/// Evidence of the validation episodes on the best repair.
 #[derive(Debug, Clone, PartialEq)]
-pub struct HeldOutEvidence {
+pub struct ValidationEvidence {
     /// p-value of the repaired model.
     pub p_value: Option<f64>,
     /// Share of the present model's excess residual energy that the repair removes; none without such an excess.
@@ -48,8 +48,32 @@ pub struct HeldOutEvidence {
     pub log_likelihood_gain: f64,
     /// Both models have a fidelity correction, or neither has.
     pub is_equally_corrected: bool,
-    /// Losses in log likelihood by the alternatives, nats; empty unless [`HeldOutEvidence::is_doubtful`].
+    /// Losses in log likelihood by the alternatives, nats; empty unless [`ValidationEvidence::is_doubtful`].
     pub alternative_losses: Vec<f64>,
+}
+
+/// Evidence of the validation episodes on a further effect, beside the effects that are named already.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupportEvidence {
+    /// Number of validation episodes.
+    pub episodes: usize,
+    /// Gain in log likelihood of these episodes by the effect, nats, with the size that the fitted episodes give it. Both
+    /// models leave a discrepancy, the likeliest one of the model without the effect.
+    pub log_likelihood_gain: f64,
+    /// Root mean square distance of keypoints with the effect, relative to that without it.
+    pub distance_ratio: f64,
+}
+
+/// Root mean square distance on validation episodes with a further effect, relative to that without it, below which the
+/// effect helps.
+const HELPS: f64 = 0.98;
+
+impl SupportEvidence {
+    /// Returns whether a further effect is supported. Beside something that is missing, another effect almost always fits
+    /// the fitted episodes better. Therefore it must also predict episodes that no fit has seen.
+    pub fn is_enough(&self, settings: &Settings) -> bool {
+        self.episodes > 0 && self.log_likelihood_gain >= settings.least_log_bayes_factor && self.distance_ratio < HELPS
+    }
 }
 
 /// Reason not to name the effects of a repair.
@@ -57,11 +81,11 @@ pub struct HeldOutEvidence {
 pub enum Objection {
     /// The effects leave a residual, and explain less than a discrepancy or than the least share.
     TooLittle,
-    /// The effects leave a residual, and one is a proxy: it is at the end of its range.
-    Proxy,
-    /// A residual is left, and the repair removes only this share of the held-out episodes' excess residual energy.
-    LittleHeldOut(f64),
-    /// The repair and all alternatives make the held-out episodes less likely; the repair by this many nats.
+    /// An effect stands in for something else: it would have to lie beyond its prior.
+    StandIn,
+    /// A residual is left, and the repair removes only this share of the validation episodes' excess residual energy.
+    LittleValidated(f64),
+    /// The repair and all alternatives make the validation episodes less likely; the repair by this many nats.
     LessLikely(f64),
 }
 
@@ -82,13 +106,13 @@ pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
     }
 }
 
-/// Returns whether a repair leaves a residual: its test fails on the fitted episodes, or on the held-out ones.
-pub(crate) fn leaves_residual(extent: Extent, held_out_p_value: Option<f64>, settings: &Settings) -> bool {
-    extent == Extent::Part || held_out_p_value.is_some_and(|p| p <= settings.repaired_level)
+/// Returns whether a repair leaves a residual: its test fails on the fitted episodes, or on the validation ones.
+fn leaves_residual(extent: Extent, validation_p_value: Option<f64>, settings: &Settings) -> bool {
+    extent == Extent::Part || validation_p_value.is_some_and(|p| p <= settings.repaired_level)
 }
 
 impl RepairEvidence {
-    /// Returns whether the repair leaves a residual in the fitted or in the held-out episodes.
+    /// Returns whether the repair leaves a residual in the fitted or in the validation episodes.
     pub fn leaves_residual(&self, settings: &Settings) -> bool {
         leaves_residual(self.extent, self.first_p_value, settings)
     }
@@ -106,21 +130,21 @@ impl RepairEvidence {
         if self.extent == Extent::Part && !is_worth_naming {
             return Some(Objection::TooLittle);
         }
-        if is_left && self.is_at_limit {
-            return Some(Objection::Proxy);
+        if self.is_stand_in {
+            return Some(Objection::StandIn);
         }
-        let held_out = self.held_out.as_ref()?;
-        let share = held_out.share_explained.filter(|share| is_left && *share < settings.least_share);
+        let validation = self.validation.as_ref()?;
+        let share = validation.share_explained.filter(|share| is_left && *share < settings.least_share);
         if let Some(share) = share {
-            return Some(Objection::LittleHeldOut(share));
+            return Some(Objection::LittleValidated(share));
         }
         // One alternative that does better may be the true effect.
-        let are_all_less_likely = held_out.alternative_losses.iter().all(|l| *l >= settings.least_log_bayes_factor);
-        (held_out.is_doubtful(settings) && are_all_less_likely).then(|| Objection::LessLikely(held_out.loss()))
+        let are_all_less_likely = validation.alternative_losses.iter().all(|l| *l >= settings.least_log_bayes_factor);
+        (validation.is_doubtful(settings) && are_all_less_likely).then(|| Objection::LessLikely(validation.loss()))
     }
 }
 
-impl HeldOutEvidence {
+impl ValidationEvidence {
     /// Loss in log likelihood by the repair, nats.
     fn loss(&self) -> f64 {
         -self.log_likelihood_gain
@@ -146,10 +170,10 @@ mod tests {
             extent: Extent::Whole,
             share_explained: 0.9,
             gain_over_discrepancy: 10.0,
-            is_at_limit: false,
+            is_stand_in: false,
             alternatives: 0,
             first_p_value: None,
-            held_out: None,
+            validation: None,
         }
     }
 
@@ -158,9 +182,9 @@ mod tests {
         RepairEvidence { extent: Extent::Part, ..repair() }
     }
 
-    /// Held-out episodes that support the repair.
-    fn held_out() -> HeldOutEvidence {
-        HeldOutEvidence {
+    /// Validation episodes that support the repair.
+    fn validation() -> ValidationEvidence {
+        ValidationEvidence {
             p_value: Some(0.5),
             share_explained: Some(0.9),
             log_likelihood_gain: 20.0,
@@ -169,20 +193,20 @@ mod tests {
         }
     }
 
-    /// Held-out episodes that make the repair less likely, with these losses of the alternatives.
-    fn against(alternative_losses: Vec<f64>) -> HeldOutEvidence {
-        HeldOutEvidence { p_value: Some(0.04), log_likelihood_gain: -5.0, alternative_losses, ..held_out() }
+    /// Validation episodes that make the repair less likely, with these losses of the alternatives.
+    fn against(alternative_losses: Vec<f64>) -> ValidationEvidence {
+        ValidationEvidence { p_value: Some(0.04), log_likelihood_gain: -5.0, alternative_losses, ..validation() }
     }
 
-    fn with(repair: RepairEvidence, held_out: HeldOutEvidence) -> RepairEvidence {
-        RepairEvidence { first_p_value: held_out.p_value, held_out: Some(held_out), ..repair }
+    fn with(repair: RepairEvidence, validation: ValidationEvidence) -> RepairEvidence {
+        RepairEvidence { first_p_value: validation.p_value, validation: Some(validation), ..repair }
     }
 
     /// A row a rule. Levels are 0.05 and 0.01, the least share is 0.5, the least log Bayes factor is 3.
     #[test]
     fn each_rule_gives_its_verdict() {
-        let rejected = HeldOutEvidence { p_value: Some(0.005), ..held_out() };
-        let little = HeldOutEvidence { share_explained: Some(0.3), ..rejected.clone() };
+        let rejected = ValidationEvidence { p_value: Some(0.005), ..validation() };
+        let little = ValidationEvidence { share_explained: Some(0.3), ..rejected.clone() };
         let rows: Vec<(&str, Option<RepairEvidence>, Verdict)> = vec![
             ("no candidate is more probable than the present model", None, Verdict::NoneOfThese),
             ("effects close the gap", Some(repair()), Verdict::Named),
@@ -209,44 +233,44 @@ mod tests {
                 Verdict::Named,
             ),
             (
-                "a proxy leaves a residual",
-                Some(RepairEvidence { is_at_limit: true, ..partial() }),
+                "a stand-in leaves a residual",
+                Some(RepairEvidence { is_stand_in: true, ..partial() }),
+                Verdict::NoneOfThese,
+            ),
+            ("a stand-in closes the gap", Some(RepairEvidence { is_stand_in: true, ..repair() }), Verdict::NoneOfThese),
+            ("validation episodes support the repair", Some(with(repair(), validation())), Verdict::Named),
+            ("validation episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
+            (
+                "a stand-in leaves a validation residual",
+                Some(with(RepairEvidence { is_stand_in: true, ..repair() }, rejected)),
                 Verdict::NoneOfThese,
             ),
             (
-                "an effect at its limit closes the gap",
-                Some(RepairEvidence { is_at_limit: true, ..repair() }),
-                Verdict::Named,
-            ),
-            ("held-out episodes support the repair", Some(with(repair(), held_out())), Verdict::Named),
-            ("held-out episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
-            (
-                "a proxy leaves a held-out residual",
-                Some(with(RepairEvidence { is_at_limit: true, ..repair() }, rejected)),
+                "little of a validation residual is explained",
+                Some(with(repair(), little.clone())),
                 Verdict::NoneOfThese,
             ),
-            ("little of a held-out residual is explained", Some(with(repair(), little.clone())), Verdict::NoneOfThese),
             (
-                "a held-out share without a residual",
-                Some(with(repair(), HeldOutEvidence { p_value: Some(0.5), ..little })),
+                "a validation share without a residual",
+                Some(with(repair(), ValidationEvidence { p_value: Some(0.5), ..little })),
                 Verdict::Named,
             ),
-            ("held-out episodes are less likely", Some(with(repair(), against(vec![]))), Verdict::NoneOfThese),
+            ("validation episodes are less likely", Some(with(repair(), against(vec![]))), Verdict::NoneOfThese),
             ("with all alternatives", Some(with(repair(), against(vec![3.1, 7.0]))), Verdict::NoneOfThese),
             ("an alternative does better", Some(with(repair(), against(vec![3.1, -2.0]))), Verdict::Named),
             (
                 "the test does not doubt the repair",
-                Some(with(repair(), HeldOutEvidence { p_value: Some(0.06), ..against(vec![]) })),
+                Some(with(repair(), ValidationEvidence { p_value: Some(0.06), ..against(vec![]) })),
                 Verdict::Named,
             ),
             (
                 "only one model is corrected",
-                Some(with(repair(), HeldOutEvidence { is_equally_corrected: false, ..against(vec![]) })),
+                Some(with(repair(), ValidationEvidence { is_equally_corrected: false, ..against(vec![]) })),
                 Verdict::Named,
             ),
             (
                 "a small loss",
-                Some(with(repair(), HeldOutEvidence { log_likelihood_gain: -2.9, ..against(vec![]) })),
+                Some(with(repair(), ValidationEvidence { log_likelihood_gain: -2.9, ..against(vec![]) })),
                 Verdict::Named,
             ),
         ];
@@ -260,20 +284,34 @@ mod tests {
         }
     }
 
+    /// A row a rule. The least log Bayes factor is 3.
+    #[test]
+    fn a_further_effect_needs_support() {
+        let enough = SupportEvidence { episodes: 1, log_likelihood_gain: 3.0, distance_ratio: 0.97 };
+        for (rule, evidence, expected) in [
+            ("validation episodes support it", enough, true),
+            ("there are no validation episodes", SupportEvidence { episodes: 0, ..enough }, false),
+            ("a discrepancy does as well", SupportEvidence { log_likelihood_gain: 2.9, ..enough }, false),
+            ("the keypoints are no closer", SupportEvidence { distance_ratio: 0.98, ..enough }, false),
+        ] {
+            assert_eq!(evidence.is_enough(&Settings::default()), expected, "{rule}");
+        }
+    }
+
     #[test]
     fn the_first_objection_is_told() {
         let objection = |repair: RepairEvidence| repair.objection(&Settings::default());
-        let little = HeldOutEvidence { p_value: Some(0.005), share_explained: Some(-0.2), ..against(vec![]) };
+        let little = ValidationEvidence { p_value: Some(0.005), share_explained: Some(-0.2), ..against(vec![]) };
         assert_eq!(
-            objection(RepairEvidence { share_explained: 0.0, is_at_limit: true, ..partial() }),
+            objection(RepairEvidence { share_explained: 0.0, is_stand_in: true, ..partial() }),
             Some(Objection::TooLittle)
         );
         assert_eq!(
-            objection(with(RepairEvidence { is_at_limit: true, ..repair() }, little.clone())),
-            Some(Objection::Proxy)
+            objection(with(RepairEvidence { is_stand_in: true, ..repair() }, little.clone())),
+            Some(Objection::StandIn)
         );
-        assert_eq!(objection(with(repair(), little)), Some(Objection::LittleHeldOut(-0.2)));
+        assert_eq!(objection(with(repair(), little)), Some(Objection::LittleValidated(-0.2)));
         assert_eq!(objection(with(repair(), against(vec![4.0]))), Some(Objection::LessLikely(5.0)));
-        assert_eq!(objection(with(repair(), held_out())), None);
+        assert_eq!(objection(with(repair(), validation())), None);
     }
 }

@@ -7,6 +7,7 @@ use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verdict::Verdict;
 use super::verification::Verification;
+use crate::data::Candidate;
 use crate::evidence::{Discrepancy, Explanation, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
@@ -69,6 +70,9 @@ pub struct Finding {
     /// Named effects, or alternatives to a prior that is too narrow. A list for each effect: the most probable one,
     /// then the effects that cannot be told from it. Effects that replace it only together are joined by " + ".
     pub found: Vec<Vec<String>>,
+    /// Effects that would explain a part of the gap with a size beyond their prior: they stand in for something else, and are
+    /// not named.
+    pub stand_ins: Vec<StandIn>,
     /// Repaired model.
     pub repaired: Option<Fitness>,
     /// Trade-offs of the most probable effects.
@@ -79,6 +83,19 @@ pub struct Finding {
     pub verification: Option<Verification>,
     /// Motion that would separate the explanations.
     pub separation: Option<Separation>,
+}
+
+/// Effect that stands in for something else.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StandIn {
+    /// Name of the effect, with its unit.
+    pub name: String,
+    /// Name in sentences.
+    pub title: String,
+    /// Size that it would need, in its unit.
+    pub value: f64,
+    /// Smallest and largest size that its prior allows.
+    pub prior: [f64; 2],
 }
 
 /// Probability of an effect to be present, alone or with others.
@@ -119,11 +136,20 @@ impl Finding {
             probability_of_none: 1.0,
             probability_of_unknown: 0.0,
             found: Vec::new(),
+            stand_ins: Vec::new(),
             repaired: None,
             trade_offs: Vec::new(),
             discrepancy: None,
             verification: None,
             separation: None,
+        }
+    }
+
+    /// Adds an effect that stands in for something else with the size `value`.
+    pub(crate) fn add_stand_in(&mut self, effect: &Candidate, value: f64) {
+        if self.stand_ins.iter().all(|s| s.name != effect.name) {
+            let (name, title) = (effect.name.clone(), effect.title.clone());
+            self.stand_ins.push(StandIn { name, title, value, prior: effect.support() });
         }
     }
 

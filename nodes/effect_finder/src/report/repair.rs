@@ -104,7 +104,9 @@ mod tests {
         };
         model.parameters.insert("table_height_m".into(), 0.0);
         let before = model.theta.parameters()[1].clone();
-        let differing = Hypothesis { spread: vec![0.03], ..found.clone() };
+        let mut spread = vec![0.0; found.unknowns.columns()];
+        spread[found.column(0)] = 0.03;
+        let differing = Hypothesis { spread, ..found.clone() };
         let looser = self::repaired(&model, &differing, &differing.posterior().unwrap()).unwrap();
         let repaired = repaired(&model, &found, &posterior).unwrap();
         assert!(!repaired.parameters.contains_key("table_height_m"), "it was fixed before");

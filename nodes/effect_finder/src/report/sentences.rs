@@ -1,7 +1,7 @@
 //! Sentences of the conclusions of a search.
 
 use super::bands::EpisodeBands;
-use super::decide::Objection;
+use super::decide::{Objection, SupportEvidence};
 use super::finding::{Estimate, Finding, Fitness};
 use super::localisation::{Localisation, Part, onset, worst_quantity};
 use super::separation::Separation;
@@ -109,7 +109,7 @@ pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, i
     )
 }
 
-/// Sizes of effects that leave a residual: by the fitted episodes, by the held-out ones alone, and by both.
+/// Sizes of effects that leave a residual: by the fitted episodes, by the validation episodes alone, and by both.
 pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude]) -> String {
     let effects = |list: &[Magnitude]| -> String {
         let effect = |e: &Magnitude| format!("{} {} +- {}", e.name, short(e.value), short(e.sd));
@@ -119,7 +119,7 @@ pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude])
     let Some(elsewhere) = elsewhere else { return words };
     let there = elsewhere.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ");
     format!(
-        "{words}; the held-out episodes alone give {there}; with the difference counted as uncertainty: {}",
+        "{words}; the validation episodes alone give {there}; with the difference counted as uncertainty: {}",
         effects(both)
     )
 }
@@ -138,30 +138,28 @@ pub fn traded(trade_off: &TradeOff) -> String {
 pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> String {
     let reason = match objection {
         Objection::TooLittle => format!("the best explanation leaves {rmse_mm:.1} mm, too much to be named"),
-        Objection::Proxy => {
-            let limit = repair.at_its_limit().map(|(effect, limit)| at_its_limit(effect, limit));
-            format!("{}, so that it is a proxy for something else", limit.unwrap_or_default())
-        }
-        Objection::LittleHeldOut(share) => {
+        Objection::StandIn => repair.stand_in().map_or(String::new(), |(effect, value)| stand_in(effect, value)),
+        Objection::LittleValidated(share) => {
             let percent = 100.0 * share.max(0.0);
-            format!("they explain {percent:.0} % of the excess residual energy of held-out episodes")
+            format!("they explain {percent:.0} % of the excess residual energy of validation episodes")
         }
-        Objection::LessLikely(loss) => format!("they make held-out episodes less likely, by {loss:.1} nats"),
+        Objection::LessLikely(loss) => format!("they make validation episodes less likely, by {loss:.1} nats"),
     };
     format!("none of these: {reason}")
 }
 
-/// Reason not to add a proxy to the named effects.
-pub fn not_added(effect: &Candidate, limit: f64) -> String {
-    format!("{}: it is not added", at_its_limit(effect, limit))
+/// Reason not to add a stand-in to the named effects.
+pub fn not_added(effect: &Candidate, value: f64) -> String {
+    format!("{}: it is not added", stand_in(effect, value))
 }
 
-fn at_its_limit(effect: &Candidate, limit: f64) -> String {
+fn stand_in(effect: &Candidate, value: f64) -> String {
+    let [low, high] = effect.support().map(short);
     format!(
-        "{} goes to the end of its range ({} {}) and leaves more than noise",
+        "{} stands in for something else: {} would have to be {}, beyond its prior of {low} to {high}",
         effect.title,
         effect.name,
-        short(limit)
+        short(value)
     )
 }
 
@@ -170,16 +168,16 @@ pub fn finer(fidelity: Fidelity) -> String {
     format!("the coarse simulation errs too much here: the search goes on at {} fidelity", fidelity.name())
 }
 
-/// Reason not to add a further effect that does not help on held-out episodes.
-pub fn no_better(hypothesis: &Hypothesis, less_mm: f64, more_mm: f64) -> String {
+/// Reason not to add a further effect that validation episodes do not support.
+pub fn not_supported(hypothesis: &Hypothesis, evidence: &SupportEvidence) -> String {
     let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
-    format!("{last} does not help on held-out episodes, {less_mm:.1} -> {more_mm:.1} mm: it is not added")
-}
-
-/// Reason not to add a further effect that is not clearly more probable, without held-out episodes.
-pub fn not_plain(hypothesis: &Hypothesis, log_odds: f64) -> String {
-    let last = hypothesis.candidates.last().map_or("", |c| c.title.as_str());
-    format!("adding {last} makes the model only {:.1} times as probable: it is not added", log_odds.exp())
+    match evidence.episodes {
+        0 => format!("{last} would explain more; another recording must show it, too (--validate): it is not added"),
+        _ => format!(
+            "validation episodes do not support {last} (gain {:.1} nats beside a discrepancy, distance times {:.2}): it is not added",
+            evidence.log_likelihood_gain, evidence.distance_ratio
+        ),
+    }
 }
 
 /// Priors that are too narrow. The p-value exceeds the level of the test, so that it is no bound.
@@ -202,12 +200,15 @@ pub fn at_the_edge(finding: &Finding) -> String {
     }
 }
 
-/// Result on held-out episodes.
+/// Result on validation or held-out episodes.
 pub fn verified(v: &Verification) -> String {
     let floor = v.floor_mm.map_or("unknown".to_owned(), |mm| format!("{mm:.1} mm"));
     let mut words = format!(
-        "RMSE on {} held-out episodes {:.1} -> {:.1} mm, noise floor {floor}",
-        v.episodes, v.before.rmse_mm, v.after.rmse_mm,
+        "RMSE on {} {} episodes {:.1} -> {:.1} mm, noise floor {floor}",
+        v.episodes,
+        if v.selects { "validation" } else { "held-out" },
+        v.before.rmse_mm,
+        v.after.rmse_mm,
     );
     words += &match (v.gap_closed, v.interval) {
         (Some(closed), Some(interval)) => {
@@ -285,6 +286,7 @@ mod tests {
     fn a_verification_says_its_bound_its_missing_floor_and_its_missing_draws() {
         let score = Score { rmse_mm: 4.0, energy_mm: None };
         let verification = Verification {
+            selects: true,
             episodes: 1,
             before: score,
             after: score,

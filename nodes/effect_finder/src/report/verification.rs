@@ -1,4 +1,4 @@
-//! Value of a repair on held-out episodes.
+//! Value of a repair on episodes that no fit has seen: validation or held-out episodes.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,11 +12,14 @@ pub struct Score {
     pub energy_mm: Option<f64>,
 }
 
-/// Value of a repair on held-out episodes.
+/// Value of a repair on validation or held-out episodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verification {
-    /// Number of held-out episodes.
+    /// Number of episodes.
     pub episodes: usize,
+    /// True for validation episodes, which chose between models, so that the scores are somewhat too good. False for held-out
+    /// episodes, which chose nothing.
+    pub selects: bool,
     /// Scores of the present model.
     pub before: Score,
     /// Scores of the repaired model.

@@ -1,4 +1,4 @@
-//! Verification of a repair on held-out episodes.
+//! Verification of a repair on episodes that no fit has seen.
 //!
 //! Shared unknowns are taken from the fit; unknowns drawn for each episode are fitted to it. The noise floor is the
 //! residual of the repaired model on repeats that are simulated from it and treated the same way.
@@ -14,6 +14,7 @@ use crate::fitting::{FidelityCorrection, Fit, Laplace, OnRound, Problem, Simulat
 use crate::settings::Settings;
 use catenary_core::statistics::mean;
 use catenary_core::{Camera, Track, seed};
+use nalgebra::DVector;
 use rand::RngExt;
 
 /// Random streams of predictions, repeats, bootstrap, starts of fits, and null sets.
@@ -35,8 +36,8 @@ const SLICE: usize = 25;
 pub struct Verifier<'a> {
     /// Problem of the search, with the fitted episodes.
     pub problem: &'a Problem<'a>,
-    /// Held-out episodes.
-    pub held_out: &'a [MeasuredEpisode],
+    /// Episodes that the fit has not seen.
+    pub episodes: &'a [MeasuredEpisode],
     /// Camera of the episodes.
     pub camera: &'a Camera,
     /// Settings of the search.
@@ -62,6 +63,15 @@ pub struct Prediction {
 }
 
 impl Prediction {
+    /// Residuals of all episodes at the best fit of their own unknowns, in standard deviations of the noise, a row a channel.
+    pub fn residuals(&self) -> DVector<f64> {
+        let rows = |(episode, fit): (&MeasuredEpisode, &Fit)| {
+            // Rows of Gaussian priors follow the channels.
+            fit.residuals.iter().take(episode.channels(0).len()).copied().collect::<Vec<f64>>()
+        };
+        DVector::from_vec(self.episodes.iter().zip(&self.fits).flat_map(rows).collect())
+    }
+
     /// Residual energy of all episodes, in variances of the noise.
     pub fn cost(&self) -> f64 {
         cost(&self.fits)
@@ -97,7 +107,8 @@ impl Verifier<'_> {
         };
         let gap_closed = closed(first.score.rmse_mm, second.score.rmse_mm);
         let verification = Verification {
-            episodes: self.held_out.len(),
+            episodes: self.episodes.len(),
+            selects: true,
             before: first.score,
             after: second.score,
             floor_mm,
@@ -179,7 +190,7 @@ impl Verifier<'_> {
         };
         let mut energies = Vec::new();
         let known = hypothesis.posterior().ok_or_else(FinderError::curvature)?;
-        for (index, episode) in self.held_out.iter().enumerate() {
+        for (index, episode) in self.episodes.iter().enumerate() {
             let (episode, fit) = self.fitted(episode, hypothesis, on_round)?;
             let (draws, left_out) = self.draws(&episode, hypothesis, &known, &fit, (STREAMS[0], index), PREDICTIONS)?;
             prediction.left_out += left_out;
@@ -386,7 +397,7 @@ mod tests {
             spread: Vec::new(),
         };
         let camera = &model.camera.view;
-        let verifier = Verifier { problem: &problem, held_out: &held_out, camera, settings: &settings };
+        let verifier = Verifier { problem: &problem, episodes: &held_out, camera, settings: &settings };
         let prediction = verifier.predict(&base, &mut go_on).unwrap();
         verifier.p_value(&base, &prediction, &mut go_on).unwrap().0.unwrap()
     }

@@ -10,9 +10,10 @@ use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
 
-/// Calibrated present model, with the held-out episodes at the same fidelity.
+/// Calibrated present model, with the validation and the held-out episodes at the same fidelity.
 pub(super) struct Calibration {
     pub present: CorrectedFit,
+    pub validation: Vec<MeasuredEpisode>,
     pub held_out: Vec<MeasuredEpisode>,
 }
 
@@ -27,12 +28,13 @@ pub(super) fn calibrate(
     let episodes = |measured: &[MeasuredTrack]| -> Result<Vec<MeasuredEpisode>, FinderError> {
         measured.iter().map(|m| MeasuredEpisode::new(question.model, m, settings)).collect()
     };
-    let (fitted, held_out) = (episodes(question.measured)?, episodes(question.held_out)?);
+    let fitted = episodes(question.measured)?;
+    let (validation, held_out) = (episodes(question.validation)?, episodes(question.held_out)?);
     let present = fit_present(question.model, fitted, simulator, Vec::new(), settings, reporter)?;
     // Without a finer fidelity the discretisation error is unknown, so that nothing shows that a fallback is needed.
     let fallback = settings.fallback_fidelity.filter(|_| settings.finer_fidelity.is_some());
     let Some(fallback) = fallback.filter(|_| present.is_too_coarse()) else {
-        return Ok(Calibration { present, held_out });
+        return Ok(Calibration { present, validation, held_out });
     };
     reporter.conclude(Stage::Calibrate, sentences::finer(fallback))?;
     let at = |episodes: &[MeasuredEpisode]| -> Vec<_> { episodes.iter().map(|e| e.at(fallback)).collect() };
@@ -40,7 +42,7 @@ pub(super) fn calibrate(
     let last = Settings { fallback_fidelity: None, ..settings.clone() };
     let known = vec![present.fit.point];
     let present = fit_present(question.model, at(&present.episodes), simulator, known, &last, reporter)?;
-    Ok(Calibration { present, held_out: at(&held_out) })
+    Ok(Calibration { present, validation: at(&validation), held_out: at(&held_out) })
 }
 
 /// Best fit of the present model to `episodes`, from `known` points and draws.

@@ -220,9 +220,17 @@ mod tests {
         let [hidden, other] = ["tip_mass_kg", "linear_drag_n_s_m2"];
         let simulator = Mimic { toy: Toy { gain: 3.0 }, error: 0.9, of: hidden, as_if: other };
         let measured = [toy::measured(&simulator.toy, TRUTH, &[(hidden, 0.05)])];
+        // The error acts in every episode, so that validation episodes seem to support the second effect.
+        let validation = measured.clone();
         let candidates = [candidate(hidden), candidate(other)];
         let model = toy::model();
-        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let question = Question {
+            model: &model,
+            measured: &measured,
+            validation: &validation,
+            held_out: &[],
+            candidates: &candidates,
+        };
         let found = |finer_fidelity| {
             let settings = Settings { finer_fidelity, ..settings() };
             let outcome = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
@@ -240,7 +248,8 @@ mod tests {
         let measured = [toy::measured(&simulator.toy, [0.22, 2e4], &[(hidden, 0.02)])];
         let candidates = [candidate(hidden), candidate(other)];
         let model = toy::model();
-        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &candidates };
+        let question =
+            Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &candidates };
         let finding = find(question, &simulator, &settings(), &mut |_| ControlFlow::Continue(())).unwrap().finding;
         assert_eq!(finding.found, [[hidden]]);
         let value = finding.explanations[0].effects[0].value;
@@ -307,10 +316,11 @@ mod tests {
         // The smaller model is not fitted at all.
         let (pair, single) = (hypothesis(&["tip_mass_kg", "linear_drag_n_s_m2"], 40), hypothesis(&["tip_mass_kg"], 0));
         assert!(pair.fit.cost < 1e-3 && single.fit.cost > 100.0, "{} {}", pair.fit.cost, single.fit.cost);
-        let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+        let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
         let mut listen = |_: &Progress| ControlFlow::Continue(());
         let reporter = Reporter::new(&mut listen);
-        let mut search = Search { question, problem: &problem, held_out: &[], settings: &settings, reporter };
+        let mut search =
+            Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
         let better = search.stepped_back(&[pair.clone(), single], &baseline).unwrap().expect("it fits better");
         assert!(
             better[1].fit.cost < 1e-3 && better[1].correction == FidelityCorrection::Untried,
@@ -329,7 +339,7 @@ mod tests {
         let toy = || Toy { gain: 3.0 };
         let episodes = [toy::episode(&toy(), [0.22, 2e4], &[("tip_mass_kg", 0.05)])];
         let (model, settings, effect) = (toy::model(), settings(), candidate("tip_mass_kg"));
-        let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+        let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
         let taken = |simulator: &dyn catenary_core::DifferentiableSimulator| {
             let problem = Problem::of(&model, &episodes, simulator, 40);
             let unknowns = problem.unknowns.with(&effect);
@@ -349,7 +359,8 @@ mod tests {
                 Hypothesis { candidates, unknowns, episodes: None, correction, fit: far, evidence, effort, spread };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen);
-            let mut search = Search { question, problem: &problem, held_out: &[], settings: &settings, reporter };
+            let mut search =
+                Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
             let new = search.keep_better(&old, best, Effort::Searched, &baseline).unwrap();
             assert_eq!((new.effort, new.correction), (Effort::Searched, FidelityCorrection::Applied));
             new.fit.cost

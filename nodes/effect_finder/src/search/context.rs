@@ -38,7 +38,7 @@ pub(super) struct Best {
     pub fitness: Fitness,
 }
 
-/// Verification of a repair on the held-out episodes, with their predictive bands.
+/// Verification of a repair on validation or held-out episodes, with their predictive bands.
 pub(super) struct Checked {
     /// Comparison with the present model.
     pub verification: Verification,
@@ -52,6 +52,8 @@ pub(super) struct Search<'a> {
     pub question: Question<'a>,
     /// Problem of fitting the present model.
     pub problem: &'a Problem<'a>,
+    /// Validation episodes.
+    pub validation: &'a [MeasuredEpisode],
     /// Held-out episodes.
     pub held_out: &'a [MeasuredEpisode],
     /// Settings of the search.
@@ -98,9 +100,14 @@ impl<'a> Search<'a> {
         Ok(bands)
     }
 
-    /// Verifier of models on the held-out episodes.
+    /// Verifier of models on the validation episodes.
     pub fn verifier(&self) -> Verifier<'a> {
+        self.verifier_on(self.validation)
+    }
+
+    /// Verifier of models on `episodes`.
+    pub fn verifier_on(&self, episodes: &'a [MeasuredEpisode]) -> Verifier<'a> {
         let camera = &self.question.model.camera.view;
-        Verifier { problem: self.problem, held_out: self.held_out, camera, settings: self.settings }
+        Verifier { problem: self.problem, episodes, camera, settings: self.settings }
     }
 }

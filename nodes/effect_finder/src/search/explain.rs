@@ -1,14 +1,14 @@
-//! Explanation of the present model's residual: name effects, repair the model, verify it on held-out episodes.
+//! Explanation of the present model's residual: name effects, repair the model, verify it on episodes that no fit has seen.
 
 use super::context::{Best, Checked, Named, Search};
 use super::progress::Stage;
 use crate::error::FinderError;
-use crate::evidence::{Baseline, Discrepancy, Hypothesis, groups};
+use crate::evidence::{Baseline, Discrepancy, Hypothesis, groups, joined};
 use crate::report::{Objection, Outcome, RepairEvidence, Separation, repaired, sentences, separate, trade_offs};
 
 impl Search<'_> {
-    /// Search after the rejection of the present model: it names effects, repairs the model, and verifies it on held-out
-    /// episodes. Returns the evidence on the best repair; none if no candidate model is more probable than the present one.
+    /// Search after the rejection of the present model: it names effects, repairs the model, and verifies it on episodes
+    /// that no fit has seen. Returns the evidence on the best repair; none if no candidate model is more probable than the present one.
     pub(super) fn explain(
         &mut self,
         base: &Hypothesis,
@@ -16,7 +16,7 @@ impl Search<'_> {
         outcome: &mut Outcome,
     ) -> Result<Option<RepairEvidence>, FinderError> {
         let finding = &mut outcome.finding;
-        let (named, mut checked) = self.name_without_proxy(base, baseline, finding)?;
+        let (named, mut checked) = self.name_without_stand_in(base, baseline, finding)?;
         let Named { ranking, best } = named;
         finding.set_ranking(&ranking);
         let Some(best) = best else {
@@ -25,7 +25,16 @@ impl Search<'_> {
             return Ok(None);
         };
         let mut alike = ranking.alike(self.settings);
-        let mut evidence = self.repair_evidence(base, &best, alike.len().saturating_sub(1), checked.as_ref());
+        for (effect, value) in alike.iter().skip(1).filter_map(|h| h.stand_in()) {
+            finding.add_stand_in(effect, value);
+            self.reporter.conclude(Stage::Repair, sentences::not_added(effect, value))?;
+        }
+        // An alternative that stands in for something else is none, unless it is the best explanation itself.
+        alike.retain(|h| h.is_same(&best.hypothesis.candidates) || h.stand_in().is_none());
+        let greatest = self.settings.greatest_cosine;
+        let trading = best.hypothesis.trading_pairs(greatest).len();
+        let alternatives = alike.len().saturating_sub(1) + trading;
+        let mut evidence = self.repair_evidence(base, &best, alternatives, checked.as_ref());
         let Best { hypothesis: mut best, mut fitness, .. } = best;
         let rmse_mm = fitness.rmse_mm;
         if evidence.leaves_residual(self.settings) {
@@ -38,27 +47,22 @@ impl Search<'_> {
                 self.reporter.conclude(stage, sentences::objected(objection, &best, rmse_mm))?;
                 return Ok(Some(evidence));
             }
-            for (effect, limit) in alike.iter().skip(1).filter_map(|h| h.at_its_limit()) {
-                self.reporter.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
-            }
-            // An alternative with an effect at its limit is removed, unless it is the best explanation itself.
-            alike.retain(|h| h.is_same(&best.candidates) || h.at_its_limit().is_none());
             best = self.fit_with_discrepancy(best, &mut fitness, baseline)?;
             finding.set_magnitudes(best.magnitudes());
-            // The p-value of the first look stays: the repaired model was weighed by the held-out episodes since then.
+            // The p-value of the first look stays: the repaired model was weighed by the validation episodes since then.
             let first = checked.take();
             checked = self.verify(base, &best, &ranking, first.as_ref().map(|c| &c.verification))?;
         }
         finding.repaired = Some(fitness);
         finding.trade_offs = trade_offs(&best);
-        finding.found = groups(&alike);
+        finding.found = joined(groups(&alike), &best, greatest);
         outcome.shown = self.bands(base, Some(&best))?;
         for trade_off in &outcome.finding.trade_offs {
             self.reporter.conclude(Stage::Repair, sentences::traded(trade_off))?;
         }
         self.show_verification(checked, outcome)?;
         if let Some(verification) = &outcome.finding.verification {
-            evidence.held_out = Some(self.held_out_evidence(verification, [base, &best], &alike)?);
+            evidence.validation = Some(self.validation_evidence(verification, [base, &best], &alike)?);
         }
         if let Some(objection) = evidence.objection(self.settings) {
             if matches!(objection, Objection::LessLikely(_)) {
@@ -68,6 +72,8 @@ impl Search<'_> {
             self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
             return Ok(Some(evidence));
         }
+        let held_out = self.verify_held_out(base, &best, &ranking)?;
+        self.show_verification(held_out, outcome)?;
         outcome.finding.separation = self.separation(&alike)?;
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);

@@ -28,10 +28,11 @@ pub fn find(
         return Err(FinderError::NoEpisode);
     }
     let mut reporter = Reporter::new(on_progress);
-    let Calibration { present, held_out } = calibrate(&question, simulator, settings, &mut reporter)?;
+    let Calibration { present, validation, held_out } = calibrate(&question, simulator, settings, &mut reporter)?;
     let CorrectedFit { episodes, fit, correction } = present;
     let problem = Problem::of(question.model, &episodes, simulator, settings.rounds);
-    let search = Search { question, problem: &problem, held_out: &held_out, settings, reporter };
+    let search =
+        Search { question, problem: &problem, validation: &validation, held_out: &held_out, settings, reporter };
     let mut outcome = search.run(fit, correction)?;
     let tracks = question.measured.iter().map(|m| &m.track);
     outcome.finding.judge(spread_mm(tracks, &question.model.camera.view));
@@ -115,7 +116,8 @@ mod tests {
         points.for_each(|p| p[0] += error * theta[0]);
         let model = toy::model();
         let found = |fallback_fidelity: Option<Fidelity>| {
-            let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+            let question =
+                Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &[] };
             let settings = Settings { fallback_fidelity, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
             find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
         };
@@ -128,7 +130,7 @@ mod tests {
         let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
         let measured = [toy::measured(&simulator.toy, theta, &[])];
         let model = toy::model();
-        let question = Question { model: &model, measured: &measured, held_out: &[], candidates: &[] };
+        let question = Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &[] };
         let settings = Settings {
             fallback_fidelity: Some(Fidelity::FineMesh),
             draws: 40,
@@ -144,8 +146,12 @@ mod tests {
     }
 
     /// Search in data of an object with the `hidden` effects. The tip mass ends at 0.03, the drag at `most`, with a
-    /// prior up to `expected`. Held-out episodes have the effects `held_out_effects`.
-    fn with_limits(hidden: &[(&str, f64)], held_out_effects: &[&[(&str, f64)]], [expected, most]: [f64; 2]) -> Outcome {
+    /// prior up to `expected`. Validation episodes have the effects `validation_effects`.
+    fn with_limits(
+        hidden: &[(&str, f64)],
+        validation_effects: &[&[(&str, f64)]],
+        [expected, most]: [f64; 2],
+    ) -> Outcome {
         let (simulator, model) = (Toy { gain: 3.0 }, toy::model());
         let candidate = |name: &str, high: f64, most: f64| Candidate {
             name: name.into(),
@@ -162,8 +168,14 @@ mod tests {
             MeasuredTrack { track: noisy.measured, ..toy::measured(&simulator, theta, effects) }
         };
         let fitted = [measured((0, hidden))];
-        let held_out: Vec<MeasuredTrack> = (1..).zip(held_out_effects.iter().copied()).map(measured).collect();
-        let question = Question { model: &model, measured: &fitted, held_out: &held_out, candidates: &candidates };
+        let validation: Vec<MeasuredTrack> = (1..).zip(validation_effects.iter().copied()).map(measured).collect();
+        let question = Question {
+            model: &model,
+            measured: &fitted,
+            validation: &validation,
+            held_out: &[],
+            candidates: &candidates,
+        };
         let settings = Settings {
             fallback_fidelity: None,
             finer_fidelity: None,
@@ -179,33 +191,37 @@ mod tests {
         (Verdict::NamedInPart, vec![vec![name.to_owned()]])
     }
 
-    /// Either the range ends at 0.04, or only the search does, at 0.06.
+    /// The drag lies beyond its prior. Either its range ends at 0.04, or only the search does, at 0.06.
     #[test]
-    fn a_proxy_at_the_end_of_its_range_is_not_named() {
+    fn an_effect_beyond_its_prior_is_a_stand_in() {
         let found = |most: f64| with_limits(&[(DRAG, 0.08)], &[], [0.02, most]).finding;
         let (limited, open) = (found(0.04), found(1e3));
         assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
-        let is_told = |s: &String| s.contains("goes to the end of its range (linear_drag_n_s_m2 0.04000)");
+        let is_told =
+            |s: &String| s.contains("linear_drag_n_s_m2 would have to be 0.04000, beyond its prior of 0 to 0.02000");
         assert!(limited.conclusions.last().is_some_and(is_told), "{:?}", limited.conclusions);
         assert!(limited.probability_of_unknown == 1.0 && limited.repaired.is_some());
-        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
+        assert_eq!((limited.stand_ins[0].name.as_str(), limited.stand_ins[0].value), (DRAG, 0.04));
+        assert_eq!((open.verdict, open.found.len()), (Verdict::NoneOfThese, 0));
+        assert!(open.stand_ins.iter().any(|s| s.name == DRAG && s.value > 0.02), "{:?}", open.stand_ins);
     }
 
     #[test]
-    fn a_proxy_that_leaves_a_held_out_residual_is_not_named() {
-        let found = |most: f64| with_limits(&[(DRAG, 0.0403)], &[&[(DRAG, 0.05)]], [0.0399, most]).finding;
-        let (limited, open) = (found(0.04), found(1e3));
+    fn a_stand_in_that_leaves_a_validation_residual_is_not_named() {
+        let found = |prior: f64| with_limits(&[(DRAG, 0.0403)], &[&[(DRAG, 0.05)]], [prior, 0.04]).finding;
+        let (limited, open) = (found(0.0399), found(0.04));
         assert!(limited.repaired.as_ref().is_some_and(|r| r.test.p_value > 0.05), "the fitted episode is closed");
         assert!(limited.verification.as_ref().is_some_and(|v| v.p_value.is_some_and(|p| p <= 0.01)));
         assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
-        assert_eq!((open.verdict, open.found), named_in_part(DRAG));
+        assert_eq!((open.verdict, open.found), named_in_part(DRAG), "its prior reaches to the end of its range");
     }
 
     #[test]
-    fn a_proxy_is_not_added_to_the_named_effects() {
-        let outcome = with_limits(&[(DRAG, 0.05), (MASS, 0.04)], &[], [0.02, 1e3]);
+    fn a_stand_in_is_not_added_to_the_named_effects() {
+        let hidden = [(DRAG, 0.05), (MASS, 0.04)];
+        let outcome = with_limits(&hidden, &[&hidden], [0.1, 1e3]);
         let (found, model) = (outcome.finding, outcome.model.unwrap());
-        let told = "goes to the end of its range (tip_mass_kg 0.03000) and leaves more than noise: it is not added";
+        let told = "tip_mass_kg would have to be 0.03000, beyond its prior of 0 to 0.02000: it is not added";
         assert!(found.conclusions.iter().any(|s| s.contains(told)), "{:?}", found.conclusions);
         assert!(model.theta.index_of(DRAG).is_some() && model.theta.index_of(MASS).is_none());
         assert_eq!(found.explanations[0].names(), DRAG);

@@ -5,33 +5,31 @@ use super::elsewhere::LEAST_PREDICTED_DECREASE;
 use super::progress::Stage;
 use crate::data::Candidate;
 use crate::error::FinderError;
-use crate::evidence::{Baseline, Effort, Extent, Hypothesis, LinearisedModel, Ranking, lowest_cost};
+use crate::evidence::{
+    Baseline, Effort, Extent, Hypothesis, LinearisedModel, Ranking, gain_beside_discrepancy, lowest_cost,
+};
 use crate::fitting::is_beyond_noise;
-use crate::report::{Finding, leaves_residual, sentences};
+use crate::report::{Finding, SupportEvidence, sentences};
 
 /// Number of tests after which the search does not go back to smaller models, so that it ends.
 const MOST_TESTS: usize = 6;
-/// Stream of the test of the model without a proxy, beyond those of all other tests.
+/// Stream of the test of the model without a stand-in, beyond those of all other tests.
 const LAST_TEST: usize = 100;
-/// Most root mean square distance on held-out episodes with a further effect, relative to that without it.
-const LEAST_SHRINK: f64 = 0.98;
 
 impl Search<'_> {
-    /// Names effects, without a proxy if a smaller model does without it. Returns the verification of the repair, too, if it
+    /// Names effects, without a stand-in if a smaller model does without it. Returns the verification of the repair, too, if it
     /// closes the gap of the fitted episodes.
-    pub(super) fn name_without_proxy(
+    pub(super) fn name_without_stand_in(
         &mut self,
         base: &Hypothesis,
         baseline: &Baseline,
         finding: &mut Finding,
     ) -> Result<(Named, Option<Checked>), FinderError> {
         let mut named = self.name_effects(base, baseline, finding)?;
-        let mut checked = self.check_held_out(&named, base)?;
-        let p_value = checked.as_ref().and_then(|c| c.verification.p_value);
-        let is_left = named.best.as_ref().is_some_and(|best| leaves_residual(best.extent, p_value, self.settings));
-        if is_left && self.drop_proxy(&mut named, checked.as_ref(), base, baseline, finding)? {
+        let mut checked = self.check_validation(&named, base)?;
+        if self.drop_stand_in(&mut named, checked.as_ref(), base, baseline, finding)? {
             // A smaller model is verified anew.
-            checked = self.check_held_out(&named, base)?;
+            checked = self.check_validation(&named, base)?;
         }
         Ok((named, checked))
     }
@@ -66,9 +64,9 @@ impl Search<'_> {
             let is_new = |best: &Hypothesis| tested.as_ref().is_none_or(|t| !is_known(t, best));
             self.reporter.conclude(Stage::Name, sentences::named(&ranking, self.settings))?;
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
-                // A further effect must be clearly better before its model is tested.
+                // A further effect needs support before its model is tested.
                 if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
-                    && !self.is_worth_adding(&ranking, &last.hypothesis, hypothesis)?
+                    && !self.is_supported(&last.hypothesis, hypothesis)?
                 {
                     let ranking = self.ranked_up_to(&ranking, last.hypothesis.candidates.len(), base)?;
                     return Ok(Named { ranking, best: Some(last) });
@@ -95,20 +93,20 @@ impl Search<'_> {
         Ranking::new(self.problem, base, left, self.question.candidates.len(), self.settings)
     }
 
-    /// Replaces a best model with a proxy (an effect at the end of its range that leaves a residual) by the most
-    /// probable smaller model without one, if there is such. Returns whether there is. `checked` is the verification of
+    /// Replaces a best model with a stand-in by the most probable smaller model without one, if there is such. Returns whether there is. `checked` is the verification of
     /// the best model.
-    fn drop_proxy(
+    fn drop_stand_in(
         &mut self,
         named: &mut Named,
         checked: Option<&Checked>,
         base: &Hypothesis,
         baseline: &Baseline,
-        finding: &Finding,
+        finding: &mut Finding,
     ) -> Result<bool, FinderError> {
         let Some(best) = &named.best else { return Ok(false) };
-        let Some((effect, limit)) = best.hypothesis.at_its_limit() else { return Ok(false) };
-        let is_sound = |h: &Hypothesis| !h.has(&effect.name) && h.at_its_limit().is_none();
+        let Some((effect, value)) = best.hypothesis.stand_in() else { return Ok(false) };
+        finding.add_stand_in(effect, value);
+        let is_sound = |h: &Hypothesis| !h.has(&effect.name) && h.stand_in().is_none();
         for effects in (1..best.hypothesis.candidates.len()).rev() {
             let ranking = self.ranked_up_to(&named.ranking, effects, base)?;
             let ranking = self.settle(ranking, base, baseline)?.0;
@@ -116,7 +114,7 @@ impl Search<'_> {
             if let Some(checked) = checked {
                 self.reporter.conclude(Stage::Verify, sentences::verified(&checked.verification))?;
             }
-            self.reporter.conclude(Stage::Repair, sentences::not_added(effect, limit))?;
+            self.reporter.conclude(Stage::Repair, sentences::not_added(effect, value))?;
             let best = self.test_repair(smaller.clone(), extent, finding, LAST_TEST)?;
             *named = Named { ranking, best: Some(best) };
             return Ok(true);
@@ -169,32 +167,29 @@ impl Search<'_> {
         Ok(hypotheses)
     }
 
-    /// Returns whether a further effect predicts the held-out episodes better; without such episodes, whether it is
-    /// clearly more probable.
-    fn is_worth_adding(
-        &mut self,
-        ranking: &Ranking,
-        less: &Hypothesis,
-        more: &Hypothesis,
-    ) -> Result<bool, FinderError> {
-        if self.held_out.is_empty() {
-            let behind = ranking.log_odds(more, less);
-            let is_worth_adding = behind > self.settings.least_log_bayes_factor;
-            if !is_worth_adding {
-                self.reporter.conclude(Stage::Name, sentences::not_plain(more, behind))?;
-            }
-            return Ok(is_worth_adding);
-        }
+    /// Returns whether the validation episodes support a further effect: they are predicted with the sizes of the fitted
+    /// episodes.
+    fn is_supported(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
         let verifier = self.verifier();
-        let mut rmse_mm = |h: &Hypothesis| {
-            self.reporter.with_progress(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.score.rmse_mm))
+        let mut predict =
+            |h: &Hypothesis| self.reporter.with_progress(Stage::Verify, |on_round| verifier.predict(h, on_round));
+        let evidence = match self.validation {
+            [] => SupportEvidence { episodes: 0, log_likelihood_gain: 0.0, distance_ratio: 1.0 },
+            episodes => {
+                let (without, with) = (predict(less)?, predict(more)?);
+                SupportEvidence {
+                    episodes: episodes.len(),
+                    log_likelihood_gain: gain_beside_discrepancy(episodes, &without.residuals(), &with.residuals())
+                        .ok_or_else(FinderError::curvature)?,
+                    distance_ratio: with.score.rmse_mm / without.score.rmse_mm.max(f64::MIN_POSITIVE),
+                }
+            }
         };
-        let (less_mm, more_mm) = (rmse_mm(less)?, rmse_mm(more)?);
-        let shrinks = more_mm < LEAST_SHRINK * less_mm;
-        if !shrinks {
-            self.reporter.conclude(Stage::Verify, sentences::no_better(more, less_mm, more_mm))?;
+        let is_enough = evidence.is_enough(self.settings);
+        if !is_enough {
+            self.reporter.conclude(Stage::Verify, sentences::not_supported(more, &evidence))?;
         }
-        Ok(shrinks)
+        Ok(is_enough)
     }
 
     /// Models extended by the most promising ones with one more effect.

@@ -11,7 +11,10 @@ pub struct Question<'a> {
     pub model: &'a Model,
     /// Measured episodes to which models are fitted.
     pub measured: &'a [MeasuredTrack],
-    /// Held-out episodes by which a repair is judged; may be empty.
+    /// Validation episodes, which no fit sees, and which choose between models; may be empty. Without them no further effect
+    /// is added to a first one.
+    pub validation: &'a [MeasuredTrack],
+    /// Held-out episodes, which choose nothing and verify the result; may be empty.
     pub held_out: &'a [MeasuredTrack],
     /// Effects that the model may lack.
     pub candidates: &'a [Candidate],

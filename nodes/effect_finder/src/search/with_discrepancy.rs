@@ -2,6 +2,7 @@
 
 use super::context::{LEAST_DECREASE, Search};
 use super::progress::Stage;
+use crate::data::Scope;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Hypothesis, Whitening};
 use crate::fitting::{Fit, Laplace, Problem, Start, best_fit};
@@ -11,7 +12,7 @@ use crate::report::{Agreement, Fitness, sentences};
 const REWEIGHINGS: usize = 10;
 
 impl Search<'_> {
-    /// Model with sizes and uncertainties that count the residual of the fitted and of the held-out episodes as more
+    /// Model with sizes and uncertainties that count the residual of the fitted and of the validation episodes as more
     /// than noise. Its agreement is put into `fitness`.
     pub(super) fn fit_with_discrepancy(
         &mut self,
@@ -60,14 +61,14 @@ impl Search<'_> {
         Ok(best)
     }
 
-    /// Fits the model to the held-out episodes alone, and takes the excess difference of its effects as their spread
-    /// between conditions: a model with a residual has slightly other values in each motion. One difference is all the
-    /// data there is. Returns the values of the effects in the held-out episodes.
+    /// Fits the model to the validation episodes alone, and takes the excess differences of its shared unknowns as their
+    /// spread between conditions: a model with a residual has slightly other values in each motion. One difference is all the
+    /// data there is. Returns the values of the effects in the validation episodes.
     fn measure_spread(&mut self, best: &mut Hypothesis, baseline: &Baseline) -> Result<Option<Vec<f64>>, FinderError> {
-        let Some(place) = best.evidence.likeliest().filter(|_| !self.held_out.is_empty()) else { return Ok(None) };
+        let Some(place) = best.evidence.likeliest().filter(|_| !self.validation.is_empty()) else { return Ok(None) };
         let (verifier, settings) = (self.verifier(), self.settings);
         let mut episodes = Vec::new();
-        for episode in self.held_out {
+        for episode in self.validation {
             episodes.push(
                 self.reporter.with_progress(Stage::Repair, |on_round| verifier.fitted(episode, best, on_round))?.0,
             );
@@ -77,7 +78,7 @@ impl Search<'_> {
         let own = Problem { episodes: &episodes, unknowns, ..*self.problem };
         let fit = match self.reporter.with_progress(Stage::Repair, |on_round| best_fit(&own, known, settings, on_round))
         {
-            // Held-out episodes that cannot be simulated say nothing about the spread.
+            // Validation episodes that cannot be simulated say nothing about the spread.
             Err(FinderError::NoFit(_)) => return Ok(None),
             other => other?,
         };
@@ -86,13 +87,17 @@ impl Search<'_> {
         let there = Hypothesis { unknowns: own.unknowns, fit, ..best.clone() };
         let (here, other) = (Laplace::of(&best.fit), Laplace::of(&there.fit));
         let (here, other) = here.zip(other).ok_or_else(FinderError::curvature)?;
-        let spread = |i: usize| {
-            let (own, far) = (best.column(i), there.column(i));
+        let spread = |own: usize, far: usize| {
             let apart = best.fit.point[own] - there.fit.point[far];
             // The difference of two draws of a Gaussian has twice its variance.
             (0.5 * (apart.powi(2) - here.sd(own).powi(2) - other.sd(far).powi(2)).max(0.0)).sqrt()
         };
-        best.spread = (0..best.candidates.len()).map(spread).collect();
+        let mut spreads = vec![0.0; best.unknowns.columns()];
+        for (i, _) in best.unknowns.list().iter().enumerate().filter(|(_, u)| u.scope == Scope::Shared) {
+            let (own, far) = (best.unknowns.column(i, 0), there.unknowns.column(i, 0));
+            spreads[own] = spread(own, far);
+        }
+        best.spread = spreads;
         Ok(Some((0..there.candidates.len()).map(|i| there.magnitude(i).0).collect()))
     }
 }

@@ -1,14 +1,16 @@
-//! Held-out episodes: verification of a repair, and evidence for its verdict.
+//! Validation episodes, which no fit sees and which choose between models: verification of a repair, and evidence for its
+//! verdict. Held-out episodes, which choose nothing, verify the result.
 
 use super::context::{Best, Checked, Named, Search};
 use super::progress::Stage;
+use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Effort, Extent, Hypothesis, Ranking};
 use crate::fitting::FidelityCorrection;
-use crate::report::{EpisodeBands, HeldOutEvidence, PREDICTIONS, RepairEvidence, Verification};
+use crate::report::{EpisodeBands, PREDICTIONS, RepairEvidence, ValidationEvidence, Verification, Verifier};
 
 impl Search<'_> {
-    /// Evidence of the fitted episodes on the best repair, with the first look at the held-out ones.
+    /// Evidence of the fitted episodes on the best repair, with the first look at the validation episodes.
     pub(super) fn repair_evidence(
         &self,
         base: &Hypothesis,
@@ -24,22 +26,26 @@ impl Search<'_> {
             // The smallest positive number keeps an empty gap from a division by zero.
             share_explained: 1.0 - left / excess.max(f64::MIN_POSITIVE),
             gain_over_discrepancy: hypothesis.evidence.with_any() - base.evidence.with_any(),
-            is_at_limit: hypothesis.at_its_limit().is_some(),
+            is_stand_in: hypothesis.stand_in().is_some(),
             alternatives,
             first_p_value: checked.and_then(|c| c.verification.p_value),
-            held_out: None,
+            validation: None,
         }
     }
 
-    /// Verifies a repair that closes the gap of the fitted episodes: the held-out ones may still show a residual.
-    pub(super) fn check_held_out(&mut self, named: &Named, base: &Hypothesis) -> Result<Option<Checked>, FinderError> {
+    /// Verifies a repair that closes the gap of the fitted episodes: the validation episodes may still show a residual.
+    pub(super) fn check_validation(
+        &mut self,
+        named: &Named,
+        base: &Hypothesis,
+    ) -> Result<Option<Checked>, FinderError> {
         match &named.best {
             Some(best) if best.extent == Extent::Whole => self.verify(base, &best.hypothesis, &named.ranking, None),
             _ => Ok(None),
         }
     }
 
-    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. The p-value of
+    /// Verification on the validation episodes, with their predictive bands; none without such episodes. The p-value of
     /// a `known` verification is taken over.
     pub(super) fn verify(
         &mut self,
@@ -48,7 +54,29 @@ impl Search<'_> {
         ranking: &Ranking,
         known: Option<&Verification>,
     ) -> Result<Option<Checked>, FinderError> {
-        if self.held_out.is_empty() {
+        self.verify_on(self.validation, base, best, ranking, known)
+    }
+
+    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. They choose nothing.
+    pub(super) fn verify_held_out(
+        &mut self,
+        base: &Hypothesis,
+        best: &Hypothesis,
+        ranking: &Ranking,
+    ) -> Result<Option<Checked>, FinderError> {
+        let checked = self.verify_on(self.held_out, base, best, ranking, None)?;
+        Ok(checked.map(|c| Checked { verification: Verification { selects: false, ..c.verification }, ..c }))
+    }
+
+    fn verify_on(
+        &mut self,
+        episodes: &[MeasuredEpisode],
+        base: &Hypothesis,
+        best: &Hypothesis,
+        ranking: &Ranking,
+        known: Option<&Verification>,
+    ) -> Result<Option<Checked>, FinderError> {
+        if episodes.is_empty() {
             return Ok(None);
         }
         self.reporter.report(Stage::Verify, 0.0, None)?;
@@ -59,13 +87,13 @@ impl Search<'_> {
             h.effort != Effort::Linearised && h.candidates.len() == 1 && !best.has(&h.candidates[0].name) && is_other
         };
         let wrong = ranking.hypotheses.iter().find(is_wrong);
-        let (verifier, camera) = (self.verifier(), &self.question.model.camera.view);
+        let camera = &self.question.model.camera.view;
+        let verifier = Verifier { problem: self.problem, episodes, camera, settings: self.settings };
         let (verification, [before, after]) = self
             .reporter
             .with_progress(Stage::Verify, |on_round| verifier.verify(base, best, wrong, known, on_round))?;
         let draws = before.draws.iter().zip(&after.draws);
-        let bands = self
-            .held_out
+        let bands = episodes
             .iter()
             .zip(draws)
             .map(|(episode, (b, a))| EpisodeBands::held_out(episode, [b, a], PREDICTIONS, camera))
@@ -73,16 +101,16 @@ impl Search<'_> {
         Ok(Some(Checked { verification, bands }))
     }
 
-    /// Evidence of the held-out episodes on the repair `best` of `base`. The alternatives `alike` are predicted only if the
+    /// Evidence of the validation episodes on the repair `best` of `base`. The alternatives `alike` are predicted only if the
     /// episodes speak against the repair itself, and until one of them does better.
-    pub(super) fn held_out_evidence(
+    pub(super) fn validation_evidence(
         &mut self,
         verification: &Verification,
         [base, best]: [&Hypothesis; 2],
         alike: &[&Hypothesis],
-    ) -> Result<HeldOutEvidence, FinderError> {
+    ) -> Result<ValidationEvidence, FinderError> {
         let is_corrected = |h: &Hypothesis| h.correction == FidelityCorrection::Applied;
-        let mut evidence = HeldOutEvidence {
+        let mut evidence = ValidationEvidence {
             p_value: verification.p_value,
             share_explained: verification.share_explained,
             log_likelihood_gain: verification.log_likelihood_gain,
@@ -134,7 +162,7 @@ mod tests {
 
     /// The fitted episode has a tip mass, or a drag of the same size; the held-out one has neither, or another effect.
     #[test]
-    fn held_out_episodes_refute_a_repair_only_with_all_alternatives() {
+    fn validation_episodes_refute_a_repair_only_with_all_alternatives() {
         let (toy, model) = (Toy { gain: 3.0 }, toy::model());
         let theta = [0.25, 2e4];
         let measured = |effects: &[(&str, f64)], stream| {
@@ -143,7 +171,7 @@ mod tests {
         let [tip, drag] = ["tip_mass_kg", "linear_drag_n_s_m2"];
         let small = 0.004;
         let refusal = |unseen: &[(&str, f64)], is_corrected: bool| {
-            let held_out = [measured(unseen, 1)];
+            let validation = [measured(unseen, 1)];
             let fitted = |names: &[&str]| {
                 let effects: Vec<(&str, f64)> = names.iter().map(|name| (*name, small)).collect();
                 let episodes = [measured(&effects, 2)];
@@ -166,21 +194,28 @@ mod tests {
             let episodes = [measured(&[], 2)];
             let problem = Problem::of(&model, &episodes, &toy, 40);
             let settings = Settings { finer_fidelity: None, ..Settings::default() };
-            let question = Question { model: &model, measured: &[], held_out: &[], candidates: &[] };
+            let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen);
-            let mut search = Search { question, problem: &problem, held_out: &held_out, settings: &settings, reporter };
+            let mut search = Search {
+                question,
+                problem: &problem,
+                validation: &validation,
+                held_out: &[],
+                settings: &settings,
+                reporter,
+            };
             let verification = search.verifier().verify(&base, &best, None, None, &mut go_on).unwrap().0;
             let asked = |search: &mut Search<'_>, v: &Verification, alike: &[&Hypothesis]| {
-                let held_out = Some(search.held_out_evidence(v, [&base, &best], alike).unwrap());
+                let validation = Some(search.validation_evidence(v, [&base, &best], alike).unwrap());
                 let fitted = RepairEvidence {
                     extent: Extent::Whole,
                     share_explained: 1.0,
                     gain_over_discrepancy: 10.0,
-                    is_at_limit: false,
+                    is_stand_in: false,
                     alternatives: alike.len() - 1,
                     first_p_value: None,
-                    held_out,
+                    validation,
                 };
                 match fitted.objection(&settings) {
                     Some(Objection::LessLikely(loss)) => loss,
