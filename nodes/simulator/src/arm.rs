@@ -1,8 +1,8 @@
 //! Arm: motion towards targets by a law, with delay and faults as the episode's settings prescribe.
 
 use crate::episode_model::ArmSettings;
-use catenary_core::GripPose;
 use catenary_core::model::{ArmLaw, Impedance};
+use catenary_core::{DeltaAnchor, GripPose};
 use std::collections::VecDeque;
 
 /// Period in s of the arm's control loop.
@@ -18,6 +18,8 @@ pub struct ArmModel {
     settings: ArmSettings,
     /// Target commanded last, (x, z) in m.
     target_m: [f64; 2],
+    /// Way (x, z) in m by which the arm exceeds its target, from the excess of its displacements.
+    excess_m: [f64; 2],
     /// Targets that the loop follows later, with their due times in s.
     pending: VecDeque<(f64, [f64; 2])>,
     /// Target that the loop follows, (x, z) in m.
@@ -38,6 +40,7 @@ impl ArmModel {
         Self {
             settings: settings.clone(),
             target_m: position_m,
+            excess_m: [0.0; 2],
             pending: VecDeque::new(),
             followed_m: position_m,
             reference_m: position_m,
@@ -55,9 +58,25 @@ impl ArmModel {
 
     /// Commands the target `target_m` (x, z) at `time_s`, which must not lie before the time of [`Self::run_to`].
     pub fn set_target(&mut self, time_s: f64, target_m: [f64; 2]) {
+        let displacement_m = [0, 1].map(|i| target_m[i] - self.target_m[i]);
+        self.command(time_s, target_m, displacement_m, 1.0);
+    }
+
+    /// Commands the target `target_m` at `time_s` by a displacement. `kept` is the share of the earlier excess that the arm
+    /// keeps: all of it if displacements start at the last target, none if they start at the measured pose, which holds it.
+    fn command(&mut self, time_s: f64, target_m: [f64; 2], displacement_m: [f64; 2], kept: f64) {
         self.run_to(time_s);
         self.target_m = target_m;
-        let followed = self.settings.terms.iter().fold(target_m, |target, term| term.target(time_s, target));
+        let mut executed = target_m;
+        if !self.settings.displacements.is_empty() {
+            self.excess_m = self.excess_m.map(|e| kept * e);
+            for term in &self.settings.displacements {
+                let more = term.excess_m(displacement_m);
+                self.excess_m = [0, 1].map(|i| self.excess_m[i] + more[i]);
+            }
+            executed = [0, 1].map(|i| target_m[i] + self.excess_m[i]);
+        }
+        let followed = self.settings.terms.iter().fold(executed, |target, term| term.target(time_s, target));
         let due_s = time_s + self.settings.delay_s;
         self.pending.push_back((due_s, followed));
         // The loop has run to the end of the tick. A target that comes within the tick counts for the rest of it, so
@@ -73,7 +92,11 @@ impl ArmModel {
         self.run_to(time_s);
         let ArmSettings { anchor, other_anchor_share, .. } = self.settings;
         let target_m = anchor.target_m(delta_m, self.position_m(time_s), self.target_m, other_anchor_share);
-        self.set_target(time_s, target_m);
+        let kept = match anchor {
+            DeltaAnchor::LastTarget => 1.0 - other_anchor_share,
+            DeltaAnchor::Measured => other_anchor_share,
+        };
+        self.command(time_s, target_m, delta_m, kept);
     }
 
     fn newest_tick(&self) -> u64 {
@@ -198,7 +221,7 @@ fn distance_left_m(distance_m: f64, elapsed_s: f64, tau_s: f64, max_speed_m_s: f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::DeltaAnchor;
+    use crate::episode_model::DisplacementTerm;
     use proptest::prelude::*;
 
     fn lag(time_constant_s: f64) -> ArmSettings {
@@ -289,6 +312,47 @@ mod tests {
         let (target, measured) = (total(DeltaAnchor::LastTarget, 0.0), total(DeltaAnchor::Measured, 0.0));
         assert!((target - 0.2).abs() < 1e-9 && measured < 0.12, "{target} {measured}");
         assert!((total(DeltaAnchor::LastTarget, 1.0) - measured).abs() < 1e-12);
+    }
+
+    /// Excess of a tenth of each displacement.
+    struct Tenth;
+
+    impl DisplacementTerm for Tenth {
+        fn excess_m(&self, displacement_m: [f64; 2]) -> [f64; 2] {
+            displacement_m.map(|d| 0.1 * d)
+        }
+    }
+
+    #[test]
+    fn excesses_add_up_on_the_last_target_and_are_part_of_a_measured_pose() {
+        let arrives_m = |anchor, share, by_target: bool| {
+            let mut arm = ArmModel::new(
+                &ArmSettings {
+                    anchor,
+                    other_anchor_share: share,
+                    displacements: vec![std::sync::Arc::new(Tenth)],
+                    ..lag(0.02)
+                },
+                [0.0, 0.0],
+            );
+            for k in 0..3 {
+                let time_s = 5.0 * f64::from(k);
+                if by_target {
+                    arm.set_target(time_s, [0.02 * f64::from(k + 1), 0.0]);
+                } else {
+                    arm.set_delta(time_s, [0.02, 0.0]);
+                }
+            }
+            arm.run_to(20.0);
+            arm.position_m(20.0)[0]
+        };
+        // Three displacements of 2 cm, each executed with 2.2 cm before the next.
+        for (anchor, share) in
+            [(DeltaAnchor::LastTarget, 0.0), (DeltaAnchor::Measured, 0.0), (DeltaAnchor::Measured, 1.0)]
+        {
+            assert!((arrives_m(anchor, share, false) - 0.066).abs() < 1e-9, "{anchor:?} {share}");
+        }
+        assert!((arrives_m(DeltaAnchor::LastTarget, 0.0, true) - 0.066).abs() < 1e-9);
     }
 
     #[test]

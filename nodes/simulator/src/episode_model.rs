@@ -23,6 +23,23 @@ pub struct EpisodeModel {
     pub arm: ArmSettings,
     /// Camera.
     pub camera: CameraSettings,
+    /// Place and frequency of the templates.
+    pub templates: Companions,
+}
+
+/// Values that set where and how fast effects act. They do nothing alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Companions {
+    /// Place, as a fraction of the length from the grip (0) to the tip (1).
+    pub place: f64,
+    /// Frequency in Hz.
+    pub frequency_hz: f64,
+}
+
+impl Default for Companions {
+    fn default() -> Self {
+        Self { place: 0.5, frequency_hz: 1.0 }
+    }
 }
 
 /// Settings of the arm: how it follows its commands.
@@ -42,6 +59,8 @@ pub struct ArmSettings {
     pub other_anchor_share: f64,
     /// Changes of the targets, in the order in which they act.
     pub terms: Vec<Arc<dyn ActuationTerm>>,
+    /// Changes of the displacements. Their excesses add up.
+    pub displacements: Vec<Arc<dyn DisplacementTerm>>,
 }
 
 impl ArmSettings {
@@ -55,8 +74,15 @@ impl ArmSettings {
             anchor,
             other_anchor_share: 0.0,
             terms: Vec::new(),
+            displacements: Vec::new(),
         }
     }
+}
+
+/// Change of the displacements that the arm executes.
+pub trait DisplacementTerm: Send + Sync {
+    /// Returns the excess (x, z) in m of the executed displacement over the commanded one.
+    fn excess_m(&self, displacement_m: [f64; 2]) -> [f64; 2];
 }
 
 /// Change of the arm's targets.
@@ -116,7 +142,8 @@ pub trait ObservationTerm: Send + Sync {
 
 impl std::fmt::Debug for ArmSettings {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { law, delay_s, extra_lag_s, standing_error_m, anchor, other_anchor_share, terms } = self;
+        let Self { law, delay_s, extra_lag_s, standing_error_m, anchor, other_anchor_share, terms, displacements } =
+            self;
         f.debug_struct("ArmSettings")
             .field("law", law)
             .field("delay_s", delay_s)
@@ -125,6 +152,7 @@ impl std::fmt::Debug for ArmSettings {
             .field("anchor", anchor)
             .field("other_anchor_share", other_anchor_share)
             .field("terms", &terms.len())
+            .field("displacements", &displacements.len())
             .finish()
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
 use crate::effects::Registry;
-use crate::episode_model::{ArmSettings, CameraSettings, EpisodeModel};
+use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel};
 use catenary_core::Model;
 use catenary_core::spelling::did_you_mean;
 use std::collections::BTreeMap;
@@ -231,10 +231,11 @@ impl<'r> Values<'r> {
         self.given.get(name).copied().or_else(default)
     }
 
-    /// Returns the value of a parameter or of an effect; an absent effect is zero. None if nothing gives a value.
+    /// Returns the value of a parameter or of an effect; an absent effect has [`crate::effects::Effect::if_absent`]. None if
+    /// nothing gives a value.
     pub fn value(&self, name: &str) -> Option<f64> {
         let (name, _) = known(self.registry, name).ok()?;
-        self.get(name).or_else(|| self.registry.find(name).map(|_| 0.0))
+        self.get(name).or_else(|| self.registry.find(name).map(|effect| effect.if_absent()))
     }
 
     fn need(&self, name: &'static str) -> Result<f64, ParameterError> {
@@ -250,6 +251,7 @@ impl<'r> Values<'r> {
             grip_angle_rad: model.object.grip_angle_rad,
             arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),
+            templates: Companions::default(),
         };
         for effect in self.registry.effects() {
             let name = effect.about().name;

@@ -4,7 +4,7 @@
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, Prior, SimulationRequest, Simulator, Track};
 use catenary_simulator::beam::{
-    ElementMaterial, ForceTerm, GripReaction, GripState, GripTerm, MaterialTerm, PointState,
+    ElementMaterial, ElementPlace, ForceTerm, GripReaction, GripState, GripTerm, MaterialTerm, PointState,
 };
 use catenary_simulator::effects::{About, Effect, Hook};
 use catenary_simulator::episode_model::{ActuationTerm, ObservationTerm};
@@ -71,8 +71,8 @@ impl Effect for SideWind {
 /// Joint at the middle of the object: the bending stiffness is less by this share.
 struct Joint(f64);
 impl MaterialTerm for Joint {
-    fn change(&self, fraction: f64, element: &mut ElementMaterial) {
-        if (0.45..0.55).contains(&fraction) {
+    fn change(&self, place: &ElementPlace, element: &mut ElementMaterial) {
+        if (0.45..0.55).contains(&place.middle()) {
             element.stiffness[2] *= 1.0 - self.0;
         }
     }

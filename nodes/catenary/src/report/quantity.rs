@@ -33,7 +33,7 @@ impl Quantity {
     /// Quantity called `name` in model files. An unknown name is its own title.
     pub fn of(name: &str) -> Self {
         let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.title, p.unit));
-        let effect = || Registry::with_unlisted().find(name).map(|e| (e.about().title, e.about().unit));
+        let effect = || Registry::complete().find(name).map(|e| (e.about().title, e.about().unit));
         let (title, unit) = parameter.or_else(effect).unwrap_or((name, "1"));
         // An effect that changes a parameter of the model has the parameter's title in the registry.
         let is_change = name.ends_with("_change") || name.contains("_change_");

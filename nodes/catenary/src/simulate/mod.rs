@@ -156,7 +156,7 @@ fn setting(arguments: &SimulateArgs, model: &Model) -> Result<Setting> {
         |e: &Effect| model.nominal.get(&e.name).copied().or((!arguments.noise).then(|| e.distribution.from_unit(0.5)));
     let mut given: Vec<(String, f64)> =
         model.effects.iter().filter_map(|e| Some((e.name.clone(), usual(e)?))).collect();
-    let registry = Registry::with_unlisted();
+    let registry = Registry::complete();
     for (name, value) in &arguments.effect {
         parameter_values::check_effect(name, *value, model, &registry)?;
         given.retain(|(known, _)| known != name);

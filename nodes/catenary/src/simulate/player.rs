@@ -64,7 +64,7 @@ pub struct Player<'a> {
 impl<'a> Player<'a> {
     /// Player with the model's object at the start of the motion. Returns an error for impossible parameters.
     pub fn new(model: &Model, motion: &'a Motion, setting: &Setting, fidelity: Fidelity) -> Result<Self> {
-        let mut simulation = EpisodeSimulation::new(model, &Registry::with_unlisted(), fidelity)?;
+        let mut simulation = EpisodeSimulation::new(model, &Registry::complete(), fidelity)?;
         // Without noise the target stands where the model has it.
         let target_m = model.task.filter(|_| !setting.noise).map(|t| t.target_m);
         let conditions = Conditions {

@@ -146,6 +146,9 @@ impl Beam {
         self.state.restart(&self.mesh);
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
         self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
+        if !self.terms.ageings.is_empty() {
+            self.age_to(0.0);
+        }
         // A new start has no friction between strands: every motion starts from the middle of its hysteresis loop.
         for (neutral, strain) in self.increment.neutral_curvature.iter_mut().zip(&self.state.strain) {
             neutral.fill(strain[2]);

@@ -2,7 +2,7 @@
 
 use super::parameters::BeamParameters;
 use super::section::SectionProperties;
-use super::terms::{ElementMaterial, Terms};
+use super::terms::{ElementMaterial, ElementPlace, Terms};
 
 /// Constants of one element.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -32,6 +32,8 @@ pub(super) struct Mesh {
     pub mean_length: f64,
     /// Distance from the centre line to the surface in m.
     pub half_height: f64,
+    /// Stiffnesses of each element at the start.
+    first_stiffness: Vec<[f64; 3]>,
     /// Length in m that has slipped out of the grip.
     slipped: f64,
 }
@@ -52,6 +54,7 @@ impl Mesh {
             origin: 0,
             mean_length: 0.0,
             half_height: 0.0,
+            first_stiffness: vec![[0.0; 3]; elements],
             slipped: 0.0,
         }
     }
@@ -78,7 +81,9 @@ impl Mesh {
             let length = if k < behind { length_behind } else { length_ahead };
             // The gradient and the material terms are defined from the grip on: the overhang has the material at the
             // grip.
-            let fraction = (k as f64 + 0.5 - behind as f64).max(0.0) / (count - behind) as f64;
+            let [from, middle, to] =
+                [0.0, 0.5, 1.0].map(|share| (k as f64 + share - behind as f64).max(0.0) / (count - behind) as f64);
+            let fraction = middle;
             let stiffer = 1.0 + p.stiffness_gradient * (2.0 * fraction - 1.0);
             let mut material = ElementMaterial {
                 stiffness: [p.axial_stiffness_n, p.shear_stiffness_n, p.bending_stiffness_n_m2].map(|s| s * stiffer),
@@ -86,9 +91,11 @@ impl Mesh {
                     + p.rest_curvature_gradient_per_m2 * (fraction - 0.5) * (p.length_m - p.overhang_m),
                 mass_per_length_kg_m: p.mass_per_length_kg_m,
             };
+            let place = ElementPlace { span: [from, to], length_m: length };
             for term in &terms.materials {
-                term.change(fraction, &mut material);
+                term.change(&place, &mut material);
             }
+            self.first_stiffness[k] = material.stiffness;
             self.elements[k] = Element {
                 length,
                 inverse_length: 1.0 / length,
@@ -106,6 +113,13 @@ impl Mesh {
         }
         self.inertia[count][0] += p.tip_mass_kg;
         self.inertia[count][1] += p.tip_mass_kg;
+    }
+
+    /// Sets all stiffnesses to `factor` times those at the start.
+    pub fn scale_stiffness(&mut self, factor: f64) {
+        for (element, first) in self.elements.iter_mut().zip(&self.first_stiffness) {
+            element.stiffness = first.map(|stiffness| factor * stiffness);
+        }
     }
 
     /// Lets `more` m of beam slip out of the grip. Every element between grip and tip grows alike, with its mass.

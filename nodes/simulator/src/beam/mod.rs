@@ -39,4 +39,4 @@ pub use parameters::{BeamParameters, Table};
 pub use section::SectionProperties;
 pub use start::StartChange;
 pub use statics::{Equilibrium, MeasuredPoint};
-pub use terms::{ElementMaterial, ForceTerm, GripTerm, MaterialTerm, PointState, Terms};
+pub use terms::{AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, MaterialTerm, PointState, Terms};

@@ -1,7 +1,7 @@
 //! Static shapes: hanging from the grip, or through measured points.
 
 use super::body::Beam;
-use super::grip::GripState;
+use super::grip::{GripReaction, GripState};
 use super::node::Node;
 use super::potential::Spring;
 
@@ -52,10 +52,15 @@ impl Beam {
     ///
     /// The descent starts from the straight beam along the grip's tangent and is overdamped, so that among several
     /// equilibria it finds the one into which that beam sinks. A free beam without a table has no equilibrium, and the
-    /// search does not converge.
+    /// search does not converge. Terms from outside act as they do at time 0.
     pub fn hang_at_rest(&mut self, grip: GripState) -> Equilibrium {
-        let equilibrium = self.descend_to_rest(grip);
+        let equilibrium = self.descend_to_rest(self.grip_at_start(0.0, grip));
         self.count(equilibrium)
+    }
+
+    /// Grip about the start as changed by terms from outside, which see no load yet.
+    fn grip_at_start(&self, time_s: f64, grip: GripState) -> GripState {
+        self.grip_at(time_s, grip, &GripReaction::default())
     }
 
     fn descend_to_rest(&mut self, grip: GripState) -> Equilibrium {
@@ -81,24 +86,30 @@ impl Beam {
     /// weight per 1 mm. The beam's own stiffness thus smooths noise, and fills in between and beyond the points. The
     /// velocity is the difference of two such shapes.
     pub fn set_shape(&mut self, grip: GripState, grip_velocity: [f64; 3], points: &[MeasuredPoint]) -> Equilibrium {
-        // Starting point of the fit only, so that its convergence does not matter.
-        let _start = self.descend_to_rest(grip);
-        let shape_at = |time_s: f64| GripState {
-            x_m: grip.x_m + time_s * grip_velocity[0],
-            z_m: grip.z_m + time_s * grip_velocity[1],
-            tangent_rad: grip.tangent_rad + time_s * grip_velocity[2],
+        let shape_at = |beam: &Self, time_s: f64| {
+            let moved = GripState {
+                x_m: grip.x_m + time_s * grip_velocity[0],
+                z_m: grip.z_m + time_s * grip_velocity[1],
+                tangent_rad: grip.tangent_rad + time_s * grip_velocity[2],
+            };
+            beam.grip_at_start(time_s, moved)
         };
-        let mut equilibrium = self.fit(grip, points, 0.0);
-        let moving = grip_velocity != [0.0; 3] || points.iter().any(|p| p.velocity_m_s != [0.0; 2]);
+        let start = shape_at(self, 0.0);
+        // Starting point of the fit only, so that its convergence does not matter.
+        let _start = self.descend_to_rest(start);
+        let mut equilibrium = self.fit(start, points, 0.0);
+        // A grip that terms change may have a velocity of its own.
+        let is_changed = !self.terms.grips.is_empty();
+        let moving = is_changed || grip_velocity != [0.0; 3] || points.iter().any(|p| p.velocity_m_s != [0.0; 2]);
         if moving {
             let half_s = 0.5 * VELOCITY_BASE_S;
-            let before = self.fit(shape_at(-half_s), points, -half_s);
+            let before = self.fit(shape_at(self, -half_s), points, -half_s);
             self.state.velocity.copy_from_slice(&self.state.position);
-            let after = self.fit(shape_at(half_s), points, half_s);
+            let after = self.fit(shape_at(self, half_s), points, half_s);
             for (velocity, position) in self.state.velocity.iter_mut().zip(&self.state.position) {
                 *velocity = [0, 1, 2].map(|i| (position[i] - velocity[i]) / VELOCITY_BASE_S);
             }
-            let now = self.fit(grip, points, 0.0);
+            let now = self.fit(start, points, 0.0);
             equilibrium.converged &= before.converged && after.converged && now.converged;
             equilibrium.last_move_m = now.last_move_m;
             equilibrium.newton_iterations += before.newton_iterations + after.newton_iterations + now.newton_iterations;

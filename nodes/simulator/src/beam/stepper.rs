@@ -3,7 +3,7 @@
 use super::body::Beam;
 use super::discretisation::Scheme;
 use super::element;
-use super::grip::GripState;
+use super::grip::{GripReaction, GripState};
 use super::material;
 use super::node::Node;
 use super::potential::CrossDrag;
@@ -67,12 +67,22 @@ impl Beam {
         let scheme = if self.state.fresh { Scheme::ImplicitEuler } else { self.discretisation.scheme };
         let difference = BackwardDifference::new(scheme, self.discretisation.time_step_s);
         let grip = self.changed_grip(grip);
+        if !self.terms.ageings.is_empty() {
+            // After the grip's terms, which see the load at the end of the last step.
+            self.age_to(self.time_s() + self.discretisation.time_step_s);
+        }
         self.prepare(difference);
         self.predict(grip);
         if !self.terms.forces.is_empty() {
             self.add_forces();
         }
         grip
+    }
+
+    /// Sets the stiffness at `time_s`, as changed by terms from outside.
+    pub(super) fn age_to(&mut self, time_s: f64) {
+        let factor = self.terms.ageings.iter().map(|term| term.stiffness_factor(time_s)).product();
+        self.mesh.scale_stiffness(factor);
     }
 
     /// Finishes the step with the present positions.
@@ -85,12 +95,17 @@ impl Beam {
         self.steps_since_start += 1;
     }
 
-    /// Returns the grip's state as changed by terms from outside.
-    pub(super) fn changed_grip(&self, mut grip: GripState) -> GripState {
-        if !self.terms.grips.is_empty() {
-            let (time_s, reaction) = (self.time_s() + self.discretisation.time_step_s, self.grip_reaction());
-            self.terms.grips.iter().for_each(|term| term.change(time_s, &reaction, &mut grip));
+    /// Returns the grip's state at the end of the next step as changed by terms from outside.
+    pub(super) fn changed_grip(&self, grip: GripState) -> GripState {
+        if self.terms.grips.is_empty() {
+            return grip;
         }
+        self.grip_at(self.time_s() + self.discretisation.time_step_s, grip, &self.grip_reaction())
+    }
+
+    /// Returns the grip's state at `time_s` as changed by terms from outside. `reaction` is the grip's load.
+    pub(super) fn grip_at(&self, time_s: f64, mut grip: GripState, reaction: &GripReaction) -> GripState {
+        self.terms.grips.iter().for_each(|term| term.change(time_s, reaction, &mut grip));
         grip
     }
 
@@ -314,6 +329,13 @@ impl Beam {
             for i in 0..3 {
                 velocity[i] = rate * position[i] + history[i];
                 acceleration[i] = rate * rate * (position[i] - target[i]) + gravity[i];
+            }
+        }
+        if !self.terms.forces.is_empty() {
+            // The target of a node holds the force on it, which is a part of the node's acceleration.
+            let forced = state.acceleration.iter_mut().zip(increment.term_force.iter().zip(&mesh.inertia));
+            for (acceleration, (force, inertia)) in forced {
+                (0..2).for_each(|i| acceleration[i] += force[i] / inertia[i]);
             }
         }
         let kept = state.direction.iter_mut().zip(&mut state.strain);

@@ -26,6 +26,22 @@ pub trait ForceTerm: Send + Sync {
     fn force_n(&self, at: &PointState) -> [f64; 2];
 }
 
+/// Place of one element along the beam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ElementPlace {
+    /// Ends, as fractions of the rest length from the grip (0) to the tip (1). Both are 0 behind the grip.
+    pub span: [f64; 2],
+    /// Rest length in m.
+    pub length_m: f64,
+}
+
+impl ElementPlace {
+    /// Returns the middle, as a fraction of the rest length.
+    pub fn middle(&self) -> f64 {
+        0.5 * (self.span[0] + self.span[1])
+    }
+}
+
 /// Material of one element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElementMaterial {
@@ -39,13 +55,20 @@ pub struct ElementMaterial {
 
 /// Change of the material along the beam.
 pub trait MaterialTerm: Send + Sync {
-    /// Changes the element whose middle lies at `fraction` of the rest length from the grip (0) to the tip (1).
-    fn change(&self, fraction: f64, element: &mut ElementMaterial);
+    /// Changes the element at `place`.
+    fn change(&self, place: &ElementPlace, element: &mut ElementMaterial);
+}
+
+/// Change of the stiffness with time.
+pub trait AgeingTerm: Send + Sync {
+    /// Returns the factor on all stiffnesses at `time_s` since the start.
+    fn stiffness_factor(&self, time_s: f64) -> f64;
 }
 
 /// Change of the grip.
 pub trait GripTerm: Send + Sync {
-    /// Changes the state of the clamped section at `time_s`. `reaction` is its load at the end of the last step.
+    /// Changes the state of the clamped section at `time_s`. `reaction` is its load at the end of the last step; there is none
+    /// at the start.
     fn change(&self, time_s: f64, reaction: &GripReaction, grip: &mut GripState);
 }
 
@@ -58,11 +81,14 @@ pub struct Terms {
     pub materials: Vec<Arc<dyn MaterialTerm>>,
     /// Changes of the grip.
     pub grips: Vec<Arc<dyn GripTerm>>,
+    /// Changes of the stiffness with time. Their factors multiply.
+    pub ageings: Vec<Arc<dyn AgeingTerm>>,
 }
 
 impl fmt::Debug for Terms {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { forces, materials, grips } = self;
-        write!(f, "{} forces, {} materials, {} grips", forces.len(), materials.len(), grips.len())
+        let Self { forces, materials, grips, ageings } = self;
+        let [forces, materials, grips, ageings] = [forces.len(), materials.len(), grips.len(), ageings.len()];
+        write!(f, "{forces} forces, {materials} materials, {grips} grips, {ageings} ageings")
     }
 }

@@ -79,6 +79,16 @@ pub trait Effect: Send + Sync {
     /// # Errors
     /// The part of the model that is missing, if the effect has nothing to act on.
     fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str>;
+
+    /// Returns the names of the effects that set where and how fast this one acts.
+    fn companions(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Returns the magnitude that stands for an absent effect. It is zero except for companions.
+    fn if_absent(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Uniform prior on `low` to `high`.

@@ -2,7 +2,7 @@
 
 use super::{Effect, Registry};
 use crate::beam::{Beam, BeamParameters, Discretisation, GripState};
-use crate::episode_model::EpisodeModel;
+use crate::episode_model::{Companions, EpisodeModel};
 use crate::imperfect_camera::ImperfectCamera;
 use crate::parameters::Values;
 use crate::parameters::tests::soft_bar;
@@ -50,14 +50,45 @@ pub fn actions() -> Drive {
     Drive::Actions(vec![[0.03, -0.06], [0.02, -0.06], [0.0, -0.06], [0.05, -0.04], [0.05, 0.0]])
 }
 
+/// Makes the settings of the bar with a template at a place and a frequency, of the given Young's modulus in Pa.
+pub fn template(template: &dyn Effect, magnitude: f64, [place, frequency_hz]: [f64; 2], e_pa: f64) -> EpisodeModel {
+    let mut episode = base_of(e_pa);
+    episode.templates = Companions { place, frequency_hz };
+    template.apply(magnitude, &mut episode).unwrap();
+    episode
+}
+
+/// Makes a beam at rest with `elements` elements and the episode's terms, held at the origin with the given tangent in rad.
+pub fn held(episode: &EpisodeModel, elements: usize, tangent_rad: f64) -> Beam {
+    let grip = GripState { tangent_rad, ..GripState::default() };
+    let discretisation = Discretisation { elements, ..Discretisation::of(Fidelity::Standard) };
+    let mut beam = Beam::new(episode.beam, discretisation, grip).unwrap();
+    beam.reset_to(episode.beam, &episode.terms, grip).unwrap();
+    assert!(beam.hang_at_rest(grip).converged);
+    beam
+}
+
+/// Fails unless the template changes no bit at magnitude zero, and some bit at a large magnitude.
+#[track_caller]
+pub fn template_at_zero_is_the_base(template: &dyn Effect) {
+    let simulator = BeamSimulator::with_effects(&bare_bar(), &Registry::with_templates(), 1).unwrap();
+    let track = |effects: &[(&str, f64)]| simulator.simulate(&request(effects, actions(), true)).unwrap().remove(0);
+    is_the_base_at_zero(template, track);
+}
+
 /// Fails unless the effect changes no bit at magnitude zero, and some bit at a large magnitude.
 #[track_caller]
 pub fn zero_is_the_base(effect: &dyn Effect) {
+    is_the_base_at_zero(effect, |effects| episode(effects, actions()));
+}
+
+#[track_caller]
+fn is_the_base_at_zero(effect: &dyn Effect, track: impl Fn(&[(&str, f64)]) -> Track) {
     let name = effect.about().name;
-    let nothing = episode(&[], actions());
-    assert_eq!(episode(&[(name, 0.0)], actions()), nothing, "{name}");
+    let nothing = track(&[]);
+    assert_eq!(track(&[(name, 0.0)]), nothing, "{name}");
     let much = effect.about().prior.from_unit(0.9);
-    assert_ne!(episode(&[(name, much)], actions()), nothing, "{name} at {much} does nothing");
+    assert_ne!(track(&[(name, much)]), nothing, "{name} at {much} does nothing");
 }
 
 /// Makes the settings of the bar, undamped and without a table.
@@ -65,6 +96,13 @@ fn base() -> EpisodeModel {
     let mut model = bare_bar();
     model.parameters.remove("table_height_m");
     Values::resolve(Registry::shipped(), &model, &THETA, []).unwrap().episode_model(&model).unwrap()
+}
+
+/// Makes those settings with another Young's modulus in Pa.
+fn base_of(youngs_modulus_pa: f64) -> EpisodeModel {
+    let section = Section::Square { side_m: 0.015 };
+    let beam = BeamParameters::from_youngs_modulus(THETA[0], section, 1055.0, youngs_modulus_pa, 0.45);
+    EpisodeModel { beam, ..base() }
 }
 
 /// Makes the settings of the bar with one effect.
@@ -81,9 +119,7 @@ pub fn beam(
     youngs_modulus_pa: f64,
     change: impl FnOnce(&mut BeamParameters),
 ) -> BeamParameters {
-    let mut episode = base();
-    let section = Section::Square { side_m: 0.015 };
-    episode.beam = BeamParameters::from_youngs_modulus(THETA[0], section, 1055.0, youngs_modulus_pa, 0.45);
+    let mut episode = base_of(youngs_modulus_pa);
     change(&mut episode.beam);
     effect.apply(magnitude, &mut episode).unwrap();
     episode.beam

@@ -7,6 +7,10 @@
 //! A new effect is a file here that implements [`Effect`], and a line in [`Registry::shipped`]. Nothing else changes.
 //! Physics that [`crate::EpisodeModel`] has no field for comes in through the terms of its hook,
 //! [`crate::beam::ForceTerm`] and its like.
+//!
+//! Two further lists are no candidates of a search: templates say in which part of the simulator, where and how fast something
+//! is missing ([`Registry::with_templates`]); unlisted effects are hidden in the episodes of blind tests
+//! ([`Registry::with_unlisted`]).
 
 mod effect;
 #[cfg(test)]
@@ -23,6 +27,7 @@ mod camera_offset_x;
 mod camera_offset_z;
 mod camera_scale;
 mod camera_tilt;
+mod companion;
 mod creep;
 mod delta_anchor;
 mod density;
@@ -50,8 +55,10 @@ mod strand_friction;
 mod table_adhesion;
 mod table_friction;
 mod table_height;
+mod templates;
 mod tip_mass;
 mod unlisted;
 
 pub use effect::{About, Effect, Hook, Sign};
 pub use registry::Registry;
+pub use templates::{FREQUENCY as TEMPLATE_FREQUENCY, PLACE as TEMPLATE_PLACE};

@@ -6,7 +6,7 @@ use super::{
     creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
     grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
     rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity, stiffness_gradient,
-    strand_friction, table_adhesion, table_friction, table_height, tip_mass, unlisted,
+    strand_friction, table_adhesion, table_friction, table_height, templates, tip_mass, unlisted,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -67,9 +67,23 @@ impl Registry {
         &SHIPPED
     }
 
-    /// Returns all effects of this crate: those that searches offer, and the unlisted ones of blind tests.
+    /// Returns the effects that searches offer, and the templates of what may be missing beside them.
+    pub fn with_templates() -> Registry {
+        Self::shipped().with_all(templates::all())
+    }
+
+    /// Returns the effects that searches offer, and the unlisted ones of blind tests.
     pub fn with_unlisted() -> Registry {
-        unlisted::all().into_iter().fold(Self::shipped().clone(), |registry, effect| registry.with(effect))
+        Self::shipped().with_all(unlisted::all())
+    }
+
+    /// Returns all effects of this crate, which simulations may have: with templates and unlisted effects.
+    pub fn complete() -> Registry {
+        Self::with_templates().with_all(unlisted::all())
+    }
+
+    fn with_all(&self, more: Vec<Arc<dyn Effect>>) -> Registry {
+        more.into_iter().fold(self.clone(), |registry, effect| registry.with(effect))
     }
 
     /// Returns this list with one more effect.

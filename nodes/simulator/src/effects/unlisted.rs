@@ -2,7 +2,9 @@
 //! effect finder needs episodes whose effect is none of its candidates.
 
 use super::effect::{About, Effect, Hook, log_uniform};
-use crate::beam::{ElementMaterial, ForceTerm, GripReaction, GripState, GripTerm, MaterialTerm, PointState};
+use crate::beam::{
+    ElementMaterial, ElementPlace, ForceTerm, GripReaction, GripState, GripTerm, MaterialTerm, PointState,
+};
 use crate::episode_model::EpisodeModel;
 use catenary_core::Prior;
 use std::f64::consts::TAU;
@@ -30,8 +32,8 @@ struct MiddleMass;
 struct Weight(f64);
 
 impl MaterialTerm for Weight {
-    fn change(&self, fraction: f64, element: &mut ElementMaterial) {
-        if MIDDLE.contains(&fraction) {
+    fn change(&self, place: &ElementPlace, element: &mut ElementMaterial) {
+        if MIDDLE.contains(&place.middle()) {
             element.mass_per_length_kg_m += self.0;
         }
     }
@@ -54,8 +56,8 @@ struct SoftJoint;
 struct Joint(f64);
 
 impl MaterialTerm for Joint {
-    fn change(&self, fraction: f64, element: &mut ElementMaterial) {
-        if MIDDLE.contains(&fraction) {
+    fn change(&self, place: &ElementPlace, element: &mut ElementMaterial) {
+        if MIDDLE.contains(&place.middle()) {
             element.stiffness[2] /= 1.0 + self.0;
         }
     }
