@@ -54,7 +54,7 @@ def test_a_search_in_the_graph_goes_on_after_a_cancel_and_is_verified_on_unseen_
     assert re.search(r"goes on with \d+ answers", logs) and journals() == []
     said = json.loads(done.stdout)
     assert any("tip_mass_kg" in alike.split("|") for alike in said["found"]), said
-    assert any("on 1 held-out episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]
+    assert any("on 1 validation episodes" in conclusion for conclusion in said["conclusions"]), said["conclusions"]
     model = (session.folder / "found/model.yaml").read_text()
     assert "tip_mass_kg" in model
     told_apart = all("|" not in alike for alike in said["found"])

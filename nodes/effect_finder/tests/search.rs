@@ -266,7 +266,7 @@ fn effects_that_make_held_out_episodes_less_likely_are_none_of_these() {
     let Outcome { finding, model: repaired, .. } = find_with(question, &settings);
     assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
     let loss = -finding.verification.unwrap().log_likelihood_gain;
-    let said = format!("none of these: they make held-out episodes less likely, by {loss:.1} nats");
+    let said = format!("none of these: they make validation episodes less likely, by {loss:.1} nats");
     assert!(loss > 3.0 && finding.conclusions.last() == Some(&said), "{:?}", finding.conclusions);
 }
 

@@ -59,7 +59,7 @@ pub(super) fn measured_start(
     }
     // The middle of an even number of frames is the earlier one, so that two frames give the old difference.
     let time_s = frames[(frames.len() - 1) / 2].0;
-    let degree = DEGREE.min((frames.len() + 1) / 2);
+    let degree = DEGREE.min(frames.len().div_ceil(2));
     let design = DMatrix::from_fn(frames.len(), degree + 1, |i, j| (frames[i].0 - time_s).powi(j as i32));
     let svd = design.svd(true, true);
     let coefficients = |k: usize, axis: usize| {
