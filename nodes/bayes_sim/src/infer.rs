@@ -80,7 +80,7 @@ pub fn infer(
     if outside == points && points > 0 {
         return Err(InferenceError::OutOfView { points });
     }
-    // Partly out of view is a warning below: a camera may lose an end for a while.
+    // Partly out of view is no error: a camera may lose an end for a while. The reader of the episode warns about it.
     let observed = measured.iter().map(|m| Observed::new(model, m, policy, settings.fidelity));
     let observed = observed.collect::<Result<Vec<_>, _>>()?;
     let fingerprint = fingerprint(model, measured, policy, settings);
@@ -131,9 +131,6 @@ pub fn infer(
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
     warnings.extend(incomplete);
-    if outside > 0 {
-        warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
-    }
     Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, misfit, warnings })
 }
 

@@ -1,9 +1,12 @@
 //! Measured track of an episode, as a model's simulator would return it.
 
 use super::complete::Episode;
-use super::coverage::{frame_warning, path_coverage, start_warning};
+use super::coverage::{few_warning, frame_warning, path_coverage, start_warning};
 use super::error::EpisodeError;
-use super::plausible::{self, HandLimits};
+use super::order::order_from;
+use super::plausible::{self, HandLimits, KEYPOINTS, POSES};
+use super::rate::{interval_doubt, slow_doubt};
+use super::view::view_warning;
 use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::statistics::median_high;
@@ -39,6 +42,10 @@ impl Episode {
             return Err(missing("poses on /panda/current_pose"));
         }
         let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
+        // A path with such gaps drives no simulation: its unit is the cause, and lost poses are not.
+        if let Some(doubt) = slow_doubt(&times_s(&self.poses), model) {
+            return Err(impossible(format!("{POSES}: header.stamp: {doubt}")));
+        }
         let hand = plausible::poses(&self.poses, &HandLimits::of(model), self.start_ns).map_err(impossible)?;
         let seen = plausible::keypoints(&self.keypoints, &model.camera.view, self.start_ns).map_err(impossible)?;
         let (times_s, path) = hand.kept.iter().map(|(time_s, pose)| (*time_s, pose.grip)).unzip();
@@ -48,6 +55,13 @@ impl Episode {
         warnings.extend(self.namesake_warning());
         warnings.extend(hand.warnings);
         warnings.extend(seen.warnings);
+        let doubt = interval_doubt(&times_s(&seen.kept), model);
+        warnings.extend(doubt.map(|doubt| format!("{KEYPOINTS}: header.stamp: {doubt}")));
+        warnings.extend(self.view_warning(&seen.kept, &model.camera.view));
+        // Held values are found in the whole stream: a frame that is left out for another reason would hide a run.
+        let with_held = seen.kept;
+        let seen = plausible::without_held(&with_held, &model.camera.view, &grip).map_err(impossible)?;
+        warnings.extend(seen.warnings);
         let seen = seen.kept;
         let (frames, actions) = match model.observation.drive {
             DriveKind::Grip => {
@@ -55,7 +69,9 @@ impl Episode {
                 let frames = sampled_frames(&seen, model, &grip, covered.until_s);
                 let room = self.room(model, covered.until_s);
                 warnings.extend(covered.warning);
-                warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
+                // Held frames have a warning of their own: they do not count as lost images.
+                let shown = sampled_frames(&with_held, model, &grip, covered.until_s).len();
+                warnings.extend(frame_warning(shown, room));
                 (frames, Vec::new())
             }
             // A policy's observations are its frames: the simulator is compared at the steps of the policy.
@@ -70,6 +86,7 @@ impl Episode {
         if frames.len() < 2 {
             return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
         }
+        warnings.extend(few_warning(&frames, model));
         let camera = &model.camera.view;
         // The target stands still: the median drops frames that mistake something else for it.
         let target = median_target(&frames);
@@ -92,6 +109,15 @@ impl Episode {
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings,
         })
+    }
+
+    /// Warning about keypoints outside of the view of the model's camera.
+    fn view_warning(&self, seen: &[(f64, Keypoints)], camera: &Camera) -> Option<String> {
+        let frames: Vec<[[f64; 2]; 4]> = seen.iter().map(|(_, k)| k.dlo_scaled()).collect();
+        // Keypoints that the camera cannot place were left out before.
+        let placed = |f: &[[f64; 2]; 4]| f.map(|p| camera.plane_from_scaled(p).unwrap_or_default());
+        let points_m: Vec<[[f64; 2]; 4]> = frames.iter().map(placed).collect();
+        view_warning(KEYPOINTS, camera, &frames, &points_m, |i| plausible::at(seen[i].0, self.start_ns))
     }
 
     /// Error of an episode that lacks the records described by `needed`.
@@ -148,6 +174,11 @@ impl Episode {
         };
         observations.iter().enumerate().map(frame).collect()
     }
+}
+
+/// Times in s of samples.
+fn times_s<T>(samples: &[(f64, T)]) -> Vec<f64> {
+    samples.iter().map(|(time_s, _)| *time_s).collect()
 }
 
 /// Frames nearest to the model's frame times, between the start of the episode and `until_s`. A frame time without a
@@ -210,22 +241,6 @@ fn each_once<T: Copy>(steps: &[(u32, T)]) -> Result<Vec<T>, String> {
         Some((i, (step, _))) => Err(format!("step {step} in place of step {i}, among {} in all", steps.len())),
         None => Ok(steps.iter().map(|(_, value)| *value).collect()),
     }
-}
-
-/// Order of four unordered points along the object: the shortest path from the grip through all of them.
-pub fn order_from(grip_m: [f64; 2], points_m: [[f64; 2]; 4]) -> [[f64; 2]; 4] {
-    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let length = |order: &[usize; 4]| {
-        let path = std::iter::once(grip_m).chain(order.iter().map(|&i| points_m[i]));
-        let points: Vec<[f64; 2]> = path.collect();
-        points.windows(2).map(|w| distance(w[0], w[1])).sum::<f64>()
-    };
-    // The 24 permutations among the 256 codes of four base-4 digits.
-    let orders = (0..256usize)
-        .map(|code| std::array::from_fn(|i| (code >> (2 * i)) & 3))
-        .filter(|o: &[usize; 4]| (0..4).all(|i| o.contains(&i)));
-    let best = orders.min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or([0, 1, 2, 3]);
-    best.map(|i| points_m[i])
 }
 
 /// Median of the target's position over the frames, coordinate by coordinate.
