@@ -13,6 +13,7 @@ mod element;
 mod error;
 mod forces;
 mod grip;
+mod hysteresis;
 mod material;
 mod mesh;
 mod neighbour;
@@ -37,4 +38,7 @@ pub use grip::{GripReaction, GripState};
 pub use parameters::{BeamParameters, Table};
 pub use section::SectionProperties;
 pub use statics::{Equilibrium, MeasuredPoint};
-pub use terms::{AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, MaterialTerm, PointState, Terms};
+pub use terms::{
+    AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, HystereticTerm, MaterialTerm, PointState, Reply,
+    Terms,
+};

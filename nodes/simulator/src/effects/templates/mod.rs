@@ -18,8 +18,9 @@ mod tests;
 mod wave;
 mod window;
 
-use super::companion::{Frequency, Place};
+use super::companion::Companion;
 use super::effect::{About, Effect, Hook, uniform};
+use camera_drift::Axis;
 use std::sync::Arc;
 use wave::Phase;
 
@@ -31,31 +32,26 @@ pub const FREQUENCY: &str = "template_frequency_hz";
 /// Returns all templates. The companions come first, because the others read what they set.
 pub(super) fn all() -> Vec<Arc<dyn Effect>> {
     vec![
-        Arc::new(Place { name: PLACE, own: |episode| &mut episode.templates }),
-        Arc::new(Frequency { name: FREQUENCY, own: |episode| &mut episode.templates }),
-        Arc::new(point_mass::PointMass),
-        Arc::new(local_stiffness::LocalStiffness),
-        Arc::new(local_curvature::LocalCurvature),
-        Arc::new(harmonic_force::HarmonicForce(Phase::Sine)),
-        Arc::new(harmonic_force::HarmonicForce(Phase::Cosine)),
-        Arc::new(harmonic_grip::HarmonicGrip(Phase::Sine)),
-        Arc::new(harmonic_grip::HarmonicGrip(Phase::Cosine)),
-        Arc::new(grip_drift::GripDrift),
-        Arc::new(stiffness_drift::StiffnessDrift),
-        Arc::new(arm_gain::ArmGain),
-        Arc::new(camera_drift::CameraDrift(camera_drift::Axis::Across)),
-        Arc::new(camera_drift::CameraDrift(camera_drift::Axis::Up)),
+        Arc::new(Companion::place(PLACE, |episode| &mut episode.templates.place)),
+        Arc::new(Companion::frequency(FREQUENCY, |episode| &mut episode.templates.frequency_hz)),
+        Arc::new(point_mass::effect()),
+        Arc::new(local_stiffness::effect()),
+        Arc::new(local_curvature::effect()),
+        Arc::new(harmonic_force::effect(Phase::Sine)),
+        Arc::new(harmonic_force::effect(Phase::Cosine)),
+        Arc::new(harmonic_grip::effect(Phase::Sine)),
+        Arc::new(harmonic_grip::effect(Phase::Cosine)),
+        Arc::new(grip_drift::effect()),
+        Arc::new(stiffness_drift::effect()),
+        Arc::new(arm_gain::effect()),
+        Arc::new(camera_drift::effect(Axis::Across)),
+        Arc::new(camera_drift::effect(Axis::Up)),
     ]
 }
 
-/// Description of a template whose magnitude has either sign, with a uniform prior up to `prior` and a range up to `most`.
-fn signed(
-    name: &'static str,
-    title: &'static str,
-    description: &'static str,
-    unit: &'static str,
-    hook: Hook,
-    [prior, most]: [f64; 2],
-) -> About {
+/// Description of a template whose magnitude has either sign: name, title, description and unit, with a uniform prior up to
+/// `prior` and a range up to `most`.
+fn signed(words: [&'static str; 4], hook: Hook, [prior, most]: [f64; 2]) -> About {
+    let [name, title, description, unit] = words;
     About { name, title, description, unit, hook, prior: uniform(-prior, prior), range: [-most, most] }
 }
