@@ -122,8 +122,9 @@ def test_the_answer_comes_first(name, words, browser, request):
 
 def test_the_search_tells_the_gain_of_the_repair_and_the_detectable_sizes(find_effects, browser):
     text = " ".join(browser.faults_of(find_effects, 1400)["text"].split())
-    repair = ("Tip mass of", "With it the error falls from", "not fitted, but chose between the models", "times the noise", "<= 0.05 (19 null data sets)", "noise floor")
-    for words in (*repair, "Detectable sizes", "not at any size"):
+    repair = ("Tip mass of", "With it the error falls from", "not fitted, but chose between the models", "noise floor")
+    test = ("times the noise", "<= 0.05 (19 null data sets)")
+    for words in (*repair, *test, "Detectable sizes", "not at any size"):
         assert words in text, words
 
 
