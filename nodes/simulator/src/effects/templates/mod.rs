@@ -20,7 +20,6 @@ mod window;
 
 use super::companion::Companion;
 use super::effect::{About, Effect, Hook, uniform};
-use camera_drift::Axis;
 use std::sync::Arc;
 use wave::Phase;
 
@@ -44,8 +43,8 @@ pub(super) fn all() -> Vec<Arc<dyn Effect>> {
         Arc::new(grip_drift::effect()),
         Arc::new(stiffness_drift::effect()),
         Arc::new(arm_gain::effect()),
-        Arc::new(camera_drift::effect(Axis::Across)),
-        Arc::new(camera_drift::effect(Axis::Up)),
+        Arc::new(camera_drift::effect(camera_drift::Axis::Across)),
+        Arc::new(camera_drift::effect(camera_drift::Axis::Up)),
     ]
 }
 

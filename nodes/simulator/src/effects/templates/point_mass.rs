@@ -39,17 +39,11 @@ pub fn effect() -> TermEffect {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixtures::{self, DOWN, GRAVITY, THETA};
+    use super::super::super::fixtures::{self, GRAVITY, THETA};
 
     #[test]
     fn the_grip_carries_its_weight_on_every_mesh() {
-        for elements in [12, 20, 40] {
-            let weight_n = |mass_kg| {
-                let model = fixtures::template(&super::effect(), mass_kg, [0.3, 1.0], 2e4);
-                fixtures::held(&model, elements, DOWN).grip_reaction().force_z_n
-            };
-            fixtures::close(weight_n(0.02) - weight_n(0.0), 0.02 * GRAVITY, 1e-6);
-        }
+        fixtures::carries_its_weight(&super::effect());
     }
 
     /// A level, stiff bar: the moment of the grip grows by the weight times the distance of the place.

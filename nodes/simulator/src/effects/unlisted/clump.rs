@@ -32,17 +32,10 @@ pub fn effect() -> TermEffect {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixtures::{self, DOWN, GRAVITY};
+    use super::super::super::fixtures;
 
     #[test]
     fn the_grip_carries_its_weight_on_every_mesh() {
-        for elements in [12, 20, 40] {
-            let weight_n = |mass_kg| {
-                fixtures::held(&fixtures::episode_model(&super::effect(), mass_kg), elements, DOWN)
-                    .grip_reaction()
-                    .force_z_n
-            };
-            fixtures::close(weight_n(0.02) - weight_n(0.0), 0.02 * GRAVITY, 1e-6);
-        }
+        fixtures::carries_its_weight(&super::effect());
     }
 }
