@@ -40,7 +40,7 @@ def row_of(answer, finding):
         "object": answer["object"],
         "size": answer["size"],
         "hidden": sorted(hidden),
-        "unlisted": answer["unlisted"],
+        "unlisted": answer["unlisted"] and {key: short(value) for key, value in answer["unlisted"].items()},
         "drive": answer["drive"],
         "verdict": finding["verdict"],
         "found": found,
@@ -65,6 +65,11 @@ def row_of(answer, finding):
         "wall_s": round(finding["wall_s"], 1),
         "probabilities": [(round(p["probability"], 4), p["name"] in hidden) for p in finding["presence"] if p["probability"] > IMPOSSIBLE],
     }
+
+
+def short(value):
+    """Number with four significant figures; anything else stays."""
+    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def false_names(verdict, found, hidden):
@@ -96,7 +101,7 @@ def held(fit, theta):
 def missing(finding):
     """Template that stands for what is missing, with the figures that are scored; none if the finding has none."""
     told = finding.get("missing")
-    return told and {key: told[key] for key in ("hook", "template", "place", "frequency_hz", "probability")}
+    return told and {key: short(told[key]) for key in ("hook", "template", "place", "frequency_hz", "probability")}
 
 
 def is_additional(row):
