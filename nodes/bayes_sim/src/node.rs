@@ -47,7 +47,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let spec = ParamSpec::new(
         "Prior's support of goals that do not choose: fixed, or adaptive, which grows it where a posterior presses on an edge that physics does not set.",
     );
-    let support = builder.declare_string("prior_support", PriorSupport::NAMES[0], spec.choices(&PriorSupport::NAMES))?;
+    let support =
+        builder.declare_string("prior_support", PriorSupport::NAMES[0], spec.choices(&PriorSupport::NAMES))?;
     let node = builder.build()?;
     let live = Arc::new(LiveEpisodes::listen(&node)?);
     let pools = Arc::new(Pools::new(node.clone(), patterns, stall_s));

@@ -21,9 +21,7 @@ pub use support::SupportMove;
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
-use crate::network::{
-    Ensemble, Epoch, IntervalFactors, Network, Outcome, Samples, Shape, Training, TrainingError,
-};
+use crate::network::{Ensemble, Epoch, IntervalFactors, Network, Outcome, Samples, Shape, Training, TrainingError};
 use crate::prior_support::PriorSupport;
 use crate::settings::{LEAST_TRACKS, Settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
@@ -254,8 +252,7 @@ impl<'a> Sequential<'a> {
         let before = before.map(|mixture| support::Placed { space: self.space_of(number - 1), mixture });
         let newest = support::Placed { space: &newest.parameters, mixture: &newest.mixture };
         let mut rng = seed::rng(self.seed(Stream::Support, number), 0);
-        let (space, moves) =
-            support::moved(rule, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
+        let (space, moves) = support::moved(rule, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
         (Some(space), moves)
     }
 
@@ -353,13 +350,7 @@ impl<'a> Sequential<'a> {
     }
 
     /// Training data of iteration `number`: the samples `data` at `indices` with their `weights`.
-    fn training<'b>(
-        &self,
-        number: usize,
-        indices: &'b [usize],
-        data: &'b Samples,
-        weights: &'b [f64],
-    ) -> Training<'b> {
+    fn training<'b>(&self, number: usize, indices: &'b [usize], data: &'b Samples, weights: &'b [f64]) -> Training<'b> {
         let seed = self.seed(Stream::Training, number);
         let held_out_seed = seed::derive(self.settings.seed, Stream::HeldOut as u64);
         Training { data, weights, split_keys: indices, seed, held_out_seed }

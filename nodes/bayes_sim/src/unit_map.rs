@@ -98,7 +98,11 @@ mod tests {
             let expected = wide.to_unit(&narrow.from_unit(&u));
             let back = map.inverse().apply(&map.apply(&u));
             for axis in 0..3 {
-                assert!((map.apply(&u)[axis] - expected[axis]).abs() < 1e-9, "{u:?}: {:?}, {expected:?}", map.apply(&u));
+                assert!(
+                    (map.apply(&u)[axis] - expected[axis]).abs() < 1e-9,
+                    "{u:?}: {:?}, {expected:?}",
+                    map.apply(&u)
+                );
                 assert!((back[axis] - u[axis]).abs() < 1e-12, "{back:?}");
             }
         }
@@ -117,8 +121,7 @@ mod tests {
 
     #[test]
     fn a_mixture_keeps_its_mass() {
-        let (narrow, wide) =
-            (space([0.2, 0.3], [1e3, 5e4], [0.24, 0.25]), space([0.2, 0.4], [5e2, 5e4], [0.24, 0.26]));
+        let (narrow, wide) = (space([0.2, 0.3], [1e3, 5e4], [0.24, 0.25]), space([0.2, 0.4], [5e2, 5e4], [0.24, 0.26]));
         let map = UnitMap::new(&narrow, &wide);
         let mixture = Mixture::new(
             &[0.3, 0.7],

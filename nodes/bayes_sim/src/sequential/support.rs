@@ -115,7 +115,8 @@ fn grown(u: impl Iterator<Item = f64>) -> Wanted {
     // farther from the edge than that does not press.
     let edge = EDGE.min(0.5 * (at(0.84) - at(0.16)));
     let share = |is_in: &dyn Fn(f64) -> bool| u.iter().filter(|u| is_in(**u)).count() as f64 / u.len() as f64;
-    let because = |share: f64, side: &str| format!("{:.0} % of the mixture lay at its {side} bound or beyond", 100.0 * share);
+    let because =
+        |share: f64, side: &str| format!("{:.0} % of the mixture lay at its {side} bound or beyond", 100.0 * share);
     let (below, above) = (share(&|u| u < edge), share(&|u| u > 1.0 - edge));
     if below > PRESSED {
         Some(([-GROWTH, 1.0], because(below, "lower")))
@@ -150,7 +151,15 @@ fn within(prior: &Prior, wanted: [f64; 2], limits: [f64; 2]) -> Option<[f64; 2]>
         Prior::Mixture(_) => false,
     };
     // Zero and one are the bounds themselves, without rounding.
-    let at = |u: f64| if u == 0.0 { low } else if u == 1.0 { high } else { prior.from_unit(u) };
+    let at = |u: f64| {
+        if u == 0.0 {
+            low
+        } else if u == 1.0 {
+            high
+        } else {
+            prior.from_unit(u)
+        }
+    };
     let to = [at(wanted[0]).max(limits[0]), at(wanted[1]).min(limits[1])];
     (is_free && to != [low, high] && to[0] < to[1]).then_some(to)
 }

@@ -69,7 +69,11 @@ fn the_support_reaches_a_truth_outside_of_it() {
         assert!(interval.contains(&truth[0]), "{:?}", adaptive.marginals);
         assert!(adaptive.space.parameters()[0].prior.holds(truth[0]), "{:?}", adaptive.space);
         // The second parameter's edges are physical.
-        assert!(adaptive.moves.iter().all(|(number, m)| m.parameter == "theta_0" && *number <= 4), "{:?}", adaptive.moves);
+        assert!(
+            adaptive.moves.iter().all(|(number, m)| m.parameter == "theta_0" && *number <= 4),
+            "{:?}",
+            adaptive.moves
+        );
         assert_eq!(adaptive.space.parameters()[1], TOY.space().parameters()[1]);
     }
 }
@@ -117,7 +121,10 @@ fn a_state_with_supports_of_other_parameters_is_refused() {
         sequential.resume(serde_json::from_value(value).unwrap()).unwrap_err().to_string()
     };
     let other = |v: &mut serde_json::Value| v["supports"][0][0]["name"] = "mass_kg".into();
-    assert_eq!(refusal(&other, &settings), "supports: expected 2 with the parameters of the model, got 2 for 2 iterations");
+    assert_eq!(
+        refusal(&other, &settings),
+        "supports: expected 2 with the parameters of the model, got 2 for 2 iterations"
+    );
     let fewer = |v: &mut serde_json::Value| drop(v["supports"].as_array_mut().unwrap().pop());
     assert!(refusal(&fewer, &settings).starts_with("supports: expected 2 "));
     let fixed = Settings { prior_support: PriorSupport::Fixed, ..settings.clone() };

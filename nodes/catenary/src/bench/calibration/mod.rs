@@ -72,8 +72,7 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     };
     let path = arguments.out.join("checks.jsonl");
     let runs = Runs { path: &path, count: arguments.truths, name: "truths" };
-    let lines =
-        runs.complete(of_this_model, |number, shutdown| infer_truth(&model, &settings, number, shutdown))?;
+    let lines = runs.complete(of_this_model, |number, shutdown| infer_truth(&model, &settings, number, shutdown))?;
     let report = report(&model, &lines);
     std::fs::write(arguments.out.join("report.html"), page(&report))?;
     output::result(&arguments.output, &report, words)
@@ -137,4 +136,3 @@ fn report(model: &Model, lines: &[Line]) -> Report {
         parameters,
     }
 }
-

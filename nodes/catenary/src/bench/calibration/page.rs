@@ -30,7 +30,9 @@ pub fn page(report: &Report) -> String {
         plain(100.0 * ninety, 0)
     ));
     page.heading("Cost of the widening");
-    page.note("Intervals are widened until they hold their share of the simulations that the networks did not train on.");
+    page.note(
+        "Intervals are widened until they hold their share of the simulations that the networks did not train on.",
+    );
     page.table(&["parameter", "90 % interval, not widened", "widened", "growth of the width"], &widening(report));
     page.heading("Ranks of the hidden values");
     page.note(

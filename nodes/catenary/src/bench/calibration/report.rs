@@ -135,7 +135,11 @@ mod tests {
         };
         let words = words(&report);
         // Wilson's interval of 90 of 100, and of 82 of 100.
-        let expected = ["90.0 %   95.0 %   82.6 to 94.5", "82.0 %   95.0 %   73.3 to 88.3", "0.1100 of the prior, 0.1000 not widened (+10 %)"];
+        let expected = [
+            "90.0 %   95.0 %   82.6 to 94.5",
+            "82.0 %   95.0 %   73.3 to 88.3",
+            "0.1100 of the prior, 0.1000 not widened (+10 %)",
+        ];
         assert!(expected.iter().all(|part| words.contains(part)), "{words}");
     }
 

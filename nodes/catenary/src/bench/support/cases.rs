@@ -49,13 +49,7 @@ impl Case {
         let parameters = pairs.map(stated).collect::<Option<Vec<_>>>();
         let theta = ParameterSpace::new(parameters.context("a prior is a mixture, whose bounds cannot be set")?)?;
         let truth = model.theta.from_unit(u);
-        Ok(Self {
-            group,
-            model: Model { theta, ..model.clone() },
-            truth,
-            beyond: beyond.to_vec(),
-            seed,
-        })
+        Ok(Self { group, model: Model { theta, ..model.clone() }, truth, beyond: beyond.to_vec(), seed })
     }
 }
 

@@ -1,6 +1,7 @@
 //! `catenary bench support`: supports of the prior that exclude the truth, with fixed and moving edges.
 
 mod cases;
+mod line;
 mod report;
 
 use super::args::SupportArgs;
@@ -12,38 +13,9 @@ use bayes_sim::{PriorSupport, Settings, SupportRule};
 use cases::Case;
 use catenary_core::seed;
 use catenary_shell::Shutdown;
+use line::Line;
 use report::{Report, words};
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
-
-/// One line of runs.jsonl: a case and its inference.
-#[derive(Debug, Serialize, Deserialize)]
-struct Line {
-    /// Number of the case.
-    case: usize,
-    /// Group of the case, such as `outside` or `dlo_0`.
-    group: String,
-    /// Rule of the support.
-    rule: String,
-    /// Hidden theta, D.
-    truth: Vec<f64>,
-    /// Distance of each truth from the stated support, in its widths (D); 0 inside.
-    beyond: Vec<f64>,
-    /// True for each parameter whose 90 % interval contains the truth.
-    inside_90: Vec<bool>,
-    /// Error of each mean in widths of the stated support.
-    error: Vec<f64>,
-    /// Width of each 90 % interval in widths of the stated support.
-    width: Vec<f64>,
-    /// Error of each mean relative to the truth: the absolute difference, and that of the decimal logarithms.
-    absolute: Vec<f64>,
-    decades: Vec<f64>,
-    /// True for each parameter whose support at the end contains the truth.
-    held: Vec<bool>,
-    /// Number of moves of the support, over parameters and iterations.
-    moves: usize,
-    wall_s: f64,
-}
 
 /// Rules that are compared, with their names.
 fn rules() -> Vec<(PriorSupport, &'static str)> {

@@ -1,7 +1,7 @@
 //! Figures of each group of cases under each rule.
 
-use super::Line;
 use super::cases::BARS;
+use super::line::Line;
 use catenary_core::statistics::{mean, median, wilson_interval};
 use serde::Serialize;
 
@@ -51,7 +51,10 @@ impl Report {
         // Rules of a group stand together.
         names.sort_by_key(|(group, _)| lines.iter().position(|line| line.group == *group));
         let own = |group: &str, rule: &str, of: &dyn Fn(&str) -> bool| {
-            Row::new([group, rule], &lines.iter().filter(|line| line.rule == rule && of(&line.group)).collect::<Vec<_>>())
+            Row::new(
+                [group, rule],
+                &lines.iter().filter(|line| line.rule == rule && of(&line.group)).collect::<Vec<_>>(),
+            )
         };
         let mut rows: Vec<Row> = names.iter().map(|(group, rule)| own(group, rule, &|of| of == *group)).collect();
         let mut rules: Vec<&str> = Vec::new();
@@ -121,7 +124,13 @@ pub fn words(report: &Report) -> String {
     };
     let units = |r: &Row| {
         let list = |values: &[f64]| values.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
-        format!("{:<9} {:<7} mean errors {}; of the decimal logarithms {}", r.group, r.rule, list(&r.absolute), list(&r.decades))
+        format!(
+            "{:<9} {:<7} mean errors {}; of the decimal logarithms {}",
+            r.group,
+            r.rule,
+            list(&r.absolute),
+            list(&r.decades)
+        )
     };
     let notes = [
         "held: parameters whose support at the end contains the truth. error, width: medians of the mean's error and of the \
@@ -129,7 +138,8 @@ pub fn words(report: &Report) -> String {
             .to_owned(),
         format!("{:.1} s each", report.wall_s_each),
     ];
-    let lines = [head].into_iter().chain(report.rows.iter().map(line)).chain(report.rows.iter().map(units)).chain(notes);
+    let lines =
+        [head].into_iter().chain(report.rows.iter().map(line)).chain(report.rows.iter().map(units)).chain(notes);
     lines.collect::<Vec<_>>().join("\n")
 }
 
@@ -163,8 +173,13 @@ mod tests {
         ];
         let report = Report::new(&lines);
         let names: Vec<_> = report.rows.iter().map(|r| (r.group.as_str(), r.rule.as_str(), r.cases)).collect();
-        let expected =
-            [("outside", "fixed", 1), ("outside", "edge", 2), ("dlo_0", "fixed", 1), ("dlo_3", "fixed", 1), ("bars", "fixed", 2)];
+        let expected = [
+            ("outside", "fixed", 1),
+            ("outside", "edge", 2),
+            ("dlo_0", "fixed", 1),
+            ("dlo_3", "fixed", 1),
+            ("bars", "fixed", 2),
+        ];
         assert_eq!(names, expected);
         assert_eq!((report.rows[0].coverage, report.rows[1].coverage), (0.5, 1.0));
         assert_eq!((report.rows[1].moves, report.rows[1].moved, report.rows[0].held), (1.0, 0.5, 0.5));
