@@ -43,7 +43,7 @@ impl Episode {
         }
         let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
         // A path with such gaps drives no simulation: its unit is the cause, and lost poses are not.
-        if let Some(doubt) = slow_doubt(&times_s(&self.poses), model) {
+        if let Some(doubt) = slow_doubt(&sample_times_s(&self.poses), model) {
             return Err(impossible(format!("{POSES}: header.stamp: {doubt}")));
         }
         let hand = plausible::poses(&self.poses, &HandLimits::of(model), self.start_ns).map_err(impossible)?;
@@ -55,7 +55,7 @@ impl Episode {
         warnings.extend(self.namesake_warning());
         warnings.extend(hand.warnings);
         warnings.extend(seen.warnings);
-        let doubt = interval_doubt(&times_s(&seen.kept), model);
+        let doubt = interval_doubt(&sample_times_s(&seen.kept), model);
         warnings.extend(doubt.map(|doubt| format!("{KEYPOINTS}: header.stamp: {doubt}")));
         warnings.extend(self.view_warning(&seen.kept, &model.camera.view));
         // Held values are found in the whole stream: a frame that is left out for another reason would hide a run.
@@ -84,7 +84,8 @@ impl Episode {
         };
         // A single frame shows no motion to compare.
         if frames.len() < 2 {
-            return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
+            let needed = "at least two frames with all four keypoints, at times when the grip's pose is known";
+            return Err(self.missing_because(&warnings, needed));
         }
         warnings.extend(few_warning(&frames, model));
         let camera = &model.camera.view;
@@ -122,9 +123,14 @@ impl Episode {
 
     /// Error of an episode that lacks the records described by `needed`.
     fn missing(&self, needed: &str) -> EpisodeError {
+        self.missing_because(&self.notes, needed)
+    }
+
+    /// Error of an episode that lacks the records described by `needed`, with the doubts that may be its cause.
+    fn missing_because(&self, doubts: &[String], needed: &str) -> EpisodeError {
         EpisodeError::Missing {
             episode: self.number,
-            cause: self.cause(),
+            cause: doubts.iter().map(|doubt| format!("{doubt}: ")).collect(),
             needed: needed.to_owned(),
             found: format!(
                 "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
@@ -177,7 +183,7 @@ impl Episode {
 }
 
 /// Times in s of samples.
-fn times_s<T>(samples: &[(f64, T)]) -> Vec<f64> {
+fn sample_times_s<T>(samples: &[(f64, T)]) -> Vec<f64> {
     samples.iter().map(|(time_s, _)| *time_s).collect()
 }
 
