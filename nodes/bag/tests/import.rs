@@ -48,9 +48,13 @@ fn check_round_trip(csv: &str, model: &Model) {
     assert_eq!((episode.keypoints.len(), episode.poses.len()), (rows.len(), rows.len()));
     let measured = episode.measured(model).unwrap();
     let camera: &Camera = &model.camera.view;
+    // A track with a measured start begins at the middle of its first frames: times count from there.
+    let begin_s = -measured.grip.times_s()[0];
+    let at = |time_s: f64| rows.iter().find(|r| (r[0] - rows[0][0] - begin_s - time_s).abs() < 2e-9).unwrap();
+    assert_eq!(begin_s > 0.0, model.observation.start == StartKind::Measured);
     let mut compared = 0;
     for frame in &measured.track.frames {
-        let row = rows.iter().find(|r| (r[0] - rows[0][0] - frame.time_s).abs() < 2e-9).unwrap();
+        let row = at(frame.time_s);
         for (k, scaled) in frame.dlo.iter().enumerate() {
             let [x, z] = camera.plane_from_scaled(*scaled).unwrap();
             assert!((x - row[4 + 2 * k]).abs() < 1e-9 && (z - row[5 + 2 * k]).abs() < 1e-9, "{row:?}: {x}, {z}");
@@ -58,7 +62,8 @@ fn check_round_trip(csv: &str, model: &Model) {
         assert!((0..3).all(|i| (frame.eef[i] - row[1 + i]).abs() < 1e-9), "{:?} for {row:?}", frame.eef);
         compared += 1;
     }
-    let lasting = (episode.duration_s / model.observation.frame_period_s).round() as usize + 1;
+    // A frame lies within half a period of its time.
+    let lasting = ((episode.duration_s - begin_s) / model.observation.frame_period_s).round() as usize + 1;
     assert_eq!(compared, model.observation.frames.min(lasting));
     for ((time_s, pose), row) in episode.poses.iter().zip(&rows) {
         assert!((time_s - (row[0] - rows[0][0])).abs() < 2e-9);
@@ -67,7 +72,9 @@ fn check_round_trip(csv: &str, model: &Model) {
     assert_eq!(measured.grip.poses().len(), rows.len());
     if model.observation.start == StartKind::Measured {
         let StartShape::Measured { points_m, .. } = measured.start else { panic!("{:?}", measured.start) };
-        assert!((0..4).all(|k| (points_m[k][0] - rows[0][4 + 2 * k]).abs() < 1e-9), "{points_m:?}");
+        // The first frames are smoothed: the points of a measured cable jitter by some millimetres.
+        let first = at(0.0);
+        assert!((0..4).all(|k| (points_m[k][0] - first[4 + 2 * k]).abs() < 5e-3), "{points_m:?} for {first:?}");
     }
 }
 
