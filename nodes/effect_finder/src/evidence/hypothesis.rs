@@ -108,10 +108,9 @@ impl Hypothesis {
     /// their sizes is at least `least`, all other unknowns free.
     pub fn trading_pairs(&self, least: f64) -> Vec<(usize, usize)> {
         let Some(likelihood) = Laplace::of_likelihood(&self.fit) else { return Vec::new() };
-        let covariance = likelihood.covariance(self.column(0)..self.unknowns.columns());
-        let correlation = |i: usize, j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+        let correlations = likelihood.correlations(self.column(0)..self.unknowns.columns());
         let pairs = (0..self.candidates.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
-        pairs.filter(|&(i, j)| correlation(i, j).abs() >= least).collect()
+        pairs.filter(|&pair| correlations[pair].abs() >= least).collect()
     }
 
     /// Starting points for a fit of this model near the fit of `other`. Shared unknowns start as in `other`. Each

@@ -75,6 +75,16 @@ impl Laplace {
         units.transpose() * units
     }
 
+    /// Correlations of the coordinates in `columns`, the others free.
+    pub fn correlations(&self, columns: Range<usize>) -> DMatrix<f64> {
+        let covariance = self.covariance(columns);
+        // The precision of [`PRIOR_PRECISION`] or [`NO_PRECISION`] keeps the variances positive; a curvature that is not
+        // finite gives a NaN, which is below every limit.
+        DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
+            covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt()
+        })
+    }
+
     /// Log determinant of the precision.
     pub fn log_determinant(&self) -> f64 {
         2.0 * self.precision.l_dirty().diagonal().iter().map(|l| l.ln()).sum::<f64>()

@@ -28,7 +28,7 @@ impl TradeOff {
 /// definite. The spread between conditions does not count, because it is no doubt about these data.
 pub fn trade_offs(found: &Hypothesis) -> Vec<TradeOff> {
     let Some(posterior) = Laplace::of(&found.fit) else { return Vec::new() };
-    let covariance = posterior.covariance(0..found.unknowns.columns());
+    let correlations = posterior.correlations(0..found.unknowns.columns());
     let list = found.unknowns.list();
     let effects = list.len() - found.candidates.len()..list.len();
     let others = |effect: usize| (0..effect).filter(|i| list[*i].scope == Scope::Shared).map(move |i| (effect, i));
@@ -36,10 +36,8 @@ pub fn trade_offs(found: &Hypothesis) -> Vec<TradeOff> {
         .flat_map(others)
         .map(|(effect, other)| {
             let [e, o] = [effect, other].map(|i| found.unknowns.column(i, 0));
-            // The prior's precision keeps the variances positive; a curvature that is not finite gives a NaN, which is below
-            // every limit.
-            let correlation = covariance[(e, o)] / (covariance[(e, e)] * covariance[(o, o)]).sqrt();
-            TradeOff { between: [list[effect].name.clone(), list[other].name.clone()], correlation }
+            let between = [list[effect].name.clone(), list[other].name.clone()];
+            TradeOff { between, correlation: correlations[(e, o)] }
         })
         .filter(|t| t.correlation.abs() >= LEAST_CORRELATION)
         .collect();

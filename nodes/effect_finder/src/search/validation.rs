@@ -7,9 +7,9 @@ use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Effort, Extent, Hypothesis, Ranking};
 use crate::fitting::FidelityCorrection;
-use crate::report::{EpisodeBands, PREDICTIONS, RepairEvidence, ValidationEvidence, Verification, Verifier};
+use crate::report::{EpisodeBands, PREDICTIONS, RepairEvidence, ValidationEvidence, Verification};
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// Evidence of the fitted episodes on the best repair, with the first look at the validation episodes.
     pub(super) fn repair_evidence(
         &self,
@@ -70,7 +70,7 @@ impl Search<'_> {
 
     fn verify_on(
         &mut self,
-        episodes: &[MeasuredEpisode],
+        episodes: &'a [MeasuredEpisode],
         base: &Hypothesis,
         best: &Hypothesis,
         ranking: &Ranking,
@@ -88,7 +88,7 @@ impl Search<'_> {
         };
         let wrong = ranking.hypotheses.iter().find(is_wrong);
         let camera = &self.question.model.camera.view;
-        let verifier = Verifier { problem: self.problem, episodes, camera, settings: self.settings };
+        let verifier = self.verifier_on(episodes);
         let (verification, [before, after]) = self
             .reporter
             .with_progress(Stage::Verify, |on_round| verifier.verify(base, best, wrong, known, on_round))?;
@@ -194,7 +194,14 @@ mod tests {
             let episodes = [measured(&[], 2)];
             let problem = Problem::of(&model, &episodes, &toy, 40);
             let settings = Settings { finer_fidelity: None, ..Settings::default() };
-            let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
+            let question = Question {
+                model: &model,
+                measured: &[],
+                validation: &[],
+                held_out: &[],
+                candidates: &[],
+                templates: &[],
+            };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen);
             let mut search = Search {

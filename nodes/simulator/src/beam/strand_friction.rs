@@ -152,6 +152,45 @@ mod tests {
         BeamParameters { strand_friction, ..bar }
     }
 
+    fn sticking() -> StrandFriction {
+        StrandFriction::of(&BeamParameters { sticking_stiffness_n_m2: 2.0, slip_moment_n_m: 0.1, ..cable(0.0) })
+    }
+
+    #[test]
+    fn a_cycle_encloses_the_energy_of_the_slip() {
+        let friction = sticking();
+        let (mut neutral, mut lost, mut last) = ([0.0; LAYERS], 0.0, 0.0);
+        let amplitude = 0.5;
+        // Only the second cycle counts: the first begins in the middle of the loop.
+        for i in 0..8000 {
+            let curvature = amplitude * (std::f64::consts::TAU * f64::from(i) / 4000.0).sin();
+            let moment = friction.moment_at(curvature, &neutral);
+            lost += if i >= 4000 { moment * (curvature - last) } else { 0.0 };
+            friction.slip(curvature, &mut neutral);
+            last = curvature;
+        }
+        let slip = 2.0 * (amplitude - 0.1 / 2.0);
+        let expected = 2.0 * 0.1 * slip;
+        assert!((lost - expected).abs() < 2e-3 * expected, "{lost} against {expected}");
+    }
+
+    #[test]
+    fn the_moment_is_the_derivative_of_the_energy() {
+        let element = Element { length: 1.0, inverse_length: 1.0, ..Element::default() };
+        for friction in [sticking(), StrandFriction::of(&cable(0.5))] {
+            let response = |curvature: f64| {
+                let mut r = Response::default();
+                friction.add(&element, curvature, &[0.3; LAYERS], &mut r);
+                r
+            };
+            for curvature in [-0.2, 0.28, 0.3, 0.33, 0.9] {
+                let step = 1e-6;
+                let slope = (response(curvature + step).energy - response(curvature - step).energy) / (2.0 * step);
+                assert!((slope - response(curvature).bending_moment).abs() < 1e-7, "{slope} at {curvature}");
+            }
+        }
+    }
+
     /// Virgin curve: c EI / L t^(1/4) at the turns of the layers.
     #[test]
     fn the_gradual_law_grows_with_the_fourth_root_of_the_turn() {
