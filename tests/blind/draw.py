@@ -1,11 +1,13 @@
 """Draws worlds, most with a hidden effect, and seals the answers.
 
     source .venv/ros.env; .venv/bin/python tests/blind/draw.py --out DIR [--nulls 100] [--each 20] [--effects NAMES]
-        [--sizes 0.5,1,3] [--pairs 20] [--unlisted 20] [--seed 1]
+        [--sizes 0.5,1,3] [--pairs 20] [--unlisted 5] [--structured 40] [--seed 1]
 
-Each effect is hidden in --each objects with motions, at every size, and measured anew at each size.
+Each effect is hidden in --each objects with motions, at every size, and measured anew at each size. A world of the kind "structured" has
+a residual that no effect of the library is: an unlisted effect, alone (--unlisted of each) or beside one or two effects (--structured).
 
-A world is a folder of DIR/worlds. It holds the bags of some episodes, with topics alone, and the model with which a lab would begin.
+A world is a folder of DIR/worlds. It holds the bags of three episodes, with topics alone, and the model with which a lab would begin:
+bag_0 to be fitted, bag_1 to choose between models, bag_2 to verify the choice.
 Worlds are simulated at the finer `reference` fidelity. If the model follows the measured path of the hand, another arm moves it.
 DIR/sealed holds the answers; DIR/seals.txt, written before any search, holds their SHA-256. DIR/left_out.jsonl lists the worlds that
 could not be drawn, with the reason. Worlds that DIR holds already are not drawn again.
@@ -38,13 +40,41 @@ PRIOR = "low: 1.0e+3, high: 5.0e+4"
 # Prior of Young's modulus in the model file, and range of the drawn objects, Pa: silicone, and a stiff rubber whose pull shows a
 # compliant grip.
 OBJECTS = [(PRIOR, 2e3, 4e4), ("low: 5.0e+4, high: 5.0e+6", 1e5, 2e6)]
+OBJECT_NAMES = ["soft", "stiff"]
 # Two effects that hide each other, beside pairs drawn at random. Camera scale and length hide each other, too, in every world: the
 # search does not know the length.
 HARD_PAIR = ("arm_lag_s", "grip_compliance_rad_n_m")
 # Effects that act at random, which no fit can find.
 NEVER = {"dropped_frames", "keypoint_noise_px"}
-UNLISTED = ["middle_mass_kg", "soft_joint", "gust_n_m", "tremor_rad"]
-EPISODES = 2
+# Unlisted effects of the simulator.
+UNLISTED = [
+    "middle_mass_kg",
+    "soft_joint",
+    "gust_n_m",
+    "tremor_rad",
+    "curvature_wave_per_m",
+    "kink_rad",
+    "sleeve",
+    "dahl_friction_n_m",
+    "clump_kg",
+    "varying_wind_n_m",
+    "periodic_push_n_m",
+    "start_pull_n_m",
+    "loosening_grip_rad",
+    "undershoot",
+    "camera_bump",
+]
+# Companions that set where and how fast unlisted effects act, and their drawn values: away from the ends of the object, and between a
+# slow swing and two frames.
+PLACE, FREQUENCY = "unlisted_place", "unlisted_frequency_hz"
+COMPANIONS = {PLACE: lambda rng: rng.uniform(0.15, 0.85), FREQUENCY: lambda rng: numpy.exp(rng.uniform(numpy.log(0.3), numpy.log(2.0)))}
+# Unlisted effects that act on the arm alone.
+OF_THE_ARM = {"undershoot"}
+# Places of the unlisted effects that have one of their own.
+MIDDLE = {"middle_mass_kg": 0.5, "soft_joint": 0.5}
+# Size of all effects in a structured world, in detectable sizes.
+STRUCTURED_SIZE = 3.0
+EPISODES = 3
 # Objects and motions of each kind that are tried until the effects are detectable.
 ATTEMPTS = 8
 # Failed settings after which an effect that was never detectable is given up.
@@ -91,7 +121,11 @@ def plan(arguments, effects):
     settings = [("none", [0.0], [])] * arguments.nulls
     settings += [("effect", sizes(arguments), [name]) for name in offered for _ in range(arguments.each)]
     settings += [("pair", [3.0], list(pair)) for pair in drawn]
-    settings += [("unlisted", [3.0], [name]) for name in UNLISTED for _ in range(arguments.unlisted)]
+    settings += [("structured", [STRUCTURED_SIZE], [name]) for name in UNLISTED for _ in range(arguments.unlisted)]
+    for number in range(arguments.structured):
+        # Each unlisted effect stands beside one effect, then beside two.
+        beside = rng.choice(offered, size=1 + number // len(UNLISTED) % 2, replace=False)
+        settings.append(("structured", [STRUCTURED_SIZE], [*map(str, beside), UNLISTED[number % len(UNLISTED)]]))
     kinds = [(kind, size, names, stream) for stream, (kind, some, names) in enumerate(settings) for size in some]
     return [kinds[i] for i in rng.permutation(len(kinds))]
 
@@ -101,27 +135,30 @@ def sizes(arguments):
 
 
 def is_of_the_arm(names, effects):
-    return any(e["name"] in names and e["hook"] == "actuation" for e in effects)
+    return not OF_THE_ARM.isdisjoint(names) or any(e["name"] in names and e["hook"] == "actuation" for e in effects)
 
 
 def drawn_setting(rng, names, effects, kind, folder):
-    """Object of the kind with motions, the signed detectable size of each effect, and the largest multiple of it within all priors;
-    none if an effect is not detectable."""
+    """Object of the kind with motions, the signed detectable size of each effect, the values of the companions, and the largest multiple
+    of the sizes within all priors; none if an effect is not detectable."""
     acts = is_of_the_arm(names, effects) or rng.uniform() < 0.25
     model = folder / "model.yaml"
     model.write_text(model_of(kind, acts))
     _, softest, stiffest = OBJECTS[kind]
     theta = {"length_m": rng.uniform(0.2, 0.3), "youngs_modulus_pa": float(numpy.exp(rng.uniform(numpy.log(softest), numpy.log(stiffest))))}
     motions = [actions(rng) for _ in range(EPISODES)]
-    unit, reach = {}, []
+    unit, reach, hooks, companions = {}, [], {}, {}
     if names:
         write_actions(folder / "actions.csv", motions[0])
-        values = [a for item in theta.items() for a in ("--value", "{}={}".format(*item))]
+        # All companions are drawn, so that a stream of random numbers does not depend on the effect.
+        drawn = {name: float(draw_one(rng)) for name, draw_one in COMPANIONS.items()}
+        values = [a for item in (theta | drawn).items() for a in ("--value", "{}={}".format(*item))]
         asked = [a for name in names for a in ("--name", name)]
         sized = json.loads(program("effects", "--model", model, "--actions", folder / "actions.csv", *asked, *values, "--json"))
         for name in names:
             about = next(e for e in sized if e["name"] == name)
-            shows = about.get("detectable")
+            shows, hooks[name] = about.get("detectable"), about["hook"]
+            companions |= {companion: drawn[companion] for companion in about.get("companions", [])}
             ((_, bounds),) = about["prior"].items()
             (low, high), most = about["range"], bounds["high"]
             # An effect detectable below this size folds the object another way by chance.
@@ -131,7 +168,8 @@ def drawn_setting(rng, names, effects, kind, folder):
                 return None
             unit[name] = float(sign * shows)
             reach.append(min(most, high if sign > 0 else -low) / shows)
-    return {"object": kind, "acts": bool(acts), "theta": theta, "motions": motions, "unit": unit, "reach": min(reach, default=0.0)}
+    setting = {"object": kind, "acts": bool(acts), "theta": theta, "motions": motions, "unit": unit, "hooks": hooks}
+    return setting | {"companions": companions, "reach": min(reach, default=0.0)}
 
 
 def model_of(kind, acts):
@@ -165,7 +203,7 @@ def setting_of(stream, greatest, names, effects, arguments, folder):
 
 
 def measured_world(number, size, setting, arguments, folder):
-    """Writes the bags and the model; returns the hidden effects."""
+    """Writes the bags and the model; returns the hidden effects, unlisted ones included."""
     rng = numpy.random.default_rng([arguments.seed, MEASURED, number])
     model = model_of(setting["object"], setting["acts"])
     (folder / "model.yaml").write_text(model)
@@ -173,7 +211,7 @@ def measured_world(number, size, setting, arguments, folder):
     world.write_text(model if setting["acts"] else changed(model, LAG, IMPEDANCE))
     hidden = {name: size * value for name, value in setting["unit"].items()}
     given = [a for item in setting["theta"].items() for a in ("--theta", "{}={}".format(*item))]
-    given += [a for item in hidden.items() for a in ("--effect", "{}={}".format(*item))]
+    given += [a for item in (hidden | setting["companions"]).items() for a in ("--effect", "{}={}".format(*item))]
     for episode, rows in enumerate(setting["motions"]):
         write_actions(folder / "actions.csv", rows)
         seed = int(rng.integers(2**31))
@@ -195,12 +233,24 @@ def draw(number, kind, size, names, setting, arguments):
     except RuntimeError:
         shutil.rmtree(half)
         raise
-    answer = {"seed": arguments.seed, "number": number, "kind": kind, "size": size, "hidden": hidden, "theta": setting["theta"]}
+    listed = {name: value for name, value in hidden.items() if name not in UNLISTED}
+    answer = {"seed": arguments.seed, "number": number, "kind": kind, "size": size, "hidden": listed, "theta": setting["theta"]}
+    answer |= {"unlisted": unlisted_of(hidden, setting), "object": OBJECT_NAMES[setting["object"]]}
     answer |= {"drive": "actions" if setting["acts"] else "grip", "salt": secrets.token_hex(16)}
     shutil.rmtree(folder, ignore_errors=True)
     half.rename(folder)
     sealed.parent.mkdir(parents=True, exist_ok=True)
     sealed.write_text(json.dumps(answer, indent=1))
+
+
+def unlisted_of(hidden, setting):
+    """Unlisted effect of a world, with the part of the simulator, the place and the frequency that it has; none without one."""
+    for name in hidden:
+        if name in UNLISTED:
+            told = setting["companions"]
+            place, frequency_hz = told.get(PLACE, MIDDLE.get(name)), told.get(FREQUENCY)
+            return {"name": name, "magnitude": hidden[name], "hook": setting["hooks"][name], "place": place, "frequency_hz": frequency_hz}
+    return None
 
 
 def main():
@@ -211,7 +261,8 @@ def main():
     parser.add_argument("--effects", default="", help="names of effects, separated by commas; empty: all")
     parser.add_argument("--sizes", default="0.5,1,3", help="in detectable sizes")
     parser.add_argument("--pairs", type=int, default=20, help="worlds with two effects")
-    parser.add_argument("--unlisted", type=int, default=20, help="worlds of each effect that is no candidate")
+    parser.add_argument("--unlisted", type=int, default=5, help="worlds of each effect that is no candidate, alone")
+    parser.add_argument("--structured", type=int, default=40, help="worlds of an effect that is no candidate beside others")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     arguments.lock = alone(arguments.out)

@@ -1,4 +1,4 @@
-"""Runs the effect finder on the drawn worlds: it fits the first bag of each and holds out the others. It reads no sealed answer.
+"""Runs the effect finder on the drawn worlds: each bag of a world has its role. It reads no sealed answer.
 
     source .venv/ros.env; .venv/bin/python tests/blind/find.py --out DIR [--null-sets 99] [--seed 1]
 
@@ -18,14 +18,15 @@ from alone import alone
 MOST_WORLDS = 100_000
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
+# Role of each bag in a search.
+ROLES = {"--bag": "bag_0", "--validate": "bag_1", "--verify": "bag_2"}
 
 
 def search(world, found, null_sets, seed):
     """Searches a world, and moves the complete finding to its place."""
     half = found.with_suffix(".half")
-    first, *others = sorted(world.glob("bag_*"))
-    held_out = [a for bag in others for a in ("--verify", bag)]
-    files = ["--model", world / "model.yaml", "--bag", first, *held_out, "--out", half]
+    bags = [a for option, bag in ROLES.items() for a in (option, world / bag)]
+    files = ["--model", world / "model.yaml", *bags, "--out", half]
     command = [PROGRAM, "find-effects", *files, "--null-sets", null_sets, "--seed", seed]
     done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
     if done.returncode:

@@ -25,6 +25,8 @@ pub struct EpisodeModel {
     pub camera: CameraSettings,
     /// Place and frequency of the templates.
     pub templates: Companions,
+    /// Place and frequency of the unlisted effects.
+    pub unlisted: Companions,
 }
 
 /// Values that set where and how fast effects act. They do nothing alone.

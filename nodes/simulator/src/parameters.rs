@@ -252,6 +252,7 @@ impl<'r> Values<'r> {
             arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),
             templates: Companions::default(),
+            unlisted: Companions::default(),
         };
         for effect in self.registry.effects() {
             let name = effect.about().name;

@@ -23,7 +23,7 @@ import yaml
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 sys.path.insert(0, f"{sys.path[0]}/blind")
 import draw
-import score
+import rows
 
 from support.program import MODELS
 
@@ -126,7 +126,7 @@ def main():
             row = row_of(model.stem, state, motion, json.loads((found / "verdict.json").read_text()))
             print(json.dumps(row) if arguments.json else text(row), flush=True)
             if (model, motion) == (straight, SWING):
-                if row["verdict"] not in score.NAMED:
+                if row["verdict"] not in rows.NAMED:
                     sys.exit(f"{found}: the verdict is {row['verdict']}, so there is no repaired model to search with")
                 shutil.copy(found / "model.yaml", repaired)
                 loosened(free, repaired)

@@ -16,8 +16,8 @@ pub struct EffectsArgs {
     /// Actions of that episode: a CSV file with the columns dx_m, dz_m, one row per step
     #[arg(long, requires = "model")]
     pub actions: Option<PathBuf>,
-    /// Value of a parameter or effect in that episode, as NAME=VALUE; default: the model's nominal value, else the
-    /// median of its distribution
+    /// Value of a parameter or effect in that episode, or of a place or frequency that an effect needs, as NAME=VALUE;
+    /// default: the model's nominal value, else the median of its distribution
     #[arg(long, requires = "model", value_parser = parameter_value)]
     pub value: Vec<(String, f64)>,
     /// Machine-readable output

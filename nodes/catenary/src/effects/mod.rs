@@ -11,7 +11,7 @@ use args::EffectsArgs;
 use catenary_core::model::DriveKind;
 use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Prior};
-use catenary_simulator::effects::{About, Hook, Sign};
+use catenary_simulator::effects::{About, Effect, Hook, Sign};
 use catenary_simulator::{BeamSimulator, Registry, workers};
 use effect_finder::data::{MeasuredEpisode, Unknowns};
 use effect_finder::fitting::Problem;
@@ -31,17 +31,21 @@ struct Row {
     sign: Sign,
     prior: Prior,
     range: [f64; 2],
+    /// Names of the effects that set where and how fast it acts.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    companions: &'static [&'static str],
     /// Smallest size that shows at the 5 % level in four of five such episodes. `None` if no episode was given, if the
     /// model has the effect already, or if no size shows.
     #[serde(skip_serializing_if = "Option::is_none")]
     detectable: Option<f64>,
 }
 
-impl From<About> for Row {
-    fn from(about: About) -> Self {
-        let sign = about.sign();
+impl From<&dyn Effect> for Row {
+    fn from(effect: &dyn Effect) -> Self {
+        let about = effect.about();
+        let (sign, companions) = (about.sign(), effect.companions());
         let About { name, title, description, unit, hook, prior, range } = about;
-        Self { name, title, description, unit, hook: hook.name(), sign, prior, range, detectable: None }
+        Self { name, title, description, unit, hook: hook.name(), sign, prior, range, companions, detectable: None }
     }
 }
 
@@ -55,8 +59,12 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
         let hint = did_you_mean(name, known.iter().copied());
         return Err(WrongInput::error(format!("--name {name}: expected one of {}{hint}", known.join(", "))));
     }
-    let is_asked = |a: &About| arguments.name.is_empty() || arguments.name.iter().any(|n| n == a.name);
-    let asked: Vec<About> = registry.effects().map(|e| e.about()).filter(is_asked).collect();
+    // A companion does nothing alone, so that it is listed only by its name.
+    let is_asked = |name: &str| match arguments.name.as_slice() {
+        [] => !is_companion(registry, name),
+        names => names.iter().any(|n| n == name),
+    };
+    let asked: Vec<&dyn Effect> = registry.effects().filter(|e| is_asked(e.about().name)).collect();
     let rows: Vec<Row> = match (&arguments.model, &arguments.actions) {
         (Some(model), Some(actions)) => sized(asked, registry, &model_file::read(model)?, actions, &arguments.value)?,
         _ => asked.into_iter().map(Row::from).collect(),
@@ -82,9 +90,14 @@ fn words(rows: &[Row], is_sized: bool) -> String {
     std::iter::once(head).chain(rows.iter().map(entry)).collect::<Vec<_>>().join("\n")
 }
 
+/// Returns whether the named effect only sets where or how fast others act.
+fn is_companion(registry: &Registry, name: &str) -> bool {
+    registry.effects().any(|effect| effect.companions().contains(&name))
+}
+
 /// Smallest detectable size of each effect in an episode of these actions.
 fn sized(
-    asked: Vec<About>,
+    asked: Vec<&dyn Effect>,
     registry: &Registry,
     model: &Model,
     actions: &Path,
@@ -92,6 +105,11 @@ fn sized(
 ) -> Result<Vec<Row>> {
     let name = actions.display().to_string();
     let text = catenary_shell::files::read_text("actions", actions).given()?;
+    // Companions are no unknowns of the model: it fixes them.
+    let (companions, values): (Vec<_>, Vec<_>) = values.iter().partition(|(name, _)| is_companion(registry, name));
+    let mut model = model.clone();
+    model.parameters.extend(companions.into_iter().cloned());
+    let model = &model;
     let settings = Settings::default();
     let episodes = [MeasuredEpisode::planned(model, &actions_file::read(&name, &text).given()?, &settings)];
     let unknowns = Unknowns::of(model, 1);
@@ -117,13 +135,14 @@ fn sized(
     let simulator = BeamSimulator::with_effects(model, registry, workers::available())?;
     let problem = Problem::of(model, &episodes, &simulator, settings.rounds);
     let candidates = convert::candidates(registry, model)?;
-    let row = |about: About| {
+    let row = |effect: &dyn Effect| {
+        let about = effect.about();
         // A measured path already contains the arm's deviation from its commands, so that actuation effects cannot
         // show.
         let is_seen = about.hook != Hook::Actuation || model.observation.drive != DriveKind::Grip;
         let own: Option<&Candidate> = candidates.iter().find(|c| c.name == about.name && is_seen);
         let detectable = own.map(|c| detectable_size(&problem, &point, c)).transpose()?.flatten();
-        Ok(Row { detectable, ..Row::from(about) })
+        Ok(Row { detectable, ..Row::from(effect) })
     };
     asked.into_iter().map(row).collect()
 }

@@ -109,15 +109,14 @@ mod tests {
     use crate::toy::{self, Toy};
     use nalgebra::DVector;
 
+    /// Fit of 200 coordinates.
+    fn fit(cost: f64) -> Fit {
+        let (residuals, jacobian) = (DVector::zeros(200), nalgebra::DMatrix::zeros(200, 0));
+        Fit { point: Vec::new(), cost, residuals, jacobian, tracks: Vec::new() }
+    }
+
     #[test]
     fn the_explained_share_is_of_the_excess_over_noise() {
-        let fit = |cost| Fit {
-            point: Vec::new(),
-            cost,
-            residuals: DVector::zeros(200),
-            jacobian: nalgebra::DMatrix::zeros(200, 0),
-            tracks: Vec::new(),
-        };
         assert_eq!(share_explained(&[fit(700.0), fit(700.0)], &[fit(200.0), fit(450.0)]), Some(0.75));
         assert_eq!(share_explained(&[fit(700.0)], &[fit(150.0)]), Some(1.0));
         assert_eq!(share_explained(&[fit(700.0)], &[fit(1200.0)]), Some(-1.0));
@@ -135,13 +134,6 @@ mod tests {
             assert_eq!(share_closed(before, after, floor), None, "{before} {after} {floor}");
         }
         assert_eq!(share_closed(3.0, 1.0, f64::NAN), None);
-        let fit = |cost| Fit {
-            point: Vec::new(),
-            cost,
-            residuals: DVector::zeros(200),
-            jacobian: nalgebra::DMatrix::zeros(200, 0),
-            tracks: Vec::new(),
-        };
         assert_eq!(share_explained(&[fit(f64::INFINITY)], &[fit(f64::INFINITY)]), None);
         assert_eq!(share_explained(&[fit(f64::NAN)], &[fit(200.0)]), None);
     }

@@ -100,6 +100,7 @@ impl Beam {
         self.parameters = parameters;
         self.terms.clone_from(terms);
         self.mesh.fill(&parameters, terms);
+        self.increment.hysteresis.reset(&terms.hystereses);
         self.increment.term_force.fill([0.0; 2]);
         self.counters = Counters::default();
         self.lay_straight(grip);
@@ -146,6 +147,7 @@ impl Beam {
         self.state.restart(&self.mesh);
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
         self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
+        self.increment.hysteresis.restart(&self.state.strain);
         if !self.terms.ageings.is_empty() {
             self.age_to(0.0);
         }

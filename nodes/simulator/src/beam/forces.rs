@@ -75,6 +75,9 @@ impl Beam {
         if friction.acts() {
             friction.add(element, at.strain[2], &self.increment.neutral_curvature[k], &mut r);
         }
+        if self.increment.hysteresis.acts() {
+            self.increment.hysteresis.add(k, element, at.strain[2], &mut r);
+        }
         let sign = if k == c { -1.0 } else { 1.0 };
         [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]
     }

@@ -13,6 +13,7 @@ mod element;
 mod error;
 mod forces;
 mod grip;
+mod hysteresis;
 mod material;
 mod mesh;
 mod neighbour;
@@ -39,4 +40,7 @@ pub use parameters::{BeamParameters, Table};
 pub use section::SectionProperties;
 pub use start::StartChange;
 pub use statics::{Equilibrium, MeasuredPoint};
-pub use terms::{AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, MaterialTerm, PointState, Terms};
+pub use terms::{
+    AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, HystereticTerm, MaterialTerm, PointState, Reply,
+    Terms,
+};

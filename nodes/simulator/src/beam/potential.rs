@@ -9,6 +9,7 @@
 use super::block_tridiagonal::BlockTridiagonal;
 use super::contact::{Contact, Rates};
 use super::element::{self, Direction, Kinematics, Memory, Response, Strain};
+use super::hysteresis::Hysteresis;
 use super::material::AxialMix;
 use super::mesh::Mesh;
 use super::node::Node;
@@ -64,6 +65,7 @@ pub(super) struct Increment {
     pub strand_friction: StrandFriction,
     /// State of the strands of each element.
     pub neutral_curvature: Vec<Neutral>,
+    pub hysteresis: Hysteresis,
     /// True if there is any drag.
     pub drag: bool,
     pub linear_drag: f64,
@@ -150,6 +152,7 @@ impl Increment {
             term_force: vec![[0.0; 2]; elements + 1],
             strand_friction: StrandFriction::default(),
             neutral_curvature: vec![[0.0; LAYERS]; elements],
+            hysteresis: Hysteresis::default(),
             drag: false,
             linear_drag: 0.0,
             cross_drag: vec![CrossDrag::default(); elements + 1],
@@ -163,6 +166,7 @@ impl Increment {
         self.mix = AxialMix::of(p);
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
         self.strand_friction = StrandFriction::of(p);
+        self.hysteresis.set_on(true);
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;
@@ -179,6 +183,7 @@ impl Increment {
         self.enable_motion(p, clamped_node);
         self.kelvin_voigt_time_s = 0.0;
         self.strand_friction = StrandFriction::default();
+        self.hysteresis.set_on(false);
         self.drag = false;
         self.table = p.table.map(|table| Table { friction_coefficient: 0.0, damping_time_s: 0.0, ..table });
     }
@@ -210,6 +215,9 @@ impl Increment {
             let mut response = element::respond(element, self.mix, &memory, &at);
             if self.strand_friction.acts() {
                 self.strand_friction.add(element, at.strain[2], &self.neutral_curvature[k], &mut response);
+            }
+            if self.hysteresis.acts() {
+                self.hysteresis.add(k, element, at.strain[2], &mut response);
             }
             potential += response.energy;
             system.add_gradient(k, &response);

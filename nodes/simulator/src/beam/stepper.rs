@@ -261,7 +261,8 @@ impl Beam {
 
     /// Evaluates the last Newton step, and halves it while the potential exceeds `before`. Returns the potential in J.
     fn search_line(&mut self, before: f64) -> f64 {
-        let [slack_j, slack_share] = if self.increment.strand_friction.acts() { STRANDS_SLACK } else { SLACK };
+        let is_hysteretic = self.increment.strand_friction.acts() || self.increment.hysteresis.acts();
+        let [slack_j, slack_share] = if is_hysteretic { STRANDS_SLACK } else { SLACK };
         let slack = slack_j + slack_share * before.abs();
         let mut potential = self.evaluate();
         for _ in 0..MAX_HALVINGS {
@@ -347,6 +348,9 @@ impl Beam {
             for (neutral, strain) in increment.neutral_curvature.iter_mut().zip(&state.strain) {
                 increment.strand_friction.slip(strain[2], neutral);
             }
+        }
+        if increment.hysteresis.acts() {
+            increment.hysteresis.end_step(&state.strain);
         }
         let stiffening = rate * increment.kelvin_voigt_time_s;
         if stiffening > 0.0 || self.parameters.creep_fraction > 0.0 {

@@ -2,6 +2,7 @@
 
 use super::grip::{GripReaction, GripState};
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// State of a piece of the beam in motion.
@@ -40,6 +41,29 @@ impl ElementPlace {
     pub fn middle(&self) -> f64 {
         0.5 * (self.span[0] + self.span[1])
     }
+
+    /// Returns whether the element holds the point at a fraction of the rest length. Exactly one element in front of the
+    /// grip holds a point.
+    pub fn holds(&self, fraction: f64) -> bool {
+        let [from, to] = self.span;
+        // The last element holds the tip itself.
+        (from..to).contains(&fraction) || (fraction >= 1.0 && to >= 1.0)
+    }
+
+    /// Returns the share of the element that lies within a stretch of the beam.
+    pub fn share_within(&self, stretch: &Range<f64>) -> f64 {
+        let [from, to] = self.span;
+        if to > from { self.overlap(stretch) / (to - from) } else { 0.0 }
+    }
+
+    /// Returns the share of a stretch of the beam that lies in the element. The shares of all elements add up to 1.
+    pub fn share_of(&self, stretch: &Range<f64>) -> f64 {
+        self.overlap(stretch) / (stretch.end - stretch.start)
+    }
+
+    fn overlap(&self, stretch: &Range<f64>) -> f64 {
+        (self.span[1].min(stretch.end) - self.span[0].max(stretch.start)).max(0.0)
+    }
 }
 
 /// Material of one element.
@@ -65,6 +89,24 @@ pub trait AgeingTerm: Send + Sync {
     fn stiffness_factor(&self, time_s: f64) -> f64;
 }
 
+/// Reply of a hysteretic moment to a change of curvature.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Reply {
+    /// Integral of the moment over the change, in J/m.
+    pub energy_j_m: f64,
+    /// Moment in N m after the change.
+    pub moment_n_m: f64,
+    /// Derivative in N m^2 of the moment by the change. It must not be negative.
+    pub stiffness_n_m2: f64,
+}
+
+/// Bending moment with memory, in addition to the elastic one. Each element remembers its moment; at the start and at rest
+/// there is none.
+pub trait HystereticTerm: Send + Sync {
+    /// Returns the reply to a change of curvature in 1/m within a step that begins with `moment_n_m`.
+    fn reply(&self, moment_n_m: f64, change_per_m: f64) -> Reply;
+}
+
 /// Change of the grip.
 pub trait GripTerm: Send + Sync {
     /// Changes the state of the clamped section at `time_s`. `reaction` is its load at the end of the last step; there is none
@@ -83,12 +125,15 @@ pub struct Terms {
     pub grips: Vec<Arc<dyn GripTerm>>,
     /// Changes of the stiffness with time. Their factors multiply.
     pub ageings: Vec<Arc<dyn AgeingTerm>>,
+    /// Bending moments with memory. They add up.
+    pub hystereses: Vec<Arc<dyn HystereticTerm>>,
 }
 
 impl fmt::Debug for Terms {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { forces, materials, grips, ageings } = self;
-        let [forces, materials, grips, ageings] = [forces.len(), materials.len(), grips.len(), ageings.len()];
-        write!(f, "{forces} forces, {materials} materials, {grips} grips, {ageings} ageings")
+        let Self { forces, materials, grips, ageings, hystereses } = self;
+        let [forces, materials, grips] = [forces.len(), materials.len(), grips.len()];
+        let [ageings, hystereses] = [ageings.len(), hystereses.len()];
+        write!(f, "{forces} forces, {materials} materials, {grips} grips, {ageings} ageings, {hystereses} hystereses")
     }
 }

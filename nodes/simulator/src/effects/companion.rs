@@ -3,52 +3,32 @@
 use super::effect::{About, Effect, Hook, log_uniform, uniform};
 use crate::episode_model::{Companions, EpisodeModel};
 
-/// Returns the values that a companion sets.
-type Own = fn(&mut EpisodeModel) -> &mut Companions;
-
-/// Companion that sets a place, as a fraction of the length from the grip.
-pub(super) struct Place {
-    /// Name in model files.
-    pub name: &'static str,
-    /// Values that it sets.
-    pub own: Own,
+/// Companion: it sets one value of an episode.
+pub(super) struct Companion {
+    about: About,
+    if_absent: f64,
+    value: fn(&mut EpisodeModel) -> &mut f64,
 }
 
-impl Effect for Place {
-    fn about(&self) -> About {
-        About {
-            name: self.name,
+impl Companion {
+    /// Makes the companion `name` that sets a place, as a fraction of the length from the grip.
+    pub fn place(name: &'static str, value: fn(&mut EpisodeModel) -> &mut f64) -> Self {
+        let about = About {
+            name,
             title: "place",
             description: "place of effects that act at one place, as a fraction of the length from the grip; nothing alone",
             unit: "1",
             hook: Hook::Material,
             prior: uniform(0.0, 1.0),
             range: [0.0, 1.0],
-        }
+        };
+        Self { about, if_absent: Companions::default().place, value }
     }
 
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        (self.own)(episode).place = magnitude;
-        Ok(())
-    }
-
-    fn if_absent(&self) -> f64 {
-        Companions::default().place
-    }
-}
-
-/// Companion that sets a frequency in Hz.
-pub(super) struct Frequency {
-    /// Name in model files.
-    pub name: &'static str,
-    /// Values that it sets.
-    pub own: Own,
-}
-
-impl Effect for Frequency {
-    fn about(&self) -> About {
-        About {
-            name: self.name,
+    /// Makes the companion `name` that sets a frequency in Hz.
+    pub fn frequency(name: &'static str, value: fn(&mut EpisodeModel) -> &mut f64) -> Self {
+        let about = About {
+            name,
             title: "frequency",
             description: "frequency of effects that swing with time; nothing alone",
             unit: "Hz",
@@ -56,15 +36,22 @@ impl Effect for Frequency {
             // From a swing in an episode of some seconds to the frame rate of a slow camera.
             prior: log_uniform(0.1, 10.0),
             range: [0.0, 50.0],
-        }
+        };
+        Self { about, if_absent: Companions::default().frequency_hz, value }
+    }
+}
+
+impl Effect for Companion {
+    fn about(&self) -> About {
+        self.about.clone()
     }
 
     fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        (self.own)(episode).frequency_hz = magnitude;
+        *(self.value)(episode) = magnitude;
         Ok(())
     }
 
     fn if_absent(&self) -> f64 {
-        Companions::default().frequency_hz
+        self.if_absent
     }
 }

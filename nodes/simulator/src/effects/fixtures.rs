@@ -68,6 +68,15 @@ pub fn held(episode: &EpisodeModel, elements: usize, tangent_rad: f64) -> Beam {
     beam
 }
 
+/// Fails unless the grip carries the weight of an effect whose magnitude is a mass, on coarse and fine meshes.
+#[track_caller]
+pub fn carries_its_weight(effect: &dyn Effect) {
+    for elements in [12, 20, 40] {
+        let weight_n = |mass_kg| held(&episode_model(effect, mass_kg), elements, DOWN).grip_reaction().force_z_n;
+        close(weight_n(0.02) - weight_n(0.0), 0.02 * GRAVITY, 1e-6);
+    }
+}
+
 /// Fails unless the template changes no bit at magnitude zero, and some bit at a large magnitude.
 #[track_caller]
 pub fn template_at_zero_is_the_base(template: &dyn Effect) {

@@ -56,6 +56,7 @@ mod table_adhesion;
 mod table_friction;
 mod table_height;
 mod templates;
+mod term_effect;
 mod tip_mass;
 mod unlisted;
 

@@ -72,6 +72,11 @@ impl Registry {
         Self::shipped().with_all(templates::all())
     }
 
+    /// Returns the templates in this list, without their companions.
+    pub fn templates(&self) -> impl Iterator<Item = &dyn Effect> {
+        self.effects().filter(|effect| templates::is_template(effect.about().name))
+    }
+
     /// Returns the effects that searches offer, and the unlisted ones of blind tests.
     pub fn with_unlisted() -> Registry {
         Self::shipped().with_all(unlisted::all())

@@ -1,12 +1,10 @@
 //! An arm that executes more or less than each commanded displacement.
 
-use super::super::effect::{About, Effect, Hook};
+use super::super::effect::Hook;
+use super::super::term_effect::TermEffect;
 use super::signed;
-use crate::episode_model::{DisplacementTerm, EpisodeModel};
+use crate::episode_model::DisplacementTerm;
 use std::sync::Arc;
-
-/// Template `template_arm_gain`: the arm executes (1 + m) of each commanded displacement.
-pub struct ArmGain;
 
 /// Excess of a displacement, as a share of it.
 struct Gain(f64);
@@ -17,40 +15,29 @@ impl DisplacementTerm for Gain {
     }
 }
 
-impl Effect for ArmGain {
-    fn about(&self) -> About {
+/// Template `template_arm_gain`: the arm executes (1 + m) of each commanded displacement.
+pub fn effect() -> TermEffect {
+    TermEffect::new(
+        // A fifth of a displacement of 6 cm is 12 mm.
         signed(
-            "template_arm_gain",
-            "gain of the arm",
-            "share by which the arm exceeds each commanded displacement",
-            "1",
+            ["template_arm_gain", "gain of the arm", "share by which the arm exceeds each commanded displacement", "1"],
             Hook::Actuation,
-            // A fifth of a displacement of 6 cm is 12 mm.
             [0.2, 0.9],
-        )
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        episode.arm.displacements.push(Arc::new(Gain(magnitude)));
-        Ok(())
-    }
+        ),
+        &[],
+        |magnitude, episode| episode.arm.displacements.push(Arc::new(Gain(magnitude))),
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::fixtures;
-    use super::ArmGain;
     use crate::arm::ArmModel;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&ArmGain);
-    }
 
     /// The shipped bar's deltas are added to the last target.
     #[test]
     fn displacements_are_executed_with_the_gain_and_commanded_without() {
-        let model = fixtures::template(&ArmGain, 0.1, [0.5, 1.0], 2e4);
+        let model = fixtures::template(&super::effect(), 0.1, [0.5, 1.0], 2e4);
         let mut arm = ArmModel::new(&model.arm, [0.4, 0.4]);
         arm.set_delta(0.0, [0.05, 0.0]);
         arm.set_delta(0.5, [0.02, -0.04]);

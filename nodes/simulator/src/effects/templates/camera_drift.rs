@@ -1,78 +1,53 @@
 //! An image that drifts.
 
-use super::super::effect::{About, Effect, Hook};
+use super::super::effect::Hook;
+use super::super::term_effect::TermEffect;
+use super::axis::Axis;
 use super::signed;
-use crate::episode_model::{EpisodeModel, ObservationTerm};
+use crate::episode_model::ObservationTerm;
 use std::sync::Arc;
-
-/// Axis of the image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Axis {
-    /// To the right.
-    Across,
-    /// Up.
-    Up,
-}
-
-/// Templates `template_camera_drift_x_1_s` and `template_camera_drift_z_1_s`: the image drifts steadily.
-pub struct CameraDrift(pub Axis);
 
 /// Rate in half masks per second.
 struct Drift(f64, Axis);
 
 impl ObservationTerm for Drift {
     fn change(&self, time_s: f64, keypoints: &mut [[f64; 2]; 4]) {
-        let way = self.0 * time_s;
-        for keypoint in keypoints {
-            match self.1 {
-                Axis::Across => keypoint[0] += way,
-                // Rows are counted downwards.
-                Axis::Up => keypoint[1] -= way,
-            }
-        }
+        self.1.shift(self.0 * time_s, keypoints);
     }
 }
 
-impl Effect for CameraDrift {
-    fn about(&self) -> About {
-        let (name, title, description) = match self.0 {
-            Axis::Across => (
-                "template_camera_drift_x_1_s",
-                "drift of the image across",
-                "rate at which the image drifts to the right, in half images",
-            ),
-            Axis::Up => (
-                "template_camera_drift_z_1_s",
-                "drift of the image upwards",
-                "rate at which the image drifts up, in half images",
-            ),
-        };
+/// Templates `template_camera_drift_x_1_s` and `template_camera_drift_z_1_s`: the image drifts steadily.
+pub fn effect(axis: Axis) -> TermEffect {
+    let [name, title, description] = match axis {
+        Axis::Across => [
+            "template_camera_drift_x_1_s",
+            "drift of the image, across",
+            "rate at which the image drifts to the right, in half images",
+        ],
+        Axis::Up => [
+            "template_camera_drift_z_1_s",
+            "drift of the image, upwards",
+            "rate at which the image drifts up, in half images",
+        ],
+    };
+    TermEffect::new(
         // A sixth of the half image over a task of 8 s.
-        signed(name, title, description, "1/s", Hook::Observation, [0.02, 1.0])
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        episode.camera.terms.push(Arc::new(Drift(magnitude, self.0)));
-        Ok(())
-    }
+        signed([name, title, description, "1/s"], Hook::Observation, [0.02, 1.0]),
+        &[],
+        move |magnitude, episode| episode.camera.terms.push(Arc::new(Drift(magnitude, axis))),
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::fixtures;
-    use super::{Axis, CameraDrift};
+    use super::Axis;
     use crate::imperfect_camera::ImperfectCamera;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&CameraDrift(Axis::Across));
-        fixtures::template_at_zero_is_the_base(&CameraDrift(Axis::Up));
-    }
 
     #[test]
     fn all_keypoints_move_at_the_rate_along_their_axis() {
         let seen = |axis, time_s| {
-            let settings = fixtures::template(&CameraDrift(axis), 0.02, [0.5, 1.0], 2e4).camera;
+            let settings = fixtures::template(&super::effect(axis), 0.02, [0.5, 1.0], 2e4).camera;
             let mut camera = ImperfectCamera::new(&settings, settings.view, None, None);
             camera.capture(time_s, [[0.4, 0.2], [0.42, 0.25], [0.45, 0.3], [0.5, 0.2]])
         };

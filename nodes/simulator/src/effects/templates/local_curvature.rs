@@ -1,14 +1,11 @@
 //! A bend at one place of the unloaded object.
 
-use super::super::effect::{About, Effect, Hook};
+use super::super::effect::Hook;
+use super::super::term_effect::TermEffect;
 use super::window::Window;
 use super::{PLACE, signed};
 use crate::beam::{ElementMaterial, ElementPlace, MaterialTerm};
-use crate::episode_model::EpisodeModel;
 use std::sync::Arc;
-
-/// Template `template_local_curvature_rad`: turn of the unloaded centre line at the place.
-pub struct LocalCurvature;
 
 /// Turn in rad, spread over the window.
 struct Bend(f64, Window);
@@ -19,45 +16,37 @@ impl MaterialTerm for Bend {
     }
 }
 
-impl Effect for LocalCurvature {
-    fn about(&self) -> About {
+/// Template `template_local_curvature_rad`: turn of the unloaded centre line at the place.
+pub fn effect() -> TermEffect {
+    TermEffect::new(
+        // The prior of a rest curvature turns a bar of 0.25 m as much.
         signed(
-            "template_local_curvature_rad",
-            "bend at a place",
-            "turn of the unloaded centre line at template_place, counter-clockwise, over a tenth of the length",
-            "rad",
+            [
+                "template_local_curvature_rad",
+                "bend at a place",
+                "turn of the unloaded centre line at template_place, counter-clockwise, over a tenth of the length",
+                "rad",
+            ],
             Hook::Material,
-            // As much as the prior of a rest curvature turns a bar of 0.25 m.
             [1.0, 3.0],
-        )
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        let window = Window::at(episode.templates.place);
-        episode.terms.materials.push(Arc::new(Bend(magnitude, window)));
-        Ok(())
-    }
-
-    fn companions(&self) -> &'static [&'static str] {
-        &[PLACE]
-    }
+        ),
+        &[PLACE],
+        |magnitude, episode| {
+            let window = Window::at(episode.templates.place);
+            episode.terms.materials.push(Arc::new(Bend(magnitude, window)));
+        },
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::fixtures::{self, THETA};
-    use super::LocalCurvature;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&LocalCurvature);
-    }
 
     #[test]
     fn an_unloaded_bar_turns_by_the_angle_at_the_place_on_every_mesh() {
         let (turn, place) = (0.6f64, 0.4);
         for elements in [12, 20, 40] {
-            let mut model = fixtures::template(&LocalCurvature, turn, [place, 1.0], 1e6);
+            let mut model = fixtures::template(&super::effect(), turn, [place, 1.0], 1e6);
             // Almost without gravity: only an unloaded bar has the shape of its rest curvature.
             model.beam.gravity_m_s2 = [0.0, -1e-6];
             let beam = fixtures::held(&model, elements, 0.0);

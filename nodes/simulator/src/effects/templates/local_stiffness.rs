@@ -1,14 +1,11 @@
 //! A stiffer or softer place.
 
-use super::super::effect::{About, Effect, Hook};
+use super::super::effect::Hook;
+use super::super::term_effect::TermEffect;
 use super::window::Window;
 use super::{PLACE, signed};
 use crate::beam::{ElementMaterial, ElementPlace, MaterialTerm};
-use crate::episode_model::EpisodeModel;
 use std::sync::Arc;
-
-/// Template `template_local_stiffness`: log change of the bending stiffness at the place.
-pub struct LocalStiffness;
 
 /// Log change at the middle of the window.
 struct Stiffer(f64, Window);
@@ -19,40 +16,32 @@ impl MaterialTerm for Stiffer {
     }
 }
 
-impl Effect for LocalStiffness {
-    fn about(&self) -> About {
+/// Template `template_local_stiffness`: log change of the bending stiffness at the place.
+pub fn effect() -> TermEffect {
+    TermEffect::new(
+        // A twentieth to twenty times the stiffness.
         signed(
-            "template_local_stiffness",
-            "stiffness at a place",
-            "log change of the bending stiffness at template_place, over a tenth of the length",
-            "1",
+            [
+                "template_local_stiffness",
+                "stiffness at a place",
+                "log change of the bending stiffness at template_place, over a tenth of the length",
+                "1",
+            ],
             Hook::Material,
-            // A twentieth to twenty times the stiffness.
             [3.0, 6.0],
-        )
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        let window = Window::at(episode.templates.place);
-        episode.terms.materials.push(Arc::new(Stiffer(magnitude, window)));
-        Ok(())
-    }
-
-    fn companions(&self) -> &'static [&'static str] {
-        &[PLACE]
-    }
+        ),
+        &[PLACE],
+        |magnitude, episode| {
+            let window = Window::at(episode.templates.place);
+            episode.terms.materials.push(Arc::new(Stiffer(magnitude, window)));
+        },
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::fixtures::{self, GRAVITY, THETA};
-    use super::LocalStiffness;
     use std::f64::consts::PI;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&LocalStiffness);
-    }
 
     /// Cantilever of length L under its weight q per length: the tip sinks by the integral of M(s) (L - s) / EI(s), with the
     /// moment M = q (L - s)^2 / 2.
@@ -60,7 +49,7 @@ mod tests {
     fn a_cantilever_sinks_as_its_stiffness_allows() {
         let (magnitude, place, e) = (-1.5, 0.3, 1e8);
         let sinks_m = |magnitude| {
-            let model = fixtures::template(&LocalStiffness, magnitude, [place, 1.0], e);
+            let model = fixtures::template(&super::effect(), magnitude, [place, 1.0], e);
             -fixtures::held(&model, 40, 0.0).tip()[1]
         };
         let stiffness_n_m2 = e * 0.015f64.powi(4) / 12.0;

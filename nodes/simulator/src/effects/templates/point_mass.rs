@@ -1,14 +1,11 @@
 //! A mass at one place.
 
-use super::super::effect::{About, Effect, Hook, log_uniform};
+use super::super::effect::{About, Hook, log_uniform};
+use super::super::term_effect::TermEffect;
 use super::PLACE;
 use super::window::Window;
 use crate::beam::{ElementMaterial, ElementPlace, MaterialTerm};
-use crate::episode_model::EpisodeModel;
 use std::sync::Arc;
-
-/// Template `template_point_mass_kg`: a mass at the place.
-pub struct PointMass;
 
 /// Mass in kg, spread over the window.
 struct Weight(f64, Window);
@@ -19,57 +16,41 @@ impl MaterialTerm for Weight {
     }
 }
 
-impl Effect for PointMass {
-    fn about(&self) -> About {
+/// Template `template_point_mass_kg`: a mass at the place.
+pub fn effect() -> TermEffect {
+    TermEffect::new(
         About {
             name: "template_point_mass_kg",
             title: "mass at a place",
             description: "mass at template_place, spread over a tenth of the length",
             unit: "kg",
             hook: Hook::Force,
-            // As for a tip mass.
+            // Prior of a tip mass.
             prior: log_uniform(1e-4, 0.5),
             range: [0.0, 100.0],
-        }
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        let window = Window::at(episode.templates.place);
-        episode.terms.materials.push(Arc::new(Weight(magnitude, window)));
-        Ok(())
-    }
-
-    fn companions(&self) -> &'static [&'static str] {
-        &[PLACE]
-    }
+        },
+        &[PLACE],
+        |magnitude, episode| {
+            let window = Window::at(episode.templates.place);
+            episode.terms.materials.push(Arc::new(Weight(magnitude, window)));
+        },
+    )
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixtures::{self, DOWN, GRAVITY, THETA};
-    use super::PointMass;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&PointMass);
-    }
+    use super::super::super::fixtures::{self, GRAVITY, THETA};
 
     #[test]
     fn the_grip_carries_its_weight_on_every_mesh() {
-        for elements in [12, 20, 40] {
-            let weight_n = |mass_kg| {
-                let model = fixtures::template(&PointMass, mass_kg, [0.3, 1.0], 2e4);
-                fixtures::held(&model, elements, DOWN).grip_reaction().force_z_n
-            };
-            fixtures::close(weight_n(0.02) - weight_n(0.0), 0.02 * GRAVITY, 1e-6);
-        }
+        fixtures::carries_its_weight(&super::effect());
     }
 
     /// A level, stiff bar: the moment of the grip grows by the weight times the distance of the place.
     #[test]
     fn its_lever_follows_the_place_smoothly_on_a_coarse_mesh() {
         let moment_n_m = |place| {
-            let model = fixtures::template(&PointMass, 0.02, [place, 1.0], 1e9);
+            let model = fixtures::template(&super::effect(), 0.02, [place, 1.0], 1e9);
             fixtures::held(&model, 12, 0.0).grip_reaction().moment_n_m
         };
         let per_place = 0.02 * GRAVITY * THETA[0];

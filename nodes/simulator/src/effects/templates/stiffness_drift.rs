@@ -1,13 +1,10 @@
 //! Stiffness that changes with time.
 
-use super::super::effect::{About, Effect, Hook};
+use super::super::effect::Hook;
+use super::super::term_effect::TermEffect;
 use super::signed;
 use crate::beam::AgeingTerm;
-use crate::episode_model::EpisodeModel;
 use std::sync::Arc;
-
-/// Template `template_stiffness_drift_per_s`: all stiffnesses change by the factor exp(m t).
-pub struct StiffnessDrift;
 
 /// Rate in 1/s.
 struct Stiffening(f64);
@@ -18,40 +15,34 @@ impl AgeingTerm for Stiffening {
     }
 }
 
-impl Effect for StiffnessDrift {
-    fn about(&self) -> About {
+/// Template `template_stiffness_drift_per_s`: all stiffnesses change by the factor exp(m t).
+pub fn effect() -> TermEffect {
+    TermEffect::new(
+        // Five times the stiffness, or a fifth of it, after a task of 8 s.
         signed(
-            "template_stiffness_drift_per_s",
-            "drift of the stiffness",
-            "rate at which the stiffness grows, relative to its value",
-            "1/s",
+            [
+                "template_stiffness_drift_per_s",
+                "drift of the stiffness",
+                "rate at which the stiffness grows, relative to its value",
+                "1/s",
+            ],
             Hook::Material,
-            // Five times the stiffness, or a fifth of it, after a task of 8 s.
             [0.2, 1.0],
-        )
-    }
-
-    fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str> {
-        episode.terms.ageings.push(Arc::new(Stiffening(magnitude)));
-        Ok(())
-    }
+        ),
+        &[],
+        |magnitude, episode| episode.terms.ageings.push(Arc::new(Stiffening(magnitude))),
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::fixtures::{self, DOWN, THETA};
-    use super::StiffnessDrift;
     use crate::beam::GripState;
-
-    #[test]
-    fn zero_is_the_base_to_the_bit() {
-        fixtures::template_at_zero_is_the_base(&StiffnessDrift);
-    }
 
     #[test]
     fn a_hanging_bar_stretches_less_as_it_stiffens() {
         let rate_per_s = 0.3;
-        let mut model = fixtures::template(&StiffnessDrift, rate_per_s, [0.5, 1.0], 5e4);
+        let mut model = fixtures::template(&super::effect(), rate_per_s, [0.5, 1.0], 5e4);
         // A little damping, so that the bar does not swing about the slow change.
         model.beam.kelvin_voigt_time_s = 0.01;
         let mut beam = fixtures::held(&model, 20, DOWN);

@@ -1,6 +1,6 @@
 //! Tests of all templates together.
 
-use super::super::fixtures::{actions, request};
+use super::super::fixtures::{actions, request, template_at_zero_is_the_base};
 use super::super::{Hook, Registry};
 use super::{FREQUENCY, PLACE, all};
 use crate::BeamSimulator;
@@ -45,6 +45,15 @@ fn derivative_is_the_difference(others: &[(&str, f64)], name: &str, value: f64, 
     assert!(largest > 0.0, "{name} changes nothing");
     for (said, expected) in pairs {
         assert!((said - expected).abs() < 0.02 * largest, "{name} at {value}: {said} for {expected} of {largest}");
+    }
+}
+
+#[test]
+fn each_template_at_zero_is_the_base_to_the_bit() {
+    for template in all() {
+        if ![PLACE, FREQUENCY].contains(&template.about().name) {
+            template_at_zero_is_the_base(template.as_ref());
+        }
     }
 }
 

@@ -12,6 +12,16 @@ pub enum Phase {
     Cosine,
 }
 
+impl Phase {
+    /// Value of a wave of amplitude 1 after an angle in rad.
+    pub fn at(self, angle_rad: f64) -> f64 {
+        match self {
+            Phase::Sine => angle_rad.sin(),
+            Phase::Cosine => angle_rad.cos(),
+        }
+    }
+}
+
 /// Harmonic motion of a given amplitude.
 #[derive(Debug, Clone, Copy)]
 pub struct Wave {
@@ -28,11 +38,6 @@ impl Wave {
 
     /// Value at `time_s` since the start.
     pub fn at(&self, time_s: f64) -> f64 {
-        let angle = self.angular_frequency_rad_s * time_s;
-        self.amplitude
-            * match self.phase {
-                Phase::Sine => angle.sin(),
-                Phase::Cosine => angle.cos(),
-            }
+        self.amplitude * self.phase.at(self.angular_frequency_rad_s * time_s)
     }
 }
