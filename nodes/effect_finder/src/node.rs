@@ -96,14 +96,17 @@ fn search(handle: &GoalHandle<FindEffects>, live: &LiveEpisodes, parameters: &Pa
     let (measured, validation) = measured(handle, live, &model)?;
     let settings =
         Settings { seed: goal.seed, null_sets: usize::try_from(parameters.null_sets.get())?, ..Settings::default() };
-    let simulator = BeamSimulator::new(&model, workers::asked_for(parameters.workers.get()))?;
+    let registry = Registry::with_templates();
+    let simulator = BeamSimulator::with_effects(&model, &registry, workers::asked_for(parameters.workers.get()))?;
     let candidates = convert::candidates(Registry::shipped(), &model)?;
+    let templates = convert::templates(&registry, &model);
     let question = Question {
         model: &model,
         measured: &measured,
         validation: &validation,
         held_out: &[],
         candidates: &candidates,
+        templates: &templates,
     };
     let journal = state_folder(&parameters.states.get(), "effect_finder").map(|folder| {
         remove_old_states(&folder, journal::EXTENSION);

@@ -7,10 +7,12 @@ mod correction;
 mod elsewhere;
 mod explain;
 mod find;
+mod missing;
 mod naming;
 mod priors;
 mod progress;
 mod question;
+mod template_groups;
 mod validation;
 mod with_discrepancy;
 

@@ -51,9 +51,16 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     let tracks = |list: &[(UsedEpisode, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
     let (measured, selecting, unseen) = (tracks(&fitted), tracks(&validation), tracks(&held_out));
     let candidates = convert::candidates(Registry::shipped(), model)?;
-    let question =
-        Question { model, measured: &measured, validation: &selecting, held_out: &unseen, candidates: &candidates };
-    let simulator = BeamSimulator::new(model, workers::available())?;
+    let registry = Registry::with_templates();
+    let question = Question {
+        model,
+        measured: &measured,
+        validation: &selecting,
+        held_out: &unseen,
+        candidates: &candidates,
+        templates: &convert::templates(&registry, model),
+    };
+    let simulator = BeamSimulator::with_effects(model, &registry, workers::available())?;
     let number = journal::fingerprint(&question, &settings);
     let journal = Journal::open(arguments.out.join(JOURNAL), number, &simulator);
     let outcome = match search(question, &journal, &settings, &shutdown) {

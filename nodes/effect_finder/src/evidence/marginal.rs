@@ -168,6 +168,11 @@ impl Baseline {
         &self.evidence
     }
 
+    /// Whitenings of the tried discrepancies, in their order.
+    pub fn whitenings(&self) -> &[Whitening] {
+        &self.whitenings
+    }
+
     /// Whitening of discrepancy number `index`.
     pub fn whitening(&self, place: usize) -> &Whitening {
         &self.whitenings[place]

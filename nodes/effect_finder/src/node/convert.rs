@@ -1,15 +1,15 @@
 //! Conversions: the simulator's effects to candidates, and findings to wire messages.
 
-use crate::data::Candidate;
+use crate::data::{Candidate, Companion, Template};
 use crate::error::FinderError;
 use crate::report::Finding;
 use crate::search::Progress;
 use catenary_core::Model;
-use catenary_core::model::Lacking;
+use catenary_core::model::{DriveKind, Lacking};
 use catenary_core::spelling::did_you_mean;
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use catenary_simulator::Registry;
-use catenary_simulator::effects::About;
+use catenary_simulator::effects::{About, Effect, Hook, TEMPLATE_FREQUENCY, TEMPLATE_PLACE};
 
 /// Candidates for `model`: the effects of `registry` that it could lack, without the vetoed ones, with their prior
 /// odds.
@@ -37,6 +37,33 @@ pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, 
         odds: prior_odds.get(about.name).copied().unwrap_or(1.0),
     };
     Ok(open.map(candidate).collect())
+}
+
+/// Templates of `registry` that can act in `model`, and the effects of the library that it could lack. An arm does not act on a grip that follows a measured path.
+pub fn templates(registry: &Registry, model: &Model) -> Vec<Template> {
+    let template = |is_known: bool, effect: &dyn Effect| {
+        let about = effect.about();
+        let companion = effect.companions().iter().find_map(|name| match *name {
+            TEMPLATE_PLACE => Some((Companion::Place, TEMPLATE_PLACE.to_owned())),
+            TEMPLATE_FREQUENCY => Some((Companion::Frequency, TEMPLATE_FREQUENCY.to_owned())),
+            _ => None,
+        });
+        Template {
+            name: about.name.to_owned(),
+            title: about.title.to_owned(),
+            unit: about.unit.to_owned(),
+            hook: about.hook.name().to_owned(),
+            most: about.prior.bounds().1,
+            range: about.range,
+            is_known,
+            companion,
+        }
+    };
+    let acts = |hook: &str| hook != Hook::Actuation.name() || model.observation.drive != DriveKind::Grip;
+    let templates = registry.templates().map(|effect| template(false, effect));
+    let is_open = |name: &str| Candidate::is_open(name, model);
+    let known = Registry::shipped().effects().filter(|e| is_open(e.about().name)).map(|effect| template(true, effect));
+    templates.chain(known).filter(|template| acts(&template.hook)).collect()
 }
 
 /// Progress of a search as action feedback.

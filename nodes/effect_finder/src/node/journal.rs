@@ -48,9 +48,9 @@ pub fn fingerprint(question: &Question<'_>, settings: &Settings) -> u64 {
         let modified = m.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
         (m.len(), modified)
     });
-    let Question { model, measured, validation, held_out, candidates } = question;
+    let Question { model, measured, validation, held_out, candidates, templates } = question;
     let machine = catenary_simulator::fingerprint(model);
-    identity::fingerprint(&(build, machine, measured, validation, held_out, candidates, settings))
+    identity::fingerprint(&(build, machine, measured, validation, held_out, candidates, templates, settings))
 }
 
 impl<'a> Journal<'a> {

@@ -3,6 +3,7 @@
 use super::decide::{Objection, VerdictEvidence, decide};
 use super::detectable::DetectionLimit;
 use super::localisation::Localisation;
+use super::missing::Missing;
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verdict::Verdict;
@@ -79,6 +80,10 @@ pub struct Finding {
     pub trade_offs: Vec<TradeOff>,
     /// Likeliest discrepancy of the repaired model, or of the present one, if a residual is left.
     pub discrepancy: Option<Discrepancy>,
+    /// Form of what is missing where effects leave a residual; none without a residual, or if no template explains more of it
+    /// than a smooth discrepancy.
+    #[serde(default)]
+    pub missing: Option<Missing>,
     /// Verification of the repair on held-out episodes.
     pub verification: Option<Verification>,
     /// Motion that would separate the explanations.
@@ -140,6 +145,7 @@ impl Finding {
             repaired: None,
             trade_offs: Vec::new(),
             discrepancy: None,
+            missing: None,
             verification: None,
             separation: None,
         }

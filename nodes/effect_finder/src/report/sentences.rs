@@ -4,6 +4,7 @@ use super::bands::EpisodeBands;
 use super::decide::{Objection, SupportEvidence};
 use super::finding::{Estimate, Finding, Fitness};
 use super::localisation::{Localisation, Part, onset, worst_quantity};
+use super::missing::{Missing, part_in_words};
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verification::Verification;
@@ -246,6 +247,23 @@ pub fn left_out_of_pictures(left_out: usize, bands: &[EpisodeBands], is_repaired
         models => format!("; too few are left for a band of the {} model", models.join(" and of the ")),
     };
     format!("pictures: {left_out} draws of the posterior could not be simulated and are left out{rest}")
+}
+
+/// Form of what is missing.
+pub fn missing(found: Option<&Missing>) -> String {
+    let Some(found) = found else {
+        return "what is missing has no form: no template explains more than a smooth discrepancy".into();
+    };
+    let [from_s, to_s] = found.phase_s;
+    let others: Vec<String> =
+        found.alternatives.iter().map(|a| format!("{} {:.2}", part_in_words(&a.hook), a.probability)).collect();
+    let or = if others.is_empty() { String::new() } else { format!("; otherwise {}", others.join(", ")) };
+    format!(
+        "what is missing acts on {}, probability {:.2}, like a {}, and shows most between {from_s:.2} s and {to_s:.2} s{or}",
+        part_in_words(&found.hook),
+        found.probability,
+        found.form.words(),
+    )
 }
 
 /// Motion that would separate two explanations.

@@ -230,6 +230,7 @@ mod tests {
             validation: &validation,
             held_out: &[],
             candidates: &candidates,
+            templates: &[],
         };
         let found = |finer_fidelity| {
             let settings = Settings { finer_fidelity, ..settings() };
@@ -248,8 +249,14 @@ mod tests {
         let measured = [toy::measured(&simulator.toy, [0.22, 2e4], &[(hidden, 0.02)])];
         let candidates = [candidate(hidden), candidate(other)];
         let model = toy::model();
-        let question =
-            Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &candidates };
+        let question = Question {
+            model: &model,
+            measured: &measured,
+            validation: &[],
+            held_out: &[],
+            candidates: &candidates,
+            templates: &[],
+        };
         let finding = find(question, &simulator, &settings(), &mut |_| ControlFlow::Continue(())).unwrap().finding;
         assert_eq!(finding.found, [[hidden]]);
         let value = finding.explanations[0].effects[0].value;
@@ -316,7 +323,8 @@ mod tests {
         // The smaller model is not fitted at all.
         let (pair, single) = (hypothesis(&["tip_mass_kg", "linear_drag_n_s_m2"], 40), hypothesis(&["tip_mass_kg"], 0));
         assert!(pair.fit.cost < 1e-3 && single.fit.cost > 100.0, "{} {}", pair.fit.cost, single.fit.cost);
-        let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
+        let question =
+            Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[], templates: &[] };
         let mut listen = |_: &Progress| ControlFlow::Continue(());
         let reporter = Reporter::new(&mut listen);
         let mut search =
@@ -339,7 +347,8 @@ mod tests {
         let toy = || Toy { gain: 3.0 };
         let episodes = [toy::episode(&toy(), [0.22, 2e4], &[("tip_mass_kg", 0.05)])];
         let (model, settings, effect) = (toy::model(), settings(), candidate("tip_mass_kg"));
-        let question = Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[] };
+        let question =
+            Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[], templates: &[] };
         let taken = |simulator: &dyn catenary_core::DifferentiableSimulator| {
             let problem = Problem::of(&model, &episodes, simulator, 40);
             let unknowns = problem.unknowns.with(&effect);

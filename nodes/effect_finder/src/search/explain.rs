@@ -6,15 +6,23 @@ use crate::error::FinderError;
 use crate::evidence::{Baseline, Discrepancy, Hypothesis, groups, joined};
 use crate::report::{Objection, Outcome, RepairEvidence, Separation, repaired, sentences, separate, trade_offs};
 
+/// Explanation of a residual.
+pub(super) struct Explained {
+    /// Evidence on the best repair; none if no candidate model is more probable than the present one.
+    pub repair: Option<RepairEvidence>,
+    /// Present model with the named effects; none if no effect is named.
+    pub named: Option<Hypothesis>,
+}
+
 impl Search<'_> {
     /// Search after the rejection of the present model: it names effects, repairs the model, and verifies it on episodes
-    /// that no fit has seen. Returns the evidence on the best repair; none if no candidate model is more probable than the present one.
+    /// that no fit has seen.
     pub(super) fn explain(
         &mut self,
         base: &Hypothesis,
         baseline: &Baseline,
         outcome: &mut Outcome,
-    ) -> Result<Option<RepairEvidence>, FinderError> {
+    ) -> Result<Explained, FinderError> {
         let finding = &mut outcome.finding;
         let (named, mut checked) = self.name_without_stand_in(base, baseline, finding)?;
         let Named { ranking, best } = named;
@@ -22,7 +30,7 @@ impl Search<'_> {
         let Some(best) = best else {
             finding.discrepancy = likeliest_discrepancy(base, baseline);
             outcome.shown = self.bands(base, None)?;
-            return Ok(None);
+            return Ok(Explained { repair: None, named: None });
         };
         let mut alike = ranking.alike(self.settings);
         for (effect, value) in alike.iter().skip(1).filter_map(|h| h.stand_in()) {
@@ -45,7 +53,7 @@ impl Search<'_> {
                 let stage = if checked.is_some() { Stage::Verify } else { Stage::Repair };
                 self.show_verification(checked, outcome)?;
                 self.reporter.conclude(stage, sentences::objected(objection, &best, rmse_mm))?;
-                return Ok(Some(evidence));
+                return Ok(Explained { repair: Some(evidence), named: None });
             }
             best = self.fit_with_discrepancy(best, &mut fitness, baseline)?;
             finding.set_magnitudes(best.magnitudes());
@@ -70,14 +78,14 @@ impl Search<'_> {
                 outcome.finding.discrepancy = likeliest_discrepancy(base, baseline);
             }
             self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
-            return Ok(Some(evidence));
+            return Ok(Explained { repair: Some(evidence), named: None });
         }
         let held_out = self.verify_held_out(base, &best, &ranking)?;
         self.show_verification(held_out, outcome)?;
         outcome.finding.separation = self.separation(&alike)?;
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
-        Ok(Some(evidence))
+        Ok(Explained { repair: Some(evidence), named: Some(best) })
     }
 
     /// Puts a verification and its bands into the outcome.

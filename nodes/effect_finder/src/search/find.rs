@@ -2,6 +2,7 @@
 
 use super::calibrate::{Calibration, calibrate};
 use super::context::Search;
+use super::explain::Explained;
 use super::progress::{OnProgress, Reporter, Stage};
 use super::question::Question;
 use crate::error::FinderError;
@@ -75,17 +76,20 @@ impl Search<'_> {
             effort: Effort::Searched,
             spread: Vec::new(),
         };
-        let repair = if is_gap {
+        let Explained { repair, named } = if is_gap {
             self.explain(&base, &baseline, &mut outcome)?
         } else {
             outcome.shown = self.bands(&base, None)?;
-            None
+            Explained { repair: None, named: None }
         };
         let evidence = VerdictEvidence { p_value, closes_beyond_prior, repair };
         outcome.finding.conclude(&evidence, self.settings);
         if outcome.finding.verdict == Verdict::PriorTooNarrow {
             outcome.model = None;
             self.reporter.conclude(Stage::Repair, sentences::at_the_edge(&outcome.finding))?;
+        }
+        if matches!(outcome.finding.verdict, Verdict::NoneOfThese | Verdict::NamedInPart) {
+            outcome.finding.missing = self.missing(named.as_ref().unwrap_or(&base), &baseline)?;
         }
         outcome.finding.conclusions = self.reporter.into_conclusions();
         Ok(outcome)
@@ -116,8 +120,14 @@ mod tests {
         points.for_each(|p| p[0] += error * theta[0]);
         let model = toy::model();
         let found = |fallback_fidelity: Option<Fidelity>| {
-            let question =
-                Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &[] };
+            let question = Question {
+                model: &model,
+                measured: &measured,
+                validation: &[],
+                held_out: &[],
+                candidates: &[],
+                templates: &[],
+            };
             let settings = Settings { fallback_fidelity, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
             find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
         };
@@ -130,7 +140,14 @@ mod tests {
         let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
         let measured = [toy::measured(&simulator.toy, theta, &[])];
         let model = toy::model();
-        let question = Question { model: &model, measured: &measured, validation: &[], held_out: &[], candidates: &[] };
+        let question = Question {
+            model: &model,
+            measured: &measured,
+            validation: &[],
+            held_out: &[],
+            candidates: &[],
+            templates: &[],
+        };
         let settings = Settings {
             fallback_fidelity: Some(Fidelity::FineMesh),
             draws: 40,
@@ -175,6 +192,7 @@ mod tests {
             validation: &validation,
             held_out: &[],
             candidates: &candidates,
+            templates: &[],
         };
         let settings = Settings {
             fallback_fidelity: None,

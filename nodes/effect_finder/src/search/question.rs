@@ -1,6 +1,6 @@
 //! Input of a search.
 
-use crate::data::Candidate;
+use crate::data::{Candidate, Template};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 
@@ -18,4 +18,6 @@ pub struct Question<'a> {
     pub held_out: &'a [MeasuredTrack],
     /// Effects that the model may lack.
     pub candidates: &'a [Candidate],
+    /// Templates of what may be missing where no effect explains the rest; may be empty.
+    pub templates: &'a [Template],
 }
