@@ -3,12 +3,15 @@
 mod chain;
 mod edges;
 mod hand;
+mod held;
 mod object;
 mod spikes;
 #[cfg(test)]
 mod tests;
 
-pub(super) use chain::seconds;
+pub(super) use chain::{at, seconds};
 pub use hand::MeasuredPose;
 pub(super) use hand::{HandLimits, POSES, observations, poses};
-pub(super) use object::{KEYPOINTS, keypoints};
+pub(super) use held::without_held;
+pub use held::{MANY_STILL, PlacedFrame, Repeats, pixel_m, repeats};
+pub(super) use object::{KEYPOINTS, keypoints, zero_warning};
