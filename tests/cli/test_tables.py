@@ -68,12 +68,12 @@ def test_held_rows_zeros_and_points_out_of_view_are_named_by_line(table, importe
     assert done.returncode == 0 and done.stderr == ""
     warnings = [line.removeprefix("warning: ") for line in done.stdout.splitlines() if line.startswith("warning: ")]
     zeros, view, repeats = warnings
-    assert "track.csv: columns p3_x_m, p3_z_m: (0, 0) in 1 of 90 rows, the first in line 12" in zeros
+    assert "track.csv: columns p3_x_m, p3_z_m: (0, 0) in 1 of 90 rows, line 12" in zeros
     assert "keypoint 4 beyond the right edge in 3 of 89 frames, the first in line 22" in view and "side_m" in view
-    assert "40 of 90 rows (44 %) repeat" in repeats and "lines 52 to 91" in repeats and "left out" in repeats
+    assert "40 of 90 rows (44 %) hold" in repeats and "lines 52 to 91" in repeats and "left out" in repeats
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1000, "as if in milliseconds"), (0.001, "as if in seconds divided by 1000")])
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "as if in milliseconds: divide"), (0.001, "as if in seconds divided by 1000")])
 def test_times_in_another_unit_are_refused_in_one_line(table, imported, tmp_path, factor, unit):
     def change(_, values):
         values[0] *= factor
@@ -89,7 +89,7 @@ def test_times_in_another_unit_are_refused_in_one_line(table, imported, tmp_path
 def test_the_frozen_end_of_a_measured_swing_is_named(imported):
     done = imported(DATA / "swing_bare.csv", "--json")
     (warning,) = json.loads(done.stdout)["warnings"]
-    assert "66 of 108 rows (61 %) repeat" in warning and "the longest run 55, lines 55 to 109" in warning
+    assert "66 of 108 rows (61 %) hold" in warning and "the longest run 55, lines 55 to 109" in warning
 
 
 def test_a_model_that_is_off_is_named_with_keypoint_time_and_share_in_the_band(program, tmp_path):

@@ -2,6 +2,7 @@
 
 mod doubts;
 mod table;
+mod zeros;
 
 use crate::error::BagError;
 use crate::writer::{BagSummary, BagWriter, WriterOptions};
@@ -36,7 +37,7 @@ pub struct Imported {
 
 /// Writes a track as a bag with one episode, whose policy has the name `recorded`. The points of the track are projected
 /// into the model's camera. Every row is written, doubtful ones, too: the reader of the bag decides what it uses. A point
-/// at exactly (0, 0) m stands for a missing one, and its keypoint has the score 0.
+/// at exactly (0, 0) m, or with a coordinate of 0 far from the rows around it, counts as missing: its keypoint has the score 0.
 ///
 /// `csv` has a header line and the columns `t_s` (increasing), `grip_x_m`, `grip_z_m`, `grip_pitch_rad`, `p1_x_m`,
 /// `p1_z_m` to `p4_x_m`, `p4_z_m`, and optionally `grip_fx_n`, `grip_fz_n`, `grip_ty_nm`, in any order. Units are s, m,
@@ -50,23 +51,33 @@ pub struct Imported {
 pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<Imported, BagError> {
     let rows = read_rows(source, csv)?;
     doubts::check_interval(source, &rows, model)?;
-    let mut warnings = doubts::zeros(source, &rows)?;
+    let zeros::Zeros { missing, mut warnings } = zeros::zeros(source, &rows, model)?;
     let camera = &model.camera.view;
-    let keypoints = rows.iter().map(|row| keypoints(source, camera, row)).collect::<Result<Vec<_>, _>>()?;
+    let keypoints = rows
+        .iter()
+        .zip(&missing)
+        .map(|(row, missing)| keypoints(source, camera, row, missing))
+        .collect::<Result<Vec<_>, _>>()?;
     // Some points outside are normal, as a swinging end may leave the image. All of them mean a wrong unit or model.
-    if let (Some(first), true) = (rows.first(), keypoints.iter().flat_map(|k| k.dlo_px).all(is_outside)) {
-        let points_m: Vec<[f64; 2]> = rows.iter().flat_map(|r| r.points_m).collect();
+    if let (Some(first), true) = (rows.first(), keypoints.iter().flat_map(seen_px).all(is_outside)) {
+        let seen = rows.iter().zip(&missing).flat_map(|(r, missing)| r.points_m.into_iter().zip(*missing));
+        let points_m: Vec<[f64; 2]> = seen.filter(|(_, missing)| !missing).map(|(point, _)| point).collect();
         return Err(BagError::OutOfView {
             file: source.to_owned(),
             line: first.line,
             points: points_m.len(),
-            first_m: first.points_m[0],
+            first_m: points_m.first().copied().unwrap_or_default(),
             view: view_of(camera, &points_m),
         });
     }
     warnings.extend(doubts::out_of_view(source, &rows, &keypoints, camera));
-    warnings.extend(doubts::held(source, &rows, camera));
+    warnings.extend(doubts::held(source, &rows, &keypoints));
     Ok(Imported { bag: write(&rows, &keypoints, model, out)?, warnings })
+}
+
+/// Pixels of the keypoints that were seen.
+fn seen_px(keypoints: &Keypoints) -> impl Iterator<Item = [f64; 2]> {
+    keypoints.dlo_px.into_iter().zip(keypoints.scores).filter(|(_, score)| *score > 0.0).map(|(px, _)| px)
 }
 
 /// True if a pixel of the mask lies outside of it.
@@ -75,9 +86,8 @@ fn is_outside(px: [f64; 2]) -> bool {
 }
 
 /// Keypoints of one row in the camera's mask.
-fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagError> {
+fn keypoints(source: &str, camera: &Camera, row: &Row, missing: &[bool; 4]) -> Result<Keypoints, BagError> {
     let mut dlo_px = [[0.0; 2]; 4];
-    let missing = row.points_m.map(doubts::is_missing);
     for (i, ([x, z], px)) in row.points_m.iter().zip(&mut dlo_px).enumerate().filter(|(i, _)| !missing[*i]) {
         *px = camera.mask_from_world([*x, 0.0, *z]).ok_or_else(|| BagError::Csv {
             file: source.to_owned(),

@@ -1,19 +1,13 @@
-//! Doubts about a track in CSV: times in another unit, zeros for missing values, held values, points out of view.
+//! Doubts about a track in CSV: times in another unit, held values, points out of view.
 
-use super::table::Row;
+use super::table::{COLUMNS, Row};
 use crate::error::BagError;
-use catenary_core::episode::{MANY_STILL, PlacedFrame, Repeats, interval_doubt, pixel_m, repeats, view_warning};
-use catenary_core::{Camera, GripPose, Keypoints, Model};
-
-/// True for a point at exactly (0, 0) m: tables have zeros in place of missing points. A measured point does not lie there
-/// to the last digit, inside of the arm's base.
-pub(super) fn is_missing(point_m: [f64; 2]) -> bool {
-    point_m == [0.0, 0.0]
-}
+use catenary_core::episode::{HeldRun, PlacedFrame, held_runs, interval_doubt, view_warning};
+use catenary_core::{Camera, Keypoints, Model};
 
 /// Refuses times in another unit than seconds.
 pub(super) fn check_interval(file: &str, rows: &[Row], model: &Model) -> Result<(), BagError> {
-    let times_s: Vec<f64> = rows.iter().map(|r| r.time_ns as f64 * 1e-9).collect();
+    let times_s: Vec<f64> = rows.iter().map(Row::time_s).collect();
     match interval_doubt(&times_s, model) {
         None => Ok(()),
         Some(doubt) => {
@@ -21,43 +15,6 @@ pub(super) fn check_interval(file: &str, rows: &[Row], model: &Model) -> Result<
             Err(BagError::Unit { file: file.to_owned(), lines, column: "t_s", doubt })
         }
     }
-}
-
-/// Warnings about zeros in place of points and poses.
-///
-/// # Errors
-/// [`BagError::Csv`] if a point is zero in all rows.
-pub(super) fn zeros(file: &str, rows: &[Row]) -> Result<Vec<String>, BagError> {
-    let mut warnings = Vec::new();
-    for k in 0..4 {
-        let zeros: Vec<u64> = rows.iter().filter(|r| is_missing(r.points_m[k])).map(|r| r.line).collect();
-        let Some(first) = zeros.first() else { continue };
-        let columns = format!("p{0}_x_m, p{0}_z_m", k + 1);
-        if zeros.len() == rows.len() {
-            return Err(BagError::Csv {
-                file: file.to_owned(),
-                line: *first,
-                column: columns,
-                expected: "a point of the object in m".to_owned(),
-                got: "(0, 0) in all rows, as if the point was not measured".to_owned(),
-            });
-        }
-        warnings.push(format!(
-            "{file}: columns {columns}: (0, 0) in {} of {} rows, the first in line {first}, as if for a missing point: imported as not seen (score 0), so that these frames are not used",
-            zeros.len(),
-            rows.len()
-        ));
-    }
-    let zeros: Vec<u64> = rows.iter().filter(|r| r.grip == GripPose::default()).map(|r| r.line).collect();
-    // A hand that is the origin of all points is zero in every row.
-    if let Some(first) = zeros.first().filter(|_| zeros.len() < rows.len()) {
-        warnings.push(format!(
-            "{file}: columns grip_x_m, grip_z_m, grip_pitch_rad: 0 in {} of {} rows, the first in line {first}, as if for a missing pose: imported as it is; poses that no arm reaches are left out later, with a warning",
-            zeros.len(),
-            rows.len()
-        ));
-    }
-    Ok(warnings)
 }
 
 /// Warning about points outside of the image of the model's camera.
@@ -69,36 +26,36 @@ pub(super) fn out_of_view(file: &str, rows: &[Row], keypoints: &[Keypoints], cam
     view_warning(file, camera, &frames, &points_m, |i| format!("in line {}", seen[i].0.line))
 }
 
-/// Warnings about rows that repeat the row before, in the plane or relative to the hand.
-pub(super) fn held(file: &str, rows: &[Row], camera: &Camera) -> Vec<String> {
-    let frame = |r: &Row| PlacedFrame { time_s: r.time_ns as f64 * 1e-9, points_m: r.points_m, grip: r.grip };
-    let frames: Vec<PlacedFrame> = rows.iter().map(frame).collect();
-    let runs = pixel_m(camera).map(|pixel_m| repeats(&frames, pixel_m)).unwrap_or_default();
-    let words = |is_held: bool, least: f64, meaning: &str| {
-        let runs: Vec<&Repeats> = runs.iter().filter(|r| r.is_held == is_held).collect();
-        let longest = runs.iter().max_by_key(|r| r.count())?;
-        let count: usize = runs.iter().map(|r| r.count()).sum();
-        if count as f64 <= least * rows.len() as f64 {
-            return None;
-        }
-        let [from, to] = [longest.first + 1, longest.last];
+/// Warnings about rows that hold the value of the row before, of all points or of one. Rows with a missing point are no
+/// part of the comparison.
+pub(super) fn held(file: &str, rows: &[Row], keypoints: &[Keypoints]) -> Vec<String> {
+    let seen: Vec<&Row> = rows.iter().zip(keypoints).filter(|(_, k)| k.dlo_seen()).map(|(row, _)| row).collect();
+    let frame = |r: &&Row| PlacedFrame { time_s: r.time_s(), points_m: r.points_m, grip: r.grip };
+    let runs = held_runs(&seen.iter().map(frame).collect::<Vec<_>>());
+    let words = |keypoint: Option<usize>| {
+        let runs: Vec<&HeldRun> = runs.iter().filter(|run| run.keypoint == keypoint).collect();
+        let longest = runs.iter().max_by_key(|run| run.count())?;
+        let count: usize = runs.iter().map(|run| run.count()).sum();
+        let (from, to) = (seen[longest.first + 1], seen[longest.last]);
+        let (columns, what, meanwhile) = match keypoint {
+            None => (format!("{} to {}", COLUMNS[4], COLUMNS[11]), "the points or the shape", "hand or object move"),
+            Some(k) => {
+                (format!("{}, {}", COLUMNS[4 + 2 * k], COLUMNS[5 + 2 * k]), "the point", "the other points move")
+            }
+        };
+        let k = keypoint.unwrap_or(3);
+        let [x, z] = from.points_m[k];
         Some(format!(
-            "{file}: columns p1_x_m to p4_z_m: {count} of {} rows ({:.0} %) repeat the points or the shape of the row before, the longest run {}, lines {} to {} (t_s {:.3} to {:.3} after the first row): {meaning}",
+            "{file}: columns {columns}: {count} of {} rows ({:.0} %) hold {what} of the row before, the longest run {}, lines {} to {} (t_s {:.3} to {:.3} after the first row) with p{} at ({x}, {z}) m, while {meanwhile}: expected a new measurement in each row; imported, and left out when the bag is read",
             rows.len(),
             100.0 * count as f64 / rows.len() as f64,
             longest.count(),
-            rows[from].line,
-            rows[to].line,
-            frames[from].time_s,
-            frames[to].time_s
+            from.line,
+            to.line,
+            from.time_s(),
+            to.time_s(),
+            k + 1
         ))
     };
-    let held = words(
-        true,
-        0.0,
-        "hand or object move meanwhile, so that the values are held; imported, and left out when the bag is read",
-    );
-    let still =
-        words(false, MANY_STILL, "the hand is at rest meanwhile, and the object may be, too; imported and used");
-    held.into_iter().chain(still).collect()
+    [None, Some(0), Some(1), Some(2), Some(3)].into_iter().filter_map(words).collect()
 }

@@ -5,6 +5,7 @@ mod edges;
 mod hand;
 mod held;
 mod object;
+mod repeats;
 mod spikes;
 #[cfg(test)]
 mod tests;
@@ -13,5 +14,5 @@ pub(super) use chain::{at, seconds};
 pub use hand::MeasuredPose;
 pub(super) use hand::{HandLimits, POSES, observations, poses};
 pub(super) use held::without_held;
-pub use held::{MANY_STILL, PlacedFrame, Repeats, pixel_m, repeats};
 pub(super) use object::{KEYPOINTS, keypoints, zero_warning};
+pub use repeats::{HeldRun, PlacedFrame, held_runs};
