@@ -11,7 +11,7 @@ use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::statistics::median_high;
 use crate::track::End;
-use crate::{Frame, GripTrajectory, Keypoints, Model, Observation, Track};
+use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use serde::Serialize;
 
 /// Measured track with the inputs that a simulator needs to reproduce it.
