@@ -155,6 +155,16 @@ fn a_zero_in_one_coordinate_is_told_from_a_motion_through_zero() {
     let Camera::Plane(plane) = &mut model.camera.view else { panic!("the cable's camera is a plane") };
     plane.centre_m = [0.0, 0.3];
     assert_eq!(outcome(&csv, &model).unwrap().0, [] as [String; 0]);
+    // A point at rest, whose coordinate is rounded to zero in some rows.
+    let first = numbers(&track(0.0, 1))[0].clone();
+    let csv = changed(60, |i, row| {
+        row[1..12].copy_from_slice(&first[1..12]);
+        for column in [1, 4, 6, 8, 10] {
+            row[column] = ((row[column] - first[8] + 0.0005 * (i % 7) as f64) * 200.0).round() / 200.0;
+        }
+    });
+    assert!((1..59).contains(&numbers(&csv).iter().filter(|row| row[8] == 0.0).count()));
+    assert_eq!(outcome(&csv, &model).unwrap().0, [] as [String; 0]);
     // A hand at a pitch of 0 that begins to turn.
     let csv = changed(60, |i, row| row[3] = 0.01 * i.saturating_sub(30) as f64);
     assert_eq!(outcome(&csv, &cable(60)).unwrap().0, [] as [String; 0]);

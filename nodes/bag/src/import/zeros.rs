@@ -32,9 +32,10 @@ pub(super) struct Zeros {
 pub(super) fn zeros(file: &str, rows: &[Row], model: &Model) -> Result<Zeros, BagError> {
     let mut missing = vec![[false; 4]; rows.len()];
     let mut warnings = Vec::new();
+    let rounding = rounding_m(rows);
     for k in 0..4 {
-        let both: Vec<bool> = pair(rows, k);
-        let axes = [0, 1].map(|axis| (axis, one_axis(rows, k, axis, model)));
+        let both: Vec<bool> = pair(rows, k, rounding);
+        let axes = [0, 1].map(|axis| (axis, one_axis(rows, k, axis, rounding, model)));
         let of_both = (format!("{}, {}", COLUMNS[4 + 2 * k], COLUMNS[5 + 2 * k]), "(0, 0)", both);
         let of_one = axes.map(|(axis, flags)| (COLUMNS[4 + 2 * k + axis].to_owned(), "0", flags));
         let mut named = vec![false; rows.len()];
@@ -66,25 +67,25 @@ pub(super) fn zeros(file: &str, rows: &[Row], model: &Model) -> Result<Zeros, Ba
 }
 
 /// Flags of the rows in which the point `k` is (0, 0), without those of a point that passes there.
-fn pair(rows: &[Row], k: usize) -> Vec<bool> {
+fn pair(rows: &[Row], k: usize, rounding: f64) -> Vec<bool> {
     let sizes: Vec<f64> = rows.iter().map(|r| r.points_m[k][0].hypot(r.points_m[k][1])).collect();
     runs(&sizes).into_iter().fold(vec![false; rows.len()], |mut flags, run| {
         let ends = [run.before, run.after];
         // The distance from the origin changes by at most the point's step.
-        let is_near = ends.iter().flatten().any(|v| v.abs() <= large_step(&sizes));
+        let is_near = ends.iter().flatten().any(|v| v.abs() <= large_step(&sizes, rounding));
         flags[run.first..=run.last].fill(!is_near);
         flags
     })
 }
 
 /// Flags of the rows in which one coordinate of the point `k` is 0 in place of a value.
-fn one_axis(rows: &[Row], k: usize, axis: usize, model: &Model) -> Vec<bool> {
+fn one_axis(rows: &[Row], k: usize, axis: usize, rounding: f64, model: &Model) -> Vec<bool> {
     let values: Vec<f64> = rows.iter().map(|r| r.points_m[k][axis]).collect();
     if values.iter().all(|v| *v == 0.0) {
         let torn = rows.iter().filter(|row| is_torn(row, k, model)).count();
         return vec![2 * torn > rows.len(); rows.len()];
     }
-    let limit = large_step(&values);
+    let limit = large_step(&values, rounding);
     runs(&values).into_iter().fold(vec![false; rows.len()], |mut flags, run| {
         let ends = [run.before, run.after];
         let is_far = ends.iter().flatten().all(|v| v.abs() > limit);
@@ -119,7 +120,7 @@ fn poses(file: &str, rows: &[Row]) -> Vec<String> {
     let whole: Vec<bool> = values.iter().map(|v| *v == [0.0; 3]).collect();
     let column = |i: usize| -> Vec<bool> {
         let values: Vec<f64> = values.iter().map(|v| v[i]).collect();
-        let limit = large_step(&values);
+        let limit = large_step(&values, 0.0);
         runs(&values).into_iter().fold(vec![false; rows.len()], |mut flags, run| {
             // A hand may be at 0 before or after a motion: a missing value comes back.
             let is_far = run.before.zip(run.after).is_some_and(|(a, b)| a.abs().min(b.abs()) > limit);
@@ -171,13 +172,20 @@ fn runs(values: &[f64]) -> Vec<Run> {
     runs
 }
 
-/// Distance above which a value does not come from one row to the next.
-fn large_step(values: &[f64]) -> f64 {
+/// Least difference in m between the coordinates of all points: their rounding, or less.
+fn rounding_m(rows: &[Row]) -> f64 {
+    let mut values: Vec<f64> = rows.iter().flat_map(|r| r.points_m).flatten().collect();
+    values.sort_by(f64::total_cmp);
+    values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-6).reduce(f64::min).unwrap_or_default()
+}
+
+/// Distance above which a value, rounded to `rounding`, does not come from one row to the next.
+fn large_step(values: &[f64], rounding: f64) -> f64 {
     let apart = values.windows(2).filter(|w| w[0] != 0.0 && w[1] != 0.0).map(|w| (w[1] - w[0]).abs());
     let mut steps: Vec<f64> = apart.collect();
     steps.sort_by(f64::total_cmp);
     let large = if steps.is_empty() { 0.0 } else { quantile(&steps, LARGE, QuantileMethod::Lower) };
-    LEAST.max(FACTOR * large)
+    LEAST.max(FACTOR * large.max(rounding))
 }
 
 /// Lines of the flagged rows.

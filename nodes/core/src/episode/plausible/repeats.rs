@@ -197,12 +197,14 @@ impl<'a> Stream<'a> {
 
     /// True if the others move so far in a run that the keypoint `k` had to move.
     fn had_to_move(&self, run: HeldRun, k: usize) -> bool {
-        let others = || (0..4).filter(|j| *j != k);
-        let start = &self.in_hand[run.first];
-        let bent_m = self.in_hand[run.first..=run.last]
-            .iter()
-            .flat_map(|points| others().map(|j| distance(points[j], start[j])))
-            .fold(0.0, f64::max);
+        let others = || (0..4).filter(move |j| *j != k);
+        // Points that stay in place in a hand that moves bend in the hand's frame only: they are a run of all keypoints.
+        let moved_m = |i: usize, j: usize| {
+            let in_plane_m = distance(self.frames[i].points_m[j], self.frames[run.first].points_m[j]);
+            distance(self.in_hand[i][j], self.in_hand[run.first][j]).min(in_plane_m)
+        };
+        let moved = (run.first..=run.last).flat_map(|i| others().map(move |j| (i, j)));
+        let bent_m = moved.map(|(i, j)| moved_m(i, j)).fold(0.0, f64::max);
         let farthest_m = others().map(|j| self.reach_m[j]).fold(0.0, f64::max);
         let share = if farthest_m > 0.0 { self.reach_m[k] / farthest_m } else { 0.0 };
         let share = share.max(FIRST_MODE[k]);

@@ -66,6 +66,7 @@ fn points_that_stay_while_the_hand_leaves_are_held() {
         warnings[0].contains("24 of 60 frames (40 %)") && warnings[0].contains("longest run 24 from 1.20 s to 1.97 s"),
         "{warnings:?}"
     );
+    assert_eq!(warnings.len(), 1, "no keypoint is named alone: {warnings:?}");
     let all = |i: usize| PlacedFrame { grip: hand(0.004 * i as f64), ..frame(i, hand(0.0), 0.1, 0.0) };
     let refused = outcome(&(0..60).map(all).collect::<Vec<_>>()).unwrap_err();
     assert!(refused.contains("59 of 60 frames (98 %) repeat the frame before them"), "{refused}");
