@@ -4,6 +4,7 @@
 mod tables;
 
 use catenary_bag::{BagReader, EpisodeTopics, import_track, read_episodes, read_measured};
+use catenary_core::model::StartKind;
 use catenary_core::{Camera, Model};
 use std::path::Path;
 use tables::{CABLE, numbers, track};
@@ -31,10 +32,11 @@ fn outcome(csv: &str, model: &Model) -> Result<(Vec<String>, usize, Vec<String>)
     Ok((imported.warnings, measured.track.frames.len(), measured.warnings))
 }
 
-/// Model of the cable with as many frames as rows at 30 Hz.
+/// Model of the cable with as many frames as rows at 30 Hz, from the first row on.
 fn cable(frames: usize) -> Model {
     let mut model = Model::from_yaml(CABLE).unwrap();
     (model.observation.frames, model.observation.frame_period_s) = (frames, 1.0 / 30.0);
+    model.observation.start = StartKind::HangingAtRest;
     let Camera::Plane(plane) = &mut model.camera.view else { panic!("the cable's camera is a plane") };
     plane.centre_m = [0.45, 0.3];
     model
