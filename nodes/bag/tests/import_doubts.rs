@@ -148,9 +148,8 @@ fn a_zero_in_one_coordinate_is_told_from_a_motion_through_zero() {
     }
     // The origin lies in the middle of the motion, below the hand, and the points come in whole centimetres.
     let csv = changed(60, |_, row| {
-        for column in [1, 4, 6, 8, 10] {
-            row[column] = ((row[column] - 0.47) * 100.0).round() / 100.0;
-        }
+        [1, 4, 6, 8, 10].into_iter().for_each(|column| row[column] -= 0.47);
+        row[4..12].iter_mut().for_each(|v| *v = (*v * 100.0).round() / 100.0);
     });
     assert!(numbers(&csv).iter().any(|row| row[10] == 0.0));
     let mut model = cable(60);
