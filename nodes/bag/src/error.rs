@@ -135,9 +135,21 @@ pub enum BagError {
         /// Given value.
         got: String,
     },
+    /// Column of a CSV track in another unit.
+    #[error("{file}: lines {} to {}, column {column}: {doubt}", lines[0], lines[1])]
+    Unit {
+        /// Name of the file.
+        file: String,
+        /// Lines of the first and the last row.
+        lines: [u64; 2],
+        /// Name of the column.
+        column: &'static str,
+        /// Expected and received values.
+        doubt: String,
+    },
     /// Track without any point in the image of the model's camera.
     #[error(
-        "{file}: expected points in metres within the image of the model's camera, got all {points} outside of it, the first of line {line} at ({}, {}) m: check that the track is in m and belongs to this model",
+        "{file}: expected points in metres within the image of the model's camera, got all {points} outside of it, the first of line {line} at ({}, {}) m: check that the track is in m and belongs to this model; a {view}",
         first_m[0], first_m[1]
     )]
     OutOfView {
@@ -149,6 +161,8 @@ pub enum BagError {
         points: usize,
         /// (x, z) in m of the first point.
         first_m: [f64; 2],
+        /// Fields of the camera that would show all points.
+        view: String,
     },
     /// Setting that makes no sense.
     #[error("{name}: expected {expected}, got {got}")]

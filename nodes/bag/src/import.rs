@@ -1,10 +1,13 @@
 //! Import of a measured track in CSV into a bag.
 
+mod doubts;
 mod table;
+mod zeros;
 
 use crate::error::BagError;
 use crate::writer::{BagSummary, BagWriter, WriterOptions};
 use catenary_core::camera::MASK_SIZE_PX;
+use catenary_core::episode::view_of;
 use catenary_core::{Camera, Keypoints, Model};
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, Vector3, Wrench, WrenchStamped};
 use catenary_msgs::msg::{EpisodeEvent, Keypoints as KeypointsMsg};
@@ -23,8 +26,18 @@ const CAMERA_FRAME: &str = "camera_color_optical_frame";
 /// Number of the only episode.
 const EPISODE: u32 = 1;
 
+/// Bag of an imported track.
+#[derive(Debug, Clone)]
+pub struct Imported {
+    /// Size of the bag.
+    pub bag: BagSummary,
+    /// Doubts about the track, one sentence each, with file, line, column and value.
+    pub warnings: Vec<String>,
+}
+
 /// Writes a track as a bag with one episode, whose policy has the name `recorded`. The points of the track are projected
-/// into the model's camera.
+/// into the model's camera. Every row is written, doubtful ones, too: the reader of the bag decides what it uses. A point
+/// at exactly (0, 0) m, or with a coordinate of 0 far from the rows around it, counts as missing: its keypoint has the score 0.
 ///
 /// `csv` has a header line and the columns `t_s` (increasing), `grip_x_m`, `grip_z_m`, `grip_pitch_rad`, `p1_x_m`,
 /// `p1_z_m` to `p4_x_m`, `p4_z_m`, and optionally `grip_fx_n`, `grip_fz_n`, `grip_ty_nm`, in any order. Units are s, m,
@@ -33,31 +46,49 @@ const EPISODE: u32 = 1;
 /// wrench, and `/episode/event`. The stamp of a row is its `t_s` plus 1 s.
 ///
 /// # Errors
-/// [`BagError::Csv`] with line and column; [`BagError::OutOfView`] if no point is in the image; those of [`BagWriter`].
-pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<BagSummary, BagError> {
+/// [`BagError::Csv`] with line and column, also for times in another unit and for a point that is missing in all rows;
+/// [`BagError::OutOfView`] if no point is in the image; those of [`BagWriter`].
+pub fn import_track(source: &str, csv: &str, model: &Model, out: &Path) -> Result<Imported, BagError> {
     let rows = read_rows(source, csv)?;
+    doubts::check_interval(source, &rows, model)?;
+    let zeros::Zeros { missing, mut warnings } = zeros::zeros(source, &rows, model)?;
     let camera = &model.camera.view;
-    let keypoints = rows.iter().map(|row| keypoints(source, camera, row)).collect::<Result<Vec<_>, _>>()?;
-    let size = f64::from(MASK_SIZE_PX);
-    let outside = keypoints.iter().flat_map(|k| k.dlo_px).filter(|p| p.iter().any(|v| !(0.0..=size).contains(v)));
+    let keypoints = rows
+        .iter()
+        .zip(&missing)
+        .map(|(row, missing)| keypoints(source, camera, row, missing))
+        .collect::<Result<Vec<_>, _>>()?;
     // Some points outside are normal, as a swinging end may leave the image. All of them mean a wrong unit or model.
-    match outside.count() {
-        0 => {}
-        n if n == 4 * rows.len() => {
-            let ([x, z], line) = (rows[0].points_m[0], rows[0].line);
-            return Err(BagError::OutOfView { file: source.to_owned(), line, points: n, first_m: [x, z] });
-        }
-        n => {
-            tracing::warn!("{source}: {n} of {} points lie outside of the image of the model's camera", 4 * rows.len())
-        }
+    if let (Some(first), true) = (rows.first(), keypoints.iter().flat_map(seen_px).all(is_outside)) {
+        let seen = rows.iter().zip(&missing).flat_map(|(r, missing)| r.points_m.into_iter().zip(*missing));
+        let points_m: Vec<[f64; 2]> = seen.filter(|(_, missing)| !missing).map(|(point, _)| point).collect();
+        return Err(BagError::OutOfView {
+            file: source.to_owned(),
+            line: first.line,
+            points: points_m.len(),
+            first_m: points_m.first().copied().unwrap_or_default(),
+            view: view_of(camera, &points_m),
+        });
     }
-    write(&rows, &keypoints, model, out)
+    warnings.extend(doubts::out_of_view(source, &rows, &keypoints, camera));
+    warnings.extend(doubts::held(source, &rows, &keypoints));
+    Ok(Imported { bag: write(&rows, &keypoints, model, out)?, warnings })
+}
+
+/// Pixels of the keypoints that were seen.
+fn seen_px(keypoints: &Keypoints) -> impl Iterator<Item = [f64; 2]> {
+    keypoints.dlo_px.into_iter().zip(keypoints.scores).filter(|(_, score)| *score > 0.0).map(|(px, _)| px)
+}
+
+/// True if a pixel of the mask lies outside of it.
+fn is_outside(px: [f64; 2]) -> bool {
+    px.iter().any(|v| !(0.0..=f64::from(MASK_SIZE_PX)).contains(v))
 }
 
 /// Keypoints of one row in the camera's mask.
-fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagError> {
+fn keypoints(source: &str, camera: &Camera, row: &Row, missing: &[bool; 4]) -> Result<Keypoints, BagError> {
     let mut dlo_px = [[0.0; 2]; 4];
-    for (i, ([x, z], px)) in row.points_m.iter().zip(&mut dlo_px).enumerate() {
+    for (i, ([x, z], px)) in row.points_m.iter().zip(&mut dlo_px).enumerate().filter(|(i, _)| !missing[*i]) {
         *px = camera.mask_from_world([*x, 0.0, *z]).ok_or_else(|| BagError::Csv {
             file: source.to_owned(),
             line: row.line,
@@ -69,7 +100,7 @@ fn keypoints(source: &str, camera: &Camera, row: &Row) -> Result<Keypoints, BagE
     Ok(Keypoints {
         dlo_px,
         target_px: None,
-        scores: [1.0; 4],
+        scores: missing.map(|missing| if missing { 0.0 } else { 1.0 }),
         target_score: 0.0,
         image_width_px: MASK_SIZE_PX,
         image_height_px: MASK_SIZE_PX,

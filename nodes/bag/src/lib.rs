@@ -16,7 +16,7 @@ pub use episodes::LiveEpisodes;
 pub use episodes::{EpisodeTopics, Feed, episode_notes, read_episodes, read_measured};
 pub use error::BagError;
 pub use filter::{Pattern, TopicFilter};
-pub use import::import_track;
+pub use import::{Imported, import_track};
 #[cfg(feature = "node")]
 pub use node::{QosOverrides, RecordSettings, ReplaySettings, ReplaySummary, record, replay};
 pub use reader::{BagMessage, BagReader, Messages, Topic, TopicCount};

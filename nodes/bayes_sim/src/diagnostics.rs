@@ -1,7 +1,11 @@
 //! Diagnostics of a posterior: predictive check, warnings and misfit.
 
+mod parts;
 mod predictive;
+mod ranks;
+mod selection;
 mod warnings;
 
+pub use parts::Part;
 pub use predictive::{Predictive, PredictiveCheck, Unchecked, nearest_order, out_of_view, predictive};
 pub use warnings::{edge_warnings, fit_warnings, misfit};

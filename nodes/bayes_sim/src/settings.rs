@@ -131,8 +131,8 @@ impl Default for Settings {
                 max_gradient_norm: 5.0,
             },
             fidelity: Fidelity::Standard,
-            // With 99 draws and the measurement, p values are multiples of 1 %.
-            predictive_draws: 99,
+            // With 199 draws and the measurement, p values are multiples of 0.5 %.
+            predictive_draws: 199,
             seed: 0,
         }
     }

@@ -8,14 +8,19 @@ mod coverage;
 mod error;
 mod log;
 mod measured;
+mod order;
 mod plausible;
+mod rate;
 mod start;
 #[cfg(test)]
 mod tests;
+mod view;
 
 pub use complete::{Episode, EpisodeStart};
 pub use error::EpisodeError;
 pub use log::{EpisodeLog, RecordKind, is_base_frame};
 pub use measured::MeasuredTrack;
-pub use plausible::MeasuredPose;
-pub use start::order_from;
+pub use order::order_from;
+pub use plausible::{HeldRun, MeasuredPose, PlacedFrame, held_runs};
+pub use rate::interval_doubt;
+pub use view::{OutOfView, out_of_view, view_of, view_warning};

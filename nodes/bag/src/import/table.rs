@@ -5,7 +5,7 @@ use catenary_core::GripPose;
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 /// Columns of every track.
-const NEEDED: [&str; 12] = [
+pub(super) const COLUMNS: [&str; 12] = [
     "t_s",
     "grip_x_m",
     "grip_z_m",
@@ -39,6 +39,13 @@ pub(super) struct Row {
     pub(super) wrench: Option<[f64; 3]>,
 }
 
+impl Row {
+    /// Time since the first row in s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.time_ns as f64 * 1e-9
+    }
+}
+
 struct Table<'a> {
     file: &'a str,
     header: Vec<String>,
@@ -53,8 +60,8 @@ impl Table<'_> {
     /// Checks the columns. Returns true if the track has a wrench.
     fn check_header(&self) -> Result<bool, BagError> {
         for (i, name) in self.header.iter().enumerate() {
-            if !NEEDED.contains(&name.as_str()) && !WRENCH.contains(&name.as_str()) {
-                let expected = format!("one of {}, {}", NEEDED.join(", "), WRENCH.join(", "));
+            if !COLUMNS.contains(&name.as_str()) && !WRENCH.contains(&name.as_str()) {
+                let expected = format!("one of {}, {}", COLUMNS.join(", "), WRENCH.join(", "));
                 return Err(self.error(1, &(i + 1).to_string(), expected, format!("{name:?}")));
             }
             if self.header[..i].contains(name) {
@@ -62,7 +69,7 @@ impl Table<'_> {
             }
         }
         let missing = |names: &[&'static str]| names.iter().find(|n| !self.header.iter().any(|h| h == *n)).copied();
-        if let Some(name) = missing(&NEEDED) {
+        if let Some(name) = missing(&COLUMNS) {
             return Err(self.error(1, name, "this column", format!("the columns {}", self.header.join(", "))));
         }
         match (missing(&WRENCH), WRENCH.iter().any(|n| self.header.iter().any(|h| h == n))) {
@@ -95,7 +102,7 @@ impl Table<'_> {
 /// Reads the rows of a track. `file` is the name of the track in messages.
 pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
     if csv.trim().is_empty() {
-        let (file, column) = (file.to_owned(), NEEDED[0].to_owned());
+        let (file, column) = (file.to_owned(), COLUMNS[0].to_owned());
         let (expected, got) = ("a header line and rows of numbers".to_owned(), "an empty file".to_owned());
         return Err(BagError::Csv { file, line: 1, column, expected, got });
     }
@@ -121,7 +128,7 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
             first_s = time_s;
         }
         if time_s - first_s > LONGEST_S {
-            let expected = format!("at most {LONGEST_S} s after the first row");
+            let expected = format!("times in s, at most {LONGEST_S} s after the first row");
             return Err(table.error(line, "t_s", expected, time_s.to_string()));
         }
         let time_ns = ((time_s - first_s) * 1e9).round() as i64;
@@ -130,7 +137,7 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
             return Err(table.error(line, "t_s", "a later time than in the row before", time_s.to_string()));
         }
         let [x_m, z_m, pitch_rad] = table.numbers(line, &record, ["grip_x_m", "grip_z_m", "grip_pitch_rad"])?;
-        let p: [f64; 8] = table.numbers(line, &record, std::array::from_fn(|i| NEEDED[4 + i]))?;
+        let p: [f64; 8] = table.numbers(line, &record, std::array::from_fn(|i| COLUMNS[4 + i]))?;
         rows.push(Row {
             line,
             time_ns,
@@ -150,7 +157,7 @@ mod tests {
     use super::*;
 
     fn header() -> String {
-        NEEDED.join(",")
+        COLUMNS.join(",")
     }
 
     fn row(t: &str) -> String {
@@ -195,7 +202,7 @@ mod tests {
             (good.replace(",p4_z_m", ""), "line 1, column p4_z_m: expected this column"),
             (good.replace(",p4_z_m\n", ",p4_z_m,grip_fx_n\n"), "column grip_fz_n: expected all columns of the wrench"),
             (format!("{}\n{}\n", header(), row("0.0")), "expected at least two rows, got 1"),
-            (good.replace("\n0.1,", "\n1e300,"), "column t_s: expected at most"),
+            (good.replace("\n0.1,", "\n1e300,"), "column t_s: expected times in s, at most"),
             (" \n".to_owned(), "line 1, column t_s: expected a header line and rows of numbers, got an empty file"),
         ];
         for (csv, part) in expected {

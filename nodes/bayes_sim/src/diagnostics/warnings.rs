@@ -1,5 +1,6 @@
 //! Warnings about a posterior, and the verdict that it must not be used.
 
+use super::parts::Part;
 use super::predictive::{Predictive, PredictiveCheck, Unchecked};
 use catenary_core::Posterior;
 use catenary_core::mixture::MixtureError;
@@ -15,10 +16,6 @@ const PRESSED: f64 = 0.3;
 const OUTSIDE: f64 = 0.75;
 /// Effective sample size below which a mixture density network learns too little.
 const FEW_SAMPLES: f64 = 100.0;
-/// Coverage of the nominal 90 % band below which a warning about the model is given.
-const LOW_COVERAGE: f64 = 0.6;
-/// p value of the predictive check at or below which a warning about the model is given.
-const IMPROBABLE: f64 = 0.02;
 /// Prediction error in half widths of the predictive band above which the posterior is a misfit. A half width is 1.64
 /// standard deviations, so that 5 of them are 8 standard deviations, on average over all keypoints.
 const FAR_HALF_WIDTHS: f64 = 5.0;
@@ -67,20 +64,7 @@ pub fn fit_warnings(mass_outside: f64, effective_sample_size: f64, predictive: O
             "the simulations are worth only {effective_sample_size:.0} effective samples: more simulations are needed"
         ));
     }
-    if let Some(p) = predictive.filter(|p| p.coverage < LOW_COVERAGE) {
-        warnings.push(format!(
-            "only {:.0} % of the measured keypoints lie in the 90 % band of the posterior's predictions: the model lacks something that the measurement has",
-            100.0 * p.coverage
-        ));
-    }
-    if let Some(p) = predictive.filter(|p| p.p_value <= IMPROBABLE) {
-        warnings.push(format!(
-            "the measurement lies farther from the mean prediction than {:.0} of {} draws of the posterior (p = {:.3}): the model does not produce such tracks",
-            p.draws as f64 + 1.0 - p.p_value * (p.draws as f64 + 1.0),
-            p.draws,
-            p.p_value
-        ));
-    }
+    warnings.extend(predictive.filter(|p| p.is_in_doubt()).map(model_warning));
     if let Some(p) = predictive.filter(|p| p.rmse_mm > p.spread_mm) {
         warnings.push(format!(
             "the mean prediction is {:.1} mm off the measured keypoints, and their own mean only {:.1} mm: check that the model belongs to the recording",
@@ -90,8 +74,38 @@ pub fn fit_warnings(mass_outside: f64, effective_sample_size: f64, predictive: O
     warnings
 }
 
+/// Warning about a model in doubt: the figures of the check, and the worst part.
+fn model_warning(p: &Predictive) -> String {
+    let bound = match p.p_value <= p.least_p_value() * (1.0 + 1e-9) {
+        true => format!("p <= {:.3}, the least that {} draws can show", p.p_value, p.draws),
+        false => format!("p = {:.3}", p.p_value),
+    };
+    let of_several = |part: &Part| match p.parts.last().is_some_and(|last| last.episode > 1) {
+        true => format!("recording {}, ", part.episode),
+        false => String::new(),
+    };
+    let worst = p.worst().map(|part| {
+        format!(
+            "; worst: {}keypoint {} from the grip, {:.2} s to {:.2} s (third {} of 3), RMSE {:.1} mm, {:.0} % in the band",
+            of_several(part),
+            part.keypoint,
+            part.times_s[0],
+            part.times_s[1],
+            part.third,
+            part.rmse_mm,
+            100.0 * part.coverage
+        )
+    });
+    format!(
+        "the model reproduces the recording poorly: RMSE {:.1} mm, {:.0} % of the measured coordinates in the 90 % band of the posterior's predictions, {bound}{}",
+        p.rmse_mm,
+        100.0 * p.coverage,
+        worst.unwrap_or_default()
+    )
+}
+
 /// Reason for which a posterior must not be used; none if it may be used. A posterior is a misfit if no draw can be
-/// simulated, or if the prediction error is both larger than that of every draw and far outside of the band or beyond the
+/// simulated, or if the prediction error is both larger than that of 99 % of the draws and far outside of the band or beyond the
 /// error of the trivial prediction. An error beyond three spreads of the keypoints suffices alone. A model that merely lacks
 /// an effect gets a warning from [`fit_warnings`].
 pub fn misfit(check: &Result<PredictiveCheck, Unchecked>) -> Option<String> {
@@ -103,11 +117,10 @@ pub fn misfit(check: &Result<PredictiveCheck, Unchecked>) -> Option<String> {
         // Nothing speaks against the posterior. A warning reports the missing check.
         Err(Unchecked::NotPlaced) => return None,
     };
-    let is_rank_last = p.p_value * (p.draws as f64 + 1.0) <= 1.0 + 1e-9;
     let is_far = p.coverage < NO_COVERAGE && p.rmse_mm > FAR_HALF_WIDTHS * p.half_width_mm;
     // The band of a wide posterior may be as wide as the error: no rank and no band detects this misfit.
     let is_foreign = p.rmse_mm.is_nan() || p.rmse_mm > FAR_SPREADS * p.spread_mm;
-    (is_foreign || is_rank_last && (is_far || p.rmse_mm > p.spread_mm)).then(|| {
+    (is_foreign || p.is_improbable() && (is_far || p.rmse_mm > p.spread_mm)).then(|| {
         format!(
             "the predictions are {:.1} mm off the measured keypoints on average, {:.0} times the half width of their 90 % band, and {:.0} % of the keypoints lie in it: check model, units, frames and clocks of the recording",
             p.rmse_mm,
@@ -139,43 +152,78 @@ mod tests {
 
     #[test]
     fn a_misfit_is_told_from_a_model_that_lacks_an_effect() {
-        let good =
-            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
+        let good = good();
         let lowest = 1.0 / 51.0;
         let misfit = |figures: Result<Predictive, Unchecked>| {
             super::misfit(&figures.map(|figures| PredictiveCheck { figures, frames: [1, 1] }))
         };
         assert_eq!(misfit(Ok(good.clone())), None);
-        assert_eq!(misfit(Ok(Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good })), None);
-        assert_eq!(misfit(Ok(Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good })), None);
-        let far = misfit(Ok(Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good })).unwrap();
+        assert_eq!(misfit(Ok(Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good.clone() })), None);
+        assert_eq!(
+            misfit(Ok(Predictive { p_value: 2.0 * lowest, coverage: 0.1, rmse_mm: 15.0, ..good.clone() })),
+            None
+        );
+        let far = misfit(Ok(Predictive { p_value: lowest, coverage: 0.1, rmse_mm: 15.0, ..good.clone() })).unwrap();
         assert!(far.contains("15.0 mm off") && far.contains("8 times") && far.contains("10 %"), "{far}");
-        assert!(misfit(Ok(Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good })).is_some());
+        assert!(misfit(Ok(Predictive { rmse_mm: 2e6, half_width_mm: 1e6, ..good.clone() })).is_some());
         // Figures of a posterior after a few simulations.
-        let wide = Predictive { rmse_mm: 150.0, half_width_mm: 90.0, coverage: 0.4, p_value: 0.09, ..good };
+        let wide = Predictive { rmse_mm: 150.0, half_width_mm: 90.0, coverage: 0.4, p_value: 0.09, ..good.clone() };
         assert_eq!(misfit(Ok(wide.clone())), None);
         assert!(misfit(Ok(Predictive { p_value: lowest, ..wide })).is_some());
-        assert!(misfit(Ok(Predictive { rmse_mm: f64::NAN, ..good })).is_some());
+        assert!(misfit(Ok(Predictive { rmse_mm: f64::NAN, ..good.clone() })).is_some());
         assert!(misfit(Err(Unchecked::NoDraw)).unwrap().contains("no draw"));
         assert_eq!(misfit(Err(Unchecked::NotPlaced)), None);
     }
 
+    /// Figures of a model that fits, by 50 draws.
+    fn good() -> Predictive {
+        let part = |keypoint, third| Part {
+            episode: 1,
+            keypoint,
+            third,
+            times_s: [1.5, 2.25],
+            rmse_mm: 41.0,
+            coverage: 0.5,
+            deviations: if keypoint == 4 && third == 3 { 3.0 } else { 1.0 },
+        };
+        let parts = vec![part(4, 2), part(4, 3)];
+        let (rmse_mm, half_width_mm, spread_mm) = (1.0, 2.0, 100.0);
+        Predictive { rmse_mm, coverage: 0.9, half_width_mm, spread_mm, p_value: 0.4, draws: 50, parts }
+    }
+
     #[test]
-    fn warnings_contain_their_numbers() {
-        let good =
-            Predictive { rmse_mm: 1.0, coverage: 0.9, half_width_mm: 2.0, spread_mm: 100.0, p_value: 0.4, draws: 50 };
+    fn warnings_contain_their_numbers_and_the_worst_part() {
+        let good = good();
         assert!(fit_warnings(0.01, 500.0, Some(&good)).is_empty());
-        let bad = Predictive { coverage: 0.3, ..good };
+        let bad = Predictive { coverage: 0.76, rmse_mm: 24.0, ..good.clone() };
         let words = fit_warnings(0.8, 20.0, Some(&bad));
-        assert!(words.len() == 3 && words[2].contains("30 %"), "{words:?}");
-        let strange = Predictive { p_value: 1.0 / 51.0, ..good };
-        let words = fit_warnings(0.01, 500.0, Some(&strange));
-        assert!(
-            words.len() == 1 && words[0].contains("than 50 of 50 draws") && words[0].contains("0.020"),
-            "{words:?}"
-        );
+        assert!(words.len() == 3, "{words:?}");
+        for part in [
+            "RMSE 24.0 mm, 76 % of the measured coordinates",
+            "p = 0.400",
+            "worst: keypoint 4 from the grip, 1.50 s to 2.25 s (third 3 of 3), RMSE 41.0 mm, 50 % in the band",
+        ] {
+            assert!(words[2].contains(part), "{part}: {words:?}");
+        }
+        let second = Part { episode: 2, deviations: 4.0, ..good.parts[0].clone() };
+        let parts = [good.parts.clone(), vec![second]].concat();
+        let words = fit_warnings(0.01, 500.0, Some(&Predictive { coverage: 0.7, parts, ..good.clone() }));
+        assert!(words[0].contains("worst: recording 2, keypoint 4 from the grip"), "{words:?}");
         let foreign = Predictive { rmse_mm: 495.0, ..good };
         let words = fit_warnings(0.01, 500.0, Some(&foreign));
         assert!(words.len() == 1 && words[0].contains("495.0 mm") && words[0].contains("100.0 mm"), "{words:?}");
+    }
+
+    #[test]
+    fn a_p_value_is_in_doubt_at_its_limit_or_at_the_least_that_the_draws_can_show() {
+        let of = |p_value: f64, draws: usize| {
+            fit_warnings(0.01, 500.0, Some(&Predictive { p_value, draws, ..good() })).join("; ")
+        };
+        assert_eq!(of(3.0 / 200.0, 199), "");
+        assert!(of(2.0 / 200.0, 199).contains("p = 0.010"));
+        assert!(of(1.0 / 200.0, 199).contains("p <= 0.005, the least that 199 draws can show"));
+        // Draws that could not be simulated are missing from the number.
+        assert!(of(1.0 / 41.0, 40).contains("p <= 0.024, the least that 40 draws can show"));
+        assert_eq!(of(2.0 / 41.0, 40), "");
     }
 }

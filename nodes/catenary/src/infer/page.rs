@@ -6,16 +6,13 @@ use crate::report::quantity::Quantity;
 use crate::report::{Page, plots, posterior};
 use anyhow::Result;
 use bayes_sim::Predictive;
+use bayes_sim::diagnostics::Part;
 use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
 use std::path::PathBuf;
 
 /// Number of low-variance samples in the picture of two parameters.
 const SAMPLES: usize = 12;
-/// Limits at and below which the model is refuted: p-value of the predictive check, and share of the track in the 90 %
-/// band. The warnings of the inference use the same limits.
-const IMPROBABLE: f64 = 0.02;
-const LOW_COVERAGE: f64 = 0.6;
 /// Share of the prior's interval above which a posterior interval counts as uninformed by the recording.
 const TOLD: f64 = 0.9;
 
@@ -69,6 +66,10 @@ pub fn page(inferred: &Contents<'_>) -> Result<String> {
     page.heading("Inference");
     page.paragraph(&format!("{} simulations.", plain(inferred.simulations as f64, 0)));
     page.paragraph(&inferred.predictive.map_or_else(str::to_owned, predicted));
+    if let Ok(p) = inferred.predictive {
+        page.table(&PARTS, &parts(p));
+        page.note("Keypoints are counted from the grip. The worst part is the farthest off in standard deviations of the predictions.");
+    }
     if inferred.losses.len() > 1 {
         let points = inferred.losses.iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
         let series = [Series { name: "held-out loss".into(), points }];
@@ -91,7 +92,8 @@ fn answer(inferred: &Contents<'_>) -> Vec<String> {
         let objection = format!(
             // Ordered by urgency: a reader who stops after the first sentence must not rely on refuted values.
             "The model does not reproduce the recording: it is {rmse} mm off (root mean square), and {share} of the track \
-             lies in the 90 % band of its predictions. Do not rely on the values below."
+             lies in the 90 % band of its predictions.{} Do not rely on the values below.",
+            p.worst().map(|part| format!(" It is worst at {}.", place(p, part))).unwrap_or_default()
         );
         return [objection].into_iter().chain(values).collect();
     }
@@ -104,7 +106,29 @@ fn answer(inferred: &Contents<'_>) -> Vec<String> {
 
 /// True if the model cannot have made the recording, or predicts it worse than the keypoints' mean position does.
 fn is_refuted(predictive: Option<&Predictive>) -> bool {
-    predictive.is_some_and(|p| p.p_value <= IMPROBABLE || p.coverage < LOW_COVERAGE || p.rmse_mm > p.spread_mm)
+    predictive.is_some_and(|p| p.is_in_doubt() || p.rmse_mm > p.spread_mm)
+}
+
+/// Head of the table of parts.
+const PARTS: [&str; 5] = ["keypoint and time", "RMSE, mm", "in the 90 % band", "off, standard deviations", ""];
+
+/// Rows of the table of parts; the worst one is marked.
+fn parts(p: &Predictive) -> Vec<Vec<String>> {
+    let worst = p.worst();
+    let row = |part: &Part| {
+        let mark = if Some(part) == worst { "worst" } else { "" };
+        let off = plain(part.deviations, 1);
+        vec![place(p, part), millimetres(part.rmse_mm), percent(part.coverage), off, mark.to_owned()]
+    };
+    p.parts.iter().map(row).collect()
+}
+
+/// Keypoint and time of a part, and the recording if there are several.
+fn place(p: &Predictive, part: &Part) -> String {
+    let several = p.parts.iter().any(|other| other.episode != part.episode);
+    let recording = if several { format!(" of recording {}", part.episode) } else { String::new() };
+    let [from_s, to_s] = part.times_s;
+    format!("keypoint {}{recording}, {} to {} s", part.keypoint, plain(from_s, 2), plain(to_s, 2))
 }
 
 /// Values with their intervals, in a sentence.
@@ -173,6 +197,15 @@ mod tests {
             |name: &str, q05, median, q95| Marginal { name: name.into(), mean: median, sd: 1.0, q05, median, q95 };
         let marginals =
             [marginal("length_m", 0.2541, 0.2607, 0.2671), marginal("youngs_modulus_pa", 1.1e3, 7.1e3, 4.6e4)];
+        let part = |keypoint: usize| Part {
+            episode: 1,
+            keypoint,
+            third: 3,
+            times_s: [1.5, 2.25],
+            rmse_mm: 12.4,
+            coverage: 0.61,
+            deviations: keypoint as f64,
+        };
         let predictive = p_value.map(|p_value| Predictive {
             rmse_mm: 3.12,
             coverage: 0.928,
@@ -180,6 +213,7 @@ mod tests {
             spread_mm: 80.0,
             p_value,
             draws: 100,
+            parts: [2, 4].map(part).to_vec(),
         });
         let page = page(&Contents {
             model: "soft_bar",
@@ -217,6 +251,9 @@ mod tests {
     fn a_model_that_cannot_make_the_recording_is_no_answer() {
         inferred(Ok(0.01), |page| {
             assert!(page.contains("lead bad\"") && page.contains("Do not rely on the values below"), "{page}");
+            assert!(page.contains("It is worst at keypoint 4, 1.50 to 2.25 s."), "{page}");
+            let row = "<td>keypoint 4, 1.50 to 2.25 s</td><td>12</td><td>61 %</td><td>4.0</td><td>worst</td>";
+            assert!(page.contains(row), "{page}");
         });
     }
 

@@ -8,10 +8,11 @@ use std::fmt::Display;
 /// Posterior predictive check in a line.
 pub fn predictive_words(p: &Predictive) -> String {
     format!(
-        "posterior predictive: RMSE {:.1} mm; {:.0} % of the measured coordinates in the 90 % band, whose half width is {:.1} mm (rms)",
+        "posterior predictive: RMSE {:.1} mm; {:.0} % of the measured coordinates in the 90 % band, whose half width is {:.1} mm (rms); p = {:.3}",
         p.rmse_mm,
         100.0 * p.coverage,
-        p.half_width_mm
+        p.half_width_mm,
+        p.p_value
     )
 }
 

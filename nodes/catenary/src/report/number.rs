@@ -52,8 +52,8 @@ pub fn percent(share: f64) -> String {
     let value = 100.0 * share;
     match value {
         // "0 %" and "100 %" are reserved for exact shares.
-        v if v > 0.0 && v < 0.5 => "< 1 %".to_owned(),
-        v if v > 99.5 && v < 100.0 => "> 99 %".to_owned(),
+        v if v > 0.0 && v <= 0.5 => "< 1 %".to_owned(),
+        v if v >= 99.5 && v < 100.0 => "> 99 %".to_owned(),
         v => format!("{} %", plain(v, 0)),
     }
 }
@@ -106,5 +106,7 @@ mod tests {
         );
         assert_eq!((percent(0.974), percent(0.001), percent(0.0)), ("97 %".into(), "< 1 %".into(), "0 %".into()));
         assert_eq!((percent(0.999), percent(1.0)), ("> 99 %".into(), "100 %".into()));
+        // Halves round to even numbers, which are the reserved ones here.
+        assert_eq!((percent(0.005), percent(0.995)), ("< 1 %".into(), "> 99 %".into()));
     }
 }

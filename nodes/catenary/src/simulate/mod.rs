@@ -134,7 +134,8 @@ fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
     // A CSV track becomes a bag first, so that both kinds are read by the same code.
     let place = std::env::temp_dir().join("catenary_track");
     let staged = Staged::new(&place)?;
-    catenary_bag::import_track(&name, &text, model, &staged.path())?;
+    let imported = catenary_bag::import_track(&name, &text, model, &staged.path())?;
+    imported.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     last_measured(staged.path(), model).map_err(|error| with_final_names(error, &[(&place, &name)]))
 }
 

@@ -52,12 +52,14 @@ pub(super) fn is_fault(reason: &str) -> bool {
 }
 
 impl Episode {
-    /// Doubts that need no model: an end by a fault, and poses that no Panda reaches.
+    /// Doubts that need no model: an end by a fault, poses that no Panda reaches, and zeros in place of keypoints.
     pub fn doubts(&self) -> Vec<String> {
         let poses = plausible::poses(&self.poses, &HandLimits::default(), self.start_ns);
         // A stream that is refused is the greatest doubt.
         let poses = poses.map_or_else(|reason| vec![reason], |plausible| plausible.warnings);
-        self.fault_warning().into_iter().chain(poses).collect()
+        let seen: Vec<_> = self.keypoints.iter().filter(|(_, k)| k.dlo_seen()).copied().collect();
+        let zeros = plausible::zero_warning(&seen, self.start_ns).unwrap_or_else(Some);
+        self.fault_warning().into_iter().chain(poses).chain(zeros).collect()
     }
 
     /// True if a fault ended the episode, instead of the task or the user.

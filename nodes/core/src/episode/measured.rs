@@ -1,15 +1,17 @@
 //! Measured track of an episode, as a model's simulator would return it.
 
 use super::complete::Episode;
-use super::coverage::{frame_warning, path_coverage, start_warning};
+use super::coverage::{few_warning, frame_warning, path_coverage, start_warning};
 use super::error::EpisodeError;
-use super::plausible::{self, HandLimits};
+use super::plausible::{self, HandLimits, KEYPOINTS, POSES};
+use super::rate::{interval_doubt, slow_doubt};
 use super::start::measured_start;
+use super::view::view_warning;
 use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
 use crate::statistics::median_high;
 use crate::track::End;
-use crate::{Frame, GripTrajectory, Keypoints, Model, Observation, Track};
+use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use serde::Serialize;
 
 /// Measured track with the inputs that a simulator needs to reproduce it.
@@ -43,6 +45,10 @@ impl Episode {
             return Err(missing("poses on /panda/current_pose"));
         }
         let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
+        // A path with such gaps drives no simulation: its unit is the cause, and lost poses are not.
+        if let Some(doubt) = slow_doubt(&sample_times_s(&self.poses), model) {
+            return Err(impossible(format!("{POSES}: header.stamp: {doubt}")));
+        }
         let hand = plausible::poses(&self.poses, &HandLimits::of(model), self.start_ns).map_err(impossible)?;
         let seen = plausible::keypoints(&self.keypoints, &model.camera.view, self.start_ns).map_err(impossible)?;
         let (times_s, path) = hand.kept.iter().map(|(time_s, pose)| (*time_s, pose.grip)).unzip();
@@ -52,8 +58,15 @@ impl Episode {
         warnings.extend(self.namesake_warning());
         warnings.extend(hand.warnings);
         warnings.extend(seen.warnings);
-        let mut seen = seen.kept;
         let camera = &model.camera.view;
+        let doubt = interval_doubt(&sample_times_s(&seen.kept), model);
+        warnings.extend(doubt.map(|doubt| format!("{KEYPOINTS}: header.stamp: {doubt}")));
+        warnings.extend(self.view_warning(&seen.kept, camera));
+        // Held values are found in the whole stream: a frame that is left out for another reason would hide a run.
+        let mut with_held = seen.kept;
+        let seen = plausible::without_held(&with_held, camera, &grip).map_err(impossible)?;
+        warnings.extend(seen.warnings);
+        let mut seen = seen.kept;
         let is_path = model.observation.drive == DriveKind::Grip;
         let (mut grip, mut begin_s) = (grip, 0.0);
         let start = match model.observation.start {
@@ -65,7 +78,9 @@ impl Episode {
                 // A path may begin anywhere; the steps of a policy are counted from the start of the episode.
                 if is_path {
                     begin_s = shown.time_s;
-                    seen.iter_mut().for_each(|(time_s, _)| *time_s -= begin_s);
+                    for samples in [&mut seen, &mut with_held] {
+                        samples.iter_mut().for_each(|(time_s, _)| *time_s -= begin_s);
+                    }
                     grip = grip.shifted(-begin_s)?;
                 }
                 shown.shape
@@ -78,7 +93,9 @@ impl Episode {
                 let frames = sampled_frames(&seen, model, &grip, covered.until_s);
                 let room = room(model, duration_s, covered.until_s);
                 warnings.extend(covered.warning);
-                warnings.extend(frame_warning(frames.len(), room, model.observation.frames));
+                // Held frames have a warning of their own: they do not count as lost images.
+                let shown = sampled_frames(&with_held, model, &grip, covered.until_s).len();
+                warnings.extend(frame_warning(shown, room));
                 (frames, Vec::new())
             }
             // A policy's observations are its frames: the simulator is compared at the steps of the policy.
@@ -91,8 +108,10 @@ impl Episode {
         };
         // A single frame shows no motion to compare.
         if frames.len() < 2 {
-            return Err(missing("at least two frames with all four keypoints, at times when the grip's pose is known"));
+            let needed = "at least two frames with all four keypoints, at times when the grip's pose is known";
+            return Err(self.missing_because(&warnings, needed));
         }
+        warnings.extend(few_warning(&frames, model));
         // The target stands still: the median drops frames that mistake something else for it.
         let target = median_target(&frames);
         // Ends by the user or by a fault have no name among the task's ends.
@@ -108,11 +127,25 @@ impl Episode {
         })
     }
 
+    /// Warning about keypoints outside of the view of the model's camera.
+    fn view_warning(&self, seen: &[(f64, Keypoints)], camera: &Camera) -> Option<String> {
+        let frames: Vec<[[f64; 2]; 4]> = seen.iter().map(|(_, k)| k.dlo_scaled()).collect();
+        // Keypoints that the camera cannot place were left out before.
+        let placed = |f: &[[f64; 2]; 4]| f.map(|p| camera.plane_from_scaled(p).unwrap_or_default());
+        let points_m: Vec<[[f64; 2]; 4]> = frames.iter().map(placed).collect();
+        view_warning(KEYPOINTS, camera, &frames, &points_m, |i| plausible::at(seen[i].0, self.start_ns))
+    }
+
     /// Error of an episode that lacks the records described by `needed`.
     fn missing(&self, needed: &str) -> EpisodeError {
+        self.missing_because(&self.notes, needed)
+    }
+
+    /// Error of an episode that lacks the records described by `needed`, with the doubts that may be its cause.
+    fn missing_because(&self, doubts: &[String], needed: &str) -> EpisodeError {
         EpisodeError::Missing {
             episode: self.number,
-            cause: self.cause(),
+            cause: doubts.iter().map(|doubt| format!("{doubt}: ")).collect(),
             needed: needed.to_owned(),
             found: format!(
                 "{} keypoint frames, {} poses, {} observations, {} actions in {:.2} s",
@@ -162,6 +195,11 @@ impl Episode {
 fn room(model: &Model, duration_s: f64, until_s: f64) -> usize {
     let last_s = duration_s.min(until_s);
     (0..model.observation.frames).take_while(|i| *i as f64 * model.observation.frame_period_s <= last_s).count()
+}
+
+/// Times in s of samples.
+fn sample_times_s<T>(samples: &[(f64, T)]) -> Vec<f64> {
+    samples.iter().map(|(time_s, _)| *time_s).collect()
 }
 
 /// Frames nearest to the model's frame times, between the start of the episode and `until_s`. A frame time without a

@@ -3,12 +3,16 @@
 mod chain;
 mod edges;
 mod hand;
+mod held;
 mod object;
+mod repeats;
 mod spikes;
 #[cfg(test)]
 mod tests;
 
-pub(super) use chain::seconds;
+pub(super) use chain::{at, seconds};
 pub use hand::MeasuredPose;
 pub(super) use hand::{HandLimits, POSES, observations, poses};
-pub(super) use object::{KEYPOINTS, keypoints};
+pub(super) use held::without_held;
+pub(super) use object::{KEYPOINTS, keypoints, zero_warning};
+pub use repeats::{HeldRun, PlacedFrame, held_runs};

@@ -224,7 +224,7 @@ fn a_grip_that_nobody_measured_is_not_simulated() {
         warnings[0].contains("from 1.98 s to 8.10 s of 8.10 s") && warnings[0].contains("not used"),
         "{warnings:?}"
     );
-    assert!(warnings[1].contains("9 frames") && warnings[1].contains("33"), "{warnings:?}");
+    assert!(warnings[1].contains("the track has 9 frames, fewer than 10"), "{warnings:?}");
     let (used, warnings) = times(without(|t| (3.0..5.0).contains(&t), none));
     assert!(used.len() == 13 && warnings[0].contains("from 2.97 s to 5.02 s"), "{used:?}: {warnings:?}");
     let (used, warnings) = times(without(|t| (3.0..3.3).contains(&t), none));
@@ -241,12 +241,14 @@ fn a_thin_track_says_so() {
     let mut model = model();
     let thin = without(none, |t| t > 0.3).measured(&model).unwrap();
     assert_eq!(thin.track.frames.len(), 2);
-    assert!(thin.warnings.len() == 1 && thin.warnings[0].contains("only 2 of 33 frames"), "{:?}", thin.warnings);
+    assert!(thin.warnings[0].contains("only 2 of 33 frames"), "{:?}", thin.warnings);
+    assert!(thin.warnings.len() == 2 && thin.warnings[1].contains("the track has 2 frames"), "{:?}", thin.warnings);
     let some = without(none, |t| (1.0..1.4).contains(&t)).measured(&model).unwrap();
     assert_eq!((some.track.frames.len(), some.warnings.len()), (32, 0), "a lost image or two: {:?}", some.warnings);
     let short = Episode { duration_s: 1.0, ..without(|t| t > 1.0, |t| t > 1.0) }.measured(&model).unwrap();
     assert_eq!(short.warnings.len(), 1, "{:?}", short.warnings);
-    assert!(short.warnings[0].contains("5 frames, and the model uses 33"), "{:?}", short.warnings);
+    assert!(short.warnings[0].contains("the track has 5 frames, fewer than 10"), "{:?}", short.warnings);
+    assert!(short.warnings[0].contains("expect a posterior near the prior"), "{:?}", short.warnings);
     model.observation.start = StartKind::Measured;
     assert_eq!(without(none, none).measured(&model).unwrap().warnings, [] as [String; 0]);
     let late = without(none, |t| t < 0.2).measured(&model).unwrap();
@@ -255,6 +257,31 @@ fn a_thin_track_says_so() {
         "{:?}",
         late.warnings
     );
+}
+
+#[test]
+fn a_track_that_ends_before_the_models_last_frame_has_no_warning_by_that_alone() {
+    let mut model = model();
+    // The recording has room for 33 of them.
+    model.observation.frames = 150;
+    let measured = log().episode(None).unwrap().measured(&model).unwrap();
+    assert_eq!((measured.track.frames.len(), measured.warnings), (33, vec![]));
+}
+
+#[test]
+fn a_track_of_less_than_a_swing_or_without_motion_has_a_warning() {
+    let mut model = model();
+    model.observation.frame_period_s = 0.033;
+    let short = Episode { duration_s: 0.4, ..without(|t| t > 0.4, |t| t > 0.4) }.measured(&model).unwrap();
+    // The four keypoints lie 0.1 m apart in all, 0.2 m below the hand: 2 pi sqrt(2 L / 3 g) is 0.9 s or so.
+    assert!(short.warnings.len() == 1 && short.track.frames.len() > 10, "{:?}", short.warnings);
+    assert!(short.warnings[0].contains("less than a free swing of an object of its length"), "{:?}", short.warnings);
+    let mut still = log().episode(None).unwrap();
+    for (i, (_, k)) in still.keypoints.iter_mut().enumerate() {
+        *k = keypoints(if i % 3 == 0 { 0.3 } else { 0.0 }, false);
+    }
+    let warnings = still.measured(&model).unwrap().warnings;
+    assert!(warnings.iter().any(|w| w.contains("only its shape at rest can be inferred")), "{warnings:?}");
 }
 
 /// Poses at 10 Hz from `from_s` to `to_s`.

@@ -85,7 +85,7 @@ pub(super) fn left_out<T: Copy>(samples: &[(f64, T)], flags: &[bool]) -> Vec<((f
 }
 
 /// Time of an episode and its stamp, as text.
-pub(super) fn at(time_s: f64, start_ns: i64) -> String {
+pub(crate) fn at(time_s: f64, start_ns: i64) -> String {
     let stamp_ns = start_ns.saturating_add((time_s * 1e9).round() as i64);
     format!("at {time_s:.3} s (stamp {})", seconds(stamp_ns))
 }

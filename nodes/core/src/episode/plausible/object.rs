@@ -32,6 +32,8 @@ pub(crate) fn keypoints(
     // A keypoint that was not seen has no place that could be checked.
     let seen: Vec<(f64, Keypoints)> = samples.iter().filter(|(_, k)| k.dlo_seen()).copied().collect();
     check_pixels(&seen)?;
+    let zeros = zero_warning(&seen, start_ns)?;
+    let seen: Vec<(f64, Keypoints)> = seen.into_iter().filter(|(_, k)| zero_keypoint(k).is_none()).collect();
     let mut placed = Vec::new();
     let mut behind = Vec::new();
     for (time_s, k) in &seen {
@@ -50,7 +52,7 @@ pub(crate) fn keypoints(
         });
     take_out(&mut flags, &out_and_back);
     let out = flags.iter().filter(|f| !**f).count() + behind.len();
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = zeros.into_iter().collect();
     if out > 0 {
         let mut places: Vec<String> = left_out(&placed, &flags)
             .iter()
@@ -95,6 +97,27 @@ pub(crate) fn keypoints(
     }
     let kept = kept.into_iter().map(|(t, (_, k))| (t, k)).collect();
     Ok(Plausible { kept, warnings })
+}
+
+/// Index of the first keypoint at exactly (0, 0): the corner of the image, which no measured keypoint hits to the bit.
+fn zero_keypoint(k: &Keypoints) -> Option<usize> {
+    k.dlo_px.iter().position(|p| *p == [0.0, 0.0])
+}
+
+/// Warning about frames with zeros in place of keypoints that were not seen.
+///
+/// # Errors
+/// A sentence if all frames have such zeros.
+pub(crate) fn zero_warning(seen: &[(f64, Keypoints)], start_ns: i64) -> Result<Option<String>, String> {
+    let zeros: Vec<(f64, usize)> = seen.iter().filter_map(|(t, k)| Some((*t, zero_keypoint(k)?))).collect();
+    let Some((time_s, keypoint)) = zeros.first() else { return Ok(None) };
+    let said = format!(
+        "{KEYPOINTS}: {} of {} frames left out, whose dlo_u and dlo_v are 0 as if for a missing keypoint (the first is dlo_u[{keypoint}] {}): expected a score of 0 for a keypoint that was not seen",
+        zeros.len(),
+        seen.len(),
+        at(*time_s, start_ns)
+    );
+    if zeros.len() == seen.len() { Err(said) } else { Ok(Some(said)) }
 }
 
 /// Pixel coordinates of the four keypoints, as text.

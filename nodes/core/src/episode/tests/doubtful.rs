@@ -104,6 +104,70 @@ fn keypoints_that_jump_are_left_out_and_fractions_of_the_image_refused() {
 }
 
 #[test]
+fn zeros_in_place_of_missing_keypoints_are_named_as_such() {
+    let zeroed = |wrong: &dyn Fn(usize) -> bool| {
+        let mut episode = log().episode(None).unwrap();
+        let frames = episode.keypoints.iter_mut().enumerate().filter(|(i, _)| wrong(*i));
+        frames.for_each(|(_, (_, k))| k.dlo_px[2] = [0.0; 2]);
+        (episode.doubts(), episode.measured(&model()))
+    };
+    // More than a fifth of the frames: contradictions of that number are refused, and missing keypoints are not.
+    let (doubts, measured) = zeroed(&|i| i % 3 == 0);
+    let warning = measured.unwrap().warnings.remove(0);
+    assert!(
+        warning.contains("83 of 249 frames left out, whose dlo_u and dlo_v are 0 as if for a missing keypoint"),
+        "{warning}"
+    );
+    assert!(warning.contains("dlo_u[2] at -0.100 s") && warning.contains("expected a score of 0"), "{warning}");
+    assert_eq!(doubts, [warning]);
+    let refused = zeroed(&|_| true).1.unwrap_err().to_string();
+    assert!(refused.contains("249 of 249 frames left out"), "{refused}");
+}
+
+#[test]
+fn stamps_in_another_unit_are_named() {
+    let scaled = |poses: f64, keypoints: f64| {
+        let mut episode = log().episode(None).unwrap();
+        episode.poses.iter_mut().for_each(|(t, _)| *t *= poses);
+        episode.keypoints.iter_mut().for_each(|(t, _)| *t *= keypoints);
+        episode.measured(&model()).map(|measured| measured.warnings)
+    };
+    assert_eq!(scaled(1.0, 1.0).unwrap(), [] as [String; 0]);
+    let refused = scaled(1e3, 1e3).unwrap_err().to_string();
+    for part in [
+        "/panda/current_pose: header.stamp: expected times in s, about 0.017 s apart (camera.rate_hz 60",
+        "got 3.300e1 s (the median), as if in milliseconds: divide the times by 1000",
+    ] {
+        assert!(refused.contains(part), "{part}: {refused}");
+    }
+    // All frames come within the first frame period: the cause precedes the lack.
+    let refused = scaled(1.0, 1e-3).unwrap_err().to_string();
+    let named = "/dlo/keypoints: header.stamp: expected times in s, about 0.017 s apart (camera.rate_hz 60 of the model), got 3.300e-5 s";
+    assert!(refused.find(named) < refused.find("needs at least two frames"), "{refused}");
+    assert!(refused.contains(named) && refused.contains("multiply the times by 1000"), "{refused}");
+}
+
+#[test]
+fn keypoints_out_of_view_are_named_with_side_and_view() {
+    let mut episode = log().episode(None).unwrap();
+    for (_, k) in episode.keypoints.iter_mut().filter(|(t, _)| *t > 4.0) {
+        // The whole object moves at once: it stays plausible.
+        k.dlo_px = k.dlo_px.map(|[u, v]| [u, v + 4.0]);
+    }
+    assert_eq!(episode.measured(&model()).unwrap().warnings, [] as [String; 0]);
+    let mut low = log().episode(None).unwrap();
+    for (t, k) in &mut low.keypoints {
+        let down = (40.0 * *t).clamp(0.0, 140.0);
+        k.dlo_px = k.dlo_px.map(|[u, v]| [u, v + down]);
+    }
+    let warnings = low.measured(&model()).unwrap().warnings;
+    assert!(warnings.len() == 1, "{warnings:?}");
+    for part in ["/dlo/keypoints: keypoints outside of the view", "beyond the bottom edge in", "look_at_m ["] {
+        assert!(warnings[0].contains(part), "{part}: {warnings:?}");
+    }
+}
+
+#[test]
 fn an_observation_where_no_hand_was_is_refused() {
     let mut model = model();
     model.observation.drive = DriveKind::Actions;
