@@ -53,7 +53,7 @@ pub fn percent(share: f64) -> String {
     match value {
         // "0 %" and "100 %" are reserved for exact shares.
         v if v > 0.0 && v <= 0.5 => "< 1 %".to_owned(),
-        v if v >= 99.5 && v < 100.0 => "> 99 %".to_owned(),
+        v if (99.5..100.0).contains(&v) => "> 99 %".to_owned(),
         v => format!("{} %", plain(v, 0)),
     }
 }

@@ -21,11 +21,12 @@ pub struct OutOfView {
 
 /// Finds the keypoints outside of the image, from coordinates (x, y) scaled to -1 .. 1 over it, x to the right and y down.
 pub fn out_of_view(frames: &[[[f64; 2]; 4]]) -> Vec<OutOfView> {
-    let sides: [(&str, fn([f64; 2]) -> bool); 4] =
-        [("left", |p| p[0] < -1.0), ("right", |p| p[0] > 1.0), ("top", |p| p[1] < -1.0), ("bottom", |p| p[1] > 1.0)];
-    let places = (0..4).flat_map(|keypoint| sides.iter().map(move |side| (keypoint, side)));
-    let one = |(keypoint, (side, is_out)): (usize, &(&'static str, fn([f64; 2]) -> bool))| {
-        let mut out = frames.iter().enumerate().filter(|(_, f)| is_out(f[keypoint])).map(|(i, _)| i);
+    // Side, axis of the image, and sign of the coordinate beyond it.
+    let sides = [("left", 0, -1.0), ("right", 0, 1.0), ("top", 1, -1.0), ("bottom", 1, 1.0)];
+    let places = (0..4).flat_map(|keypoint| sides.map(move |side| (keypoint, side)));
+    let one = |(keypoint, (side, axis, sign)): (usize, (&'static str, usize, f64))| {
+        let is_out = |f: &[[f64; 2]; 4]| sign * f[keypoint][axis] > 1.0;
+        let mut out = frames.iter().enumerate().filter(|(_, f)| is_out(f)).map(|(i, _)| i);
         let first = out.next()?;
         Some(OutOfView { keypoint, side, frames: 1 + out.count(), first })
     };
