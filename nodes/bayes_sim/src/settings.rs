@@ -1,6 +1,7 @@
 //! Settings of an inference.
 
 use crate::embedding::{Embedding, Fourier};
+use crate::prior_support::PriorSupport;
 use catenary_core::Fidelity;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -75,6 +76,8 @@ pub struct Settings {
     pub simulations: usize,
     /// Proposal distribution of theta after the first iteration.
     pub proposal: ProposalKind,
+    /// Treatment of the prior's support: fixed, or moved where the posterior presses on an edge that physics does not set.
+    pub prior_support: PriorSupport,
     /// Embedding of a frame: number of random frequencies and the features of each.
     pub embedding: Embedding,
     /// Initial length scale of the frequencies, in standard deviations of the keypoints. Training changes it.
@@ -111,6 +114,7 @@ impl Default for Settings {
             iterations: 15,
             simulations: 100,
             proposal: ProposalKind::Truncated { tail: 5e-4, least_shrink: 0.25 },
+            prior_support: PriorSupport::Fixed,
             embedding: Embedding { frequencies: 32, fourier: Fourier::CosOnly },
             length_scale: 1.0,
             projection: Some(32),

@@ -53,12 +53,13 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         bags: arguments.bags.all().iter().map(absolute).collect::<Result<_>>()?,
         episodes: arguments.episode.clone(),
         model_yaml,
-        preset: arguments.preset.name().to_owned(),
-        iterations: size(arguments.iterations, "iterations")?,
-        simulations: size(arguments.simulations, "simulations")?,
+        preset: arguments.sizes.preset.name().to_owned(),
+        iterations: size(arguments.sizes.iterations, "iterations")?,
+        simulations: size(arguments.sizes.simulations, "simulations")?,
         drive: convert::drive_to_msg(model.observation.drive),
         policy,
         seed: arguments.seed,
+        prior_support: arguments.prior_support.map_or_else(String::new, |support| support.name().to_owned()),
     };
     let (path, report) = (arguments.out.join("posterior.json"), arguments.out.join("report.html"));
     output::prepare(&path)?;
