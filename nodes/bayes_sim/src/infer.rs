@@ -4,7 +4,7 @@ use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
 use crate::fingerprint::fingerprint;
 use crate::network::IntervalFactors;
-use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, episode_seed};
+use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, SupportMove, episode_seed};
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
@@ -66,6 +66,11 @@ impl InferenceResult {
     /// Effective sample size of the weights in the last iteration.
     pub fn effective_sample_size(&self) -> f64 {
         self.iterations.last().map_or(0.0, |i| i.effective_sample_size)
+    }
+
+    /// Moves of the prior's support in all iterations, in order.
+    pub fn support_moves(&self) -> Vec<SupportMove> {
+        support_moves(&self.iterations)
     }
 
     /// Held-out loss after each iteration, nat.
@@ -149,8 +154,9 @@ pub fn infer(
     if policy.is_some() && drive != DriveKind::Policy {
         warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
     }
-    warnings.extend(diagnostics::support_warnings(&model.theta, &posterior.parameters, &iterations));
-    warnings.extend(diagnostics::edge_warnings(&posterior).map_err(failed)?);
+    let moves = support_moves(&iterations);
+    warnings.extend(diagnostics::support_warnings(&moves));
+    warnings.extend(diagnostics::edge_warnings(&narrow, settings.prior_support, &|name| simulator.range_of(name)).map_err(failed)?);
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
     warnings.extend(incomplete);
@@ -158,6 +164,10 @@ pub fn infer(
         warnings.push(format!("{outside} of {points} measured keypoints lie outside of what the model's camera sees"));
     }
     Ok(InferenceResult { posterior, marginals, widening, iterations, mass_outside, predictive, misfit, warnings })
+}
+
+fn support_moves(iterations: &[Iteration]) -> Vec<SupportMove> {
+    iterations.iter().flat_map(|i| i.moves.clone()).collect()
 }
 
 /// Pairs each measured track with its simulations at `thetas`. `tick` may stop the simulations between two parts.

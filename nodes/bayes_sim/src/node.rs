@@ -139,6 +139,7 @@ fn infer_goal(
             // Saved before the client hears of it: an iteration that was reported is never lost.
             file.iter().for_each(|file| file.write(state));
             handle.feedback(convert::feedback(iteration, *of, posterior));
+            crate::diagnostics::support_warnings(&iteration.moves).iter().for_each(|words| tracing::warn!("{words}"));
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });

@@ -18,6 +18,7 @@ pub use region::Region;
 pub use request::{Observed, request};
 pub use state::State;
 pub use support::SupportMove;
+pub(crate) use support::{DRAWS, Side, pressed};
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
@@ -90,6 +91,7 @@ impl<'a> Sequential<'a> {
         fingerprint: u64,
     ) -> Result<Self, InferenceError> {
         settings.check()?;
+        support::check(settings.prior_support, space)?;
         let inputs = observed.iter().map(|o| TrackInput::new(o.track, o.frames)).collect::<Result<Vec<_>, _>>();
         let episodes: Vec<_> = observed.into_iter().map(|o| (o.template, o.frames)).collect();
         let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
@@ -252,7 +254,7 @@ impl<'a> Sequential<'a> {
         let before = before.map(|mixture| support::Placed { space: self.space_of(number - 1), mixture });
         let newest = support::Placed { space: &newest.parameters, mixture: &newest.mixture };
         let mut rng = seed::rng(self.seed(Stream::Support, number), 0);
-        let (space, moves) = support::moved(rule, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
+        let (space, moves) = support::moved(rule, number, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
         (Some(space), moves)
     }
 

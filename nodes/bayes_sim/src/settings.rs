@@ -205,6 +205,9 @@ impl Settings {
         if self.iterations > MOST_ITERATIONS {
             return refuse("iterations", &format!("at most {MOST_ITERATIONS}"), self.iterations.to_string());
         }
+        if self.iterations < 2 && self.prior_support != PriorSupport::Fixed {
+            return refuse("prior_support", "fixed for one iteration: the support moves between iterations", "adaptive".into());
+        }
         // By division: the product of the two may overflow.
         if self.simulations > MOST_TRACKS / self.iterations {
             let most = format!("at most {} in each of {} iterations", MOST_TRACKS / self.iterations, self.iterations);
@@ -265,13 +268,16 @@ mod tests {
         type Change = fn(&mut Settings);
         let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
         let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));
-        let cases: [(&str, &str, &str, Change); 21] = [
+        let cases: [(&str, &str, &str, Change); 22] = [
             ("iterations", "at least 1", "0", |s| s.iterations = 0),
             ("simulations", "at least 10", "9", |s| s.simulations = 9),
             ("iterations", "at most 1000", "1001", |s| s.iterations = 1001),
             ("simulations", "at most 6666 in each of 15 iterations", "6667", |s| s.simulations = 6667),
             ("simulations", "at most 6666 in each of 15 iterations", "18446744073709551615", |s| {
                 s.simulations = usize::MAX;
+            }),
+            ("prior_support", "fixed for one iteration: the support moves between iterations", "adaptive", |s| {
+                (s.iterations, s.prior_support) = (1, PriorSupport::ADAPTIVE);
             }),
             ("embedding.frequencies", "at least 1", "0", |s| s.embedding.frequencies = 0),
             ("length_scale", "a positive number", "-1", |s| s.length_scale = -1.0),

@@ -1,65 +1,58 @@
 //! Warnings about a prior whose support moved.
 
-use crate::sequential::{Iteration, SupportMove};
-use catenary_core::ParameterSpace;
+use crate::sequential::SupportMove;
 
-/// Warnings about parameters whose support moved during `iterations`, from the model's `stated` one to the `used` one.
-pub fn support_warnings(stated: &ParameterSpace, used: &ParameterSpace, iterations: &[Iteration]) -> Vec<String> {
-    let pairs = stated.parameters().iter().zip(used.parameters());
-    let warning = |(stated, used): (&catenary_core::Parameter, &catenary_core::Parameter)| {
-        let of = |i: &Iteration| -> Option<(usize, SupportMove)> {
-            let found = i.moves.iter().find(|m| m.parameter == stated.name)?;
-            Some((i.iteration, found.clone()))
-        };
-        let moves: Vec<(usize, SupportMove)> = iterations.iter().filter_map(of).collect();
-        let (_, first) = moves.first()?;
-        let ([low, high], (to_low, to_high)) = (first.from, used.prior.bounds());
-        let because: Vec<String> =
-            moves.iter().map(|(number, m)| format!("after iteration {number}, {}", m.because)).collect();
-        Some(format!(
-            "{}: the prior's support moved from {low} to {high} of the model file to {to_low} to {to_high}: {}",
-            stated.name,
-            because.join("; ")
-        ))
-    };
-    pairs.filter_map(warning).collect()
+/// Warnings about the parameters whose support moved, with all bounds, iterations and reasons. `moves` are those of an
+/// inference, in order.
+pub fn support_warnings(moves: &[SupportMove]) -> Vec<String> {
+    let mut warnings: Vec<(&str, String)> = Vec::new();
+    for m in moves {
+        let words = format!("after iteration {} to {} ({})", m.iteration, bounds(m.to), m.because);
+        match warnings.iter_mut().find(|(name, _)| *name == m.parameter) {
+            Some((_, warning)) => *warning = format!("{warning}, {words}"),
+            None => {
+                let warning = format!("{}: the prior's support moved from {}: {words}", m.parameter, bounds(m.from));
+                warnings.push((&m.parameter, warning));
+            }
+        }
+    }
+    warnings.into_iter().map(|(_, warning)| warning).collect()
+}
+
+/// Bounds in words, to four significant digits.
+fn bounds([low, high]: [f64; 2]) -> String {
+    // A number between them in decimals has no spurious digits such as those of 0.15000000000000002.
+    let short = |v: f64| format!("{v:.3e}").parse().unwrap_or(v);
+    format!("[{}, {}]", short(low), short(high))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::{Parameter, Prior};
 
     #[test]
-    fn a_moved_support_is_named_with_its_bounds_and_reasons() {
-        let space = |high: f64| {
-            let named = |name: &str, high| Parameter { name: name.into(), prior: Prior::Uniform { low: 0.0, high } };
-            ParameterSpace::new(vec![named("length_m", high), named("friction", 1.0)]).unwrap()
+    fn each_moved_parameter_has_a_warning_with_its_bounds_and_iterations() {
+        let step = |iteration: usize, parameter: &str, from: [f64; 2], to: [f64; 2]| SupportMove {
+            iteration,
+            parameter: parameter.into(),
+            from,
+            to,
+            because: format!("reason {iteration}"),
         };
-        let iteration = |number: usize, bounds: Option<[f64; 2]>| {
-            let step = |[from, to]: [f64; 2]| SupportMove {
-                parameter: "length_m".into(),
-                from: [0.0, from],
-                to: [0.0, to],
-                because: format!("reason {number}"),
-            };
-            Iteration {
-                iteration: number,
-                simulations: 100 * number,
-                tracks: 100,
-                unusable: 0,
-                loss: 0.0,
-                effective_sample_size: 100.0,
-                proposal_volume: 1.0,
-                epochs: 1,
-                moves: bounds.map(step).into_iter().collect(),
-            }
-        };
-        let all = [iteration(1, Some([1.0, 1.5])), iteration(2, None), iteration(3, Some([1.5, 2.25]))];
-        let words = support_warnings(&space(1.0), &space(2.25), &all);
-        let expected = "length_m: the prior's support moved from 0 to 1 of the model file to 0 to 2.25: after iteration 1, \
-                        reason 1; after iteration 3, reason 3";
-        assert_eq!(words, [expected]);
-        assert_eq!(support_warnings(&space(1.0), &space(1.0), &all[1..2]), Vec::<String>::new());
+        let moves = [
+            step(1, "length_m", [0.1, 0.15], [0.1, 0.15 + 0.025]),
+            step(2, "youngs_modulus_pa", [1e3, 5e4], [141.421356, 5e4]),
+            step(3, "length_m", [0.1, 0.175], [0.1, 0.2125]),
+        ];
+        assert_eq!(
+            support_warnings(&moves),
+            [
+                "length_m: the prior's support moved from [0.1, 0.15]: after iteration 1 to [0.1, 0.175] (reason 1), \
+                 after iteration 3 to [0.1, 0.2125] (reason 3)",
+                "youngs_modulus_pa: the prior's support moved from [1000, 50000]: after iteration 2 to [141.4, 50000] \
+                 (reason 2)"
+            ]
+        );
+        assert_eq!(support_warnings(&[]), Vec::<String>::new());
     }
 }

@@ -3,7 +3,8 @@
 //! A support that excludes the truth makes a posterior that piles up at an edge and is falsely certain. A rule moves the
 //! edges that physics does not set.
 
-use crate::prior_support::SupportRule;
+use crate::prior_support::{PriorSupport, SupportRule};
+use crate::settings::SettingsError;
 use crate::unit_map::UnitMap;
 use catenary_core::statistics::{QuantileMethod, quantile};
 use catenary_core::{Mixture, Parameter, ParameterSpace, Prior};
@@ -11,7 +12,7 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 /// Number of draws for the shares and quantiles of a marginal. A share of one half is known to 0.8 %.
-const DRAWS: usize = 4_000;
+pub(crate) const DRAWS: usize = 4_000;
 /// Largest share of the support's width that counts as its edge. A network that never saw a theta beyond the edge predicts
 /// values slightly inside of it.
 const EDGE: f64 = 0.05;
@@ -29,10 +30,31 @@ const LEAST_LEFT: usize = 3;
 /// new ground.
 pub(super) const MOST_ADDED: f64 = 0.1;
 
+/// Side of a support.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    /// The lower bound.
+    Lower,
+    /// The upper bound.
+    Upper,
+}
+
+impl Side {
+    /// Name in a sentence.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Side::Lower => "lower",
+            Side::Upper => "upper",
+        }
+    }
+}
+
 /// Move of one parameter's support.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SupportMove {
+    /// Number of the iteration after which the support moved, from 1.
+    pub iteration: usize,
     /// Name of the parameter.
     pub parameter: String,
     /// Bounds before, in the parameter's unit.
@@ -67,11 +89,12 @@ impl Placed<'_> {
 /// Bounds that `rule` wants for a parameter, as unit coordinates of its present prior, with the reason.
 type Wanted = Option<([f64; 2], String)>;
 
-/// Moves the support of `newest`, the posterior of an iteration, by `rule`. `before` is the posterior of the iteration before,
+/// Moves the support of `newest`, the posterior of iteration `iteration`, by `rule`. `before` is the posterior of the iteration before,
 /// none after the first one. `range_of` returns the physical limits of a parameter. A parameter without known limits, with a
 /// mixture of priors, or with an edge at its limit keeps its bounds there.
 pub(super) fn moved<R: Rng>(
     rule: SupportRule,
+    iteration: usize,
     newest: &Placed<'_>,
     before: Option<&Placed<'_>>,
     range_of: &dyn Fn(&str) -> Option<[f64; 2]>,
@@ -93,7 +116,7 @@ pub(super) fn moved<R: Rng>(
         let bounds = wanted(axis).and_then(|(bounds, because)| {
             let to = within(&p.prior, bounds, range_of(&p.name)?)?;
             let (low, high) = p.prior.bounds();
-            moves.push(SupportMove { parameter: p.name.clone(), from: [low, high], to, because });
+            moves.push(SupportMove { iteration, parameter: p.name.clone(), from: [low, high], to, because });
             p.prior.with_bounds(to[0], to[1])
         });
         Parameter { name: p.name.clone(), prior: bounds.unwrap_or_else(|| p.prior.clone()) }
@@ -108,6 +131,17 @@ pub(super) fn moved<R: Rng>(
 
 /// Bounds that grow beyond an edge on which the marginal `u` presses.
 fn grown(u: impl Iterator<Item = f64>) -> Wanted {
+    let (side, share) = pressed(u)?;
+    let bounds = match side {
+        Side::Lower => [-GROWTH, 1.0],
+        Side::Upper => [0.0, 1.0 + GROWTH],
+    };
+    Some((bounds, format!("{:.0} % of the mixture lay at its {} bound or beyond", 100.0 * share, side.name())))
+}
+
+/// Side of the edge on which the marginal `u` of a mixture presses, in unit coordinates and not truncated, with the share of
+/// the marginal in this edge or beyond. None if it presses on neither.
+pub(crate) fn pressed(u: impl Iterator<Item = f64>) -> Option<(Side, f64)> {
     let mut u: Vec<f64> = u.collect();
     u.sort_by(f64::total_cmp);
     let at = |q: f64| quantile(&u, q, QuantileMethod::Linear);
@@ -115,16 +149,8 @@ fn grown(u: impl Iterator<Item = f64>) -> Wanted {
     // farther from the edge than that does not press.
     let edge = EDGE.min(0.5 * (at(0.84) - at(0.16)));
     let share = |is_in: &dyn Fn(f64) -> bool| u.iter().filter(|u| is_in(**u)).count() as f64 / u.len() as f64;
-    let because =
-        |share: f64, side: &str| format!("{:.0} % of the mixture lay at its {side} bound or beyond", 100.0 * share);
-    let (below, above) = (share(&|u| u < edge), share(&|u| u > 1.0 - edge));
-    if below > PRESSED {
-        Some(([-GROWTH, 1.0], because(below, "lower")))
-    } else if above > PRESSED {
-        Some(([0.0, 1.0 + GROWTH], because(above, "upper")))
-    } else {
-        None
-    }
+    let sides = [(Side::Lower, share(&|u| u < edge)), (Side::Upper, share(&|u| u > 1.0 - edge))];
+    sides.into_iter().find(|(_, share)| *share > PRESSED)
 }
 
 /// Bounds that grow by the distance that the mode moved, on the side to which it moved.
@@ -162,6 +188,22 @@ fn within(prior: &Prior, wanted: [f64; 2], limits: [f64; 2]) -> Option<[f64; 2]>
     };
     let to = [at(wanted[0]).max(limits[0]), at(wanted[1]).min(limits[1])];
     (is_free && to != [low, high] && to[0] < to[1]).then_some(to)
+}
+
+/// Checks that the support of at least one parameter of `space` can move if `support` asks for it.
+///
+/// # Errors
+/// [`SettingsError`] if all priors are mixtures, whose bounds belong to their parts.
+pub(super) fn check(support: PriorSupport, space: &ParameterSpace) -> Result<(), SettingsError> {
+    let is_fixed = space.parameters().iter().all(|p| matches!(p.prior, Prior::Mixture(_)));
+    match support {
+        PriorSupport::Adaptive(_) if is_fixed => Err(SettingsError {
+            field: "prior_support",
+            expected: "fixed for a model whose priors are all mixtures, which cannot move".into(),
+            got: "adaptive".into(),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// Map from the unit coordinates of `from` to those of `to`; none if the two are equal.
@@ -203,7 +245,7 @@ mod tests {
     fn moves(rule: SupportRule, mean: [f64; 3], sd: f64) -> Vec<SupportMove> {
         let (space, mixture) = (space(), gaussian(mean, sd));
         let newest = Placed { space: &space, mixture: &mixture };
-        let (next, moves) = moved(rule, &newest, None, &range_of, &mut seed::rng(1, 0));
+        let (next, moves) = moved(rule, 1, &newest, None, &range_of, &mut seed::rng(1, 0));
         for m in &moves {
             let axis = next.index_of(&m.parameter).unwrap();
             assert_eq!(next.parameters()[axis].prior.bounds(), (m.to[0], m.to[1]));
@@ -260,13 +302,13 @@ mod tests {
         .unwrap();
         let mixture = gaussian([1.1; 3], 0.05);
         let newest = Placed { space: &space, mixture: &mixture };
-        let (next, moves) = moved(SupportRule::Edge, &newest, None, &range_of, &mut seed::rng(1, 0));
+        let (next, moves) = moved(SupportRule::Edge, 1, &newest, None, &range_of, &mut seed::rng(1, 0));
         let names: Vec<&str> = moves.iter().map(|m| m.parameter.as_str()).collect();
         assert_eq!((names, moves[0].to[0]), (vec!["friction"], 0.0));
         assert!((moves[0].to[1] - 0.6).abs() < 1e-12, "{moves:?}");
         assert_eq!(next.parameters()[..2], space.parameters()[..2]);
         // Its density inside stays a Gaussian's: a shift would need the distribution function beyond the bound.
-        let (_, moves) = moved(SupportRule::Centre, &newest, None, &range_of, &mut seed::rng(1, 0));
+        let (_, moves) = moved(SupportRule::Centre, 1, &newest, None, &range_of, &mut seed::rng(1, 0));
         assert_eq!(moves, []);
     }
 

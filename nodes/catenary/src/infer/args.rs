@@ -27,7 +27,8 @@ pub struct InferArgs {
     /// Sizes of the inference
     #[command(flatten)]
     pub sizes: InferenceSizes,
-    /// Support of the prior; default: fixed, or with --node the node's parameter prior_support
+    /// Support of the prior: with adaptive, it grows between iterations, and posterior.json records its moves; default:
+    /// fixed, or with --node the parameter prior_support of the node
     #[arg(long, value_enum)]
     pub prior_support: Option<PriorSupportName>,
     /// Seed of every random draw

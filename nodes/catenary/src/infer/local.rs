@@ -5,6 +5,7 @@ use super::page::{Contents, page};
 use super::words::{iteration_words, marginal_words, predictive_words, time_words, widening_words};
 use crate::exit::{Interrupted, Misfit};
 use crate::inputs::policy_file;
+use crate::inputs::posterior_file::PosteriorFile;
 use crate::options::PriorSupportName;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
@@ -158,7 +159,7 @@ pub fn infer(
 }
 
 fn write(folder: &Path, report: &Report) -> Result<()> {
-    let posterior = serde_json::to_string_pretty(&report.result.posterior)?;
+    let posterior = PosteriorFile::new(&report.result.posterior, report.result.support_moves()).text()?;
     for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, html(report)?]) {
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| path.display().to_string())?;

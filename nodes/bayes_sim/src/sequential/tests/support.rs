@@ -28,10 +28,10 @@ fn settings(prior_support: PriorSupport, seed: u64) -> Settings {
     Settings { iterations: 6, ensemble: 2, prior_support, seed, ..Settings::default() }
 }
 
-/// Result of an inference of `truth`: marginals, moves with the number of their iteration, and states.
+/// Result of an inference of `truth`: marginals, moves, states and the support of the last iteration.
 struct Run {
     marginals: Vec<Marginal>,
-    moves: Vec<(usize, SupportMove)>,
+    moves: Vec<SupportMove>,
     states: Vec<State>,
     space: ParameterSpace,
 }
@@ -50,7 +50,7 @@ fn infer(truth: [f64; 2], limits: [f64; 2], settings: &Settings, from: Option<St
     let iterations = sequential.state().iterations();
     Run {
         marginals: sequential.posterior().unwrap().marginals().unwrap(),
-        moves: iterations.iter().flat_map(|i| i.moves.iter().map(|m| (i.iteration, m.clone()))).collect(),
+        moves: iterations.iter().flat_map(|i| i.moves.clone()).collect(),
         states,
         space: sequential.space().clone(),
     }
@@ -70,7 +70,7 @@ fn the_support_reaches_a_truth_outside_of_it() {
         assert!(adaptive.space.parameters()[0].prior.holds(truth[0]), "{:?}", adaptive.space);
         // The second parameter's edges are physical.
         assert!(
-            adaptive.moves.iter().all(|(number, m)| m.parameter == "theta_0" && *number <= 4),
+            adaptive.moves.iter().all(|m| m.parameter == "theta_0" && m.iteration <= 4),
             "{:?}",
             adaptive.moves
         );
