@@ -4,8 +4,11 @@ use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
 use crate::fingerprint::fingerprint;
 use crate::network::IntervalFactors;
-use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, SupportMove, episode_seed};
+use crate::sequential::{
+    Iteration, Observed, OnProgress, PART, Progress, Sequential, State, SupportMove, episode_seed,
+};
 use crate::settings::Settings;
+use crate::widening::Widening;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
@@ -19,20 +22,6 @@ const MASS_DRAWS: usize = 10_000;
 const PREDICTIVE_STREAM: u64 = 101;
 /// Random stream of the mass outside of the prior's support.
 const MASS_STREAM: u64 = 102;
-
-/// Widening of a posterior until its 90 % intervals hold 90 % of the simulations that the networks held out.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Widening {
-    /// Number of held-out simulations in the last iteration's training, summed over the networks.
-    pub held_out: usize,
-    /// Factor of the mixture's standard deviations, by parameter (D).
-    pub factors: Vec<f64>,
-    /// Share of held-out simulations in their 90 % intervals before, by parameter (D).
-    pub coverage_before: Vec<f64>,
-    /// Width of the posterior's 90 % interval before, by parameter (D), in the parameter's unit.
-    pub width_before: Vec<f64>,
-}
 
 /// Result of an inference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -156,7 +145,10 @@ pub fn infer(
     }
     let moves = support_moves(&iterations);
     warnings.extend(diagnostics::support_warnings(&moves));
-    warnings.extend(diagnostics::edge_warnings(&narrow, settings.prior_support, &|name| simulator.range_of(name)).map_err(failed)?);
+    warnings.extend(
+        diagnostics::edge_warnings(&narrow, settings.prior_support, &|name| simulator.range_of(name))
+            .map_err(failed)?,
+    );
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
     warnings.extend(incomplete);
@@ -197,6 +189,7 @@ fn predictions<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PriorSupport;
     use crate::sequential::request;
     use crate::sequential::tests::{TOY, TRUTH, quick};
     use catenary_core::mlp::Layer;
@@ -216,6 +209,10 @@ mod tests {
             let thetas = request.thetas.iter().map(|t| self.0.theta.to_unit(t)).collect();
             TOY.simulate(&SimulationRequest { thetas, ..request.clone() })
         }
+
+        fn range_of(&self, _name: &str) -> Option<[f64; 2]> {
+            Some([1e-3, 1e9])
+        }
     }
 
     fn measured() -> MeasuredTrack {
@@ -228,6 +225,31 @@ mod tests {
             target_m: Some([0.5, 0.1]),
             warnings: vec!["the recording is doubtful".into()],
         }
+    }
+
+    #[test]
+    fn a_truth_outside_of_the_support_gets_a_warning_or_moves_the_support() {
+        let model = Model::from_yaml(SOFT_BAR).unwrap();
+        let outside = MeasuredTrack { track: TOY.track(&[1.4, 0.5], 5), ..measured() };
+        let infer = |prior_support| {
+            let settings =
+                Settings { iterations: 5, ensemble: 1, predictive_draws: 0, prior_support, ..Settings::default() };
+            let simulator = Toy(&model, RefCell::default());
+            let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
+            let observed = std::slice::from_ref(&outside);
+            infer(&model, observed, None, &settings, None, &simulator, &mut listen).unwrap()
+        };
+        let says = |result: &InferenceResult, words: &str| result.warnings.iter().any(|w| w.contains(words));
+        let fixed = infer(PriorSupport::Fixed);
+        assert_eq!((fixed.support_moves(), &fixed.posterior.parameters), (Vec::new(), &model.theta));
+        assert!(says(&fixed, "upper bound 0.305: the prior may be too narrow"), "{:?}", fixed.warnings);
+        assert!(says(&fixed, "with prior_support adaptive"), "{:?}", fixed.warnings);
+        let adaptive = infer(PriorSupport::ADAPTIVE);
+        let (moves, used) = (adaptive.support_moves(), adaptive.posterior.parameters.parameters());
+        assert!(
+            moves.iter().all(|m| m.parameter == "length_m") && used[0].prior.bounds().1 == moves[moves.len() - 1].to[1]
+        );
+        assert!(says(&adaptive, "length_m: the prior's support moved from [0.195, 0.305]: after iteration "));
     }
 
     #[test]

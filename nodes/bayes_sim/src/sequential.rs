@@ -254,7 +254,8 @@ impl<'a> Sequential<'a> {
         let before = before.map(|mixture| support::Placed { space: self.space_of(number - 1), mixture });
         let newest = support::Placed { space: &newest.parameters, mixture: &newest.mixture };
         let mut rng = seed::rng(self.seed(Stream::Support, number), 0);
-        let (space, moves) = support::moved(rule, number, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
+        let (space, moves) =
+            support::moved(rule, number, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
         (Some(space), moves)
     }
 

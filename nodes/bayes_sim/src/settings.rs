@@ -206,7 +206,11 @@ impl Settings {
             return refuse("iterations", &format!("at most {MOST_ITERATIONS}"), self.iterations.to_string());
         }
         if self.iterations < 2 && self.prior_support != PriorSupport::Fixed {
-            return refuse("prior_support", "fixed for one iteration: the support moves between iterations", "adaptive".into());
+            return refuse(
+                "prior_support",
+                "fixed for one iteration: the support moves between iterations",
+                "adaptive".into(),
+            );
         }
         // By division: the product of the two may overflow.
         if self.simulations > MOST_TRACKS / self.iterations {

@@ -138,8 +138,9 @@ fn by_topics(bag: &Path, model: &Path, rate: &str) -> [Vec<f64>; 3] {
     [result.posterior.weights, result.posterior.means, result.posterior.covariances]
 }
 
-/// Bounds of the parameters and mixture of an inference with a support that may move, by the inference node.
-fn by_node(bag: &Path, model_yaml: &str) -> (Vec<[f64; 2]>, [Vec<f64>; 3]) {
+/// Bounds of the parameters, moves of the support, and mixture of an inference with a support that may move, by the
+/// inference node.
+fn by_node(bag: &Path, model_yaml: &str) -> (Vec<[f64; 2]>, Value, [Vec<f64>; 3]) {
     let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
     let builder = NodeBuilder::new("asker", &RosArgs::default()).unwrap().domain(domain(), Discovery::Localhost);
     let node: Node = builder.build().unwrap();
@@ -162,7 +163,8 @@ fn by_node(bag: &Path, model_yaml: &str) -> (Vec<[f64; 2]>, [Vec<f64>; 3]) {
     node.stop();
     assert!(result.warnings.iter().any(|w| w.contains("the prior's support moved from")), "{:?}", result.warnings);
     let bounds = result.posterior.parameters.iter().map(|p| [p.low, p.high]).collect();
-    (bounds, [result.posterior.weights, result.posterior.means, result.posterior.covariances])
+    let moves = serde_json::to_value(bayes_sim::convert::support_moves(&result)).unwrap();
+    (bounds, moves, [result.posterior.weights, result.posterior.means, result.posterior.covariances])
 }
 
 /// The node learns the physical limits of the support from the pool's answers.
@@ -183,10 +185,10 @@ fn a_support_that_moves_is_the_same_in_this_process_and_on_the_graph() {
         let prior = &posterior["parameters"][i]["prior"][family];
         ["low", "high"].map(|end| prior[end].as_f64().unwrap())
     };
-    let (used, mixture) = by_node(&bag, &short);
+    let (used, moves, mixture) = by_node(&bag, &short);
     assert_eq!(used, [bounds(0, "uniform"), bounds(1, "log_uniform")]);
     assert_ne!(used, [[0.1, 0.15], [1e3, 5e4]], "no support moved");
-    assert_eq!(mixture, file);
+    assert_eq!((moves, mixture), (posterior["support_moves"].clone(), file));
 }
 
 #[test]

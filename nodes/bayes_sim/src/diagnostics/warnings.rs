@@ -53,14 +53,26 @@ pub fn edge_warnings(
             let beyond = pressed.filter(|(of, _)| *of == side).map(|(_, share)| 100.0 * share);
             let place = match beyond {
                 _ if near > PRESSED => {
-                    format!("{:.0} % of the posterior lies in the {:.0} % of the prior next to its", 100.0 * near, 100.0 * EDGE)
+                    format!(
+                        "{:.0} % of the posterior lies in the {:.0} % of the prior next to its",
+                        100.0 * near,
+                        100.0 * EDGE
+                    )
                 }
-                Some(share) => format!("{share:.0} % of the mixture before its truncation lies at or beyond the prior's"),
+                Some(share) => {
+                    format!("{share:.0} % of the mixture before its truncation lies at or beyond the prior's")
+                }
                 None => continue,
             };
-            let is_limit = limits.is_some_and(|[least, most]| if side == Side::Lower { low <= least } else { high >= most });
+            let is_limit =
+                limits.is_some_and(|[least, most]| if side == Side::Lower { low <= least } else { high >= most });
             let is_free = limits.is_some() && !matches!(p.prior, Prior::Mixture(_));
-            warnings.push(format!("{}: {place} {} bound {bound}: {}", p.name, side.name(), advice(support, is_limit, is_free)));
+            warnings.push(format!(
+                "{}: {place} {} bound {bound}: {}",
+                p.name,
+                side.name(),
+                advice(support, is_limit, is_free)
+            ));
         }
     }
     Ok(warnings)
@@ -163,12 +175,22 @@ mod tests {
         assert_eq!(of(0.5, 9.0, fixed, wide), Vec::<String>::new(), "undetermined");
         let narrow = of(0.99, 0.02, fixed, wide).remove(0);
         assert!(narrow.starts_with("length_m: ") && narrow.contains("of the posterior lies in the 5 % of the prior"));
-        assert!(narrow.contains("next to its upper bound 2: ") && narrow.contains("prior_support adaptive"), "{narrow}");
+        assert!(
+            narrow.contains("next to its upper bound 2: ") && narrow.contains("prior_support adaptive"),
+            "{narrow}"
+        );
         // A wide mixture about a mean outside: few draws inside of the support lie near its edge.
         let outside = of(1.1, 0.6, fixed, wide).remove(0);
-        assert!(outside.contains("of the mixture before its truncation lies at or beyond the prior's upper"), "{outside}");
+        assert!(
+            outside.contains("of the mixture before its truncation lies at or beyond the prior's upper"),
+            "{outside}"
+        );
         let ends = |support, limits| of(0.0, 0.02, support, limits).remove(0);
-        assert!(ends(fixed, Some([1.0, 9.0])).ends_with("bound 1: the simulator accepts no value beyond this bound, so that no prior reaches farther"));
+        assert!(
+            ends(fixed, Some([1.0, 9.0])).ends_with(
+                "bound 1: the simulator accepts no value beyond this bound, so that no prior reaches farther"
+            )
+        );
         assert!(ends(PriorSupport::ADAPTIVE, wide).ends_with("with more iterations, the support grows farther"));
         assert!(ends(fixed, None).ends_with("and the posterior falsely certain"), "a simulator without known limits");
     }

@@ -313,6 +313,26 @@ mod tests {
     }
 
     #[test]
+    fn a_support_that_no_parameter_can_move_is_refused() {
+        let part = |low, high| catenary_core::Weighted { weight: 1.0, prior: Prior::Uniform { low, high } };
+        let both = Prior::Mixture(vec![part(0.2, 0.25), part(0.27, 0.3)]);
+        let of = |priors: Vec<Prior>| {
+            let named = |(i, prior)| Parameter { name: format!("theta_{i}"), prior };
+            check(
+                PriorSupport::ADAPTIVE,
+                &ParameterSpace::new(priors.into_iter().enumerate().map(named).collect()).unwrap(),
+            )
+        };
+        let refusal = of(vec![both.clone()]).unwrap_err().to_string();
+        assert_eq!(
+            refusal,
+            "settings: `prior_support`: expected fixed for a model whose priors are all mixtures, which cannot move, got adaptive"
+        );
+        assert_eq!(of(vec![both, Prior::Uniform { low: 0.0, high: 1.0 }]), Ok(()));
+        assert_eq!(check(PriorSupport::Fixed, &space()), Ok(()));
+    }
+
+    #[test]
     fn a_third_of_the_iterations_follows_the_last_move() {
         assert_eq!([1, 2, 3, 4, 15].map(last_move), [0, 1, 2, 2, 10]);
     }

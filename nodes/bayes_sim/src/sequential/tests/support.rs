@@ -69,11 +69,7 @@ fn the_support_reaches_a_truth_outside_of_it() {
         assert!(interval.contains(&truth[0]), "{:?}", adaptive.marginals);
         assert!(adaptive.space.parameters()[0].prior.holds(truth[0]), "{:?}", adaptive.space);
         // The second parameter's edges are physical.
-        assert!(
-            adaptive.moves.iter().all(|m| m.parameter == "theta_0" && m.iteration <= 4),
-            "{:?}",
-            adaptive.moves
-        );
+        assert!(adaptive.moves.iter().all(|m| m.parameter == "theta_0" && m.iteration <= 4), "{:?}", adaptive.moves);
         assert_eq!(adaptive.space.parameters()[1], TOY.space().parameters()[1]);
     }
 }
