@@ -189,7 +189,6 @@ fn predictions<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::PriorSupport;
     use crate::sequential::request;
     use crate::sequential::tests::{TOY, TRUTH, quick};
     use catenary_core::mlp::Layer;
@@ -209,10 +208,6 @@ mod tests {
             let thetas = request.thetas.iter().map(|t| self.0.theta.to_unit(t)).collect();
             TOY.simulate(&SimulationRequest { thetas, ..request.clone() })
         }
-
-        fn range_of(&self, _name: &str) -> Option<[f64; 2]> {
-            Some([1e-3, 1e9])
-        }
     }
 
     fn measured() -> MeasuredTrack {
@@ -225,31 +220,6 @@ mod tests {
             target_m: Some([0.5, 0.1]),
             warnings: vec!["the recording is doubtful".into()],
         }
-    }
-
-    #[test]
-    fn a_truth_outside_of_the_support_gets_a_warning_or_moves_the_support() {
-        let model = Model::from_yaml(SOFT_BAR).unwrap();
-        let outside = MeasuredTrack { track: TOY.track(&[1.4, 0.5], 5), ..measured() };
-        let infer = |prior_support| {
-            let settings =
-                Settings { iterations: 5, ensemble: 1, predictive_draws: 0, prior_support, ..Settings::default() };
-            let simulator = Toy(&model, RefCell::default());
-            let mut listen = |_: &crate::sequential::Progress<'_>| ControlFlow::Continue(());
-            let observed = std::slice::from_ref(&outside);
-            infer(&model, observed, None, &settings, None, &simulator, &mut listen).unwrap()
-        };
-        let says = |result: &InferenceResult, words: &str| result.warnings.iter().any(|w| w.contains(words));
-        let fixed = infer(PriorSupport::Fixed);
-        assert_eq!((fixed.support_moves(), &fixed.posterior.parameters), (Vec::new(), &model.theta));
-        assert!(says(&fixed, "upper bound 0.305: the prior may be too narrow"), "{:?}", fixed.warnings);
-        assert!(says(&fixed, "with prior_support adaptive"), "{:?}", fixed.warnings);
-        let adaptive = infer(PriorSupport::ADAPTIVE);
-        let (moves, used) = (adaptive.support_moves(), adaptive.posterior.parameters.parameters());
-        assert!(
-            moves.iter().all(|m| m.parameter == "length_m") && used[0].prior.bounds().1 == moves[moves.len() - 1].to[1]
-        );
-        assert!(says(&adaptive, "length_m: the prior's support moved from [0.195, 0.305]: after iteration "));
     }
 
     #[test]

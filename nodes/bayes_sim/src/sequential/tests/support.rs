@@ -2,8 +2,11 @@
 
 use super::linear_gaussian::{FRAMES, LinearGaussian};
 use super::*;
+use crate::InferenceResult;
 use crate::prior_support::{PriorSupport, SupportRule};
+use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
+use catenary_core::{GripTrajectory, Model};
 
 /// Toy with exact standard deviations of 0.02 to 0.03.
 const TOY: LinearGaussian = LinearGaussian { dimension: 2, noise: 0.03, mirrored: 0.0, rigid: false };
@@ -125,4 +128,50 @@ fn a_state_with_supports_of_other_parameters_is_refused() {
     assert!(refusal(&fewer, &settings).starts_with("supports: expected 2 "));
     let fixed = Settings { prior_support: PriorSupport::Fixed, ..settings.clone() };
     assert!(refusal(&|_| (), &fixed).starts_with("supports: expected 0 "));
+}
+
+/// Toy over the unit coordinates of a model's parameters.
+struct Mapped<'a>(&'a Model);
+
+impl Simulator for Mapped<'_> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        let thetas = request.thetas.iter().map(|t| self.0.theta.to_unit(t)).collect();
+        TOY.simulate(&SimulationRequest { thetas, ..request.clone() })
+    }
+
+    fn range_of(&self, _name: &str) -> Option<[f64; 2]> {
+        Some([1e-3, 1e9])
+    }
+}
+
+#[test]
+fn a_user_hears_of_a_pressed_edge_or_of_the_moves_of_the_support() {
+    let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let measured = MeasuredTrack {
+        name: "toy episode".into(),
+        track: TOY.track(&[1.2, 0.5], 5),
+        grip: GripTrajectory::new(vec![0.0, 1.0], vec![Default::default(); 2]).unwrap(),
+        actions: Vec::new(),
+        start: StartShape::HangingAtRest,
+        target_m: None,
+        warnings: Vec::new(),
+    };
+    let infer = |prior_support| {
+        let settings = Settings { predictive_draws: 0, ..settings(prior_support, 1) };
+        let observed = std::slice::from_ref(&measured);
+        let listen = &mut |_: &Progress<'_>| ControlFlow::Continue(());
+        crate::infer(&model, observed, None, &settings, None, &Mapped(&model), listen).unwrap()
+    };
+    let says = |result: &InferenceResult, words: &str| {
+        let is_said = result.warnings.iter().any(|w| w.starts_with("length_m: ") && w.contains(words));
+        assert!(is_said, "{words:?}: {:?} at {:?}", result.warnings, result.marginals);
+    };
+    let fixed = infer(PriorSupport::Fixed);
+    assert_eq!((fixed.support_moves(), &fixed.posterior.parameters), (Vec::new(), &model.theta));
+    says(&fixed, "upper bound 0.305: the prior may be too narrow");
+    says(&fixed, "with prior_support adaptive");
+    let adaptive = infer(PriorSupport::ADAPTIVE);
+    says(&adaptive, "the prior's support moved from [0.195, 0.305]: after iteration ");
+    let (moves, used) = (adaptive.support_moves(), adaptive.posterior.parameters.parameters());
+    assert_eq!(Some(used[0].prior.bounds().1), moves.last().map(|m| m.to[1]), "{moves:?}");
 }
