@@ -50,7 +50,8 @@ def calibration(program, tmp_path_factory):
     ranks = lambda i: [share[i], share[(7 * i) % count]]
     check = lambda i: {"ranks": ranks(i), "density": share[(11 * i) % count], "distance": share[(13 * i) % count]}
     figures = lambda i, width: {"check": check(i), "width": [width, width]}
-    line = lambda i: {"truth": [0.25, 5e3], "mean": [0.25, 5e3], "sd": [0.01, 1e3], "narrow": figures(i, 0.1), "wall_s": 2.0} | figures(i, 0.11)
+    known = {"truth": [0.25, 5e3], "mean": [0.25, 5e3], "sd": [0.01, 1e3], "wall_s": 2.0}
+    line = lambda i: known | {"narrow": figures(i, 0.1)} | figures(i, 0.11)
     (out / "checks.jsonl").write_text("".join(json.dumps(line(i)) + "\n" for i in range(count)))
     program.text("bench", "calibration", "--truths", count, "--out", out)
     return out / "report.html"
