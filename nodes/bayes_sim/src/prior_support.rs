@@ -42,8 +42,8 @@ impl SupportRule {
 }
 
 impl PriorSupport {
-    /// Support that grows where the posterior presses on an edge: the rule with the best figures in
-    /// `catenary bench support`.
+    /// Support that grows where the posterior presses on an edge. It is the one rule that leaves a support alone on which
+    /// nothing presses: the posterior is then that of [`PriorSupport::Fixed`], to the bit.
     pub const ADAPTIVE: PriorSupport = PriorSupport::Adaptive(SupportRule::Edge);
 
     /// Names in goals, parameters and options.
