@@ -101,6 +101,7 @@ def test_a_wrong_command_line_is_named(refused, arguments, says):
         (("record", "--out", MODEL / "bag"), (MODEL, "cannot make the folder", "not a directory")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--simulations", 99999999999999), ("simulations", "at most 6666")),
         (("infer", "--bag", BAG, "--model", MODEL, "--out", "x", "--iterations", 2000000000), ("iterations", "at most 1000")),
+        (("infer", BAG, "--model", MODEL, "--out", "x", "--iterations", 1, "--prior-support", "adaptive"), ("one iteration",)),
         (("replay", BAG, "--rate", 0), ("rate", "0.001 to 1000000")),
         (("replay", BAG, "--rate", "1e-300"), ("rate", "0.001 to 1000000", "1e-300")),
         (("replay", BAG, "--start-offset-s", "1e9"), ("start_offset_s", "s of the bag")),

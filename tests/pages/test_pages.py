@@ -49,7 +49,9 @@ def calibration(program, tmp_path_factory):
     # Ranks of a calibrated posterior: uniform, in another order for each figure.
     ranks = lambda i: [share[i], share[(7 * i) % count]]
     check = lambda i: {"ranks": ranks(i), "density": share[(11 * i) % count], "distance": share[(13 * i) % count]}
-    line = lambda i: {"truth": [0.25, 5e3], "mean": [0.25, 5e3], "sd": [0.01, 1e3], "check": check(i), "wall_s": 2.0}
+    figures = lambda i, width: {"check": check(i), "width": [width, width]}
+    known = {"truth": [0.25, 5e3], "mean": [0.25, 5e3], "sd": [0.01, 1e3], "wall_s": 2.0}
+    line = lambda i: known | {"narrow": figures(i, 0.1)} | figures(i, 0.11)
     (out / "checks.jsonl").write_text("".join(json.dumps(line(i)) + "\n" for i in range(count)))
     program.text("bench", "calibration", "--truths", count, "--out", out)
     return out / "report.html"

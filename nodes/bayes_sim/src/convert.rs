@@ -1,11 +1,11 @@
 //! Conversion between ROS messages and the types of inference.
 
 use crate::infer::InferenceResult;
-use crate::sequential::Iteration;
+use crate::sequential::{Iteration, SupportMove};
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::{GripTrajectory, Posterior, SimulationRequest};
 use catenary_msgs::action::{InferFeedback, InferResult};
-use catenary_msgs::msg::GripTrajectory as GripMsg;
+use catenary_msgs::msg::{GripTrajectory as GripMsg, SupportMove as SupportMoveMsg};
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 
@@ -83,5 +83,50 @@ pub fn result(result: &InferenceResult) -> InferResult {
         warnings: result.warnings.clone(),
         losses: result.losses(),
         simulations: result.simulations() as u32,
+        support_moves: result.support_moves().iter().map(support_move).collect(),
+    }
+}
+
+/// Message of a move of the prior's support.
+fn support_move(step: &SupportMove) -> SupportMoveMsg {
+    SupportMoveMsg {
+        iteration: step.iteration as u32,
+        parameter: step.parameter.clone(),
+        from_low: step.from[0],
+        from_high: step.from[1],
+        to_low: step.to[0],
+        to_high: step.to[1],
+        because: step.because.clone(),
+    }
+}
+
+/// Moves of the prior's support in the result message of an inference.
+#[must_use]
+pub fn support_moves(result: &InferResult) -> Vec<SupportMove> {
+    let step = |m: &SupportMoveMsg| SupportMove {
+        iteration: m.iteration as usize,
+        parameter: m.parameter.clone(),
+        from: [m.from_low, m.from_high],
+        to: [m.to_low, m.to_high],
+        because: m.because.clone(),
+    };
+    result.support_moves.iter().map(step).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_of_the_support_survives_its_message() {
+        let step = SupportMove {
+            iteration: 3,
+            parameter: "length_m".into(),
+            from: [0.1, 0.15],
+            to: [0.1, 0.175],
+            because: "a reason".into(),
+        };
+        let result = InferResult { support_moves: vec![support_move(&step)], ..InferResult::default() };
+        assert_eq!(support_moves(&result), [step]);
     }
 }

@@ -3,8 +3,12 @@
 use crate::diagnostics::{self, Predictive};
 use crate::error::InferenceError;
 use crate::fingerprint::fingerprint;
-use crate::sequential::{Iteration, Observed, OnProgress, PART, Progress, Sequential, State, episode_seed};
+use crate::network::IntervalFactors;
+use crate::sequential::{
+    Iteration, Observed, OnProgress, PART, Progress, Sequential, State, SupportMove, episode_seed,
+};
 use crate::settings::Settings;
+use crate::widening::Widening;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::posterior::Marginal;
@@ -23,13 +27,15 @@ const MASS_STREAM: u64 = 102;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InferenceResult {
-    /// Posterior over the model's parameters.
+    /// Posterior over the model's parameters, with the support of the last iteration.
     pub posterior: Posterior,
     /// Marginals of the posterior in the parameters' units.
     pub marginals: Vec<Marginal>,
+    /// Widening of the posterior after the last iteration.
+    pub widening: Widening,
     /// Account of each iteration.
     pub iterations: Vec<Iteration>,
-    /// Share of the untruncated mixture outside of the prior's support.
+    /// Share of the untruncated mixture outside of the prior's support, before the widening.
     pub mass_outside: f64,
     /// Posterior predictive check; none if no draws were requested or the check was impossible.
     pub predictive: Option<Predictive>,
@@ -49,6 +55,11 @@ impl InferenceResult {
     /// Effective sample size of the weights in the last iteration.
     pub fn effective_sample_size(&self) -> f64 {
         self.iterations.last().map_or(0.0, |i| i.effective_sample_size)
+    }
+
+    /// Moves of the prior's support in all iterations, in order.
+    pub fn support_moves(&self) -> Vec<SupportMove> {
+        support_moves(&self.iterations)
     }
 
     /// Held-out loss after each iteration, nat.
@@ -90,14 +101,19 @@ pub fn infer(
         sequential.step(simulator, on_progress)?;
     }
     let iterations = sequential.state().iterations().to_vec();
-    let mixture = sequential.state().newest().cloned();
-    let posterior = match mixture {
-        Some(mixture) => Posterior { parameters: model.theta.clone(), mixture },
-        None => Posterior::prior(model.theta.clone()),
-    };
     let number = iterations.len();
     let failed = |reason| InferenceError::Posterior { iteration: number, reason };
-    let mass_outside = posterior.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
+    let prior = || Posterior::prior(model.theta.clone());
+    let narrow = sequential.posterior().unwrap_or_else(prior);
+    let (posterior, widening) = match sequential.calibrated()? {
+        None => (narrow.clone(), Widening::default()),
+        Some((posterior, IntervalFactors { held_out, factors, coverage })) => {
+            let width_before = narrow.marginals().map_err(failed)?.iter().map(|m| m.q95 - m.q05).collect();
+            (posterior, Widening { held_out, factors, coverage_before: coverage, width_before })
+        }
+    };
+    // A widened mixture of an undetermined parameter lies mostly outside, which says nothing about the networks.
+    let mass_outside = narrow.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
     let checked = match settings.predictive_draws {
         0 => None,
         draws => {
@@ -127,11 +143,20 @@ pub fn infer(
     if policy.is_some() && drive != DriveKind::Policy {
         warnings.push(format!("a policy was given and not used: the simulator is driven by {}", drive.name()));
     }
-    warnings.extend(diagnostics::edge_warnings(&posterior).map_err(failed)?);
+    let moves = support_moves(&iterations);
+    warnings.extend(diagnostics::support_warnings(&moves));
+    warnings.extend(
+        diagnostics::edge_warnings(&narrow, settings.prior_support, &|name| simulator.range_of(name))
+            .map_err(failed)?,
+    );
     let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
     warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
     warnings.extend(incomplete);
-    Ok(InferenceResult { posterior, marginals, iterations, mass_outside, predictive, misfit, warnings })
+    Ok(InferenceResult { posterior, marginals, widening, iterations, mass_outside, predictive, misfit, warnings })
+}
+
+fn support_moves(iterations: &[Iteration]) -> Vec<SupportMove> {
+    iterations.iter().flat_map(|i| i.moves.clone()).collect()
 }
 
 /// Pairs each measured track with its simulations at `thetas`. `tick` may stop the simulations between two parts.
@@ -212,6 +237,13 @@ mod tests {
         assert_eq!((result.simulations(), result.losses().len()), (80, 2));
         assert_eq!(result.effective_sample_size(), result.iterations[1].effective_sample_size);
         assert_eq!(result.marginals, result.posterior.marginals().unwrap());
+        let Widening { held_out, factors, coverage_before, width_before } = &result.widening;
+        // Two networks hold out a fifth of at most 80 tracks each.
+        assert!((2..=60).contains(held_out) && factors.len() == 2 && width_before.len() == 2, "{:?}", result.widening);
+        assert!(factors.iter().all(|f| *f >= 1.0) && coverage_before.iter().all(|c| (0.0..=1.0).contains(c)));
+        for (m, before) in result.marginals.iter().zip(width_before) {
+            assert!(m.q95 - m.q05 > 0.99 * before, "{m:?} was {before} wide");
+        }
         assert_eq!(result.predictive.as_ref().map(|p| p.draws), Some(25));
         assert!((0.0..1.0).contains(&result.mass_outside), "{}", result.mass_outside);
         // 80 simulations are under the 100 effective ones that a posterior should rest on.

@@ -12,11 +12,16 @@ pub mod infer;
 pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
+mod prior_support;
 pub mod sequential;
 pub mod settings;
+mod unit_map;
+mod widening;
 
 pub use diagnostics::Predictive;
 pub use error::InferenceError;
 pub use fingerprint::fingerprint;
 pub use infer::{InferenceResult, infer};
+pub use prior_support::{PriorSupport, SupportRule};
 pub use settings::{Settings, SettingsError};
+pub use widening::Widening;

@@ -5,6 +5,7 @@
 //! F x C columns or their P leading principal components, and X plain numbers. All parameters lie in one vector: those of the
 //! embedding, then the weights (outputs x inputs, row-major) and biases of each layer, then the weights of the linear path.
 
+mod conformal;
 mod ensemble;
 pub mod head;
 mod inflation;
@@ -19,7 +20,7 @@ mod tests;
 pub mod train;
 pub mod truncation;
 
-pub use ensemble::{Ensemble, Outcome, Training};
+pub use ensemble::{Ensemble, IntervalFactors, Outcome, Training};
 pub use head::MixtureHead;
 pub use projection::Projection;
 pub use samples::Samples;
@@ -27,6 +28,7 @@ pub use shape::Shape;
 pub use standard::Standardisation;
 pub use train::{Epoch, Trained, TrainingError, train};
 
+use crate::unit_map::UnitMap;
 use catenary_core::matrix::{Transpose, gemm};
 use head::Parts;
 use rand::{Rng, RngExt};
@@ -128,6 +130,11 @@ impl Network {
     /// Centres and scales.
     pub fn standard(&self) -> &Standardisation {
         &self.standard
+    }
+
+    /// Converts the mixture to other unit coordinates. The mass inside of the unit cube changes with the cube.
+    fn map_thetas(&mut self, map: &UnitMap) {
+        self.standard.map_theta(map);
     }
 
     /// B x F x C columns of `batch`, not standardised; zeros in absent frames.
@@ -237,10 +244,32 @@ impl Network {
     /// the unit cube: the mean over networks is then a mean of truncated densities.
     pub fn mixture_parts(&self, batch: &Samples) -> Parts {
         let mut work = Activations::default();
+        self.truncated_parts(self.forward(&self.inputs(batch), &mut work))
+    }
+
+    /// Mixture as [`Self::mixture_parts`], with the standard deviations of its components multiplied by `factors` (D) along the
+    /// axes.
+    fn widened_parts(&self, batch: &Samples, factors: &[f64]) -> Parts {
+        let mut work = Activations::default();
         let raw = self.forward(&self.inputs(batch), &mut work);
+        let own: Vec<f64> = raw.iter().map(|v| f64::from(*v)).collect();
+        let shrink: Vec<f64> = factors.iter().map(|f| 1.0 / f).collect();
+        // Linearised about the outputs themselves, the change is exact up to the bound of the bend.
+        let changes = self.shape.head.scaled(&own, &shrink);
+        let widened: Vec<f32> = own.iter().zip(changes).map(|(v, (factor, term))| (v * factor + term) as f32).collect();
+        self.truncated_parts(&widened)
+    }
+
+    /// Mixture over unit coordinates for the raw outputs `raw` of one track, not truncated.
+    fn parts(&self, raw: &[f32]) -> Parts {
         let (centre, scale) = self.standard.theta();
+        self.shape.head.parts(raw, centre, scale)
+    }
+
+    /// Mixture over unit coordinates for the raw outputs `raw` of one track, with weights as in [`Self::mixture_parts`].
+    fn truncated_parts(&self, raw: &[f32]) -> Parts {
         let lattice = Lattice::new(MASS_POINTS, self.shape.head.dimension);
-        let (mut weights, means, covariances) = self.shape.head.parts(raw, centre, scale);
+        let (mut weights, means, covariances) = self.parts(raw);
         let mass = self.shape.head.log_mass(raw, &self.standard.support(), &lattice).exp();
         weights.iter_mut().for_each(|w| *w /= mass);
         (weights, means, covariances)

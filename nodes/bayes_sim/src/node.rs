@@ -10,6 +10,7 @@ use self::pools::Pools;
 use crate::error::InferenceError;
 use crate::fingerprint::fingerprint;
 use crate::infer::infer;
+use crate::prior_support::PriorSupport;
 use crate::sequential::Progress;
 use crate::{Settings, convert};
 use anyhow::{Context, Result, bail};
@@ -43,6 +44,11 @@ fn run(builder: NodeBuilder) -> Result<()> {
         "Folder of the states of running inferences, from which they continue after a kill; empty: catenary/bayes_sim in ROS_HOME or ~/.ros.",
     );
     let states = builder.declare_string("state_folder", "", spec)?;
+    let spec = ParamSpec::new(
+        "Prior's support of goals that do not choose: fixed, or adaptive, which grows it where a posterior presses on an edge that physics does not set.",
+    );
+    let support =
+        builder.declare_string("prior_support", PriorSupport::NAMES[0], spec.choices(&PriorSupport::NAMES))?;
     let node = builder.build()?;
     let live = Arc::new(LiveEpisodes::listen(&node)?);
     let pools = Arc::new(Pools::new(node.clone(), patterns, stall_s));
@@ -52,7 +58,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
         contract::INFER.name,
         Concurrency::One,
         |_| Decision::Accept,
-        move |handle| serve(&handle, &heard, &asked, state_folder(&states.get(), "bayes_sim").as_deref(), &posteriors),
+        move |handle| {
+            let states = state_folder(&states.get(), "bayes_sim");
+            serve(&handle, &heard, &asked, (states.as_deref(), &support.get()), &posteriors)
+        },
     )?;
     node.report_diagnostics(move |report| {
         report.value("log", live.summary());
@@ -66,15 +75,16 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-/// Runs a goal, publishes its posterior and reports its outcome.
+/// Runs a goal, publishes its posterior and reports its outcome. `parameters` are the folder of states and the prior's
+/// support of goals that do not choose.
 fn serve(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
     pools: &Pools,
-    states: Option<&Path>,
+    parameters: (Option<&Path>, &str),
     posteriors: &Publisher<Mixture>,
 ) -> Outcome<InferResult> {
-    match infer_goal(handle, live, pools, states) {
+    match infer_goal(handle, live, pools, parameters) {
         Ok(result) => {
             posteriors.send(result.posterior.clone());
             Outcome::Succeeded(result)
@@ -96,12 +106,12 @@ fn infer_goal(
     handle: &GoalHandle<Infer>,
     live: &LiveEpisodes,
     pools: &Pools,
-    states: Option<&Path>,
+    (states, support): (Option<&Path>, &str),
 ) -> Result<InferResult> {
     let goal = handle.goal();
     let (model, overridden) = model(goal)?;
     let policy = if goal.policy.is_empty() { None } else { Some(Policy::from_bytes(&goal.policy)?) };
-    let settings = settings(goal)?;
+    let settings = settings(goal, support)?;
     let mut measured = match goal.source {
         InferGoal::SOURCE_BAG => {
             let bags: Vec<PathBuf> = goal.bags.iter().map(PathBuf::from).collect();
@@ -123,12 +133,13 @@ fn infer_goal(
         tracing::info!("goes on after {} iterations, which an earlier process made", state.iterations().len());
     }
     let is_cancelled = || handle.is_cancelled();
-    let simulator = pools.simulator(&goal.model_yaml, &is_cancelled);
+    let simulator = pools.simulator((&goal.model_yaml, &model), &is_cancelled);
     let result = infer(&model, &measured, policy.as_ref(), &settings, state, &simulator, &mut |progress| {
         if let Progress::Iteration { iteration, of, posterior, state } = progress {
             // Saved before the client hears of it: an iteration that was reported is never lost.
             file.iter().for_each(|file| file.write(state));
             handle.feedback(convert::feedback(iteration, *of, posterior));
+            crate::diagnostics::support_warnings(&iteration.moves).iter().for_each(|words| tracing::warn!("{words}"));
         }
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -154,8 +165,9 @@ fn model(goal: &InferGoal) -> Result<(Model, Option<String>)> {
     Ok((model, overridden))
 }
 
-/// Settings of the goal: its preset with the goal's numbers, if they are not zero.
-fn settings(goal: &InferGoal) -> Result<Settings> {
+/// Settings of the goal: its preset with the goal's numbers, if they are not zero, and the goal's treatment of the prior's
+/// support, or else `support`.
+fn settings(goal: &InferGoal, support: &str) -> Result<Settings> {
     let preset = if goal.preset.is_empty() { "default" } else { &goal.preset };
     let mut settings = Settings::preset(preset).context("preset")?;
     if goal.iterations > 0 {
@@ -164,6 +176,9 @@ fn settings(goal: &InferGoal) -> Result<Settings> {
     if goal.simulations > 0 {
         settings.simulations = goal.simulations as usize;
     }
+    let support = if goal.prior_support.is_empty() { support } else { &goal.prior_support };
+    settings.prior_support = PriorSupport::from_name(support)
+        .with_context(|| format!("prior_support: expected {}, got {support:?}", PriorSupport::NAMES.join(" or ")))?;
     settings.seed = goal.seed;
     Ok(settings)
 }
@@ -173,6 +188,18 @@ mod tests {
     use super::*;
     use catenary_core::model::DriveKind;
     use catenary_msgs::srv::SimulateRequest;
+
+    #[test]
+    fn a_goal_that_does_not_choose_has_the_support_of_the_parameter() {
+        let of = |goal: &str, parameter: &str| {
+            let goal = InferGoal { prior_support: goal.into(), ..InferGoal::default() };
+            settings(&goal, parameter).map(|s| s.prior_support).map_err(|e| e.to_string())
+        };
+        assert_eq!(of("", "fixed"), Ok(PriorSupport::Fixed));
+        assert_eq!(of("", "adaptive"), Ok(PriorSupport::ADAPTIVE));
+        assert_eq!(of("fixed", "adaptive"), Ok(PriorSupport::Fixed));
+        assert_eq!(of("wide", "fixed"), Err("prior_support: expected fixed or adaptive, got \"wide\"".into()));
+    }
 
     #[test]
     fn a_drive_other_than_the_model_files_gets_a_warning() {

@@ -7,19 +7,23 @@ mod region;
 mod request;
 mod resume;
 mod state;
+mod support;
 #[cfg(test)]
 pub(crate) mod tests;
 
 pub use iteration::Iteration;
 pub use progress::{OnProgress, Progress};
-pub use proposal::{Proposal, balance_weights, effective_sample_size};
+pub use proposal::{Drawn, Proposal, balance_weights, effective_sample_size};
 pub use region::Region;
 pub use request::{Observed, request};
 pub use state::State;
+pub use support::SupportMove;
+pub(crate) use support::{DRAWS, Side, pressed};
 
 use crate::embedding::{InputError, TrackInput};
 use crate::error::InferenceError;
-use crate::network::{Ensemble, Epoch, Network, Outcome, Samples, Shape, Training, TrainingError};
+use crate::network::{Ensemble, Epoch, IntervalFactors, Network, Outcome, Samples, Shape, Training, TrainingError};
+use crate::prior_support::PriorSupport;
 use crate::settings::{LEAST_TRACKS, Settings};
 use catenary_core::{Mixture, ParameterSpace, Posterior, SimulationRequest, Simulator, Track, seed};
 
@@ -28,6 +32,7 @@ pub(crate) const PART: usize = 64;
 
 /// Networks, tracks and proposals of an inference, after any number of iterations.
 pub struct Sequential<'a> {
+    /// Parameters with the support of the first iteration.
     space: &'a ParameterSpace,
     settings: &'a Settings,
     /// Joined tracks of all measured episodes.
@@ -35,8 +40,8 @@ pub struct Sequential<'a> {
     /// Request that reproduces each measured episode, and the largest number of frames of its tracks.
     episodes: Vec<(SimulationRequest, usize)>,
     state: State,
-    /// Proposals of all iterations with their numbers of draws, unusable ones included.
-    proposals: Vec<(Proposal, usize)>,
+    /// Proposals of all iterations.
+    proposals: Vec<Drawn>,
     /// Reason for which the last unusable track was refused.
     refused: Option<String>,
 }
@@ -51,7 +56,7 @@ fn add(inputs: &mut Result<Vec<TrackInput>, InputError>, track: &Track, frames: 
 }
 
 /// Indices of the samples on which an iteration with `proposal` trains: those in its support.
-fn covered(samples: &Samples, proposal: &Proposal) -> Vec<usize> {
+fn covered(samples: &Samples, proposal: &Drawn) -> Vec<usize> {
     (0..samples.len()).filter(|&i| proposal.covers(samples.theta(i))).collect()
 }
 
@@ -69,6 +74,7 @@ enum Stream {
     Proposal = 3,
     HeldOut = 4,
     Training = 5,
+    Support = 6,
 }
 
 impl<'a> Sequential<'a> {
@@ -85,6 +91,7 @@ impl<'a> Sequential<'a> {
         fingerprint: u64,
     ) -> Result<Self, InferenceError> {
         settings.check()?;
+        support::check(settings.prior_support, space)?;
         let inputs = observed.iter().map(|o| TrackInput::new(o.track, o.frames)).collect::<Result<Vec<_>, _>>();
         let episodes: Vec<_> = observed.into_iter().map(|o| (o.template, o.frames)).collect();
         let observed = TrackInput::join(inputs.map_err(InferenceError::Observation)?);
@@ -102,9 +109,19 @@ impl<'a> Sequential<'a> {
         self.state.ensemble.networks()
     }
 
-    /// Proposal of the last iteration.
+    /// Proposal of the last iteration, over the unit coordinates of [`Self::space`].
     pub fn proposal(&self) -> Option<&Proposal> {
-        self.proposals.last().map(|(p, _)| p)
+        self.proposals.last().map(Drawn::proposal)
+    }
+
+    /// Parameters with the support of the last iteration, over whose unit coordinates its posterior is.
+    pub fn space(&self) -> &ParameterSpace {
+        self.space_of(self.state.iterations.len())
+    }
+
+    /// Parameters with the support of iteration `number`, from 1.
+    fn space_of(&self, number: usize) -> &ParameterSpace {
+        number.checked_sub(2).and_then(|i| self.state.supports.get(i)).unwrap_or(self.space)
     }
 
     /// Samples with usable tracks so far.
@@ -117,9 +134,33 @@ impl<'a> Sequential<'a> {
         &self.state
     }
 
+    /// Posterior after the last iteration; none before the first one.
+    pub fn posterior(&self) -> Option<Posterior> {
+        let mixture = self.state.newest()?.clone();
+        Some(Posterior { parameters: self.space().clone(), mixture })
+    }
+
     /// Measured tracks as the input of the networks.
     pub fn observed(&self) -> &TrackInput {
         &self.observed
+    }
+
+    /// Posterior of the last iteration, widened until its 90 % intervals hold their share of the simulations that the
+    /// networks held out, and the factors. None before the first iteration.
+    ///
+    /// # Errors
+    /// [`InferenceError::Posterior`] if the widened mixture is invalid.
+    pub fn calibrated(&self) -> Result<Option<(Posterior, IntervalFactors)>, InferenceError> {
+        let Some(newest) = self.proposals.last() else { return Ok(None) };
+        let iteration = self.proposals.len();
+        let (indices, weights) = self.training_samples(newest);
+        let data = self.state.samples.gather(&indices);
+        let training = self.training(iteration, &indices, &data, &weights);
+        let factors = self.state.ensemble.interval_factors(&training, self.settings.held_out_share);
+        let widened = self.state.ensemble.widened_mixture(&self.observed_batch(), &factors.factors);
+        let mixture = widened.map_err(|reason| InferenceError::Posterior { iteration, reason })?;
+        // A support that has moved since is that of the networks.
+        Ok(Some((Posterior { parameters: self.space_of(iteration + 1).clone(), mixture }, factors)))
     }
 
     /// Runs one iteration: draws thetas from the proposal, simulates them with `simulator`, and trains the networks. Returns
@@ -133,10 +174,11 @@ impl<'a> Sequential<'a> {
         on_progress: OnProgress<'_>,
     ) -> Result<(Iteration, Posterior), InferenceError> {
         let number = self.proposals.len() + 1;
-        let proposal = self.next_proposal(number)?;
+        let proposal = self.next_proposal(number, &self.proposals, &self.state.posteriors)?;
         self.simulate(number, proposal, simulator, on_progress)?;
-        let (newest, _) = &self.proposals[number - 1];
-        let indices = covered(&self.state.samples, newest);
+        let newest = &self.proposals[number - 1];
+        let proposal_volume = newest.volume();
+        let (indices, weights) = self.training_samples(newest);
         if indices.len() < LEAST_TRACKS {
             return Err(InferenceError::TooFewTracks {
                 iteration: number,
@@ -145,11 +187,11 @@ impl<'a> Sequential<'a> {
                 because: self.refused.as_ref().map_or(String::new(), |why| format!("; the last refused one: {why}")),
             });
         }
-        // The whole prior for proposals that cover it with some density everywhere.
-        let proposal_volume = if let Proposal::Region(region) = newest { region.volume() } else { 1.0 };
-        let weights = balance_weights(indices.iter().map(|&i| self.state.samples.theta(i)), &self.proposals);
         let data = self.state.samples.gather(&indices);
         let outcome = self.train(number, &indices, &data, &weights, on_progress)?;
+        let mixture = self.mixture().map_err(|reason| InferenceError::Posterior { iteration: number, reason })?;
+        let posterior = Posterior { parameters: self.space_of(number).clone(), mixture };
+        let (next, moves) = self.next_support(number, &posterior, simulator);
         let iteration = Iteration {
             iteration: number,
             simulations: self.state.simulations,
@@ -159,11 +201,14 @@ impl<'a> Sequential<'a> {
             effective_sample_size: effective_sample_size(&weights),
             proposal_volume,
             epochs: outcome.epochs,
+            moves,
         };
-        let mixture = self.mixture().map_err(|reason| InferenceError::Posterior { iteration: number, reason })?;
         self.state.iterations.push(iteration.clone());
-        self.state.posteriors.push(mixture.clone());
-        let posterior = Posterior { parameters: self.space.clone(), mixture };
+        self.state.posteriors.push(posterior.mixture.clone());
+        if let Some(next) = next {
+            self.follow(&posterior.parameters, &next);
+            self.state.supports.push(next);
+        }
         let (of, state) = (self.settings.iterations, &self.state);
         let progress = Progress::Iteration { iteration: &iteration, of, posterior: &posterior, state };
         if on_progress(&progress).is_break() {
@@ -172,12 +217,55 @@ impl<'a> Sequential<'a> {
         Ok((iteration, posterior))
     }
 
-    /// Proposal of iteration `number`: the prior in the first one.
-    fn next_proposal(&self, number: usize) -> Result<Proposal, InferenceError> {
-        let newest = self.proposals.last().zip(self.state.posteriors.last());
-        let Some(((last, _), mixture)) = newest else { return Ok(Proposal::Prior) };
+    /// Proposal of iteration `number`: the prior in the first one. `proposals` and `posteriors` are those of the iterations
+    /// before, the proposals over the unit coordinates of this one.
+    fn next_proposal(
+        &self,
+        number: usize,
+        proposals: &[Drawn],
+        posteriors: &[Mixture],
+    ) -> Result<Proposal, InferenceError> {
+        let Some((last, mixture)) = proposals.last().zip(posteriors.last()) else { return Ok(Proposal::Prior) };
         let mut rng = seed::rng(self.seed(Stream::Proposal, number), 0);
-        Proposal::next(self.settings.proposal, mixture, last, number, &mut rng)
+        let kind = self.settings.proposal;
+        match support::map(self.space_of(number - 1), self.space_of(number)) {
+            None => Proposal::next(kind, mixture, last, number, &mut rng),
+            Some(map) if map.added() > support::MOST_ADDED => Ok(Proposal::Prior),
+            Some(map) => {
+                let moved = map.mixture(mixture);
+                let moved = moved.map_err(|reason| InferenceError::Posterior { iteration: number, reason })?;
+                Proposal::next(kind, &moved, last, number, &mut rng)
+            }
+        }
+    }
+
+    /// Support of the iteration after `number`, whose posterior is `newest`, and its moves. None if the setting fixes it.
+    fn next_support(
+        &self,
+        number: usize,
+        newest: &Posterior,
+        simulator: &dyn Simulator,
+    ) -> (Option<ParameterSpace>, Vec<SupportMove>) {
+        let PriorSupport::Adaptive(rule) = self.settings.prior_support else { return (None, Vec::new()) };
+        if number > support::last_move(self.settings.iterations) {
+            return (Some(newest.parameters.clone()), Vec::new());
+        }
+        let before = self.state.posteriors.last();
+        let before = before.map(|mixture| support::Placed { space: self.space_of(number - 1), mixture });
+        let newest = support::Placed { space: &newest.parameters, mixture: &newest.mixture };
+        let mut rng = seed::rng(self.seed(Stream::Support, number), 0);
+        let (space, moves) =
+            support::moved(rule, number, &newest, before.as_ref(), &|name| simulator.range_of(name), &mut rng);
+        (Some(space), moves)
+    }
+
+    /// Converts samples, networks and proposals from the unit coordinates of `from` to those of `to`.
+    fn follow(&mut self, from: &ParameterSpace, to: &ParameterSpace) {
+        if let Some(map) = support::map(from, to) {
+            self.state.samples.map_thetas(&map);
+            self.state.ensemble.map_thetas(&map);
+            self.proposals.iter_mut().for_each(|p| p.follow(&map));
+        }
     }
 
     /// Draws thetas, simulates them and keeps the usable tracks. Leaving out the others introduces no bias: the networks learn
@@ -193,7 +281,8 @@ impl<'a> Sequential<'a> {
         let d = self.space.dimension();
         let count = self.settings.simulations;
         let u = (0..count).map(|_| proposal.sample(d, number, &mut rng)).collect::<Result<Vec<_>, _>>()?;
-        let thetas: Vec<Vec<f64>> = u.iter().map(|u| self.space.from_unit(u)).collect();
+        let space = self.space_of(number);
+        let thetas: Vec<Vec<f64>> = u.iter().map(|u| space.from_unit(u)).collect();
         let seed = self.seed(Stream::Simulator, number);
         for (part, u) in u.chunks(PART).enumerate() {
             let from = part * PART;
@@ -226,7 +315,7 @@ impl<'a> Sequential<'a> {
                 }
             }
         }
-        self.proposals.push((proposal, count));
+        self.proposals.push(Drawn::new(proposal, count));
         Ok(())
     }
 
@@ -244,9 +333,8 @@ impl<'a> Sequential<'a> {
             Some(epoch) => on_progress(&Progress::Epoch { iteration: number, network, epoch }),
             None => on_progress(&Progress::Working { iteration: number, simulations }),
         };
-        let seeds = [self.seed(Stream::Training, number), seed::derive(self.settings.seed, Stream::HeldOut as u64)];
         let before = Some(&self.state.ensemble).filter(|_| self.settings.warm_start);
-        let training = Training { data, weights, split_keys: indices, seed: seeds[0], held_out_seed: seeds[1] };
+        let training = self.training(number, indices, data, weights);
         let (ensemble, outcome) =
             Ensemble::train(&Shape::of_samples(data, self.settings), self.settings, before, training, &mut listen)
                 .map_err(|source| match source {
@@ -257,11 +345,30 @@ impl<'a> Sequential<'a> {
         Ok(outcome)
     }
 
+    /// Indices of the samples of a training with the proposal `newest`, and their weights.
+    fn training_samples(&self, newest: &Drawn) -> (Vec<usize>, Vec<f64>) {
+        let indices = covered(&self.state.samples, newest);
+        let weights = balance_weights(indices.iter().map(|&i| self.state.samples.theta(i)), &self.proposals);
+        (indices, weights)
+    }
+
+    /// Training data of iteration `number`: the samples `data` at `indices` with their `weights`.
+    fn training<'b>(&self, number: usize, indices: &'b [usize], data: &'b Samples, weights: &'b [f64]) -> Training<'b> {
+        let seed = self.seed(Stream::Training, number);
+        let held_out_seed = seed::derive(self.settings.seed, Stream::HeldOut as u64);
+        Training { data, weights, split_keys: indices, seed, held_out_seed }
+    }
+
     /// Mean of the networks' mixtures at the measured tracks.
     fn mixture(&self) -> Result<Mixture, catenary_core::mixture::MixtureError> {
+        self.state.ensemble.mixture(&self.observed_batch())
+    }
+
+    /// Measured tracks as a batch of one sample.
+    fn observed_batch(&self) -> Samples {
         let mut batch = Samples::new(self.observed.frames(), self.space.dimension());
         // A sample needs a theta, which the mixture does not depend on.
         batch.push(&self.observed, &vec![0.5; self.space.dimension()]);
-        self.state.ensemble.mixture(&batch)
+        batch
     }
 }

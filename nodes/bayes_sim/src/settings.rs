@@ -1,6 +1,7 @@
 //! Settings of an inference.
 
 use crate::embedding::{Embedding, Fourier};
+use crate::prior_support::PriorSupport;
 use catenary_core::Fidelity;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -75,6 +76,8 @@ pub struct Settings {
     pub simulations: usize,
     /// Proposal distribution of theta after the first iteration.
     pub proposal: ProposalKind,
+    /// Treatment of the prior's support: fixed, or moved where the posterior presses on an edge that physics does not set.
+    pub prior_support: PriorSupport,
     /// Embedding of a frame: number of random frequencies and the features of each.
     pub embedding: Embedding,
     /// Initial length scale of the frequencies, in standard deviations of the keypoints. Training changes it.
@@ -111,6 +114,7 @@ impl Default for Settings {
             iterations: 15,
             simulations: 100,
             proposal: ProposalKind::Truncated { tail: 5e-4, least_shrink: 0.25 },
+            prior_support: PriorSupport::Fixed,
             embedding: Embedding { frequencies: 32, fourier: Fourier::CosOnly },
             length_scale: 1.0,
             projection: Some(32),
@@ -201,6 +205,13 @@ impl Settings {
         if self.iterations > MOST_ITERATIONS {
             return refuse("iterations", &format!("at most {MOST_ITERATIONS}"), self.iterations.to_string());
         }
+        if self.iterations < 2 && self.prior_support != PriorSupport::Fixed {
+            return refuse(
+                "prior_support",
+                "fixed for one iteration: the support moves between iterations",
+                "adaptive".into(),
+            );
+        }
         // By division: the product of the two may overflow.
         if self.simulations > MOST_TRACKS / self.iterations {
             let most = format!("at most {} in each of {} iterations", MOST_TRACKS / self.iterations, self.iterations);
@@ -261,13 +272,16 @@ mod tests {
         type Change = fn(&mut Settings);
         let truncated = |tail, least_shrink| ProposalKind::Truncated { tail, least_shrink };
         let (tail, shrink) = (truncated(0.0, 0.5), truncated(0.1, 1.0));
-        let cases: [(&str, &str, &str, Change); 21] = [
+        let cases: [(&str, &str, &str, Change); 22] = [
             ("iterations", "at least 1", "0", |s| s.iterations = 0),
             ("simulations", "at least 10", "9", |s| s.simulations = 9),
             ("iterations", "at most 1000", "1001", |s| s.iterations = 1001),
             ("simulations", "at most 6666 in each of 15 iterations", "6667", |s| s.simulations = 6667),
             ("simulations", "at most 6666 in each of 15 iterations", "18446744073709551615", |s| {
                 s.simulations = usize::MAX;
+            }),
+            ("prior_support", "fixed for one iteration: the support moves between iterations", "adaptive", |s| {
+                (s.iterations, s.prior_support) = (1, PriorSupport::ADAPTIVE);
             }),
             ("embedding.frequencies", "at least 1", "0", |s| s.embedding.frequencies = 0),
             ("length_scale", "a positive number", "-1", |s| s.length_scale = -1.0),

@@ -15,7 +15,7 @@ use catenary_shell::{ActionClient, Discovery, DomainClaim, Node, NodeBuilder, Ro
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_catenary");
@@ -34,6 +34,12 @@ const FORGETTING: Duration = Duration::from_secs(6);
 fn domain() -> u16 {
     static CLAIM: LazyLock<DomainClaim> = LazyLock::new(|| DomainClaim::any(|_| Ok(true)).unwrap());
     CLAIM.id()
+}
+
+/// Lock of the graph, in which two tests would find each other's nodes.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn root() -> PathBuf {
@@ -78,13 +84,13 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-/// Weights, means and covariances from `catenary infer`.
-fn by_command(bag: &Path, model: &Path, out: &Path) -> [Vec<f64>; 3] {
+/// Weights, means and covariances from `catenary infer` with further `options`.
+fn by_command(bag: &Path, model: &Path, out: &Path, options: &[&str]) -> [Vec<f64>; 3] {
     let [bag, model, out] = [bag, model, out].map(|p| p.to_str().unwrap());
     let sizes = [ITERATIONS.to_string(), SIMULATIONS.to_string(), SEED.to_string()];
     let [iterations, simulations, seed] = sizes.each_ref().map(String::as_str);
     let mut infer = command(&["infer", "--json", "--bag", bag, "--model", model, "--out", out]);
-    infer.args(["--iterations", iterations, "--simulations", simulations, "--seed", seed]);
+    infer.args(["--iterations", iterations, "--simulations", simulations, "--seed", seed]).args(options);
     let report: Value = serde_json::from_str(&finished(infer.output().unwrap())).unwrap();
     let mixture = &report["posterior"]["mixture"];
     ["weights", "means", "covariances"].map(|name| numbers(&mixture[name]))
@@ -132,11 +138,65 @@ fn by_topics(bag: &Path, model: &Path, rate: &str) -> [Vec<f64>; 3] {
     [result.posterior.weights, result.posterior.means, result.posterior.covariances]
 }
 
+/// Bounds of the parameters, moves of the support, and mixture of an inference with a support that may move, by the
+/// inference node.
+fn by_node(bag: &Path, model_yaml: &str) -> (Vec<[f64; 2]>, Value, [Vec<f64>; 3]) {
+    let _nodes = ["simulator_pool", "bayes_sim"].map(Process::node);
+    let builder = NodeBuilder::new("asker", &RosArgs::default()).unwrap().domain(domain(), Discovery::Localhost);
+    let node: Node = builder.build().unwrap();
+    let client: ActionClient<Infer> = node.action_client("bayes_sim/infer").unwrap();
+    assert!(client.wait_for_server(Duration::from_secs(20)));
+    let goal = InferGoal {
+        source: InferGoal::SOURCE_BAG,
+        bags: vec![bag.display().to_string()],
+        model_yaml: model_yaml.to_owned(),
+        iterations: ITERATIONS,
+        simulations: SIMULATIONS,
+        drive: SimulateRequest::DRIVE_GRIP,
+        seed: SEED,
+        prior_support: "adaptive".to_owned(),
+        ..InferGoal::default()
+    };
+    let running = client.send(goal, Duration::from_secs(20), |_| {}).unwrap();
+    let (status, result) = running.wait(Duration::from_secs(120)).unwrap();
+    assert_eq!(status, Status::Succeeded, "{}", result.message);
+    node.stop();
+    assert!(result.warnings.iter().any(|w| w.contains("the prior's support moved from")), "{:?}", result.warnings);
+    let bounds = result.posterior.parameters.iter().map(|p| [p.low, p.high]).collect();
+    let moves = serde_json::to_value(bayes_sim::convert::support_moves(&result)).unwrap();
+    (bounds, moves, [result.posterior.weights, result.posterior.means, result.posterior.covariances])
+}
+
+/// The node learns the physical limits of the support from the pool's answers.
+#[test]
+fn a_support_that_moves_is_the_same_in_this_process_and_on_the_graph() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let shipped = std::fs::read_to_string(root().join("launch_configs/models/soft_bar.yaml")).unwrap();
+    // The bar of the recording is longer.
+    let short = shipped.replace("{uniform: {low: 0.195, high: 0.305}}", "{uniform: {low: 0.1, high: 0.15}}");
+    assert_ne!(short, shipped);
+    let (bag, model) = (root().join("bags/swing"), folder.path().join("short.yaml"));
+    std::fs::write(&model, &short).unwrap();
+    let file = by_command(&bag, &model, folder.path(), &["--prior-support", "adaptive"]);
+    let posterior: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("posterior.json")).unwrap()).unwrap();
+    let bounds = |i: usize, family: &str| {
+        let prior = &posterior["parameters"][i]["prior"][family];
+        ["low", "high"].map(|end| prior[end].as_f64().unwrap())
+    };
+    let (used, moves, mixture) = by_node(&bag, &short);
+    assert_eq!(used, [bounds(0, "uniform"), bounds(1, "log_uniform")]);
+    assert_ne!(used, [[0.1, 0.15], [1e3, 5e4]], "no support moved");
+    assert_eq!((moves, mixture), (posterior["support_moves"].clone(), file));
+}
+
 #[test]
 fn file_and_replayed_topics_give_the_same_posterior() {
+    let _alone = alone();
     let (bag, model) = (root().join("bags/swing"), root().join("launch_configs/models/soft_bar.yaml"));
     let folder = tempfile::tempdir().unwrap();
-    let file = by_command(&bag, &model, folder.path());
+    let file = by_command(&bag, &model, folder.path(), &[]);
     assert!(file[0].len() >= 4 && file[1].len() == 2 * file[0].len(), "{file:?}");
     for rate in ["1", "inf"] {
         assert_eq!(by_topics(&bag, &model, rate), file, "replayed at {rate}");

@@ -84,6 +84,13 @@ impl ParameterSpace {
         self.parameters.iter().position(|p| p.name == name)
     }
 
+    /// True if `other` has the same parameters in the same order, with priors that are equal up to their bounds.
+    pub fn equals_up_to_bounds(&self, other: &Self) -> bool {
+        let pairs = || self.parameters.iter().zip(&other.parameters);
+        self.dimension() == other.dimension()
+            && pairs().all(|(a, b)| a.name == b.name && a.prior.equals_up_to_bounds(&b.prior))
+    }
+
     /// Converts `theta` (length D) to unit coordinates (length D).
     pub fn to_unit(&self, theta: &[f64]) -> Vec<f64> {
         self.parameters.iter().zip(theta).map(|(p, &v)| p.prior.to_unit(v)).collect()
@@ -140,6 +147,19 @@ mod tests {
             let back = s.to_unit(&s.from_unit(&[u, v]));
             prop_assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn spaces_that_differ_by_bounds_are_told_from_other_spaces() {
+        let wide = |name: &str| {
+            let mut parameters = space().parameters().to_vec();
+            parameters[1] = Parameter { name: name.into(), prior: Prior::LogUniform { low: 1e3, high: 2e5 } };
+            ParameterSpace::new(parameters).unwrap()
+        };
+        assert!(space().equals_up_to_bounds(&wide("youngs_modulus_pa")) && space() != wide("youngs_modulus_pa"));
+        assert!(!space().equals_up_to_bounds(&wide("bending_stiffness_n_m2")));
+        let shorter = ParameterSpace::new(space().parameters()[..1].to_vec()).unwrap();
+        assert!(!space().equals_up_to_bounds(&shorter));
     }
 
     #[test]

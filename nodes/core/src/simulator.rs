@@ -166,6 +166,13 @@ pub trait Simulator {
         let _ = until;
         self.simulate(request)
     }
+
+    /// Smallest and largest value of the parameter or effect called `name` that the simulator accepts, in the parameter's
+    /// unit: the physical limits of a prior's support. None if they are unknown, as in the default implementation.
+    fn range_of(&self, name: &str) -> Option<[f64; 2]> {
+        let _ = name;
+        None
+    }
 }
 
 /// Derivative of a frame with respect to a parameter, per unit of the parameter.

@@ -9,7 +9,7 @@ use catenary_core::{
 };
 use catenary_simulator::{BeamSimulator, Registry};
 use effect_finder::data::Quantity;
-use effect_finder::node::convert::candidates;
+use effect_finder::node::convert::{candidates, templates};
 use effect_finder::report::{Localisation, Part};
 use effect_finder::{Candidate, Finding, Outcome, Question, Settings, Verdict, find};
 use rand_distr::{Distribution, StandardNormal};
@@ -62,7 +62,8 @@ fn episode(effects: &[(&str, f64)], number: u64) -> MeasuredTrack {
         first_episode: 0,
         noise: true,
     };
-    let track = BeamSimulator::new(&model(), 1).unwrap().simulate(&request).unwrap().remove(0);
+    let simulator = BeamSimulator::with_effects(&model(), &Registry::complete(), 1).unwrap();
+    let track = simulator.simulate(&request).unwrap().remove(0);
     MeasuredTrack {
         name: format!("episode {number}"),
         track,
@@ -138,14 +139,15 @@ fn quick() -> Settings {
 }
 
 fn find_with(question: Question<'_>, settings: &Settings) -> Outcome {
-    let simulator = BeamSimulator::new(question.model, 2).unwrap();
+    let simulator = BeamSimulator::with_effects(question.model, &Registry::with_templates(), 2).unwrap();
     let outcome = find(question, &simulator, settings, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(outcome.shown.len() >= question.measured.len());
     outcome
 }
 
 fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
-    let outcome = find_quickly(Question { model, measured, validation: &[], held_out: &[], candidates });
+    let outcome =
+        find_quickly(Question { model, measured, validation: &[], held_out: &[], candidates, templates: &[] });
     (outcome.finding, outcome.model)
 }
 
@@ -158,6 +160,37 @@ fn a_world_without_a_hidden_effect_has_no_gap() {
     // The interval of 5 to 95 % spans 3.3 standard deviations.
     assert!((length.value - LENGTH_M).abs() < length.q95 - length.q05, "{length:?}");
     assert!(length.q95 - length.q05 < 0.01, "{length:?}");
+}
+
+/// Effects of which no candidate is offered, and none of which is a template itself.
+#[test]
+fn what_is_missing_is_told_by_its_part_its_place_and_its_time() {
+    let model = model();
+    let templates = templates(&Registry::with_templates(), &model);
+    assert!(templates.iter().all(|t| t.hook != "actuation"), "no arm acts on a measured path");
+    let missing = |effects: &[(&str, f64)]| {
+        let measured = [episode(effects, 7)];
+        let question = Question {
+            model: &model,
+            measured: &measured,
+            validation: &[],
+            held_out: &[],
+            candidates: &[],
+            templates: &templates,
+        };
+        let finding = find_quickly(question).finding;
+        assert_eq!(finding.verdict, Verdict::NoneOfThese);
+        finding.missing.unwrap_or_else(|| panic!("{effects:?}: {:?}", finding.conclusions))
+    };
+    let kink = missing(&[("kink_rad", 0.5), ("unlisted_place", 0.6)]);
+    assert_eq!((kink.hook.as_str(), kink.form.frequency_hz), ("material", None));
+    assert!(kink.form.place.is_some_and(|place| (place - 0.6).abs() <= 0.1), "{kink:?}");
+    // It blows from 1.5 s to 3 s.
+    let gust = missing(&[("gust_n_m", 0.2)]);
+    assert_eq!((gust.hook.as_str(), gust.form.place), ("force", None));
+    assert!(gust.phase_s[1] > 1.5 && gust.probability > 0.5, "{gust:?}");
+    let bump = missing(&[("camera_bump", 0.03)]);
+    assert_eq!(bump.hook, "observation", "{bump:?}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::beam::Discretisation;
 use crate::effects::Registry;
 use crate::episode::{self, Conditions, EpisodeSimulation, StopCriterion, effects_of};
-use crate::parameters::{ParameterError, known};
+use crate::parameters::{ParameterError, known, range_of};
 use crate::{sensitivity, workers};
 use catenary_core::simulator::{DifferentiableSimulator, Drive, IsEnough, SimulatorError, TrackSensitivities, Until};
 use catenary_core::{Fidelity, Model, SimulationRequest, Simulator, Track};
@@ -184,6 +184,10 @@ impl Simulator for BeamSimulator {
     fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
         self.simulate_each(request, until.is_enough)
     }
+
+    fn range_of(&self, name: &str) -> Option<[f64; 2]> {
+        range_of(&self.registry, name).ok()
+    }
 }
 
 impl DifferentiableSimulator for BeamSimulator {
@@ -347,6 +351,14 @@ mod tests {
         let sd = (u.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 199.0).sqrt();
         // The standard deviation of 200 draws is known to within 5 %.
         assert!((sd - model.camera.keypoint_noise_px).abs() < 0.12, "{sd} px");
+    }
+
+    #[test]
+    fn the_range_of_a_parameter_or_an_effect_is_that_of_the_catalogue() {
+        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        let of = |name| Simulator::range_of(&simulator, name);
+        assert_eq!((of("length_m"), of("tip_mass")), (Some([0.01, 10.0]), None));
+        assert_eq!(of("kelvin_voigt_time_s").map(|[low, _]| low), Some(0.0), "an effect");
     }
 
     #[test]

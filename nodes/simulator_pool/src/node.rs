@@ -77,12 +77,17 @@ impl Pool {
                 let count = now.equilibria - before.equilibria;
                 tracing::warn!("{count} shapes at the start of an episode had not come to rest");
             }
+            let ranges = simulator.model().theta.parameters().iter().map(|p| simulator.range_of(&p.name));
+            // A simulator is only made of known parameters, so that each has a range.
+            let (theta_low, theta_high) = ranges.flatten().map(|[low, high]| (low, high)).unzip();
             Ok(SimulateResponse {
                 success: true,
                 message: String::new(),
                 tracks: tracks.iter().map(wire::track_to_msg).collect(),
                 unconverged_steps: now.steps - before.steps,
                 version: VERSION.to_owned(),
+                theta_low,
+                theta_high,
                 fingerprint,
             })
         };

@@ -33,11 +33,7 @@ pub struct Predictive {
 /// Coverage of the nominal 90 % band below which the model is in doubt.
 ///
 /// Coverage of one recording scatters more than that of independent coordinates: errors of the parameters and of the camera
-/// shift all frames together. Of 100 recordings that the model itself had simulated (40 of the soft bar, 60 of the measured
-/// cable), the least coverage was 84 %: a rate of false alarms below 4 % (95 % bound). With exact posteriors it is 3 % if the
-/// camera's displacement is half of the noise, and 13 % if it is as large. Asking for a small p value
-/// as well would lower that, and hide misfits: a real cable under a prior that excludes its rest curvature has a coverage of
-/// 69 % and p = 0.04.
+/// shift all frames together. Therefore the limit is far below the nominal share.
 const LOW_COVERAGE: f64 = 0.8;
 /// p value of the predictive check at or below which the model is in doubt: a rate of false alarms of at most 1 %.
 const IMPROBABLE: f64 = 0.01;

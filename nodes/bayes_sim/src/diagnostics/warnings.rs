@@ -2,11 +2,11 @@
 
 use super::parts::Part;
 use super::predictive::{Predictive, PredictiveCheck, Unchecked};
-use catenary_core::Posterior;
+use crate::prior_support::PriorSupport;
+use crate::sequential::{DRAWS, Side, pressed};
 use catenary_core::mixture::MixtureError;
+use catenary_core::{Posterior, Prior, seed};
 
-/// Number of draws for the check of the prior's edges.
-const EDGE_DRAWS: usize = 4_000;
 /// Share of the prior's range at either end that counts as its edge.
 const EDGE: f64 = 0.05;
 /// Share of the posterior at an edge above which a warning is given: six times the prior's share.
@@ -25,32 +25,69 @@ const FAR_SPREADS: f64 = 3.0;
 /// Coverage of the nominal 90 % band below which the posterior may be a misfit.
 const NO_COVERAGE: f64 = 0.3;
 
-/// Warnings about edges of the prior near which much of the posterior lies.
+/// Warnings about edges of the prior on which the posterior presses: much of it lies near the edge, or the mixture before its
+/// truncation lies there by the rule that moves an adaptive support. `support` is the setting of the inference, and `range_of`
+/// returns the values of a parameter that the simulator accepts.
 ///
 /// # Errors
 /// [`MixtureError`] if the posterior has no mass inside of the prior's support.
-pub fn edge_warnings(posterior: &Posterior) -> Result<Vec<String>, MixtureError> {
-    let draws = posterior.sample(EDGE_DRAWS, 0)?;
+pub fn edge_warnings(
+    posterior: &Posterior,
+    support: PriorSupport,
+    range_of: &dyn Fn(&str) -> Option<[f64; 2]>,
+) -> Result<Vec<String>, MixtureError> {
+    let inside = posterior.sample(DRAWS, 0)?;
+    let mut rng = seed::rng(0, 1);
+    let all: Vec<Vec<f64>> = (0..DRAWS).map(|_| posterior.mixture.sample(&mut rng)).collect();
     let mut warnings = Vec::new();
     for (i, p) in posterior.parameters.parameters().iter().enumerate() {
-        let share = |near: &dyn Fn(f64) -> bool| {
-            draws.iter().filter(|t| near(p.prior.to_unit(t[i]))).count() as f64 / draws.len() as f64
-        };
+        let pressed = pressed(all.iter().map(|u| u[i]));
+        let limits = range_of(&p.name);
         let (low, high) = p.prior.bounds();
-        let sides: [(&str, f64, f64); 2] =
-            [("lower", low, share(&|u| u < EDGE)), ("upper", high, share(&|u| u > 1.0 - EDGE))];
-        for (side, bound, at_edge) in sides {
-            if at_edge > PRESSED {
-                warnings.push(format!(
-                    "{}: {:.0} % of the posterior lies in the {:.0} % of the prior next to its {side} bound {bound}: the prior may be too narrow, and the posterior falsely certain",
-                    p.name,
-                    100.0 * at_edge,
-                    100.0 * EDGE
-                ));
-            }
+        for (side, bound) in [(Side::Lower, low), (Side::Upper, high)] {
+            let is_near = |u: f64| if side == Side::Lower { u < EDGE } else { u > 1.0 - EDGE };
+            let near = inside.iter().filter(|t| is_near(p.prior.to_unit(t[i]))).count() as f64 / DRAWS as f64;
+            let beyond = pressed.filter(|(of, _)| *of == side).map(|(_, share)| 100.0 * share);
+            let place = match beyond {
+                _ if near > PRESSED => {
+                    format!(
+                        "{:.0} % of the posterior lies in the {:.0} % of the prior next to its",
+                        100.0 * near,
+                        100.0 * EDGE
+                    )
+                }
+                Some(share) => {
+                    format!("{share:.0} % of the mixture before its truncation lies at or beyond the prior's")
+                }
+                None => continue,
+            };
+            let is_limit =
+                limits.is_some_and(|[least, most]| if side == Side::Lower { low <= least } else { high >= most });
+            let is_free = limits.is_some() && !matches!(p.prior, Prior::Mixture(_));
+            warnings.push(format!(
+                "{}: {place} {} bound {bound}: {}",
+                p.name,
+                side.name(),
+                advice(support, is_limit, is_free)
+            ));
         }
     }
     Ok(warnings)
+}
+
+/// Consequence of a posterior that presses on a bound. `is_limit`: the simulator accepts nothing beyond the bound; `is_free`:
+/// the prior has bounds that can move, and the simulator's limits are known.
+fn advice(support: PriorSupport, is_limit: bool, is_free: bool) -> &'static str {
+    match support {
+        _ if is_limit => "the simulator accepts no value beyond this bound, so that no prior reaches farther",
+        PriorSupport::Fixed if is_free => {
+            "the prior may be too narrow, and the posterior falsely certain; with prior_support adaptive, the support grows there"
+        }
+        PriorSupport::Adaptive(_) if is_free => {
+            "the prior may be too narrow, and the posterior falsely certain; with more iterations, the support grows farther"
+        }
+        _ => "the prior may be too narrow, and the posterior falsely certain",
+    }
 }
 
 /// Warnings from the figures of an inference.
@@ -140,14 +177,35 @@ mod tests {
     fn a_posterior_at_an_edge_gets_a_warning() {
         let p = Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 1.0, high: 2.0 } };
         let space = ParameterSpace::new(vec![p]).unwrap();
-        let at = |mean: f64| {
-            let mixture =
-                Mixture::new(&[1.0], vec![DVector::from_element(1, mean)], vec![DMatrix::from_element(1, 1, 4e-4)])
-                    .unwrap();
-            edge_warnings(&Posterior { parameters: space.clone(), mixture }).unwrap()
+        let of = |mean: f64, sd: f64, support, limits: Option<[f64; 2]>| {
+            let (mean, covariance) = (DVector::from_element(1, mean), DMatrix::from_element(1, 1, sd * sd));
+            let mixture = Mixture::new(&[1.0], vec![mean], vec![covariance]).unwrap();
+            let posterior = Posterior { parameters: space.clone(), mixture };
+            edge_warnings(&posterior, support, &|_| limits).unwrap()
         };
-        assert_eq!(at(0.5), Vec::<String>::new());
-        assert!(at(0.99)[0].contains("upper bound 2") && at(0.99)[0].contains("length_m"));
+        let (fixed, wide) = (PriorSupport::Fixed, Some([0.0, 9.0]));
+        assert_eq!(of(0.5, 0.02, fixed, wide), Vec::<String>::new());
+        assert_eq!(of(0.5, 9.0, fixed, wide), Vec::<String>::new(), "undetermined");
+        let narrow = of(0.99, 0.02, fixed, wide).remove(0);
+        assert!(narrow.starts_with("length_m: ") && narrow.contains("of the posterior lies in the 5 % of the prior"));
+        assert!(
+            narrow.contains("next to its upper bound 2: ") && narrow.contains("prior_support adaptive"),
+            "{narrow}"
+        );
+        // A wide mixture about a mean outside: few draws inside of the support lie near its edge.
+        let outside = of(1.1, 0.6, fixed, wide).remove(0);
+        assert!(
+            outside.contains("of the mixture before its truncation lies at or beyond the prior's upper"),
+            "{outside}"
+        );
+        let ends = |support, limits| of(0.0, 0.02, support, limits).remove(0);
+        assert!(
+            ends(fixed, Some([1.0, 9.0])).ends_with(
+                "bound 1: the simulator accepts no value beyond this bound, so that no prior reaches farther"
+            )
+        );
+        assert!(ends(PriorSupport::ADAPTIVE, wide).ends_with("with more iterations, the support grows farther"));
+        assert!(ends(fixed, None).ends_with("and the posterior falsely certain"), "a simulator without known limits");
     }
 
     #[test]

@@ -1,9 +1,12 @@
 //! Ensemble of networks. Each network holds out its own share of the samples and trains on the rest. The density of the
 //! ensemble is the mean of the networks' densities.
 
+use super::conformal::{self, Marginal};
+use super::head::Parts;
 use super::inflation::{self, Member};
-use super::{Epoch, Network, Samples, Shape, TrainingError, train};
+use super::{Activations, Epoch, Network, Samples, Shape, TrainingError, train};
 use crate::settings::Settings;
+use crate::unit_map::UnitMap;
 use catenary_core::mixture::MixtureError;
 use catenary_core::{Mixture, seed};
 use serde::{Deserialize, Serialize};
@@ -42,6 +45,17 @@ pub struct Outcome {
     pub held_out_loss: f64,
 }
 
+/// Factors that widen a posterior until its intervals hold their share of held-out samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IntervalFactors {
+    /// Number of held-out samples, summed over the networks.
+    pub held_out: usize,
+    /// Factor of the standard deviations along each axis (D), at least 1.
+    pub factors: Vec<f64>,
+    /// Share of held-out samples in their 90 % intervals before, by axis (D).
+    pub coverage: Vec<f64>,
+}
+
 impl Ensemble {
     /// Returns true if every network is complete, finite and of `shape`. Networks from a file can be
     /// incomplete, not finite or of another shape.
@@ -52,6 +66,11 @@ impl Ensemble {
     /// Networks in order.
     pub fn networks(&self) -> &[Network] {
         &self.networks
+    }
+
+    /// Converts the mixtures of all networks to other unit coordinates.
+    pub(crate) fn map_thetas(&mut self, map: &UnitMap) {
+        self.networks.iter_mut().for_each(|n| n.map_thetas(map));
     }
 
     /// Trains `settings.ensemble` networks of `shape`, with a warm start from networks of that shape in `before`. `listen` gets
@@ -94,9 +113,47 @@ impl Ensemble {
     /// # Errors
     /// [`MixtureError`] if the outputs of the networks are no valid mixture.
     pub fn mixture(&self, batch: &Samples) -> Result<Mixture, MixtureError> {
+        self.joined(|network| network.mixture_parts(batch))
+    }
+
+    /// Mean of the networks' mixtures at the one sample in `batch`, with standard deviations multiplied by `factors` (D) along
+    /// the axes.
+    ///
+    /// # Errors
+    /// [`MixtureError`] if the outputs of the networks are no valid mixture.
+    pub fn widened_mixture(&self, batch: &Samples, factors: &[f64]) -> Result<Mixture, MixtureError> {
+        self.joined(|network| network.widened_parts(batch, factors))
+    }
+
+    /// Interval factors from the samples that the networks held out of `training`, each of its own.
+    pub fn interval_factors(&self, training: &Training<'_>, held_out_share: f64) -> IntervalFactors {
+        let dimension = training.data.dimension();
+        let mut marginals: Vec<Vec<Marginal>> = (0..dimension).map(|_| Vec::new()).collect();
+        for (member, network) in self.networks.iter().enumerate() {
+            let (held_out, _) = split(training, held_out_share, member);
+            let batch = training.data.gather(&held_out);
+            let mut work = Activations::default();
+            let raw = network.forward(&network.inputs(&batch), &mut work);
+            for (i, raw) in raw.chunks_exact(network.shape().head.outputs()).enumerate() {
+                let parts = network.parts(raw);
+                for (axis, list) in marginals.iter_mut().enumerate() {
+                    let weight = training.weights[held_out[i]];
+                    list.push(Marginal::new(&parts, axis, batch.theta(i)[axis], weight));
+                }
+            }
+        }
+        IntervalFactors {
+            held_out: marginals.first().map_or(0, Vec::len),
+            factors: marginals.iter().map(|m| conformal::factor(m)).collect(),
+            coverage: marginals.iter().map(|m| conformal::coverage(m, 1.0)).collect(),
+        }
+    }
+
+    /// Mean of one mixture of each network.
+    fn joined(&self, parts: impl Fn(&Network) -> Parts) -> Result<Mixture, MixtureError> {
         let (mut weights, mut means, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
         for network in &self.networks {
-            let (w, m, c) = network.mixture_parts(batch);
+            let (w, m, c) = parts(network);
             weights.extend(w);
             means.extend(m);
             covariances.extend(c);

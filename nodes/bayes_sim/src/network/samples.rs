@@ -2,6 +2,7 @@
 
 use crate::embedding::TrackInput;
 use crate::embedding::input::{CHANNELS, POINT_VALUES, PRESENCE};
+use crate::unit_map::UnitMap;
 use serde::{Deserialize, Serialize};
 
 /// N samples of D coordinates each, with tracks of F frames, rows of X plain numbers, or both.
@@ -95,6 +96,13 @@ impl Samples {
     /// Unit coordinates of all samples, N x D.
     pub fn thetas(&self) -> &[f64] {
         &self.theta
+    }
+
+    /// Converts the unit coordinates of all samples.
+    pub(crate) fn map_thetas(&mut self, map: &UnitMap) {
+        if self.dimension > 0 {
+            self.theta.chunks_exact_mut(self.dimension).for_each(|u| u.copy_from_slice(&map.apply(u)));
+        }
     }
 
     /// Keypoints of all samples, N x F x 4 x 2.

@@ -3,6 +3,7 @@
 use super::truncation::Support;
 use super::{Samples, Shape};
 use crate::embedding::input::{POINT_VALUES, PRESENCE};
+use crate::unit_map::UnitMap;
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation below which a column counts as constant.
@@ -119,6 +120,12 @@ impl Standardisation {
         }
         self.theta_centre = moments.iter().map(|m| m.finish().0).collect();
         self.theta_scale = moments.iter().map(|m| m.finish().1.max(LEAST_SPREAD)).collect();
+    }
+
+    /// Converts the centre and the scale of theta to other unit coordinates: whitened coordinates stay the same.
+    pub(super) fn map_theta(&mut self, map: &UnitMap) {
+        self.theta_centre = map.apply(&self.theta_centre);
+        self.theta_scale.iter_mut().zip(map.scale()).for_each(|(s, by)| *s *= by);
     }
 
     /// Standardised keypoints of `batch`, N x F x 4 x 2.

@@ -47,7 +47,7 @@ impl Lattice {
 }
 
 /// Standard normal distribution truncated to an interval.
-struct Between {
+pub(super) struct Between {
     low: f64,
     high: f64,
     /// Mass inside of the interval.
@@ -59,11 +59,16 @@ struct Between {
 
 impl Between {
     /// Distribution between `low` and `high`.
-    fn new(low: f64, high: f64) -> Self {
+    pub(super) fn new(low: f64, high: f64) -> Self {
         let above = |z: f64| 0.5 * erfc(z * FRAC_1_SQRT_2);
         let (near, far) = if low > 0.0 { (low, high) } else { (-high, -low) };
         let tail = above(far);
         Self { low, high, mass: above(near) - tail, tail }
+    }
+
+    /// Mass inside of the interval.
+    pub(super) fn mass(&self) -> f64 {
+        self.mass
     }
 
     /// Point below which `share` of the mass lies.

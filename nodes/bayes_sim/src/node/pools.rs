@@ -5,7 +5,7 @@
 
 use crate::convert;
 use crate::dispatch::{Answered, Dispatch, Event, Limits};
-use catenary_core::{SimulationRequest, Simulator, SimulatorError, Track};
+use catenary_core::{Model, SimulationRequest, Simulator, SimulatorError, Track};
 use catenary_msgs::srv::{Simulate, SimulateResponse};
 use catenary_shell::convert as wire;
 use catenary_shell::{CallError, Client, Node, Param, Shutdown};
@@ -73,11 +73,15 @@ impl Pools {
         *lock(&self.totals)
     }
 
-    /// Simulator of one model, which fails once `is_cancelled` returns true.
-    pub fn simulator<'a>(&'a self, model_yaml: &'a str, is_cancelled: &'a dyn Fn() -> bool) -> PoolsSimulator<'a> {
+    /// Simulator of one model, with the text of its file. It fails once `is_cancelled` returns true.
+    pub fn simulator<'a>(
+        &'a self,
+        (model_yaml, model): (&'a str, &'a Model),
+        is_cancelled: &'a dyn Fn() -> bool,
+    ) -> PoolsSimulator<'a> {
         let dispatch = Dispatch::new(Limits::of_parts(1));
-        let state = State { dispatch, fingerprint: None, shared_names: BTreeMap::new() };
-        PoolsSimulator { pools: self, model_yaml, is_cancelled, start: Instant::now(), state: Mutex::new(state) }
+        let state = State { dispatch, fingerprint: None, ranges: BTreeMap::new(), shared_names: BTreeMap::new() };
+        PoolsSimulator { pools: self, model_yaml, model, is_cancelled, start: Instant::now(), state: Mutex::new(state) }
     }
 
     /// Services present in the graph, each with the number of nodes that serve it.
@@ -125,6 +129,8 @@ struct State {
     dispatch: Dispatch,
     /// Fingerprint of the model in the first answer, and the pool that gave it.
     fingerprint: Option<(u64, String)>,
+    /// Range of each inferred parameter in the first answer: smallest and largest value that the pools accept.
+    ranges: BTreeMap<String, [f64; 2]>,
     /// Services that several nodes serve under one name.
     shared_names: BTreeMap<String, SharedName>,
 }
@@ -140,6 +146,7 @@ struct SharedName {
 pub struct PoolsSimulator<'a> {
     pools: &'a Pools,
     model_yaml: &'a str,
+    model: &'a Model,
     is_cancelled: &'a dyn Fn() -> bool,
     start: Instant,
     state: Mutex<State>,
@@ -190,6 +197,11 @@ impl Simulator for PoolsSimulator<'_> {
         drop(totals);
         tracing::debug!("{} episodes in {:.3} s", tracks.len(), self.now_s() - begun_s);
         Ok(tracks)
+    }
+
+    /// Range in the pools' answers; none before the first batch.
+    fn range_of(&self, name: &str) -> Option<[f64; 2]> {
+        lock(&self.state).ranges.get(name).copied()
     }
 }
 
@@ -352,6 +364,11 @@ impl<'scope, 'a> Batch<'scope, 'a> {
         }
         let tracks = answer.tracks.iter().map(wire::track_from_msg).collect::<Result<Vec<Track>, _>>();
         let tracks = tracks.map_err(|e| backend(&e))?;
+        if state.ranges.is_empty() {
+            let ranges = answer.theta_low.iter().zip(&answer.theta_high).map(|(low, high)| [*low, *high]);
+            let names = self.simulator.model.theta.parameters().iter().map(|p| p.name.clone());
+            state.ranges = names.zip(ranges).collect();
+        }
         if let Answered::First(episodes) = state.dispatch.answered(call, now_s) {
             if tracks.len() != episodes.len() {
                 let (expected, got) = (episodes.len(), tracks.len());

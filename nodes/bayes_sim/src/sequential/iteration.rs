@@ -1,5 +1,6 @@
 //! Account of one iteration.
 
+use super::support::SupportMove;
 use serde::{Deserialize, Serialize};
 
 /// Account of one iteration.
@@ -23,4 +24,7 @@ pub struct Iteration {
     pub proposal_volume: f64,
     /// Passes over the tracks, summed over the networks.
     pub epochs: usize,
+    /// Moves of the prior's support after the iteration; the next one draws from the moved prior.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub moves: Vec<SupportMove>,
 }

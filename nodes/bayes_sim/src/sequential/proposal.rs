@@ -3,6 +3,7 @@
 use super::region::{MOST_DRAWS, Region};
 use crate::error::InferenceError;
 use crate::settings::ProposalKind;
+use crate::unit_map::UnitMap;
 use catenary_core::Mixture;
 use catenary_core::mixture::{MixtureError, in_unit_cube};
 use rand::{Rng, RngExt};
@@ -28,6 +29,63 @@ pub enum Proposal {
     },
 }
 
+/// Proposal of an iteration with the number of its draws.
+#[derive(Debug, Clone)]
+pub struct Drawn {
+    proposal: Proposal,
+    /// Number of draws, including those with unusable tracks.
+    count: usize,
+    /// Map from the unit coordinates of the newest support to those of the proposal; none if the support has not moved since.
+    to_own: Option<UnitMap>,
+}
+
+impl Drawn {
+    /// Proposal over the unit coordinates of the newest support, from which `count` thetas were drawn.
+    pub fn new(proposal: Proposal, count: usize) -> Self {
+        Self { proposal, count, to_own: None }
+    }
+
+    /// Follows a move of the support, whose new unit coordinates are the image of the old ones under `map`.
+    pub(super) fn follow(&mut self, map: &UnitMap) {
+        let back = map.inverse();
+        self.to_own = Some(self.to_own.as_ref().map_or_else(|| back.clone(), |to_own| back.then(to_own)));
+    }
+
+    /// Proposal over its own unit coordinates.
+    pub fn proposal(&self) -> &Proposal {
+        &self.proposal
+    }
+
+    /// Number of draws.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Density at `u` in the unit coordinates of the newest support.
+    pub fn density(&self, u: &[f64]) -> f64 {
+        match &self.to_own {
+            None => self.proposal.density(u),
+            Some(_) if !in_unit_cube(u) => 0.0,
+            Some(map) => self.proposal.density(&map.apply(u)) * map.volume(),
+        }
+    }
+
+    /// Returns true if networks train on a track simulated at `u` while this is the newest proposal.
+    pub fn covers(&self, u: &[f64]) -> bool {
+        match &self.to_own {
+            None => self.proposal.covers(u),
+            Some(map) => self.proposal.covers(&map.apply(u)),
+        }
+    }
+
+    /// Volume of the proposal's support in the unit coordinates of the newest support.
+    pub fn volume(&self) -> f64 {
+        // The whole prior for proposals that cover it with some density everywhere.
+        let volume = if let Proposal::Region(region) = &self.proposal { region.volume() } else { 1.0 };
+        (volume / self.to_own.as_ref().map_or(1.0, UnitMap::volume)).min(1.0)
+    }
+}
+
 impl Proposal {
     /// Proposal of `kind` for the posterior `mixture`. The previous proposal `last` is kept if the mixture has no mass inside
     /// of the prior's support: networks trained on few tracks may extrapolate so far.
@@ -37,15 +95,16 @@ impl Proposal {
     pub fn next<R: Rng>(
         kind: ProposalKind,
         mixture: &Mixture,
-        last: &Proposal,
+        last: &Drawn,
         iteration: usize,
         rng: &mut R,
     ) -> Result<Self, InferenceError> {
+        // A proposal over an earlier support is not kept: it may reach out of the newest one.
+        let kept = || if last.to_own.is_none() { last.proposal.clone() } else { Proposal::Prior };
         match kind {
             ProposalKind::Truncated { tail, least_shrink } => {
-                let volume = if let Proposal::Region(region) = last { region.volume() } else { 1.0 };
-                match Region::new(mixture, tail, least_shrink * volume, rng) {
-                    Err(MixtureError::OutsideSupport) => Ok(last.clone()),
+                match Region::new(mixture, tail, least_shrink * last.volume(), rng) {
+                    Err(MixtureError::OutsideSupport) => Ok(kept()),
                     Err(reason) => Err(InferenceError::Posterior { iteration, reason }),
                     Ok(region) => Ok(Proposal::Region(Box::new(region))),
                 }
@@ -53,7 +112,7 @@ impl Proposal {
             ProposalKind::Posterior { prior_share } => {
                 let inside = 1.0 - mixture.mass_outside(MASS_DRAWS, rng);
                 if inside <= 0.0 {
-                    return Ok(last.clone());
+                    return Ok(kept());
                 }
                 Ok(Proposal::Mixture { mixture: Box::new(mixture.clone()), inside, prior_share })
             }
@@ -80,7 +139,8 @@ impl Proposal {
     pub fn covers(&self, u: &[f64]) -> bool {
         match self {
             Proposal::Region(region) => region.contains(u),
-            _ => true,
+            // A track of an earlier support may lie outside of the newest one.
+            _ => in_unit_cube(u),
         }
     }
 
@@ -106,13 +166,13 @@ impl Proposal {
 }
 
 /// Importance weights of the draws `theta` from several proposals: the ratio of the prior to the mixture of all proposals, by
-/// the balance heuristic (Veach and Guibas 1995). `proposals` holds each proposal with its number of draws, including draws
-/// with unusable tracks: usability depends on theta and not on the proposal.
-pub fn balance_weights<'a>(theta: impl Iterator<Item = &'a [f64]>, proposals: &[(Proposal, usize)]) -> Vec<f64> {
-    let total: usize = proposals.iter().map(|(_, n)| n).sum();
+/// the balance heuristic (Veach and Guibas 1995). The numbers of draws include those with unusable tracks: usability depends
+/// on theta and not on the proposal.
+pub fn balance_weights<'a>(theta: impl Iterator<Item = &'a [f64]>, proposals: &[Drawn]) -> Vec<f64> {
+    let total: usize = proposals.iter().map(Drawn::count).sum();
     theta
         .map(|u| {
-            let density: f64 = proposals.iter().map(|(p, n)| *n as f64 * p.density(u)).sum();
+            let density: f64 = proposals.iter().map(|p| p.count as f64 * p.density(u)).sum();
             total as f64 / density
         })
         .collect()
@@ -128,7 +188,7 @@ pub fn effective_sample_size(weights: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::seed;
+    use catenary_core::{Parameter, ParameterSpace, Prior, seed};
     use nalgebra::{DMatrix, DVector};
 
     fn posterior() -> Mixture {
@@ -138,22 +198,22 @@ mod tests {
     }
 
     fn next(kind: ProposalKind, stream: u64) -> Proposal {
-        Proposal::next(kind, &posterior(), &Proposal::Prior, 2, &mut seed::rng(61, stream)).unwrap()
+        Proposal::next(kind, &posterior(), &Drawn::new(Proposal::Prior, 1), 2, &mut seed::rng(61, stream)).unwrap()
     }
 
     /// Prior, region and mixture, with different numbers of draws.
-    fn proposals() -> Vec<(Proposal, usize)> {
+    fn proposals() -> Vec<Drawn> {
         vec![
-            (Proposal::Prior, 2_000),
-            (next(ProposalKind::Truncated { tail: 0.1, least_shrink: 1e-6 }, 0), 3_000),
-            (next(ProposalKind::Posterior { prior_share: 0.1 }, 1), 5_000),
+            Drawn::new(Proposal::Prior, 2_000),
+            Drawn::new(next(ProposalKind::Truncated { tail: 0.1, least_shrink: 1e-6 }, 0), 3_000),
+            Drawn::new(next(ProposalKind::Posterior { prior_share: 0.1 }, 1), 5_000),
         ]
     }
 
     /// Draws from all proposals that `usable` accepts.
-    fn draws(proposals: &[(Proposal, usize)], usable: &dyn Fn(&[f64]) -> bool, stream: u64) -> Vec<Vec<f64>> {
+    fn draws(proposals: &[Drawn], usable: &dyn Fn(&[f64]) -> bool, stream: u64) -> Vec<Vec<f64>> {
         let mut rng = seed::rng(62, stream);
-        let all = proposals.iter().flat_map(|(p, n)| std::iter::repeat_n(p, *n));
+        let all = proposals.iter().flat_map(|p| std::iter::repeat_n(p.proposal(), p.count()));
         all.map(|p| p.sample(2, 2, &mut rng).unwrap()).filter(|u| usable(u)).collect()
     }
 
@@ -165,10 +225,40 @@ mod tests {
         (mean, squares.sqrt() / total)
     }
 
+    /// Two parameters, each uniform from zero to `high`.
+    fn space(high: f64) -> ParameterSpace {
+        let named = |name: &str| Parameter { name: name.into(), prior: Prior::Uniform { low: 0.0, high } };
+        ParameterSpace::new(vec![named("x"), named("y")]).unwrap()
+    }
+
+    #[test]
+    fn weights_turn_draws_over_an_earlier_support_into_the_newest_prior() {
+        let mut proposals = proposals();
+        let map = UnitMap::new(&space(1.0), &space(1.6));
+        let moved: Vec<Vec<f64>> = draws(&proposals, &|_| true, 3).iter().map(|u| map.apply(u)).collect();
+        proposals.iter_mut().for_each(|p| p.follow(&map));
+        // Draws from the newest prior, too: earlier ones leave the new ground empty.
+        let mut all = draws(&[Drawn::new(Proposal::Prior, 4_000)], &|_| true, 4);
+        all.extend(moved);
+        proposals.push(Drawn::new(Proposal::Prior, 4_000));
+        let weights = balance_weights(all.iter().map(Vec::as_slice), &proposals);
+        for axis in 0..2 {
+            let (value, error) = estimate(&all, &weights, &|u| u[axis]);
+            assert!((value - 0.5).abs() < 4.0 * error + 0.003, "axis {axis}: {value} +- {error}");
+        }
+        // Twice moved, and back.
+        let density = proposals[1].density(&[0.2, 0.22]);
+        assert!(density > 0.0 && proposals[1].density(&[0.9, 0.9]) == 0.0);
+        proposals[1].follow(&map.inverse());
+        let own = proposals[1].proposal().density(&map.inverse().apply(&[0.2, 0.22]));
+        assert!((proposals[1].density(&map.inverse().apply(&[0.2, 0.22])) - own).abs() < 1e-9 * own);
+        assert!((density - own / map.volume()).abs() < 1e-9 * own, "{density}, {own}");
+    }
+
     #[test]
     fn every_density_integrates_to_one() {
         let at = |i: usize| (i as f64 + 0.5) / 400.0;
-        for (proposal, _) in proposals() {
+        for proposal in proposals() {
             let sum: f64 = (0..160_000).map(|i| proposal.density(&[at(i / 400), at(i % 400)]) / 160_000.0).sum();
             // A region's volume and a mixture's mass inside are estimates: 4 x 1.3 % and 4 x 0.2 %.
             assert!((sum - 1.0).abs() < 0.055, "{sum}: {proposal:?}");
@@ -216,7 +306,7 @@ mod tests {
         let region = next(ProposalKind::Truncated { tail: 0.1, least_shrink: 1e-6 }, 0);
         assert!(region.covers(&[0.3, 0.35]) && !region.covers(&[0.01, 0.99]) && !region.covers(&[1.2, 0.45]));
         assert!(next(ProposalKind::Posterior { prior_share: 0.1 }, 1).covers(&[0.01, 0.99]));
-        let both = [(Proposal::Prior, 100), (region.clone(), 100)];
+        let both = [Proposal::Prior, region].map(|p| Drawn::new(p, 100));
         let inside = [[0.3, 0.35], [0.32, 0.3], [0.6, 0.45]];
         let weights = balance_weights(inside.iter().map(<[f64; 2]>::as_slice), &both);
         assert!(weights.iter().all(|w| *w == weights[0]), "{weights:?}");
@@ -226,7 +316,7 @@ mod tests {
     #[test]
     fn a_share_of_the_prior_bounds_the_weights() {
         let prior_share = 0.1;
-        let only = [(next(ProposalKind::Posterior { prior_share }, 1), 1_000)];
+        let only = [Drawn::new(next(ProposalKind::Posterior { prior_share }, 1), 1_000)];
         let draws = draws(&only, &|_| true, 2);
         let weights = balance_weights(draws.iter().map(Vec::as_slice), &only);
         let greatest = weights.iter().copied().fold(0.0, f64::max);
@@ -249,12 +339,17 @@ mod tests {
             [ProposalKind::Truncated { tail: 1e-3, least_shrink: 0.25 }, ProposalKind::Posterior { prior_share: 0.2 }];
         for kind in kinds {
             let mut rng = seed::rng(59, 0);
-            let first = Proposal::next(kind, &outside, &Proposal::Prior, 2, &mut rng).unwrap();
+            let prior = Drawn::new(Proposal::Prior, 100);
+            let first = Proposal::next(kind, &outside, &prior, 2, &mut rng).unwrap();
             assert!(matches!(first, Proposal::Prior), "{first:?}");
-            let narrow = Proposal::next(kind, &posterior(), &Proposal::Prior, 2, &mut rng).unwrap();
-            let next = Proposal::next(kind, &outside, &narrow, 3, &mut rng).unwrap();
+            let narrow = Proposal::next(kind, &posterior(), &prior, 2, &mut rng).unwrap();
+            let mut last = Drawn::new(narrow.clone(), 100);
+            let next = Proposal::next(kind, &outside, &last, 3, &mut rng).unwrap();
             let at = |p: &Proposal| [[0.3, 0.35], [0.99, 0.01]].map(|u| p.density(&u));
             assert_eq!(at(&next), at(&narrow));
+            // A proposal over an earlier support may reach out of the newest one.
+            last.follow(&UnitMap::new(&space(1.0), &space(2.0)));
+            assert!(matches!(Proposal::next(kind, &outside, &last, 3, &mut rng).unwrap(), Proposal::Prior));
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Continuation of an inference from the state of a process that was killed.
 
-use super::proposal::Proposal;
+use super::proposal::Drawn;
 use super::state::State;
-use super::{Sequential, Stream, covered};
+use super::{Sequential, covered, support};
 use crate::error::StateError;
 use crate::network::{Samples, Shape};
-use catenary_core::seed;
+use crate::prior_support::PriorSupport;
 
 impl Sequential<'_> {
     /// Continues from `state`, as if its iterations had been made here.
@@ -32,36 +32,45 @@ impl Sequential<'_> {
             let got = format!("{} with {} usable ones", state.simulations, state.samples.len());
             return broken("simulations", (made * self.settings.simulations).to_string(), got);
         }
-        // Proposals are not saved: the posteriors and the seed reproduce them.
-        let mut proposals = Vec::with_capacity(made);
-        for number in 1..=made {
-            let proposal = match (proposals.last(), number.checked_sub(2)) {
-                (Some((last, _)), Some(before)) => {
-                    let mut rng = seed::rng(self.seed(Stream::Proposal, number), 0);
-                    let next =
-                        Proposal::next(self.settings.proposal, &state.posteriors[before], last, number, &mut rng);
-                    match next {
-                        Ok(proposal) => proposal,
-                        Err(why) => return broken("posteriors", "some to draw from".into(), why.to_string()),
-                    }
-                }
-                _ => Proposal::Prior,
-            };
-            proposals.push((proposal, self.settings.simulations));
+        let moving = if self.settings.prior_support == PriorSupport::Fixed { 0 } else { made };
+        if state.supports.len() != moving || !state.supports.iter().all(|s| s.equals_up_to_bounds(self.space)) {
+            let expected = format!("{moving} with the parameters of the model");
+            return broken("supports", expected, format!("{} for {made} iterations", state.supports.len()));
         }
-        let networks = state.ensemble.networks().len();
+        let before = std::mem::replace(&mut self.state, state);
+        let checked = self.replay(made);
+        if checked.is_err() {
+            self.state = before;
+            self.proposals.clear();
+        }
+        checked
+    }
+
+    /// Makes the proposals of the `made` iterations of the state again, and checks the networks. Proposals are not saved: the
+    /// posteriors and the seed reproduce them.
+    fn replay(&mut self, made: usize) -> Result<(), StateError> {
+        let broken = |what, expected: String, got: String| Err(StateError::Broken { what, expected, got });
+        for number in 1..=made {
+            let posteriors = &self.state.posteriors[..number - 1];
+            match self.next_proposal(number, &self.proposals, posteriors) {
+                Ok(proposal) => self.proposals.push(Drawn::new(proposal, self.settings.simulations)),
+                Err(why) => return broken("posteriors", "some to draw from".into(), why.to_string()),
+            }
+            if let Some(map) = support::map(self.space_of(number), self.space_of(number + 1)) {
+                self.proposals.iter_mut().for_each(|p| p.follow(&map));
+            }
+        }
+        let (samples, ensemble) = (&self.state.samples, &self.state.ensemble);
+        let networks = ensemble.networks().len();
         let expected = self.settings.ensemble * usize::from(made > 0);
-        let fit = proposals.last().is_none_or(|(newest, _)| {
-            let indices = covered(&state.samples, newest);
-            !indices.is_empty()
-                && state.ensemble.fits(&Shape::of_samples(&state.samples.gather(&indices), self.settings))
+        let fit = self.proposals.last().is_none_or(|newest| {
+            let indices = covered(samples, newest);
+            !indices.is_empty() && ensemble.fits(&Shape::of_samples(&samples.gather(&indices), self.settings))
         });
         if networks != expected || !fit {
             let got = format!("{networks}{}", if fit { "" } else { " of others" });
             return broken("ensemble", format!("{expected} whole networks of this inference's sizes"), got);
         }
-        self.proposals = proposals;
-        self.state = state;
         Ok(())
     }
 }

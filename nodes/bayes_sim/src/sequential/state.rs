@@ -2,7 +2,7 @@
 
 use super::iteration::Iteration;
 use crate::network::{Ensemble, Samples};
-use catenary_core::Mixture;
+use catenary_core::{Mixture, ParameterSpace};
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's format.
@@ -17,14 +17,17 @@ pub struct State {
     /// Identity of the inference: model, recordings, settings and program.
     #[serde(rename = "question")]
     pub(super) fingerprint: u64,
-    /// Samples with usable tracks.
+    /// Samples with usable tracks, over the unit coordinates of the next iteration's support.
     pub(super) samples: Samples,
     /// Number of thetas simulated.
     pub(super) simulations: usize,
     /// Account of each iteration.
     pub(super) iterations: Vec<Iteration>,
-    /// Posterior after each iteration.
+    /// Posterior after each iteration, over the unit coordinates of its own support.
     pub(super) posteriors: Vec<Mixture>,
+    /// Parameters with the support of the iteration after each iteration; empty if the setting fixes the support.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) supports: Vec<ParameterSpace>,
     /// Networks after the last iteration.
     pub(super) ensemble: Ensemble,
 }
@@ -33,7 +36,8 @@ impl State {
     /// State before the first iteration.
     pub(crate) fn new(fingerprint: u64, samples: Samples) -> Self {
         let (iterations, posteriors, ensemble) = (Vec::new(), Vec::new(), Ensemble::default());
-        Self { version: VERSION, fingerprint, samples, simulations: 0, iterations, posteriors, ensemble }
+        let supports = Vec::new();
+        Self { version: VERSION, fingerprint, samples, simulations: 0, iterations, posteriors, supports, ensemble }
     }
 
     /// Accounts of the iterations made.
@@ -46,7 +50,7 @@ impl State {
         self.simulations
     }
 
-    /// Posterior after the last iteration, over unit coordinates.
+    /// Posterior after the last iteration, over the unit coordinates of that iteration's support.
     pub fn newest(&self) -> Option<&Mixture> {
         self.posteriors.last()
     }

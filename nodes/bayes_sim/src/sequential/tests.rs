@@ -4,6 +4,7 @@ mod calibration;
 mod classifier;
 pub(crate) mod linear_gaussian;
 mod random_runs;
+mod support;
 
 use super::*;
 use crate::embedding::{Embedding, Fourier};
@@ -319,7 +320,7 @@ fn unusable_tracks_are_left_out_without_bias() {
     let (iteration, _) = run(&mut sequential, &half, 2).unwrap();
     assert_eq!(iteration.simulations - iteration.unusable, iteration.tracks);
     assert!((250..650).contains(&iteration.tracks), "{iteration:?}");
-    assert!(sequential.proposals.iter().all(|(_, draws)| *draws == 400), "unusable draws count as draws");
+    assert!(sequential.proposals.iter().all(|p| p.count() == 400), "unusable draws count as draws");
     assert!(iteration.effective_sample_size < 0.97 * iteration.tracks as f64, "weights are all alike: {iteration:?}");
     let samples = sequential.samples();
     let weights = balance_weights((0..samples.len()).map(|i| samples.theta(i)), &sequential.proposals);

@@ -1,6 +1,6 @@
 //! Arguments of `bench`.
 
-use crate::options::{Output, Preset};
+use crate::options::{InferenceSizes, Output, Preset};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -49,6 +49,8 @@ pub enum Benchmark {
     },
     /// Calibration of posteriors over truths from the prior; a few hundred truths take hours
     Calibration(CalibrationArgs),
+    /// Priors whose support excludes the truth: fixed supports against three rules that move them
+    Support(SupportArgs),
     /// Networks with a set embedding against networks with a list of keypoints, on clean and corrupted tracks
     Networks(NetworksArgs),
     /// Posteriors against hidden truths, over seeds
@@ -80,6 +82,29 @@ pub struct CalibrationArgs {
     /// Sizes of the network and the schedule
     #[arg(long, value_enum, default_value = "default")]
     pub preset: Preset,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// `catenary bench support`.
+#[derive(Debug, Args)]
+pub struct SupportArgs {
+    /// Truths outside of the stated support, and as many inside; each is inferred with every rule
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub truths: u64,
+    /// Motions of each of the bars dlo_0 to dlo_3
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(0..=10_000))]
+    pub motions: u64,
+    /// Folder for runs.jsonl, from which an interrupted benchmark resumes
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model (file or name) of the truths; default: soft_bar
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Sizes of the inference
+    #[command(flatten)]
+    pub sizes: InferenceSizes,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

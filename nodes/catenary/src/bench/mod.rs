@@ -10,7 +10,9 @@ mod fidelity;
 mod inference;
 mod networks;
 mod pool;
+mod runs;
 mod sensitivities;
+mod support;
 mod training;
 
 use anyhow::Result;
@@ -24,6 +26,7 @@ pub fn run(arguments: &BenchArgs) -> Result<()> {
         Benchmark::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         Benchmark::Fidelity(arguments) => fidelity::run(arguments),
         Benchmark::Calibration(arguments) => calibration::run(arguments),
+        Benchmark::Support(arguments) => support::run(arguments),
         Benchmark::Networks(arguments) => networks::run(arguments),
         Benchmark::Inference { seeds, output } => inference::run(*seeds, output),
     }

@@ -4,7 +4,7 @@ use crate::report::number::{millimetres, percent, plain};
 use crate::report::quantity::{Quantity, capital};
 use catenary_core::statistics::p_clause;
 use effect_finder::evidence::Test;
-use effect_finder::report::StandIn;
+use effect_finder::report::{Missing, StandIn, part_in_words};
 use effect_finder::{Finding, Verdict};
 
 /// Residual in units of the noise: square root of the test statistic over its median without a gap.
@@ -22,6 +22,7 @@ pub fn noise_words(test: &Test) -> String {
 pub fn answer(finding: &Finding, episodes: usize) -> Vec<String> {
     let mut sentences = by_verdict(finding, episodes);
     sentences.extend(finding.stand_ins.iter().map(stand_in));
+    sentences.extend(finding.missing.as_ref().map(missing));
     sentences
 }
 
@@ -33,6 +34,17 @@ fn stand_in(effect: &StandIn) -> String {
         "{} is not named: it would have to be {}, beyond its prior of {low} to {high}, and stands in for something else.",
         capital(&quantity.title),
         quantity.value(effect.value)
+    )
+}
+
+/// Form of what is missing: "It acts on the material (probability 0.98), like a bend at a place ...".
+fn missing(missing: &Missing) -> String {
+    let [from_s, to_s] = missing.phase_s.map(|time_s| plain(time_s, 1));
+    format!(
+        "What is missing acts on {} (probability {}), like a {}, and shows most from {from_s} to {to_s} s.",
+        part_in_words(&missing.hook),
+        plain(missing.probability, 2),
+        missing.form.words(),
     )
 }
 
@@ -150,7 +162,7 @@ fn repair(finding: &Finding, episodes: usize) -> String {
 pub mod tests {
     use super::*;
     use effect_finder::evidence::{Explanation, Magnitude};
-    use effect_finder::report::{Estimate, Fitness, Score, Verification};
+    use effect_finder::report::{Estimate, Fitness, Form, Score, Verification};
 
     fn fitness(rmse_mm: f64, statistic: f64, estimates: Vec<Estimate>) -> Fitness {
         let null = (0..199).map(|i| 90.0 + 0.1 * f64::from(i)).collect();
@@ -184,6 +196,7 @@ pub mod tests {
             probability_of_none: 0.0,
             probability_of_unknown: 0.01,
             found: vec![vec!["tip_mass_kg".into()]],
+            missing: None,
             repaired: Some(fitness(7.44, 100.0, vec![mass])),
             stand_ins: Vec::new(),
             trade_offs: Vec::new(),
@@ -206,6 +219,24 @@ pub mod tests {
             }),
             separation: None,
         }
+    }
+
+    #[test]
+    fn the_answer_says_where_and_when_something_is_missing() {
+        let form = Form {
+            template: "template_local_curvature_rad".into(),
+            title: "bend at a place".into(),
+            size: 0.3,
+            unit: "rad".into(),
+            place: Some(0.35),
+            frequency_hz: None,
+        };
+        let (hook, phase_s) = ("material".to_owned(), [0.52, 3.0]);
+        let missing = Missing { hook, probability: 0.981, form, episode: 0, phase_s, alternatives: Vec::new() };
+        let said = answer(&Finding { verdict: Verdict::NoneOfThese, missing: Some(missing), ..named() }, 1);
+        let expected = "What is missing acts on the material (probability 0.98), like a bend at a place (0.35 of the length \
+                        from the grip), and shows most from 0.5 to 3.0 s.";
+        assert_eq!(said.last().map(String::as_str), Some(expected));
     }
 
     #[test]

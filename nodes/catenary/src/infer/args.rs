@@ -1,6 +1,6 @@
 //! Arguments of `infer`.
 
-use crate::options::{Bags, OnGraph, Output, Preset};
+use crate::options::{Bags, InferenceSizes, OnGraph, Output, PriorSupportName};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -24,15 +24,13 @@ pub struct InferArgs {
     /// Policy that ran in the episode; needed if the model's drive is a policy
     #[arg(long)]
     pub policy: Option<PathBuf>,
-    /// Sizes of the network and the schedule
-    #[arg(long, value_enum, default_value = "default")]
-    pub preset: Preset,
-    /// Rounds of simulation and training; default: the preset's
-    #[arg(long)]
-    pub iterations: Option<usize>,
-    /// Simulations in each round; default: the preset's
-    #[arg(long)]
-    pub simulations: Option<usize>,
+    /// Sizes of the inference
+    #[command(flatten)]
+    pub sizes: InferenceSizes,
+    /// Support of the prior: with adaptive, it grows between iterations, and posterior.json records its moves; default:
+    /// fixed, or with --node the parameter prior_support of the node
+    #[arg(long, value_enum)]
+    pub prior_support: Option<PriorSupportName>,
     /// Seed of every random draw
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -2,9 +2,11 @@
 
 use super::args::InferArgs;
 use super::page::{Contents, page};
-use super::words::{iteration_words, marginal_words, predictive_words, time_words};
+use super::words::{iteration_words, marginal_words, predictive_words, time_words, widening_words};
 use crate::exit::{Interrupted, Misfit};
 use crate::inputs::policy_file;
+use crate::inputs::posterior_file::PosteriorFile;
+use crate::options::PriorSupportName;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
 use bayes_sim::fingerprint;
@@ -61,6 +63,10 @@ impl Simulator for Timed<'_> {
         *self.spent.lock().unwrap_or_else(PoisonError::into_inner) += started.elapsed();
         tracks
     }
+
+    fn range_of(&self, name: &str) -> Option<[f64; 2]> {
+        self.simulator.range_of(name)
+    }
 }
 
 /// Result of an inference and the time of its simulations.
@@ -75,9 +81,8 @@ pub struct Inferred {
 pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
     let measured = read_measured(arguments.bags.all(), &arguments.episode, model)?;
     let policy = arguments.policy.as_deref().map(policy_file::read).transpose()?.map(|(policy, _)| policy);
-    let mut settings = arguments.preset.inference();
-    settings.iterations = arguments.iterations.unwrap_or(settings.iterations);
-    settings.simulations = arguments.simulations.unwrap_or(settings.simulations);
+    let mut settings = arguments.sizes.settings();
+    settings.prior_support = arguments.prior_support.map_or(settings.prior_support, PriorSupportName::setting);
     settings.seed = arguments.seed;
     // Checked before the inference, which takes minutes.
     for name in FILES {
@@ -154,7 +159,7 @@ pub fn infer(
 }
 
 fn write(folder: &Path, report: &Report) -> Result<()> {
-    let posterior = serde_json::to_string_pretty(&report.result.posterior)?;
+    let posterior = PosteriorFile::new(&report.result.posterior, report.result.support_moves()).text()?;
     for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, html(report)?]) {
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| path.display().to_string())?;
@@ -183,6 +188,7 @@ fn html(report: &Report) -> Result<String> {
 fn words(report: &Report, folder: &Path) -> String {
     let mut lines: Vec<String> = report.result.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
     lines.extend(marginal_words(&report.result.marginals));
+    lines.push(widening_words(&report.result.widening, &report.result.marginals));
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
     lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));

@@ -6,8 +6,10 @@ use super::words::{iteration_words, marginal_words};
 use crate::exit::{Given, Misfit};
 use crate::graph::request::{Answer, Request, absolute};
 use crate::inputs::policy_file;
+use crate::inputs::posterior_file::PosteriorFile;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
+use bayes_sim::sequential::SupportMove;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Posterior};
 use catenary_msgs::action::{Infer, InferFeedback, InferGoal};
@@ -31,6 +33,7 @@ struct Inferred {
     mass_outside: f64,
     effective_sample_size: f64,
     warnings: Vec<String>,
+    support_moves: Vec<SupportMove>,
     losses: Vec<f64>,
     simulations: u32,
     /// False if the posterior does not fit the recording; `misfit` has the reason.
@@ -53,12 +56,13 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         bags: arguments.bags.all().iter().map(absolute).collect::<Result<_>>()?,
         episodes: arguments.episode.clone(),
         model_yaml,
-        preset: arguments.preset.name().to_owned(),
-        iterations: size(arguments.iterations, "iterations")?,
-        simulations: size(arguments.simulations, "simulations")?,
+        preset: arguments.sizes.preset.name().to_owned(),
+        iterations: size(arguments.sizes.iterations, "iterations")?,
+        simulations: size(arguments.sizes.simulations, "simulations")?,
         drive: convert::drive_to_msg(model.observation.drive),
         policy,
         seed: arguments.seed,
+        prior_support: arguments.prior_support.map_or_else(String::new, |support| support.name().to_owned()),
     };
     let (path, report) = (arguments.out.join("posterior.json"), arguments.out.join("report.html"));
     output::prepare(&path)?;
@@ -70,7 +74,9 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
     })?;
     ensure!(result.success, "{name}: {}", result.message);
     let posterior = convert::posterior_from_msg(&result.posterior)?;
-    std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
+    let support_moves = bayes_sim::convert::support_moves(&result);
+    let text = PosteriorFile::new(&posterior, support_moves.clone()).text()?;
+    std::fs::write(&path, text).with_context(|| path.display().to_string())?;
     let inferred = Inferred {
         bags: arguments.bags.all().to_vec(),
         model: model.name.clone(),
@@ -80,6 +86,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         mass_outside: result.mass_outside,
         effective_sample_size: result.effective_sample_size,
         warnings: result.warnings,
+        support_moves,
         losses: result.losses,
         simulations: result.simulations,
         fits: result.message.is_empty(),

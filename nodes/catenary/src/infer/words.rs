@@ -1,7 +1,7 @@
 //! Lines of an inference for the terminal.
 
 use crate::report::number::figures;
-use bayes_sim::Predictive;
+use bayes_sim::{Predictive, Widening};
 use catenary_core::posterior::Marginal;
 use std::fmt::Display;
 
@@ -13,6 +13,19 @@ pub fn predictive_words(p: &Predictive) -> String {
         100.0 * p.coverage,
         p.half_width_mm,
         p.p_value
+    )
+}
+
+/// Widening of the intervals in a line.
+pub fn widening_words(widening: &Widening, marginals: &[Marginal]) -> String {
+    let of = |(i, m): (usize, &Marginal)| {
+        let growth = 100.0 * ((m.q95 - m.q05) / widening.width_before[i] - 1.0);
+        format!("{} by {growth:.0} % ({:.0} % before)", m.name, 100.0 * widening.coverage_before[i])
+    };
+    format!(
+        "intervals widened until 90 % of {} held-out simulations lie in them: {}",
+        widening.held_out,
+        marginals.iter().enumerate().map(of).collect::<Vec<_>>().join(", ")
     )
 }
 

@@ -2,16 +2,53 @@
 
 use crate::exit::Given;
 use anyhow::{Context, Result, ensure};
-use catenary_core::{Model, Posterior};
+use bayes_sim::sequential::SupportMove;
+use catenary_core::{Mixture, Model, ParameterSpace, Posterior};
 use ppo_trainer::Domains;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Posterior of a file. Returns an error unless its parameters are those of the model.
+/// Contents of a posterior file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PosteriorFile {
+    /// Parameters with the support that was used.
+    pub parameters: ParameterSpace,
+    /// Mixture over their unit coordinates.
+    pub mixture: Mixture,
+    /// Moves from the model's support to the used one, in order; absent in the file if the support did not move.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub support_moves: Vec<SupportMove>,
+}
+
+impl PosteriorFile {
+    /// Contents for `posterior`, whose support moved by `support_moves`.
+    pub fn new(posterior: &Posterior, support_moves: Vec<SupportMove>) -> Self {
+        let Posterior { parameters, mixture } = posterior.clone();
+        Self { parameters, mixture, support_moves }
+    }
+
+    /// Text of the file.
+    ///
+    /// # Errors
+    /// An error of the JSON writer.
+    pub fn text(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)?)
+    }
+}
+
+/// Posterior of a file. Returns an error unless its parameters are those of the model. Their priors may have other bounds:
+/// an inference with `--prior-support adaptive` moves them.
 pub fn read(path: &Path, model: &Model) -> Result<Posterior> {
     let parse = || {
         let text = catenary_shell::files::read_text("posterior", path)?;
-        let posterior: Posterior = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-        ensure!(posterior.parameters == model.theta, "{}: its parameters are not those of the model", path.display());
+        let file: PosteriorFile = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+        let posterior = Posterior { parameters: file.parameters, mixture: file.mixture };
+        ensure!(
+            posterior.parameters.equals_up_to_bounds(&model.theta),
+            "{}: its parameters are not those of the model",
+            path.display()
+        );
         Ok::<_, anyhow::Error>(posterior)
     };
     parse().given()
@@ -23,4 +60,44 @@ pub fn domains(posterior: Option<&Path>, model: &Model) -> Result<Domains> {
         None => Domains::Prior(model.theta.clone()),
         Some(path) => Domains::Mixture(read(path, model)?),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inputs::model_file;
+    use catenary_core::{Parameter, ParameterSpace};
+
+    #[test]
+    fn a_posterior_whose_support_moved_is_read_with_its_own_prior() {
+        let model = model_file::read_or_soft_bar(None).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("posterior.json");
+        let written = |change: fn(&mut Parameter)| {
+            let mut parameters = model.theta.parameters().to_vec();
+            change(&mut parameters[0]);
+            let posterior = Posterior::prior(ParameterSpace::new(parameters).unwrap());
+            let step = SupportMove {
+                iteration: 1,
+                parameter: "length_m".into(),
+                from: [0.195, 0.305],
+                to: [0.195, 0.36],
+                because: "of a test".into(),
+            };
+            std::fs::write(&path, PosteriorFile::new(&posterior, vec![step]).text().unwrap()).unwrap();
+            posterior
+        };
+        let moved = written(|p| p.prior = p.prior.with_bounds(0.195, 0.36).unwrap());
+        assert_eq!(read(&path, &model).unwrap(), moved);
+        assert!(matches!(domains(Some(&path), &model).unwrap(), Domains::Mixture(read) if read == moved));
+        // A posterior without moves is a plain document of its parameters and its mixture.
+        let plain = Posterior::prior(model.theta.clone());
+        let text = PosteriorFile::new(&plain, Vec::new()).text().unwrap();
+        assert_eq!(text, serde_json::to_string_pretty(&plain).unwrap());
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(read(&path, &model).unwrap(), plain);
+        written(|p| p.name = "mass_kg".into());
+        let refusal = format!("{:#}", read(&path, &model).unwrap_err());
+        assert!(refusal.contains("not those of the model"), "{refusal}");
+    }
 }

@@ -2,14 +2,18 @@
 
 mod bags;
 mod fidelity;
+mod inference_sizes;
 mod on_graph;
 mod output;
 mod parameter_value;
 mod preset;
+mod prior_support;
 
 pub use bags::Bags;
 pub use fidelity::FidelityName;
+pub use inference_sizes::InferenceSizes;
 pub use on_graph::OnGraph;
 pub use output::Output;
 pub use parameter_value::parameter_value;
 pub use preset::{Preset, TrainingPreset};
+pub use prior_support::PriorSupportName;

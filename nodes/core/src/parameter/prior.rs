@@ -74,6 +74,22 @@ impl Prior {
         }
     }
 
+    /// Prior of the same family with other bounds. None for a mixture, whose bounds belong to its parts.
+    pub fn with_bounds(&self, low: f64, high: f64) -> Option<Prior> {
+        match *self {
+            Prior::Uniform { .. } => Some(Prior::Uniform { low, high }),
+            Prior::LogUniform { .. } => Some(Prior::LogUniform { low, high }),
+            Prior::Normal { mean, sd, .. } => Some(Prior::Normal { mean, sd, low, high }),
+            Prior::Mixture(_) => None,
+        }
+    }
+
+    /// True if the two priors are equal up to their bounds.
+    pub fn equals_up_to_bounds(&self, other: &Prior) -> bool {
+        let (low, high) = self.bounds();
+        self == other || other.with_bounds(low, high).as_ref() == Some(self)
+    }
+
     /// Cumulative distribution function: the unit coordinate of `value`. It continues outside `[0, 1]` for values
     /// outside the support, so a search can be led back.
     pub fn to_unit(&self, value: f64) -> f64 {
@@ -246,6 +262,19 @@ mod tests {
             mixture(&[(1.0, Prior::Uniform { low: 0.0, high: 1.0 }), (1.0, Prior::Uniform { low: 2.0, high: 3.0 })]);
         let held: Vec<bool> = [-0.1, 0.0, 1.5, 2.5, 3.1, f64::NAN].map(|value| gap.holds(value)).to_vec();
         assert_eq!(held, [false, true, false, true, false, false]);
+    }
+
+    #[test]
+    fn other_bounds_change_nothing_else() {
+        let wide = normal(0.25, 0.01, 0.2, 0.35);
+        assert_eq!(normal(0.25, 0.01, 0.2, 0.3).with_bounds(0.2, 0.35), Some(wide.clone()));
+        assert!(normal(0.25, 0.01, 0.2, 0.3).equals_up_to_bounds(&wide));
+        assert!(!normal(0.25, 0.02, 0.2, 0.3).equals_up_to_bounds(&wide), "another standard deviation");
+        let uniform = Prior::Uniform { low: 1.0, high: 2.0 };
+        assert!(!uniform.equals_up_to_bounds(&Prior::LogUniform { low: 1.0, high: 2.0 }));
+        let parts = mixture(&[(1.0, uniform.clone())]);
+        assert!(parts.with_bounds(0.0, 3.0).is_none() && parts.equals_up_to_bounds(&parts));
+        assert!(!parts.equals_up_to_bounds(&uniform));
     }
 
     proptest! {

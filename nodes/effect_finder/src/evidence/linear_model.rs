@@ -155,3 +155,92 @@ impl LinearModel {
         Some(Posterior { gain: gain + half.max(f64::MIN_POSITIVE).ln(), sizes: sizes.map(|s| s.max(0.0)), precision })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Discrepancy;
+    use crate::toy::{self, Toy};
+
+    /// Log density of `r` under a normal distribution of mean zero.
+    fn log_density(r: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {
+        let factor = covariance.cholesky().unwrap();
+        let log_determinant = 2.0 * factor.l_dirty().diagonal().iter().map(|l| l.ln()).sum::<f64>();
+        -0.5 * (r.dot(&factor.solve(r)) + log_determinant)
+    }
+
+    fn waves(rows: usize, columns: usize, rate: f64) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, columns, |i, j| (rate * (i * (j + 2)) as f64 + j as f64).sin())
+    }
+
+    fn model(columns: &[usize], is_positive: bool) -> LinearModel {
+        LinearModel { columns: columns.to_vec(), relative: vec![1.0; columns.len()], is_positive }
+    }
+
+    struct Case {
+        fit: Fit,
+        columns: DMatrix<f64>,
+        whitenings: Vec<Whitening>,
+    }
+
+    impl Case {
+        /// Two unknowns and three columns; the residual has `size` of the second one.
+        fn new(size: f64) -> Self {
+            let episode = [toy::episode(&Toy { gain: 0.3 }, [0.25, 2e4], &[])];
+            let rows = episode[0].channels(0).len();
+            let columns = waves(rows, 3, 0.37);
+            let residuals = size * columns.column(1) + waves(rows, 1, 0.11).column(0);
+            let cost = residuals.norm_squared();
+            let (point, jacobian) = (vec![0.5; 2], 8.0 * waves(rows, 2, 0.23));
+            let fit = Fit { point, cost, residuals, jacobian, tracks: Vec::new() };
+            let whitenings = vec![Whitening::new(&episode, Discrepancy { sd: 1.5, time_s: 0.4 }).unwrap()];
+            Self { fit, columns, whitenings }
+        }
+
+        fn gain(&self, models: &[LinearModel], share: f64) -> Vec<f64> {
+            let logs = [(1.0 - share).ln(), share.ln()];
+            let weighed = weigh(&self.fit, &self.columns, models, logs, &[0.0], &self.whitenings).unwrap();
+            weighed.into_iter().map(|w| w.gain).collect()
+        }
+    }
+
+    #[test]
+    fn without_a_discrepancy_the_gain_is_that_of_the_whole_covariance() {
+        let case = Case::new(0.4);
+        let n = case.fit.residuals.len();
+        let own = DMatrix::identity(n, n) + &case.fit.jacobian * case.fit.jacobian.transpose() / PRIOR_PRECISION;
+        let before = log_density(&case.fit.residuals, own.clone());
+        for chosen in [vec![1], vec![0, 2], vec![0, 1, 2]] {
+            let t = case.columns.select_columns(&chosen);
+            let with = |share: &f64| log_density(&case.fit.residuals, &own + share * share * &t * t.transpose());
+            let logs: Vec<f64> = SHARES.iter().map(with).collect();
+            let expected = log_sum_exp(&logs) - (SHARES.len() as f64).ln() - before;
+            let [got] = case.gain(&[model(&chosen, false)], 1e-12)[..] else { panic!("one model") };
+            assert!((got - expected).abs() < 1e-6 * expected.abs().max(1.0), "{chosen:?}: {got} for {expected}");
+        }
+    }
+
+    #[test]
+    fn the_acting_column_gains_most_with_its_sign_and_less_beside_a_discrepancy() {
+        let models = [0, 1, 2].map(|column| model(&[column], false));
+        let case = Case::new(0.4);
+        let alone = case.gain(&models, 1e-12);
+        assert!(alone[1] > 5.0 && alone[0] < 1.0 && alone[2] < 1.0, "{alone:?}");
+        let positive = model(&[1], true);
+        // A prior of one sign has twice the density there, and none on the other side.
+        let [gained] = case.gain(std::slice::from_ref(&positive), 1e-12)[..] else { panic!("one model") };
+        assert!((gained - alone[1] - 2f64.ln()).abs() < 0.1, "{gained} {}", alone[1]);
+        let [lost] = Case::new(-0.4).gain(&[positive], 1e-12)[..] else { panic!("one model") };
+        assert!(lost < 0.0, "{lost}");
+        let beside = case.gain(&models, 0.9999);
+        assert!(beside[1] < alone[1], "{beside:?} {alone:?}");
+    }
+
+    #[test]
+    fn a_column_of_zeros_gains_nothing() {
+        let mut case = Case::new(0.4);
+        case.columns.column_mut(2).fill(0.0);
+        let [gain] = case.gain(&[model(&[2], false)], 0.2)[..] else { panic!("one model") };
+        assert!(gain.abs() < 1e-9, "{gain}");
+    }
+}

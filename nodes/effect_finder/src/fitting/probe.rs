@@ -68,3 +68,44 @@ impl Problem<'_> {
         Ok(answer.into_iter().map(part).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Candidate;
+    use crate::fitting::Start;
+    use crate::toy::{self, Toy};
+    use catenary_core::Prior;
+    use std::ops::ControlFlow;
+
+    #[test]
+    fn probes_are_derivatives_and_zero_where_nothing_can_be_simulated() {
+        let toy = Toy { gain: 0.3 };
+        let episodes = [toy::episode(&toy, [0.25, 2e4], &[]), toy::episode(&toy, [0.25, 2e4], &[])];
+        let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
+        let prior = Prior::Uniform { low: 0.0, high: 0.5 };
+        let name = "tip_mass_kg";
+        let candidate =
+            Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 0.5], base: 0.0, odds: 1.0 };
+        let mut go_on = || ControlFlow::Continue(());
+        let mut linearised = |problem: &Problem<'_>, point: Vec<f64>| {
+            let start = Start { point, tracks: problem.measured() };
+            problem.linearise(vec![start], &mut go_on).unwrap().remove(0).unwrap().fit
+        };
+        let fit = linearised(&problem, vec![0.5, 0.5]);
+        let with = Problem { unknowns: problem.unknowns.with(&candidate), ..problem };
+        let known = linearised(&with, vec![0.5, 0.5, 0.0]).jacobian.column(2).into_owned();
+        let probe = |names: Vec<&'static str>| Probe { names, settings: Some(("other", vec![0.1, 0.7])) };
+        let columns = with.probed(&fit, &[probe(vec![name]), probe(Vec::new())], &mut || ControlFlow::Continue(()));
+        let columns = columns.unwrap();
+        assert_eq!(columns.shape(), (fit.residuals.len(), 2));
+        // The coordinate is half a kilogram wide.
+        for column in columns.column_iter() {
+            assert!((0.5 * column - &known).norm() < 1e-9 * known.norm());
+        }
+        // The toy refuses lengths under 0.2 m; the prior begins at 0.195 m.
+        let short = Fit { point: vec![0.0, 0.5], ..fit };
+        let columns = problem.probed(&short, &[probe(vec![name])], &mut || ControlFlow::Continue(())).unwrap();
+        assert!(columns.ncols() == 2 && columns.iter().all(|v| *v == 0.0));
+    }
+}

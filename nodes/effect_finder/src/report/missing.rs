@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 /// Missing thing, in the form of a template.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Missing {
     /// Part of the simulator in which it acts: `force`, `material`, `boundary`, `actuation` or `observation`.
     pub hook: String,

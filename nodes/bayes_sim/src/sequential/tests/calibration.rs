@@ -100,6 +100,37 @@ fn one_round_is_calibrated_and_near_the_exact_posterior() {
     assert!(divergence < 0.25, "{divergence} nat, {c:?}");
 }
 
+/// Share of `observations` observations whose 90 % intervals hold the truth, over both parameters: of the networks of one
+/// round, and widened.
+fn intervals(observations: u64, settings: &Settings) -> [f64; 2] {
+    let space = TOY.space();
+    let first = observation(1_000).1;
+    let mut sequential = Sequential::new(&space, seen(&first, FRAMES), settings, 0).unwrap();
+    run(&mut sequential, &TOY, 1).unwrap();
+    let (_, IntervalFactors { factors, .. }) = sequential.calibrated().unwrap().unwrap();
+    let held = |posterior: &Posterior, truth: &[f64]| {
+        let marginals = posterior.marginals().unwrap();
+        marginals.iter().zip(truth).filter(|(m, t)| (m.q05..=m.q95).contains(t)).count() as f64
+    };
+    let mut shares = [0.0; 2];
+    for i in 0..observations {
+        let (truth, observed) = observation(i);
+        let narrow = posterior_at(&mut sequential, &observed);
+        let mixture = sequential.state.ensemble.widened_mixture(&sequential.observed_batch(), &factors).unwrap();
+        let widened = Posterior { parameters: space.clone(), mixture };
+        shares[0] += held(&narrow, &truth) / (2 * observations) as f64;
+        shares[1] += held(&widened, &truth) / (2 * observations) as f64;
+    }
+    shares
+}
+
+#[test]
+fn widened_intervals_hold_their_share() {
+    let settings = Settings { simulations: 150, ..Settings::default() };
+    let [narrow, widened] = intervals(300, &settings);
+    assert!(narrow < widened && widened > 0.86, "{narrow}, {widened} widened");
+}
+
 /// With few simulations the posterior is wider than the exact one. It must be neither narrower nor shifted. Eight observations
 /// of two parameters determine an error to a share of sqrt(1/32), 18 %. The bounds are two of these away.
 #[test]

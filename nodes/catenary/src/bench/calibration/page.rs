@@ -1,6 +1,6 @@
 //! HTML page of a calibration run: do the credible intervals hold as many hidden values as they should?
 
-use super::report::{LEVEL, Report, furthest_off};
+use super::report::{LEVEL, NINETY, Report, furthest_off, ninety_interval};
 use crate::report::number::{percent, plain};
 use crate::report::quantity::{Quantity, capital};
 use crate::report::{Page, plots};
@@ -29,6 +29,11 @@ pub fn page(report: &Report) -> String {
         report.truths,
         plain(100.0 * ninety, 0)
     ));
+    page.heading("Cost of the widening");
+    page.note(
+        "Intervals are widened until they hold their share of the simulations that the networks did not train on.",
+    );
+    page.table(&["parameter", "90 % interval, not widened", "widened", "growth of the width"], &widening(report));
     page.heading("Ranks of the hidden values");
     page.note(
         "Above the diagonal on the left and below it on the right: intervals are too narrow. The reverse: too wide.",
@@ -72,6 +77,19 @@ fn answer(report: &Report) -> (Vec<String>, bool) {
     }
 }
 
+/// Rows of the parameters: share of hidden values in 90 % intervals before and after the widening, and its cost.
+fn widening(report: &Report) -> Vec<Vec<String>> {
+    let held = |s: &Summary| {
+        let [low, high] = ninety_interval(s).map(|share| plain(100.0 * share, 0));
+        format!("{} ({low} to {high})", percent(s.coverage[NINETY]))
+    };
+    let row = |(i, (width, narrow)): (usize, (&f64, &f64))| {
+        let (s, before) = (&report.checks[i], &report.narrow_checks[i]);
+        vec![capital(&name(s)), held(before), held(s), percent(width / narrow - 1.0)]
+    };
+    report.widths.iter().zip(&report.narrow_widths).enumerate().map(row).collect()
+}
+
 fn row(s: &Summary) -> Vec<String> {
     // Three digits where the decision is near, two where it is not.
     let p = if s.p_value < 1e-3 { "< 0.001".to_owned() } else { plain(s.p_value, if s.p_value < 0.1 { 3 } else { 2 }) };
@@ -107,7 +125,10 @@ mod tests {
             parameters: vec!["length_m".into()],
             truths: 200,
             wall_s_each: 3.0,
+            narrow_checks: checks.clone(),
             checks,
+            widths: vec![0.11],
+            narrow_widths: vec![0.1],
             verdict: String::new(),
         }
     }
@@ -138,5 +159,6 @@ mod tests {
             "{page}"
         );
         assert_eq!(page.matches("<figure>").count(), 2);
+        assert!(page.contains("<td>10 %</td>"), "growth of the width: {page}");
     }
 }

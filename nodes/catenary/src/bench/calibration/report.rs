@@ -1,6 +1,7 @@
 //! Report of a calibration run: share of truths in the intervals, and the verdict on it.
 
 use bayes_sim::calibration::{LEVELS, Summary};
+use catenary_core::statistics::wilson_interval;
 use serde::Serialize;
 
 /// Level of all tests together below which the posteriors count as miscalibrated.
@@ -19,6 +20,12 @@ pub struct Report {
     pub wall_s_each: f64,
     /// Checks, by parameter and of all parameters together.
     pub checks: Vec<Summary>,
+    /// Mean width of each parameter's 90 % interval as a share of the prior.
+    pub widths: Vec<f64>,
+    /// Checks before the widening of the intervals.
+    pub narrow_checks: Vec<Summary>,
+    /// Mean widths before it.
+    pub narrow_widths: Vec<f64>,
     /// Verdict in a sentence.
     pub verdict: String,
 }
@@ -53,15 +60,36 @@ pub fn furthest_off(s: &Summary) -> (f64, f64) {
     pairs.max_by(|a, b| off(a).total_cmp(&off(b))).expect("there are levels")
 }
 
-fn rows(report: &Report) -> Vec<Vec<String>> {
-    let row = |s: &Summary| {
-        let coverage = s.coverage.iter().map(|c| format!("{:.1} %", 100.0 * c));
-        std::iter::once(s.name.clone()).chain(coverage).chain([format!("{:.3}", s.p_value)]).collect()
-    };
-    report.checks.iter().map(row).collect()
+/// Index of the level 90 % in [`LEVELS`].
+pub const NINETY: usize = 2;
+
+/// 95 % interval of the share of truths at the level 90 %.
+pub fn ninety_interval(s: &Summary) -> [f64; 2] {
+    let trials = s.values.len();
+    wilson_interval((s.coverage[NINETY] * trials as f64).round() as usize, trials)
 }
 
-const HEAD: [&str; 6] = ["check", "50 %", "80 %", "90 %", "95 %", "p of uniformity"];
+/// Rows of the checks, each followed by its row before the widening.
+fn rows(report: &Report) -> Vec<Vec<String>> {
+    let row = |name: String, s: &Summary| {
+        let coverage = s.coverage.iter().map(|c| format!("{:.1} %", 100.0 * c));
+        let [low, high] = ninety_interval(s).map(|share| format!("{:.1}", 100.0 * share));
+        std::iter::once(name).chain(coverage).chain([format!("{low} to {high}"), format!("{:.3}", s.p_value)]).collect()
+    };
+    let pairs = report.checks.iter().zip(&report.narrow_checks);
+    pairs.flat_map(|(s, narrow)| [row(s.name.clone(), s), row("  not widened".to_owned(), narrow)]).collect()
+}
+
+const HEAD: [&str; 7] = ["check", "50 %", "80 %", "90 %", "95 %", "of 90 %", "p of uniformity"];
+
+/// Mean widths of the intervals, with their growth by the widening.
+fn widths(report: &Report) -> Vec<String> {
+    let pairs = report.parameters.iter().zip(&report.widths).zip(&report.narrow_widths);
+    let line = |((name, width), narrow): ((&String, &f64), &f64)| {
+        format!("{name}: {width:.4} of the prior, {narrow:.4} not widened (+{:.0} %)", 100.0 * (width / narrow - 1.0))
+    };
+    pairs.map(line).collect()
+}
 
 /// Table and verdict for the terminal.
 pub fn words(report: &Report) -> String {
@@ -69,11 +97,14 @@ pub fn words(report: &Report) -> String {
         cells
             .iter()
             .enumerate()
-            .map(|(i, c)| format!("{c:<width$}", width = if i == 0 { 24 } else { 9 }))
+            .map(|(i, c)| format!("{c:<width$}", width = [24, 9, 9, 9, 9, 15, 0][i]))
             .collect::<String>()
     };
     let mut lines = vec![line(HEAD.map(str::to_owned).to_vec())];
     lines.extend(rows(report).into_iter().map(line));
+    lines.push("of 90 %: 95 % interval (Wilson) of the share in 90 % intervals".to_owned());
+    lines.push("mean width of 90 % intervals:".to_owned());
+    lines.extend(widths(report));
     lines.push(format!("{} truths, {:.1} s each", report.truths, report.wall_s_each));
     lines.push(report.verdict.clone());
     lines.join("\n")
@@ -82,6 +113,35 @@ pub fn words(report: &Report) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_check_stands_above_its_figures_before_the_widening() {
+        let check = |ninety: f64| Summary {
+            name: "length_m".into(),
+            p_value: 0.5,
+            coverage: [0.5, 0.8, ninety, 0.95],
+            values: vec![0.5; 100],
+        };
+        let report = Report {
+            model: "soft_bar".into(),
+            parameters: vec!["length_m".into()],
+            truths: 100,
+            wall_s_each: 1.0,
+            checks: vec![check(0.9)],
+            widths: vec![0.11],
+            narrow_checks: vec![check(0.82)],
+            narrow_widths: vec![0.1],
+            verdict: "calibrated".into(),
+        };
+        let words = words(&report);
+        // Wilson's interval of 90 of 100, and of 82 of 100.
+        let expected = [
+            "90.0 %   95.0 %   82.6 to 94.5",
+            "82.0 %   95.0 %   73.3 to 88.3",
+            "0.1100 of the prior, 0.1000 not widened (+10 %)",
+        ];
+        assert!(expected.iter().all(|part| words.contains(part)), "{words}");
+    }
 
     #[test]
     fn a_verdict_names_what_is_too_narrow_and_what_is_too_wide() {
