@@ -12,7 +12,7 @@ mod ranking;
 pub use detection::{Detection, NullFit, Test, detect, p_value};
 pub use discrepancy::{Discrepancy, Whitening, gain_beside_discrepancy};
 pub use hypothesis::{Effort, Hypothesis, lowest_cost};
-pub use linear_model::{LinearModel, WeighedModel, weigh};
+pub use linear_model::{LinearModel, Refined, WeighedModel, Weighing};
 pub use linearised::LinearisedModel;
 pub use magnitude::Magnitude;
 pub use marginal::{Baseline, Evidence};

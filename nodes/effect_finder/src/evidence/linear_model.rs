@@ -46,50 +46,104 @@ struct Projected {
     products: DMatrix<f64>,
     /// Products of the columns with the residual.
     pulls: DVector<f64>,
+    /// Sum of squares of the residual.
+    left: f64,
+    /// Log determinant of the precision of the unknowns.
+    log_precision: f64,
 }
 
-/// Weighs `models` of the residual of `fit`, whose `columns` are changes of the simulated values in standard deviations of
-/// the noise, with the rows of the residual. `logs` are the log probabilities of the fit without a discrepancy and with each
-/// of the `whitenings`. None if a matrix is not positive definite.
-pub fn weigh(
-    fit: &Fit,
-    columns: &DMatrix<f64>,
-    models: &[LinearModel],
-    logs: [f64; 2],
-    with: &[f64],
-    whitenings: &[Whitening],
-) -> Option<Vec<WeighedModel>> {
-    let [alone, share] = logs;
-    let each = share - (with.len() as f64).ln();
-    let unknowns = free_columns(fit);
-    let mut all = vec![Projected::new(fit, &unknowns, columns, None, alone)?];
-    for (whitening, log) in whitenings.iter().zip(with) {
-        all.push(Projected::new(fit, &unknowns, columns, Some(whitening), each + log)?);
+/// Residual of a fit, ready to weigh models of it.
+pub struct Weighing {
+    all: Vec<Projected>,
+    /// Log evidence of the fit with any discrepancy.
+    before: f64,
+}
+
+/// Fit of a model whose additions are unknowns of their own: the last columns of the Jacobian.
+pub struct Refined<'a> {
+    /// The fit.
+    pub fit: &'a Fit,
+    /// Number of the sizes, which come before the companion.
+    pub sizes: usize,
+    /// Number of coordinates of the companion behind them: 0 or 1.
+    pub companions: usize,
+    /// Widths of the sizes' search ranges, and the sizes, both relative to the largest ones of the priors.
+    pub scales: Vec<[f64; 2]>,
+}
+
+impl Weighing {
+    /// Weighing of models of the residual of `fit`, whose `columns` are changes of the simulated values in standard deviations
+    /// of the noise, with the rows of the residual. `log_alone` and `logs` are the log probabilities of the fit without a
+    /// discrepancy and with each of the `whitenings`. None if a matrix is not positive definite.
+    pub fn new(
+        fit: &Fit,
+        columns: &DMatrix<f64>,
+        log_alone: f64,
+        logs: &[f64],
+        whitenings: &[Whitening],
+    ) -> Option<Self> {
+        let unknowns = fit.jacobian.select_columns(&free_columns(fit));
+        let projected = |whitening, log| Projected::new(&fit.residuals, &unknowns, columns, whitening, log);
+        let with = whitenings.iter().zip(logs).map(|(whitening, log)| projected(Some(whitening), *log));
+        let all = std::iter::once(projected(None, log_alone)).chain(with).collect::<Option<Vec<_>>>()?;
+        let before = log_sum_exp(&all.iter().map(|p| p.log).collect::<Vec<_>>());
+        Some(Self { all, before })
     }
-    let before = log_sum_exp(&all.iter().map(|p| p.log).collect::<Vec<_>>());
-    models.iter().map(|model| model.weighed(&all, before)).collect()
+
+    /// Models after the data; none if a matrix is not positive definite.
+    pub fn weigh(&self, models: &[LinearModel]) -> Option<Vec<WeighedModel>> {
+        models.iter().map(|model| model.weighed(&self.all, self.before)).collect()
+    }
+
+    /// Gain in log evidence by additions that were fitted, by Laplace's approximation at the fit. `whitenings` are those of
+    /// the weighing. None if a matrix is not positive definite.
+    pub fn gain_of(&self, refined: &Refined<'_>, whitenings: &[Whitening]) -> Option<f64> {
+        let Refined { fit, sizes, companions, scales } = refined;
+        let first = fit.point.len() - sizes - companions;
+        let mut columns = fit.jacobian.columns(first, *sizes).into_owned();
+        let mut residuals = fit.residuals.clone();
+        for (mut column, [width, size]) in columns.column_iter_mut().zip(scales) {
+            column.scale_mut(width.recip());
+            // Residual of the same linear model without the addition.
+            residuals.axpy(*size, &column, 1.0);
+        }
+        let free: Vec<usize> = free_columns(fit).into_iter().filter(|i| !(first..first + sizes).contains(i)).collect();
+        let unknowns = fit.jacobian.select_columns(&free);
+        let model = LinearModel { columns: (0..*sizes).collect(), relative: vec![1.0; *sizes], is_positive: false };
+        let mut logs = Vec::new();
+        for (i, own) in self.all.iter().enumerate() {
+            let whitening = i.checked_sub(1).map(|i| &whitenings[i]);
+            let there = Projected::new(&residuals, &unknowns, &columns, whitening, own.log)?;
+            // The companion has one coordinate more, whose prior has the precision of a unit coordinate.
+            let volume = there.log_precision - own.log_precision - *companions as f64 * PRIOR_PRECISION.ln();
+            for share in SHARES {
+                let posterior = model.posterior(&there.products, &there.pulls, share)?;
+                logs.push(own.log + posterior.gain - 0.5 * (there.left - own.left + volume));
+            }
+        }
+        Some(log_sum_exp(&logs) - (SHARES.len() as f64).ln() - self.before)
+    }
 }
 
-/// Derivatives by the unknowns that can move: none at an active bound.
-fn free_columns(fit: &Fit) -> DMatrix<f64> {
+/// Unknowns that can move: none at an active bound.
+fn free_columns(fit: &Fit) -> Vec<usize> {
     let gradient = fit.gradient();
-    let free: Vec<usize> = (0..fit.point.len()).filter(|&i| !is_bound_active(fit.point[i], gradient[i])).collect();
-    fit.jacobian.select_columns(&free)
+    (0..fit.point.len()).filter(|&i| !is_bound_active(fit.point[i], gradient[i])).collect()
 }
 
 impl Projected {
     fn new(
-        fit: &Fit,
+        residuals: &DVector<f64>,
         unknowns: &DMatrix<f64>,
         columns: &DMatrix<f64>,
         whitening: Option<&Whitening>,
         log: f64,
     ) -> Option<Self> {
         let (p, t) = (unknowns.ncols(), columns.ncols());
-        let mut rows = DMatrix::zeros(fit.residuals.len(), p + t + 1);
+        let mut rows = DMatrix::zeros(residuals.len(), p + t + 1);
         rows.columns_mut(0, p).copy_from(unknowns);
         rows.columns_mut(p, t).copy_from(columns);
-        rows.set_column(p + t, &fit.residuals);
+        rows.set_column(p + t, residuals);
         if let Some(whitening) = whitening {
             whitening.apply(&mut rows);
         }
@@ -97,8 +151,14 @@ impl Projected {
         (0..p).for_each(|i| products[(i, i)] += PRIOR_PRECISION);
         let own = products.view((0, 0), (p, p)).into_owned().cholesky()?;
         let across = products.view((0, p), (p, t + 1)).into_owned();
-        let left = products.view((p, p), (t + 1, t + 1)) - across.tr_mul(&own.solve(&across));
-        Some(Self { log, products: left.view((0, 0), (t, t)).into_owned(), pulls: left.column(t).rows(0, t).into() })
+        let rest = products.view((p, p), (t + 1, t + 1)) - across.tr_mul(&own.solve(&across));
+        Some(Self {
+            log,
+            products: rest.view((0, 0), (t, t)).into_owned(),
+            pulls: rest.column(t).rows(0, t).into(),
+            left: rest[(t, t)],
+            log_precision: 2.0 * own.l_dirty().diagonal().iter().map(|l| l.ln()).sum::<f64>(),
+        })
     }
 }
 
@@ -197,10 +257,12 @@ mod tests {
             Self { fit, columns, whitenings }
         }
 
+        fn weighing(&self, share: f64) -> Weighing {
+            Weighing::new(&self.fit, &self.columns, (1.0 - share).ln(), &[share.ln()], &self.whitenings).unwrap()
+        }
+
         fn gain(&self, models: &[LinearModel], share: f64) -> Vec<f64> {
-            let logs = [(1.0 - share).ln(), share.ln()];
-            let weighed = weigh(&self.fit, &self.columns, models, logs, &[0.0], &self.whitenings).unwrap();
-            weighed.into_iter().map(|w| w.gain).collect()
+            self.weighing(share).weigh(models).unwrap().into_iter().map(|w| w.gain).collect()
         }
     }
 
@@ -234,6 +296,32 @@ mod tests {
         assert!(lost < 0.0, "{lost}");
         let beside = case.gain(&models, 0.9999);
         assert!(beside[1] < alone[1], "{beside:?} {alone:?}");
+    }
+
+    /// The fit of a linear addition has the evidence of the linear model, wherever it is linearised.
+    #[test]
+    fn a_fitted_addition_gains_as_much_as_the_linear_one() {
+        let case = Case::new(0.4);
+        let [width, size] = [4.0, 0.25];
+        let column = case.columns.column(1);
+        let refined = Fit {
+            point: vec![0.5; 3],
+            residuals: &case.fit.residuals - size * column,
+            jacobian: case.fit.jacobian.clone().insert_column(2, 0.0),
+            ..case.fit.clone()
+        };
+        let mut refined = Fit { cost: refined.residuals.norm_squared(), ..refined };
+        refined.jacobian.set_column(2, &(width * column));
+        let asked = Refined { fit: &refined, sizes: 1, companions: 0, scales: vec![[width, size]] };
+        let got = case.weighing(0.2).gain_of(&asked, &case.whitenings).unwrap();
+        let [expected] = case.gain(&[model(&[1], false)], 0.2)[..] else { panic!("one model") };
+        assert!((got - expected).abs() < 1e-6 * expected, "{got} for {expected}");
+        // An undetermined companion costs nothing.
+        let mut more = Fit { point: vec![0.5; 4], ..refined.clone() };
+        more.jacobian = more.jacobian.insert_column(3, 0.0);
+        let asked = Refined { fit: &more, companions: 1, ..asked };
+        let same = case.weighing(0.2).gain_of(&asked, &case.whitenings).unwrap();
+        assert!((same - got).abs() < 1e-6 * expected, "{same} for {got}");
     }
 
     #[test]

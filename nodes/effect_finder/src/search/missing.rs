@@ -2,13 +2,15 @@
 //!
 //! Linear models at the fit weigh the parts: each template at each place or frequency alone, and all templates of a part
 //! together, as smooth functions of place or time. The last stand for what is no template itself. All parts are equally
-//! likely a priori, and so are all kinds of models in a part.
+//! likely a priori, and so are all kinds of models in a part. The likeliest templates are then fitted, because a linear model
+//! errs where they are large.
 
 use super::context::Search;
 use super::progress::Stage;
 use super::template_groups::{Group, Kind};
+use crate::data::{Candidate, Template};
 use crate::error::FinderError;
-use crate::evidence::{Baseline, Hypothesis, LinearModel, WeighedModel, weigh};
+use crate::evidence::{Baseline, Hypothesis, Refined, WeighedModel, Weighing};
 use crate::fitting::{Fit, Probe, Problem, Start};
 use crate::report::{Alternative, Form, Missing, sentences, shows_most};
 use catenary_core::mixture::log_sum_exp;
@@ -16,6 +18,12 @@ use nalgebra::{DMatrix, DVector};
 
 /// Least probability of a listed alternative.
 const LISTED: f64 = 0.01;
+/// Number of the likeliest settings from which templates are fitted, each from the size of the linear model and from a part of
+/// it, because a linear model overshoots.
+const SETTINGS: usize = 3;
+const SIZES: [f64; 2] = [1.0, 0.3];
+/// Number of groups that are fitted beside those at a place.
+const OTHERS: usize = 2;
 
 /// Weighed models of the templates.
 struct Weighed<'a> {
@@ -23,6 +31,17 @@ struct Weighed<'a> {
     kinds: Vec<Kind<'a>>,
     /// Models of each kind after the data.
     models: Vec<Vec<WeighedModel>>,
+    /// Fitted templates of the kinds; none for a mixture, or if no fit is better than the linear models.
+    fitted: Vec<Option<Fitted>>,
+}
+
+/// Fitted templates of a group.
+struct Fitted {
+    /// Gain in log evidence.
+    gain: f64,
+    /// Sizes relative to the largest ones of the priors.
+    sizes: Vec<f64>,
+    companion: Option<f64>,
 }
 
 /// Part of the simulator with its probability.
@@ -33,6 +52,7 @@ struct Part<'a> {
     group: &'a Group<'a>,
     /// Models of its settings.
     settings: &'a [WeighedModel],
+    fitted: Option<&'a Fitted>,
 }
 
 impl<'a> Search<'a> {
@@ -43,7 +63,7 @@ impl<'a> Search<'a> {
             return Ok(None);
         }
         let found = match self.weigh_and_fit(model, baseline) {
-            // Templates that cannot be simulated here say nothing.
+            // A model that cannot be linearised shows nothing.
             Err(FinderError::Simulator(_) | FinderError::NoFit(_)) => None,
             other => other?,
         };
@@ -57,12 +77,37 @@ impl<'a> Search<'a> {
         let start = vec![Start { point: model.fit.point.clone(), tracks: problem.measured() }];
         let seen = self.reporter.with_progress(Stage::Repair, |on_round| problem.linearise(start, on_round))?;
         let Some(fit) = seen.into_iter().flatten().next().map(|seen| seen.fit) else { return Ok(None) };
-        let (weighed, columns) = self.weighed(&problem, &fit, model, baseline)?;
+        let groups = Group::all(self.question.templates, &problem);
+        let probes: Vec<Probe<'_>> = groups.iter().flat_map(Group::probes).collect();
+        let mut columns =
+            self.reporter.with_progress(Stage::Repair, |on_round| problem.probed(&fit, &probes, on_round))?;
+        // Changes by the largest sizes of the priors.
+        groups.iter().flat_map(Group::scales).for_each(|(column, scale)| columns.column_mut(column).scale_mut(scale));
+        let share = self.settings.discrepancy_share;
+        let each = share.ln() - (model.evidence.with.len() as f64).ln();
+        let logs: Vec<f64> = model.evidence.with.iter().map(|log| each + log).collect();
+        let log_alone = (1.0 - share).ln() + model.evidence.alone;
+        let weighing = Weighing::new(&fit, &columns, log_alone, &logs, baseline.whitenings());
+        let weighing = weighing.ok_or_else(FinderError::curvature)?;
+        let mut weighed = Weighed::of(groups, &weighing).ok_or_else(FinderError::curvature)?;
+        for kind in weighed.promising() {
+            let fitted = self.fitted(&problem, &fit, model, &columns, &weighed, kind)?;
+            let gain = |f: &(Fit, Fitted, Vec<[f64; 2]>)| {
+                let (fit, Fitted { sizes, companion, .. }, scales) = f;
+                let (sizes, companions) = (sizes.len(), usize::from(companion.is_some()));
+                weighing.gain_of(&Refined { fit, sizes, companions, scales: scales.clone() }, baseline.whitenings())
+            };
+            if let Some(gain) = fitted.as_ref().and_then(gain).filter(|gain| *gain > weighed.gain(kind)) {
+                weighed.fitted[kind] = fitted.map(|(_, fitted, _)| Fitted { gain, ..fitted });
+            }
+        }
         let parts = weighed.parts(self.settings.least_log_bayes_factor);
         let Some((first, others)) = parts.split_first() else { return Ok(None) };
         let likeliest = first.likeliest();
         let change = columns.select_columns(&first.group.columns(likeliest)) * &first.settings[likeliest].sizes;
-        let Some(phase) = shows_most(&problem.channels(), &left_of(&fit, &change)) else { return Ok(None) };
+        let Some(phase) = shows_most(&problem.channels(), &(&change + &fit.jacobian * followed(&fit, &change))) else {
+            return Ok(None);
+        };
         let alternative = |part: &Part<'_>| Alternative {
             hook: part.hook.to_owned(),
             probability: part.probability,
@@ -78,35 +123,87 @@ impl<'a> Search<'a> {
         }))
     }
 
-    /// Weighed templates at the fit of `model`, with the changes of the simulated values by the largest sizes of the priors,
-    /// a column for each template and setting.
-    fn weighed(
+    /// Templates of kind number `kind` fitted together with all unknowns of `model`, from the likeliest settings of the linear
+    /// models at `fit`; with the fit, and with the widths of the search ranges and the sizes, relative to the largest ones of
+    /// the priors. None if no start can be fitted.
+    fn fitted(
         &mut self,
         problem: &Problem<'_>,
         fit: &Fit,
         model: &Hypothesis,
-        baseline: &Baseline,
-    ) -> Result<(Weighed<'a>, DMatrix<f64>), FinderError> {
-        let groups = Group::all(self.question.templates, problem);
-        let probes: Vec<Probe<'_>> = groups.iter().flat_map(Group::probes).collect();
-        let mut columns =
-            self.reporter.with_progress(Stage::Repair, |on_round| problem.probed(fit, &probes, on_round))?;
-        groups.iter().flat_map(Group::scales).for_each(|(column, scale)| columns.column_mut(column).scale_mut(scale));
-        let kinds = Kind::all(&groups);
-        let all: Vec<LinearModel> = kinds.iter().flat_map(|kind| kind.models.clone()).collect();
-        let share = self.settings.discrepancy_share;
-        let logs = [model.evidence.alone + (1.0 - share).ln(), share.ln()];
-        let weighed = weigh(fit, &columns, &all, logs, &model.evidence.with, baseline.whitenings());
-        let mut rest = weighed.ok_or_else(FinderError::curvature)?.into_iter();
-        let models = kinds.iter().map(|kind| rest.by_ref().take(kind.models.len()).collect()).collect();
-        Ok((Weighed { groups, kinds, models }, columns))
+        columns: &DMatrix<f64>,
+        weighed: &Weighed<'_>,
+        kind: usize,
+    ) -> Result<Option<(Fit, Fitted, Vec<[f64; 2]>)>, FinderError> {
+        let Some(group) = weighed.kinds[kind].group.map(|group| &weighed.groups[group]) else { return Ok(None) };
+        let settings = &weighed.models[kind];
+        let candidates = group.as_candidates();
+        let unknowns = candidates.iter().fold(model.unknowns.clone(), |all, candidate| all.with(candidate));
+        let own = Problem { unknowns, ..*problem };
+        let start = |(setting, share): (usize, f64)| {
+            let sizes = share * &settings[setting].sizes;
+            let change = columns.select_columns(&group.columns(setting)) * &sizes;
+            let moved = followed(fit, &change);
+            let values = group.templates.iter().zip(sizes.iter()).map(|(template, size)| template.most * size);
+            let values = values.chain(group.companion_at(setting));
+            let further = candidates.iter().zip(values).map(|(candidate, value)| candidate.search().to_unit(value));
+            let point = fit.point.iter().zip(moved.iter()).map(|(u, by)| u + by).chain(further);
+            Start { point: point.map(|u| u.clamp(0.0, 1.0)).collect(), tracks: own.measured() }
+        };
+        let ranked = ranked(settings);
+        let starts = ranked.into_iter().take(SETTINGS).flat_map(|setting| SIZES.map(|share| (setting, share)));
+        let starts: Vec<Start> = starts.map(start).collect();
+        let found = self.reporter.with_progress(Stage::Repair, |on_round| {
+            let seen = own.linearise(starts, on_round)?.into_iter().flatten().collect();
+            own.minimise_best(seen, on_round)
+        });
+        let found = match found {
+            Err(FinderError::NoFit(_)) => return Ok(None),
+            found => found?,
+        };
+        let further = &found.point[fit.point.len()..];
+        let values: Vec<f64> = candidates.iter().zip(further).map(|(c, u)| c.search().from_unit(*u)).collect();
+        let (own_values, companion) = values.split_at(group.templates.len());
+        let sizes: Vec<f64> = own_values.iter().zip(&group.templates).map(|(value, t)| value / t.most).collect();
+        let width = |(candidate, template): (&Candidate, &&Template)| {
+            let (low, high) = candidate.search().bounds();
+            (high - low) / template.most
+        };
+        let widths = candidates.iter().zip(&group.templates).map(width);
+        let scales = widths.zip(&sizes).map(|(width, size)| [width, *size]).collect();
+        let companion = companion.first().copied();
+        Ok(Some((found, Fitted { gain: f64::NEG_INFINITY, sizes, companion }, scales)))
     }
 }
 
-impl Weighed<'_> {
+impl<'a> Weighed<'a> {
+    /// Weighs the models of all groups; none if a matrix is not positive definite.
+    fn of(groups: Vec<Group<'a>>, weighing: &Weighing) -> Option<Self> {
+        let kinds = Kind::all(&groups);
+        let models = kinds.iter().map(|kind| weighing.weigh(&kind.models)).collect::<Option<Vec<_>>>()?;
+        let fitted = kinds.iter().map(|_| None).collect();
+        Some(Self { groups, kinds, models, fitted })
+    }
+
     /// Gain in log evidence by the models of kind number `i`.
     fn gain(&self, i: usize) -> f64 {
-        mean(self.models[i].iter().map(|model| model.gain))
+        let linear = mean(self.models[i].iter().map(|model| model.gain));
+        self.fitted[i].as_ref().map_or(linear, |fitted| fitted.gain.max(linear))
+    }
+
+    /// Kinds whose templates are fitted: those at a place, because the change by a mass or a joint is far from linear in its
+    /// size and place, and the most probable others.
+    fn promising(&self) -> Vec<usize> {
+        let group = |i: usize| self.kinds[i].group.map(|group| &self.groups[group]);
+        let mut all: Vec<usize> = (0..self.kinds.len()).filter(|&i| group(i).is_some()).collect();
+        all.sort_by(|a, b| self.gain(*b).total_cmp(&self.gain(*a)));
+        let mut others = 0;
+        all.retain(|&i| {
+            let is_placed = group(i).is_some_and(Group::is_placed);
+            others += usize::from(!is_placed);
+            is_placed || others <= OTHERS
+        });
+        all
     }
 
     /// Parts of the simulator, the most probable first; empty if all together gain less than `least` nats.
@@ -123,8 +220,9 @@ impl Weighed<'_> {
         let part = |(hook, gain): (&&str, &f64)| {
             let groups = own(hook).into_iter().filter_map(|i| Some((i, self.kinds[i].group?)));
             let (kind, group) = groups.max_by(|a, b| self.gain(a.0).total_cmp(&self.gain(b.0)))?;
-            let group = &self.groups[group];
-            Some(Part { hook: group.hook(), probability: (gain - total).exp(), group, settings: &self.models[kind] })
+            let (group, settings) = (&self.groups[group], &self.models[kind][..]);
+            let (probability, fitted) = ((gain - total).exp(), self.fitted[kind].as_ref());
+            Some(Part { hook: group.hook(), probability, group, settings, fitted })
         };
         let mut parts: Vec<Part<'_>> = hooks.iter().zip(&gains).filter_map(part).collect();
         parts.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -133,17 +231,28 @@ impl Weighed<'_> {
 }
 
 impl Part<'_> {
-    /// Likeliest setting of the group.
+    /// Likeliest setting of the linear models.
     fn likeliest(&self) -> usize {
-        let greater = |a: &usize, b: &usize| self.settings[*a].gain.total_cmp(&self.settings[*b].gain);
-        (0..self.settings.len()).max_by(greater).unwrap_or(0)
+        ranked(self.settings)[0]
     }
 
-    /// Form of the group at its likeliest setting.
+    /// Form of the group: as fitted, or by the linear model at its likeliest setting.
     fn form(&self) -> Form {
-        let setting = self.likeliest();
-        self.group.form(setting, self.settings[setting].sizes.as_slice())
+        match self.fitted {
+            Some(Fitted { sizes, companion, .. }) => self.group.form(sizes, *companion),
+            None => {
+                let setting = self.likeliest();
+                self.group.form(self.settings[setting].sizes.as_slice(), self.group.companion_at(setting))
+            }
+        }
     }
+}
+
+/// Settings, the likeliest first.
+fn ranked(settings: &[WeighedModel]) -> Vec<usize> {
+    let mut ranked: Vec<usize> = (0..settings.len()).collect();
+    ranked.sort_by(|a, b| settings[*b].gain.total_cmp(&settings[*a].gain));
+    ranked
 }
 
 /// Log mean of numbers given by their logarithms.
@@ -152,11 +261,9 @@ fn mean(logs: impl Iterator<Item = f64>) -> f64 {
     log_sum_exp(&logs) - (logs.len() as f64).ln()
 }
 
-/// Part of a change that the unknowns of the fit cannot follow.
-fn left_of(fit: &Fit, change: &DVector<f64>) -> DVector<f64> {
-    let curvature = fit.curvature() + DMatrix::identity(fit.point.len(), fit.point.len());
-    match curvature.cholesky() {
-        Some(factor) => change - &fit.jacobian * factor.solve(&fit.jacobian.tr_mul(change)),
-        None => change.clone(),
-    }
+/// Step of the unknowns of a fit by which they follow a change of the simulated values: the rest of the change is least.
+fn followed(fit: &Fit, change: &DVector<f64>) -> DVector<f64> {
+    let n = fit.point.len();
+    let curvature = fit.curvature() + DMatrix::identity(n, n);
+    curvature.cholesky().map_or_else(|| DVector::zeros(n), |factor| -factor.solve(&fit.jacobian.tr_mul(change)))
 }

@@ -1,9 +1,10 @@
 //! Groups of templates that act together, and the linear models that they give.
 
-use crate::data::{Companion, Template};
+use crate::data::{Candidate, Companion, Template};
 use crate::evidence::LinearModel;
 use crate::fitting::{Probe, Problem};
 use crate::report::Form;
+use catenary_core::{Frame, Prior};
 
 /// Places at which a template is tried, as fractions of the length: the first, the last, and the step.
 // A template is a tenth of the length wide.
@@ -14,8 +15,9 @@ const HALF_WAVES: usize = 12;
 /// a wave between two of them looks like both.
 const WAVES: usize = 64;
 const RATIO: f64 = 1.25;
-/// Highest frequency in Hz. It may exceed half the frame rate: the object follows a fast wave in another way than the slow
-/// wave of the same frames.
+/// Highest frequency, as a share of the frame rate, and in Hz.
+// Above half the frame rate a wave looks like a slower one.
+const GREATEST_SHARE: f64 = 0.4;
 const GREATEST_HZ: f64 = 8.0;
 /// Frequency in Hz above which a smooth function of time hardly changes.
 const SMOOTH_HZ: f64 = 0.5;
@@ -51,7 +53,7 @@ impl<'a> Group<'a> {
                     let settings = match template.companion {
                         None => Vec::new(),
                         Some((Companion::Place, _)) => places(),
-                        Some((Companion::Frequency, _)) => frequencies_hz(longest_s(problem)),
+                        Some((Companion::Frequency, _)) => frequencies_hz(longest_s(problem), frame_rate_hz(problem)),
                     };
                     groups.push(Group { templates: vec![template], settings, first: 0 });
                 }
@@ -79,6 +81,11 @@ impl<'a> Group<'a> {
         let probe =
             |of: &[&'a Template]| Probe { names: of.iter().map(|t| t.name.as_str()).collect(), settings: settings() };
         if self.is_known() { self.templates.chunks(1).map(probe).collect() } else { vec![probe(&self.templates)] }
+    }
+
+    /// Returns whether the templates act at a place.
+    pub fn is_placed(&self) -> bool {
+        self.companion() == Some(Companion::Place)
     }
 
     /// Returns whether the templates are effects of the library.
@@ -128,10 +135,33 @@ impl<'a> Group<'a> {
         (0..self.count()).flat_map(|setting| vec![of(setting); self.templates.len()]).collect()
     }
 
-    /// Form of the templates at a setting, with sizes relative to the largest ones of the priors.
-    pub fn form(&self, setting: usize, sizes: &[f64]) -> Form {
+    /// Value of the companion at a setting; none without a companion.
+    pub fn companion_at(&self, setting: usize) -> Option<f64> {
+        self.settings.get(setting).copied()
+    }
+
+    /// Templates and their companion as effects that a fit finds, in this order.
+    pub fn as_candidates(&self) -> Vec<Candidate> {
+        let effect = |name: &str, prior, range| {
+            let (name, title) = (name.to_owned(), name.to_owned());
+            Candidate { name, title, prior, range, base: 0.0, odds: 1.0 }
+        };
+        let template = |template: &&Template| {
+            let low = template.range[0].max(-template.most);
+            effect(&template.name, Prior::Uniform { low, high: template.most }, template.range)
+        };
+        let companion = self.templates[0].companion.as_ref().map(|(companion, name)| {
+            let high =
+                if *companion == Companion::Place { 1.0 } else { self.settings.iter().copied().fold(0.0, f64::max) };
+            effect(name, Prior::Uniform { low: 0.0, high }, [0.0, high])
+        });
+        self.templates.iter().map(template).chain(companion).collect()
+    }
+
+    /// Form of the templates with sizes relative to the largest ones of the priors, and a value of the companion.
+    pub fn form(&self, sizes: &[f64], companion: Option<f64>) -> Form {
         let sizes: Vec<f64> = sizes.iter().zip(&self.templates).map(|(size, template)| size * template.most).collect();
-        let at = |wanted| (self.companion() == Some(wanted)).then(|| self.settings[setting]);
+        let at = |wanted| companion.filter(|_| self.companion() == Some(wanted));
         Form::of(&self.templates, &sizes, at(Companion::Place), at(Companion::Frequency))
     }
 }
@@ -178,11 +208,21 @@ fn longest_s(problem: &Problem<'_>) -> f64 {
     last.map(|frame| frame.time_s).fold(0.0, f64::max)
 }
 
-/// Tried frequencies for episodes of `longest_s`, in Hz; empty for episodes without a duration.
-fn frequencies_hz(longest_s: f64) -> Vec<f64> {
+/// Greatest mean frame rate of an episode; zero without frames.
+fn frame_rate_hz(problem: &Problem<'_>) -> f64 {
+    let rate = |frames: &[Frame]| {
+        let (first, last) = (frames.first()?, frames.last()?);
+        Some((frames.len() - 1) as f64 / (last.time_s - first.time_s)).filter(|rate| rate.is_finite())
+    };
+    problem.episodes.iter().filter_map(|e| rate(&e.measured.frames)).fold(0.0, f64::max)
+}
+
+/// Tried frequencies for episodes of `longest_s` with a frame rate, in Hz; empty for episodes without a duration.
+fn frequencies_hz(longest_s: f64, frame_rate_hz: f64) -> Vec<f64> {
+    let greatest_hz = GREATEST_HZ.min(GREATEST_SHARE * frame_rate_hz);
     let mut all = Vec::new();
     let mut next_hz = 0.5 / longest_s;
-    while next_hz <= GREATEST_HZ {
+    while next_hz <= greatest_hz {
         all.push(next_hz);
         next_hz = match all.len() {
             few if few < HALF_WAVES => next_hz + 0.5 / longest_s,
@@ -199,14 +239,15 @@ mod tests {
 
     #[test]
     fn frequencies_resolve_slow_waves_and_end_at_the_highest() {
-        let all = frequencies_hz(8.0);
+        let all = frequencies_hz(8.0, 30.0);
         assert!((all[0] - 0.0625).abs() < 1e-12 && (all[11] - 0.75).abs() < 1e-12, "{all:?}");
         let gaps: Vec<f64> = all.windows(2).map(|pair| pair[1] - pair[0]).collect();
         assert!(gaps.iter().all(|gap| *gap <= 0.125 + 1e-12), "a wave between two looks like both");
         assert!(all.last().is_some_and(|hz| (7.8..=8.0).contains(hz)));
-        let long = frequencies_hz(60.0);
+        let long = frequencies_hz(60.0, 30.0);
         assert!(long.len() < 90 && long.last().is_some_and(|hz| *hz > 6.0), "{}", long.len());
-        assert!(frequencies_hz(0.0).is_empty());
+        assert!(frequencies_hz(0.0, 30.0).is_empty() && frequencies_hz(8.0, 0.0).is_empty());
+        assert!(frequencies_hz(8.0, 4.0).last().is_some_and(|hz| *hz <= 1.6), "half the frame rate is 2 Hz");
     }
 
     fn template(name: &str, hook: &str, companion: Option<Companion>) -> Template {
@@ -255,7 +296,9 @@ mod tests {
     fn a_form_has_the_place_or_the_frequency_and_the_common_size() {
         let wave = ["sin", "cos"].map(|name| template(name, "force", Some(Companion::Frequency)));
         let group = group(wave.iter().collect(), vec![0.5, 2.0], 0);
-        let form = group.form(1, &[0.3, -0.4]);
+        let form = group.form(&[0.3, -0.4], group.companion_at(1));
+        let names: Vec<String> = group.as_candidates().into_iter().map(|c| c.name).collect();
+        assert_eq!(names, ["sin", "cos", "Frequency"]);
         assert_eq!((form.template.as_str(), form.title.as_str()), ("cos", "sin"));
         assert!((form.size - 1.0).abs() < 1e-12 && form.frequency_hz == Some(2.0) && form.place.is_none());
     }
