@@ -182,7 +182,7 @@ fn what_is_missing_is_told_by_its_part_its_place_and_its_time() {
         assert_eq!(finding.verdict, Verdict::NoneOfThese);
         finding.missing.unwrap_or_else(|| panic!("{effects:?}: {:?}", finding.conclusions))
     };
-    let kink = missing(&[("kink_rad", 0.5), ("unlisted_place", 0.6)]);
+    let kink = missing(&[("kink_rad", 1.2), ("unlisted_place", 0.6)]);
     assert_eq!((kink.hook.as_str(), kink.form.frequency_hz), ("material", None));
     assert!(kink.form.place.is_some_and(|place| (place - 0.6).abs() <= 0.1), "{kink:?}");
     // It blows from 1.5 s to 3 s.

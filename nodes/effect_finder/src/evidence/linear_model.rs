@@ -285,14 +285,14 @@ mod tests {
     #[test]
     fn the_acting_column_gains_most_with_its_sign_and_less_beside_a_discrepancy() {
         let models = [0, 1, 2].map(|column| model(&[column], false));
-        let case = Case::new(0.4);
+        let case = Case::new(0.8);
         let alone = case.gain(&models, 1e-12);
         assert!(alone[1] > 5.0 && alone[0] < 1.0 && alone[2] < 1.0, "{alone:?}");
         let positive = model(&[1], true);
         // A prior of one sign has twice the density there, and none on the other side.
         let [gained] = case.gain(std::slice::from_ref(&positive), 1e-12)[..] else { panic!("one model") };
         assert!((gained - alone[1] - 2f64.ln()).abs() < 0.1, "{gained} {}", alone[1]);
-        let [lost] = Case::new(-0.4).gain(&[positive], 1e-12)[..] else { panic!("one model") };
+        let [lost] = Case::new(-0.8).gain(&[positive], 1e-12)[..] else { panic!("one model") };
         assert!(lost < 0.0, "{lost}");
         let beside = case.gain(&models, 0.9999);
         assert!(beside[1] < alone[1], "{beside:?} {alone:?}");

@@ -93,10 +93,11 @@ mod tests {
             problem.linearise(vec![start], &mut go_on).unwrap().remove(0).unwrap().fit
         };
         let fit = linearised(&problem, vec![0.5, 0.5]);
-        let with = Problem { unknowns: problem.unknowns.with(&candidate), ..problem };
+        let with =
+            Problem { unknowns: problem.unknowns.with(&candidate), ..Problem::of(&toy::model(), &episodes, &toy, 40) };
         let known = linearised(&with, vec![0.5, 0.5, 0.0]).jacobian.column(2).into_owned();
         let probe = |names: Vec<&'static str>| Probe { names, settings: Some(("other", vec![0.1, 0.7])) };
-        let columns = with.probed(&fit, &[probe(vec![name]), probe(Vec::new())], &mut || ControlFlow::Continue(()));
+        let columns = problem.probed(&fit, &[probe(vec![name]), probe(Vec::new())], &mut || ControlFlow::Continue(()));
         let columns = columns.unwrap();
         assert_eq!(columns.shape(), (fit.residuals.len(), 2));
         // The coordinate is half a kilogram wide.

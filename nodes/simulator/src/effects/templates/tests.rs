@@ -64,7 +64,8 @@ fn tracks_have_derivatives_by_each_template_at_zero() {
         if about.name != PLACE && about.name != FREQUENCY {
             // So small that the swing of a soft bar responds in proportion.
             let step = 1e-5 * about.prior.bounds().1;
-            derivative_is_the_difference(&[], about.name, 0.0, step);
+            // A wave of 1 Hz is zero in every frame.
+            derivative_is_the_difference(&[(FREQUENCY, 0.7)], about.name, 0.0, step);
         }
     }
 }

@@ -19,11 +19,11 @@ impl ForceTerm for Pull {
     }
 }
 
-/// Effect `start_pull_n_m`: a pull along x holds the object aside until the recording begins, so that it swings although it
+/// Effect `start_pull_n_m`, a wrong start, in the part of the library's effects on the start: a pull along x holds the object aside until the recording begins, so that it swings although it
 /// seems to hang at rest.
 pub fn effect() -> TermEffect {
     TermEffect::new(
-        about("start_pull_n_m", "pull until the start", "N/m", Hook::Force, log_uniform(1e-3, 2.0), 100.0),
+        about("start_pull_n_m", "pull until the start", "N/m", Hook::Boundary, log_uniform(1e-3, 2.0), 100.0),
         &[],
         |magnitude, episode| episode.terms.forces.push(Arc::new(Pull(magnitude))),
     )
