@@ -1,8 +1,7 @@
 """Picture of a score: confusion, power, p-values, calibration."""
 
 import numpy
-
-from figures import what_of
+from shares import what_of
 
 
 def draw(rows, found, path):

@@ -17,9 +17,8 @@ import sys
 import numpy
 from picture import draw
 from rows import NEAR, NINETY, RULED, RULES, is_additional, row_of, together
+from shares import calibration, each, instead, kolmogorov_p, share, spread
 from table import text
-
-from figures import calibration, each, instead, kolmogorov_p, share, spread
 
 
 def opened(folder):

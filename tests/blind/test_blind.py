@@ -12,10 +12,9 @@ import numpy
 import pytest
 import rows
 import score
+import shares
 import table
 from alone import alone
-
-import figures
 
 HERE = pathlib.Path(__file__).parent
 
@@ -260,15 +259,15 @@ def test_an_answer_that_was_changed_after_it_was_sealed_is_refused(worlds, tmp_p
 
 
 def test_figures_of_the_score_have_closed_forms():
-    low, high = figures.wilson(5, 100)
+    low, high = shares.wilson(5, 100)
     assert abs(low - 0.0215) < 5e-4 and abs(high - 0.1118) < 5e-4
-    assert figures.wilson(0, 10)[0] == 0.0 and figures.wilson(0, 0) == [0.0, 1.0]
+    assert shares.wilson(0, 10)[0] == 0.0 and shares.wilson(0, 0) == [0.0, 1.0]
     even = (numpy.arange(100) + 0.5) / 100
-    assert figures.kolmogorov_p(even) > 0.99 and figures.kolmogorov_p(even**2) < 1e-4
+    assert shares.kolmogorov_p(even) > 0.99 and shares.kolmogorov_p(even**2) < 1e-4
     # Uniform p-values: each of the steps 1 / 200 to 1 once, and each of the steps 1 / 20 to 1 once.
     tests = [{"p": (i + 1) / (n + 1), "null_sets": n} for n in (19, 199) for i in range(n + 1)]
-    for p, row in zip(figures.spread(tests), tests, strict=True):
+    for p, row in zip(shares.spread(tests), tests, strict=True):
         assert 0.0 <= p <= row["p"] and row["p"] - p <= 1 / (1 + row["null_sets"])
-    assert figures.kolmogorov_p(figures.spread(tests)) > 0.99
+    assert shares.kolmogorov_p(shares.spread(tests)) > 0.99
     row = {"kind": "effect", "probabilities": [(0.9, True)] * 9 + [(0.9, False)]}
-    assert figures.calibration([row])[0] < 1e-9
+    assert shares.calibration([row])[0] < 1e-9
