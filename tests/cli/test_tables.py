@@ -11,7 +11,7 @@ import pathlib
 import pytest
 
 from support.bags import rewritten
-from support.program import BAG, MODEL, MODELS
+from support.program import MODEL, MODELS
 
 CABLE = MODELS / "measured_cable.yaml"
 DATA = pathlib.Path(os.environ.get("CATENARY_DATA", "nowhere")) / "measured_cable_2"
