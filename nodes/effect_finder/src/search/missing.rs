@@ -10,7 +10,7 @@ use super::progress::Stage;
 use super::template_groups::{Group, Kind};
 use crate::data::{Candidate, Template};
 use crate::error::FinderError;
-use crate::evidence::{Baseline, Hypothesis, Refined, WeighedModel, Weighing};
+use crate::evidence::{Baseline, Hypothesis, Refined, WeighedModel, Weighing, Whitening};
 use crate::fitting::{Fit, Probe, Problem, Start};
 use crate::report::{Alternative, Form, Missing, sentences, shows_most};
 use catenary_core::mixture::log_sum_exp;
@@ -42,6 +42,15 @@ struct Fitted {
     /// Sizes relative to the largest ones of the priors.
     sizes: Vec<f64>,
     companion: Option<f64>,
+}
+
+/// Linear models of the templates at a fit.
+struct Linear<'a> {
+    fit: &'a Fit,
+    /// Changes by the largest sizes of the priors.
+    columns: &'a DMatrix<f64>,
+    weighing: &'a Weighing,
+    whitenings: &'a [Whitening],
 }
 
 /// Part of the simulator with its probability.
@@ -90,16 +99,10 @@ impl<'a> Search<'a> {
         let weighing = Weighing::new(&fit, &columns, log_alone, &logs, baseline.whitenings());
         let weighing = weighing.ok_or_else(FinderError::curvature)?;
         let mut weighed = Weighed::of(groups, &weighing).ok_or_else(FinderError::curvature)?;
+        let linear = Linear { fit: &fit, columns: &columns, weighing: &weighing, whitenings: baseline.whitenings() };
         for kind in weighed.promising() {
-            let fitted = self.fitted(&problem, &fit, model, &columns, &weighed, kind)?;
-            let gain = |f: &(Fit, Fitted, Vec<[f64; 2]>)| {
-                let (fit, Fitted { sizes, companion, .. }, scales) = f;
-                let (sizes, companions) = (sizes.len(), usize::from(companion.is_some()));
-                weighing.gain_of(&Refined { fit, sizes, companions, scales: scales.clone() }, baseline.whitenings())
-            };
-            if let Some(gain) = fitted.as_ref().and_then(gain).filter(|gain| *gain > weighed.gain(kind)) {
-                weighed.fitted[kind] = fitted.map(|(_, fitted, _)| Fitted { gain, ..fitted });
-            }
+            let fitted = self.fitted(&problem, model, &linear, &weighed, kind)?;
+            weighed.fitted[kind] = fitted.filter(|fitted| fitted.gain > weighed.gain(kind));
         }
         let parts = weighed.parts(self.settings.least_log_bayes_factor);
         let Some((first, others)) = parts.split_first() else { return Ok(None) };
@@ -124,17 +127,16 @@ impl<'a> Search<'a> {
     }
 
     /// Templates of kind number `kind` fitted together with all unknowns of `model`, from the likeliest settings of the linear
-    /// models at `fit`; with the fit, and with the widths of the search ranges and the sizes, relative to the largest ones of
-    /// the priors. None if no start can be fitted.
+    /// models. None if no start can be fitted.
     fn fitted(
         &mut self,
         problem: &Problem<'_>,
-        fit: &Fit,
         model: &Hypothesis,
-        columns: &DMatrix<f64>,
+        linear: &Linear<'_>,
         weighed: &Weighed<'_>,
         kind: usize,
-    ) -> Result<Option<(Fit, Fitted, Vec<[f64; 2]>)>, FinderError> {
+    ) -> Result<Option<Fitted>, FinderError> {
+        let Linear { fit, columns, weighing, whitenings } = *linear;
         let Some(group) = weighed.kinds[kind].group.map(|group| &weighed.groups[group]) else { return Ok(None) };
         let settings = &weighed.models[kind];
         let candidates = group.as_candidates();
@@ -171,8 +173,9 @@ impl<'a> Search<'a> {
         };
         let widths = candidates.iter().zip(&group.templates).map(width);
         let scales = widths.zip(&sizes).map(|(width, size)| [width, *size]).collect();
-        let companion = companion.first().copied();
-        Ok(Some((found, Fitted { gain: f64::NEG_INFINITY, sizes, companion }, scales)))
+        let refined = Refined { fit: &found, sizes: sizes.len(), companions: companion.len(), scales };
+        let gain = weighing.gain_of(&refined, whitenings);
+        Ok(gain.map(|gain| Fitted { gain, companion: companion.first().copied(), sizes }))
     }
 }
 
