@@ -146,8 +146,7 @@ fn find_with(question: Question<'_>, settings: &Settings) -> Outcome {
 }
 
 fn search(model: &Model, measured: &[MeasuredTrack], candidates: &[Candidate]) -> (Finding, Option<Model>) {
-    let outcome =
-        find_quickly(Question { model, measured, validation: &[], held_out: &[], candidates, templates: &[] });
+    let outcome = find_quickly(Question { candidates, ..Question::of(model, measured) });
     (outcome.finding, outcome.model)
 }
 
@@ -170,14 +169,7 @@ fn what_is_missing_is_told_by_its_part_its_place_and_its_time() {
     assert!(templates.iter().all(|t| t.hook != "actuation"), "no arm acts on a measured path");
     let missing = |effects: &[(&str, f64)]| {
         let measured = [episode(effects, 7)];
-        let question = Question {
-            model: &model,
-            measured: &measured,
-            validation: &[],
-            held_out: &[],
-            candidates: &[],
-            templates: &templates,
-        };
+        let question = Question { templates: &templates, ..Question::of(&model, &measured) };
         let finding = find_quickly(question).finding;
         assert_eq!(finding.verdict, Verdict::NoneOfThese);
         finding.missing.unwrap_or_else(|| panic!("{effects:?}: {:?}", finding.conclusions))
@@ -218,14 +210,7 @@ fn promising_models_are_fitted_later() {
     let model = model();
     let candidates = some(&model, &["stiffness_gradient", "keypoint_bias", "linear_drag_n_s_m2", "tip_mass_kg"]);
     let measured = [episode(&[("tip_mass_kg", 0.004)], 2)];
-    let question = Question {
-        model: &model,
-        measured: &measured,
-        validation: &[],
-        held_out: &[],
-        candidates: &candidates,
-        templates: &[],
-    };
+    let question = Question { candidates: &candidates, ..Question::of(&model, &measured) };
     let [few, all] = [1, 10].map(|extensions| find_with(question, &Settings { extensions, ..quick() }).finding);
     assert_eq!((few.verdict, names(&few)), (all.verdict, names(&all)), "{:?}", few.conclusions);
     let [few, all] = [few, all].map(|f| f.explanations[0].clone());
@@ -241,16 +226,8 @@ fn a_residual_and_a_held_out_difference_widen_the_uncertainty() {
     let candidates = some(&model, &["tip_mass_kg"]);
     let of = |kg, number| [episode(&[("tip_mass_kg", kg), ("camera_tilt_rad", 0.03)], number)];
     let (measured, other) = (of(0.010, 21), of(0.016, 22));
-    let search = |validation| {
-        find_quickly(Question {
-            model: &model,
-            measured: &measured,
-            validation,
-            held_out: &[],
-            candidates: &candidates,
-            templates: &[],
-        })
-    };
+    let search =
+        |validation| find_quickly(Question { validation, candidates: &candidates, ..Question::of(&model, &measured) });
     let (alone, both) = (search(&[]), search(&other));
     for finding in [&alone.finding, &both.finding] {
         let found = (finding.verdict, names(finding));
@@ -284,14 +261,7 @@ fn effects_that_explain_little_of_held_out_episodes_are_none_of_these() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg"]);
     let (measured, other) = ([episode(&[("tip_mass_kg", 0.004)], 31)], [episode(&[("camera_tilt_rad", 0.05)], 32)]);
-    let question = Question {
-        model: &model,
-        measured: &measured,
-        validation: &other,
-        held_out: &[],
-        candidates: &candidates,
-        templates: &[],
-    };
+    let question = Question { validation: &other, candidates: &candidates, ..Question::of(&model, &measured) };
     let Outcome { finding, model: repaired, .. } = find_quickly(question);
     assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
     let v = finding.verification.unwrap();
@@ -306,14 +276,7 @@ fn effects_that_make_held_out_episodes_less_likely_are_none_of_these() {
     let model = model();
     let candidates = some(&model, &["tip_mass_kg"]);
     let (measured, other) = ([episode(&[("tip_mass_kg", 0.003)], 31)], [episode(&[], 32)]);
-    let question = Question {
-        model: &model,
-        measured: &measured,
-        validation: &other,
-        held_out: &[],
-        candidates: &candidates,
-        templates: &[],
-    };
+    let question = Question { validation: &other, candidates: &candidates, ..Question::of(&model, &measured) };
     let settings = Settings { repaired_level: 1e-3, ..quick() };
     let Outcome { finding, model: repaired, .. } = find_with(question, &settings);
     assert_eq!((finding.verdict, repaired.is_none()), (Verdict::NoneOfThese, true), "{:?}", finding.conclusions);
@@ -415,14 +378,7 @@ fn a_camera_without_noise_is_refused() {
     let simulator = BeamSimulator::new(&sharp, 1).unwrap();
     let mut go_on = |_: &effect_finder::Progress| ControlFlow::Continue(());
     let measured = [episode(&[], 1)];
-    let question = Question {
-        model: &sharp,
-        measured: &measured,
-        validation: &[],
-        held_out: &[],
-        candidates: &[],
-        templates: &[],
-    };
+    let question = Question::of(&sharp, &measured);
     let refused = find(question, &simulator, &Settings::default(), &mut go_on).unwrap_err();
     assert!(refused.to_string().contains("keypoint_noise_px: expected more than 0"), "{refused}");
 }
@@ -448,14 +404,7 @@ fn two_effects_are_named_together_and_close_the_held_out_gap() {
     let candidates = some(&model, &["tip_mass_kg", "camera_tilt_rad", "linear_drag_n_s_m2", "keypoint_bias"]);
     let hidden = [("tip_mass_kg", 0.005), ("camera_tilt_rad", 0.05)];
     let [measured, held_out] = [11, 12].map(|number| [episode(&hidden, number)]);
-    let question = Question {
-        model: &model,
-        measured: &measured,
-        validation: &held_out,
-        held_out: &[],
-        candidates: &candidates,
-        templates: &[],
-    };
+    let question = Question { validation: &held_out, candidates: &candidates, ..Question::of(&model, &measured) };
     let outcome = find_quickly(question);
     let finding = outcome.finding;
     let mut found = names(&finding);

@@ -224,14 +224,7 @@ mod tests {
         let validation = measured.clone();
         let candidates = [candidate(hidden), candidate(other)];
         let model = toy::model();
-        let question = Question {
-            model: &model,
-            measured: &measured,
-            validation: &validation,
-            held_out: &[],
-            candidates: &candidates,
-            templates: &[],
-        };
+        let question = Question { validation: &validation, candidates: &candidates, ..Question::of(&model, &measured) };
         let found = |finer_fidelity| {
             let settings = Settings { finer_fidelity, ..settings() };
             let outcome = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
@@ -249,14 +242,7 @@ mod tests {
         let measured = [toy::measured(&simulator.toy, [0.22, 2e4], &[(hidden, 0.02)])];
         let candidates = [candidate(hidden), candidate(other)];
         let model = toy::model();
-        let question = Question {
-            model: &model,
-            measured: &measured,
-            validation: &[],
-            held_out: &[],
-            candidates: &candidates,
-            templates: &[],
-        };
+        let question = Question { candidates: &candidates, ..Question::of(&model, &measured) };
         let finding = find(question, &simulator, &settings(), &mut |_| ControlFlow::Continue(())).unwrap().finding;
         assert_eq!(finding.found, [[hidden]]);
         let value = finding.explanations[0].effects[0].value;
@@ -323,8 +309,7 @@ mod tests {
         // The smaller model is not fitted at all.
         let (pair, single) = (hypothesis(&["tip_mass_kg", "linear_drag_n_s_m2"], 40), hypothesis(&["tip_mass_kg"], 0));
         assert!(pair.fit.cost < 1e-3 && single.fit.cost > 100.0, "{} {}", pair.fit.cost, single.fit.cost);
-        let question =
-            Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[], templates: &[] };
+        let question = Question::of(&model, &[]);
         let mut listen = |_: &Progress| ControlFlow::Continue(());
         let reporter = Reporter::new(&mut listen);
         let mut search =
@@ -347,8 +332,7 @@ mod tests {
         let toy = || Toy { gain: 3.0 };
         let episodes = [toy::episode(&toy(), [0.22, 2e4], &[("tip_mass_kg", 0.05)])];
         let (model, settings, effect) = (toy::model(), settings(), candidate("tip_mass_kg"));
-        let question =
-            Question { model: &model, measured: &[], validation: &[], held_out: &[], candidates: &[], templates: &[] };
+        let question = Question::of(&model, &[]);
         let taken = |simulator: &dyn catenary_core::DifferentiableSimulator| {
             let problem = Problem::of(&model, &episodes, simulator, 40);
             let unknowns = problem.unknowns.with(&effect);

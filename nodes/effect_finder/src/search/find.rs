@@ -120,14 +120,7 @@ mod tests {
         points.for_each(|p| p[0] += error * theta[0]);
         let model = toy::model();
         let found = |fallback_fidelity: Option<Fidelity>| {
-            let question = Question {
-                model: &model,
-                measured: &measured,
-                validation: &[],
-                held_out: &[],
-                candidates: &[],
-                templates: &[],
-            };
+            let question = Question::of(&model, &measured);
             let settings = Settings { fallback_fidelity, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
             find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
         };
@@ -140,14 +133,7 @@ mod tests {
         let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
         let measured = [toy::measured(&simulator.toy, theta, &[])];
         let model = toy::model();
-        let question = Question {
-            model: &model,
-            measured: &measured,
-            validation: &[],
-            held_out: &[],
-            candidates: &[],
-            templates: &[],
-        };
+        let question = Question::of(&model, &measured);
         let settings = Settings {
             fallback_fidelity: Some(Fidelity::FineMesh),
             draws: 40,
@@ -186,14 +172,7 @@ mod tests {
         };
         let fitted = [measured((0, hidden))];
         let validation: Vec<MeasuredTrack> = (1..).zip(validation_effects.iter().copied()).map(measured).collect();
-        let question = Question {
-            model: &model,
-            measured: &fitted,
-            validation: &validation,
-            held_out: &[],
-            candidates: &candidates,
-            templates: &[],
-        };
+        let question = Question { validation: &validation, candidates: &candidates, ..Question::of(&model, &fitted) };
         let settings = Settings {
             fallback_fidelity: None,
             finer_fidelity: None,

@@ -21,3 +21,10 @@ pub struct Question<'a> {
     /// Templates of what may be missing where no effect explains the rest; may be empty.
     pub templates: &'a [Template],
 }
+
+impl<'a> Question<'a> {
+    /// Input with the fitted episodes alone: no others, no effects, and no templates.
+    pub fn of(model: &'a Model, measured: &'a [MeasuredTrack]) -> Self {
+        Self { model, measured, validation: &[], held_out: &[], candidates: &[], templates: &[] }
+    }
+}

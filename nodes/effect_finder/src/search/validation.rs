@@ -194,14 +194,7 @@ mod tests {
             let episodes = [measured(&[], 2)];
             let problem = Problem::of(&model, &episodes, &toy, 40);
             let settings = Settings { finer_fidelity: None, ..Settings::default() };
-            let question = Question {
-                model: &model,
-                measured: &[],
-                validation: &[],
-                held_out: &[],
-                candidates: &[],
-                templates: &[],
-            };
+            let question = Question::of(&model, &[]);
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen);
             let mut search = Search {
