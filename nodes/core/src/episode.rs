@@ -21,6 +21,6 @@ pub use error::EpisodeError;
 pub use log::{EpisodeLog, RecordKind, is_base_frame};
 pub use measured::MeasuredTrack;
 pub use order::order_from;
-pub use plausible::{HeldRun, MeasuredPose, PlacedFrame, held_runs};
+pub use plausible::{HeldRun, HeldSummary, MeasuredPose, PlacedFrame, held_runs, held_summaries};
 pub use rate::interval_doubt;
 pub use view::{OutOfView, out_of_view, view_of, view_warning};

@@ -2,7 +2,7 @@
 
 use super::table::{COLUMNS, Row};
 use crate::error::BagError;
-use catenary_core::episode::{HeldRun, PlacedFrame, held_runs, interval_doubt, view_warning};
+use catenary_core::episode::{HeldSummary, PlacedFrame, held_runs, held_summaries, interval_doubt, view_warning};
 use catenary_core::{Camera, Keypoints, Model};
 
 /// Refuses times in another unit than seconds.
@@ -32,10 +32,7 @@ pub(super) fn held(file: &str, rows: &[Row], keypoints: &[Keypoints]) -> Vec<Str
     let seen: Vec<&Row> = rows.iter().zip(keypoints).filter(|(_, k)| k.dlo_seen()).map(|(row, _)| row).collect();
     let frame = |r: &&Row| PlacedFrame { time_s: r.time_s(), points_m: r.points_m, grip: r.grip };
     let runs = held_runs(&seen.iter().map(frame).collect::<Vec<_>>());
-    let words = |keypoint: Option<usize>| {
-        let runs: Vec<&HeldRun> = runs.iter().filter(|run| run.keypoint == keypoint).collect();
-        let longest = runs.iter().max_by_key(|run| run.count())?;
-        let count: usize = runs.iter().map(|run| run.count()).sum();
+    let words = |HeldSummary { keypoint, count, longest }| {
         let (from, to) = (seen[longest.first + 1], seen[longest.last]);
         let (columns, what, meanwhile) = match keypoint {
             None => (format!("{} to {}", COLUMNS[4], COLUMNS[11]), "the points or the shape", "hand or object move"),
@@ -45,7 +42,7 @@ pub(super) fn held(file: &str, rows: &[Row], keypoints: &[Keypoints]) -> Vec<Str
         };
         let k = keypoint.unwrap_or(3);
         let [x, z] = from.points_m[k];
-        Some(format!(
+        format!(
             "{file}: columns {columns}: {count} of {} rows ({:.0} %) hold {what} of the row before, the longest run {}, lines {} to {} (t_s {:.3} to {:.3} after the first row) with p{} at ({x}, {z}) m, while {meanwhile}: expected a new measurement in each row; imported, and left out when the bag is read",
             rows.len(),
             100.0 * count as f64 / rows.len() as f64,
@@ -55,7 +52,7 @@ pub(super) fn held(file: &str, rows: &[Row], keypoints: &[Keypoints]) -> Vec<Str
             from.time_s(),
             to.time_s(),
             k + 1
-        ))
+        )
     };
-    [None, Some(0), Some(1), Some(2), Some(3)].into_iter().filter_map(words).collect()
+    held_summaries(&runs).into_iter().map(words).collect()
 }

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 /// Treatment of the prior's support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PriorSupportName {
-    /// That of the model file
+    /// Support of the model file
     Fixed,
     /// Grows where the posterior presses on an edge that physics does not set
     Adaptive,

@@ -15,4 +15,4 @@ pub use hand::MeasuredPose;
 pub(super) use hand::{HandLimits, POSES, observations, poses};
 pub(super) use held::without_held;
 pub(super) use object::{KEYPOINTS, keypoints, zero_warning};
-pub use repeats::{HeldRun, PlacedFrame, held_runs};
+pub use repeats::{HeldRun, HeldSummary, PlacedFrame, held_runs, held_summaries};

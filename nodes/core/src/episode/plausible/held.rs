@@ -2,7 +2,7 @@
 
 use super::KEYPOINTS;
 use super::chain::{Plausible, kept};
-use super::repeats::{HeldRun, PlacedFrame, held_runs};
+use super::repeats::{HeldSummary, PlacedFrame, held_runs, held_summaries};
 use crate::{Camera, GripTrajectory, Keypoints};
 
 /// Leaves out the frames that hold an earlier value of all keypoints or of one, and keeps those of an object that may be at
@@ -26,8 +26,7 @@ pub(crate) fn without_held(
     let runs = held_runs(&frames);
     let mut flags = vec![true; samples.len()];
     runs.iter().for_each(|run| flags[run.first + 1..=run.last].fill(false));
-    let held = [None, Some(0), Some(1), Some(2), Some(3)].map(|keypoint| words(&runs, keypoint, &frames));
-    let held: Vec<String> = held.into_iter().flatten().collect();
+    let held: Vec<String> = held_summaries(&runs).iter().map(|held| words(held, &frames)).collect();
     let kept = kept(samples, &flags);
     if kept.len() < 2 && !held.is_empty() {
         return Err(format!(
@@ -39,23 +38,21 @@ pub(crate) fn without_held(
     Ok(Plausible { kept, warnings: held.into_iter().map(left_out).collect() })
 }
 
-/// Share of the frames that hold all keypoints or one, and the longest run with its times; none without such runs.
-fn words(runs: &[HeldRun], keypoint: Option<usize>, frames: &[PlacedFrame]) -> Option<String> {
-    let runs: Vec<&HeldRun> = runs.iter().filter(|run| run.keypoint == keypoint).collect();
-    let longest = runs.iter().max_by_key(|run| run.count())?;
-    let count: usize = runs.iter().map(|run| run.count()).sum();
+/// Share of the frames that hold all keypoints or one, and the longest run with its times.
+fn words(held: &HeldSummary, frames: &[PlacedFrame]) -> String {
+    let HeldSummary { keypoint, count, longest } = held;
     let (what, meanwhile) = match keypoint {
         None => ("the frame before them".to_owned(), "hand or object move"),
         Some(k) => (format!("dlo_u[{k}], dlo_v[{k}] of the frame before them"), "the others move"),
     };
-    Some(format!(
+    format!(
         "{count} of {} frames ({:.0} %) repeat {what}, the longest run {} from {:.2} s to {:.2} s, while {meanwhile}",
         frames.len(),
-        100.0 * count as f64 / frames.len() as f64,
+        100.0 * *count as f64 / frames.len() as f64,
         longest.count(),
         frames[longest.first + 1].time_s,
         frames[longest.last].time_s
-    ))
+    )
 }
 
 #[cfg(test)]

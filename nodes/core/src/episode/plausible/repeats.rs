@@ -71,6 +71,27 @@ impl HeldRun {
     }
 }
 
+/// Runs that hold the same keypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HeldSummary {
+    /// Index of the only keypoint that is held, 0 to 3; none if all are.
+    pub keypoint: Option<usize>,
+    /// Number of repetitions in all runs.
+    pub count: usize,
+    /// Longest run.
+    pub longest: HeldRun,
+}
+
+/// Summaries of `runs`: that of all keypoints first, then those of single ones; none where nothing is held.
+pub fn held_summaries(runs: &[HeldRun]) -> Vec<HeldSummary> {
+    let summary = |keypoint| {
+        let own = || runs.iter().filter(move |run| run.keypoint == keypoint);
+        let longest = *own().max_by_key(|run| run.count())?;
+        Some(HeldSummary { keypoint, count: own().map(HeldRun::count).sum(), longest })
+    };
+    [None, Some(0), Some(1), Some(2), Some(3)].into_iter().filter_map(summary).collect()
+}
+
 impl PlacedFrame {
     /// Keypoints in the frame of the hand, which stands upright at pitch 0.
     fn in_hand(&self) -> [[f64; 2]; 4] {
