@@ -1,4 +1,46 @@
 //! Sequential inference: iterations of drawing thetas, simulating them, and training on all tracks so far.
+//!
+//! ```
+//! use bayes_sim::sequential::{Observed, Sequential};
+//! use bayes_sim::Settings;
+//! use catenary_core::{Drive, Fidelity, Frame, Parameter, ParameterSpace, Prior, SimulationRequest, seed};
+//! use catenary_core::{Simulator, SimulatorError, Track, simulator::StartShape, track::End};
+//! use rand::RngExt;
+//! use std::ops::ControlFlow;
+//!
+//! /// A straight bar whose slope is the parameter, seen with noise.
+//! struct Bar;
+//!
+//! impl Simulator for Bar {
+//!     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+//!         let track = |(episode, theta): (u64, &Vec<f64>)| {
+//!             let mut rng = seed::rng(request.seed, episode);
+//!             let dlo = [0.0, 0.2, 0.4, 0.6].map(|x| [x, theta[0] * x + 0.02 * (rng.random::<f64>() - 0.5)]);
+//!             let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+//!             Track { frames: vec![frame], end: End::Complete }
+//!         };
+//!         Ok((request.first_episode..).zip(&request.thetas).map(track).collect())
+//!     }
+//! }
+//!
+//! let slope = Parameter { name: "slope".into(), prior: Prior::Uniform { low: -1.0, high: 1.0 } };
+//! let space = ParameterSpace::new(vec![slope])?;
+//! let template = SimulationRequest {
+//!     thetas: vec![vec![0.3]], effects: vec![], drive: Drive::Actions(vec![]), start: StartShape::HangingAtRest,
+//!     frame_times_s: vec![], target_m: None, fidelity: Fidelity::Fast, seed: 1, first_episode: 0, noise: true,
+//! };
+//! let measured = Bar.simulate(&template)?.remove(0);
+//! let settings = Settings { hidden: vec![16], ensemble: 1, ..Settings::default() };
+//! let observed = vec![Observed { track: &measured, template, frames: 1 }];
+//! let mut inference = Sequential::new(&space, observed, &settings, 0)?;
+//! let mut posterior = None;
+//! for _ in 0..3 {
+//!     posterior = Some(inference.step(&Bar, &mut |_| ControlFlow::Continue(()))?.1);
+//! }
+//! let marginal = &posterior.expect("three iterations").marginals()?[0];
+//! assert!((marginal.mean - 0.3).abs() < 0.1 && marginal.sd < 0.15);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod iteration;
 mod progress;
