@@ -1,0 +1,3 @@
+//! Executable of the node `panda_emulator`.
+
+fn main() {}
