@@ -6,6 +6,7 @@ pub mod compliance;
 pub mod convert;
 pub mod gate;
 pub mod kinematics;
+pub mod law;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod path;
