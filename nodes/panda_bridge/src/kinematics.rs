@@ -32,8 +32,10 @@ const DH: [[f64; 3]; JOINTS] = [
     [0.0, 0.0, FRAC_PI_2],
     [0.088, 0.0, FRAC_PI_2],
 ];
-/// Distance from the last joint to the tool centre point along the joint's axis, m: flange plus hand.
-const TOOL_M: f64 = 0.107 + 0.1034;
+/// Distance from the last joint to the flange along the joint's axis, m.
+const FLANGE_M: f64 = 0.107;
+/// Distance from the flange to the tool centre point of the hand, m.
+const TOOL_M: f64 = 0.1034;
 /// Damping of the least squares. Chosen: small against the singular values of the Jacobian inside the workspace.
 const DAMPING: f64 = 1e-3;
 /// Maximum number of iterations. Chosen: a start near the solution needs a handful.
@@ -57,9 +59,15 @@ fn frames(joints_rad: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
         current *= joint_frame(i, *angle);
         frames[i] = current;
     }
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_4);
-    frames[JOINTS] = current * Isometry3::from_parts(Translation3::new(0.0, 0.0, TOOL_M), turn);
+    frames[JOINTS] = current * Translation3::new(0.0, 0.0, FLANGE_M) * flange_from_tool();
     frames
+}
+
+/// Returns the pose of the hand's tool centre point (panda_hand_tcp) in the frame of the flange.
+#[must_use]
+pub fn flange_from_tool() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_4);
+    Isometry3::from_parts(Translation3::new(0.0, 0.0, TOOL_M), turn)
 }
 
 /// Returns the Jacobian of the tool centre point in the base frame: linear rows, then angular rows.

@@ -4,6 +4,8 @@ pub mod arm;
 pub mod compliance;
 #[cfg(feature = "node")]
 pub mod convert;
+#[cfg(feature = "node")]
+pub mod fci;
 pub mod gate;
 pub mod kinematics;
 pub mod law;

@@ -88,7 +88,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let front = Front::new(&node, origin, p.moves, arm)?;
     // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
     // arm.
-    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
+    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let reported = Arc::clone(&front);

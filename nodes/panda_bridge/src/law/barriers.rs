@@ -42,6 +42,27 @@ impl Default for JointLimits {
     }
 }
 
+impl JointLimits {
+    /// Limits of a Franka Research 3. Its speed limits depend on the posture; these are the fixed ones that its maker gives for a
+    /// smaller range of positions (Franka Robotics, "Robot and interface specifications").
+    #[must_use]
+    pub fn fr3() -> Self {
+        Self {
+            position_rad: [
+                [-2.3093, 2.3093],
+                [-1.5133, 1.5133],
+                [-2.4937, 2.4937],
+                [-2.7478, -0.4461],
+                [-2.4800, 2.4800],
+                [0.8521, 4.2094],
+                [-2.6895, 2.6895],
+            ],
+            velocity_rad_s: Joints::from([2.0, 1.0, 1.5, 1.25, 3.0, 1.5, 3.0]),
+            torque_n_m: Self::default().torque_n_m,
+        }
+    }
+}
+
 /// Barriers with their low-pass.
 #[derive(Debug, Clone)]
 pub struct Barriers {
