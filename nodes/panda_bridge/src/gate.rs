@@ -455,7 +455,7 @@ impl SafetyGate {
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
         self.activity = mode;
-        self.heard_s = None;
+        (self.heard_s, self.idle_since_s) = (None, None);
     }
 }
 
