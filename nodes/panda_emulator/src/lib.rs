@@ -1,3 +1,6 @@
 #![doc = include_str!("../README.md")]
 
 pub mod fci;
+mod panda;
+
+pub use panda::{EndEffector, PANDA_URDF, Panda, READY_RAD, Settings, SettingsError};

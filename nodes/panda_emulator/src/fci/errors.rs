@@ -112,6 +112,19 @@ impl Errors {
         self.0 |= 1 << kind as usize;
     }
 
+    /// Set of the errors of both sets.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Errors of the set that stay in the robot state after the arm has stopped: position limits and self-collision.
+    #[must_use]
+    pub fn lasting(self) -> Self {
+        let kinds = [ErrorKind::JointPositionLimitsViolation, ErrorKind::SelfCollisionAvoidanceViolation];
+        Self(self.0 & Self::of(kinds[0]).union(Self::of(kinds[1])).0)
+    }
+
     /// Returns true if the set holds this error.
     #[must_use]
     pub fn contains(self, kind: ErrorKind) -> bool {
