@@ -2,5 +2,7 @@
 
 pub mod fci;
 mod panda;
+pub mod server;
+pub mod wire;
 
 pub use panda::{EndEffector, PANDA_URDF, Panda, READY_RAD, Settings, SettingsError};
