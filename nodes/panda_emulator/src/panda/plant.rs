@@ -110,6 +110,11 @@ impl Plant {
         &self.dq
     }
 
+    /// Rotor inertias as far as the torque control shows them, kg m^2.
+    pub fn rotors(&self) -> &Joints {
+        &self.rotors
+    }
+
     /// Torque between gear and link, N m.
     pub fn link_torque(&self) -> &Joints {
         &self.link_torque
