@@ -311,6 +311,9 @@ impl Panda {
         if self.self_collision.closes(chain) {
             errors.insert(ErrorKind::SelfCollisionAvoidanceViolation);
         }
+        if self.motion.as_ref().is_some_and(|m| self.deviates(&m.request.path_deviation)) {
+            errors.insert(ErrorKind::MaxPathPoseDeviationViolation);
+        }
         let accelerating = self.is_accelerating();
         let thresholds = &self.configuration.collision;
         let collisions = self.contact.update(thresholds, accelerating, &self.external.torques, &self.external.wrench_k);

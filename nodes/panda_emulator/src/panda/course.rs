@@ -3,7 +3,7 @@
 use super::Panda;
 use super::chain::Joints;
 use super::checks::limits::Limits;
-use super::control::Hold;
+use super::control::{Hold, hand_at};
 use super::motion::generator::{NotFinite, Surroundings};
 use super::motion::{Ending, Motion};
 use super::settings::Settings;
@@ -47,7 +47,7 @@ impl Panda {
         (!errors.is_empty()).then_some(Ending::Reflex(errors))
     }
 
-    /// End of a motion that its client finishes: a success if arm and path are at rest.
+    /// End of a motion that its client finishes: a success if arm and path are at rest, and the arm is near the goal.
     fn finish(&self) -> Ending {
         let rest_speed = self.settings.rest_speed_rad_s;
         let Some(motion) = &self.motion else { return Ending::Success };
@@ -55,7 +55,20 @@ impl Panda {
         let external = motion.request.controller == ControllerMode::External;
         let arm_moves = external && self.measured.readings.dq.amax() > rest_speed;
         let arm = arm_moves.then_some(ErrorKind::JointMotionGeneratorVelocityDiscontinuity);
-        path.or(arm).map_or(Ending::Success, |kind| Ending::Reflex(Errors::of(kind)))
+        let off = self.deviates(&motion.request.goal_deviation).then_some(ErrorKind::MaxGoalPoseDeviationViolation);
+        path.or(arm).or(off).map_or(Ending::Success, |kind| Ending::Reflex(Errors::of(kind)))
+    }
+
+    /// Returns true if an internal controller lets the arm deviate from the path: translation (m), rotation (rad), elbow (rad).
+    pub(super) fn deviates(&self, [translation_m, rotation_rad, elbow_rad]: &[f64; 3]) -> bool {
+        let Some(motion) = self.motion.as_ref().filter(|m| m.request.controller != ControllerMode::External) else {
+            return false;
+        };
+        let desired = &motion.generator.joints().q;
+        let step = self.measured.hand.step_to(&hand_at(desired, &self.configuration.tool()));
+        step.fixed_rows::<3>(0).norm() > *translation_m
+            || step.fixed_rows::<3>(3).norm() > *rotation_rad
+            || (self.measured.readings.q[2] - desired[2]).abs() > *elbow_rad
     }
 
     /// Ends the running motion, answers its request and brings the arm to rest.
