@@ -63,7 +63,7 @@ pub fn cartesian_impedance(
     let pull = jacobian.tr_mul(&(stiffness * pose.step_to(pose_d)));
     let stiffness = jacobian.tr_mul(&(stiffness * jacobian));
     let posture = free * NULL_STIFFNESS_N_M;
-    // The pose error holds at the start of the cycle with the goal of its end: (q + dq_d T - q_d) is then the reference.
+    // The reference runs from the measured angles at the desired speeds. The pose error at the start is part of the torque.
     let reference = q + dq_d * CYCLE_S;
     MotorLaw {
         torque: pull - stiffness * dq_d * CYCLE_S + posture * (q_d - reference) + terms.coriolis,
@@ -133,6 +133,12 @@ impl Hold {
     /// Returns true if the reference is at rest.
     pub fn is_at_rest(&self) -> bool {
         self.cycles_left == 0
+    }
+
+    /// Angles at the end of the stop, rad.
+    pub fn end(&self) -> Joints {
+        let left = f64::from(self.cycles_left);
+        self.q + self.slowing * (CYCLE_S * 0.5 * left * (left - 1.0))
     }
 
     /// Advances by a cycle and returns the acceleration, rad/s^2.

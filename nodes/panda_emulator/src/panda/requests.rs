@@ -112,9 +112,8 @@ impl Panda {
         {
             return MoveStatus::StartAtSingularPoseRejected;
         }
-        self.hold = Hold::at_rest(self.hold.q);
         self.reflex_reason = Errors::default();
-        let generator = MotionGenerator::at_rest(request.generator, self.hold.q, &self.configuration.tool());
+        let generator = MotionGenerator::at_rest(request.generator, self.hold.end(), &self.configuration.tool());
         self.motion = Some(Motion::new(id, *request, generator));
         MoveStatus::MotionStarted
     }
