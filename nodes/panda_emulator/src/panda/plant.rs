@@ -76,6 +76,8 @@ pub struct Plant {
 impl Plant {
     /// Arm at rest at the start angles. `range`: joint limits, rad.
     ///
+    /// A Franka Research 3 has the inertias of its own URDF, thus arm and control box agree about it.
+    ///
     /// # Errors
     /// The message of the parser, if the URDF describes no arm with seven joints.
     pub fn new(settings: &Settings, range: (&[f64; 7], &[f64; 7])) -> Result<Self, String> {

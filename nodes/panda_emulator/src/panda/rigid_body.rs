@@ -113,6 +113,14 @@ mod tests {
     }
 
     #[test]
+    fn mass_matrix_of_a_research_3_is_positive_so_that_it_can_be_simulated() {
+        let body = RigidBody::from_urdf(franka::model::FR3_URDF).unwrap();
+        let least = (0..2000).map(|k| body.terms(&pose(k), &Joints::zeros()).mass.symmetric_eigenvalues().min());
+        let least = least.fold(f64::INFINITY, f64::min);
+        assert!(least > 1e-4, "smallest eigenvalue {least}");
+    }
+
+    #[test]
     fn arm_weighs_16_kg_and_every_inertia_is_physical() {
         let numbers = |line: &str| -> Vec<f64> { line.split('"').filter_map(|w| w.parse().ok()).collect() };
         let total: f64 = PANDA_URDF.lines().filter(|l| l.contains("<mass")).map(|l| numbers(l)[0]).sum();

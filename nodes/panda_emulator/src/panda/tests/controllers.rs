@@ -153,3 +153,39 @@ fn joint_impedance_is_stable_whatever_the_motors_hide_of_their_rotors() {
         assert!(session.panda.true_joints().1.iter().all(|v| v.abs() < 0.01));
     }
 }
+
+/// Cartesian impedance of a client in torque mode, as in serl_franka_controllers: errors clipped to 1 cm and 0.05, 2000 N/m and
+/// 150 N m/rad, critical damping of a unit mass, and the torque limited to 1 N m a cycle. It runs on a Panda, thus it must be stable here.
+#[test]
+fn impedance_of_a_client_moves_the_hand_and_comes_to_rest() {
+    use crate::panda::chain::{Chain, Frame, Joints, Six};
+    let mut session = Session::torque(Settings::default());
+    let tool = Frame::from_array(&session.state().f_t_ee);
+    let mut target = Frame::from_array(&session.state().o_t_ee);
+    for k in 0..3000 {
+        if k < 500 {
+            target.origin.y += 1e-4;
+        }
+        let state = session.state();
+        let chain = Chain::at(&Joints::from(state.q));
+        let hand = chain.flange.then(&tool);
+        let jacobian = chain.jacobian(&hand.origin);
+        let step = hand.step_to(&target);
+        let twist = jacobian * Joints::from(state.dq);
+        let wrench = Six::from_fn(|i, _| match i {
+            0..3 => 2000.0 * step[i].clamp(-0.01, 0.01) - 89.0 * twist[i],
+            _ => 150.0 * (0.5 * step[i]).clamp(-0.05, 0.05) - 7.0 * twist[i],
+        });
+        let torque = jacobian.tr_mul(&wrench);
+        for i in 0..7 {
+            let last = session.state().tau_j_d[i];
+            session.command.tau_j_d[i] = torque[i].clamp(last - 1.0, last + 1.0);
+        }
+        let reasons: Vec<_> = session.step().reflex_reason.names().collect();
+        assert_eq!(session.state().robot_mode, RobotMode::Move, "cycle {k}: {reasons:?}");
+    }
+    let hand = Frame::from_array(&session.panda.true_hand().0);
+    let error_m = hand.step_to(&target).fixed_rows::<3>(0).norm();
+    assert!(error_m < 5e-3, "{error_m} m from the target");
+    assert!(session.panda.true_joints().1.iter().all(|v| v.abs() < 0.01), "{:?}", session.panda.true_joints().1);
+}
