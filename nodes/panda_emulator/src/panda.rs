@@ -1,8 +1,7 @@
 //! Franka Panda and its control box, as a pure function of requests and commands: one call advances by one cycle of 1 ms.
 
 use crate::fci::{
-    Answer, CYCLE_S, ControllerMode, ErrorKind, Errors, Generation, MoveStatus, RecoveryStatus, RobotCommand,
-    RobotState,
+    Answer, CYCLE_S, ControllerMode, ErrorKind, Errors, Generation, RecoveryStatus, RobotCommand, RobotState,
 };
 use chain::{Chain, Frame, Jacobian, Joints, Six};
 use checks::contact::Contact;
@@ -12,7 +11,6 @@ use configuration::Configuration;
 use control::Hold;
 use control::external_forces::ExternalForces;
 use franka::model::{FER_URDF, FR3_URDF};
-use motion::generator::{MotionGenerator, NotFinite, Surroundings};
 use motion::{Ending, Motion};
 use plant::sensors::{Readings, Sensors};
 use plant::{MotorLaw, Plant};
@@ -22,6 +20,7 @@ mod chain;
 mod checks;
 mod configuration;
 mod control;
+mod course;
 mod motion;
 mod plant;
 mod report;
@@ -40,7 +39,8 @@ const TORQUE_RATE_CUTOFF_HZ: f64 = 50.0;
 /// Recovery under way.
 #[derive(Debug, Clone, Copy)]
 struct Recovery {
-    id: u32,
+    /// Identifier of the request; `None` if its client has left.
+    id: Option<u32>,
     cycles_left: u32,
 }
 
@@ -48,6 +48,7 @@ struct Recovery {
 #[derive(Debug, Clone)]
 struct Measured {
     readings: Readings,
+    chain: Chain,
     terms: Terms,
     hand: Frame,
     jacobian: Jacobian,
@@ -223,7 +224,7 @@ impl Panda {
             let id = recovery.id;
             self.recovery = None;
             self.clear_reflex();
-            self.answers.push((id, Answer::Recovery(RecoveryStatus::Success)));
+            self.answers.extend(id.map(|id| (id, Answer::Recovery(RecoveryStatus::Success))));
         }
     }
 
@@ -231,79 +232,6 @@ impl Panda {
         (self.reflex, self.recovery_due) = (false, false);
         self.errors = Errors::default();
         self.contact.release();
-    }
-
-    /// Lets the motion follow a command or its loss. Returns the end of the motion, if it ends.
-    fn follow(&mut self, command: Option<&RobotCommand>) -> Option<Ending> {
-        let motion = self.motion.as_mut()?;
-        let tool = self.configuration.tool();
-        let around = Surroundings { limits: &self.limits, tool: &tool, start_tolerance: self.settings.start_tolerance };
-        let first = !motion.losses.has_begun();
-        motion.cycles = motion.cycles.saturating_add(1);
-        motion.losses.record(command.is_some());
-        let Some(command) = command else {
-            motion.torque_change = Joints::zeros();
-            if !first {
-                motion.generator.extrapolate(&around);
-            }
-            let lost = motion.losses.consecutive() >= self.settings.lost_command_horizon
-                || (first && motion.cycles > self.settings.first_command_horizon);
-            return lost.then(|| Ending::Reflex(Errors::of(ErrorKind::CommunicationConstraintsViolation)));
-        };
-        let mut errors = match motion.generator.follow(command, first, &around) {
-            Ok(errors) => errors,
-            Err(NotFinite) => return Some(Ending::InputError),
-        };
-        if motion.request.controller == ControllerMode::External {
-            let torque = Joints::from(command.tau_j_d);
-            if torque.iter().any(|t| !t.is_finite()) {
-                return Some(Ending::InputError);
-            }
-            errors = errors.union(torque_errors(motion, &torque, &self.limits, &self.settings));
-            if errors.is_empty() {
-                motion.accept_torque(torque, self.configuration.gain(4));
-            }
-        }
-        if errors.is_empty() && command.finished {
-            return Some(self.finish());
-        }
-        (!errors.is_empty()).then_some(Ending::Reflex(errors))
-    }
-
-    /// End of a motion that its client finishes: a success if arm and path are at rest.
-    fn finish(&self) -> Ending {
-        let rest_speed = self.settings.rest_speed_rad_s;
-        let Some(motion) = &self.motion else { return Ending::Success };
-        let path = motion.generator.error_of_moving_end(rest_speed);
-        let external = motion.request.controller == ControllerMode::External;
-        let arm_moves = external && self.measured.readings.dq.amax() > rest_speed;
-        let arm = arm_moves.then_some(ErrorKind::JointMotionGeneratorVelocityDiscontinuity);
-        path.or(arm).map_or(Ending::Success, |kind| Ending::Reflex(Errors::of(kind)))
-    }
-
-    /// Ends the running motion, answers its request and brings the arm to rest.
-    fn end_motion(&mut self, ending: Ending) {
-        if let Some(motion) = self.motion.take() {
-            self.answers.push((motion.id, Answer::Move(status_of(ending))));
-            let external = motion.request.controller == ControllerMode::External;
-            let path = motion.generator.joints();
-            self.hold = match ending {
-                Ending::Success | Ending::Preempted if !external => {
-                    Hold::stop(path.q, path.dq, self.settings.stop_time_s)
-                }
-                _ => self.stop_here(),
-            };
-        }
-        if let Ending::Reflex(errors) = ending {
-            self.reflex = true;
-            self.reflex_reason = errors;
-            self.errors = self.errors.union(errors);
-            self.contact.latch();
-        }
-    }
-
-    fn stop_here(&self) -> Hold {
-        Hold::stop(self.measured.readings.q, self.measured.readings.dq, self.settings.stop_time_s)
     }
 
     /// Torques of the motors for this cycle.
@@ -316,7 +244,12 @@ impl Panda {
         let Some(motion) = self.motion.as_mut().filter(|m| m.losses.has_begun()) else {
             let ddq = self.hold.advance();
             let stiffness = &self.settings.joint_impedance_n_m_per_rad;
-            return control::joint_impedance(stiffness, (&self.hold.q, &self.hold.dq, &ddq), &measured.terms);
+            return control::joint_impedance(
+                stiffness,
+                (&self.hold.q, &self.hold.dq, &ddq),
+                &measured.terms,
+                self.plant.rotors(),
+            );
         };
         let path = *motion.generator.joints();
         match motion.request.controller {
@@ -327,6 +260,7 @@ impl Panda {
                     &self.configuration.joint_impedance,
                     (&desired.q, &desired.dq, &desired.ddq),
                     &measured.terms,
+                    self.plant.rotors(),
                 )
             }
             ControllerMode::CartesianImpedance => {
@@ -371,11 +305,14 @@ impl Panda {
 
     /// Checks the measured arm. A violation ends the motion, or stops an idle arm.
     fn check_arm(&mut self) {
-        let Measured { readings, hand, jacobian, .. } = &self.measured;
+        let Measured { readings, chain, hand, jacobian, .. } = &self.measured;
         let hand_speed_m_s = control::speed_m_s(&(jacobian * readings.dq));
         let mut errors = checks::arm::errors(readings, hand, hand_speed_m_s, &self.limits, &self.settings);
-        if self.self_collision.closes(&Chain::at(&readings.q)) {
+        if self.self_collision.closes(chain) {
             errors.insert(ErrorKind::SelfCollisionAvoidanceViolation);
+        }
+        if self.motion.as_ref().is_some_and(|m| self.deviates(&m.request.path_deviation)) {
+            errors.insert(ErrorKind::MaxPathPoseDeviationViolation);
         }
         let accelerating = self.is_accelerating();
         let thresholds = &self.configuration.collision;
@@ -403,6 +340,7 @@ impl Measured {
         let k = hand.then(&Frame::from_array(&configuration.ee_t_k));
         Self {
             readings,
+            chain,
             terms: body.terms(&readings.q, &readings.dq),
             jacobian: chain.jacobian(&hand.origin),
             jacobian_k: chain.jacobian(&k.origin),
@@ -411,31 +349,4 @@ impl Measured {
             torque_rate: Joints::zeros(),
         }
     }
-}
-
-fn torque_errors(motion: &Motion, torque: &Joints, limits: &Limits, settings: &Settings) -> Errors {
-    let mut errors = Errors::default();
-    if limits.torque_jumps(&motion.commanded_torque, torque) {
-        errors.insert(ErrorKind::ControllerTorqueDiscontinuity);
-    }
-    if settings.checks_torque_range && limits.torque_is_outside(torque) {
-        errors.insert(ErrorKind::TauJRangeViolation);
-    }
-    errors
-}
-
-fn status_of(ending: Ending) -> MoveStatus {
-    match ending {
-        Ending::Success => MoveStatus::Success,
-        Ending::Preempted => MoveStatus::Preempted,
-        Ending::Reflex(_) => MoveStatus::ReflexAborted,
-        Ending::UserStop => MoveStatus::EmergencyAborted,
-        Ending::InputError => MoveStatus::InputErrorAborted,
-        Ending::Aborted => MoveStatus::Aborted,
-    }
-}
-
-/// Generator of a new motion, at rest where the arm holds.
-fn generator_at_rest(panda: &Panda, request: &crate::fci::MoveRequest) -> MotionGenerator {
-    MotionGenerator::at_rest(request.generator, panda.hold.q, &panda.configuration.tool())
 }

@@ -58,7 +58,7 @@ pub struct ModelLibrary {
 
 /// Request of a client, without the opening `Connect`.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a request comes a few times an hour")]
+#[expect(clippy::large_enum_variant, reason = "a request lives for one call; a box would allocate for each")]
 pub enum Request {
     /// Motion. Answered twice: when it starts, and when it ends.
     Move(MoveRequest),
@@ -149,7 +149,7 @@ pub enum RecoveryStatus {
 
 /// Answer to a request.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "an answer goes a few times an hour")]
+#[expect(clippy::large_enum_variant, reason = "an answer lives for one call; a box would allocate for each")]
 pub enum Answer {
     /// To [`Request::Move`].
     Move(MoveStatus),

@@ -23,15 +23,22 @@ const GUIDING_DAMPING_N_M_S: f64 = 1.0;
 /// Damping of a Cartesian axis that is not free while a hand guides, N s/m and N m s/rad. Chosen: stiff to a hand.
 const LOCKED_DAMPING: [f64; 6] = [500.0, 500.0, 500.0, 50.0, 50.0, 50.0];
 
-/// Law of the joint impedance for desired angles, speeds and accelerations at the end of the cycle.
-pub fn joint_impedance(stiffness: &[f64; 7], desired: (&Joints, &Joints, &Joints), terms: &Terms) -> MotorLaw {
+/// Law of the joint impedance for desired angles, speeds and accelerations at the end of the cycle. `rotors`: inertias, kg m^2, that
+/// the motors move beside the links.
+pub fn joint_impedance(
+    stiffness: &[f64; 7],
+    desired: (&Joints, &Joints, &Joints),
+    terms: &Terms,
+    rotors: &Joints,
+) -> MotorLaw {
     let (q_d, dq_d, ddq_d) = desired;
     let stiffness = Joints::from(*stiffness);
     let damping = Joints::from_fn(|i, _| {
-        2.0 * DAMPING_RATIO * (stiffness[i] * terms.mass[(i, i)].max(LEAST_INERTIA_KG_M2)).sqrt()
+        let inertia = (terms.mass[(i, i)] + rotors[i]).max(LEAST_INERTIA_KG_M2);
+        2.0 * DAMPING_RATIO * (stiffness[i] * inertia).sqrt()
     });
     MotorLaw {
-        torque: terms.mass * ddq_d + terms.coriolis,
+        torque: terms.mass * ddq_d + rotors.component_mul(ddq_d) + terms.coriolis,
         stiffness: JointMatrix::from_diagonal(&stiffness),
         damping: JointMatrix::from_diagonal(&damping),
         q_d: *q_d,
@@ -56,7 +63,7 @@ pub fn cartesian_impedance(
     let pull = jacobian.tr_mul(&(stiffness * pose.step_to(pose_d)));
     let stiffness = jacobian.tr_mul(&(stiffness * jacobian));
     let posture = free * NULL_STIFFNESS_N_M;
-    // The pose error holds at the start of the cycle with the goal of its end: (q + dq_d T - q_d) is then the reference.
+    // The reference runs from the measured angles at the desired speeds. The pose error at the start is part of the torque.
     let reference = q + dq_d * CYCLE_S;
     MotorLaw {
         torque: pull - stiffness * dq_d * CYCLE_S + posture * (q_d - reference) + terms.coriolis,
@@ -126,6 +133,12 @@ impl Hold {
     /// Returns true if the reference is at rest.
     pub fn is_at_rest(&self) -> bool {
         self.cycles_left == 0
+    }
+
+    /// Angles at the end of the stop, rad.
+    pub fn end(&self) -> Joints {
+        let left = f64::from(self.cycles_left);
+        self.q + self.slowing * (CYCLE_S * 0.5 * left * (left - 1.0))
     }
 
     /// Advances by a cycle and returns the acceleration, rad/s^2.

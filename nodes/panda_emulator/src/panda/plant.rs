@@ -76,6 +76,8 @@ pub struct Plant {
 impl Plant {
     /// Arm at rest at the start angles. `range`: joint limits, rad.
     ///
+    /// A Franka Research 3 has the inertias of its own URDF, thus arm and control box agree about it.
+    ///
     /// # Errors
     /// The message of the parser, if the URDF describes no arm with seven joints.
     pub fn new(settings: &Settings, range: (&[f64; 7], &[f64; 7])) -> Result<Self, String> {
@@ -108,6 +110,11 @@ impl Plant {
     /// Joint speeds, rad/s.
     pub fn dq(&self) -> &Joints {
         &self.dq
+    }
+
+    /// Rotor inertias as far as the torque control shows them, kg m^2.
+    pub fn rotors(&self) -> &Joints {
+        &self.rotors
     }
 
     /// Torque between gear and link, N m.

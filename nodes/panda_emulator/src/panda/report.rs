@@ -59,9 +59,9 @@ impl Panda {
             }
             None => (self.hold.q, self.hold.dq, Joints::zeros()),
         };
-        let rest = CartesianPath { joints: super::motion::joint::JointPath { q, dq, ddq }, ..at_rest(&q, &tool) };
-        let path = self.motion.as_ref().and_then(|m| m.generator.cartesian()).unwrap_or(&rest);
         let pose = control::hand_at(&q, &tool);
+        let rest = CartesianPath::at_rest(q, pose);
+        let path = self.motion.as_ref().and_then(|m| m.generator.cartesian()).unwrap_or(&rest);
         let state = &mut self.state;
         (state.q_d, state.dq_d, state.ddq_d) = (q.into(), dq.into(), ddq.into());
         state.o_t_ee_d = pose.to_array();
@@ -78,8 +78,4 @@ impl Panda {
             _ => [0.0; 7],
         };
     }
-}
-
-fn at_rest(q: &Joints, tool: &super::chain::Frame) -> CartesianPath {
-    CartesianPath::at_rest(*q, tool)
 }

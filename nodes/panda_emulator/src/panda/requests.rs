@@ -2,8 +2,9 @@
 
 use super::control::Hold;
 use super::control::external_forces::is_singular;
+use super::motion::generator::MotionGenerator;
 use super::motion::{Ending, Motion};
-use super::{Panda, Recovery, generator_at_rest};
+use super::{Panda, Recovery};
 use crate::fci::{
     Answer, CYCLE_S, ControllerMode, ErrorKind, Errors, Generation, Generator, IDENTITY, MoveRequest, MoveStatus,
     RecoveryStatus, Request, RobotMode, SetterStatus, StopStatus,
@@ -28,9 +29,12 @@ impl Panda {
         self.report();
     }
 
-    /// Ends the motion of a client that has gone: TCP closed or silent. The arm stops and holds.
+    /// Ends the motion of a client that has gone: TCP closed or silent. The arm stops and holds. A recovery goes on without an answer.
     pub fn client_left(&mut self) {
         self.end_motion(Ending::Aborted);
+        if let Some(recovery) = &mut self.recovery {
+            recovery.id = None;
+        }
         self.report();
     }
 
@@ -108,9 +112,9 @@ impl Panda {
         {
             return MoveStatus::StartAtSingularPoseRejected;
         }
-        self.hold = Hold::at_rest(self.hold.q);
         self.reflex_reason = Errors::default();
-        self.motion = Some(Motion::new(id, *request, generator_at_rest(self, request)));
+        let generator = MotionGenerator::at_rest(request.generator, self.hold.end(), &self.configuration.tool());
+        self.motion = Some(Motion::new(id, *request, generator));
         MoveStatus::MotionStarted
     }
 
@@ -151,14 +155,13 @@ impl Panda {
             return Some(RecoveryStatus::ManualErrorRecoveryRequiredRejected);
         }
         let cycles_left = ((self.settings.recovery_time_s / CYCLE_S).round() as u32).max(1);
-        self.recovery = Some(Recovery { id, cycles_left });
+        self.recovery = Some(Recovery { id: Some(id), cycles_left });
         None
     }
 
     fn abort_recovery(&mut self, status: RecoveryStatus) {
-        if let Some(recovery) = self.recovery.take() {
-            self.answers.push((recovery.id, Answer::Recovery(status)));
-        }
+        let id = self.recovery.take().and_then(|recovery| recovery.id);
+        self.answers.extend(id.map(|id| (id, Answer::Recovery(status))));
     }
 }
 

@@ -7,10 +7,9 @@ use crate::panda::settings::Settings;
 /// Tolerance of every comparison: a client that commands exactly a limit must not fail by rounding.
 const TOLERANCE: f64 = 1.0 + 1e-9;
 
-/// Returns true if the magnitude exceeds the limit by more than rounding.
+/// Returns true if the magnitude exceeds the limit by more than rounding. NaN exceeds every limit.
 pub fn exceeds(value: f64, limit: f64) -> bool {
-    // Negated, so that NaN exceeds every limit.
-    !(value.abs() <= limit * TOLERANCE)
+    value.is_nan() || value.abs() > limit * TOLERANCE
 }
 
 /// Limits of speed, acceleration and jerk.

@@ -49,7 +49,7 @@ const CLOSING_M: f64 = 1e-6;
 /// Check for self-collision.
 #[derive(Debug, Clone)]
 pub struct SelfCollision {
-    /// Distances of the last cycle, m; negative for capsules that overlap.
+    /// Distances of the last cycle, m; negative for capsules that overlap, infinite before the first cycle.
     distances_m: [f64; PAIRS],
     outer: usize,
     hand_in_flange: Frame,
@@ -85,7 +85,8 @@ impl SelfCollision {
                 let before_m = std::mem::replace(&mut self.distances_m[k * INNER.len() + i], distance_m);
                 // The forearm's capsule overlaps the upper arm at the elbow, where both meet by construction.
                 let neighbours = INNER[i].frame == 3 && outer.frame == 5;
-                closes |= !neighbours && distance_m < 0.0 && distance_m < before_m - CLOSING_M;
+                let closer = before_m.is_finite() && distance_m < before_m - CLOSING_M;
+                closes |= !neighbours && distance_m < 0.0 && closer;
             }
         }
         closes

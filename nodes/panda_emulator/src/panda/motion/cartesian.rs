@@ -3,14 +3,14 @@
 use super::inverse_kinematics::solve;
 use super::joint::{FROM_CARTESIAN, JointPath};
 use crate::fci::{CYCLE_S, ErrorKind, Errors};
-use crate::panda::chain::{Frame, Six};
+use crate::panda::chain::{Frame, Joints, Six};
 use crate::panda::checks::limits::{Limits, Rates, exceeds};
 
 /// Angle of joint 4 at which the elbow changes its sign, rad (libfranka's documentation of `elbow`).
 const ELBOW_FLIP_RAD: f64 = -0.467_002_423_653_011;
 
 /// Elbow of joint angles: position of joint 3 (rad) and sign of joint 4.
-pub fn elbow_of(q: &crate::panda::chain::Joints) -> [f64; 2] {
+pub fn elbow_of(q: &Joints) -> [f64; 2] {
     [q[2], if q[3] < ELBOW_FLIP_RAD { -1.0 } else { 1.0 }]
 }
 
@@ -34,10 +34,10 @@ pub struct CartesianPath {
 }
 
 impl CartesianPath {
-    /// Path at rest. `tool`: end effector in the flange.
-    pub fn at_rest(q: crate::panda::chain::Joints, tool: &Frame) -> Self {
+    /// Path at rest at joint angles and the pose of the end effector that belongs to them.
+    pub fn at_rest(q: Joints, pose: Frame) -> Self {
         Self {
-            pose: crate::panda::chain::Chain::at(&q).flange.then(tool),
+            pose,
             twist: Six::zeros(),
             acceleration: Six::zeros(),
             elbow: elbow_of(&q),

@@ -3,7 +3,7 @@
 use super::cartesian::CartesianPath;
 use super::joint::{COMMANDED_POSITIONS, COMMANDED_SPEEDS, JointPath};
 use crate::fci::{ErrorKind, Errors, Generator, RobotCommand};
-use crate::panda::chain::{Frame, Joints, Six};
+use crate::panda::chain::{Chain, Frame, Joints, Six};
 use crate::panda::checks::limits::Limits;
 
 /// Translation (m/s) and rotation (rad/s) above which a Cartesian path still moves when it is finished. Guess.
@@ -42,11 +42,12 @@ pub enum MotionGenerator {
 impl MotionGenerator {
     /// Generator at rest at joint angles `q`, rad.
     pub fn at_rest(kind: Generator, q: Joints, tool: &Frame) -> Self {
+        let cartesian = || Box::new(CartesianPath::at_rest(q, Chain::at(&q).flange.then(tool)));
         match kind {
             Generator::JointPosition => Self::JointPosition(JointPath::at_rest(q)),
             Generator::JointVelocity => Self::JointVelocity(JointPath::at_rest(q)),
-            Generator::CartesianPosition => Self::CartesianPosition(Box::new(CartesianPath::at_rest(q, tool))),
-            Generator::CartesianVelocity => Self::CartesianVelocity(Box::new(CartesianPath::at_rest(q, tool))),
+            Generator::CartesianPosition => Self::CartesianPosition(cartesian()),
+            Generator::CartesianVelocity => Self::CartesianVelocity(cartesian()),
             Generator::None => Self::Still(JointPath::at_rest(q)),
         }
     }

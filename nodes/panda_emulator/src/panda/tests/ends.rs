@@ -248,3 +248,22 @@ fn every_motion_gets_exactly_one_final_answer() {
     let kinds: std::collections::HashSet<_> = finals.values().map(|s| format!("{s:?}")).collect();
     assert!(kinds.len() >= 5, "the test met {kinds:?} only");
 }
+
+#[test]
+fn motion_that_starts_while_the_arm_still_stops_begins_at_the_end_of_the_stop() {
+    let mut session = Session::moving(settings(), ControllerMode::JointImpedance, Generator::JointVelocity);
+    for _ in 0..500 {
+        session.command.dq_c[0] += 1e-3;
+        session.step();
+    }
+    session.panda.request(8, &Request::StopMove);
+    session.idle(10);
+    assert_eq!(session.move_status(), Some(MoveStatus::Preempted));
+    session.command.dq_c = [0.0; 7];
+    assert_eq!(session.start(ControllerMode::JointImpedance, Generator::JointVelocity), MoveStatus::MotionStarted);
+    let goal_rad = session.state().q_d[0];
+    session.idle(100);
+    assert!((session.state().q[0] - goal_rad).abs() < 1e-3, "{} {goal_rad}", session.state().q[0]);
+    session.steps(100);
+    assert_eq!(session.state().robot_mode, RobotMode::Move);
+}

@@ -127,14 +127,8 @@ fn speed_of_a_joint_beyond_its_limit_is_a_velocity_violation() {
 #[test]
 fn reflex_brings_the_arm_to_rest_in_the_stop_time_and_holds_it() {
     let mut session = Session::torque(settings());
-    session.panda.request(1, &Request::StopMove);
-    for k in 0..300 {
-        session.command.tau_j_d[0] = f64::from(k.min(100)) * 0.1;
-        if k == 0 {
-            session.panda.request(MOVE, &Request::StopMove);
-            let _ = session.panda.take_answers();
-            session.start(ControllerMode::External, Generator::JointVelocity);
-        }
+    for k in 0..150 {
+        session.command.tau_j_d[0] = f64::from(k.min(80)) * 0.1;
         session.step();
     }
     let speed = session.panda.true_joints().1[0];
@@ -165,4 +159,124 @@ fn same_seed_and_commands_give_the_same_bits() {
     };
     assert!(run(3) == run(3));
     assert!(run(3) != run(4), "the seed reaches the noise");
+}
+
+#[test]
+fn joint_pushed_out_of_its_range_may_come_back_after_recovery_or_needs_desk() {
+    for manual in [false, true] {
+        let start_joints_rad = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 2.87];
+        let mut session =
+            Session::new(Settings { start_joints_rad, limits_need_manual_recovery: manual, ..settings() });
+        session.panda.request(1, &Request::SetCollisionBehavior(thresholds(100.0, 100.0)));
+        assert_eq!(session.panda.take_answers().len(), 1);
+        session.start(ControllerMode::External, Generator::JointVelocity);
+        for _ in 0..2000 {
+            session.command.tau_j_d[6] = (session.command.tau_j_d[6] + 0.01).min(1.5);
+            if session.step().robot_mode != RobotMode::Move {
+                break;
+            }
+        }
+        assert!(session.state().reflex_reason.contains(ErrorKind::JointPositionLimitsViolation));
+        assert_eq!(session.move_status(), Some(MoveStatus::ReflexAborted));
+        session.idle(300);
+        assert!(session.state().errors.contains(ErrorKind::JointPositionLimitsViolation), "the error stays");
+        if manual {
+            assert_eq!(session.recover(), RecoveryStatus::ManualErrorRecoveryRequiredRejected);
+            session.panda.set_brakes(false);
+            session.panda.set_brakes(true);
+        } else {
+            assert_eq!(session.recover(), RecoveryStatus::Success);
+        }
+        session.start(ControllerMode::External, Generator::JointVelocity);
+        session.command.tau_j_d = [0.0; 7];
+        for _ in 0..400 {
+            session.command.tau_j_d[6] = (session.command.tau_j_d[6] - 0.01).max(-0.8);
+            session.step();
+        }
+        assert_eq!(session.state().robot_mode, RobotMode::Move, "manual {manual}");
+        assert!(session.state().q[6] < 2.8973);
+    }
+}
+
+#[test]
+fn hand_that_leaves_the_cuboid_is_a_cartesian_position_violation() {
+    let mut frame = IDENTITY;
+    (frame[12], frame[14]) = (0.3, 0.5);
+    let mut session = Session::new(Settings { workspace_box: Some(([0.4, 0.2, 0.6], frame)), ..settings() });
+    session.panda.request(1, &Request::GetCartesianLimit(0));
+    let answers = session.panda.take_answers();
+    assert!(matches!(answers[0].1, Answer::CartesianLimit(_, [0.4, 0.2, 0.6], _, true)), "{answers:?}");
+    session.start(ControllerMode::JointImpedance, Generator::CartesianVelocity);
+    for _ in 0..2000 {
+        let speed = &mut session.command.o_dp_ee_c[1];
+        *speed = (*speed + 5e-4).min(0.1);
+        if session.step().robot_mode != RobotMode::Move {
+            break;
+        }
+    }
+    assert!((session.state().o_t_ee[13] - 0.1).abs() < 5e-3, "{}", session.state().o_t_ee[13]);
+    session.command.o_dp_ee_c[1] = 0.0;
+    let reasons: Vec<_> = session.state().reflex_reason.names().collect();
+    assert_eq!(reasons, ["cartesian_position_limits_violation"]);
+}
+
+#[test]
+fn setters_echo_in_the_state() {
+    let mut session = Session::new(settings());
+    let mut frame = IDENTITY;
+    frame[14] = 0.05;
+    let load = crate::fci::Load { mass_kg: 0.3, centre_m: [0.0, 0.01, 0.1], inertia: [0.001; 9] };
+    for request in [Request::SetNeToEe(frame), Request::SetEeToK(frame), Request::SetLoad(load)] {
+        session.panda.request(1, &request);
+    }
+    assert_eq!(session.panda.take_answers().len(), 3);
+    let before_m = session.state().o_t_ee[14];
+    session.idle(1);
+    let state = session.state();
+    assert_eq!((state.m_load, state.f_x_cload, state.i_load), (0.3, [0.0, 0.01, 0.1], [0.001; 9]));
+    assert_eq!((state.ne_t_ee, state.ee_t_k), (frame, frame));
+    assert!((state.f_t_ee[14] - state.f_t_ne[14] - 0.05).abs() < 1e-15);
+    assert!((before_m - state.o_t_ee[14] - 0.05).abs() < 1e-6, "the hand points down");
+}
+
+#[test]
+fn arm_that_folds_into_itself_stops_for_self_collision() {
+    let start_joints_rad = [0.0, 1.0, 0.0, -2.9, 0.0, 1.2, 0.785];
+    let free = Settings { start_joints_rad, collision: thresholds(1e6, 1e6), ..settings() };
+    let mut session = Session::moving(free, ControllerMode::JointImpedance, Generator::JointVelocity);
+    for _ in 0..6000 {
+        let speed = &mut session.command.dq_c[5];
+        *speed = (*speed - 1e-3).max(-0.3);
+        if session.step().robot_mode != RobotMode::Move {
+            break;
+        }
+    }
+    session.command.dq_c = [0.0; 7];
+    let reasons: Vec<_> = session.state().reflex_reason.names().collect();
+    assert_eq!(reasons, ["self_collision_avoidance_violation"], "q6 {}", session.state().q[5]);
+}
+
+#[test]
+fn cartesian_motion_from_a_stretched_arm_is_refused() {
+    // Joint axes 1, 3 and 5 nearly coincide.
+    let start_joints_rad = [0.0, 0.0, 0.0, -0.07, 0.0, 0.0, 0.0];
+    let mut session = Session::new(Settings { start_joints_rad, ..settings() });
+    let refused = session.start(ControllerMode::JointImpedance, Generator::CartesianVelocity);
+    assert_eq!(refused, MoveStatus::StartAtSingularPoseRejected);
+    session.idle(1);
+    assert_eq!(session.state().o_f_ext_hat_k, [0.0; 6]);
+}
+
+#[test]
+fn fr3_moves_under_torques_without_a_generator_and_a_panda_refuses_that() {
+    use crate::fci::Generation;
+    let fr3 = Settings { joint_speed_noise_rad_s: 0.0, ..Settings::of(Generation::Fr3) };
+    let mut session = Session::moving(fr3, ControllerMode::External, Generator::None);
+    session.steps(500);
+    assert_eq!((session.state().robot_mode, session.state().control_command_success_rate), (RobotMode::Move, 1.0));
+    session.command.finished = true;
+    session.step();
+    assert_eq!(session.move_status(), Some(MoveStatus::Success));
+    let refused = Session::new(settings()).start(ControllerMode::External, Generator::None);
+    assert_eq!(refused, MoveStatus::InvalidArgumentRejected);
 }
