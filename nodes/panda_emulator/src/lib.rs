@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 pub mod fci;
+#[cfg(feature = "node")]
+pub mod node;
 mod panda;
 pub mod server;
 pub mod wire;
