@@ -21,10 +21,10 @@ use nalgebra::{Isometry3, Translation3, Vector6};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Period of the measurements on the topics: 250 Hz, above the contract's 200 Hz.
-const CYCLE: Duration = Duration::from_millis(4);
+/// Period of the measurements on the topics: 200 Hz, the contract's rate.
+const CYCLE: Duration = Duration::from_millis(5);
 /// Cycles between two states: 50 Hz.
-const SLOW: u64 = 5;
+const SLOW: u64 = 4;
 /// Success rate below which the node warns. A Panda aborts the motion at 20 lost commands of 100 in a row.
 const POOR_RATE: f64 = 0.9;
 
