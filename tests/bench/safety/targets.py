@@ -1,8 +1,9 @@
-"""Publishes targets that move along x, until it is killed: `targets.py DOMAIN X Z SPEED FROM`.
+"""Publishes targets that move along x, until it ends by SIGTERM: `targets.py DOMAIN X Z SPEED [KIND]`.
 
 It stands for a policy runner: it says that an episode has begun, and streams 50 targets a second from the hand's place on.
 """
 
+import signal
 import sys
 import time
 
@@ -31,7 +32,9 @@ def main():
     # The bench enables the arm, and then says when to go.
     sys.stdin.readline()
     start = time.monotonic()
-    while True:
+    ends = []
+    signal.signal(signal.SIGTERM, lambda *_: ends.append(True))
+    while not ends:
         elapsed_s = time.monotonic() - start
         target = PoseStamped()
         target.header.frame_id = "panda_link0"
@@ -42,6 +45,8 @@ def main():
             target.pose.position.x = float("nan")
         targets.publish(target)
         time.sleep(max(0.0, start + PERIOD_S * (1 + elapsed_s // PERIOD_S) - time.monotonic()))
+    node.destroy_node()
+    context.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -82,10 +82,11 @@ pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveP
             set.set_compliance(*compliance);
             Ok(String::new())
         },
-        move || match gate.arm().mode() {
-            // Nothing is latched, or the gate refuses anyway: the robot is left alone.
-            Mode::Reflex | Mode::UserStop => recover(&recovered),
-            _ => Ok(()),
+        move || {
+            // The arm is unlocked again before the recovery, which takes a second.
+            let mode = gate.arm().mode();
+            // If nothing is latched, or the gate refuses anyway, the robot is left alone.
+            if matches!(mode, Mode::Reflex | Mode::UserStop) { recover(&recovered) } else { Ok(()) }
         },
     )?;
     let (reported, figures) = (Arc::clone(&front), Arc::clone(&link));
