@@ -3,11 +3,11 @@
 
 mod parameters;
 
-use crate::server::{Handle, Server};
+use crate::server::{Event, Handle, Server};
 use anyhow::{Context, Result};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
-use catenary_shell::{Clock, Flaw, Misconfigured, Names, Node, NodeBuilder, Service, contract, stamp};
+use catenary_shell::{Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, Service, contract, stamp};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -51,11 +51,17 @@ fn run(builder: NodeBuilder) -> Result<()> {
         Ok(())
     })?;
     let reported = handle.clone();
+    let mut reported_cycles = 0;
     node.report_diagnostics(move |report| {
         let snapshot = reported.snapshot();
         let client = snapshot.client.map_or("none".to_owned(), |address| address.to_string());
         report.value("robot_mode", format!("{:?}", snapshot.mode)).value("client", client);
         report.value("cycles_left_out", snapshot.cycles_left_out);
+        if snapshot.cycles_left_out > reported_cycles {
+            let more = snapshot.cycles_left_out - reported_cycles;
+            report.problem(Health::Warn, &format!("{more} cycles of 1 ms were left out: the machine is too slow for 1 kHz"));
+            reported_cycles = snapshot.cycles_left_out;
+        }
     })?;
     publish(&node, &handle, &heard)
 }
@@ -75,7 +81,10 @@ fn publish(node: &Node, handle: &Handle, heard: &Mutex<Option<Instant>>) -> Resu
     let mut rate = Clock::new(node.shutdown()).rate(PERIOD);
     while rate.tick().is_some() {
         for (id, event) in handle.take_events() {
-            tracing::info!("{id} ms: {event}");
+            match event {
+                Event::Reflex(_) => tracing::warn!("{id} ms: {event}"),
+                _ => tracing::info!("{id} ms: {event}"),
+            }
         }
         let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
         // What pushed has ended: the hand must not be pushed on for ever.

@@ -64,7 +64,7 @@ fn settings(b: &NodeBuilder, generation: Generation) -> Result<Settings> {
     let manual = "Refuse the automatic recovery after a joint limit or a self-collision.";
     let delay = fixed("Delay of a torque command.").unit("cycles").integer_range(0..=10);
     let settings = Settings {
-        start_joints_rad: joints("start_joints", d.start_joints_rad, "rad", "Joint angles at power-up.")?,
+        start_joints_rad: joints("start_joints_rad", d.start_joints_rad, "rad", "Joint angles at power-up.")?,
         true_load: Load {
             mass_kg: number("load.mass_kg", 0.0, "kg", "Mass in the hand that the control box does not know.")?,
             centre_m: array(b, "load.centre_m", [0.0, 0.0, 0.1], "m", "Its centre in the frame of the flange.")?,
@@ -76,14 +76,14 @@ fn settings(b: &NodeBuilder, generation: Generation) -> Result<Settings> {
             "",
             "Scale of the joint friction that the motors leave over.",
         )?,
-        stiction_n_m: joints("stiction", d.stiction_n_m, "N m", stiction)?,
+        stiction_n_m: joints("stiction_n_m", d.stiction_n_m, "N m", stiction)?,
         rotor_inertia_ratio: number(
             "rotor_inertia_ratio",
             d.rotor_inertia_ratio,
             "",
             "Share of the rotor inertia that the torque control does not hide.",
         )?,
-        torque_bias_n_m: joints("torque_bias", d.torque_bias_n_m, "N m", bias)?,
+        torque_bias_n_m: joints("torque_bias_n_m", d.torque_bias_n_m, "N m", bias)?,
         command_delay_cycles: usize::try_from(
             b.declare_i64("command_delay_cycles", d.command_delay_cycles as i64, delay)?.get(),
         )?,

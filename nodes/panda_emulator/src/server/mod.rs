@@ -14,7 +14,7 @@ pub use handle::{Handle, Snapshot};
 pub use network::{Fault, Link, Network};
 pub use session::{Reception, Session};
 
-use crate::panda::{Panda, Settings};
+use crate::{Panda, Settings};
 use handle::Shared;
 use std::io;
 use std::net::{SocketAddr, TcpListener};

@@ -40,6 +40,14 @@ pub(super) fn start(
     std::thread::Builder::new().name("fci_server".to_owned()).spawn(move || server.run())
 }
 
+/// Sockets that have something.
+#[derive(Debug, Clone, Copy)]
+struct Ready {
+    connections: bool,
+    requests: bool,
+    commands: bool,
+}
+
 /// Connection of a client.
 struct Client {
     stream: TcpStream,
@@ -72,8 +80,8 @@ impl Loop {
         while !self.shared.is_stopped() {
             let is_stepped = self.pace == Pace::LockStep && self.is_awaited && self.session.waits_for_command();
             let wake = if is_stepped { last_cycle + PATIENCE } else { self.next_wake(began, next_cycle) };
-            self.wait(wake);
-            self.serve();
+            let ready = self.wait(wake);
+            self.serve(ready);
             if self.pace == Pace::Clock {
                 self.deliver(ms_since(began));
             }
@@ -113,8 +121,8 @@ impl Loop {
         }
     }
 
-    /// Sleeps until a socket has something or the time has come.
-    fn wait(&self, until: Instant) {
+    /// Sleeps until a socket has something or the time has come. Returns the sockets that have something.
+    fn wait(&self, until: Instant) -> Ready {
         let sleep = until.saturating_duration_since(Instant::now()).min(LONGEST_SLEEP);
         let mut sockets = vec![PollFd::new(&self.listener, PollFlags::IN)];
         if let Some(client) = &self.client {
@@ -124,16 +132,32 @@ impl Loop {
         }
         let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(sleep.subsec_nanos()) };
         // An interrupted sleep is a short one.
-        let _ready = poll(&mut sockets, Some(&timeout));
+        let _count = poll(&mut sockets, Some(&timeout));
+        let ready = |at: usize| sockets.get(at).is_some_and(|socket| !socket.revents().is_empty());
+        Ready { connections: ready(0), requests: ready(1), commands: ready(2) }
     }
 
-    /// Serves all sockets without waiting.
-    fn serve(&mut self) {
-        if !self.serve_requests() {
+    /// Serves the sockets that have something, without waiting.
+    fn serve(&mut self, ready: Ready) {
+        // Each cycle finds out whether the client is silent.
+        if (ready.requests || !ready.commands) && !self.serve_requests() {
             self.close();
         }
-        self.serve_commands();
+        if ready.commands {
+            self.serve_commands();
+        }
+        if ready.connections {
+            self.accept();
+        }
+        self.shared.log(&mut self.session.log);
+    }
+
+    fn accept(&mut self) {
         while let Ok((stream, address)) = self.listener.accept() {
+            // A client that closed its connection before this one was made has left.
+            if !self.serve_requests() {
+                self.close();
+            }
             if self.client.is_some() || prepare(&stream).is_err() {
                 self.session.log_event(Event::ClientRefused(address));
                 continue;
@@ -142,7 +166,6 @@ impl Loop {
             let client = Client { stream, address, since, datagrams: None, outbox: Vec::new(), refusals: 0 };
             self.client = Some(client);
         }
-        self.shared.log(&mut self.session.log);
     }
 
     /// Returns false if the connection is over.
@@ -174,6 +197,8 @@ impl Loop {
                 Err(_) => return false,
             }
         }
+        // Handles see an event before the client sees its answer.
+        self.shared.log(&mut self.session.log);
         let is_silent =
             client.refusals > REFUSALS || client.datagrams.is_none() && client.since.elapsed() > CONNECT_PATIENCE;
         flush(client) && !is_silent
@@ -220,6 +245,7 @@ impl Loop {
         let mut buffer = [0; STATE_BYTES_MAX];
         let outbox = self.client.as_mut().map_or(&mut unsent, |client| &mut client.outbox);
         let datagram = encode_state(generation, self.session.cycle(outbox), &mut buffer);
+        self.shared.log(&mut self.session.log);
         if self.session.is_connected() {
             if let Some(client) = &mut self.client {
                 flush(client);
@@ -255,7 +281,6 @@ impl Loop {
             dq_rad_s: *dq,
             cycles_left_out: self.cycles_left_out,
         });
-        self.shared.log(&mut self.session.log);
     }
 }
 

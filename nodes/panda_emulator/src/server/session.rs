@@ -1,10 +1,10 @@
 //! Session of one client with the control box. It does no input or output: bytes come in, bytes and states go out.
 
 use super::events::{Event, EventLog};
+use crate::Panda;
 use crate::fci::{
     Answer, Errors, Generation, ModelLibrary, MoveStatus, Request, RobotCommand, RobotMode, RobotState, SetterStatus,
 };
-use crate::panda::Panda;
 use crate::wire::{self, ClientMessage, Header, Refusal, WireError};
 
 /// Result of received bytes.

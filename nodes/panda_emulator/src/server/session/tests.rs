@@ -1,7 +1,7 @@
 //! Sessions without sockets.
 
 use super::*;
-use crate::panda::Settings;
+use crate::Settings;
 
 fn session() -> Session {
     let panda = Panda::new(Settings::default(), 1).unwrap();
