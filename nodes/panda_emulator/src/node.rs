@@ -59,7 +59,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
         report.value("cycles_left_out", snapshot.cycles_left_out);
         if snapshot.cycles_left_out > reported_cycles {
             let more = snapshot.cycles_left_out - reported_cycles;
-            report.problem(Health::Warn, &format!("{more} cycles of 1 ms were left out: the machine is too slow for 1 kHz"));
+            report.problem(
+                Health::Warn,
+                &format!("{more} cycles of 1 ms were left out: the machine is too slow for 1 kHz"),
+            );
             reported_cycles = snapshot.cycles_left_out;
         }
     })?;
