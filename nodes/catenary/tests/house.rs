@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const ALGORITHMS: [&str; 10] = [
+const ALGORITHMS: [&str; 11] = [
     "camera",
     "keypoint_tracker",
     "catenary_simulator",
@@ -21,6 +21,7 @@ const ALGORITHMS: [&str; 10] = [
     "ppo_trainer",
     "policy_runner",
     "panda_bridge",
+    "panda_emulator",
     "effect_finder",
 ];
 /// Libraries that are built on the simulator: the cell draws its object, and the pool keeps its environments.

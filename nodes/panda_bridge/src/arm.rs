@@ -260,6 +260,15 @@ impl<P: Plant> Arm<P> {
         self.plant.obey(&order);
     }
 
+    /// Records that the user stop was pressed, which latches it, or released.
+    pub fn user_stop(&mut self, pressed: bool) {
+        let order = self.gate.on_user_stop(pressed);
+        if pressed {
+            self.running_move = None;
+            self.plant.obey(&order);
+        }
+    }
+
     /// Records that the connection to the arm was lost or restored.
     pub fn connection(&mut self, connected: bool) {
         if !connected {

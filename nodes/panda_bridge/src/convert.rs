@@ -4,10 +4,13 @@ use crate::arm::{Arm, Plant};
 use crate::compliance::Compliance;
 use crate::gate::{Command, Mode, Verdict};
 use crate::pose::ArmPose;
-use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion};
+use catenary_msgs::geometry_msgs::msg::{
+    Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped, Twist, Vector3, Wrench,
+};
 use catenary_msgs::msg::{AcceptedTarget, ArmState};
 use catenary_msgs::srv::SetComplianceRequest;
 use catenary_msgs::std_msgs::msg::Header;
+use nalgebra::Vector6;
 
 /// Converts the pose of a message.
 #[must_use]
@@ -21,6 +24,33 @@ pub fn arm_pose(pose: &Pose) -> ArmPose {
 pub fn pose_message(pose: &ArmPose) -> Pose {
     let ([x, y, z], [qx, qy, qz, qw]) = (pose.position_m, pose.quaternion_xyzw);
     Pose { position: Point { x, y, z }, orientation: Quaternion { x: qx, y: qy, z: qz, w: qw } }
+}
+
+/// Converts a velocity: m/s, then rad/s.
+#[must_use]
+pub fn twist(v: &Vector6<f64>) -> Twist {
+    Twist { linear: vector(v[0], v[1], v[2]), angular: vector(v[3], v[4], v[5]) }
+}
+
+/// Converts a wrench: N, then N m.
+#[must_use]
+pub fn wrench(w: &Vector6<f64>) -> Wrench {
+    Wrench { force: vector(w[0], w[1], w[2]), torque: vector(w[3], w[4], w[5]) }
+}
+
+fn vector(x: f64, y: f64, z: f64) -> Vector3 {
+    Vector3 { x, y, z }
+}
+
+/// Makes the transform from panda_link0 to panda_hand_tcp.
+#[must_use]
+pub fn hand_transform(pose: &ArmPose, header: Header) -> TransformStamped {
+    let [x, y, z] = pose.position_m;
+    TransformStamped {
+        header,
+        child_frame_id: "panda_hand_tcp".to_owned(),
+        transform: Transform { translation: vector(x, y, z), rotation: pose_message(pose).orientation },
+    }
 }
 
 /// Makes a command of a target with this age, s. `simulated_time`: the age was measured with `/clock`.

@@ -31,6 +31,8 @@ pub struct GateSettings {
     pub hold_after_s: f64,
     /// Silence of the target stream after which the motion ends, s.
     pub end_after_s: f64,
+    /// Time without a target outside an episode after which an enabled arm is disabled, s.
+    pub idle_after_s: f64,
     /// Allow commands of a replayed recording to reach a real arm.
     pub allow_replay: bool,
 }
@@ -44,6 +46,7 @@ impl Default for GateSettings {
             max_age_s: 0.2,
             hold_after_s: 0.25,
             end_after_s: 2.0,
+            idle_after_s: 60.0,
             allow_replay: false,
         }
     }
@@ -70,6 +73,8 @@ pub struct SafetyGate {
     episode_over: Option<String>,
     /// Time of the last accepted target or of the start of the episode, s.
     heard_s: Option<f64>,
+    /// Time since which an enabled arm has heard nothing outside an episode, s; `None` while it is not enabled.
+    idle_since_s: Option<f64>,
     accepted: u64,
     rejected: u64,
     fault: String,
@@ -92,6 +97,7 @@ impl SafetyGate {
             episode_step_s: None,
             episode_over: None,
             heard_s: None,
+            idle_since_s: None,
             accepted: 0,
             rejected: 0,
             fault: String::new(),
@@ -380,6 +386,9 @@ impl SafetyGate {
         if let Some(what) = self.deviation() {
             return Some(self.on_reflex(&what));
         }
+        if let Some(idle_s) = self.idle_s(now_s).filter(|idle_s| *idle_s > self.settings.idle_after_s) {
+            return self.end(format!("no target for {idle_s:.0} s outside an episode: disabled"));
+        }
         let silence_s = now_s - self.heard_s?;
         let step_s = self.episode_step_s?;
         if self.activity == Mode::Tracking && silence_s > self.settings.hold_after_s.max(SILENT_STEPS * step_s) {
@@ -393,6 +402,17 @@ impl SafetyGate {
             return self.end(format!("no target for {silence_s:.2} s: motion ended"));
         }
         None
+    }
+
+    /// Returns the time that an enabled arm has heard nothing outside an episode, s. A forgotten arm must not stay under force.
+    fn idle_s(&mut self, now_s: f64) -> Option<f64> {
+        if !self.is_enabled() || self.episode_step_s.is_some() {
+            self.idle_since_s = None;
+            return None;
+        }
+        let since_s = self.idle_since_s.get_or_insert(now_s);
+        *since_s = self.heard_s.map_or(*since_s, |heard_s| since_s.max(heard_s));
+        Some(now_s - *since_s)
     }
 
     /// Returns a description of an enabled arm that is too far from its target. Its controller would pull it back with full
@@ -435,7 +455,7 @@ impl SafetyGate {
     fn seed(&mut self, pose: ArmPose, mode: Mode) {
         self.target = Some(pose);
         self.activity = mode;
-        self.heard_s = None;
+        (self.heard_s, self.idle_since_s) = (None, None);
     }
 }
 

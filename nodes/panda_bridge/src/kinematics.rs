@@ -4,7 +4,7 @@
 //! and the tool centre point of the hand, 0.1034 m beyond the flange and turned by -45 degrees.
 
 use crate::pose::ArmPose;
-use nalgebra::{DMatrix, DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// Number of joints.
@@ -32,8 +32,10 @@ const DH: [[f64; 3]; JOINTS] = [
     [0.0, 0.0, FRAC_PI_2],
     [0.088, 0.0, FRAC_PI_2],
 ];
-/// Distance from the last joint to the tool centre point along the joint's axis, m: flange plus hand.
-const TOOL_M: f64 = 0.107 + 0.1034;
+/// Distance from the last joint to the flange along the joint's axis, m.
+const FLANGE_M: f64 = 0.107;
+/// Distance from the flange to the tool centre point of the hand, m.
+const TOOL_M: f64 = 0.1034;
 /// Damping of the least squares. Chosen: small against the singular values of the Jacobian inside the workspace.
 const DAMPING: f64 = 1e-3;
 /// Maximum number of iterations. Chosen: a start near the solution needs a handful.
@@ -57,9 +59,33 @@ fn frames(joints_rad: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
         current *= joint_frame(i, *angle);
         frames[i] = current;
     }
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_4);
-    frames[JOINTS] = current * Isometry3::from_parts(Translation3::new(0.0, 0.0, TOOL_M), turn);
+    frames[JOINTS] = current * Translation3::new(0.0, 0.0, FLANGE_M) * flange_from_tool();
     frames
+}
+
+/// Returns the pose of the hand's tool centre point (panda_hand_tcp) in the frame of the flange.
+#[must_use]
+pub fn flange_from_tool() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_4);
+    Isometry3::from_parts(Translation3::new(0.0, 0.0, TOOL_M), turn)
+}
+
+/// Returns the Jacobian of the tool centre point in the base frame: linear rows, then angular rows.
+#[must_use]
+pub fn jacobian(joints_rad: &[f64; JOINTS]) -> SMatrix<f64, 6, JOINTS> {
+    jacobian_of(&frames(joints_rad))
+}
+
+fn jacobian_of(frames: &[Isometry3<f64>; JOINTS + 1]) -> SMatrix<f64, 6, JOINTS> {
+    let tool = frames[JOINTS].translation.vector;
+    let mut jacobian = SMatrix::<f64, 6, JOINTS>::zeros();
+    for (i, frame) in frames[..JOINTS].iter().enumerate() {
+        let axis = frame.rotation * Vector3::z();
+        let lever = tool - frame.translation.vector;
+        jacobian.fixed_view_mut::<3, 1>(0, i).copy_from(&axis.cross(&lever));
+        jacobian.fixed_view_mut::<3, 1>(3, i).copy_from(&axis);
+    }
+    jacobian
 }
 
 /// Returns the pose of the tool centre point for these joint angles, rad.
@@ -78,19 +104,13 @@ pub fn inverse(pose: &ArmPose, start_rad: &[f64; JOINTS]) -> Option<[f64; JOINTS
         let tool = frames[JOINTS];
         let move_m = Vector3::from(pose.position_m) - tool.translation.vector;
         let turn_rad = (pose.rotation() * tool.rotation.inverse()).scaled_axis();
-        let error = DVector::from_iterator(6, move_m.iter().chain(turn_rad.iter()).copied());
+        let error = Vector6::from_iterator(move_m.iter().chain(turn_rad.iter()).copied());
         if error.norm() < TOLERANCE {
             let within = q.iter().zip(LIMITS_RAD).all(|(v, [low, high])| (low..=high).contains(v));
             return within.then_some(q);
         }
-        let mut jacobian = DMatrix::zeros(6, JOINTS);
-        for (i, frame) in frames[..JOINTS].iter().enumerate() {
-            let axis = frame.rotation * Vector3::z();
-            let lever = tool.translation.vector - frame.translation.vector;
-            jacobian.view_mut((0, i), (3, 1)).copy_from(&axis.cross(&lever));
-            jacobian.view_mut((3, i), (3, 1)).copy_from(&axis);
-        }
-        let square = &jacobian * jacobian.transpose() + DMatrix::identity(6, 6) * (DAMPING * DAMPING);
+        let jacobian = jacobian_of(&frames);
+        let square = jacobian * jacobian.transpose() + Matrix6::identity() * (DAMPING * DAMPING);
         let step = jacobian.transpose() * square.cholesky()?.solve(&error);
         for (angle, delta) in q.iter_mut().zip(step.iter()) {
             // The linearisation holds for small steps only. 0.3 rad was chosen.

@@ -4,8 +4,11 @@ pub mod arm;
 pub mod compliance;
 #[cfg(feature = "node")]
 pub mod convert;
+#[cfg(feature = "node")]
+pub mod fci;
 pub mod gate;
 pub mod kinematics;
+pub mod law;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod path;

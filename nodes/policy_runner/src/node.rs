@@ -290,8 +290,7 @@ impl Shell {
     }
 
     /// Stops the arm where it is. The last target of an episode may still be ahead of the arm, however the episode ended.
-    /// An arm that stays enabled after the episode would follow the next publisher of targets, whenever it comes: no
-    /// silence timeout disables it.
+    /// An arm that stays enabled after the episode would follow the next publisher of targets, until its idle timeout.
     fn disable_arm(&self) {
         match self.enable.call(SetBoolRequest { data: false }, ENABLE) {
             Ok(answer) if answer.success => {}

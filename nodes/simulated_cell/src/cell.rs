@@ -69,6 +69,31 @@ pub struct Exposure {
     pub dropped: bool,
 }
 
+/// Hand that holds the object.
+enum Hand {
+    /// Simulated arm, with the pitch of its hand, rad.
+    Arm(Box<ArmModel>, f64),
+    /// Hand of an arm elsewhere: its last two poses and their times in s.
+    Elsewhere([(f64, GripPose); 2]),
+}
+
+impl Hand {
+    fn grip(&self, time_s: f64) -> GripPose {
+        match self {
+            Self::Arm(arm, pitch_rad) => arm.grip(time_s, *pitch_rad),
+            Self::Elsewhere([(t0_s, from), (t1_s, to)]) => {
+                let share = if t1_s > t0_s { ((time_s - t0_s) / (t1_s - t0_s)).clamp(0.0, 1.0) } else { 1.0 };
+                let between = |a: f64, b: f64| a + share * (b - a);
+                GripPose {
+                    x_m: between(from.x_m, to.x_m),
+                    z_m: between(from.z_m, to.z_m),
+                    pitch_rad: between(from.pitch_rad, to.pitch_rad),
+                }
+            }
+        }
+    }
+}
+
 /// Number of bands of a picture with rolling shutter, and number of moments of an exposure.
 // Each moment of each band costs one drawing of the scene: 12 at most.
 const SHUTTER_BANDS: usize = 4;
@@ -79,8 +104,7 @@ const DROP_STREAM: u64 = 29;
 /// Simulated cell.
 pub struct Cell {
     simulation: EpisodeSimulation,
-    arm: ArmModel,
-    pitch_rad: f64,
+    hand: Hand,
     time_s: f64,
     target_m: Option<[f64; 2]>,
     table_height_m: Option<f64>,
@@ -99,6 +123,24 @@ impl Cell {
     /// # Errors
     /// [`CellError`] if theta has the wrong length, the parameters make no object, or the camera is not a pinhole.
     pub fn new(model: &Model, theta: &[f64], fidelity: Fidelity, cell_seed: u64) -> Result<Self, CellError> {
+        let start = model.arm.start;
+        let mut cell = Self::elsewhere(model, theta, fidelity, cell_seed, start)?;
+        cell.hand = Hand::Arm(Box::new(cell.simulation.arm([start.x_m, start.z_m])), start.pitch_rad);
+        Ok(cell)
+    }
+
+    /// Makes a cell whose object hangs at rest in the hand of an arm elsewhere; [`Cell::follow`] moves the hand. Otherwise as
+    /// [`Cell::new`].
+    ///
+    /// # Errors
+    /// As [`Cell::new`].
+    pub fn elsewhere(
+        model: &Model,
+        theta: &[f64],
+        fidelity: Fidelity,
+        cell_seed: u64,
+        start: GripPose,
+    ) -> Result<Self, CellError> {
         let expected = model.theta.dimension();
         if theta.len() != expected {
             return Err(CellError::Theta { expected, got: theta.len() });
@@ -107,11 +149,9 @@ impl Cell {
         let mut simulation = EpisodeSimulation::new(model, Registry::shipped(), fidelity)?;
         simulation.prepare(&Conditions { theta, effects: &[], seed: cell_seed, noise: true, target_m })?;
         let Camera::Pinhole(camera) = *simulation.camera() else { return Err(CellError::Camera(model.name.clone())) };
-        let start = model.arm.start;
         simulation.hang(start);
         Ok(Self {
-            arm: simulation.arm([start.x_m, start.z_m]),
-            pitch_rad: start.pitch_rad,
+            hand: Hand::Elsewhere([(0.0, start); 2]),
             time_s: 0.0,
             target_m,
             table_height_m: simulation.episode_model().beam.table.map(|t| t.height_m),
@@ -133,9 +173,19 @@ impl Cell {
         &self.camera
     }
 
-    /// Commands the arm to go to (x, z) in m from now on.
+    /// Commands the arm to go to (x, z) in m from now on. A hand elsewhere has no target here.
     pub fn set_target(&mut self, target_m: [f64; 2]) {
-        self.arm.set_target(self.time_s, target_m);
+        if let Hand::Arm(arm, _) = &mut self.hand {
+            arm.set_target(self.time_s, target_m);
+        }
+    }
+
+    /// Advances to `time_s`, at which the hand elsewhere has this pose. Between two calls it moves on a straight line.
+    pub fn follow(&mut self, time_s: f64, grip: GripPose) {
+        if time_s > self.time_s {
+            self.hand = Hand::Elsewhere([(self.time_s, self.grip()), (time_s, grip)]);
+            self.advance(time_s);
+        }
     }
 
     /// Advances to `time_s`. A time before the present one changes nothing.
@@ -143,9 +193,11 @@ impl Cell {
         if time_s <= self.time_s {
             return;
         }
-        self.arm.run_to(time_s);
-        let (arm, pitch_rad) = (&self.arm, self.pitch_rad);
-        self.simulation.advance(time_s, |t| arm.grip(t, pitch_rad));
+        if let Hand::Arm(arm, _) = &mut self.hand {
+            arm.run_to(time_s);
+        }
+        let hand = &self.hand;
+        self.simulation.advance(time_s, |t| hand.grip(t));
         self.time_s = time_s;
         let memory_s = self.simulation.episode_model().camera.memory_s();
         if memory_s > 0.0 {
@@ -186,12 +238,18 @@ impl Cell {
 
     /// Returns the pose of the grip, without noise.
     pub fn grip(&self) -> GripPose {
-        self.arm.grip(self.time_s, self.pitch_rad)
+        self.hand.grip(self.time_s)
     }
 
     /// Returns the grip's velocity along x and z in m/s.
     pub fn velocity_m_s(&self) -> [f64; 2] {
-        self.arm.velocity_m_s()
+        match &self.hand {
+            Hand::Arm(arm, _) => arm.velocity_m_s(),
+            Hand::Elsewhere([(t0_s, from), (t1_s, to)]) if t1_s > t0_s => {
+                [to.x_m - from.x_m, to.z_m - from.z_m].map(|d| d / (t1_s - t0_s))
+            }
+            Hand::Elsewhere(_) => [0.0; 2],
+        }
     }
 
     /// Returns the object's wrench on the hand.
@@ -244,6 +302,21 @@ mod tests {
         let weight_n = 1055.0 * 0.015 * 0.015 * 0.25 * 9.81;
         assert!((c.wrench().force_n[1] + weight_n).abs() < 0.02 * weight_n, "{:?} against {weight_n} N", c.wrench());
         assert_eq!(c.velocity_m_s(), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_object_follows_a_hand_elsewhere_as_it_follows_the_simulated_arm() {
+        let mut own = cell();
+        let mut other = Cell::elsewhere(&soft_bar(), &[0.25, 2e4], Fidelity::Fast, 3, own.grip()).unwrap();
+        own.set_target([0.45, 0.42]);
+        for step in 1..=200 {
+            let time_s = 0.005 * f64::from(step);
+            own.advance(time_s);
+            other.follow(time_s, own.grip());
+        }
+        let (a, b) = (own.snapshot().nodes[20], other.snapshot().nodes[20]);
+        assert!((a[0] - b[0]).abs() < 1e-4 && (a[1] - b[1]).abs() < 1e-4, "{a:?} {b:?}");
+        assert_eq!(own.velocity_m_s().map(|v| v > 0.0), other.velocity_m_s().map(|v| v > 0.0));
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! Conversions between the cell's types and wire types.
 
 use crate::cell::HandWrench;
+use catenary_core::RgbImage;
 use catenary_core::camera::Pinhole;
-use catenary_core::{GripPose, RgbImage};
 use catenary_msgs::geometry_msgs::msg::{Transform, TransformStamped, Twist, Vector3, Wrench};
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image};
 use catenary_msgs::std_msgs::msg::Header;
-use catenary_shell::convert;
 use nalgebra::{Rotation3, UnitQuaternion};
 
 /// Converts a picture to an image message as realsense2_camera sends it.
@@ -53,18 +52,6 @@ pub fn twist(velocity_m_s: [f64; 2]) -> Twist {
 pub fn wrench(w: &HandWrench) -> Wrench {
     let [x, z] = w.force_n;
     Wrench { force: Vector3 { x, y: 0.0, z }, torque: Vector3 { x: 0.0, y: w.moment_y_n_m, z: 0.0 } }
-}
-
-/// Makes the transform from panda_link0 to panda_hand_tcp.
-#[must_use]
-pub fn hand_transform(grip: &GripPose, header: Header) -> TransformStamped {
-    let pose = convert::grip_pose_to_msg(grip);
-    let p = pose.position;
-    TransformStamped {
-        header,
-        child_frame_id: "panda_hand_tcp".to_owned(),
-        transform: Transform { translation: Vector3 { x: p.x, y: p.y, z: p.z }, rotation: pose.orientation },
-    }
 }
 
 /// Makes the transform from panda_link0 to the camera's optical frame.

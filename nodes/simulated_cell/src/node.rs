@@ -6,11 +6,12 @@
 
 mod arm;
 mod camera;
+mod elsewhere;
 mod measuring;
 
 use crate::Cell;
 use anyhow::{Context, Result, ensure};
-use catenary_core::{Camera, Fidelity, Model, seed};
+use catenary_core::{Camera, Fidelity, GripPose, Model, seed};
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_shell::{Misconfigured, NodeBuilder, Param, ParamSpec, Time, contract, read_model};
 use catenary_simulator::model_text;
@@ -38,6 +39,7 @@ struct Parameters {
     publish_clock: Param<bool>,
     real_time_factor: Param<f64>,
     image_noise: Param<f64>,
+    hand: Param<String>,
     moves: MoveParameters,
 }
 
@@ -71,6 +73,14 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
             3.0,
             text("Standard deviation of the image noise in grey levels.").range(0.0..=50.0),
         )?,
+        hand: b.declare_string(
+            "hand",
+            "simulated",
+            text(
+                "Hand that holds the object: simulated (with the arm's side of the contract), or elsewhere (its pose comes from panda_emulator/true_pose, and the object's wrench goes to panda_emulator/wrench).",
+            )
+            .choices(&["simulated", "elsewhere"]),
+        )?,
         moves: MoveParameters::declare(b)?,
     })
 }
@@ -78,7 +88,16 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
 fn run(builder: NodeBuilder) -> Result<()> {
     let p = declare(&builder)?;
     let node = builder.build()?;
-    let (cell, model, cell_seed) = cell(&p).map_err(Misconfigured::new)?;
+    let setup = setup(&p).map_err(Misconfigured::new)?;
+    if p.hand.get() == "elsewhere" {
+        ensure!(
+            !p.publish_clock.get(),
+            "parameter publish_clock: expected false for hand elsewhere, whose time is real"
+        );
+        return elsewhere::run(&node, setup, p.image_noise.get());
+    }
+    let cell = setup.cell(None).map_err(Misconfigured::new)?;
+    let Setup { model, seed: cell_seed, .. } = setup;
     // Discovery takes time. It comes before the arm's time begins, or the loop would have to catch up.
     meet_others(&node);
     let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
@@ -88,7 +107,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let front = Front::new(&node, origin, p.moves, arm)?;
     // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
     // arm.
-    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()))?;
+    let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
     let reported = Arc::clone(&front);
@@ -103,22 +122,44 @@ fn run(builder: NodeBuilder) -> Result<()> {
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
 }
 
-/// Makes the cell that the parameters describe. Returns it with its model and its seed.
-fn cell(p: &Parameters) -> Result<(Cell, Model, u64)> {
+/// Cell that the parameters describe.
+struct Setup {
+    path: String,
+    model: Model,
+    theta: Vec<f64>,
+    fidelity: Fidelity,
+    seed: u64,
+}
+
+fn setup(p: &Parameters) -> Result<Setup> {
     let path = p.model_file.get();
     ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
     let model = read_model("model_file", path.as_ref(), model_text::read)?;
     let fidelity = Fidelity::from_name(&p.fidelity.get()).context("parameter fidelity")?;
-    let cell_seed = p.seed.get().cast_unsigned();
+    let seed = p.seed.get().cast_unsigned();
     let theta = match p.theta.get() {
-        given if given.is_empty() => hidden_theta(&model, cell_seed),
+        given if given.is_empty() => hidden_theta(&model, seed),
         given => given,
     };
-    let cell = Cell::new(&model, &theta, fidelity, cell_seed).with_context(|| format!("model_file {path}"))?;
-    for (name, value, prior) in model.theta.outside(&theta) {
+    let setup = Setup { path, model, theta, fidelity, seed };
+    // Made once here, so that a wrong parameter is reported before the node waits for a hand.
+    setup.cell(None)?;
+    for (name, value, prior) in setup.model.theta.outside(&setup.theta) {
         tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
     }
-    Ok((cell, model, cell_seed))
+    Ok(setup)
+}
+
+impl Setup {
+    /// Makes the cell, with its object in a hand elsewhere at `hand` if there is one.
+    fn cell(&self, hand: Option<GripPose>) -> Result<Cell> {
+        let Self { path, model, theta, fidelity, seed } = self;
+        match hand {
+            None => Cell::new(model, theta, *fidelity, *seed),
+            Some(start) => Cell::elsewhere(model, theta, *fidelity, *seed, start),
+        }
+        .with_context(|| format!("model_file {path}"))
+    }
 }
 
 /// Returns theta of a cell without given values: the model's nominal values, and draws from the prior for the others.

@@ -73,6 +73,7 @@ impl Demo {
         Ok(Summary {
             seed: self.seed,
             preset: self.sizes.preset,
+            cell: self.cell,
             parameters: self.model.theta.parameters().iter().map(|p| p.name.clone()).collect(),
             truth: self.truth.clone(),
             task: *self.judge.task(),

@@ -1,5 +1,6 @@
 //! Files of the demo: the shipped launch file, parameters and model, compiled into the program.
 
+use super::args::DemoCell;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
@@ -8,14 +9,16 @@ pub const MODEL: &str = include_str!("../../../../launch_configs/models/soft_bar
 /// Path of the model relative to the launch file.
 pub const MODEL_FILE: &str = "models/soft_bar_place.yaml";
 
-const FILES: [(&str, &str); 3] = [
+const FILES: [(&str, &str); 5] = [
     ("sim.launch.xml", include_str!("../../../../launch_configs/sim.launch.xml")),
     ("params/sim.yaml", include_str!("../../../../launch_configs/params/sim.yaml")),
+    ("emulated.launch.xml", include_str!("../../../../launch_configs/emulated.launch.xml")),
+    ("params/emulated.yaml", include_str!("../../../../launch_configs/params/emulated.yaml")),
     (MODEL_FILE, MODEL),
 ];
 
-/// Writes the files into `folder`, with the layout of `launch_configs`. Returns the path of the launch file.
-pub fn write(folder: &Path) -> Result<PathBuf> {
+/// Writes the files into `folder`, with the layout of `launch_configs`. Returns the path of the cell's launch file.
+pub fn write(folder: &Path, cell: DemoCell) -> Result<PathBuf> {
     for (name, text) in FILES {
         let path = folder.join(name);
         if let Some(parent) = path.parent() {
@@ -23,7 +26,10 @@ pub fn write(folder: &Path) -> Result<PathBuf> {
         }
         std::fs::write(&path, text).with_context(|| path.display().to_string())?;
     }
-    Ok(folder.join(FILES[0].0))
+    Ok(folder.join(match cell {
+        DemoCell::Sim => "sim.launch.xml",
+        DemoCell::Emulated => "emulated.launch.xml",
+    }))
 }
 
 /// Creates `wanted`, or the first of `wanted-2`, `wanted-3`, ... that does not exist, so that no earlier result is
@@ -49,10 +55,12 @@ mod tests {
     }
 
     #[test]
-    fn the_carried_launch_file_reads() {
+    fn the_carried_launch_files_read() {
         let folder = tempfile::tempdir().unwrap();
-        let launch = write(folder.path()).unwrap();
-        let description = crate::launch::read(&launch, &[], &|_| None).unwrap();
-        assert_eq!(description.processes.len(), 8);
+        for (cell, processes) in [(DemoCell::Sim, 8), (DemoCell::Emulated, 10)] {
+            let launch = write(folder.path(), cell).unwrap();
+            let description = crate::launch::read(&launch, &[], &|_| None).unwrap();
+            assert_eq!(description.processes.len(), processes, "{cell:?}");
+        }
     }
 }

@@ -34,7 +34,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
         false => format!(", because {} exists already", arguments.out.display()),
     };
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
-    let launch_file = config::write(&folder.join("config"))?;
+    let launch_file = config::write(&folder.join("config"), arguments.cell)?;
     let model = Model::from_yaml(config::MODEL)?;
     let judge = Judge::of(&model).context("the demo's model needs a task")?;
     let truth = hidden_truth(&model, arguments.seed);
@@ -46,7 +46,8 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     if builder.shutdown().is_triggered() {
         return Err(Interrupted(String::new()).into());
     }
-    let demo = Demo { model, judge, folder, seed: arguments.seed, sizes, truth, domain };
+    let cell = arguments.cell;
+    let demo = Demo { model, judge, folder, cell, seed: arguments.seed, sizes, truth, domain };
     let node = builder.domain(demo.domain.id(), Discovery::Localhost).build()?;
     output::tell(&format!("catenary demo: results go to {}{taken}", demo.folder.display()));
     output::tell(&format!("catenary demo: {}", demo.domain.words()));

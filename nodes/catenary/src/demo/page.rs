@@ -1,5 +1,6 @@
 //! HTML report of the demo.
 
+use super::args::DemoCell;
 use super::story::{REPEATS, training_words};
 use super::summary::{Episode, Summary};
 use crate::evaluate::score::{Estimate, Evaluated};
@@ -91,6 +92,13 @@ fn method(page: &mut Page, summary: &Summary) {
          episode gave the posterior. pi1 was trained over the posterior with as many steps and run on the same cell. The hidden \
          values were known to the cell's process alone; inference and training never saw them.",
     );
+    if summary.cell == DemoCell::Emulated {
+        page.paragraph(
+            "The cell was an emulated Panda: the bridge drove it by torques at 1 kHz over the interface of a real arm, and the bar hung \
+             in its hand. Training and inference know a simpler arm, with a lag and a speed limit. `catenary demo --cell sim` with the \
+             same seed shows what that costs.",
+        );
+    }
     let evaluation = &summary.evaluation;
     let difference = evaluation.policies.last().and_then(|e| Some((e.success_gained?, e.mean_return_gained?)));
     if let Some((success, mean_return)) = difference {

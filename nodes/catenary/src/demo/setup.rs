@@ -1,5 +1,6 @@
 //! Setup of a demo: sizes, seeds, hidden parameters, and the start of its graph.
 
+use super::args::DemoCell;
 use super::config;
 use super::domain::OwnDomain;
 use crate::launch::{Supervisor, read};
@@ -50,6 +51,8 @@ pub struct Demo {
     pub judge: Judge,
     /// Folder of the results.
     pub folder: PathBuf,
+    /// Robot cell.
+    pub cell: DemoCell,
     /// Seed of every random draw.
     pub seed: u64,
     /// Sizes of the demo.
@@ -78,15 +81,20 @@ impl Demo {
     /// Starts the graph. Only the cell's process receives the hidden values.
     pub fn launch(&self, launch_file: &Path) -> Result<Supervisor> {
         let values: Vec<String> = self.truth.iter().map(|v| format!("{v:?}")).collect();
-        let given = [
+        let mut given = vec![
             ("model", launch_file.with_file_name(config::MODEL_FILE).display().to_string()),
             ("cell_theta", format!("[{}]", values.join(","))),
             ("cell_fidelity", Fidelity::Reference.name().to_owned()),
             ("seed", (seed::derive(self.seed, stream::CELL) >> 33).to_string()),
             // A node that ends by itself is an error here, and a restart would hide it.
             ("respawn", "false".to_owned()),
-        ]
-        .map(|(k, v)| (k.to_owned(), v));
+        ];
+        if self.cell == DemoCell::Emulated {
+            // Every domain of this machine has a loopback address of its own, so that two demos have two arms.
+            let id = self.domain.id();
+            given.push(("address", format!("127.42.{id}.1")));
+        }
+        let given: Vec<_> = given.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
         let mut description = read(launch_file, &given, &|name| std::env::var(name).ok())?;
         description.processes.iter_mut().for_each(|p| p.environment.extend(self.domain.environment()));
         Supervisor::start(description.processes, &self.folder.join("log"), false)

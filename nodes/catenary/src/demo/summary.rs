@@ -1,5 +1,6 @@
 //! Results of a demo, as stored in `summary.json` and shown in the report.
 
+use super::args::DemoCell;
 use crate::evaluate::score::Evaluated;
 use crate::options::Preset;
 use anyhow::{Context, Result};
@@ -18,6 +19,9 @@ pub struct Summary {
     pub seed: u64,
     /// Preset: `default` or `paper`.
     pub preset: Preset,
+    /// Robot cell.
+    #[serde(default)]
+    pub cell: DemoCell,
     /// Names of the inferred parameters.
     pub parameters: Vec<String>,
     /// Hidden values of the parameters, which only the cell's node received.

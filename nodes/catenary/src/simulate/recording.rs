@@ -18,6 +18,7 @@ use catenary_msgs::std_msgs::msg::Header;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::convert::{anchor_to_msg, grip_pose_to_msg, keypoints_to_msg};
 use catenary_shell::{Time, contract, stamp};
+use panda_bridge::convert::hand_transform;
 use panda_bridge::{ArmPose, kinematics};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -206,7 +207,7 @@ impl Recording {
         let pose = PoseStamped { header: header.clone(), pose: grip_pose_to_msg(&grip) };
         let twist = TwistStamped { header: header.clone(), twist: convert::twist(player.velocity_m_s()) };
         let wrench = WrenchStamped { header: header.clone(), wrench: convert::wrench(&player.wrench()) };
-        let hand = TFMessage { transforms: vec![convert::hand_transform(&grip, header.clone())] };
+        let hand = TFMessage { transforms: vec![hand_transform(&measured, header.clone())] };
         let joints = JointState {
             header,
             name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),

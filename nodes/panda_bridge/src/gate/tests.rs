@@ -381,3 +381,17 @@ fn latched_stops_outlive_the_connection() {
     g.on_recovery().unwrap();
     assert!(g.on_enable(&rivals(1), false).is_ok());
 }
+
+#[test]
+fn an_arm_that_hears_nothing_outside_an_episode_is_disabled() {
+    let mut g = gate();
+    g.on_episode_ended();
+    assert_eq!(g.tick(100.0), None);
+    g.on_command(&command(0.45), 130.0);
+    assert_eq!(g.tick(189.0), None, "59 s after the last target");
+    assert_eq!(g.tick(190.5), Some(Order::End));
+    assert_eq!(g.mode(), Mode::Idle);
+    assert!(g.fault().contains("outside an episode"), "{}", g.fault());
+    g.on_enable(&rivals(1), false).unwrap();
+    assert_eq!(g.tick(200.0), None, "a new request begins anew");
+}

@@ -168,13 +168,15 @@ impl<P: Plant> Front<P> {
     }
 
     /// Serves targets, services and the move to the start pose. Call [`meet_others`] before. `set_compliance` applies checked
-    /// settings; it may block, and returns a remark for the caller or the reason of a failure.
+    /// settings; it may block, and returns a remark for the caller or the reason of a failure. `recover` makes the robot recover
+    /// before the gate does; it may block.
     ///
     /// # Errors
     /// [`ShellError`]: the names after remapping, the middleware.
     pub fn serve(
         self: &Arc<Self>,
         mut set_compliance: impl FnMut(&Compliance) -> Result<String, String> + Send + 'static,
+        recover: impl Fn() -> Result<(), String> + Send + 'static,
     ) -> Result<Served> {
         let node = &self.node;
         let accepted =
@@ -211,8 +213,8 @@ impl<P: Plant> Front<P> {
                 Err(message) => SetComplianceResponse { success: false, message },
             }
         })?;
-        let hold = self.serve_trigger(contract::HOLD.name, Arm::hold)?;
-        let recover = self.serve_trigger(contract::ERROR_RECOVERY.name, Arm::recover)?;
+        let hold = self.serve_trigger(contract::HOLD.name, || Ok(()), Arm::hold)?;
+        let recover = self.serve_trigger(contract::ERROR_RECOVERY.name, recover, Arm::recover)?;
         let front = Arc::clone(self);
         let moving = node.serve_action::<MoveToStart>(
             contract::MOVE_TO_START.name,
@@ -232,15 +234,17 @@ impl<P: Plant> Front<P> {
         convert::arm_state(arm, success_rate, stamp::header(measured, crate::gate::BASE_FRAME))
     }
 
+    /// Serves a request. `before` runs while the arm is not locked.
     fn serve_trigger(
         self: &Arc<Self>,
         name: &str,
+        before: impl Fn() -> Result<(), String> + Send + 'static,
         act: impl Fn(&mut Arm<P>) -> Result<(), ArmError> + Send + 'static,
     ) -> Result<Service> {
         let front = Arc::clone(self);
         let what = name.rsplit('/').next().unwrap_or(name).to_owned();
         Ok(self.node.serve_to::<Trigger>(name, move |_, requester| {
-            let done = act(&mut front.arm()).map_err(|e| e.to_string());
+            let done = before().and_then(|()| act(&mut front.arm()).map_err(|e| e.to_string()));
             report(&what, requester, &done);
             let (success, message) = outcome(done);
             TriggerResponse { success, message }

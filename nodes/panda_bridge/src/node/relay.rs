@@ -14,10 +14,8 @@ use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_shell::{
-    Clock, Deadline, Flaw, GraphSnapshot, Misconfigured, Names, Node, NodeBuilder, StampCheck, Subscription, Time,
-    contract, stamp,
+    Clock, Deadline, Flaw, GraphSnapshot, Names, Node, StampCheck, Subscription, Time, contract, stamp,
 };
-use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -29,11 +27,6 @@ const SLOW: u64 = 4;
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
 /// Weight of one cycle in the share of cycles in time: an exponential average over about a second (200 cycles).
 const SHARE_WEIGHT: f64 = 0.005;
-
-/// Runs the node from the arguments after the program's name.
-pub fn main(args: Vec<String>) -> ExitCode {
-    catenary_shell::main("panda_bridge", args, run)
-}
 
 /// State of the controller's stream of poses.
 struct Link {
@@ -60,28 +53,26 @@ struct Relay {
     link: Mutex<Link>,
 }
 
-fn run(builder: NodeBuilder) -> Result<()> {
-    let settings = Settings::declare(&builder).map_err(Misconfigured::new)?;
-    let moves = MoveParameters::declare(&builder)?;
-    let node = builder.build()?;
+/// Runs the relay until shutdown.
+pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()> {
     let names = settings.controller;
-    refuse_collisions(&node, &names)?;
-    meet_others(&node);
+    refuse_collisions(node, &names)?;
+    meet_others(node);
     let origin = node.now();
     let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
-    let controller = Controller::new(&node, origin, targets.clone(), &names);
+    let controller = Controller::new(node, origin, targets.clone(), &names);
     // Disconnected until the controller's first pose.
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
     let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };
     let topic = names.target_pose.clone();
     let readiness = move |graph: &GraphSnapshot<'_>| controller::unready(&targets, &topic, graph);
-    let front = Front::with_readiness(&node, origin, moves, arm, readiness)?;
+    let front = Front::with_readiness(node, origin, moves, arm, readiness)?;
     let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
-    let _measuring = relay.subscribe(&node, &names, settings.silence)?;
-    let _served = front.serve(parameters::setter(&node, &names.node)?)?;
-    relay.report(&node)?;
-    relay.run(&node)
+    let _measuring = relay.subscribe(node, &names, settings.silence)?;
+    let _served = front.serve(parameters::setter(node, &names.node)?, || Ok(()))?;
+    relay.report(node)?;
+    relay.run(node)
 }
 
 /// Refuses a controller's topic that is also a topic of the bridge: the relay would receive its own messages.

@@ -73,7 +73,7 @@ impl Settings {
     }
 }
 
-fn fixed(text: &str) -> ParamSpec {
+pub(super) fn fixed(text: &str) -> ParamSpec {
     ParamSpec::new(text).read_only()
 }
 
@@ -118,6 +118,13 @@ fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
             "Time without a target after which the arm holds its pose.",
         )?,
         end_after_s: number("gate.end_after_s", d.end_after_s, "s", 60.0, "Silence until the motion ends.")?,
+        idle_after_s: number(
+            "gate.idle_after_s",
+            d.idle_after_s,
+            "s",
+            3600.0,
+            "Time without a target outside an episode after which an enabled arm is disabled.",
+        )?,
         allow_replay: b
             .declare_bool("gate.allow_replay", d.allow_replay, fixed("Let a replayed recording move a real arm."))?
             .get(),

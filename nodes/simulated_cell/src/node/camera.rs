@@ -9,7 +9,7 @@ use catenary_core::RgbImage;
 use catenary_core::camera::Pinhole;
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image};
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{contract, stamp};
+use catenary_shell::{Node, Time, contract, stamp};
 use panda_bridge::gate::BASE_FRAME;
 use panda_bridge::node::front::Front;
 use std::sync::Arc;
@@ -21,38 +21,58 @@ const OPTICAL_FRAME: &str = "camera_color_optical_frame";
 // Short against the period of a frame (33 ms at 30 Hz).
 const POLL_PERIOD: Duration = Duration::from_millis(2);
 
+/// Node that has a cell.
+pub trait Holder: Send + Sync + 'static {
+    /// Returns the node.
+    fn node(&self) -> &Node;
+    /// Returns the stamp of a time of the cell, s.
+    fn stamp(&self, time_s: f64) -> Time;
+    /// Calls `act` while the cell is locked.
+    fn with<T>(&self, act: impl FnOnce(&mut Cell) -> T) -> T;
+}
+
+impl Holder for Front<Cell> {
+    fn node(&self) -> &Node {
+        Front::node(self)
+    }
+
+    fn stamp(&self, time_s: f64) -> Time {
+        Front::stamp(self, time_s)
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut Cell) -> T) -> T {
+        act(self.arm().plant_mut())
+    }
+}
+
 /// Starts the camera at `rate_hz`, with image noise in grey levels. `calibrated` is the nominal camera: camera_info and
 /// tf report it, while the pictures come from the cell's jittered one.
-pub fn start(
-    front: &Arc<Front<Cell>>,
+pub fn start<H: Holder>(
+    holder: &Arc<H>,
     calibrated: &Pinhole,
     rate_hz: f64,
     noise_levels: f64,
     noise_seed: u64,
 ) -> Result<()> {
-    let node = front.node();
+    let node = holder.node();
     let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
     let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
     let tf = node.publisher::<TFMessage>(contract::TF_STATIC.name, contract::TF_STATIC.qos)?;
-    let (camera, mut scene) = {
-        let arm = front.arm();
-        (*arm.plant().camera(), arm.plant().scene())
-    };
-    let header = stamp::header(front.stamp(0.0), BASE_FRAME);
+    let (camera, mut scene) = holder.with(|cell| (*cell.camera(), cell.scene()));
+    let header = stamp::header(holder.stamp(0.0), BASE_FRAME);
     let calibrated = *calibrated;
     tf.send(TFMessage { transforms: vec![convert::camera_transform(&calibrated, header, OPTICAL_FRAME)] });
-    let front = Arc::clone(front);
+    let holder = Arc::clone(holder);
     node.spawn("camera", move || {
         // The latched transform lives as long as its publisher.
         let _latched = tf;
         let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, noise_levels, noise_seed);
         let mut next: u64 = 0;
-        while !front.node().is_shutdown() {
-            let (time_s, exposure) = {
-                let mut arm = front.arm();
-                let time_s = arm.plant().time_s();
-                (time_s, (time_s * rate_hz >= next as f64).then(|| arm.plant_mut().exposure()))
-            };
+        while !holder.node().is_shutdown() {
+            let (time_s, exposure) = holder.with(|cell| {
+                let time_s = cell.time_s();
+                (time_s, (time_s * rate_hz >= next as f64).then(|| cell.exposure()))
+            });
             let Some(exposure) = exposure else {
                 #[allow(clippy::disallowed_methods, reason = "the camera's pace is that of the cell")]
                 std::thread::sleep(POLL_PERIOD);
@@ -63,7 +83,7 @@ pub fn start(
                 expose(&mut renderer, &mut scene, &camera, &exposure, next);
             }
             next = (time_s * rate_hz).floor() as u64 + 1;
-            let header = stamp::header(front.stamp(time_s), OPTICAL_FRAME);
+            let header = stamp::header(holder.stamp(time_s), OPTICAL_FRAME);
             infos.send(convert::camera_info(&calibrated, header.clone()));
             images.send(convert::image(&renderer.image, header));
         }

@@ -107,7 +107,7 @@ impl Measuring {
         self.pose.send(PoseStamped { header: header.clone(), pose });
         self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(cell.velocity_m_s()) });
         self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&cell.wrench()) });
-        self.tf.send(TFMessage { transforms: vec![convert::hand_transform(&grip, header.clone())] });
+        self.tf.send(TFMessage { transforms: vec![panda_bridge::convert::hand_transform(&measured, header.clone())] });
         let before = self.angles_rad;
         // A pose without a solution keeps the last angles.
         if let Some(angles) = kinematics::inverse(&measured, &before) {

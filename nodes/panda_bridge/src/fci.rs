@@ -1,0 +1,165 @@
+//! Direct transport to the arm: the Franka Control Interface (FCI) at 1 kHz, by the client library franka-rs.
+//!
+//! Three threads share one connection. The control thread reads each state and answers it with torques; it allocates nothing while a
+//! motion runs, and waits for no lock. The session thread makes the requests that wait for an answer: thresholds, load, recovery. The
+//! watchdog ends a connection on which one of the two hangs, because franka-rs waits for answers without a timeout.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the transport runs threads, and times them on a clock that does not step"
+)]
+
+mod control;
+mod cycle;
+mod explain;
+mod figures;
+mod hangup;
+mod session;
+mod settings;
+mod shared;
+mod watchdog;
+
+pub use cycle::isometry;
+pub use figures::LoopFigures;
+pub use settings::{Collision, FciSettings, Generation, Load};
+pub use shared::{Measured, Phase};
+
+use crate::compliance::Compliance;
+use franka::RobotMode;
+use nalgebra::Isometry3;
+use shared::Shared;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Timeout of a request to the session thread. Chosen: a recovery takes about a second.
+const ANSWER: Duration = Duration::from_secs(5);
+/// Time that the threads get to end. Chosen: the arm comes to rest within a second, and a read waits a second at most.
+const ENDING: Duration = Duration::from_secs(4);
+
+/// Connection to an arm. Dropping it brings the arm to rest and ends the connection.
+pub struct FciLink {
+    shared: Arc<Shared>,
+    session: session::Caller,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl FciLink {
+    /// Starts the threads of a connection. They connect, and connect again, until the link is dropped.
+    ///
+    /// # Errors
+    /// A thread that the system refuses.
+    pub fn start(settings: FciSettings) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::new(settings.compliance));
+        let (session, requests) = session::channel();
+        let mut threads = Vec::new();
+        let mut spawn = |name: &str, work: Box<dyn FnOnce() + Send>| -> std::io::Result<()> {
+            threads.push(std::thread::Builder::new().name(name.to_owned()).spawn(work)?);
+            Ok(())
+        };
+        // The control thread comes last: franka-rs makes it real-time, and threads inherit that from their parent.
+        let (own, of) = (Arc::clone(&shared), settings.clone());
+        spawn("fci session", Box::new(move || session::run(&own, &of, &requests)))?;
+        let own = Arc::clone(&shared);
+        spawn("fci watchdog", Box::new(move || watchdog::run(&own)))?;
+        let own = Arc::clone(&shared);
+        spawn("fci control", Box::new(move || control::run(&own, &settings)))?;
+        Ok(Self { shared, session, threads })
+    }
+
+    /// Returns the newest state of the robot; `None` without a connection.
+    #[must_use]
+    pub fn measured(&self) -> Option<Measured> {
+        *self.shared.measured()
+    }
+
+    /// Returns the reason why the robot takes no motion now; `None` if it takes one. Latched stops are the gate's business.
+    #[must_use]
+    pub fn unready(&self) -> Option<String> {
+        let problem = self.shared.problem().clone();
+        if !problem.is_empty() {
+            return Some(problem);
+        }
+        let Some(measured) = self.measured() else { return Some("no state came from the robot yet".to_owned()) };
+        let why = match measured.state.robot_mode {
+            RobotMode::Other => "the brakes are closed: open them in Desk",
+            RobotMode::Guiding => "the arm is guided by hand: release the buttons of the hand",
+            RobotMode::AutomaticErrorRecovery => "the robot is recovering: try again in a second",
+            _ if !self.shared.configured.load(Ordering::Relaxed) => {
+                "the robot has not taken its collision thresholds yet: try again in a second"
+            }
+            _ => return None,
+        };
+        Some(why.to_owned())
+    }
+
+    /// Returns the reason of a motion that ended by itself since the last call.
+    #[must_use]
+    pub fn take_end(&self) -> Option<String> {
+        self.shared.ended().take()
+    }
+
+    /// Returns the figures of the control loop.
+    #[must_use]
+    pub fn figures(&self) -> LoopFigures {
+        self.shared.figures().clone()
+    }
+
+    /// Lets the arm follow its targets, or brings it to rest and ends the motion. Call it at least every 100 ms: the arm comes to
+    /// rest if the caller is silent.
+    pub fn follow(&self, on: bool) {
+        let mut orders = self.shared.orders();
+        // The next motion begins where the arm is then, not at the target of this one.
+        if orders.follow && !on {
+            orders.target = None;
+        }
+        orders.follow = on;
+        orders.refreshed = Instant::now();
+    }
+
+    /// Makes this pose of the end effector the target.
+    pub fn set_target(&self, pose: Isometry3<f64>) {
+        self.shared.orders().target = Some(pose);
+    }
+
+    /// Sets stiffness, damping and error clip, also during a motion.
+    pub fn set_compliance(&self, compliance: Compliance) {
+        self.shared.orders().compliance = compliance;
+    }
+
+    /// Asks the robot to recover from its errors, and waits until it is idle.
+    ///
+    /// # Errors
+    /// The robot's refusal, a missing connection, or no answer in time.
+    pub fn recover(&self) -> Result<(), String> {
+        self.session.recover(ANSWER)?;
+        // The answer overtakes the states: an older one would latch the reflex again.
+        let start = Instant::now();
+        while start.elapsed() < ANSWER {
+            match self.measured().map(|m| m.state.robot_mode) {
+                None => return Err("the connection was lost".to_owned()),
+                Some(RobotMode::Idle) => return Ok(()),
+                Some(_) => std::thread::sleep(Duration::from_millis(2)),
+            }
+        }
+        Err("the robot has answered and is not idle: look at Desk".to_owned())
+    }
+}
+
+impl Drop for FciLink {
+    fn drop(&mut self) {
+        self.shared.ending.store(true, Ordering::Relaxed);
+        let start = Instant::now();
+        for thread in self.threads.drain(..).rev() {
+            while !thread.is_finished() && start.elapsed() < ENDING {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            if thread.is_finished() {
+                // A panic of the thread was reported when it happened.
+                let _ = thread.join();
+            } else {
+                self.shared.hang_up();
+            }
+        }
+    }
+}

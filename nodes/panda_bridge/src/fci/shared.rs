@@ -1,0 +1,169 @@
+//! Data that the threads of a connection share.
+
+use super::figures::LoopFigures;
+use super::hangup::HangUp;
+use crate::compliance::Compliance;
+use franka::{Robot, RobotState};
+use nalgebra::Isometry3;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Phase of a connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Reading states; no motion.
+    Monitoring,
+    /// A motion follows its target.
+    Following,
+    /// A motion comes to rest before its end.
+    Stopping,
+}
+
+/// Newest state of the robot.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured {
+    /// State.
+    pub state: RobotState,
+    /// Arrival.
+    pub at: Instant,
+    /// Phase in which it arrived.
+    pub phase: Phase,
+}
+
+/// Orders to the control thread.
+#[derive(Debug, Clone, Copy)]
+pub struct Orders {
+    /// True: a motion runs. False: it comes to rest and ends.
+    pub follow: bool,
+    /// Target of the end effector; `None` holds the pose at the start of the motion.
+    pub target: Option<Isometry3<f64>>,
+    /// Stiffness, damping and error clip.
+    pub compliance: Compliance,
+    /// Last call of the node.
+    pub refreshed: Instant,
+}
+
+/// Shared data. No lock is held while a thread waits for the robot.
+pub struct Shared {
+    orders: Mutex<Orders>,
+    measured: Mutex<Option<Measured>>,
+    figures: Mutex<LoopFigures>,
+    problem: Mutex<String>,
+    ended: Mutex<Option<String>>,
+    robot: Mutex<Option<Arc<Robot>>>,
+    hang_up: Mutex<Option<HangUp>>,
+    /// Number of states that the control thread has read, and of its other signs of life.
+    pub beats: AtomicU64,
+    /// True once the link was dropped.
+    pub ending: AtomicBool,
+    /// True while thresholds and load of this connection are set.
+    pub configured: AtomicBool,
+    /// Start of the session thread's running request.
+    pub asking_since: Mutex<Option<Instant>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    /// Creates the data of a link without a connection.
+    pub fn new(compliance: Compliance) -> Self {
+        let orders = Orders { follow: false, target: None, compliance, refreshed: Instant::now() };
+        Self {
+            orders: Mutex::new(orders),
+            measured: Mutex::new(None),
+            figures: Mutex::new(LoopFigures::default()),
+            problem: Mutex::new("not connected yet".to_owned()),
+            ended: Mutex::new(None),
+            robot: Mutex::new(None),
+            hang_up: Mutex::new(None),
+            beats: AtomicU64::new(0),
+            ending: AtomicBool::new(false),
+            configured: AtomicBool::new(false),
+            asking_since: Mutex::new(None),
+        }
+    }
+
+    /// Locks the orders.
+    pub fn orders(&self) -> MutexGuard<'_, Orders> {
+        lock(&self.orders)
+    }
+
+    /// Copies the orders to `into`, unless another thread holds them: the control thread waits for nobody.
+    pub fn read_orders(&self, into: &mut Orders) {
+        if let Ok(orders) = self.orders.try_lock() {
+            *into = *orders;
+        }
+    }
+
+    /// Locks the newest state.
+    pub fn measured(&self) -> MutexGuard<'_, Option<Measured>> {
+        lock(&self.measured)
+    }
+
+    /// Records a state, unless a reader holds the last one: the next state follows in a millisecond.
+    pub fn record(&self, state: &RobotState, phase: Phase) {
+        self.beats.fetch_add(1, Ordering::Relaxed);
+        if let Ok(mut measured) = self.measured.try_lock() {
+            *measured = Some(Measured { state: *state, at: Instant::now(), phase });
+        }
+    }
+
+    /// Records the times of a cycle, unless a reader holds the figures.
+    pub fn record_cycle(&self, record: impl FnOnce(&mut LoopFigures)) {
+        if let Ok(mut figures) = self.figures.try_lock() {
+            record(&mut figures);
+        }
+    }
+
+    /// Locks the figures.
+    pub fn figures(&self) -> MutexGuard<'_, LoopFigures> {
+        lock(&self.figures)
+    }
+
+    /// Locks the reason why there is no connection, or why the robot takes no motion.
+    pub fn problem(&self) -> MutexGuard<'_, String> {
+        lock(&self.problem)
+    }
+
+    /// Locks the reason of the last motion that ended by itself.
+    pub fn ended(&self) -> MutexGuard<'_, Option<String>> {
+        lock(&self.ended)
+    }
+
+    /// Returns the connected robot.
+    pub fn robot(&self) -> Option<Arc<Robot>> {
+        lock(&self.robot).clone()
+    }
+
+    /// Records a new connection.
+    pub fn connected(&self, robot: &Arc<Robot>, hang_up: Option<HangUp>) {
+        self.configured.store(false, Ordering::Relaxed);
+        *lock(&self.robot) = Some(Arc::clone(robot));
+        *lock(&self.hang_up) = hang_up;
+        self.problem().clear();
+    }
+
+    /// Records that the connection was lost, or could not be made.
+    pub fn disconnected(&self, why: String) {
+        *self.problem() = why;
+        self.configured.store(false, Ordering::Relaxed);
+        *lock(&self.robot) = None;
+        *lock(&self.hang_up) = None;
+        *self.measured() = None;
+        let mut orders = self.orders();
+        (orders.follow, orders.target) = (false, None);
+    }
+
+    /// Ends the connection from outside of the thread that hangs on it. Returns false if the system does not allow it.
+    pub fn hang_up(&self) -> bool {
+        lock(&self.hang_up).as_ref().is_some_and(HangUp::end)
+    }
+
+    /// Returns true if a connection stands.
+    pub fn is_connected(&self) -> bool {
+        lock(&self.robot).is_some()
+    }
+}

@@ -1,0 +1,137 @@
+//! A failure here means an arm that pulls with another force than its gains and clips say.
+
+use super::*;
+use crate::kinematics::{READY_RAD, forward, jacobian};
+
+fn motion(q: [f64; JOINTS], dq: [f64; JOINTS]) -> ArmMotion {
+    let pose = forward(&q);
+    ArmMotion {
+        q: q.into(),
+        dq: dq.into(),
+        pose: Isometry3::from_parts(Translation3::from(pose.position_m), pose.rotation()),
+        jacobian: jacobian(&q),
+        coriolis: Joints::zeros(),
+    }
+}
+
+/// Force at the end effector that gives these torques, by least squares: the part of the null space drops out.
+fn force(torques: &Joints, jacobian: &Jacobian) -> Vector6<f64> {
+    let square = jacobian * jacobian.transpose();
+    square.cholesky().expect("the ready pose is no singularity").solve(&(jacobian * torques))
+}
+
+fn shifted(motion: &ArmMotion, x_m: f64) -> Isometry3<f64> {
+    Translation3::new(x_m, 0.0, 0.0) * motion.pose
+}
+
+#[test]
+fn an_arm_at_its_target_gets_the_coriolis_torques_alone() {
+    let mut m = motion(READY_RAD, [0.0; JOINTS]);
+    m.coriolis[3] = 0.7;
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+    assert!((law.torques(&m) - m.coriolis).amax() < 1e-12);
+}
+
+#[test]
+fn the_force_is_stiffness_times_error_up_to_the_clip() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    for (error_m, force_n) in [(0.004, 8.0), (0.01, 20.0), (0.05, 20.0)] {
+        let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+        law.hold(shifted(&m, error_m));
+        let got = force(&law.torques(&m), &m.jacobian);
+        assert!((got[0] - force_n).abs() < 1e-9, "{error_m} m: {got}");
+        assert!(got.rows(1, 5).amax() < 1e-9, "{error_m} m: {got}");
+    }
+}
+
+#[test]
+fn a_turn_is_held_by_half_the_rotational_stiffness() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    for (turn_rad, moment) in [(0.02, 150.0 * 0.01_f64.sin()), (0.5, 150.0 * 0.05)] {
+        let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+        let mut target = m.pose;
+        target.rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad) * target.rotation;
+        law.hold(target);
+        let got = force(&law.torques(&m), &m.jacobian);
+        assert!((got[5] - moment).abs() < 1e-9 && got.rows(0, 5).amax() < 1e-9, "{turn_rad} rad: {got}");
+    }
+}
+
+#[test]
+fn a_quaternion_of_the_other_sign_is_no_turn() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+    let mut target = m.pose;
+    target.rotation = UnitQuaternion::new_unchecked(-target.rotation.into_inner());
+    law.hold(target);
+    assert!(law.error(&m.pose).amax() < 1e-12);
+}
+
+#[test]
+fn the_damping_opposes_the_velocity() {
+    let mut dq = [0.0; JOINTS];
+    dq[3] = 0.3;
+    let m = motion(READY_RAD, dq);
+    let settings = LawSettings { nullspace_stiffness: 0.0, ..LawSettings::default() };
+    let mut law = ImpedanceLaw::new(settings, Compliance::default(), &m);
+    let twist = m.jacobian * m.dq;
+    let got = force(&law.torques(&m), &m.jacobian);
+    let wanted = Vector6::from_fn(|i, _| -twist[i] * [89.0, 7.0][i / 3]);
+    assert!((got - wanted).amax() < 1e-9, "{got}");
+}
+
+#[test]
+fn the_posture_moves_the_hand_little() {
+    let mut q = READY_RAD;
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &motion(q, [0.0; JOINTS]));
+    q[0] += 0.2;
+    let m = motion(q, [0.0; JOINTS]);
+    law.hold(m.pose);
+    let torques = law.torques(&m);
+    // 0.2 N m/rad times 100 times 0.2 rad, less the part along the motion of the hand.
+    assert!(torques[0] < -0.1, "{torques}");
+    assert!(force(&torques, &m.jacobian).amax() < 1.0, "{torques}");
+}
+
+#[test]
+fn a_step_of_the_target_reaches_the_law_by_the_low_pass() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+    law.set_target(shifted(&m, 0.004));
+    let first = force(&law.torques(&m), &m.jacobian);
+    assert!(first[0].abs() < 1e-9, "the filter moves after the torque of the cycle: {first}");
+    for _ in 1..200 {
+        law.torques(&m);
+    }
+    let got = force(&law.torques(&m), &m.jacobian)[0];
+    let wanted = 8.0 * (1.0 - 0.995_f64.powi(200));
+    assert!((got - wanted).abs() < 1e-6, "{got} N against {wanted} N");
+}
+
+#[test]
+fn an_integral_gain_sums_the_error_and_a_new_target_clears_it() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let settings = LawSettings { integral: 10.0, ..LawSettings::default() };
+    let mut law = ImpedanceLaw::new(settings, Compliance::default(), &m);
+    law.hold(shifted(&m, 0.004));
+    let first = force(&law.torques(&m), &m.jacobian)[0];
+    for _ in 0..1000 {
+        law.torques(&m);
+    }
+    let later = force(&law.torques(&m), &m.jacobian)[0];
+    assert!((first - 8.04).abs() < 1e-9, "{first}");
+    assert!((later - 9.0).abs() < 1e-9, "the sum stops at 0.1 m: {later}");
+    law.set_target(shifted(&m, 0.0041));
+    assert!((force(&law.torques(&m), &m.jacobian)[0] - 8.04).abs() < 0.01);
+}
+
+#[test]
+fn gains_change_by_the_low_pass() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+    law.hold(shifted(&m, 0.004));
+    law.set_compliance(Compliance { stiffness: [500.0; 6], ..Compliance::default() });
+    law.torques(&m);
+    let got = force(&law.torques(&m), &m.jacobian)[0];
+    assert!((got - 0.004 * (2000.0 - 0.005 * 1500.0)).abs() < 1e-9, "{got}");
+}

@@ -1,0 +1,17 @@
+//! Conformance with franka-rs, a client that was written independently: the checks of `tests/conformance_fci`.
+//!
+//! A test's name begins with the number of its check. Each prints its row; `--nocapture` shows it. All motions run in lock step, so
+//! that the load of the machine changes no result.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests have clocks, threads, sockets and rows; a failure is a panic"
+)]
+
+mod contact;
+mod losses;
+mod motions;
+mod rig;
+mod session;
+mod stops;

@@ -1,0 +1,257 @@
+"""Distance and time to standstill of the emulated arm after faults at three speeds, and the force of a blocked arm.
+
+    source .venv/ros.env; .venv/bin/python tests/bench/safety/safety.py [--speeds 0.05,0.1,0.25] [--repeats 3]
+
+The bridge drives the emulator by FCI on the clock, with targets 50 times a second. Each fault comes after 0.6 s of motion. Positions are
+the emulator's own, which no client of FCI sees. Run it on an idle machine.
+"""
+
+import argparse
+import math
+import os
+import pathlib
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1]))
+
+from catenary_msgs.action import MoveToStart  # noqa: E402
+from catenary_msgs.msg import ArmState  # noqa: E402
+from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+from support.ros import Goal  # noqa: E402
+from support.session import session_in  # noqa: E402
+
+START_M = (0.32, 0.42)
+# Box of the task in the shipped model, greatest x.
+BOX_M = 0.6
+# Time of motion before a fault, and longest time watched after it.
+MOTION_S, WATCH_S = 0.6, 5.0
+# Speed that counts as standstill, and how long it must last.
+STILL_M_S, STILL_S = 0.004, 0.15
+# Beyond the threshold of 40 N, and below the 57 N at which joint 6 is out of the range of its torque sensor.
+PUSH_N = 50.0
+# Stiffness of the wall that blocks the arm.
+WALL_N_M = 5000.0
+FAULTS = (
+    "user stop",
+    "reflex",
+    "killed bridge",
+    "frozen bridge",
+    "killed runner",
+    "silent targets",
+    "NaN targets",
+    "second publisher",
+    "box exit",
+    "hold request",
+)
+
+
+class Bench:
+    def __init__(self, session, model):
+        self.session, self.model = session, model
+        self.address = f"127.43.{session.domain}.1"
+        session.node("panda_emulator", "-p", f"address:={self.address}")
+        self.start_bridge()
+        self.ros = session.meet("panda_emulator", "panda_bridge")
+        self.path = []
+        self.wall_m, self.forces = None, []
+        self.push = self.ros.node.create_publisher(WrenchStamped, "/panda_emulator/wrench", 1)
+        fast = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.ros.node.create_subscription(PoseStamped, "/panda_emulator/true_pose", self.on_pose, fast)
+        self.states = self.ros.listen(ArmState, "/panda/arm_state")
+
+    def start_bridge(self):
+        parameters = (f"model_file:={self.model}", "transport:=fci", f"fci.host:={self.address}", "is_real:=false", "settle_time_s:=0.3")
+        self.bridge = self.session.node("panda_bridge", *[word for p in parameters for word in ("-p", p)])
+
+    def on_pose(self, message):
+        stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        x_m = message.pose.position.x
+        self.path.append((stamp_s, x_m, message.pose.position.z))
+        if self.wall_m is not None:
+            force_n = -WALL_N_M * max(0.0, x_m - self.wall_m)
+            self.forces.append(-force_n)
+            self.send_push(force_n)
+
+    def send_push(self, force_n):
+        message = WrenchStamped()
+        message.header.frame_id = "panda_link0"
+        message.wrench.force.x = force_n
+        self.push.publish(message)
+
+    def fault(self):
+        return self.states[-1].fault if self.states else ""
+
+    def prepare(self):
+        alone = lambda: list(self.ros.node.get_node_names()).count("panda_bridge") == 1
+        self.ros.wait_for(alone, 90, "the end of a bridge that was killed")
+        self.ros.wait_for(lambda: self.states and self.states[-1].mode != ArmState.MODE_DISCONNECTED, 20, "a connected arm")
+        self.ros.call(Trigger, "/panda/error_recovery", Trigger.Request())
+        goal = MoveToStart.Goal(use_pose=True)
+        goal.pose.position.x, goal.pose.position.z, goal.pose.orientation.x = *START_M, 1.0
+        goal.pose.orientation.w = 0.0
+        for _ in range(20):
+            result = Goal(self.ros, MoveToStart, "/panda/move_to_start", goal).end().result
+            if result.success:
+                return
+            # The bridge sets thresholds anew after a connection; the robot may still be recovering.
+            self.ros.spin(0.5)
+        raise AssertionError(f"the arm does not reach its start: {result.message}")
+
+    def stream(self, speed_m_s, kind="good"):
+        words = [sys.executable, HERE / "targets.py", self.session.domain, *START_M, speed_m_s, kind]
+        log = open(self.session.folder / f"targets_{kind}.err", "wb")
+        child = subprocess.Popen(
+            list(map(str, words)), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, env=self.session.environment
+        )
+        assert child.stdout.readline() == "ready\n"
+        return child
+
+    def trial(self, name, speed_m_s):
+        """Returns distance (mm) and time (s) to standstill, how far out of the box (mm), and the reason that the arm gives."""
+        self.prepare()
+        targets = self.stream(speed_m_s, "nan" if name == "NaN targets" else "good")
+        try:
+            answer = self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))
+            assert answer.success, answer.message
+            self.path.clear()
+            targets.stdin.write("\n")
+            targets.stdin.flush()
+            self.ros.spin(self.time_to_fault(name, speed_m_s))
+            at_s = self.path[-1][0]
+            undo = self.inject(name, targets)
+            self.ros.holds_within(lambda: self.still_since(at_s) is not None, WATCH_S)
+            reason = self.fault()
+            result = self.measured(at_s)
+            undo()
+            return (*result, reason)
+        finally:
+            self.end(targets)
+
+    def end(self, targets):
+        """Ends the publisher of targets, and waits until nobody sees it: the arm refuses to move beside a second one."""
+        targets.send_signal(signal.SIGCONT)
+        targets.terminate()
+        targets.wait()
+        self.ros.wait_for(lambda: not self.ros.node.count_publishers("/panda/target_pose"), 60, "the end of the targets")
+        self.ros.spin(0.7)
+
+    def time_to_fault(self, name, speed_m_s):
+        if name == "box exit":
+            # The fault is the wall of the box itself: the arm is watched from a little before it on.
+            return (BOX_M - START_M[0]) / speed_m_s - 0.2
+        return MOTION_S
+
+    def inject(self, name, targets):
+        stop = lambda on: self.ros.call(SetBool, "/panda_emulator/user_stop", SetBool.Request(data=on))
+        if name == "user stop":
+            stop(True)
+            return lambda: stop(False)
+        if name == "reflex":
+            self.send_push(-PUSH_N)
+            return lambda: self.send_push(0.0)
+        if name == "killed bridge":
+            self.bridge.kill()
+            self.bridge.wait()
+            self.states.clear()
+            return self.start_bridge
+        if name == "frozen bridge":
+            self.bridge.send_signal(signal.SIGSTOP)
+            return self.thaw
+        if name == "killed runner":
+            targets.kill()
+        if name == "silent targets":
+            targets.send_signal(signal.SIGSTOP)
+        if name == "second publisher":
+            other = self.ros.node.create_publisher(PoseStamped, "/panda/target_pose", 1)
+            return lambda: self.ros.node.destroy_publisher(other)
+        if name == "hold request":
+            self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=False))
+        return lambda: None
+
+    def thaw(self):
+        """Lets a frozen bridge go on: it ends by itself, because it cannot know what it has missed, and a launch starts it anew."""
+        self.bridge.send_signal(signal.SIGCONT)
+        self.bridge.wait()
+        self.states.clear()
+        self.start_bridge()
+
+    def still_since(self, from_s):
+        """Time since which the hand stands, or None."""
+        if not self.path or self.path[-1][0] < from_s + STILL_S:
+            return None
+        newest_s, x_m, z_m = self.path[-1]
+        for stamp_s, x, z in reversed(self.path):
+            if newest_s - stamp_s >= STILL_S:
+                return stamp_s if math.hypot(x - x_m, z - z_m) < STILL_M_S * STILL_S else None
+        return None
+
+    def measured(self, at_s):
+        since_s = self.still_since(at_s)
+        begun = next(p for p in self.path if p[0] >= at_s)
+        end = self.path[-1]
+        farthest = max(p[1] for p in self.path)
+        time_s = math.nan if since_s is None else max(0.0, since_s - at_s)
+        return 1e3 * abs(end[1] - begun[1]), time_s, 1e3 * max(0.0, farthest - BOX_M)
+
+    def blocked(self, speed_m_s):
+        """Greatest force on a wall in the way, N, the time until the arm gives up, s, and the reason."""
+        self.prepare()
+        targets = self.stream(speed_m_s)
+        try:
+            assert self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True)).success
+            self.forces.clear()
+            self.wall_m = START_M[0] + 0.05
+            targets.stdin.write("\n")
+            targets.stdin.flush()
+            begun = time.monotonic()
+            stopped = lambda: self.states[-1].mode not in (ArmState.MODE_TRACKING, ArmState.MODE_HOLD)
+            self.ros.spin(0.3)
+            self.ros.holds_within(stopped, 20)
+            elapsed_s = time.monotonic() - begun - 0.05 / speed_m_s
+            self.ros.spin(0.5)
+            return max(self.forces, default=0.0), elapsed_s, self.fault()
+        finally:
+            self.wall_m = None
+            self.send_push(0.0)
+            self.end(targets)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--speeds", default="0.05,0.1,0.25", help="speeds of the target, m/s")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--faults", default=",".join(FAULTS))
+    parser.add_argument("--logs", type=pathlib.Path, help="folder that keeps the logs of the nodes")
+    arguments = parser.parse_args()
+    speeds = [float(s) for s in arguments.speeds.split(",")]
+    if arguments.logs:
+        arguments.logs.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, session_in((arguments.logs or pathlib.Path(folder)).resolve()) as session:
+        bench = Bench(session, session.root / "launch_configs/models/soft_bar.yaml")
+        print("| fault | speed, m/s | to standstill, mm (greatest) | s (greatest) | out of the box, mm (greatest) | reason |")
+        print("|---|---|---|---|---|---|")
+        for name in arguments.faults.split(","):
+            for speed in speeds:
+                rows = [bench.trial(name, speed) for _ in range(arguments.repeats)]
+                mm, s, out = ([row[i] for row in rows] for i in range(3))
+                words = [f"{statistics.median(v):.{d}f} ({max(v):.{d}f})" for v, d in ((mm, 1), (s, 2), (out, 1))]
+                print(f"| {name} | {speed} | {' | '.join(words)} | {rows[-1][3]} |", flush=True)
+        print()
+        print("| wall | speed, m/s | greatest force, N | given up after, s | reason |")
+        print("|---|---|---|---|---|")
+        for speed in speeds:
+            rows = [bench.blocked(speed) for _ in range(arguments.repeats)]
+            print(f"| {WALL_N_M:.0f} N/m | {speed} | {max(r[0] for r in rows):.1f} | {max(r[1] for r in rows):.2f} | {rows[-1][2]} |", flush=True)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    main()

@@ -1,0 +1,35 @@
+"""The checks of the Franka Control Interface, each with every client that can express it. `tests/conformance_fci/table` prints the
+results as a table."""
+
+import pytest
+from rig import CHECKS, CLIENTS, MODEL_LIBRARY, SERVER, Server, cells, run, why_missing
+
+
+@pytest.fixture
+def serve():
+    """Starts servers that end with the test."""
+    assert SERVER.exists(), f"{SERVER} is missing: cargo build --release -p panda_emulator --example serve"
+    servers = []
+
+    def start(*arguments):
+        servers.append(Server(*arguments))
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        server.close()
+
+
+@pytest.mark.parametrize(("number", "client", "function"), [pytest.param(*c, id=f"{c[2]}-{c[1]}") for c in cells()])
+def test_fci(number, client, function, serve, record_property):
+    if reason := why_missing(client):
+        pytest.skip(reason)
+    arguments = [f"generation={CLIENTS[client][2]}"]
+    if "lab" in function:
+        arguments += ["network=lab", "seed=3"]
+    if "library" in function:
+        assert MODEL_LIBRARY.exists(), f"{MODEL_LIBRARY} is missing: cargo build --release -p panda_model_library"
+        arguments.append(f"model_library={MODEL_LIBRARY}")
+    row = run(client, function, serve(*arguments))
+    record_property("row", row)
+    print(f"check {number:2} {CHECKS[number]:<22} {client}: {row}")
