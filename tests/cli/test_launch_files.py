@@ -24,7 +24,12 @@ beside_ros2 = pytest.mark.skipif(bool(MISSING), reason=f"ROS 2's own launch is n
 ARGUMENTS = {
     "sim.launch.xml": [{}, {"learning": "false", "seed": "7"}, {"cell_theta": "[0.25, 1000.0]", "respawn": "False", "bin": "/x y/z"}],
     "emulated.launch.xml": [{}, {"learning": "false", "address": "127.3.2.1", "network": "lab"}],
-    "lab.launch.xml": [{}, {"transport": "fci", "robot": "172.16.0.2"}, {"record": "true", "bag": "a b", "image": "/c/i"}, {"controller": "/arm", "record": "1", "images": "true"}],
+    "lab.launch.xml": [
+        {},
+        {"transport": "fci", "robot": "172.16.0.2"},
+        {"record": "true", "bag": "a b", "image": "/c/i"},
+        {"controller": "/arm", "record": "1", "images": "true"},
+    ],
     "replay.launch.xml": [{}, {"vision": "false"}, {"learning": "0", "respawn": "false"}],
     "train.launch.xml": [{}, {"workers": "3", "namespace": "/lab"}, {"inference": "false", "respawn": "no"}],
     "find_effects.launch.xml": [{}],

@@ -25,6 +25,7 @@ from catenary_msgs.msg import ArmState  # noqa: E402
 from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
 from support.ros import Goal  # noqa: E402
 from support.session import session_in  # noqa: E402
 
@@ -107,10 +108,9 @@ class Bench:
 
     def stream(self, speed_m_s, kind="good"):
         words = [sys.executable, HERE / "targets.py", self.session.domain, *START_M, speed_m_s, kind]
-        log = open(self.session.folder / f"targets_{kind}.err", "wb")
-        child = subprocess.Popen(
-            list(map(str, words)), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, env=self.session.environment
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        with open(self.session.folder / f"targets_{kind}.err", "wb") as log:
+            child = subprocess.Popen(list(map(str, words)), stderr=log, env=self.session.environment, **pipes)
         assert child.stdout.readline() == "ready\n"
         return child
 
@@ -249,7 +249,10 @@ def main():
         print("|---|---|---|---|---|")
         for speed in speeds:
             rows = [bench.blocked(speed) for _ in range(arguments.repeats)]
-            print(f"| {WALL_N_M:.0f} N/m | {speed} | {max(r[0] for r in rows):.1f} | {max(r[1] for r in rows):.2f} | {rows[-1][2]} |", flush=True)
+            print(
+                f"| {WALL_N_M:.0f} N/m | {speed} | {max(r[0] for r in rows):.1f} | {max(r[1] for r in rows):.2f} | {rows[-1][2]} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
