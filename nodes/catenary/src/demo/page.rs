@@ -1,6 +1,5 @@
 //! HTML report of the demo.
 
-use super::args::DemoCell;
 use super::story::{REPEATS, training_words};
 use super::summary::{Episode, Summary};
 use crate::evaluate::score::{Estimate, Evaluated};
@@ -72,6 +71,7 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     };
     let rows: Vec<Vec<String>> = summary.inference.marginals.iter().zip(&summary.truth).map(row).collect();
     page.table(&["", "hidden", "found", "with 90 %"], &rows);
+    summary.of_the_arm().iter().for_each(|text| page.paragraph(text));
     summary.inference.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
     for warning in &summary.inference.warnings {
         page.warning(warning);
@@ -92,13 +92,6 @@ fn method(page: &mut Page, summary: &Summary) {
          episode gave the posterior. pi1 was trained over the posterior with as many steps and run on the same cell. The hidden \
          values were known to the cell's process alone; inference and training never saw them.",
     );
-    if summary.cell == DemoCell::Emulated {
-        page.paragraph(
-            "The cell was an emulated Panda: the bridge drove it by torques at 1 kHz over the interface of a real arm, and the bar hung \
-             in its hand. Training and inference know a simpler arm, with a lag and a speed limit. `catenary demo --cell sim` with the \
-             same seed shows what that costs.",
-        );
-    }
     let evaluation = &summary.evaluation;
     let difference = evaluation.policies.last().and_then(|e| Some((e.success_gained?, e.mean_return_gained?)));
     if let Some((success, mean_return)) = difference {
