@@ -6,7 +6,9 @@
 //! a line on stdin and answers it with a line that begins with `done`:
 //!
 //!     push FX FY FZ MX MY MZ | user_stop on|off | brakes on|off | guiding on|off | lose_states N | lose_commands N
-//!     repeat_states N | swap_states | pose | joints
+//!     repeat_states N | swap_states | pose | joints | responses
+//!
+//! `responses`: number, median, 99th percentile and greatest of the times from a state to its command since the last time, us.
 #![allow(
     clippy::disallowed_methods,
     clippy::print_stdout,
@@ -87,6 +89,11 @@ fn instruct(handle: &Handle, line: &str) -> Result<String, Failure> {
         ["swap_states"] => handle.inject(Fault::SwapStates),
         ["pose"] => return Ok(format!("{:?}", handle.snapshot().hand_pose)),
         ["joints"] => return Ok(format!("{:?}", handle.snapshot().q_rad)),
+        ["responses"] => {
+            let times = handle.take_responses();
+            let us = |share| times.quantile_us(share).unwrap_or_default();
+            return Ok(format!("{} {} {} {}", times.count(), us(0.5), us(0.99), times.longest().as_micros()));
+        }
         _ => return Err("unknown instruction".into()),
     }
     // The next cycle has begun, so that the instruction holds.

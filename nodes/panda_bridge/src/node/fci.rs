@@ -122,13 +122,13 @@ fn describe(report: &mut Report, link: &FciLink) {
         }
     }
     let figures = link.figures();
-    report.value("control_cycles", figures.cycles).value("lost_states", figures.lost_states);
+    report.value("control_cycles", figures.computing.count()).value("lost_states", figures.lost_states);
     for (name, share) in [("computing_p50_us", 0.5), ("computing_p99_us", 0.99)] {
-        if let Some(us) = figures.computing_us(share) {
+        if let Some(us) = figures.computing.quantile_us(share) {
             report.value(name, us);
         }
     }
-    report.value("computing_longest_us", figures.longest.as_micros());
+    report.value("computing_longest_us", figures.computing.longest().as_micros());
 }
 
 /// Publishers of the arm's side of the contract.

@@ -3,9 +3,11 @@
 use super::events::{Event, EventLog};
 use super::network::Fault;
 use crate::fci::{IDENTITY, RobotMode};
+use catenary_core::durations::Durations;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// Change that a handle asks for. It takes effect with the next cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +61,7 @@ pub(super) struct Shared {
     stopped: AtomicBool,
     inputs: Mutex<Vec<Input>>,
     snapshot: Mutex<Snapshot>,
+    responses: Mutex<Durations>,
     log: Mutex<EventLog>,
 }
 
@@ -74,6 +77,11 @@ impl Shared {
 
     pub fn publish(&self, snapshot: Snapshot) {
         *lock(&self.snapshot) = snapshot;
+    }
+
+    /// Adds the time from a state to the command that answers it.
+    pub fn respond(&self, time: Duration) {
+        lock(&self.responses).add(time);
     }
 
     /// Moves events to the log that handles read.
@@ -138,6 +146,12 @@ impl Handle {
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         *lock(&self.shared.snapshot)
+    }
+
+    /// Takes the times from a state to the command that answers it, since the last call.
+    #[must_use]
+    pub fn take_responses(&self) -> Durations {
+        std::mem::take(&mut *lock(&self.shared.responses))
     }
 
     /// Takes the events since the last call: clock of the control box in ms, and event.

@@ -35,8 +35,18 @@ pub(super) fn start(
     pace: Pace,
     shared: Arc<Shared>,
 ) -> io::Result<JoinHandle<()>> {
-    let server =
-        Loop { session, link, listener, pace, shared, client: None, cycles: 0, cycles_left_out: 0, is_awaited: false };
+    let server = Loop {
+        session,
+        link,
+        listener,
+        pace,
+        shared,
+        client: None,
+        cycles: 0,
+        cycles_left_out: 0,
+        is_awaited: false,
+        sent: None,
+    };
     std::thread::Builder::new().name("fci_server".to_owned()).spawn(move || server.run())
 }
 
@@ -70,6 +80,8 @@ struct Loop {
     cycles_left_out: u64,
     /// True if the newest state has reached the client, so that its command can come.
     is_awaited: bool,
+    /// Time at which the newest state was sent, until its command comes.
+    sent: Option<Instant>,
 }
 
 impl Loop {
@@ -211,7 +223,12 @@ impl Loop {
         loop {
             match socket.recv(&mut datagram) {
                 Ok(_) if self.link.loses_command() => self.session.skip_command(),
-                Ok(count) => self.session.receive_datagram(&datagram[..count]),
+                Ok(count) => {
+                    self.session.receive_datagram(&datagram[..count]);
+                    if let Some(sent) = self.sent.take() {
+                        self.shared.respond(sent.elapsed());
+                    }
+                }
                 Err(error) if error.kind() == ErrorKind::ConnectionRefused => client.refusals += 1,
                 Err(_) => return,
             }
@@ -252,6 +269,7 @@ impl Loop {
             }
             // Lock step: the network counts in cycles. A count of milliseconds is far below 2^52.
             let now_ms = if self.pace == Pace::Clock { ms_since(began) } else { self.cycles as f64 };
+            self.sent = Some(Instant::now());
             self.is_awaited = self.link.send(now_ms, datagram);
             self.deliver(if self.pace == Pace::Clock { now_ms } else { (now_ms + 1.0).next_down() });
         }

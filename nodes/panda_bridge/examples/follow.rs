@@ -1,0 +1,45 @@
+//! Holds an arm by the transport `fci` for a number of cycles, without ROS: `follow ADDRESS CYCLES`. The arm must be an emulated one.
+//!
+//! Prints the number of cycles, the median, 99th percentile and greatest computing time of a cycle (us), and the lost states.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::print_stdout,
+    reason = "a program with arguments, a clock and a standard output"
+)]
+
+use panda_bridge::Compliance;
+use panda_bridge::fci::{Collision, FciLink, FciSettings, Generation, Load};
+use panda_bridge::law::LawSettings;
+use std::error::Error;
+use std::time::Duration;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let host = arguments.next().ok_or("expected an address")?;
+    let cycles: u64 = arguments.next().ok_or("expected a number of cycles")?.parse()?;
+    if !host.starts_with("127.") {
+        return Err("expected an address of this machine, 127.x.y.z: this program moves the arm without asking".into());
+    }
+    let link = FciLink::start(FciSettings {
+        host,
+        generation: Generation::Panda,
+        priority: 1,
+        cutoff_hz: 100.0,
+        law: LawSettings::default(),
+        compliance: Compliance::default(),
+        collision: Collision::default(),
+        load: Load::default(),
+    })?;
+    while link.figures().computing.count() < cycles {
+        link.follow(link.unready().is_none());
+        if let Some(why) = link.take_end() {
+            return Err(why.into());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let figures = link.figures();
+    let us = |share| figures.computing.quantile_us(share).unwrap_or_default();
+    let (median, p99, longest) = (us(0.5), us(0.99), figures.computing.longest().as_micros());
+    println!("{} {median} {p99} {longest} {}", figures.computing.count(), figures.lost_states);
+    Ok(())
+}
