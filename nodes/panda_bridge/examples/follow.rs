@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     while link.figures().computing.count() < cycles {
         link.follow(link.unready().is_none());
         if let Some(why) = link.take_end() {
-            return Err(why.into());
+            return Err(format!("the motion ended: {why:?}").into());
         }
         std::thread::sleep(Duration::from_millis(5));
     }

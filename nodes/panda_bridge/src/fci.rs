@@ -21,10 +21,12 @@ mod watchdog;
 pub use cycle::isometry;
 pub use figures::LoopFigures;
 pub use settings::{Collision, FciSettings, Generation, Load};
-pub use shared::{Measured, Phase};
+pub use shared::{End, Measured, Phase};
 
 use crate::compliance::Compliance;
-use franka::RobotMode;
+use crate::kinematics;
+use crate::law::JointLimits;
+use franka::{RobotMode, RobotState};
 use nalgebra::Isometry3;
 use shared::Shared;
 use std::sync::Arc;
@@ -34,6 +36,8 @@ use std::time::{Duration, Instant};
 
 /// Timeout of a request to the session thread. Chosen: a recovery takes about a second.
 const ANSWER: Duration = Duration::from_secs(5);
+/// Age of a state that no longer tells where the arm is. A recorded real arm paused for 8 ms at most.
+const STALE: Duration = Duration::from_millis(200);
 /// Time that the threads get to end. Chosen: the arm comes to rest within a second, and a read waits a second at most.
 const ENDING: Duration = Duration::from_secs(4);
 
@@ -42,6 +46,7 @@ pub struct FciLink {
     shared: Arc<Shared>,
     session: session::Caller,
     threads: Vec<JoinHandle<()>>,
+    limits: JointLimits,
 }
 
 impl FciLink {
@@ -52,9 +57,11 @@ impl FciLink {
     pub fn start(settings: FciSettings) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(settings.compliance));
         let (session, requests) = session::channel();
-        let mut threads = Vec::new();
+        let limits = settings.generation.limits();
+        // Dropped, and its threads ended, if one of them cannot start.
+        let mut link = Self { shared: Arc::clone(&shared), session, threads: Vec::new(), limits };
         let mut spawn = |name: &str, work: Box<dyn FnOnce() + Send>| -> std::io::Result<()> {
-            threads.push(std::thread::Builder::new().name(name.to_owned()).spawn(work)?);
+            link.threads.push(std::thread::Builder::new().name(name.to_owned()).spawn(work)?);
             Ok(())
         };
         // The control thread comes last: franka-rs makes it real-time, and threads inherit that from their parent.
@@ -62,15 +69,20 @@ impl FciLink {
         spawn("fci session", Box::new(move || session::run(&own, &of, &requests)))?;
         let own = Arc::clone(&shared);
         spawn("fci watchdog", Box::new(move || watchdog::run(&own)))?;
-        let own = Arc::clone(&shared);
-        spawn("fci control", Box::new(move || control::run(&own, &settings)))?;
-        Ok(Self { shared, session, threads })
+        spawn("fci control", Box::new(move || control::run(&shared, &settings)))?;
+        Ok(link)
     }
 
-    /// Returns the newest state of the robot; `None` without a connection.
+    /// Returns the newest state of the robot; `None` without a connection, or if the last state is older than 0.2 s.
     #[must_use]
     pub fn measured(&self) -> Option<Measured> {
-        *self.shared.measured()
+        self.shared.measured().filter(|m| m.at.elapsed() < STALE)
+    }
+
+    /// Returns the version of FCI that the robot's server speaks; 0 before the first connection.
+    #[must_use]
+    pub fn server_version(&self) -> u16 {
+        self.shared.server_version.load(Ordering::Relaxed)
     }
 
     /// Returns the reason why the robot takes no motion now; `None` if it takes one. Latched stops are the gate's business.
@@ -81,21 +93,30 @@ impl FciLink {
             return Some(problem);
         }
         let Some(measured) = self.measured() else { return Some("no state came from the robot yet".to_owned()) };
-        let why = match measured.state.robot_mode {
+        let state = &measured.state;
+        let why = match state.robot_mode {
             RobotMode::Other => "the brakes are closed: open them in Desk",
             RobotMode::Guiding => "the arm is guided by hand: release the buttons of the hand",
             RobotMode::AutomaticErrorRecovery => "the robot is recovering: try again in a second",
-            _ if !self.shared.configured.load(Ordering::Relaxed) => {
-                "the robot has not taken its collision thresholds yet: try again in a second"
+            // The gate latches them and says what to do.
+            RobotMode::UserStopped | RobotMode::Reflex => return None,
+            _ if !self.shared.configured.load(Ordering::Relaxed) || !has_tool(state) => {
+                "the robot has not taken its end effector and its collision thresholds yet: try again in a second"
             }
+            RobotMode::Idle => return self.pressed(state),
             _ => return None,
         };
         Some(why.to_owned())
     }
 
+    fn pressed(&self, state: &RobotState) -> Option<String> {
+        let (joint, distance_rad) = self.limits.pressed(&state.q.into())?;
+        Some(format!("joint {joint} is {distance_rad:.3} rad from its limit: guide the arm away from it by hand"))
+    }
+
     /// Returns the reason of a motion that ended by itself since the last call.
     #[must_use]
-    pub fn take_end(&self) -> Option<String> {
+    pub fn take_end(&self) -> Option<End> {
         self.shared.ended().take()
     }
 
@@ -117,9 +138,16 @@ impl FciLink {
         orders.refreshed = Instant::now();
     }
 
-    /// Makes this pose of the end effector the target.
+    /// Makes this pose of the end effector the target. The law approaches it by its low-pass.
     pub fn set_target(&self, pose: Isometry3<f64>) {
         self.shared.orders().target = Some(pose);
+    }
+
+    /// Brakes the arm where it is, and holds it there.
+    pub fn hold(&self) {
+        let mut orders = self.shared.orders();
+        orders.target = None;
+        orders.holds += 1;
     }
 
     /// Sets stiffness, damping and error clip, also during a motion.
@@ -144,6 +172,19 @@ impl FciLink {
         }
         Err("the robot has answered and is not idle: look at Desk".to_owned())
     }
+}
+
+/// Returns true if the end effector of the state is the hand's tool centre point.
+fn has_tool(state: &RobotState) -> bool {
+    let (has, wanted) = (isometry(&state.F_T_EE), kinematics::flange_from_tool());
+    // The robot rounds to single precision.
+    (has.translation.vector - wanted.translation.vector).norm() < 1e-4 && has.rotation.angle_to(&wanted.rotation) < 1e-3
+}
+
+/// Returns the pose of the hand's tool centre point in the base, whatever end effector Desk has set.
+#[must_use]
+pub fn tool_pose(state: &RobotState) -> Isometry3<f64> {
+    isometry(&state.O_T_EE) * isometry(&state.F_T_EE).inverse() * kinematics::flange_from_tool()
 }
 
 impl Drop for FciLink {

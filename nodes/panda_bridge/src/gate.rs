@@ -195,7 +195,8 @@ impl SafetyGate {
         Order::End
     }
 
-    /// Holds the measured pose and ends a move to the start pose. An idle arm gets no order.
+    /// Holds the measured pose and ends a move to the start pose. A running episode is over: its next targets are rejected. An idle arm
+    /// gets no order.
     ///
     /// # Errors
     /// [`Refusal`]: a latched stop, no measured pose.
@@ -203,7 +204,13 @@ impl SafetyGate {
         self.check_latches()?;
         let pose = self.measured.ok_or(Refusal::NoPose)?;
         match self.activity {
-            Mode::Tracking | Mode::Hold => (self.activity, self.target) = (Mode::Hold, Some(pose)),
+            Mode::Tracking | Mode::Hold => {
+                (self.activity, self.target) = (Mode::Hold, Some(pose));
+                // Whoever asks for a stop does not expect the policy to go on a step later.
+                if self.episode_step_s.is_some() {
+                    self.episode_over = Some("held by a request".to_owned());
+                }
+            }
             Mode::Moving => self.on_move_ended(None),
             _ => return Ok(None),
         }
@@ -404,9 +411,11 @@ impl SafetyGate {
         None
     }
 
-    /// Returns the time that an enabled arm has heard nothing outside an episode, s. A forgotten arm must not stay under force.
+    /// Returns the time that an enabled arm has heard nothing outside an episode, s. A forgotten arm must not stay under force. An
+    /// episode whose silence is not watched does not count: its runner may have died before the arm was enabled again.
     fn idle_s(&mut self, now_s: f64) -> Option<f64> {
-        if !self.is_enabled() || self.episode_step_s.is_some() {
+        let is_watched = self.episode_step_s.is_some() && self.heard_s.is_some();
+        if !self.is_enabled() || is_watched {
             self.idle_since_s = None;
             return None;
         }

@@ -8,9 +8,10 @@
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use panda_bridge::Compliance;
-use panda_bridge::fci::{Collision, FciLink, FciSettings, Generation, Load, Phase, isometry};
+use panda_bridge::fci::{Collision, End, FciLink, FciSettings, Generation, Load, Phase, isometry};
 use panda_bridge::law::LawSettings;
 use panda_emulator::Settings;
+use panda_emulator::fci::Generation as Emulated;
 use panda_emulator::server::{Pace, Server, ServerOptions};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -52,8 +53,9 @@ fn settings(address: SocketAddr) -> FciSettings {
 impl Cell {
     fn start(arm: Settings) -> Self {
         let address = address();
+        let generation = if arm.generation == Emulated::Fr3 { Generation::Fr3 } else { Generation::Panda };
         let server = serve(address, arm);
-        let link = FciLink::start(settings(address)).unwrap();
+        let link = FciLink::start(FciSettings { generation, ..settings(address) }).unwrap();
         let cell = Self { server, link };
         cell.wait("a link that is ready", |link| link.unready().is_none());
         cell
@@ -98,7 +100,16 @@ fn moved(pose: &Isometry3<f64>, x_m: f64) -> Isometry3<f64> {
 
 #[test]
 fn the_hand_goes_to_its_target_and_comes_to_rest_before_the_end() {
-    let cell = Cell::start(Settings::default());
+    goes_and_rests(Settings::default());
+}
+
+#[test]
+fn the_hand_of_an_fr3_does_too() {
+    goes_and_rests(Settings::of(Emulated::Fr3));
+}
+
+fn goes_and_rests(arm: Settings) {
+    let cell = Cell::start(arm);
     let start = cell.pose();
     cell.follow(moved(&start, 0.06), 3000);
     let error: Vector3<f64> = cell.pose().translation.vector - moved(&start, 0.06).translation.vector;
@@ -122,7 +133,8 @@ fn a_push_beyond_the_threshold_is_a_reflex_by_name_until_it_is_recovered_from() 
         end = end.take().or_else(|| link.take_end());
         end.is_some()
     });
-    assert!(end.as_ref().unwrap().contains("reflex"), "{end:?}");
+    let Some(End::Fault(names)) = &end else { panic!("{end:?}") };
+    assert!(names.contains("reflex"), "{names}");
     cell.server.handle().push([0.0; 6]);
     cell.link.recover().unwrap();
     let here = cell.pose();
@@ -143,7 +155,7 @@ fn the_user_stop_ends_the_motion_and_is_no_reflex() {
         end = end.take().or_else(|| link.take_end());
         end.is_some()
     });
-    assert!(end.unwrap().contains("User Stop"));
+    assert_eq!(end, Some(End::UserStop));
     cell.server.handle().set_user_stop(false);
     cell.wait("the release", |link| {
         link.measured().is_some_and(|m| format!("{:?}", m.state.robot_mode) != "UserStopped")
@@ -188,7 +200,10 @@ fn a_second_client_is_told_that_the_robot_has_one() {
     let cell = Cell::start(Settings::default());
     let address = cell.server.address();
     let second = FciLink::start(settings(address)).unwrap();
-    wait_for(&second, "a refusal", |link| link.unready().unwrap().contains("another client"));
+    let first = |link: &FciLink| link.unready().filter(|why| !why.starts_with("not connected"));
+    wait_for(&second, "a refusal", |link| first(link).is_some());
+    let why = first(&second).unwrap();
+    assert!(why.contains("another client"), "{why}");
     cell.follow(cell.pose(), 100);
 }
 
@@ -206,4 +221,46 @@ fn a_robot_that_restarts_is_met_again_and_the_arm_does_not_move_by_itself() {
     std::thread::sleep(Duration::from_millis(100));
     assert_eq!(link.measured().unwrap().phase, Phase::Monitoring, "an arm that was lost is not followed by itself");
     drop(server);
+}
+
+#[test]
+fn a_hold_brakes_the_arm_where_it_is() {
+    let cell = Cell::start(Settings::default());
+    let start = cell.pose();
+    // On its way, the filtered target leads the arm.
+    cell.follow(moved(&start, 0.08), 150);
+    cell.link.hold();
+    let at = cell.pose();
+    let from = cell.server.handle().snapshot().message_id;
+    let mut farthest = 0.0_f64;
+    cell.wait("the rest", |link| {
+        link.follow(true);
+        farthest = farthest.max(cell.pose().translation.x - at.translation.x);
+        cell.server.handle().snapshot().message_id > from + 1000
+    });
+    assert!(farthest < 0.012, "{farthest} m beyond the place of the hold");
+}
+
+#[test]
+fn a_server_that_never_answers_is_given_up() {
+    let address = address();
+    let listener = std::net::TcpListener::bind(address).unwrap();
+    let link = FciLink::start(settings(address)).unwrap();
+    // The kernel accepts for the listener, and nobody answers.
+    let start = Instant::now();
+    while !link.unready().unwrap().contains("closed the connection") {
+        assert!(start.elapsed() < SOON, "{:?}", link.unready());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    drop(listener);
+}
+
+#[test]
+fn a_joint_near_its_limit_is_named_before_a_motion() {
+    let mut arm = Settings::default();
+    arm.start_joints_rad[3] = -3.05;
+    let address = address();
+    let _server = serve(address, arm);
+    let link = FciLink::start(settings(address)).unwrap();
+    wait_for(&link, "the joint", |link| link.unready().unwrap_or_default().contains("joint 4 is 0.0"));
 }

@@ -3,7 +3,7 @@
 
 mod parameters;
 
-use crate::server::{Event, Handle, Server};
+use crate::server::{Event, Fault, Handle, Server};
 use anyhow::{Context, Result};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const BASE_FRAME: &str = "panda_link0";
 /// Period of the true pose: 500 Hz, above the rate of every sensor of the graph.
 const PERIOD: Duration = Duration::from_millis(2);
-/// Silence of the wrench after which the hand is free again. Chosen: a hundred messages of an object at 250 Hz.
+/// Silence of the wrench after which the hand is free again. Chosen: two hundred messages of an object at 500 Hz.
 const WRENCH_SILENCE: Duration = Duration::from_millis(400);
 
 /// Runs the node from the arguments after the program's name.
@@ -38,6 +38,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         serve(&node, "~/user_stop", &handle, "user stop", Handle::set_user_stop)?,
         serve(&node, "~/brakes", &handle, "brakes open", Handle::set_brakes)?,
         serve(&node, "~/guiding", &handle, "guiding", Handle::set_guiding)?,
+        serve(&node, "~/network_cut", &handle, "network cut", |handle, cut| handle.inject(Fault::Cut(cut)))?,
     ];
     let names = Names { one: "wrench", many: "wrenches" };
     let intake = node.intake::<WrenchStamped>("~/wrench", contract::EXTERNAL_WRENCH.qos, names, WRENCH_SILENCE)?;

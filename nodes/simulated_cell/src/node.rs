@@ -77,7 +77,7 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
             "hand",
             "simulated",
             text(
-                "Hand that holds the object: simulated (with the arm's side of the contract), or elsewhere (its pose comes from panda_emulator/true_pose, and the object's wrench goes to panda_emulator/wrench).",
+                "Hand that holds the object: simulated (with the arm's side of the contract), or elsewhere (its pose comes from panda_emulator/true_pose, and the object's wrench goes to panda_emulator/wrench; no publish_clock, real_time_factor, start_speed_m_s or settle_time_s then).",
             )
             .choices(&["simulated", "elsewhere"]),
         )?,

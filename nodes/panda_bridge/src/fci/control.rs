@@ -4,11 +4,13 @@ use super::cycle::{Cycle, Step};
 use super::explain::explain;
 use super::hangup::HangUp;
 use super::settings::{FciSettings, Generation};
-use super::shared::{Phase, Shared};
+use super::shared::{End, Orders, Phase, Shared};
 use franka::realtime::set_current_thread_scheduler_priority;
 use franka::{
-    FciVersion, FrankaError, FrankaResult, RealtimeConfig, Robot, RobotMode, RobotOptions, Torques, VersionPolicy,
+    FciVersion, FrankaError, FrankaResult, MoveStatus, RealtimeConfig, Robot, RobotMode, RobotOptions, Torques,
+    VersionPolicy,
 };
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -49,7 +51,25 @@ pub fn run(shared: &Shared, settings: &FciSettings) {
     }
 }
 
+/// Returns the address of the robot; `None` if the name is not known.
+fn address_of(host: &str) -> Option<SocketAddr> {
+    let with_port = if host.rsplit_once(':').is_some() { host.to_owned() } else { format!("{host}:{PORT}") };
+    with_port.to_socket_addrs().ok()?.next()
+}
+
 fn connect(shared: &Shared, settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
+    let address = address_of(&settings.host);
+    shared.connecting(address);
+    // The library waits without a timeout for the answer to its first request.
+    shared.asking(Some(Instant::now()));
+    let connected = open(settings);
+    shared.asking(None);
+    let robot = connected?;
+    shared.connected(&robot, address.and_then(HangUp::find));
+    Ok(robot)
+}
+
+fn open(settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
     let version = match settings.generation {
         Generation::Panda => FciVersion::V5,
         Generation::Fr3 => FciVersion::V10,
@@ -62,8 +82,6 @@ fn connect(shared: &Shared, settings: &FciSettings) -> FrankaResult<Arc<Robot>> 
         Err(why) => tracing::warn!("control thread without real-time priority, cycles may be lost: {why}"),
     }
     tracing::info!("{}: connected; the robot speaks FCI version {}", settings.host, robot.server_version());
-    let port = settings.host.rsplit_once(':').and_then(|(_, port)| port.parse().ok()).unwrap_or(PORT);
-    shared.connected(&robot, HangUp::find(port));
     Ok(robot)
 }
 
@@ -73,37 +91,53 @@ fn serve(shared: &Shared, settings: &FciSettings, robot: &Robot) -> FrankaResult
     while !shared.ending.load(Ordering::Relaxed) {
         let state = robot.read_once()?;
         shared.record(&state, Phase::Monitoring);
-        if state.robot_mode != RobotMode::Idle || !shared.orders().follow {
+        let orders = *shared.orders();
+        if state.robot_mode != RobotMode::Idle || !may_begin(shared, &orders) {
             continue;
         }
-        match follow(shared, robot, Cycle::new(settings, &model)) {
+        match follow(shared, robot, Cycle::new(settings, &model, &orders), orders) {
             Ok(()) => {}
             Err(error @ FrankaError::Network(_)) => return Err(error),
             Err(error) => {
-                let names = match &error {
-                    FrankaError::Control(exception) => exception.last_motion_errors.names().join(", "),
-                    _ => String::new(),
-                };
-                let why = if names.is_empty() { explain(&error) } else { names };
-                tracing::error!("motion ended by the robot: {why}");
-                *shared.ended() = Some(why);
-                shared.orders().follow = false;
+                let end = end_of(&error);
+                tracing::error!("motion ended by the robot: {end:?}");
+                *shared.ended() = Some(end);
+                shared.stop_following();
             }
         }
     }
     Ok(())
 }
 
+/// Returns true if a motion may begin: the node asks for one now, has taken the end of the last one, and the robot has its thresholds.
+fn may_begin(shared: &Shared, orders: &Orders) -> bool {
+    orders.follow
+        && orders.refreshed.elapsed() < Cycle::PATIENCE
+        && shared.configured.load(Ordering::Relaxed)
+        && shared.ended().is_none()
+}
+
+fn end_of(error: &FrankaError) -> End {
+    let FrankaError::Control(exception) = error else { return End::Fault(explain(error)) };
+    match exception.move_status {
+        Some(MoveStatus::EmergencyAborted) => End::UserStop,
+        // For another end, the names would be those of an earlier motion.
+        Some(MoveStatus::ReflexAborted) if exception.last_motion_errors.any() => {
+            End::Fault(exception.last_motion_errors.names().join(", "))
+        }
+        _ => End::Fault(explain(error)),
+    }
+}
+
 /// Runs a motion until it is no longer wanted and the arm is at rest.
-fn follow(shared: &Shared, robot: &Robot, mut cycle: Cycle<'_>) -> FrankaResult<()> {
+fn follow(shared: &Shared, robot: &Robot, mut cycle: Cycle<'_>, mut orders: Orders) -> FrankaResult<()> {
     let mut control = robot.start_torque_control()?;
-    let mut orders = *shared.orders();
     loop {
         let (state, period) = control.read_once()?;
         let begun = Instant::now();
         shared.read_orders(&mut orders);
         let wanted =
-            orders.follow && orders.refreshed.elapsed() < cycle.patience() && !shared.ending.load(Ordering::Relaxed);
+            orders.follow && orders.refreshed.elapsed() < Cycle::PATIENCE && !shared.ending.load(Ordering::Relaxed);
         let step = cycle.step(&state, &orders, wanted);
         let computing = begun.elapsed();
         let (torques, finished) = match step {

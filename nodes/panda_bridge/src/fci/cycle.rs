@@ -1,8 +1,8 @@
 //! One control cycle: from the robot's state and the orders to torques. Pure but for the client library's model.
 
-use super::settings::{FciSettings, Generation};
+use super::settings::FciSettings;
 use super::shared::Orders;
-use crate::law::{ArmMotion, Barriers, ImpedanceLaw, Jacobian, JointLimits, Joints};
+use crate::law::{ArmMotion, Barriers, ImpedanceLaw, Jacobian, Joints};
 use franka::{Frame, Model, RobotState};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use std::time::Duration;
@@ -13,8 +13,6 @@ const REST_RAD_S: f64 = 0.01;
 const REST_CYCLES: u32 = 20;
 /// Cycles after which a motion ends without rest: someone pushes the arm. The robot then stops it by a reflex.
 const MOST_CYCLES: u32 = 3000;
-/// Silence of the node after which the arm comes to rest.
-const PATIENCE: Duration = Duration::from_millis(100);
 
 /// Torques of a cycle, N m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,24 +29,20 @@ pub struct Cycle<'a> {
     model: &'a Model,
     barriers: Barriers,
     law: Option<ImpedanceLaw>,
+    /// Number of the newest hold that the law has taken.
+    holds: u64,
     stopping: u32,
     resting: u32,
 }
 
 impl<'a> Cycle<'a> {
-    /// Creates the cycle of a motion that has not begun.
-    pub fn new(settings: &'a FciSettings, model: &'a Model) -> Self {
-        let limits = match settings.generation {
-            Generation::Panda => JointLimits::default(),
-            Generation::Fr3 => JointLimits::fr3(),
-        };
-        let barriers = Barriers::new(limits, settings.cutoff_hz);
-        Self { settings, model, barriers, law: None, stopping: 0, resting: 0 }
-    }
+    /// Silence of the node after which the arm comes to rest.
+    pub const PATIENCE: Duration = Duration::from_millis(100);
 
-    /// Silence of the node after which a motion is no longer wanted.
-    pub fn patience(&self) -> Duration {
-        PATIENCE
+    /// Creates the cycle of a motion that has not begun.
+    pub fn new(settings: &'a FciSettings, model: &'a Model, orders: &Orders) -> Self {
+        let barriers = Barriers::new(settings.generation.limits(), settings.cutoff_hz);
+        Self { settings, model, barriers, law: None, holds: orders.holds, stopping: 0, resting: 0 }
     }
 
     /// Returns the torques that answer a state. `wanted`: the motion goes on; otherwise it comes to rest and ends.
@@ -57,12 +51,15 @@ impl<'a> Cycle<'a> {
         let law = self.law.get_or_insert_with(|| ImpedanceLaw::new(self.settings.law, orders.compliance, &motion));
         law.set_compliance(orders.compliance);
         match (wanted, self.stopping, orders.target) {
+            // The filtered target may lead the arm: a hold brakes where the arm is.
+            (true, ..) if orders.holds != self.holds => law.hold(motion.pose),
             (true, _, Some(target)) => law.set_target(target),
             (true, _, None) => {}
-            // The stop begins: the arm brakes where it is.
+            // The stop begins.
             (false, 0, _) => law.hold(motion.pose),
             (false, ..) => {}
         }
+        self.holds = orders.holds;
         self.stopping = if wanted { 0 } else { self.stopping + 1 };
         let torques = law.torques(&motion);
         let last = Joints::from(state.tau_J_d);
@@ -83,7 +80,7 @@ impl<'a> Cycle<'a> {
     }
 }
 
-/// Converts a column-major matrix 4x4 to a pose. A rotation is made orthonormal first: the robot sends rounded ones.
+/// Converts a column-major matrix 4x4 to a pose.
 #[must_use]
 pub fn isometry(matrix: &[f64; 16]) -> Isometry3<f64> {
     let rotation = Matrix3::from_fn(|row, column| matrix[4 * column + row]);

@@ -2,6 +2,9 @@
 
 use franka::FrankaError;
 
+/// Texts of a connection that the robot's side closed: which of them comes depends on what was under way.
+const CLOSED: [&str; 4] = ["server closed connection", "got interrupted", "Connection reset", "Broken pipe"];
+
 /// Returns one line: what happened, and what to do.
 #[must_use]
 pub fn explain(error: &FrankaError) -> String {
@@ -20,9 +23,12 @@ pub fn explain(error: &FrankaError) -> String {
         FrankaError::Network(_) if plain.to_lowercase().contains("timeout") => {
             "no answer at fci.host: check the address, the cable and that the robot has started".to_owned()
         }
-        FrankaError::Network(_) if plain.contains("server closed connection") => {
+        FrankaError::Network(_) if CLOSED.iter().any(|text| plain.contains(text)) => {
             "the robot closed the connection: another client may be connected, or FCI was deactivated in Desk"
                 .to_owned()
+        }
+        FrankaError::Network(_) if ["route", "unreachable", "lookup"].iter().any(|text| plain.contains(text)) => {
+            format!("fci.host cannot be reached ({plain}): check the address and the network settings")
         }
         FrankaError::Protocol(_) => format!("unexpected data from the robot ({plain}): check fci.generation"),
         FrankaError::Command(_) if plain.contains("current mode (") => {

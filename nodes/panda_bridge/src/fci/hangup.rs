@@ -1,5 +1,6 @@
 //! End of a connection from outside of the thread that waits on it.
 
+use rustix::io::Errno;
 use rustix::net::{Shutdown, getpeername, shutdown};
 use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
 use std::net::SocketAddr;
@@ -9,25 +10,26 @@ use std::os::fd::OwnedFd;
 pub struct HangUp(OwnedFd);
 
 impl HangUp {
-    /// Finds the socket that this process has connected to `port`, the newest one first. Returns `None` if the system does not give
-    /// a process its own descriptors.
-    pub fn find(port: u16) -> Option<Self> {
+    /// Finds the socket that this process has connected to `address`, the newest one first. Returns `None` if there is none, or if the
+    /// system does not give a process its own descriptors.
+    pub fn find(address: SocketAddr) -> Option<Self> {
         let own = pidfd_open(getpid(), PidfdFlags::empty()).ok()?;
         let entries = std::fs::read_dir("/proc/self/fd").ok()?;
         let mut numbers: Vec<i32> =
             entries.flatten().filter_map(|e| e.file_name().to_str().and_then(|n| n.parse().ok())).collect();
         numbers.sort_unstable();
-        let to_port = |fd: &OwnedFd| {
+        let is_connected = |fd: &OwnedFd| {
             let peer = getpeername(fd).ok().flatten().and_then(|p| SocketAddr::try_from(p).ok());
-            peer.is_some_and(|p| p.port() == port)
+            peer == Some(address)
         };
         let open = |number| pidfd_getfd(&own, number, PidfdGetfdFlags::empty()).ok();
-        numbers.into_iter().rev().filter_map(open).find(to_port).map(Self)
+        numbers.into_iter().rev().filter_map(open).find(is_connected).map(Self)
     }
 
-    /// Shuts the socket down: whoever waits on it gets an error.
+    /// Shuts the socket down: whoever waits on it gets an error. Returns false if that was not possible.
     pub fn end(&self) -> bool {
-        shutdown(&self.0, Shutdown::Both).is_ok()
+        // A socket that is not connected any more has ended by itself.
+        matches!(shutdown(&self.0, Shutdown::Both), Ok(()) | Err(Errno::NOTCONN))
     }
 }
 
@@ -43,7 +45,7 @@ mod tests {
         let address = listener.local_addr().expect("an address");
         let mut client = TcpStream::connect(address).expect("a listener");
         let _server = listener.accept().expect("a client");
-        let hang_up = HangUp::find(address.port()).expect("the socket of this process");
+        let hang_up = HangUp::find(address).expect("the socket of this process");
         let waiting = std::thread::spawn(move || client.read(&mut [0; 8]).expect("the end of the stream"));
         assert!(hang_up.end());
         assert_eq!(waiting.join().expect("no panic"), 0);

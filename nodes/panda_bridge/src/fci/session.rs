@@ -6,7 +6,6 @@ use super::shared::Shared;
 use crate::kinematics;
 use franka::{FrankaResult, Robot, RobotMode};
 use nalgebra::{Isometry3, Matrix4};
-use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel as queue, sync_channel};
 use std::time::{Duration, Instant};
@@ -14,8 +13,12 @@ use std::time::{Duration, Instant};
 /// Period in which an idle robot without thresholds is looked for.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Request for a recovery, with the place of its answer.
-pub struct Recovery(SyncSender<Result<(), String>>);
+/// Request for a recovery.
+pub struct Recovery {
+    answer: SyncSender<Result<(), String>>,
+    /// Time after which nobody waits for it any more: the robot must not recover then.
+    until: Instant,
+}
 
 /// Sender of requests to the session thread.
 pub struct Caller(Sender<Recovery>);
@@ -33,7 +36,8 @@ impl Caller {
     /// The robot's refusal, or no answer in this time.
     pub fn recover(&self, timeout: Duration) -> Result<(), String> {
         let (answer, answered) = sync_channel(1);
-        self.0.send(Recovery(answer)).map_err(|_| "the connection is ending".to_owned())?;
+        let until = Instant::now() + timeout;
+        self.0.send(Recovery { answer, until }).map_err(|_| "the connection is ending".to_owned())?;
         answered
             .recv_timeout(timeout)
             .unwrap_or_else(|_| Err(format!("the robot has not answered within {} s", timeout.as_secs())))
@@ -44,10 +48,11 @@ impl Caller {
 pub fn run(shared: &Shared, settings: &FciSettings, requests: &Receiver<Recovery>) {
     while !shared.ending.load(Ordering::Relaxed) {
         match requests.recv_timeout(PERIOD) {
-            Ok(Recovery(answer)) => {
+            Ok(request) if Instant::now() < request.until => {
                 // The asker may have given up.
-                let _ = answer.send(ask(shared, Robot::automatic_error_recovery));
+                let _ = request.answer.send(ask(shared, Robot::automatic_error_recovery));
             }
+            Ok(_) => {}
             Err(RecvTimeoutError::Timeout) => configure_idle(shared, settings),
             Err(RecvTimeoutError::Disconnected) => return,
         }
@@ -57,10 +62,9 @@ pub fn run(shared: &Shared, settings: &FciSettings, requests: &Receiver<Recovery
 /// Makes a request of the connected robot. The watchdog knows when it began.
 fn ask(shared: &Shared, request: impl FnOnce(&Robot) -> FrankaResult<()>) -> Result<(), String> {
     let Some(robot) = shared.robot() else { return Err(shared.problem().clone()) };
-    let asking = || shared.asking_since.lock().unwrap_or_else(PoisonError::into_inner);
-    *asking() = Some(Instant::now());
+    shared.asking(Some(Instant::now()));
     let done = request(&robot).map_err(|e| explain(&e));
-    *asking() = None;
+    shared.asking(None);
     done
 }
 

@@ -1,7 +1,7 @@
 //! Settings of the direct transport.
 
 use crate::compliance::Compliance;
-use crate::law::LawSettings;
+use crate::law::{JointLimits, LawSettings};
 
 /// Generation of the arm, which decides the version of its protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -10,6 +10,17 @@ pub enum Generation {
     Panda,
     /// Franka Research 3 with system 5.9 or newer: FCI version 10.
     Fr3,
+}
+
+impl Generation {
+    /// Returns the limits of the joints.
+    #[must_use]
+    pub fn limits(self) -> JointLimits {
+        match self {
+            Self::Panda => JointLimits::default(),
+            Self::Fr3 => JointLimits::fr3(),
+        }
+    }
 }
 
 /// Thresholds above which the robot stops by a reflex. Contact is reported from half of them.

@@ -5,7 +5,8 @@ use super::hangup::HangUp;
 use crate::compliance::Compliance;
 use franka::{Robot, RobotState};
 use nalgebra::Isometry3;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -38,10 +39,21 @@ pub struct Orders {
     pub follow: bool,
     /// Target of the end effector; `None` holds the pose at the start of the motion.
     pub target: Option<Isometry3<f64>>,
+    /// Number of holds so far. A new one makes the arm brake where it is.
+    pub holds: u64,
     /// Stiffness, damping and error clip.
     pub compliance: Compliance,
     /// Last call of the node.
     pub refreshed: Instant,
+}
+
+/// End of a motion that nobody asked for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// User stop.
+    UserStop,
+    /// Reflex or refusal, with its names or its reason.
+    Fault(String),
 }
 
 /// Shared data. No lock is held while a thread waits for the robot.
@@ -50,7 +62,7 @@ pub struct Shared {
     measured: Mutex<Option<Measured>>,
     figures: Mutex<LoopFigures>,
     problem: Mutex<String>,
-    ended: Mutex<Option<String>>,
+    ended: Mutex<Option<End>>,
     robot: Mutex<Option<Arc<Robot>>>,
     hang_up: Mutex<Option<HangUp>>,
     /// Number of states that the control thread has read, and of its other signs of life.
@@ -59,8 +71,10 @@ pub struct Shared {
     pub ending: AtomicBool,
     /// True while thresholds and load of this connection are set.
     pub configured: AtomicBool,
-    /// Start of the session thread's running request.
-    pub asking_since: Mutex<Option<Instant>>,
+    /// Version of FCI that the robot's server speaks.
+    pub server_version: AtomicU16,
+    asking_since: Mutex<Option<Instant>>,
+    address: Mutex<Option<SocketAddr>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -70,7 +84,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Shared {
     /// Creates the data of a link without a connection.
     pub fn new(compliance: Compliance) -> Self {
-        let orders = Orders { follow: false, target: None, compliance, refreshed: Instant::now() };
+        let orders = Orders { follow: false, target: None, holds: 0, compliance, refreshed: Instant::now() };
         Self {
             orders: Mutex::new(orders),
             measured: Mutex::new(None),
@@ -82,7 +96,9 @@ impl Shared {
             beats: AtomicU64::new(0),
             ending: AtomicBool::new(false),
             configured: AtomicBool::new(false),
+            server_version: AtomicU16::new(0),
             asking_since: Mutex::new(None),
+            address: Mutex::new(None),
         }
     }
 
@@ -129,7 +145,7 @@ impl Shared {
     }
 
     /// Locks the reason of the last motion that ended by itself.
-    pub fn ended(&self) -> MutexGuard<'_, Option<String>> {
+    pub fn ended(&self) -> MutexGuard<'_, Option<End>> {
         lock(&self.ended)
     }
 
@@ -141,6 +157,7 @@ impl Shared {
     /// Records a new connection.
     pub fn connected(&self, robot: &Arc<Robot>, hang_up: Option<HangUp>) {
         self.configured.store(false, Ordering::Relaxed);
+        self.server_version.store(robot.server_version(), Ordering::Relaxed);
         *lock(&self.robot) = Some(Arc::clone(robot));
         *lock(&self.hang_up) = hang_up;
         self.problem().clear();
@@ -153,13 +170,37 @@ impl Shared {
         *lock(&self.robot) = None;
         *lock(&self.hang_up) = None;
         *self.measured() = None;
+        self.stop_following();
+    }
+
+    /// Ends the order to follow. The next motion begins where the arm is then.
+    pub fn stop_following(&self) {
         let mut orders = self.orders();
         (orders.follow, orders.target) = (false, None);
     }
 
     /// Ends the connection from outside of the thread that hangs on it. Returns false if the system does not allow it.
     pub fn hang_up(&self) -> bool {
-        lock(&self.hang_up).as_ref().is_some_and(HangUp::end)
+        let connecting = || lock(&self.address).and_then(HangUp::find);
+        match lock(&self.hang_up).as_ref() {
+            Some(connected) => connected.end(),
+            None => connecting().is_some_and(|socket| socket.end()),
+        }
+    }
+
+    /// Records the address that a connection is being made to.
+    pub fn connecting(&self, address: Option<SocketAddr>) {
+        *lock(&self.address) = address;
+    }
+
+    /// Records the start or the end of a call that waits for the robot's answer.
+    pub fn asking(&self, since: Option<Instant>) {
+        *lock(&self.asking_since) = since;
+    }
+
+    /// Returns the start of the running call that waits for the robot's answer.
+    pub fn asks_since(&self) -> Option<Instant> {
+        *lock(&self.asking_since)
     }
 
     /// Returns true if a connection stands.

@@ -1,7 +1,6 @@
 //! Watchdog of a connection: franka-rs waits for answers over TCP without a timeout.
 
 use super::shared::Shared;
-use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -21,10 +20,9 @@ pub fn run(shared: &Shared) {
         if now != beats || !shared.is_connected() {
             (beats, since) = (now, Instant::now());
         }
-        let asking = *shared.asking_since.lock().unwrap_or_else(PoisonError::into_inner);
         let hung = if since.elapsed() > SILENT {
             "the control thread"
-        } else if asking.is_some_and(|start| start.elapsed() > ANSWER) {
+        } else if shared.asks_since().is_some_and(|start| start.elapsed() > ANSWER) {
             "a request"
         } else {
             continue;
@@ -33,9 +31,9 @@ pub fn run(shared: &Shared) {
         if !shared.hang_up() {
             // Without a handle of the socket, only the end of the process closes the connection and frees the robot.
             tracing::error!("the connection cannot be ended from here: the process ends");
-            std::process::exit(1);
+            catenary_shell::exit(1);
         }
         since = Instant::now();
-        *shared.asking_since.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        shared.asking(None);
     }
 }

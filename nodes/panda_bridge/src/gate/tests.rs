@@ -395,3 +395,26 @@ fn an_arm_that_hears_nothing_outside_an_episode_is_disabled() {
     g.on_enable(&rivals(1), false).unwrap();
     assert_eq!(g.tick(200.0), None, "a new request begins anew");
 }
+
+#[test]
+fn an_arm_that_is_enabled_after_its_runner_died_is_disabled_again() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    g.tick(10.5);
+    assert_eq!(g.tick(13.0), Some(Order::End), "the runner died in the episode, without a word");
+    g.on_enable(&rivals(0), false).unwrap();
+    assert_eq!(g.tick(20.0), None);
+    assert_eq!(g.tick(81.0), Some(Order::End));
+}
+
+#[test]
+fn a_hold_ends_the_episode() {
+    let mut g = gate();
+    g.on_command(&command(0.45), 10.0);
+    assert_eq!(g.on_hold().unwrap(), Some(Order::Hold(pose(0.4))));
+    let Verdict::Rejected(why) = g.on_command(&command(0.45), 10.1) else { panic!("the policy went on") };
+    assert_eq!(why, Rejection::EpisodeOver("held by a request".to_owned()));
+    g.on_episode_ended();
+    g.on_enable(&rivals(1), false).unwrap();
+    assert!(matches!(g.on_command(&command(0.45), 11.0), Verdict::Accepted { .. }), "enabling begins anew");
+}

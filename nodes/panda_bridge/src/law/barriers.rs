@@ -29,6 +29,8 @@ pub struct JointLimits {
     pub velocity_rad_s: Joints,
     /// Greatest torques, N m.
     pub torque_n_m: Joints,
+    /// The robot sends back the accepted torques in single precision, so that their rate is known only to half a unit in the last place.
+    pub in_single_precision: bool,
 }
 
 impl Default for JointLimits {
@@ -38,28 +40,38 @@ impl Default for JointLimits {
             position_rad: LIMITS_RAD,
             velocity_rad_s: Joints::from([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]),
             torque_n_m: Joints::from([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]),
+            in_single_precision: false,
         }
     }
 }
 
 impl JointLimits {
-    /// Limits of a Franka Research 3. Its speed limits depend on the posture; these are the fixed ones that its maker gives for a
-    /// smaller range of positions (Franka Robotics, "Robot and interface specifications").
+    /// Limits of a Franka Research 3 (Franka Robotics, "Robot and interface specifications"). The speed limits are the fixed ones that its
+    /// maker gives for a smaller range of positions; near a position limit the robot allows less, and the spring of the barriers brakes.
     #[must_use]
     pub fn fr3() -> Self {
         Self {
             position_rad: [
-                [-2.3093, 2.3093],
-                [-1.5133, 1.5133],
-                [-2.4937, 2.4937],
-                [-2.7478, -0.4461],
-                [-2.4800, 2.4800],
-                [0.8521, 4.2094],
-                [-2.6895, 2.6895],
+                [-2.7437, 2.7437],
+                [-1.7837, 1.7837],
+                [-2.9007, 2.9007],
+                [-3.0421, -0.1518],
+                [-2.8065, 2.8065],
+                [0.5445, 4.5169],
+                [-3.0159, 3.0159],
             ],
             velocity_rad_s: Joints::from([2.0, 1.0, 1.5, 1.25, 3.0, 1.5, 3.0]),
-            torque_n_m: Self::default().torque_n_m,
+            in_single_precision: true,
+            ..Self::default()
         }
+    }
+
+    /// Returns the first joint (from 1) that is nearer to a position limit than the barriers' margin, and its distance from that limit,
+    /// rad. A motion that began there would push the arm away.
+    #[must_use]
+    pub fn pressed(&self, q: &Joints) -> Option<(usize, f64)> {
+        let distance = |i: usize| (q[i] - self.position_rad[i][0]).min(self.position_rad[i][1] - q[i]);
+        (0..JOINTS).find(|i| distance(*i) < MARGIN_RAD).map(|i| (i + 1, distance(i)))
     }
 }
 
@@ -92,7 +104,9 @@ impl Barriers {
             let braked = self.at_speed(i, wanted[i], dq[i]) + self.at_position(i, q[i]);
             let smooth = last[i] + self.gain * (braked.clamp(-limit, limit) - last[i]);
             // The rate comes last: the robot aborts for it at once, and for nothing else.
-            smooth.clamp(last[i] - MAX_CHANGE_N_M, last[i] + MAX_CHANGE_N_M)
+            let blur = if self.limits.in_single_precision { f64::from(f32::EPSILON) * last[i].abs() } else { 0.0 };
+            let change = MAX_CHANGE_N_M - blur;
+            smooth.clamp(last[i] - change, last[i] + change)
         })
     }
 
@@ -181,6 +195,30 @@ mod tests {
         // Half the torque limit at the limit itself, from 0.05 rad before it.
         let got = settled(3, 0.0, q, Joints::zeros());
         assert!((got - 0.5 * 87.0 * 0.6).abs() < 1e-9, "{got}");
+    }
+
+    #[test]
+    fn a_ramp_in_single_precision_stays_below_the_rate_of_the_robot() {
+        let barriers = Barriers::new(JointLimits::fr3(), 1000.0);
+        let (wanted, mut accepted) = (Joints::from([86.0; JOINTS]), Joints::zeros());
+        for _ in 0..90 {
+            // The robot judges by what it received, and sends that back rounded.
+            let told = accepted.map(|v| f64::from(v as f32));
+            let next = barriers.shape(&wanted, &READY_RAD.into(), &Joints::zeros(), &told);
+            assert!((next - accepted).amax() <= 1.0, "{}", (next - accepted).amax());
+            accepted = next;
+        }
+    }
+
+    #[test]
+    fn a_joint_near_its_limit_is_named() {
+        let limits = JointLimits::default();
+        assert_eq!(limits.pressed(&READY_RAD.into()), None);
+        let mut q = Joints::from(READY_RAD);
+        q[3] = -3.06;
+        let (joint, distance_rad) = limits.pressed(&q).unwrap();
+        assert_eq!(joint, 4);
+        assert!((distance_rad - 0.0118).abs() < 1e-9);
     }
 
     #[test]

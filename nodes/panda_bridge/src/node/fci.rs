@@ -5,7 +5,7 @@ use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::settings::Settings;
 use crate::arm::{Arm, Plant};
 use crate::convert;
-use crate::fci::{FciLink, FciSettings, Measured};
+use crate::fci::{End, FciLink, FciSettings, Measured, tool_pose};
 use crate::gate::{BASE_FRAME, Mode, Order};
 use crate::kinematics;
 use crate::law::Joints;
@@ -57,9 +57,10 @@ impl Plant for Panda {
 
     fn obey(&mut self, order: &Order) {
         match order {
-            Order::Target(pose) | Order::Hold(pose) => {
+            Order::Target(pose) => {
                 self.link.set_target(Isometry3::from_parts(Translation3::from(pose.position_m), pose.rotation()));
             }
+            Order::Hold(_) => self.link.hold(),
             Order::End => self.link.follow(false),
         }
     }
@@ -115,6 +116,7 @@ fn describe(report: &mut Report, link: &FciLink) {
     }
     if let Some(measured) = link.measured() {
         let rate = measured.state.control_command_success_rate;
+        report.value("fci_version", link.server_version());
         report.value("robot_mode", format!("{:?}", measured.state.robot_mode));
         report.value("control_command_success_rate", format!("{rate:.3}"));
         if measured.state.robot_mode == RobotMode::Move && rate < POOR_RATE && rate > 0.0 {
@@ -206,7 +208,7 @@ impl Publishing {
 }
 
 fn pose_of(measured: &Measured) -> ArmPose {
-    let pose = crate::fci::isometry(&measured.state.O_T_EE);
+    let pose = tool_pose(&measured.state);
     ArmPose::from_parts(pose.translation.vector.into(), &pose.rotation)
 }
 
@@ -218,6 +220,7 @@ fn supervise(arm: &mut Arm<Panda>, link: &FciLink, measured: Option<&Measured>) 
             arm.connection(false);
             arm.plant_mut().measured = None;
         }
+        link.follow(false);
         return;
     };
     if arm.mode() == Mode::Disconnected {
@@ -247,13 +250,13 @@ fn latch(arm: &mut Arm<Panda>, link: &FciLink, measured: &Measured) {
     let names = measured.state.last_motion_errors.names().join(", ");
     let why = match (mode, end) {
         (RobotMode::Reflex, _) if !names.is_empty() => names,
-        (RobotMode::Reflex, end) => end.unwrap_or_else(|| "the robot is in reflex mode".to_owned()),
         // The answer to the motion overtakes the states.
-        (_, Some(end)) if end.contains("User Stop") => {
+        (_, Some(End::UserStop)) => {
             arm.user_stop(true);
             return;
         }
-        (_, Some(end)) => end,
+        (_, Some(End::Fault(why))) => why,
+        (RobotMode::Reflex, None) => "the robot is in reflex mode".to_owned(),
         (_, None) => return,
     };
     if arm.mode() != Mode::Reflex {

@@ -1,4 +1,4 @@
-//! Parameters of the relay.
+//! Parameters of the bridge that both transports share, and those of the relay.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
 use crate::arm::ArmSettings;
@@ -24,7 +24,7 @@ pub struct ControllerNames {
     pub frame_id: String,
 }
 
-/// Settings that are fixed once the relay runs.
+/// Settings that are fixed once the bridge runs.
 pub struct Settings {
     /// Names of the controller.
     pub controller: ControllerNames,

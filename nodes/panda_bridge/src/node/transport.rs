@@ -41,7 +41,7 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
             "fci.integral",
             d.integral,
             "N/m",
-            0.0..=100.0,
+            0.0..=10.0,
             "Integral gain a cycle; it removes the standing error of friction, and pushes harder against an obstacle.",
         )?,
         nullspace_stiffness: number(
@@ -78,7 +78,7 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
     })
 }
 
-/// Declares an array of fixed length with positive values.
+/// Declares an array of fixed length with finite values.
 fn array<const N: usize>(b: &NodeBuilder, name: &str, default: [f64; N], unit: &str, text: &str) -> Result<[f64; N]> {
     let given = b.declare(name, default.to_vec(), fixed(text).unit(unit))?.get();
     let Ok(values) = <[f64; N]>::try_from(given.as_slice()) else {
@@ -123,16 +123,12 @@ fn collision(b: &NodeBuilder) -> Result<Collision> {
 }
 
 fn load(b: &NodeBuilder) -> Result<Load> {
+    let inertia = array(b, "fci.load_inertia", [0.0; 3], "kg m^2", "Moments of inertia about the centre of mass.")?;
+    ensure!(inertia.iter().all(|v| *v >= 0.0), "parameter fci.load_inertia: expected 0 or more, got {inertia:?}");
     let mass = "Mass of what the hand holds, which Desk does not know. A wrong mass makes the arm sag or rise.";
     Ok(Load {
         mass_kg: b.declare_f64("fci.load_mass_kg", 0.0, fixed(mass).unit("kg").range(0.0..=3.0))?.get(),
         centre_m: array(b, "fci.load_centre_m", [0.0; 3], "m", "Centre of that mass in the frame of the flange.")?,
-        inertia_kg_m2: array(
-            b,
-            "fci.load_inertia",
-            [0.0; 3],
-            "kg m^2",
-            "Moments of inertia about the centre of mass.",
-        )?,
+        inertia_kg_m2: inertia,
     })
 }

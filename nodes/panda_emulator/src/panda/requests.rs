@@ -16,6 +16,7 @@ impl Panda {
     pub fn request(&mut self, id: u32, request: &Request) {
         let answer = match request {
             Request::Move(motion) => Some(Answer::Move(self.start_motion(id, motion))),
+            Request::StopMove if !self.brakes_open => Some(Answer::Stop(StopStatus::CommandNotPossibleRejected)),
             Request::StopMove => {
                 self.end_motion(Ending::Preempted);
                 Some(Answer::Stop(StopStatus::Success))

@@ -29,6 +29,8 @@ pub enum Fault {
     RepeatStates(u32),
     /// Sends the next state after the one that follows it.
     SwapStates,
+    /// Loses all states and commands while true.
+    Cut(bool),
 }
 
 /// Share of lost states in a laboratory. Middle of 0.08 to 0.34 %.
@@ -62,6 +64,7 @@ pub struct Link {
     lose_states: u32,
     lose_commands: u32,
     repeat_states: u32,
+    is_cut: bool,
     swap: bool,
     held: Option<Underway>,
 }
@@ -78,6 +81,7 @@ impl Link {
             lose_states: 0,
             lose_commands: 0,
             repeat_states: 0,
+            is_cut: false,
             swap: false,
             held: None,
         }
@@ -90,6 +94,7 @@ impl Link {
             Fault::LoseCommands(count) => self.lose_commands += count,
             Fault::RepeatStates(count) => self.repeat_states += count,
             Fault::SwapStates => self.swap = true,
+            Fault::Cut(is_cut) => self.is_cut = is_cut,
         }
     }
 
@@ -104,7 +109,7 @@ impl Link {
     pub fn loses_command(&mut self) -> bool {
         let lost = self.lose_commands > 0;
         self.lose_commands -= u32::from(lost);
-        lost
+        lost || self.is_cut
     }
 
     /// Takes a state at `now_ms`. Returns true if it is due at once, so that its command can come within the cycle.
@@ -147,6 +152,9 @@ impl Link {
     }
 
     fn loses_state(&mut self) -> bool {
+        if self.is_cut {
+            return true;
+        }
         if self.lose_states > 0 {
             self.lose_states -= 1;
             return true;

@@ -18,7 +18,7 @@ const POSE: &str = "panda_emulator/true_pose";
 const WRENCH: &str = "panda_emulator/wrench";
 /// Silence of the hand that is reported.
 const SILENCE: Duration = Duration::from_millis(500);
-/// Longest gap between two poses that is no fault, s: 50 poses of an arm at 250 Hz.
+/// Longest gap between two poses that is no fault, s: 100 poses of an arm at 500 Hz.
 const LONGEST_GAP_S: f64 = 0.2;
 
 /// Cell with the time of its first pose.
