@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if !host.starts_with("127.") {
         return Err("expected an address of this machine, 127.x.y.z: this program moves the arm without asking".into());
     }
-    let link = FciLink::start(FciSettings {
+    let settings = FciSettings {
         host,
         generation: Generation::Panda,
         priority: 1,
@@ -29,7 +29,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         compliance: Compliance::default(),
         collision: Collision::default(),
         load: Load::default(),
-    })?;
+    };
+    let link = FciLink::start(settings, || std::process::exit(1))?;
     while link.figures().computing.count() < cycles {
         link.follow(link.unready().is_none());
         if let Some(why) = link.take_end() {

@@ -50,11 +50,12 @@ pub struct FciLink {
 }
 
 impl FciLink {
-    /// Starts the threads of a connection. They connect, and connect again, until the link is dropped.
+    /// Starts the threads of a connection. They connect, and connect again, until the link is dropped. `end_process` ends the process:
+    /// it is called if a connection hangs and the system gives no other way to end it.
     ///
     /// # Errors
     /// A thread that the system refuses.
-    pub fn start(settings: FciSettings) -> std::io::Result<Self> {
+    pub fn start(settings: FciSettings, end_process: fn()) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::new(settings.compliance));
         let (session, requests) = session::channel();
         let limits = settings.generation.limits();
@@ -68,7 +69,7 @@ impl FciLink {
         let (own, of) = (Arc::clone(&shared), settings.clone());
         spawn("fci session", Box::new(move || session::run(&own, &of, &requests)))?;
         let own = Arc::clone(&shared);
-        spawn("fci watchdog", Box::new(move || watchdog::run(&own)))?;
+        spawn("fci watchdog", Box::new(move || watchdog::run(&own, end_process)))?;
         spawn("fci control", Box::new(move || control::run(&shared, &settings)))?;
         Ok(link)
     }

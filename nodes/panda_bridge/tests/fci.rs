@@ -32,6 +32,10 @@ fn address() -> SocketAddr {
     SocketAddr::from(([127, 61, process, NEXT.fetch_add(1, Ordering::Relaxed)], 1337))
 }
 
+fn start(settings: FciSettings) -> std::io::Result<FciLink> {
+    FciLink::start(settings, || panic!("the connection cannot be ended"))
+}
+
 fn serve(address: SocketAddr, settings: Settings) -> Server {
     let options = ServerOptions { settings, pace: Pace::LockStep, ..ServerOptions::default() };
     Server::bind(address, options).unwrap()
@@ -55,7 +59,7 @@ impl Cell {
         let address = address();
         let generation = if arm.generation == Emulated::Fr3 { Generation::Fr3 } else { Generation::Panda };
         let server = serve(address, arm);
-        let link = FciLink::start(FciSettings { generation, ..settings(address) }).unwrap();
+        let link = start(FciSettings { generation, ..settings(address) }).unwrap();
         let cell = Self { server, link };
         cell.wait("a link that is ready", |link| link.unready().is_none());
         cell
@@ -177,7 +181,7 @@ fn closed_brakes_are_named() {
     let address = address();
     let server = serve(address, Settings::default());
     server.handle().set_brakes(false);
-    let link = FciLink::start(settings(address)).unwrap();
+    let link = start(settings(address)).unwrap();
     wait_for(&link, "a state", |link| link.measured().is_some());
     assert!(link.unready().unwrap().contains("open them in Desk"));
     server.handle().set_brakes(true);
@@ -186,12 +190,12 @@ fn closed_brakes_are_named() {
 
 #[test]
 fn a_host_without_robot_and_a_robot_of_another_version_are_named() {
-    let nobody = FciLink::start(settings(address())).unwrap();
+    let nobody = start(settings(address())).unwrap();
     wait_for(&nobody, "a refusal", |link| link.unready().unwrap().contains("activate FCI in Desk"));
     let address = address();
     let _server = serve(address, Settings::default());
     let other = FciSettings { generation: Generation::Fr3, ..settings(address) };
-    let link = FciLink::start(other).unwrap();
+    let link = start(other).unwrap();
     wait_for(&link, "the version", |link| link.unready().unwrap().contains("FCI version 5"));
 }
 
@@ -199,7 +203,7 @@ fn a_host_without_robot_and_a_robot_of_another_version_are_named() {
 fn a_second_client_is_told_that_the_robot_has_one() {
     let cell = Cell::start(Settings::default());
     let address = cell.server.address();
-    let second = FciLink::start(settings(address)).unwrap();
+    let second = start(settings(address)).unwrap();
     let first = |link: &FciLink| link.unready().filter(|why| !why.starts_with("not connected"));
     wait_for(&second, "a refusal", |link| first(link).is_some());
     let why = first(&second).unwrap();
@@ -211,7 +215,7 @@ fn a_second_client_is_told_that_the_robot_has_one() {
 fn a_robot_that_restarts_is_met_again_and_the_arm_does_not_move_by_itself() {
     let address = address();
     let server = serve(address, Settings::default());
-    let link = FciLink::start(settings(address)).unwrap();
+    let link = start(settings(address)).unwrap();
     wait_for(&link, "readiness", |link| link.unready().is_none());
     link.follow(true);
     drop(server);
@@ -245,7 +249,7 @@ fn a_hold_brakes_the_arm_where_it_is() {
 fn a_server_that_never_answers_is_given_up() {
     let address = address();
     let listener = std::net::TcpListener::bind(address).unwrap();
-    let link = FciLink::start(settings(address)).unwrap();
+    let link = start(settings(address)).unwrap();
     // The kernel accepts for the listener, and nobody answers.
     let start = Instant::now();
     while !link.unready().unwrap().contains("closed the connection") {
@@ -261,6 +265,6 @@ fn a_joint_near_its_limit_is_named_before_a_motion() {
     arm.start_joints_rad[3] = -3.05;
     let address = address();
     let _server = serve(address, arm);
-    let link = FciLink::start(settings(address)).unwrap();
+    let link = start(settings(address)).unwrap();
     wait_for(&link, "the joint", |link| link.unready().unwrap_or_default().contains("joint 4 is 0.0"));
 }

@@ -60,7 +60,7 @@ fn thread_number(name: &str) -> i32 {
 fn a_thousand_cycles_allocate_nothing() {
     let address = SocketAddr::from(([127, 62, (std::process::id() % 250 + 1) as u8, 1], 1337));
     let server = Server::bind(address, ServerOptions { pace: Pace::LockStep, ..ServerOptions::default() }).unwrap();
-    let link = FciLink::start(FciSettings {
+    let settings = FciSettings {
         host: address.ip().to_string(),
         generation: Generation::Panda,
         priority: 1,
@@ -69,8 +69,8 @@ fn a_thousand_cycles_allocate_nothing() {
         compliance: Compliance::default(),
         collision: Collision::default(),
         load: Load::default(),
-    })
-    .unwrap();
+    };
+    let link = FciLink::start(settings, || panic!("the connection cannot be ended")).unwrap();
     let start = Instant::now();
     let wait_for = |what: &str, holds: &dyn Fn() -> bool| {
         while !holds() {

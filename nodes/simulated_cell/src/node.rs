@@ -8,16 +8,17 @@ mod arm;
 mod camera;
 mod elsewhere;
 mod measuring;
+mod setup;
 
-use crate::Cell;
 use anyhow::{Context, Result, ensure};
-use catenary_core::{Camera, Fidelity, GripPose, Model, seed};
+use catenary_core::{Camera, Fidelity, Model, seed};
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_shell::{Misconfigured, NodeBuilder, Param, ParamSpec, Time, contract, read_model};
 use catenary_simulator::model_text;
 use measuring::Measuring;
 use panda_bridge::Arm;
 use panda_bridge::node::front::{Front, MoveParameters, meet_others};
+use setup::Setup;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
@@ -122,15 +123,6 @@ fn run(builder: NodeBuilder) -> Result<()> {
     Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
 }
 
-/// Cell that the parameters describe.
-struct Setup {
-    path: String,
-    model: Model,
-    theta: Vec<f64>,
-    fidelity: Fidelity,
-    seed: u64,
-}
-
 fn setup(p: &Parameters) -> Result<Setup> {
     let path = p.model_file.get();
     ensure!(!path.is_empty(), "parameter model_file: expected the path of a model file, got an empty string");
@@ -148,18 +140,6 @@ fn setup(p: &Parameters) -> Result<Setup> {
         tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
     }
     Ok(setup)
-}
-
-impl Setup {
-    /// Makes the cell, with its object in a hand elsewhere at `hand` if there is one.
-    fn cell(&self, hand: Option<GripPose>) -> Result<Cell> {
-        let Self { path, model, theta, fidelity, seed } = self;
-        match hand {
-            None => Cell::new(model, theta, *fidelity, *seed),
-            Some(start) => Cell::elsewhere(model, theta, *fidelity, *seed, start),
-        }
-        .with_context(|| format!("model_file {path}"))
-    }
 }
 
 /// Returns theta of a cell without given values: the model's nominal values, and draws from the prior for the others.

@@ -11,8 +11,8 @@ const SILENT: Duration = Duration::from_millis(1800);
 /// Time for an answer to a request. Recovery takes about a second.
 const ANSWER: Duration = Duration::from_secs(4);
 
-/// Watches until the link ends.
-pub fn run(shared: &Shared) {
+/// Watches until the link ends. `end_process` ends the process, if nothing else ends the connection.
+pub fn run(shared: &Shared, end_process: fn()) {
     let (mut beats, mut since) = (shared.beats.load(Ordering::Relaxed), Instant::now());
     while !shared.ending.load(Ordering::Relaxed) {
         std::thread::sleep(PERIOD);
@@ -31,7 +31,7 @@ pub fn run(shared: &Shared) {
         if !shared.hang_up() {
             // Without a handle of the socket, only the end of the process closes the connection and frees the robot.
             tracing::error!("the connection cannot be ended from here: the process ends");
-            catenary_shell::exit(1);
+            end_process();
         }
         since = Instant::now();
         shared.asking(None);

@@ -69,7 +69,8 @@ impl Plant for Panda {
 /// Runs the node until shutdown. The arm then comes to rest.
 pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveParameters) -> Result<()> {
     meet_others(node);
-    let link = Arc::new(FciLink::start(transport).context("the threads of the connection")?);
+    let link =
+        Arc::new(FciLink::start(transport, || catenary_shell::exit(1)).context("the threads of the connection")?);
     let origin = node.now();
     let panda = Panda { link: Arc::clone(&link), node: node.clone(), origin, started: Instant::now(), measured: None };
     let mut arm = Arm::new(panda, settings.arm);

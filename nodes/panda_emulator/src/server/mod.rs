@@ -6,12 +6,14 @@
 mod events;
 mod handle;
 mod network;
+mod pace;
 mod run;
 mod session;
 
 pub use events::{Event, EventLog};
 pub use handle::{Handle, Snapshot};
 pub use network::{Fault, Link, Network};
+pub use pace::Pace;
 pub use session::{Reception, Session};
 
 use crate::{Panda, Settings};
@@ -23,20 +25,6 @@ use std::thread::JoinHandle;
 
 /// Port of the Franka Control Interface. Clients that build on libfranka know no other.
 pub const FCI_PORT: u16 = 1337;
-
-/// Clock of the control box.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Pace {
-    /// 1 kHz by the machine's clock, as a robot. A command that comes late is lost.
-    #[default]
-    Clock,
-    /// As [`Pace::Clock`] until the first command of a motion. After it, a state leaves when the command for the last one has come:
-    /// no command is lost, and motions run as fast as client and server compute. For tests on machines without real-time kernel.
-    ///
-    /// If a command does not come within 0.5 s, the clock runs again until the next one: half of the second after which libfranka
-    /// gives up a silent robot.
-    LockStep,
-}
 
 /// Options of a server.
 #[derive(Debug, Clone, Default)]

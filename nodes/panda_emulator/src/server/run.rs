@@ -1,10 +1,10 @@
 //! Thread of a server: sockets and clock around a [`Session`].
 #![allow(clippy::disallowed_methods, reason = "a server has a clock, a thread and sockets")]
 
-use super::Pace;
 use super::events::Event;
 use super::handle::{Input, Shared, Snapshot};
 use super::network::Link;
+use super::pace::Pace;
 use super::session::{Reception, Session};
 use crate::wire::{STATE_BYTES_MAX, encode_state};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

@@ -1,71 +1,31 @@
 //! Requests and answers over TCP.
 
 use super::bytes::Reader;
-use super::{HEADER_BYTES, REQUEST_BYTES_MAX, WireError, v5, v10};
+use super::command::Command;
+use super::error::{HEADER_BYTES, REQUEST_BYTES_MAX, WireError};
+use super::{v5, v10};
 use crate::fci::{
     Answer, CollisionThresholds, ControllerMode, Generation, Generator, Load, ModelLibrary, MoveRequest, MoveStatus,
     Request, SetterStatus,
 };
 
-/// Command of a request, which the versions number differently.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Command {
-    Connect,
-    Move,
-    StopMove,
-    GetCartesianLimit,
-    SetCollisionBehavior,
-    SetJointImpedance,
-    SetCartesianImpedance,
-    SetGuidingMode,
-    SetEeToK,
-    SetNeToEe,
-    SetLoad,
-    SetFilters,
-    AutomaticErrorRecovery,
-    LoadModelLibrary,
-    GetRobotModel,
-}
-
-impl Command {
-    /// Size of the payload, bytes.
-    fn payload_bytes(self, generation: Generation) -> usize {
-        match self {
-            Self::StopMove | Self::AutomaticErrorRecovery | Self::GetRobotModel => 0,
-            Self::Connect | Self::GetCartesianLimit => 4,
-            Self::Move => match generation {
-                Generation::Panda => v5::MOVE_BYTES,
-                Generation::Fr3 => v10::MOVE_BYTES,
-            },
-            Self::SetCollisionBehavior => 52 * 8,
-            Self::SetJointImpedance => 7 * 8,
-            Self::SetCartesianImpedance => 6 * 8,
-            Self::SetGuidingMode => 7,
-            Self::SetEeToK | Self::SetNeToEe => 16 * 8,
-            Self::SetLoad => 13 * 8,
-            Self::SetFilters => 5 * 8,
-            Self::LoadModelLibrary => 2,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Connect => "Connect",
-            Self::Move => "Move",
-            Self::StopMove => "StopMove",
-            Self::GetCartesianLimit => "GetCartesianLimit",
-            Self::SetCollisionBehavior => "SetCollisionBehavior",
-            Self::SetJointImpedance => "SetJointImpedance",
-            Self::SetCartesianImpedance => "SetCartesianImpedance",
-            Self::SetGuidingMode => "SetGuidingMode",
-            Self::SetEeToK => "SetEEToK",
-            Self::SetNeToEe => "SetNEToEE",
-            Self::SetLoad => "SetLoad",
-            Self::SetFilters => "SetFilters",
-            Self::AutomaticErrorRecovery => "AutomaticErrorRecovery",
-            Self::LoadModelLibrary => "LoadModelLibrary",
-            Self::GetRobotModel => "GetRobotModel",
-        }
+/// Size of the payload, bytes.
+fn payload_bytes(command: Command, generation: Generation) -> usize {
+    match command {
+        Command::StopMove | Command::AutomaticErrorRecovery | Command::GetRobotModel => 0,
+        Command::Connect | Command::GetCartesianLimit => 4,
+        Command::Move => match generation {
+            Generation::Panda => v5::MOVE_BYTES,
+            Generation::Fr3 => v10::MOVE_BYTES,
+        },
+        Command::SetCollisionBehavior => 52 * 8,
+        Command::SetJointImpedance => 7 * 8,
+        Command::SetCartesianImpedance => 6 * 8,
+        Command::SetGuidingMode => 7,
+        Command::SetEeToK | Command::SetNeToEe => 16 * 8,
+        Command::SetLoad => 13 * 8,
+        Command::SetFilters => 5 * 8,
+        Command::LoadModelLibrary => 2,
     }
 }
 
@@ -147,7 +107,7 @@ pub struct Refusal {
 pub fn decode_message(generation: Generation, command: u32, payload: &[u8]) -> Result<ClientMessage, WireError> {
     let unknown = WireError::UnknownCommand { version: generation.fci_version(), command };
     let command = *commands(generation).get(command as usize).ok_or(unknown)?;
-    let expected = command.payload_bytes(generation);
+    let expected = payload_bytes(command, generation);
     if payload.len() != expected {
         return Err(WireError::Length { what: command.name(), expected, got: payload.len() });
     }

@@ -3,7 +3,7 @@
 //! Numbers of a state are f32. Statuses of a `Move`, `StopMove` and recovery have numbers for safety functions, which no Panda has.
 
 use super::bytes::Writer;
-use super::messages::Command;
+use super::command::Command;
 use super::state::{for_each_field, put_modes};
 use crate::fci::{MoveStatus, RecoveryStatus, RobotState, StopStatus};
 

@@ -1,7 +1,7 @@
 //! Layouts and numbers of version 5 (Panda, system 4.2.1 and newer).
 
 use super::bytes::Writer;
-use super::messages::Command;
+use super::command::Command;
 use super::state::{for_each_field, put_modes};
 use crate::fci::{MoveStatus, RecoveryStatus, RobotState, StopStatus};
 

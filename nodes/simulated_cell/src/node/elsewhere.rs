@@ -1,8 +1,8 @@
 //! Object and camera of a cell whose arm is elsewhere: the object hangs in a hand whose pose comes over a topic, and the object's
 //! wrench on that hand goes back.
 
-use super::Setup;
 use super::camera::{self, Holder};
+use super::setup::Setup;
 use crate::cell::Cell;
 use crate::convert;
 use anyhow::{Context, Result};
