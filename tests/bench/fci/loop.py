@@ -7,7 +7,7 @@
 2. On the clock, for --minutes, with the whole graph of emulated.launch.xml: lost states, success rate and computing times, as the bridge
    tells them on /diagnostics.
 
-Needs `cargo build --release --examples -p panda_bridge -p panda_emulator`. Run it on an idle machine.
+Needs `cargo build --release --workspace --lib --examples`. Run it on an idle machine.
 """
 
 import argparse
