@@ -1,4 +1,5 @@
-//! Holds an arm by the transport `fci` for a number of cycles, without ROS: `follow ADDRESS CYCLES`. The arm must be an emulated one.
+//! Holds an arm by the transport `fci` for a number of cycles, without ROS: `follow ADDRESS CYCLES [panda|fr3]`. The arm must be an
+//! emulated one.
 //!
 //! Prints the number of cycles, the median, 99th percentile and greatest computing time of a cycle (us), and the lost states.
 #![allow(
@@ -17,12 +18,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let host = arguments.next().ok_or("expected an address")?;
     let cycles: u64 = arguments.next().ok_or("expected a number of cycles")?.parse()?;
+    let generation = match arguments.next().as_deref() {
+        None | Some("panda") => Generation::Panda,
+        Some("fr3") => Generation::Fr3,
+        Some(other) => return Err(format!("expected panda or fr3, got {other}").into()),
+    };
     if !host.starts_with("127.") {
         return Err("expected an address of this machine, 127.x.y.z: this program moves the arm without asking".into());
     }
     let settings = FciSettings {
         host,
-        generation: Generation::Panda,
+        generation,
         priority: 1,
         cutoff_hz: 100.0,
         law: LawSettings::default(),

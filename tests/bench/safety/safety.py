@@ -38,6 +38,8 @@ MOTION_S, WATCH_S = 0.6, 5.0
 STILL_M_S, STILL_S = 0.004, 0.15
 # Beyond the threshold of 40 N, and below the 57 N at which joint 6 is out of the range of its torque sensor.
 PUSH_N = 50.0
+# Limits that the arm must keep: distance out of the box, and the collision threshold of the bridge's defaults.
+MOST_OUT_MM, MOST_FORCE_N = 10.0, 40.0
 # Stiffness of the wall that blocks the arm.
 WALL_N_M = 5000.0
 FAULTS = (
@@ -51,6 +53,8 @@ FAULTS = (
     "second publisher",
     "box exit",
     "hold request",
+    "disable request",
+    "lost network",
 )
 
 
@@ -173,33 +177,40 @@ class Bench:
             other = self.ros.node.create_publisher(PoseStamped, "/panda/target_pose", 1)
             return lambda: self.ros.node.destroy_publisher(other)
         if name == "hold request":
+            self.ros.call(Trigger, "/panda/hold", Trigger.Request())
+        if name == "disable request":
             self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=False))
+        if name == "lost network":
+            cut = lambda on: self.ros.call(SetBool, "/panda_emulator/network_cut", SetBool.Request(data=on))
+            cut(True)
+            return lambda: cut(False)
         return lambda: None
 
     def thaw(self):
         """Lets a frozen bridge go on: it ends by itself, because it cannot know what it has missed, and a launch starts it anew."""
         self.bridge.send_signal(signal.SIGCONT)
-        self.bridge.wait()
+        self.bridge.wait(30)
         self.states.clear()
         self.start_bridge()
 
     def still_since(self, from_s):
-        """Time since which the hand stands, or None."""
+        """Time since which the hand stands, or None. All samples of the window count, so that a reversal is no standstill."""
         if not self.path or self.path[-1][0] < from_s + STILL_S:
             return None
         newest_s, x_m, z_m = self.path[-1]
-        for stamp_s, x, z in reversed(self.path):
-            if newest_s - stamp_s >= STILL_S:
-                return stamp_s if math.hypot(x - x_m, z - z_m) < STILL_M_S * STILL_S else None
-        return None
+        window = [p for p in self.path if newest_s - p[0] <= STILL_S]
+        still = all(math.hypot(x - x_m, z - z_m) < STILL_M_S * STILL_S for _, x, z in window)
+        return window[0][0] if still else None
 
     def measured(self, at_s):
+        """Farthest place (mm) from where the fault found the hand, time (s) to standstill, and farthest place out of the box (mm)."""
         since_s = self.still_since(at_s)
-        begun = next(p for p in self.path if p[0] >= at_s)
-        end = self.path[-1]
-        farthest = max(p[1] for p in self.path)
+        after = [p for p in self.path if p[0] >= at_s]
+        _, x_m, z_m = after[0]
+        farthest = max(math.hypot(x - x_m, z - z_m) for _, x, z in after)
+        out = max(max(x - BOX_M, 0.0) for _, x, _ in self.path)
         time_s = math.nan if since_s is None else max(0.0, since_s - at_s)
-        return 1e3 * abs(end[1] - begun[1]), time_s, 1e3 * max(0.0, farthest - BOX_M)
+        return 1e3 * farthest, time_s, 1e3 * out
 
     def blocked(self, speed_m_s):
         """Greatest force on a wall in the way, N, the time until the arm gives up, s, and the reason."""
@@ -236,12 +247,16 @@ def main():
         arguments.logs.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, session_in((arguments.logs or pathlib.Path(folder)).resolve()) as session:
         bench = Bench(session, session.root / "launch_configs/models/soft_bar.yaml")
-        print("| fault | speed, m/s | to standstill, mm (greatest) | s (greatest) | out of the box, mm (greatest) | reason |")
+        worst_mm, worst_n = 0.0, 0.0
+        print(
+            "| fault | speed, m/s | farthest place after the fault, mm (greatest) | s (greatest) | out of the box, mm (greatest) | reason |"
+        )
         print("|---|---|---|---|---|---|")
         for name in arguments.faults.split(","):
             for speed in speeds:
                 rows = [bench.trial(name, speed) for _ in range(arguments.repeats)]
                 mm, s, out = ([row[i] for row in rows] for i in range(3))
+                worst_mm = max(worst_mm, *out)
                 words = [f"{statistics.median(v):.{d}f} ({max(v):.{d}f})" for v, d in ((mm, 1), (s, 2), (out, 1))]
                 print(f"| {name} | {speed} | {' | '.join(words)} | {rows[-1][3]} |", flush=True)
         print()
@@ -249,10 +264,13 @@ def main():
         print("|---|---|---|---|---|")
         for speed in speeds:
             rows = [bench.blocked(speed) for _ in range(arguments.repeats)]
+            worst_n = max(worst_n, *(row[0] for row in rows))
             print(
                 f"| {WALL_N_M:.0f} N/m | {speed} | {max(r[0] for r in rows):.1f} | {max(r[1] for r in rows):.2f} | {rows[-1][2]} |",
                 flush=True,
             )
+        if worst_mm > MOST_OUT_MM or worst_n > MOST_FORCE_N:
+            sys.exit(f"{worst_mm:.1f} mm out of the box, {worst_n:.1f} N: expected at most {MOST_OUT_MM} mm and {MOST_FORCE_N} N")
 
 
 if __name__ == "__main__":
