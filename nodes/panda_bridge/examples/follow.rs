@@ -8,9 +8,7 @@
     reason = "a program with arguments, a clock and a standard output"
 )]
 
-use panda_bridge::Compliance;
-use panda_bridge::fci::{Collision, FciLink, FciSettings, Generation, Load};
-use panda_bridge::law::LawSettings;
+use panda_bridge::fci::{FciLink, FciSettings, Generation};
 use std::error::Error;
 use std::time::Duration;
 
@@ -26,16 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if !host.starts_with("127.") {
         return Err("expected an address of this machine, 127.x.y.z: this program moves the arm without asking".into());
     }
-    let settings = FciSettings {
-        host,
-        generation,
-        priority: 1,
-        cutoff_hz: 100.0,
-        law: LawSettings::default(),
-        compliance: Compliance::default(),
-        collision: Collision::default(),
-        load: Load::default(),
-    };
+    let settings = FciSettings { priority: 1, ..FciSettings::new(&host, generation) };
     let link = FciLink::start(settings, || std::process::exit(1))?;
     while link.figures().computing.count() < cycles {
         link.follow(link.unready().is_none());

@@ -7,9 +7,7 @@
 )]
 
 use nalgebra::{Isometry3, Translation3, Vector3};
-use panda_bridge::Compliance;
-use panda_bridge::fci::{Collision, End, FciLink, FciSettings, Generation, Load, Phase, isometry};
-use panda_bridge::law::LawSettings;
+use panda_bridge::fci::{End, FciLink, FciSettings, Generation, Phase, isometry};
 use panda_emulator::Settings;
 use panda_emulator::fci::Generation as Emulated;
 use panda_emulator::server::{Pace, Server, ServerOptions};
@@ -42,16 +40,7 @@ fn serve(address: SocketAddr, settings: Settings) -> Server {
 }
 
 fn settings(address: SocketAddr) -> FciSettings {
-    FciSettings {
-        host: address.ip().to_string(),
-        generation: Generation::Panda,
-        priority: 1,
-        cutoff_hz: 100.0,
-        law: LawSettings::default(),
-        compliance: Compliance::default(),
-        collision: Collision::default(),
-        load: Load::default(),
-    }
+    FciSettings { priority: 1, ..FciSettings::new(&address.ip().to_string(), Generation::Panda) }
 }
 
 impl Cell {

@@ -6,9 +6,7 @@
     reason = "the test waits for threads, and its allocator is unsafe by its trait"
 )]
 
-use panda_bridge::Compliance;
-use panda_bridge::fci::{Collision, FciLink, FciSettings, Generation, Load};
-use panda_bridge::law::LawSettings;
+use panda_bridge::fci::{FciLink, FciSettings, Generation};
 use panda_emulator::server::{Pace, Server, ServerOptions};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::net::SocketAddr;
@@ -60,16 +58,7 @@ fn thread_number(name: &str) -> i32 {
 fn a_thousand_cycles_allocate_nothing() {
     let address = SocketAddr::from(([127, 62, (std::process::id() % 250 + 1) as u8, 1], 1337));
     let server = Server::bind(address, ServerOptions { pace: Pace::LockStep, ..ServerOptions::default() }).unwrap();
-    let settings = FciSettings {
-        host: address.ip().to_string(),
-        generation: Generation::Panda,
-        priority: 1,
-        cutoff_hz: 100.0,
-        law: LawSettings::default(),
-        compliance: Compliance::default(),
-        collision: Collision::default(),
-        load: Load::default(),
-    };
+    let settings = FciSettings { priority: 1, ..FciSettings::new(&address.ip().to_string(), Generation::Panda) };
     let link = FciLink::start(settings, || panic!("the connection cannot be ended")).unwrap();
     let start = Instant::now();
     let wait_for = |what: &str, holds: &dyn Fn() -> bool| {

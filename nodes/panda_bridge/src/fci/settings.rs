@@ -74,3 +74,20 @@ pub struct FciSettings {
     /// Load beyond the hand.
     pub load: Load,
 }
+
+impl FciSettings {
+    /// Settings of a connection to this host, with SERL's gains and no load.
+    #[must_use]
+    pub fn new(host: &str, generation: Generation) -> Self {
+        Self {
+            host: host.to_owned(),
+            generation,
+            priority: 80,
+            cutoff_hz: 100.0,
+            law: LawSettings::default(),
+            compliance: Compliance::default(),
+            collision: Collision::default(),
+            load: Load::default(),
+        }
+    }
+}

@@ -3,19 +3,15 @@
 
 use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::settings::Settings;
+use super::topics::{ArmTopics, Measurement};
 use crate::arm::{Arm, Plant};
-use crate::convert;
 use crate::fci::{End, FciLink, FciSettings, Measured, tool_pose};
-use crate::gate::{BASE_FRAME, Mode, Order};
+use crate::gate::{Mode, Order};
 use crate::kinematics;
 use crate::law::Joints;
 use crate::pose::ArmPose;
 use anyhow::{Context, Result};
-use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
-use catenary_msgs::msg::ArmState;
-use catenary_msgs::sensor_msgs::msg::JointState;
-use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Clock, Health, Node, Publisher, Report, Time, contract, stamp};
+use catenary_shell::{Clock, Health, Node, Report, Time};
 use franka::RobotMode;
 use nalgebra::{Isometry3, Translation3, Vector6};
 use std::sync::Arc;
@@ -96,8 +92,7 @@ pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveP
         reported.report(report);
         describe(report, &figures);
     })?;
-    let mut publishing = Publishing::new(node)?;
-    publishing.run(node, &front, &link)?;
+    publish(node, &front, &link)?;
     front.arm().disable();
     node.wait_for_shutdown()
 }
@@ -134,77 +129,49 @@ fn describe(report: &mut Report, link: &FciLink) {
     report.value("computing_longest_us", figures.computing.longest().as_micros());
 }
 
-/// Publishers of the arm's side of the contract.
-struct Publishing {
-    pose: Publisher<PoseStamped>,
-    twist: Publisher<TwistStamped>,
-    wrench: Publisher<WrenchStamped>,
-    joints: Publisher<JointState>,
-    tf: Publisher<TFMessage>,
-    state: Publisher<ArmState>,
+/// Publishes measurements and states, and supervises the arm, until shutdown.
+fn publish(node: &Node, front: &Front<Panda>, link: &FciLink) -> Result<()> {
+    let topics = ArmTopics::new(node)?;
+    // A wall clock: a /clock that stands still must not stop the supervision of the arm.
+    let mut rate = Clock::new(node.shutdown()).rate(CYCLE);
+    let recheck = (RECHECK_S / CYCLE.as_secs_f64()).round() as u64;
+    let (mut last_mode, mut last_id) = (None, None);
+    while let Some(tick) = rate.tick() {
+        if tick.index.is_multiple_of(recheck) {
+            front.recheck();
+        }
+        let measured = link.measured();
+        let time = measured.map_or(node.now(), |m| node.now() - m.at.elapsed());
+        let state = {
+            let mut arm = front.arm();
+            supervise(&mut arm, link, measured.as_ref());
+            let success = measured.map_or(0.0, |m| m.state.control_command_success_rate);
+            front.state(&arm, success, time)
+        };
+        // A state is published once, even if the next one is late.
+        let id = measured.map(|m| m.state.time);
+        if let Some(measured) = measured.filter(|_| id != last_id) {
+            topics.measured(&measurement(&measured), time);
+        }
+        last_id = id;
+        if tick.index.is_multiple_of(SLOW) || last_mode != Some(state.mode) {
+            last_mode = Some(state.mode);
+            topics.state(state);
+        }
+    }
+    Ok(())
 }
 
-impl Publishing {
-    fn new(node: &Node) -> Result<Self> {
-        Ok(Self {
-            pose: node.publisher(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
-            twist: node.publisher(contract::CURRENT_TWIST.name, contract::CURRENT_TWIST.qos)?,
-            wrench: node.publisher(contract::EXTERNAL_WRENCH.name, contract::EXTERNAL_WRENCH.qos)?,
-            joints: node.publisher(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?,
-            tf: node.publisher(contract::TF.name, contract::TF.qos)?,
-            state: node.publisher(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
-        })
-    }
-
-    fn run(&mut self, node: &Node, front: &Front<Panda>, link: &FciLink) -> Result<()> {
-        // A wall clock: a /clock that stands still must not stop the supervision of the arm.
-        let mut rate = Clock::new(node.shutdown()).rate(CYCLE);
-        let recheck = (RECHECK_S / CYCLE.as_secs_f64()).round() as u64;
-        let (mut last_mode, mut last_id) = (None, None);
-        while let Some(tick) = rate.tick() {
-            if tick.index.is_multiple_of(recheck) {
-                front.recheck();
-            }
-            let measured = link.measured();
-            let time = measured.map_or(node.now(), |m| node.now() - m.at.elapsed());
-            let state = {
-                let mut arm = front.arm();
-                supervise(&mut arm, link, measured.as_ref());
-                let success = measured.map_or(0.0, |m| m.state.control_command_success_rate);
-                front.state(&arm, success, time)
-            };
-            // A state is published once, even if the next one is late.
-            let id = measured.map(|m| m.state.time);
-            if let Some(measured) = measured.filter(|_| id != last_id) {
-                self.publish(&measured, time);
-            }
-            last_id = id;
-            if tick.index.is_multiple_of(SLOW) || last_mode != Some(state.mode) {
-                last_mode = Some(state.mode);
-                self.state.send(state);
-            }
-        }
-        Ok(())
-    }
-
-    fn publish(&self, measured: &Measured, time: Time) {
-        let state = &measured.state;
-        let header = stamp::header(time, BASE_FRAME);
-        let pose = pose_of(measured);
-        let twist = kinematics::jacobian(&state.q) * Joints::from(state.dq);
+fn measurement(measured: &Measured) -> Measurement {
+    let state = &measured.state;
+    Measurement {
+        pose: pose_of(measured),
+        twist: kinematics::jacobian(&state.q) * Joints::from(state.dq),
         // The robot estimates its own force on the world; the contract wants the world's force on the hand.
-        let wrench = -Vector6::from(state.O_F_ext_hat_K);
-        self.tf.send(TFMessage { transforms: vec![convert::hand_transform(&pose, header.clone())] });
-        self.pose.send(PoseStamped { header: header.clone(), pose: convert::pose_message(&pose) });
-        self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(&twist) });
-        self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&wrench) });
-        self.joints.send(JointState {
-            header,
-            name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
-            position: state.q.to_vec(),
-            velocity: state.dq.to_vec(),
-            effort: state.tau_J.to_vec(),
-        });
+        wrench: -Vector6::from(state.O_F_ext_hat_K),
+        joints_rad: state.q,
+        velocities_rad_s: state.dq,
+        torques_n_m: state.tau_J.to_vec(),
     }
 }
 

@@ -6,6 +6,7 @@ pub mod front;
 mod parameters;
 mod relay;
 mod settings;
+pub mod topics;
 mod transport;
 
 use anyhow::Result;

@@ -3,18 +3,13 @@
 
 use super::arm::arm_pose;
 use crate::cell::{Cell, collisions};
-use crate::convert;
 use crate::scene::Contact;
 use anyhow::Result;
-use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
-use catenary_msgs::msg::ArmState;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
-use catenary_msgs::sensor_msgs::msg::JointState;
-use catenary_msgs::std_msgs::msg::Header;
-use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Node, Publisher, contract, stamp};
-use panda_bridge::gate::BASE_FRAME;
+use catenary_shell::{Node, Publisher, Time, stamp};
+use nalgebra::Vector6;
 use panda_bridge::node::front::{Front, RECHECK_S};
+use panda_bridge::node::topics::{ArmTopics, Measurement};
 use panda_bridge::{Arm, Mode, kinematics};
 use std::time::{Duration, Instant};
 
@@ -24,28 +19,14 @@ const MEASURE_PERIOD_S: f64 = 0.005;
 const SLOW_EVERY: u64 = 4;
 /// Fast loop: advances time and publishes the arm's measurements.
 pub(super) struct Measuring {
-    pose: Publisher<PoseStamped>,
-    twist: Publisher<TwistStamped>,
-    wrench: Publisher<WrenchStamped>,
-    joints: Publisher<JointState>,
-    tf: Publisher<TFMessage>,
-    state: Publisher<ArmState>,
+    topics: ArmTopics,
     clock: Option<Publisher<ClockMsg>>,
     angles_rad: [f64; kinematics::JOINTS],
 }
 
 impl Measuring {
     pub fn new(node: &Node, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
-        Ok(Self {
-            pose: node.publisher(contract::CURRENT_POSE.name, contract::CURRENT_POSE.qos)?,
-            twist: node.publisher(contract::CURRENT_TWIST.name, contract::CURRENT_TWIST.qos)?,
-            wrench: node.publisher(contract::EXTERNAL_WRENCH.name, contract::EXTERNAL_WRENCH.qos)?,
-            joints: node.publisher(contract::JOINT_STATES.name, contract::JOINT_STATES.qos)?,
-            tf: node.publisher(contract::TF.name, contract::TF.qos)?,
-            state: node.publisher(contract::ARM_STATE.name, contract::ARM_STATE.qos)?,
-            clock,
-            angles_rad: kinematics::READY_RAD,
-        })
+        Ok(Self { topics: ArmTopics::new(node)?, clock, angles_rad: kinematics::READY_RAD })
     }
 
     /// Runs until shutdown. Time follows the wall clock times `factor`. If the machine is too slow, several steps are
@@ -74,7 +55,7 @@ impl Measuring {
                 arm.steer();
                 arm.plant_mut().advance(next_s);
                 arm.watch();
-                self.publish(arm.plant(), &stamp::header(time, BASE_FRAME), elapsed_s);
+                self.publish(arm.plant(), time, elapsed_s);
                 (front.state(&arm, 1.0, time), count.is_multiple_of(SLOW_EVERY).then(|| arm.plant().snapshot()))
             };
             if let Some(snapshot) = snapshot {
@@ -86,7 +67,7 @@ impl Measuring {
             // A change of mode is published at once, without waiting for the slower period.
             if count.is_multiple_of(SLOW_EVERY) || last_mode != Some(state.mode) {
                 last_mode = Some(state.mode);
-                self.state.send(state);
+                self.topics.state(state);
             }
             if count >= next_check {
                 next_check = count + recheck;
@@ -100,27 +81,24 @@ impl Measuring {
     }
 
     /// Publishes the cell, `elapsed_s` after the last time.
-    fn publish(&mut self, cell: &Cell, header: &Header, elapsed_s: f64) {
-        let grip = cell.grip();
-        let pose = catenary_shell::convert::grip_pose_to_msg(&grip);
-        let measured = arm_pose(&grip);
-        self.pose.send(PoseStamped { header: header.clone(), pose });
-        self.twist.send(TwistStamped { header: header.clone(), twist: convert::twist(cell.velocity_m_s()) });
-        self.wrench.send(WrenchStamped { header: header.clone(), wrench: convert::wrench(&cell.wrench()) });
-        self.tf.send(TFMessage { transforms: vec![panda_bridge::convert::hand_transform(&measured, header.clone())] });
+    fn publish(&mut self, cell: &Cell, time: Time, elapsed_s: f64) {
+        let pose = arm_pose(&cell.grip());
         let before = self.angles_rad;
         // A pose without a solution keeps the last angles.
-        if let Some(angles) = kinematics::inverse(&measured, &before) {
+        if let Some(angles) = kinematics::inverse(&pose, &before) {
             self.angles_rad = angles;
         }
-        let velocity = self.angles_rad.iter().zip(before).map(|(now, then)| (now - then) / elapsed_s).collect();
-        self.joints.send(JointState {
-            header: header.clone(),
-            name: (1..=kinematics::JOINTS).map(|i| format!("panda_joint{i}")).collect(),
-            position: self.angles_rad.to_vec(),
-            velocity,
-            effort: Vec::new(),
-        });
+        let ([vx, vz], wrench) = (cell.velocity_m_s(), cell.wrench());
+        let [fx, fz] = wrench.force_n;
+        let measured = Measurement {
+            pose,
+            twist: Vector6::new(vx, 0.0, vz, 0.0, 0.0, 0.0),
+            wrench: Vector6::new(fx, 0.0, fz, 0.0, wrench.moment_y_n_m, 0.0),
+            joints_rad: self.angles_rad,
+            velocities_rad_s: std::array::from_fn(|i| (self.angles_rad[i] - before[i]) / elapsed_s),
+            torques_n_m: Vec::new(),
+        };
+        self.topics.measured(&measured, time);
     }
 }
 
