@@ -14,7 +14,7 @@ from catkin_pkg.package import parse_package
 from support.contract import NODES
 from support.program import ROOT
 
-ALL_NODES = set(NODES) | {"panda_bridge", "recorder", "replayer"}
+ALL_NODES = set(NODES) | {"panda_bridge", "panda_emulator", "recorder", "replayer"}
 
 
 def run(*command, **options):

@@ -35,11 +35,15 @@ pub(crate) fn ends(shutdown: &Shutdown) {
 
 /// Checks a node's graph until the node ends, and ends the process at a loss.
 pub(crate) fn watch(graph: &Graph, end: &Shutdown) {
+    let mut was_lost = false;
     while !end.wait_timeout(PERIOD) {
-        if graph.has_lost_network() {
+        let is_lost = graph.has_lost_network();
+        // Two checks in a row: the kernel's table of sockets can leave out a row while other sockets come and go.
+        if is_lost && was_lost {
             declare();
             return;
         }
+        was_lost = is_lost;
     }
 }
 
