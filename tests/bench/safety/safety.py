@@ -7,6 +7,7 @@ the emulator's own, which no client of FCI sees. Run it on an idle machine.
 """
 
 import argparse
+import contextlib
 import math
 import os
 import pathlib
@@ -98,7 +99,7 @@ class Bench:
         alone = lambda: list(self.ros.node.get_node_names()).count("panda_bridge") == 1
         self.ros.wait_for(alone, 90, "the end of a bridge that was killed")
         self.ros.wait_for(lambda: self.states and self.states[-1].mode != ArmState.MODE_DISCONNECTED, 20, "a connected arm")
-        self.ros.call(Trigger, "/panda/error_recovery", Trigger.Request())
+        self.recover()
         goal = MoveToStart.Goal(use_pose=True)
         goal.pose.position.x, goal.pose.position.z, goal.pose.orientation.x = *START_M, 1.0
         goal.pose.orientation.w = 0.0
@@ -109,6 +110,13 @@ class Bench:
             # The bridge sets thresholds anew after a connection; the robot may still be recovering.
             self.ros.spin(0.5)
         raise AssertionError(f"the arm does not reach its start: {result.message}")
+
+    def recover(self):
+        """Asks for recovery, again if need be: a request can go to the bridge that was killed, before the new one is discovered."""
+        for _ in range(12):
+            with contextlib.suppress(AssertionError):
+                return self.ros.call(Trigger, "/panda/error_recovery", Trigger.Request(), seconds=5)
+        raise AssertionError("no answer of /panda/error_recovery")
 
     def stream(self, speed_m_s, kind="good"):
         words = [sys.executable, HERE / "targets.py", self.session.domain, *START_M, speed_m_s, kind]
