@@ -29,7 +29,7 @@ SOFT = ["fci.stiffness:=[150.0, 150.0, 150.0, 30.0, 30.0, 30.0]", "fci.damping:=
 FAST = ["fci.error_clip_m:=0.03", "gate.max_jump_m:=0.3"]
 CASES = {
     "default gains": (FAST, []),
-    "soft gains, stiction": (
+    "soft gains with stiction": (
         [*SOFT, "fci.error_clip_m:=0.1", "gate.max_jump_m:=0.3"],
         ["stiction_n_m:=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]"],
     ),
