@@ -90,14 +90,19 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let p = declare(&builder)?;
     let node = builder.build()?;
     let setup = setup(&p).map_err(Misconfigured::new)?;
+    // Made in any case, so that a wrong parameter is reported before the node waits for a hand.
+    let cell = setup.cell(None).map_err(Misconfigured::new)?;
+    for (name, value, prior) in setup.model.theta.outside(&setup.theta) {
+        tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
+    }
     if p.hand.get() == "elsewhere" {
+        drop(cell);
         ensure!(
             !p.publish_clock.get(),
             "parameter publish_clock: expected false for hand elsewhere, whose time is real"
         );
         return elsewhere::run(&node, setup, p.image_noise.get());
     }
-    let cell = setup.cell(None).map_err(Misconfigured::new)?;
     let Setup { model, seed: cell_seed, .. } = setup;
     // Discovery takes time. It comes before the arm's time begins, or the loop would have to catch up.
     meet_others(&node);
@@ -133,13 +138,7 @@ fn setup(p: &Parameters) -> Result<Setup> {
         given if given.is_empty() => hidden_theta(&model, seed),
         given => given,
     };
-    let setup = Setup { path, model, theta, fidelity, seed };
-    // Made once here, so that a wrong parameter is reported before the node waits for a hand.
-    setup.cell(None)?;
-    for (name, value, prior) in setup.model.theta.outside(&setup.theta) {
-        tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
-    }
-    Ok(setup)
+    Ok(Setup { path, model, theta, fidelity, seed })
 }
 
 /// Returns theta of a cell without given values: the model's nominal values, and draws from the prior for the others.
