@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from support.contract import BASE, BY_NAME
 from support.policy import BIAS, policy_file
 from support.ros import Goal
-from support.session import session_in
+from support.session import given, session_in
 from support.stamps import stamp_s
 
 TOPICS = ("/panda/current_pose", "/panda/joint_states", "/panda/arm_state", "/panda/accepted_target")
@@ -50,7 +50,7 @@ class Cell:
             address = f"127.44.{session.domain}.1"
             session.node("panda_emulator", "-p", f"address:={address}")
             parameters = ("transport:=fci", f"fci.host:={address}", "is_real:=false", "settle_time_s:=0.2")
-            session.node(self.arm, "-p", model, *[word for p in parameters for word in ("-p", p)])
+            session.node(self.arm, *given(model, *parameters))
             session.node("simulated_cell", "-p", model, "-p", "hand:=elsewhere")
             vision = ("camera", "keypoint_tracker")
             for node in vision:

@@ -32,6 +32,11 @@ MARK = "CATENARY_TEST_MARK"
 running = []
 
 
+def given(*parameters):
+    """Words of a ROS 2 command line that set parameters, each as `NAME:=VALUE`."""
+    return [word for parameter in parameters for word in ("-p", parameter)]
+
+
 class Session:
     """Processes that a test starts, the processes that these start, and their output."""
 

@@ -18,7 +18,7 @@ import yaml  # noqa: E402
 
 from support import findings  # noqa: E402
 from support.program import PROGRAM, ROOT  # noqa: E402
-from support.session import session_in  # noqa: E402
+from support.session import given, session_in  # noqa: E402
 
 MODEL = ROOT / "launch_configs/models/soft_bar_place.yaml"
 # Length (m) and Young's modulus (Pa) of the bar.
@@ -39,10 +39,6 @@ CASES = {
 ROLES = ("--bag", "--validate", "--verify")
 
 
-def words(parameters):
-    return [word for p in parameters for word in ("-p", p)]
-
-
 def model_with_actions(folder):
     """Model file whose hand is moved by the actions of the policy."""
     text = yaml.safe_load(MODEL.read_text())
@@ -57,14 +53,14 @@ def record(folder, policy, model, bridge, emulator):
     folder.mkdir(parents=True)
     with session_in(folder.resolve()) as session:
         address = f"127.45.{session.domain}.1"
-        session.node("panda_emulator", *words([f"address:={address}", *emulator]))
+        session.node("panda_emulator", *given(f"address:={address}", *emulator))
         common = ["transport:=fci", f"fci.host:={address}", "is_real:=false", f"model_file:={model}", "start_tolerance_m:=0.1"]
-        session.node("panda_bridge", *words([*common, *bridge]))
-        session.node("simulated_cell", *words([f"model_file:={model}", f"theta:={THETA}", "hand:=elsewhere", "fidelity:=reference"]))
+        session.node("panda_bridge", *given(*common, *bridge))
+        session.node("simulated_cell", *given(f"model_file:={model}", f"theta:={THETA}", "hand:=elsewhere", "fidelity:=reference"))
         parameters = session.root / "launch_configs/params/emulated.yaml"
         for node in ("camera", "keypoint_tracker"):
             session.node(node, "--params-file", parameters)
-        session.node("policy_runner", "--params-file", parameters, *words([f"model_file:={model}"]))
+        session.node("policy_runner", "--params-file", parameters, *given(f"model_file:={model}"))
         session.meet("panda_emulator", "panda_bridge", "simulated_cell", "camera", "keypoint_tracker", "policy_runner").close()
         bags = []
         for number in range(3):

@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from support.ros import Goal  # noqa: E402
-from support.session import session_in  # noqa: E402
+from support.session import given, session_in  # noqa: E402
 
 START_M = (0.32, 0.42)
 # Box of the task in the shipped model, greatest x.
@@ -75,7 +75,7 @@ class Bench:
 
     def start_bridge(self):
         parameters = (f"model_file:={self.model}", "transport:=fci", f"fci.host:={self.address}", "is_real:=false", "settle_time_s:=0.3")
-        self.bridge = self.session.node("panda_bridge", *[word for p in parameters for word in ("-p", p)])
+        self.bridge = self.session.node("panda_bridge", *given(*parameters))
 
     def on_pose(self, message):
         stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
