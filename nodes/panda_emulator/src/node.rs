@@ -91,7 +91,7 @@ fn publish(node: &Node, handle: &Handle, heard: &Mutex<Option<Instant>>) -> Resu
             }
         }
         let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
-        // What pushed has ended: the hand must not be pushed on for ever.
+        // The sender of the wrench has ended: the hand must not be pushed on for ever.
         if heard.is_some_and(|at| at.elapsed() > WRENCH_SILENCE) {
             *heard = None;
             handle.push([0.0; 6]);

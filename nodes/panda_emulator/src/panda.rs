@@ -44,7 +44,7 @@ struct Recovery {
     cycles_left: u32,
 }
 
-/// What the control box knows of the arm after a cycle.
+/// Measured and estimated state of the arm after a cycle, as the control box knows it.
 #[derive(Debug, Clone)]
 struct Measured {
     readings: Readings,

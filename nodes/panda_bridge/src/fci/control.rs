@@ -38,7 +38,7 @@ pub fn run(shared: &Shared, settings: &FciSettings) {
         if shared.ending.load(Ordering::Relaxed) {
             return;
         }
-        // The same failure is repeated every second until the robot answers.
+        // A failure comes again every second until the robot answers; its first time is logged.
         if why != last {
             tracing::error!("{}: {why}", settings.host);
             last.clone_from(&why);

@@ -1,4 +1,4 @@
-//! How motions end: success, stop, loss of commands, user stop, a client that leaves.
+//! Ends of motions: success, stop, loss of commands, user stop, a client that leaves.
 
 use super::*;
 
