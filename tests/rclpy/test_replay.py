@@ -192,8 +192,9 @@ def test_a_replay_as_fast_as_possible_skips_no_tick_of_the_clock(session):
     ros.wait_for(lambda: replay.poll() is not None, 60, "the end of the replay")
     times = [stamp_ns(tick.clock) for tick in ticks]
     assert replay.returncode == 0 and times == sorted(times)
-    # A busy machine may lose some ticks, which are best effort.
-    assert len(times) > 9000 and max(b - a for a, b in itertools.pairwise(times)) < 2 * 10**9, len(times)
+    # A replay that skips ticks has two of them, at the messages. How many of 12,000 best-effort ticks arrive is up to the machine.
+    steps_ns = [b - a for a, b in itertools.pairwise([10**9, *times, 61 * 10**9])]
+    assert len(times) > 1000 and all(step % (5 * 10**6) == 0 for step in steps_ns), (len(times), max(steps_ns))
 
 
 def notes_at(session, *times_ns):
