@@ -10,7 +10,10 @@
 
 use panda_bridge::fci::{FciLink, FciSettings, Generation};
 use std::error::Error;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// Longest time without a cycle.
+const PATIENCE: Duration = Duration::from_secs(15);
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -26,7 +29,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let settings = FciSettings { priority: 1, ..FciSettings::new(&host, generation) };
     let link = FciLink::start(settings, || std::process::exit(1))?;
+    let (mut before, mut since) = (0, Instant::now());
     while link.figures().computing.count() < cycles {
+        let count = link.figures().computing.count();
+        if count > before {
+            (before, since) = (count, Instant::now());
+        } else if since.elapsed() > PATIENCE {
+            let why = link.unready().unwrap_or_else(|| "the robot sends no states".to_owned());
+            return Err(format!("no cycle in {} s after {count} of them: {why}", PATIENCE.as_secs()).into());
+        }
         link.follow(link.unready().is_none());
         if let Some(why) = link.take_end() {
             return Err(format!("the motion ended: {why:?}").into());
