@@ -4,8 +4,8 @@
 
 1. Lock step, in turns: the bridge's loop (the example `follow`), and a loop of libfranka 0.9.2 (panda-python) that only returns zeros. The
    emulator measures the time from each state to its command.
-2. On the clock, for --minutes, with the whole graph of emulated.launch.xml: lost states, success rate and computing times, as the bridge
-   tells them on /diagnostics.
+2. On the clock, for --minutes, with the whole graph of emulated.launch.xml and a hand that moves to and fro: lost states, success rate
+   and computing times, as the bridge tells them on /diagnostics.
 
 Needs `cargo build --release --workspace --lib --examples`. Run it on an idle machine.
 """
@@ -23,14 +23,16 @@ sys.path.insert(0, str(HERE.parents[1]))
 sys.path.insert(0, str(HERE.parents[1] / "conformance_fci"))
 
 import rig  # noqa: E402
+from catenary_msgs.action import MoveToStart  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import PoseStamped  # noqa: E402
-from std_srvs.srv import SetBool  # noqa: E402
 
+from support.ros import Goal  # noqa: E402
 from support.session import session_in  # noqa: E402
 
 FOLLOW = rig.TARGET / "examples/follow"
 REPEATS = 5
+# Places between which the hand moves on the clock, x and z.
+PLACES_M = (0.32, 0.42), (0.42, 0.46)
 
 
 def responses(server):
@@ -71,31 +73,28 @@ def on_the_clock(minutes):
         address = f"address:=127.46.{session.domain}.1"
         nodes = session.nodes | {"panda_emulator", "panda_bridge"}
         session.launch(address, file="emulated.launch.xml", nodes=nodes)
-        ros, told = session.ros, {}
+        ros, told, rates = session.ros, {}, []
 
         def keep(message):
             for status in message.status:
                 if "panda_" in status.name:
-                    told[status.name] = {value.key: value.value for value in status.values}
+                    told[status.name] = values = {value.key: value.value for value in status.values}
+                    if values["robot_mode"] == "Move" and "control_command_success_rate" in values:
+                        rates.append(float(values["control_command_success_rate"]))
 
         ros.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 10)
-        poses = ros.listen(PoseStamped, "/panda/current_pose")
-        targets = ros.node.create_publisher(PoseStamped, "/panda/target_pose", 1)
-        ros.wait_for(lambda: poses and targets.get_subscription_count(), 20, "the arm")
-        ros.spin(1)
-        answer = ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))
-        assert answer.success, answer.message
-        place, end = poses[-1].pose, time.monotonic() + 60 * minutes
+        moves, end = 0, time.monotonic() + 60 * minutes
         while time.monotonic() < end:
-            # An arm that hears nothing is disabled after a minute.
-            target = PoseStamped(pose=place)
-            target.header.frame_id = "panda_link0"
-            target.header.stamp.sec, target.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
-            targets.publish(target)
-            ros.spin(min(5, max(0.1, end - time.monotonic())))
-        print(f"on the clock, whole graph, {minutes} min:")
+            goal = MoveToStart.Goal(use_pose=True)
+            goal.pose.position.x, goal.pose.position.z, goal.pose.orientation.x = *PLACES_M[moves % 2], 1.0
+            goal.pose.orientation.w = 0.0
+            moved = Goal(ros, MoveToStart, "/panda/move_to_start", goal).end().result
+            assert moved.success, moved.message
+            moves += 1
+        print(f"on the clock, whole graph, {minutes} min, {moves} moves:")
         for name, values in sorted(told.items()):
             print(f"  {name}: {values}")
+        print(f"  success rate while moving, least and median: {min(rates)}, {statistics.median(rates)}")
 
 
 def main():
