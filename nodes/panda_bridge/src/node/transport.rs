@@ -17,6 +17,12 @@ pub fn declare(b: &NodeBuilder) -> Result<Option<FciSettings>> {
     let transport = b.declare_string("transport", "relay", fixed(text).choices(&["relay", "fci"]))?.get();
     let settings = fci(b)?;
     if transport == "relay" {
+        if !settings.host.is_empty() {
+            tracing::warn!(
+                "parameter fci.host: {}: transport relay does not read it; set transport to fci",
+                settings.host
+            );
+        }
         return Ok(None);
     }
     ensure!(
