@@ -16,4 +16,4 @@ pub use linear_model::{LinearModel, Refined, WeighedModel, Weighing};
 pub use linearised::LinearisedModel;
 pub use magnitude::Magnitude;
 pub use marginal::{Baseline, Evidence};
-pub use ranking::{Explanation, Extent, Ranking, gain, groups, joined};
+pub use ranking::{Explanation, Extent, Ranking, gain, groups, joined, log_posterior};

@@ -12,6 +12,7 @@ mod naming;
 mod priors;
 mod progress;
 mod question;
+mod rivals;
 mod template_groups;
 mod validation;
 mod with_discrepancy;

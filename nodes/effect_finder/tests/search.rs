@@ -89,7 +89,8 @@ fn acted(model: &Model, actions: &[[f64; 2]], (effect, value): (&str, f64), numb
         first_episode: 0,
         noise: true,
     };
-    let mut track = BeamSimulator::new(model, 1).unwrap().simulate(&request).unwrap().remove(0);
+    let simulator = BeamSimulator::with_effects(model, &Registry::complete(), 1).unwrap();
+    let mut track = simulator.simulate(&request).unwrap().remove(0);
     let mut rng = seed::rng(78, number);
     for frame in &mut track.frames {
         for (axis, v) in frame.eef.iter_mut().enumerate() {
@@ -183,6 +184,32 @@ fn what_is_missing_is_told_by_its_part_its_place_and_its_time() {
     assert!(gust.phase_s[1] > 1.5 && gust.probability > 0.5, "{gust:?}");
     let bump = missing(&[("camera_bump", 0.03)]);
     assert_eq!(bump.hook, "observation", "{bump:?}");
+}
+
+/// An arm that undershoots looks like one whose next target is measured from elsewhere. A tip mass looks like a mass at a place.
+#[test]
+fn effects_are_named_only_if_no_template_explains_more() {
+    let mut model = model();
+    let found = |model: &Model, measured: MeasuredTrack, names: &[&str]| {
+        let templates = templates(&Registry::with_templates(), model);
+        let (measured, candidates) = ([measured], some(model, names));
+        let question = Question { templates: &templates, candidates: &candidates, ..Question::of(model, &measured) };
+        find_quickly(question).finding
+    };
+    let mass = found(&model, episode(&[("tip_mass_kg", 0.004)], 7), &["tip_mass_kg", "rest_curvature_per_m"]);
+    assert_eq!(
+        (mass.verdict, names(&mass)),
+        (Verdict::Named, vec!["tip_mass_kg".to_owned()]),
+        "{:?}",
+        mass.conclusions
+    );
+    model.observation.drive = DriveKind::Actions;
+    let actions = [[0.05, -0.03], [-0.04, -0.05], [0.05, 0.03], [-0.02, 0.05], [0.05, -0.05], [-0.05, 0.02]];
+    let undershot = found(&model, acted(&model, &actions, ("undershoot", 0.02), 7), &["delta_anchor_change"]);
+    let told = |s: &String| s.contains("something that is no effect of the library explains the recording better");
+    assert!(undershot.conclusions.iter().any(told), "{:?}", undershot.conclusions);
+    assert_eq!((undershot.verdict, undershot.found.len()), (Verdict::NoneOfThese, 0));
+    assert!(undershot.missing.is_some_and(|missing| missing.hook == "actuation"));
 }
 
 #[test]

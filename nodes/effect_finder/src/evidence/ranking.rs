@@ -72,9 +72,14 @@ fn logs(h: &Hypothesis, candidates: usize, settings: &Settings) -> [f64; 2] {
     [h.evidence.alone + (1.0 - share).ln(), h.evidence.with_any() + share.ln()].map(|log| prior + log)
 }
 
+/// Log posterior of a model up to a constant, with and without a discrepancy, among a number of `candidates`.
+pub fn log_posterior(h: &Hypothesis, candidates: usize, settings: &Settings) -> f64 {
+    log_sum_exp(&logs(h, candidates, settings))
+}
+
 /// Gain in log posterior of `new` over `old`, two fits of one model, in nats.
 pub fn gain(old: &Hypothesis, new: &Hypothesis, settings: &Settings) -> f64 {
-    log_sum_exp(&logs(new, 1, settings)) - log_sum_exp(&logs(old, 1, settings))
+    log_posterior(new, 1, settings) - log_posterior(old, 1, settings)
 }
 
 impl Ranking {

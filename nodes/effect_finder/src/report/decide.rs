@@ -28,6 +28,8 @@ pub struct RepairEvidence {
     pub gain_over_discrepancy: f64,
     /// An effect stands in for something else: it would have to lie beyond its prior.
     pub is_stand_in: bool,
+    /// Gain in log posterior by a template in the place of all effects, nats; none if that is no likelier.
+    pub rival_gain: Option<f64>,
     /// Number of other explanations that the data do not tell from the best one.
     pub alternatives: usize,
     /// p-value of the validation episodes before the repaired model is weighed by them. None if the fitted episodes leave a
@@ -62,6 +64,8 @@ pub struct SupportEvidence {
     pub log_likelihood_gain: f64,
     /// Root mean square distance of keypoints with the effect, relative to that without it.
     pub distance_ratio: f64,
+    /// Log posterior odds of the model with the effect over that without it, by the fitted episodes.
+    pub log_odds: f64,
 }
 
 /// Root mean square distance on validation episodes with a further effect, relative to that without it, below which the
@@ -72,7 +76,8 @@ impl SupportEvidence {
     /// Returns whether a further effect is supported. Beside something that is missing, another effect almost always fits
     /// the fitted episodes better. Therefore it must also predict episodes that no fit has seen.
     pub fn is_enough(&self, settings: &Settings) -> bool {
-        self.episodes > 0 && self.log_likelihood_gain >= settings.least_log_bayes_factor && self.distance_ratio < HELPS
+        let least = settings.least_log_bayes_factor;
+        self.episodes > 0 && self.log_likelihood_gain >= least && self.distance_ratio < HELPS && self.log_odds >= least
     }
 }
 
@@ -83,6 +88,8 @@ pub enum Objection {
     TooLittle,
     /// An effect stands in for something else: it would have to lie beyond its prior.
     StandIn,
+    /// Something that no effect of the library is explains the data better than the effects do, by this many nats.
+    Rival(f64),
     /// A residual is left, and the repair removes only this share of the validation episodes' excess residual energy.
     LittleValidated(f64),
     /// The repair and all alternatives make the validation episodes less likely; the repair by this many nats.
@@ -133,6 +140,9 @@ impl RepairEvidence {
         if self.is_stand_in {
             return Some(Objection::StandIn);
         }
+        if let Some(gain) = self.rival_gain {
+            return Some(Objection::Rival(gain));
+        }
         let validation = self.validation.as_ref()?;
         let share = validation.share_explained.filter(|share| is_left && *share < settings.least_share);
         if let Some(share) = share {
@@ -171,6 +181,7 @@ mod tests {
             share_explained: 0.9,
             gain_over_discrepancy: 10.0,
             is_stand_in: false,
+            rival_gain: None,
             alternatives: 0,
             first_p_value: None,
             validation: None,
@@ -238,6 +249,11 @@ mod tests {
                 Verdict::NoneOfThese,
             ),
             ("a stand-in closes the gap", Some(RepairEvidence { is_stand_in: true, ..repair() }), Verdict::NoneOfThese),
+            (
+                "a template closes the gap better",
+                Some(RepairEvidence { rival_gain: Some(3.0), ..repair() }),
+                Verdict::NoneOfThese,
+            ),
             ("validation episodes support the repair", Some(with(repair(), validation())), Verdict::Named),
             ("validation episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
             (
@@ -287,12 +303,13 @@ mod tests {
     /// A row a rule. The least log Bayes factor is 3.
     #[test]
     fn a_further_effect_needs_support() {
-        let enough = SupportEvidence { episodes: 1, log_likelihood_gain: 3.0, distance_ratio: 0.97 };
+        let enough = SupportEvidence { episodes: 1, log_likelihood_gain: 3.0, distance_ratio: 0.97, log_odds: 3.0 };
         for (rule, evidence, expected) in [
             ("validation episodes support it", enough, true),
             ("there are no validation episodes", SupportEvidence { episodes: 0, ..enough }, false),
             ("a discrepancy does as well", SupportEvidence { log_likelihood_gain: 2.9, ..enough }, false),
             ("the keypoints are no closer", SupportEvidence { distance_ratio: 0.98, ..enough }, false),
+            ("the fitted episodes do without it", SupportEvidence { log_odds: 2.9, ..enough }, false),
         ] {
             assert_eq!(evidence.is_enough(&Settings::default()), expected, "{rule}");
         }
@@ -309,6 +326,10 @@ mod tests {
         assert_eq!(
             objection(with(RepairEvidence { is_stand_in: true, ..repair() }, little.clone())),
             Some(Objection::StandIn)
+        );
+        assert_eq!(
+            objection(with(RepairEvidence { rival_gain: Some(4.0), ..repair() }, little.clone())),
+            Some(Objection::Rival(4.0))
         );
         assert_eq!(objection(with(repair(), little)), Some(Objection::LittleValidated(-0.2)));
         assert_eq!(objection(with(repair(), against(vec![4.0]))), Some(Objection::LessLikely(5.0)));

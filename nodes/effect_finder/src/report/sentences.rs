@@ -140,6 +140,9 @@ pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> Stri
     let reason = match objection {
         Objection::TooLittle => format!("the best explanation leaves {rmse_mm:.1} mm, too much to be named"),
         Objection::StandIn => repair.stand_in().map_or(String::new(), |(effect, value)| stand_in(effect, value)),
+        Objection::Rival(gain) => {
+            format!("something that is no effect of the library explains the recording better, by {gain:.1} nats")
+        }
         Objection::LittleValidated(share) => {
             let percent = 100.0 * share.max(0.0);
             format!("they explain {percent:.0} % of the excess residual energy of validation episodes")
@@ -147,6 +150,15 @@ pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> Stri
         Objection::LessLikely(loss) => format!("they make validation episodes less likely, by {loss:.1} nats"),
     };
     format!("none of these: {reason}")
+}
+
+/// Named effects of which a part is likelier beside something else.
+pub fn rivalled(part: &Hypothesis, gain: f64) -> String {
+    let titles: Vec<&str> = part.candidates.iter().map(|c| c.title.as_str()).collect();
+    format!(
+        "{} beside something that is no effect of the library explains the recording better, by {gain:.1} nats: the other effects are not added",
+        titles.join(" and ")
+    )
 }
 
 /// Reason not to add a stand-in to the named effects.
@@ -175,8 +187,8 @@ pub fn not_supported(hypothesis: &Hypothesis, evidence: &SupportEvidence) -> Str
     match evidence.episodes {
         0 => format!("{last} would explain more; another recording must show it, too (--validate): it is not added"),
         _ => format!(
-            "validation episodes do not support {last} (gain {:.1} nats beside a discrepancy, distance times {:.2}): it is not added",
-            evidence.log_likelihood_gain, evidence.distance_ratio
+            "the episodes do not support {last} (log odds {:.1}; validation episodes: gain {:.1} nats beside a discrepancy, distance times {:.2}): it is not added",
+            evidence.log_odds, evidence.log_likelihood_gain, evidence.distance_ratio
         ),
     }
 }

@@ -25,7 +25,7 @@ impl Search<'_> {
     ) -> Result<Explained, FinderError> {
         let finding = &mut outcome.finding;
         let (named, mut checked) = self.name_without_stand_in(base, baseline, finding)?;
-        let Named { ranking, best } = named;
+        let Named { ranking, best, rival_gain } = named;
         finding.set_ranking(&ranking);
         let Some(best) = best else {
             finding.discrepancy = likeliest_discrepancy(base, baseline);
@@ -42,7 +42,7 @@ impl Search<'_> {
         let greatest = self.settings.greatest_cosine;
         let trading = best.hypothesis.trading_pairs(greatest).len();
         let alternatives = alike.len().saturating_sub(1) + trading;
-        let mut evidence = self.repair_evidence(base, &best, alternatives, checked.as_ref());
+        let mut evidence = self.repair_evidence(base, &best, alternatives, rival_gain, checked.as_ref());
         let Best { hypothesis: mut best, mut fitness, .. } = best;
         let rmse_mm = fitness.rmse_mm;
         if evidence.leaves_residual(self.settings) {

@@ -25,6 +25,15 @@ const SIZES: [f64; 2] = [1.0, 0.3];
 /// Number of groups that are fitted beside those at a place.
 const OTHERS: usize = 2;
 
+/// Depth of a search for what is missing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Depth {
+    /// Linear models alone, at a fraction of the cost. They underrate what is large.
+    Linear,
+    /// The likeliest templates are fitted, too.
+    Fitted,
+}
+
 /// Weighed models of the templates.
 struct Weighed<'a> {
     groups: Vec<Group<'a>>,
@@ -71,22 +80,54 @@ impl<'a> Search<'a> {
         if self.question.templates.is_empty() {
             return Ok(None);
         }
-        let found = match self.weigh_and_fit(model, baseline) {
-            // A model that cannot be linearised shows nothing.
-            Err(FinderError::Simulator(_) | FinderError::NoFit(_)) => None,
-            other => other?,
-        };
+        let found = self.weigh_if_linear(model, baseline, self.question.templates, Depth::Fitted)?;
+        let found = found.and_then(|(_, missing)| missing);
         self.reporter.conclude(Stage::Repair, sentences::missing(found.as_ref()))?;
         Ok(found)
     }
 
-    fn weigh_and_fit(&mut self, model: &Hypothesis, baseline: &Baseline) -> Result<Option<Missing>, FinderError> {
+    /// Gain in log evidence of `model` by things that no effect of the library is; zero without templates.
+    pub(super) fn gain_by_templates(
+        &mut self,
+        model: &Hypothesis,
+        baseline: &Baseline,
+        depth: Depth,
+    ) -> Result<f64, FinderError> {
+        let unknown: Vec<Template> = self.question.templates.iter().filter(|t| !t.is_known).cloned().collect();
+        if unknown.is_empty() {
+            return Ok(0.0);
+        }
+        Ok(self.weigh_if_linear(model, baseline, &unknown, depth)?.map_or(0.0, |(gain, _)| gain))
+    }
+
+    /// Gain in log evidence of `model` by all templates together, and the likeliest of them. None if the model cannot be
+    /// linearised.
+    fn weigh_if_linear(
+        &mut self,
+        model: &Hypothesis,
+        baseline: &Baseline,
+        templates: &[Template],
+        depth: Depth,
+    ) -> Result<Option<(f64, Option<Missing>)>, FinderError> {
+        match self.weigh(model, baseline, templates, depth) {
+            Err(FinderError::Simulator(_) | FinderError::NoFit(_)) => Ok(None),
+            found => found,
+        }
+    }
+
+    fn weigh(
+        &mut self,
+        model: &Hypothesis,
+        baseline: &Baseline,
+        templates: &[Template],
+        depth: Depth,
+    ) -> Result<Option<(f64, Option<Missing>)>, FinderError> {
         let problem = model.problem(self.problem);
         // A fit beside a discrepancy is whitened, so that the model is linearised again at its point.
         let start = vec![Start { point: model.fit.point.clone(), tracks: problem.measured() }];
         let seen = self.reporter.with_progress(Stage::Repair, |on_round| problem.linearise(start, on_round))?;
         let Some(fit) = seen.into_iter().flatten().next().map(|seen| seen.fit) else { return Ok(None) };
-        let groups = Group::all(self.question.templates, &problem);
+        let groups = Group::all(templates, &problem);
         let probes: Vec<Probe<'_>> = groups.iter().flat_map(Group::probes).collect();
         let mut columns =
             self.reporter.with_progress(Stage::Repair, |on_round| problem.probed(&fit, &probes, on_round))?;
@@ -100,30 +141,33 @@ impl<'a> Search<'a> {
         let weighing = weighing.ok_or_else(FinderError::curvature)?;
         let mut weighed = Weighed::of(groups, &weighing).ok_or_else(FinderError::curvature)?;
         let linear = Linear { fit: &fit, columns: &columns, weighing: &weighing, whitenings: baseline.whitenings() };
-        for kind in weighed.promising() {
+        let promising = if depth == Depth::Fitted { weighed.promising() } else { Vec::new() };
+        for kind in promising {
             let fitted = self.fitted(&problem, model, &linear, &weighed, kind)?;
             weighed.fitted[kind] = fitted.filter(|fitted| fitted.gain > weighed.gain(kind));
         }
+        let gain = weighed.total_gain();
         let parts = weighed.parts(self.settings.least_log_bayes_factor);
-        let Some((first, others)) = parts.split_first() else { return Ok(None) };
+        let Some((first, others)) = parts.split_first() else { return Ok(Some((gain, None))) };
         let likeliest = first.likeliest();
         let change = columns.select_columns(&first.group.columns(likeliest)) * &first.settings[likeliest].sizes;
         let Some(phase) = shows_most(&problem.channels(), &(&change + &fit.jacobian * followed(&fit, &change))) else {
-            return Ok(None);
+            return Ok(Some((gain, None)));
         };
         let alternative = |part: &Part<'_>| Alternative {
             hook: part.hook.to_owned(),
             probability: part.probability,
             form: part.form(),
         };
-        Ok(Some(Missing {
+        let missing = Missing {
             hook: first.hook.to_owned(),
             probability: first.probability,
             form: first.form(),
             episode: phase.episode,
             phase_s: phase.times_s,
             alternatives: others.iter().filter(|p| p.probability >= LISTED).map(alternative).collect(),
-        }))
+        };
+        Ok(Some((gain, Some(missing))))
     }
 
     /// Templates of kind number `kind` fitted together with all unknowns of `model`, from the likeliest settings of the linear
@@ -209,19 +253,33 @@ impl<'a> Weighed<'a> {
         all
     }
 
-    /// Parts of the simulator, the most probable first; empty if all together gain less than `least` nats.
-    fn parts(&self, least: f64) -> Vec<Part<'_>> {
+    /// Places of the kinds of a part.
+    fn of_part(&self, hook: &str) -> Vec<usize> {
+        (0..self.kinds.len()).filter(|&i| self.kinds[i].hook == hook).collect()
+    }
+
+    /// Parts with their gains in log evidence.
+    fn gains(&self) -> (Vec<&'a str>, Vec<f64>) {
         let mut hooks: Vec<&str> = self.kinds.iter().map(|kind| kind.hook).collect();
         hooks.dedup();
-        let own =
-            |hook: &str| -> Vec<usize> { (0..self.kinds.len()).filter(|&i| self.kinds[i].hook == hook).collect() };
-        let gains: Vec<f64> = hooks.iter().map(|hook| mean(own(hook).into_iter().map(|i| self.gain(i)))).collect();
-        if mean(gains.iter().copied()) < least {
+        let gains = hooks.iter().map(|hook| mean(self.of_part(hook).into_iter().map(|i| self.gain(i)))).collect();
+        (hooks, gains)
+    }
+
+    /// Gain in log evidence by all parts together.
+    fn total_gain(&self) -> f64 {
+        mean(self.gains().1.into_iter())
+    }
+
+    /// Parts of the simulator, the most probable first; empty if all together gain less than `least` nats.
+    fn parts(&self, least: f64) -> Vec<Part<'_>> {
+        let (hooks, gains) = self.gains();
+        if self.total_gain() < least {
             return Vec::new();
         }
         let total = log_sum_exp(&gains);
         let part = |(hook, gain): (&&str, &f64)| {
-            let groups = own(hook).into_iter().filter_map(|i| Some((i, self.kinds[i].group?)));
+            let groups = self.of_part(hook).into_iter().filter_map(|i| Some((i, self.kinds[i].group?)));
             let (kind, group) = groups.max_by(|a, b| self.gain(a.0).total_cmp(&self.gain(b.0)))?;
             let (group, settings) = (&self.groups[group], &self.models[kind][..]);
             let (probability, fitted) = ((gain - total).exp(), self.fitted[kind].as_ref());

@@ -3,6 +3,7 @@
 use super::context::{Best, Checked, FOUND_SDS, LEAST_DECREASE, Named, PARENTS, Search};
 use super::elsewhere::LEAST_PREDICTED_DECREASE;
 use super::progress::Stage;
+use super::rivals::Rival;
 use crate::data::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{
@@ -30,6 +31,18 @@ impl Search<'_> {
         if self.drop_stand_in(&mut named, checked.as_ref(), base, baseline, finding)? {
             // A smaller model is verified anew.
             checked = self.check_validation(&named, base)?;
+        }
+        match self.rival(&named, base, baseline)? {
+            None => (),
+            Some(Rival { model, gain }) if model.candidates.is_empty() => named.rival_gain = Some(gain),
+            Some(Rival { model, gain }) => {
+                self.reporter.conclude(Stage::Repair, sentences::rivalled(&model, gain))?;
+                // The rest is what a template explains better, so that the model explains a part.
+                let best = self.test_repair(model, Extent::Part, finding, LAST_TEST)?;
+                let ranking = self.ranked_up_to(&named.ranking, best.hypothesis.candidates.len(), base)?;
+                named = Named { ranking, best: Some(best), rival_gain: None };
+                checked = None;
+            }
         }
         Ok((named, checked))
     }
@@ -66,10 +79,10 @@ impl Search<'_> {
             if let Some((hypothesis, extent)) = ranking.best().filter(|(best, _)| is_new(best)) {
                 // A further effect needs support before its model is tested.
                 if let Some(last) = tested.take_if(|t| t.hypothesis.candidates.len() < hypothesis.candidates.len())
-                    && !self.is_supported(&last.hypothesis, hypothesis)?
+                    && !self.is_supported(&last.hypothesis, hypothesis, &ranking)?
                 {
                     let ranking = self.ranked_up_to(&ranking, last.hypothesis.candidates.len(), base)?;
-                    return Ok(Named { ranking, best: Some(last) });
+                    return Ok(Named { ranking, best: Some(last), rival_gain: None });
                 }
                 tested = Some(self.test_repair(hypothesis.clone(), extent, finding, test)?);
             }
@@ -80,7 +93,7 @@ impl Search<'_> {
             let is_over = ranking.hypotheses.first().is_none_or(|first| first.candidates.len() < effects);
             if is_closed || is_over || effects >= self.settings.most_effects.min(usable.len()) {
                 let best = tested.filter(|t| ranking.best().is_some_and(|(b, _)| b.is_same(&t.hypothesis.candidates)));
-                return Ok(Named { ranking, best });
+                return Ok(Named { ranking, best, rival_gain: None });
             }
             hypotheses = self.extend(ranking.hypotheses, effects, &usable, baseline)?;
         }
@@ -107,8 +120,20 @@ impl Search<'_> {
         let Some((effect, value)) = best.hypothesis.stand_in() else { return Ok(false) };
         finding.add_stand_in(effect, value);
         let is_sound = |h: &Hypothesis| !h.has(&effect.name) && h.stand_in().is_none();
+        // The other effects were found beside the stand-in. Without it, another model might take its place.
+        let is_rest = |h: &&Hypothesis| {
+            h.candidates.len() + 1 == best.hypothesis.candidates.len()
+                && !h.has(&effect.name)
+                && h.candidates.iter().all(|c| best.hypothesis.has(&c.name))
+        };
+        let rest: Vec<Hypothesis> = named.ranking.hypotheses.iter().filter(is_rest).cloned().collect();
         for effects in (1..best.hypothesis.candidates.len()).rev() {
-            let ranking = self.ranked_up_to(&named.ranking, effects, base)?;
+            let is_first = effects + 1 == best.hypothesis.candidates.len() && !rest.is_empty();
+            let ranking = if is_first {
+                Ranking::new(self.problem, base, rest.clone(), self.question.candidates.len(), self.settings)?
+            } else {
+                self.ranked_up_to(&named.ranking, effects, base)?
+            };
             let ranking = self.settle(ranking, base, baseline)?.0;
             let Some((smaller, extent)) = ranking.best().filter(|(h, _)| is_sound(h)) else { continue };
             if let Some(checked) = checked {
@@ -116,7 +141,7 @@ impl Search<'_> {
             }
             self.reporter.conclude(Stage::Repair, sentences::not_added(effect, value))?;
             let best = self.test_repair(smaller.clone(), extent, finding, LAST_TEST)?;
-            *named = Named { ranking, best: Some(best) };
+            *named = Named { ranking, best: Some(best), rival_gain: None };
             return Ok(true);
         }
         Ok(false)
@@ -169,12 +194,13 @@ impl Search<'_> {
 
     /// Returns whether the validation episodes support a further effect: they are predicted with the sizes of the fitted
     /// episodes.
-    fn is_supported(&mut self, less: &Hypothesis, more: &Hypothesis) -> Result<bool, FinderError> {
+    fn is_supported(&mut self, less: &Hypothesis, more: &Hypothesis, ranking: &Ranking) -> Result<bool, FinderError> {
+        let log_odds = ranking.log_odds(more, less);
         let verifier = self.verifier();
         let mut predict =
             |h: &Hypothesis| self.reporter.with_progress(Stage::Verify, |on_round| verifier.predict(h, on_round));
         let evidence = match self.validation {
-            [] => SupportEvidence { episodes: 0, log_likelihood_gain: 0.0, distance_ratio: 1.0 },
+            [] => SupportEvidence { episodes: 0, log_likelihood_gain: 0.0, distance_ratio: 1.0, log_odds },
             episodes => {
                 let (without, with) = (predict(less)?, predict(more)?);
                 SupportEvidence {
@@ -182,6 +208,7 @@ impl Search<'_> {
                     log_likelihood_gain: gain_beside_discrepancy(episodes, &without.residuals(), &with.residuals())
                         .ok_or_else(FinderError::curvature)?,
                     distance_ratio: with.score.rmse_mm / without.score.rmse_mm.max(f64::MIN_POSITIVE),
+                    log_odds,
                 }
             }
         };

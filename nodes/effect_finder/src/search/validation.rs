@@ -16,6 +16,7 @@ impl<'a> Search<'a> {
         base: &Hypothesis,
         best: &Best,
         alternatives: usize,
+        rival_gain: Option<f64>,
         checked: Option<&Checked>,
     ) -> RepairEvidence {
         let Best { hypothesis, extent, .. } = best;
@@ -27,6 +28,7 @@ impl<'a> Search<'a> {
             share_explained: 1.0 - left / excess.max(f64::MIN_POSITIVE),
             gain_over_discrepancy: hypothesis.evidence.with_any() - base.evidence.with_any(),
             is_stand_in: hypothesis.stand_in().is_some(),
+            rival_gain,
             alternatives,
             first_p_value: checked.and_then(|c| c.verification.p_value),
             validation: None,
@@ -213,6 +215,7 @@ mod tests {
                     share_explained: 1.0,
                     gain_over_discrepancy: 10.0,
                     is_stand_in: false,
+                    rival_gain: None,
                     alternatives: alike.len() - 1,
                     first_p_value: None,
                     validation,
