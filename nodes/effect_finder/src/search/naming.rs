@@ -32,17 +32,18 @@ impl Search<'_> {
             // A smaller model is verified anew.
             checked = self.check_validation(&named, base)?;
         }
-        match self.rival(&named, base, baseline)? {
-            None => (),
-            Some(Rival { model, gain }) if model.candidates.is_empty() => named.rival_gain = Some(gain),
-            Some(Rival { model, gain }) => {
-                self.reporter.conclude(Stage::Repair, sentences::rivalled(&model, gain))?;
-                // The rest is what a template explains better, so that the model explains a part.
-                let best = self.test_repair(model, Extent::Part, finding, LAST_TEST)?;
-                let ranking = self.ranked_up_to(&named.ranking, best.hypothesis.candidates.len(), base)?;
-                named = Named { ranking, best: Some(best), rival_gain: None };
-                checked = None;
+        // A part of a part may be likelier still.
+        while let Some(Rival { model, gain }) = self.rival(&named, base, baseline)? {
+            if model.candidates.is_empty() {
+                named.rival_gain = Some(gain);
+                break;
             }
+            self.reporter.conclude(Stage::Repair, sentences::rivalled(&model, gain))?;
+            // The rest is what a template explains better, so that the model explains a part.
+            let best = self.test_repair(model, Extent::Part, finding, LAST_TEST)?;
+            let ranking = self.ranked_up_to(&named.ranking, best.hypothesis.candidates.len(), base)?;
+            named = Named { ranking, best: Some(best), rival_gain: None };
+            checked = None;
         }
         Ok((named, checked))
     }
