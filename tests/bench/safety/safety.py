@@ -131,8 +131,7 @@ class Bench:
         self.prepare()
         targets = self.stream(speed_m_s, "nan" if name == "NaN targets" else "good")
         try:
-            answer = self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))
-            assert answer.success, answer.message
+            self.enable()
             self.path.clear()
             targets.stdin.write("\n")
             targets.stdin.flush()
@@ -146,6 +145,13 @@ class Bench:
             return (*result, reason)
         finally:
             self.end(targets)
+
+    def enable(self):
+        """Enables the arm, again if need be: the bridge sees the publisher of a killed process until its lease ends."""
+        until = time.monotonic() + 60
+        while not (answer := self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True))).success:
+            assert time.monotonic() < until, answer.message
+            self.ros.spin(1)
 
     def end(self, targets):
         """Ends the publisher of targets, and waits until nobody sees it: the arm refuses to move beside a second one."""
@@ -225,7 +231,7 @@ class Bench:
         self.prepare()
         targets = self.stream(speed_m_s)
         try:
-            assert self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=True)).success
+            self.enable()
             self.forces.clear()
             self.wall_m = START_M[0] + 0.05
             targets.stdin.write("\n")
