@@ -60,6 +60,11 @@ impl Hypothesis {
         self.candidates.iter().any(|c| c.name == name)
     }
 
+    /// Returns whether the model has some of the effects of `other`, or none, and nothing else.
+    pub fn is_part_of(&self, other: &Self) -> bool {
+        self.candidates.len() < other.candidates.len() && self.candidates.iter().all(|c| other.has(&c.name))
+    }
+
     /// Column of effect `i` in a point.
     pub fn column(&self, i: usize) -> usize {
         self.unknowns.columns() - self.candidates.len() + i

@@ -152,9 +152,8 @@ impl Ranking {
         let least = settings.least_log_bayes_factor;
         let is_like = |(h, e): &(&Hypothesis, &Explanation)| {
             let behind = best_log - log(e);
-            let is_more = h.candidates.len() > best.candidates.len() && best.names().iter().all(|n| h.has(n));
             // A model that is less likely than the present one is no alternative.
-            let explains = e.log_bayes_factor > 0.0 && !is_more;
+            let explains = e.log_bayes_factor > 0.0 && !best.is_part_of(h);
             explains
                 && (behind < least
                     || (e.cosine_with_best > settings.greatest_cosine && behind < SAME_CHANGE_FACTOR * least))

@@ -49,9 +49,7 @@ impl Search<'_> {
         baseline: &Baseline,
     ) -> Result<Option<Vec<Hypothesis>>, FinderError> {
         let Some(best) = all.first() else { return Ok(None) };
-        let is_part = |h: &Hypothesis| {
-            h.candidates.len() + 1 == best.candidates.len() && h.candidates.iter().all(|c| best.has(&c.name))
-        };
+        let is_part = |h: &Hypothesis| h.candidates.len() + 1 == best.candidates.len() && h.is_part_of(best);
         let mut better = None;
         for (place, part) in all.iter().enumerate().filter(|(_, h)| is_part(h)) {
             // The best model's correction is valid near its fit, and the part is fitted there.

@@ -80,7 +80,7 @@ impl<'a> Search<'a> {
         if self.question.templates.is_empty() {
             return Ok(None);
         }
-        let found = self.weigh_if_linear(model, baseline, self.question.templates, Depth::Fitted)?;
+        let found = if_linear(self.weigh(model, baseline, self.question.templates, Depth::Fitted))?;
         let found = found.and_then(|(_, missing)| missing);
         self.reporter.conclude(Stage::Repair, sentences::missing(found.as_ref()))?;
         Ok(found)
@@ -97,24 +97,10 @@ impl<'a> Search<'a> {
         if unknown.is_empty() {
             return Ok(0.0);
         }
-        Ok(self.weigh_if_linear(model, baseline, &unknown, depth)?.map_or(0.0, |(gain, _)| gain))
+        Ok(if_linear(self.weigh(model, baseline, &unknown, depth))?.map_or(0.0, |(gain, _)| gain))
     }
 
-    /// Gain in log evidence of `model` by all templates together, and the likeliest of them. None if the model cannot be
-    /// linearised.
-    fn weigh_if_linear(
-        &mut self,
-        model: &Hypothesis,
-        baseline: &Baseline,
-        templates: &[Template],
-        depth: Depth,
-    ) -> Result<Option<(f64, Option<Missing>)>, FinderError> {
-        match self.weigh(model, baseline, templates, depth) {
-            Err(FinderError::Simulator(_) | FinderError::NoFit(_)) => Ok(None),
-            found => found,
-        }
-    }
-
+    /// Gain in log evidence of `model` by all templates together, and the likeliest of them.
     fn weigh(
         &mut self,
         model: &Hypothesis,
@@ -306,6 +292,14 @@ impl Part<'_> {
                 self.group.form(self.settings[setting].sizes.as_slice(), self.group.companion_at(setting))
             }
         }
+    }
+}
+
+/// What was found; none if the model cannot be linearised, and so shows nothing.
+fn if_linear<T>(found: Result<Option<T>, FinderError>) -> Result<Option<T>, FinderError> {
+    match found {
+        Err(FinderError::Simulator(_) | FinderError::NoFit(_)) => Ok(None),
+        found => found,
     }
 }
 

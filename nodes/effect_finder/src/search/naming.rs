@@ -124,8 +124,8 @@ impl Search<'_> {
         // The other effects were found beside the stand-in. Without it, another model might take its place.
         let is_rest = |h: &&Hypothesis| {
             h.candidates.len() + 1 == best.hypothesis.candidates.len()
+                && h.is_part_of(&best.hypothesis)
                 && !h.has(&effect.name)
-                && h.candidates.iter().all(|c| best.hypothesis.has(&c.name))
         };
         let rest: Vec<Hypothesis> = named.ranking.hypotheses.iter().filter(is_rest).cloned().collect();
         for effects in (1..best.hypothesis.candidates.len()).rev() {

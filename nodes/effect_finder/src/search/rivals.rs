@@ -31,11 +31,8 @@ impl Search<'_> {
         }
         let (candidates, settings) = (self.question.candidates.len(), self.settings);
         let log = |h: &Hypothesis| log_posterior(h, candidates, settings);
-        let is_part = |h: &&Hypothesis| {
-            h.candidates.len() < hypothesis.candidates.len() && h.candidates.iter().all(|c| hypothesis.has(&c.name))
-        };
         let mut likeliest = (base, f64::NEG_INFINITY);
-        for model in std::iter::once(base).chain(named.ranking.hypotheses.iter().filter(is_part)) {
+        for model in std::iter::once(base).chain(named.ranking.hypotheses.iter().filter(|h| h.is_part_of(hypothesis))) {
             let found = log(model) + self.gain_by_templates(model, baseline, Depth::Linear)?;
             if found > likeliest.1 {
                 likeliest = (model, found);
