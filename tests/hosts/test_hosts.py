@@ -55,19 +55,22 @@ def test_more_hosts_give_the_bits_of_one_and_share_the_work(laboratory, one_host
 
 def test_the_work_of_a_host_that_is_cut_off_is_done_elsewhere_and_the_host_may_come_back(laboratory, one_host):
     laboratory.bayes("/host1,/host2")
-    child = laboratory.ask(**LONG)
-    cut_s = laboratory.cut_at_work(2)
-    try:
-        noticed_s = laboratory.notice(2)
-    finally:
-        laboratory.hosts.mend(2)
-    mended_s = time.time()
-    answer = laboratory.answer(child)
-    assert outcome(answer) == one_host[1]
-    shares = laboratory.shares()
-    assert sum(episodes for episodes, _ in shares.values()) == 1399, "an episode was lost or counted twice"
+    # A cut between two batches loses nothing, so that it says nothing: then another inference is cut.
+    for _ in range(4):
+        child = laboratory.ask(**LONG)
+        cut_s = laboratory.cut_at_work(2, after_s=time.time())
+        try:
+            noticed_s = laboratory.notice(2, after_s=cut_s)
+        finally:
+            laboratory.hosts.mend(2)
+        mended_s = time.time()
+        assert outcome(laboratory.answer(child)) == one_host[1]
+        assert noticed_s - cut_s < 15
+        shares = laboratory.shares()
+        assert sum(episodes for episodes, _ in shares.values()) == 1399, "an episode was lost or counted twice"
+        if shares[2][1] > 0:
+            break
     assert shares[2][1] > 0, "no episode was done again"
-    assert noticed_s - cut_s < 15
     # A fast machine may end this batch before the pool that was silent gets work again; then the next batches show it.
     for _ in range(5):
         if laboratory.asked(2, after_s=mended_s) > 0:

@@ -79,16 +79,20 @@ class Laboratory:
         summary = next(text for _, _, text in reversed(self.lines()) if " episodes: " in text)
         return {int(re.search(r"host(\d+)", name)[1]): (int(n), int(lost or 0)) for name, n, _, lost in SHARE.findall(summary)}
 
-    def cut_at_work(self, host, pause_s=1.5):
-        """Cuts a host off while it simulates; returns the time."""
-        self.session.wait_for(lambda: self.asked(host) >= 3, 30, f"work on host {host}")
+    def cut_at_work(self, host, pause_s=1.5, after_s=0.0):
+        """Cuts a host off while it does work that was asked for since a time; returns the time of the cut."""
+        self.session.wait_for(lambda: self.asked(host, after_s) >= 3, 30, f"work on host {host}")
         time.sleep(pause_s)
         self.hosts.cut(host)
         return time.time()
 
-    def notice(self, host, seconds=60):
-        """Time at which the inference node noticed a host's silence."""
-        said = lambda: [at for _, at, text in self.lines() if f"/host{host}/" in text and "go to other pools" in text]
+    def notice(self, host, seconds=60, after_s=0.0):
+        """Time at which the inference node noticed a host's silence, since a time."""
+
+        def said():
+            named = (at for _, at, text in self.lines() if f"/host{host}/" in text and "go to other pools" in text)
+            return [at for at in named if at >= after_s]
+
         return self.session.wait_for(said, seconds, f"a word about host {host}")[0]
 
     def close(self):
