@@ -47,7 +47,7 @@ def lock_step(cycles):
         try:
             responses(server)
             done = subprocess.run([FOLLOW, server.address, str(cycles)], capture_output=True, text=True, check=True)
-            computing.append(list(map(int, done.stdout.split())))
+            computing.append(list(map(float, done.stdout.split())))
             ours.append(responses(server))
             script = [*rig.without_real_time(), sys.executable, HERE / "torques.py", server.address, str(cycles)]
             subprocess.run(list(map(str, script)), check=True, capture_output=True)
@@ -55,12 +55,12 @@ def lock_step(cycles):
         finally:
             server.close()
     median = lambda rows, column: statistics.median(row[column] for row in rows)
-    print("| loop, lock step | cycles | computing p50 / p99 / greatest, us | response p50 / p99 / greatest, us | lost |")
-    print("|---|---|---|---|---|")
-    compute = " / ".join(str(median(computing, i)) for i in (1, 2, 3))
+    print("| loop, lock step | cycles | computing p50 / p99 / greatest, us | response p50 / p99 / greatest, us | lost | times real time |")
+    print("|---|---|---|---|---|---|")
+    compute = " / ".join(f"{median(computing, i):g}" for i in (1, 2, 3))
     answer = lambda rows: " / ".join(str(median(rows, i)) for i in (1, 2, 3))
-    print(f"| panda_bridge | {median(ours, 0)} | {compute} | {answer(ours)} | {sum(row[4] for row in computing)} |")
-    print(f"| libfranka 0.9.2 by panda-python, zeros | {median(theirs, 0)} | - | {answer(theirs)} | - |")
+    print(f"| panda_bridge | {median(ours, 0)} | {compute} | {answer(ours)} | {sum(row[4] for row in computing):g} | {median(computing, 5)} |")
+    print(f"| libfranka 0.9.2 by panda-python, zeros | {median(theirs, 0)} | - | {answer(theirs)} | - | - |")
     ratios = sorted(a[1] / b[1] for a, b in zip(ours, theirs, strict=True))
     print(
         f"response, ours over theirs: {statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f}) in {REPEATS} turns\n",
