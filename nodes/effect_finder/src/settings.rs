@@ -17,7 +17,7 @@ pub struct Settings {
     pub null_sets: usize,
     /// Level of the test, and of the localisation.
     pub level: f64,
-    /// Log Bayes factor under which two models are not told apart (3: twenty to one).
+    /// Log Bayes factor in nats under which two models are not told apart (3: twenty to one).
     pub least_log_bayes_factor: f64,
     /// Cosine between the changes of two effects, orthogonal to those of the parameters, above which they are not told
     /// apart.
@@ -87,11 +87,11 @@ impl Settings {
         if self.starts == 0 || self.draws < self.starts {
             let got = format!("{} and {}", self.draws, self.starts);
             return bad("draws", "at least one start, and at least as many draws as starts", &got);
-            // With fewer null sets no p-value could reach the level.
         }
         if !(self.level > 0.0 && self.level < 1.0) {
             return bad("level", "a number between 0 and 1", &self.level);
         }
+        // With fewer null sets no p-value could reach the level.
         if self.null_sets == 0 || 1.0 / (1.0 + self.null_sets as f64) > self.level {
             return bad("null_sets", "enough sets B for a p-value 1 / (1 + B) within the level", &self.null_sets);
         }

@@ -24,11 +24,12 @@ pub struct RepairEvidence {
     pub extent: Extent,
     /// Share of the present model's excess residual energy that the effects remove from the fitted episodes.
     pub share_explained: f64,
-    /// Gain in log evidence over the present model, both with a discrepancy.
+    /// Gain in log evidence over the present model, both with a discrepancy, nats.
     pub gain_over_discrepancy: f64,
     /// An effect stands in for something else: it would have to lie beyond its prior.
     pub is_stand_in: bool,
-    /// Gain in log posterior by a template in the place of all effects, nats; none if that is no likelier.
+    /// Gain in log posterior by a template in the place of all effects, nats; none if it is below `least_log_bayes_factor`, or if
+    /// the likeliest rival keeps some of the effects.
     pub rival_gain: Option<f64>,
     /// Number of other explanations that the data do not tell from the best one.
     pub alternatives: usize,
@@ -64,7 +65,7 @@ pub struct SupportEvidence {
     pub log_likelihood_gain: f64,
     /// Root mean square distance of keypoints with the effect, relative to that without it.
     pub distance_ratio: f64,
-    /// Log posterior odds of the model with the effect over that without it, by the fitted episodes.
+    /// Log posterior odds of the model with the effect over that without it, by the fitted episodes, nats.
     pub log_odds: f64,
 }
 
@@ -84,7 +85,8 @@ impl SupportEvidence {
 /// Reason not to name the effects of a repair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Objection {
-    /// The effects leave a residual, and explain less than a discrepancy or than the least share.
+    /// The effects leave a residual. They gain less than `least_log_bayes_factor` over the present model, both with a discrepancy,
+    /// or explain less than `least_share`.
     TooLittle,
     /// An effect stands in for something else: it would have to lie beyond its prior.
     StandIn,
@@ -113,15 +115,10 @@ pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
     }
 }
 
-/// Returns whether a repair leaves a residual: its test fails on the fitted episodes, or on the validation ones.
-fn leaves_residual(extent: Extent, validation_p_value: Option<f64>, settings: &Settings) -> bool {
-    extent == Extent::Part || validation_p_value.is_some_and(|p| p <= settings.repaired_level)
-}
-
 impl RepairEvidence {
-    /// Returns whether the repair leaves a residual in the fitted or in the validation episodes.
+    /// Returns whether the repair leaves a residual: its test fails on the fitted episodes, or on the validation ones.
     pub fn leaves_residual(&self, settings: &Settings) -> bool {
-        leaves_residual(self.extent, self.first_p_value, settings)
+        self.extent == Extent::Part || self.first_p_value.is_some_and(|p| p <= settings.repaired_level)
     }
 
     /// Returns whether the effects close the gap, without an objection.

@@ -15,7 +15,8 @@ pub enum Verdict {
     /// Effects explain the greater part of the gap (perhaps one of several explanations), and a residual is left that
     /// no candidate explains.
     NamedInPart,
-    /// The gap stays: no candidate closes it, or the best one is a proxy, or held-out episodes refute it.
+    /// The gap stays: no candidate closes it, the best one is a stand-in, a template explains the data better, or validation
+    /// episodes refute the repair.
     NoneOfThese,
     /// The gap closes beyond the prior of a parameter at its bound. Effects that close it within the priors are listed
     /// as alternatives.

@@ -26,7 +26,8 @@ pub(super) struct Named {
     pub ranking: Ranking,
     /// Most probable model with its test; none if no candidate is probable.
     pub best: Option<Best>,
-    /// Gain in log posterior by a template in the place of all effects of the best model; none if that is no likelier.
+    /// Gain in log posterior by a template in the place of all effects of the best model, nats; none if it is below
+    /// `least_log_bayes_factor`, or if the likeliest rival keeps some of the effects.
     pub rival_gain: Option<f64>,
 }
 

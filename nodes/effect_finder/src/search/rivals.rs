@@ -1,4 +1,4 @@
-//! Rivals of the named effects: fewer effects, or none, beside something that no effect of the library is.
+//! Rivals of the named effects: fewer effects, or none, beside a template that is no effect of the library.
 //!
 //! Effects that imitate a missing thing fit it in part, and several of them may even leave only noise. Therefore the named
 //! effects must explain the data better than a part of them with a template in the place of the others.
@@ -8,11 +8,12 @@ use super::missing::Depth;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Extent, Hypothesis, log_posterior};
 
-/// Part of the named effects that is likelier beside a template than all of them together.
+/// Part of the named effects, or none of them, that is likelier beside a template than all of them together, by at least
+/// `least_log_bayes_factor`.
 pub(super) struct Rival {
     /// The model with this part; the present model if the template replaces all effects.
     pub model: Hypothesis,
-    /// Gain in log posterior, nats.
+    /// Log posterior less that of the named effects, nats. If these leave a residual, it has its template, too.
     pub gain: f64,
 }
 
@@ -39,7 +40,7 @@ impl Search<'_> {
             }
         }
         let model = likeliest.0;
-        // The templates of a promising part are fitted only if linear models do not suffice.
+        // A fit costs many simulations: only what linear models do not decide is fitted.
         for depth in [Depth::Linear, Depth::Fitted] {
             // Nothing is missing beside effects that leave only noise.
             let own = match extent {
