@@ -27,7 +27,7 @@ Exit codes of every command and node:
   2    given something wrong, so that the same command fails again: the
        command line, a file that it names, or an environment variable
   3    done and written, but the result does not fit the data
-  130  interrupted by Ctrl-C";
+  130  command interrupted by Ctrl-C; a node that is told to end ends with 0";
 
 /// Real2Sim2Real of deformable linear objects held by a Panda: from one recording to a posterior over the object's
 /// parameters, a policy trained over it, and that policy's run on the robot.

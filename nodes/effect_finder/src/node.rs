@@ -46,6 +46,20 @@ pub fn hold_out<T>(episodes: &mut Vec<T>) -> Vec<T> {
     episodes.split_off(episodes.len() - count)
 }
 
+/// Refuses an episode that stands twice among those of a search: validation episodes could then not judge the fit. Episodes are
+/// compared by their contents, because a copy of a bag has another path.
+///
+/// # Errors
+/// The names of both.
+pub fn check_each_once(episodes: &[&MeasuredTrack]) -> Result<()> {
+    for (i, first) in episodes.iter().enumerate() {
+        if let Some(second) = episodes[i + 1..].iter().find(|e| e.track == first.track && e.grip == first.grip) {
+            bail!("episodes: expected each episode once, got {} and {}, which are the same", first.name, second.name);
+        }
+    }
+    Ok(())
+}
+
 fn run(builder: NodeBuilder) -> Result<()> {
     let workers =
         ParamSpec::new("Threads that simulate; 0: as many as the machine has processors. Results do not depend on it.");
@@ -159,6 +173,7 @@ fn measured(
         return Ok((vec![episode.measured(model)?], held_out));
     }
     let mut measured = of_bags(&goal.bags)?;
+    check_each_once(&measured.iter().chain(&held_out).collect::<Vec<_>>())?;
     let held_out = if goal.verify.is_empty() { hold_out(&mut measured) } else { held_out };
     Ok((measured, held_out))
 }
@@ -218,5 +233,19 @@ mod tests {
         assert_eq!(split(2), (vec![0], vec![1]));
         assert_eq!(split(3), (vec![0, 1], vec![2]));
         assert_eq!(split(7), (vec![0, 1, 2, 3, 4], vec![5, 6]));
+    }
+
+    #[test]
+    fn a_copy_of_an_episode_is_refused_whatever_its_name() {
+        let simulator = crate::toy::Toy { gain: 3.0 };
+        let episode = |theta: [f64; 2], name: &str| {
+            let mut measured = crate::toy::measured(&simulator, theta, &[]);
+            measured.name = name.to_owned();
+            measured
+        };
+        let (first, other, copy) = (episode([0.25, 2e4], "a"), episode([0.26, 2e4], "b"), episode([0.25, 2e4], "c"));
+        assert!(check_each_once(&[&first, &other]).is_ok());
+        let message = check_each_once(&[&first, &other, &copy]).unwrap_err().to_string();
+        assert_eq!(message, "episodes: expected each episode once, got a and c, which are the same");
     }
 }

@@ -7,6 +7,9 @@ use thiserror::Error;
 
 /// Maximum angular speed of a move to the start pose, rad/s. Chosen; a Panda's Cartesian limit is 2.5 rad/s.
 const MAX_TURN_RAD_S: f64 = 0.5;
+/// Largest turn of the hand in a move, rad. Chosen: a quarter turn, with a margin. An orientation that nobody set is the identity, half a
+/// turn from a hand that points down.
+const MAX_MOVE_TURN_RAD: f64 = 1.7;
 /// Shortest path step that is tried, s: shorter than every cycle that calls [`Arm::steer`].
 const SHORTEST_STEP_S: f64 = 1e-3;
 /// Time without progress after which a move is aborted, s. Chosen: a lagging arm moves again within a few cycles.
@@ -75,6 +78,14 @@ pub enum ArmError {
     /// Target with numbers that are not finite, or a quaternion without unit norm.
     #[error("pose: expected finite numbers and a unit quaternion, got {0:?}")]
     NoPose(ArmPose),
+    /// Target that would turn the hand far over.
+    #[error("pose: expected an orientation at most {limit_rad:.2} rad from the measured one, got {turn_rad:.2} rad")]
+    Turn {
+        /// Angle between the measured and the requested orientation, rad.
+        turn_rad: f64,
+        /// Limit, rad.
+        limit_rad: f64,
+    },
     /// Target outside the workspace.
     #[error("pose: expected a position inside the workspace, got {0:?}")]
     Outside([f64; 3]),
@@ -314,6 +325,10 @@ impl<P: Plant> Arm<P> {
         }
         self.check_ready(around)?;
         let from = self.plant.measured().ok_or(Refusal::NoPose)?;
+        let turn_rad = from.angle_rad(&target);
+        if turn_rad > MAX_MOVE_TURN_RAD {
+            return Err(ArmError::Turn { turn_rad, limit_rad: MAX_MOVE_TURN_RAD });
+        }
         self.gate.on_move_begins(&around.rivals, simulated_time)?;
         let now_s = self.plant.time_s();
         let path = StartPath::new(from, target, speed_m_s, MAX_TURN_RAD_S);

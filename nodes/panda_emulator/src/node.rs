@@ -3,6 +3,7 @@
 
 mod parameters;
 
+use crate::fci::RobotMode;
 use crate::server::{Event, Fault, Handle, Server};
 use anyhow::{Context, Result};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
@@ -37,7 +38,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let _services = [
         serve(&node, "~/user_stop", &handle, "user stop", Handle::set_user_stop)?,
         serve(&node, "~/brakes", &handle, "brakes open", Handle::set_brakes)?,
-        serve(&node, "~/guiding", &handle, "guiding", Handle::set_guiding)?,
+        serve_guiding(&node, &handle)?,
         serve(&node, "~/network_cut", &handle, "network cut", |handle, cut| handle.inject(Fault::Cut(cut)))?,
     ];
     let names = Names { one: "wrench", many: "wrenches" };
@@ -76,6 +77,21 @@ fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&
         tracing::info!("{what}: {}, asked for by {requester}", request.data);
         set(&handle, request.data);
         SetBoolResponse { success: true, message: String::new() }
+    })?)
+}
+
+/// Serves the buttons for guiding, which act only while the user stop is pressed.
+fn serve_guiding(node: &Node, handle: &Handle) -> Result<Service> {
+    let handle = handle.clone();
+    Ok(node.serve_to::<SetBool>("~/guiding", move |request, requester| {
+        let mode = handle.snapshot().mode;
+        let allowed = !request.data || matches!(mode, RobotMode::UserStopped | RobotMode::Guiding);
+        tracing::info!("guiding: {}, asked for by {requester}{}", request.data, if allowed { "" } else { ": refused" });
+        if allowed {
+            handle.set_guiding(request.data);
+        }
+        let message = if allowed { String::new() } else { format!("expected a pressed user stop, got mode {mode:?}") };
+        SetBoolResponse { success: allowed, message }
     })?)
 }
 

@@ -106,6 +106,8 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
         let (expected, got) = ("a header line and rows of numbers".to_owned(), "an empty file".to_owned());
         return Err(BagError::Csv { file, line: 1, column, expected, got });
     }
+    // The reader counts the lines of a file with CRLF one too low.
+    let csv = csv.replace("\r\n", "\n");
     // A flexible reader passes rows of a wrong length on; the check below names their line.
     let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(csv.as_bytes());
     let header = reader.headers().map(|h| h.iter().map(str::to_owned).collect()).unwrap_or_default();
@@ -137,6 +139,10 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
             return Err(table.error(line, "t_s", "a later time than in the row before", time_s.to_string()));
         }
         let [x_m, z_m, pitch_rad] = table.numbers(line, &record, ["grip_x_m", "grip_z_m", "grip_pitch_rad"])?;
+        if pitch_rad.abs() > std::f64::consts::TAU {
+            let expected = "an angle in rad, at most 2 pi from zero";
+            return Err(table.error(line, "grip_pitch_rad", expected, format!("{pitch_rad}, as if in degrees")));
+        }
         let p: [f64; 8] = table.numbers(line, &record, std::array::from_fn(|i| COLUMNS[4 + i]))?;
         rows.push(Row {
             line,
@@ -166,6 +172,19 @@ mod tests {
 
     fn error(csv: &str) -> String {
         read_rows("track.csv", csv).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn lines_are_counted_alike_with_every_line_end_and_degrees_are_no_radians() {
+        let csv = format!("{}\n{}\n{}\n", header(), row("0.0"), row("0.1").replace(",8", ",nan"));
+        for csv in [csv.clone(), csv.replace('\n', "\r\n")] {
+            assert!(error(&csv).starts_with("track.csv: line 3, column p4_z_m"), "{}", error(&csv));
+        }
+        let degrees = csv.replace("0.01,1", "-90,1");
+        assert_eq!(
+            error(&degrees),
+            "track.csv: line 2, column grip_pitch_rad: expected an angle in rad, at most 2 pi from zero, got -90, as if in degrees"
+        );
     }
 
     #[test]

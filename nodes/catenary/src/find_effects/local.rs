@@ -13,7 +13,7 @@ use catenary_shell::Shutdown;
 use catenary_simulator::{BeamSimulator, Registry, workers};
 use effect_finder::node::journal::{self, Journal};
 use effect_finder::node::names::named_apart;
-use effect_finder::node::{convert, episodes_of, hold_out};
+use effect_finder::node::{check_each_once, convert, episodes_of, hold_out};
 use effect_finder::{FinderError, Outcome, Question, Settings, find};
 use indicatif::ProgressBar;
 use std::collections::BTreeMap;
@@ -41,6 +41,8 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         (validate, verify) if validate.is_empty() => (verify, validate),
         (validate, verify) => (validate, verify),
     };
+    let every = fitted.iter().chain(&validation).chain(&held_out).map(|(_, track)| track).collect::<Vec<_>>();
+    check_each_once(&every).given()?;
     // Checked before the search, which takes minutes.
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
@@ -81,7 +83,8 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         Some(model) => model.rewrite(text)?,
         None => text.to_owned(),
     };
-    let warnings = warnings(&measured.iter().chain(&selecting).chain(&unseen).collect::<Vec<_>>());
+    let mut warnings = warnings(&measured.iter().chain(&selecting).chain(&unseen).collect::<Vec<_>>());
+    warnings.extend(effect_finder::report::noise_doubt(&finding.present.test));
     let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
     let report = Report {
         model: model.name.clone(),

@@ -19,11 +19,17 @@ pub fn predictive_words(p: &Predictive) -> String {
 /// Widening of the intervals in a line.
 pub fn widening_words(widening: &Widening, marginals: &[Marginal]) -> String {
     let of = |(i, m): (usize, &Marginal)| {
-        let growth = 100.0 * ((m.q95 - m.q05) / widening.width_before[i] - 1.0);
-        format!("{} by {growth:.0} % ({:.0} % before)", m.name, 100.0 * widening.coverage_before[i])
+        // Rounded first, so that no change of less than half a percent has a sign.
+        let growth = (100.0 * ((m.q95 - m.q05) / widening.width_before[i] - 1.0)).round() as i64;
+        let change = match growth {
+            0 => "unchanged".to_owned(),
+            more if more > 0 => format!("{more} % wider"),
+            less => format!("{} % narrower", -less),
+        };
+        format!("{} {change} ({:.0} % lay in it before)", m.name, 100.0 * widening.coverage_before[i])
     };
     format!(
-        "intervals widened until 90 % of {} held-out simulations lie in them: {}",
+        "90 % intervals fitted to {} held-out simulations, as far as the prior lets them: {}",
         widening.held_out,
         marginals.iter().enumerate().map(of).collect::<Vec<_>>().join(", ")
     )

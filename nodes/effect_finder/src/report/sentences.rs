@@ -9,7 +9,7 @@ use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verification::Verification;
 use crate::data::{Candidate, Quantity};
-use crate::evidence::{Hypothesis, Magnitude, Ranking};
+use crate::evidence::{Hypothesis, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use catenary_core::Fidelity;
 use catenary_core::statistics::p_clause;
@@ -42,6 +42,22 @@ pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
     };
     let (statistic, p) = (test.statistic, p_clause(test.p_value, test.null.len()));
     format!("{meaning}: residual energy {statistic:.0}, median of the null data sets {middle:.0}, {p}{less}")
+}
+
+/// Warning about a noise of the model that is larger than the data's; none if the residual is as large as that of some null data set.
+/// With such a noise the test sees no gap that is smaller than it.
+#[must_use]
+pub fn noise_doubt(test: &Test) -> Option<String> {
+    let least = *test.null.first()?;
+    let middle = test.null[test.null.len() / 2];
+    (test.statistic < least).then(|| {
+        let (statistic, count) = (test.statistic, test.null.len());
+        let factor = (middle / statistic.max(f64::MIN_POSITIVE)).sqrt();
+        let factor = if factor < 100.0 { format!("about {factor:.1} times") } else { "more than 100 times".to_owned() };
+        format!(
+            "the noise of the model is {factor} that of the data (residual energy {statistic:.0}, and at least {least:.0} in {count} null data sets): a gap smaller than it is not seen; check camera.keypoint_noise_px, and arm.pose_noise_m if the arm's path is predicted"
+        )
+    })
 }
 
 /// Localisation of the disagreement. `names` are those of the fitted episodes.
@@ -299,7 +315,6 @@ pub fn separated(separation: Option<&Separation>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::Test;
     use crate::report::{Band, Score};
 
     #[test]
@@ -310,6 +325,21 @@ mod tests {
         };
         assert!(said(1.0 / 200.0).ends_with(", p <= 0.005 (199 null data sets)"), "{}", said(1.0 / 200.0));
         assert!(said(2.0 / 200.0).ends_with(", p = 0.010"), "{}", said(2.0 / 200.0));
+    }
+
+    #[test]
+    fn a_noise_that_is_too_large_is_doubted() {
+        let test = |statistic: f64| {
+            let null = (0..99).map(|k| 180.0 + f64::from(k)).collect();
+            Test { p_value: 1.0, statistic, null, null_left_out: 0, coordinates: 200 }
+        };
+        assert_eq!(noise_doubt(&test(181.0)), None);
+        let doubt = noise_doubt(&test(57.0)).unwrap();
+        assert!(
+            doubt.starts_with("the noise of the model is about 2.0 times that of the data (residual energy 57"),
+            "{doubt}"
+        );
+        assert!(noise_doubt(&test(0.0)).unwrap().contains("more than 100 times"));
     }
 
     #[test]

@@ -174,6 +174,9 @@ fn invalid_moves_are_refused() {
     assert_eq!(a.begin_move(&alone(), Some(pose(0.7)), 0.15, 1.0, false), Err(ArmError::Outside([0.7, 0.0, 0.3])));
     assert!(matches!(a.begin_move(&alone(), Some(pose(f64::NAN)), 0.15, 1.0, false), Err(ArmError::NoPose(_))));
     assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, true), Err(ArmError::Refused(Refusal::Replay)));
+    // The orientation of a message that nobody filled.
+    let turned = ArmPose { quaternion_xyzw: [0.0, 0.0, 0.0, 1.0], ..pose(0.45) };
+    assert!(matches!(a.begin_move(&alone(), Some(turned), 0.15, 1.0, false), Err(ArmError::Turn { .. })));
     a.settings.start = None;
     assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, false), Err(ArmError::NoStart));
     assert_eq!(a.mode(), Mode::Idle);

@@ -3,7 +3,7 @@
 use crate::fci::{Generation, JOINTS, Load};
 use crate::panda::Settings;
 use crate::server::{FCI_PORT, Network, Pace, ServerOptions};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{NodeBuilder, ParamSpec};
 use std::net::{IpAddr, SocketAddr};
 
@@ -46,8 +46,9 @@ pub fn declare(b: &NodeBuilder) -> Result<(SocketAddr, ServerOptions)> {
         "" => None,
         path => Some(std::fs::read(path).with_context(|| format!("parameter model_library: {path}"))?),
     };
-    let options =
-        ServerOptions { settings: settings(b, generation)?, seed: seed.cast_unsigned(), pace, network, model_library };
+    let settings = settings(b, generation)?;
+    settings.check().map_err(|e| anyhow!("parameter {}: expected {}, got {}", e.field, e.expected, e.value))?;
+    let options = ServerOptions { settings, seed: seed.cast_unsigned(), pace, network, model_library };
     Ok((SocketAddr::new(ip, FCI_PORT), options))
 }
 
