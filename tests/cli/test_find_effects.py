@@ -3,6 +3,7 @@
 import json
 import pathlib
 import re
+import shutil
 import signal
 import time
 
@@ -49,6 +50,14 @@ def test_a_model_that_explains_its_own_episode_has_no_gap(bag, whole):
     )
     sizes = {limit["name"]: limit["size"] for limit in said["limits"]}
     assert 0 < sizes["tip_mass_kg"] < 0.006 and None in sizes.values()
+
+
+@pytest.mark.parametrize("option", ["--bag", "--validate", "--verify"])
+def test_an_episode_judges_no_fit_of_its_own(program, bag, tmp_path, option):
+    copy = shutil.copytree(bag, tmp_path / "copy")
+    done = program(*command(bag, tmp_path / "out", option, copy))
+    assert done.returncode == 2 and done.stdout == "" and not (tmp_path / "out").exists()
+    assert "episodes: expected each episode once, got bag, episode 1 and copy, episode 1" in done.stderr
 
 
 def test_a_hidden_mass_is_named_and_verified_on_an_unseen_episode(hidden_mass):

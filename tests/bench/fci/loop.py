@@ -59,7 +59,9 @@ def lock_step(cycles):
     print("|---|---|---|---|---|---|")
     compute = " / ".join(f"{median(computing, i):g}" for i in (1, 2, 3))
     answer = lambda rows: " / ".join(str(median(rows, i)) for i in (1, 2, 3))
-    print(f"| panda_bridge | {median(ours, 0)} | {compute} | {answer(ours)} | {sum(row[4] for row in computing):g} | {median(computing, 5)} |")
+    print(
+        f"| panda_bridge | {median(ours, 0)} | {compute} | {answer(ours)} | {sum(row[4] for row in computing):g} | {median(computing, 5)} |"
+    )
     print(f"| libfranka 0.9.2 by panda-python, zeros | {median(theirs, 0)} | - | {answer(theirs)} | - | - |")
     ratios = sorted(a[1] / b[1] for a, b in zip(ours, theirs, strict=True))
     print(
