@@ -7,4 +7,4 @@ mod panda;
 pub mod server;
 pub mod wire;
 
-pub use panda::{EndEffector, PANDA_URDF, Panda, READY_RAD, Settings, SettingsError};
+pub use panda::{EndEffector, PANDA_URDF, Panda, READY_RAD, Settings, SettingsError, Wall};

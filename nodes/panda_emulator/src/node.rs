@@ -4,11 +4,14 @@
 mod parameters;
 
 use crate::fci::RobotMode;
+use crate::panda::Wall;
 use crate::server::{Event, Fault, Handle, Server};
 use anyhow::{Context, Result};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
-use catenary_shell::{Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, Service, contract, stamp};
+use catenary_shell::{
+    Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, ParamSpec, Service, contract, stamp,
+};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -28,6 +31,10 @@ pub fn main(args: Vec<String>) -> ExitCode {
 
 fn run(builder: NodeBuilder) -> Result<()> {
     let (address, options) = parameters::declare(&builder).map_err(Misconfigured::new)?;
+    let place = "Place of a wall in the way of the hand, along x; 0: no wall.";
+    let place = builder.declare_f64("wall.x_m", 0.0, ParamSpec::new(place).unit("m").range(0.0..=2.0))?;
+    let stiffness = ParamSpec::new("Stiffness of the wall.").unit("N/m").range(1.0..=1e5);
+    let stiffness = builder.declare_f64("wall.stiffness_n_m", 5000.0, stiffness)?;
     let node = builder.build()?;
     let generation = options.settings.generation;
     let server = Server::bind(address, options).with_context(|| {
@@ -68,7 +75,10 @@ fn run(builder: NodeBuilder) -> Result<()> {
             reported_cycles = snapshot.cycles_left_out;
         }
     })?;
-    publish(&node, &handle, &heard)
+    publish(&node, &handle, &heard, move || {
+        let x_m = place.get();
+        (x_m > 0.0).then(|| Wall { x_m, stiffness_n_m: stiffness.get() })
+    })
 }
 
 fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&Handle, bool)) -> Result<Service> {
@@ -95,8 +105,14 @@ fn serve_guiding(node: &Node, handle: &Handle) -> Result<Service> {
     })?)
 }
 
-/// Publishes the true pose of the hand, and logs events, until shutdown.
-fn publish(node: &Node, handle: &Handle, heard: &Mutex<Option<Instant>>) -> Result<()> {
+/// Publishes the true pose of the hand, logs events, and keeps the wall where the parameters want it, until shutdown.
+fn publish(
+    node: &Node,
+    handle: &Handle,
+    heard: &Mutex<Option<Instant>>,
+    wall: impl Fn() -> Option<Wall>,
+) -> Result<()> {
+    let mut standing = None;
     let poses = node.publisher::<PoseStamped>("~/true_pose", contract::CURRENT_POSE.qos)?;
     let mut rate = Clock::new(node.shutdown()).rate(PERIOD);
     while rate.tick().is_some() {
@@ -113,6 +129,11 @@ fn publish(node: &Node, handle: &Handle, heard: &Mutex<Option<Instant>>) -> Resu
             handle.push([0.0; 6]);
         }
         drop(heard);
+        if standing != wall() {
+            standing = wall();
+            tracing::info!("wall: {standing:?}");
+            handle.set_wall(standing);
+        }
         let snapshot = handle.snapshot();
         poses.send(PoseStamped { header: stamp::header(node.now(), BASE_FRAME), pose: pose(&snapshot.hand_pose) });
     }

@@ -58,6 +58,15 @@ struct Measured {
     torque_rate: Joints,
 }
 
+/// Elastic wall in the way of the hand: it pushes back along x where the hand is beyond it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wall {
+    /// Place of its surface in O, m.
+    pub x_m: f64,
+    /// Stiffness, N/m.
+    pub stiffness_n_m: f64,
+}
+
 /// Franka Panda with its control box.
 #[derive(Debug, Clone)]
 pub struct Panda {
@@ -86,6 +95,7 @@ pub struct Panda {
     answers: Vec<(u32, Answer)>,
     /// Wrench of the world on the hand, N and N m.
     pushed: Six,
+    wall: Option<Wall>,
     /// Torque of the internal controller at the end of the cycle, N m.
     internal_torque: Joints,
     state: RobotState,
@@ -139,6 +149,7 @@ impl Panda {
             brakes_open: true,
             user_stop: false,
             guiding: false,
+            wall: None,
             reflex: false,
             recovery_due: false,
             reflex_reason: Errors::default(),
@@ -175,6 +186,11 @@ impl Panda {
     /// settings. They hold until the next call.
     pub fn push(&mut self, wrench: [f64; 6]) {
         self.pushed = Six::from(wrench);
+    }
+
+    /// Puts a wall in the way of the hand, or takes it away.
+    pub fn set_wall(&mut self, wall: Option<Wall>) {
+        self.wall = wall;
     }
 
     /// True pose (column-major, in O) and twist of the nominal end effector of the settings, which no client of the FCI sees.
@@ -284,11 +300,15 @@ impl Panda {
         let law = self.motor_law();
         let chain = Chain::at(self.plant.q());
         let point = chain.flange.then(&self.true_tool()).origin;
+        let mut world = self.pushed;
+        if let Some(Wall { x_m, stiffness_n_m }) = self.wall {
+            world[0] -= stiffness_n_m * (point.x - x_m).max(0.0);
+        }
         if !self.brakes_open {
-            self.plant.rest_on_brakes(&self.pushed, &chain, &point);
+            self.plant.rest_on_brakes(&world, &chain, &point);
             return;
         }
-        let pushed = chain.jacobian(&point).tr_mul(&self.pushed);
+        let pushed = chain.jacobian(&point).tr_mul(&world);
         self.plant.step(&law, &self.measured.terms.gravity, &pushed);
         self.internal_torque = law.torque_at(self.plant.q(), self.plant.dq(), 0.0);
     }

@@ -24,6 +24,8 @@ sys.path.insert(0, str(HERE.parents[1]))
 from catenary_msgs.action import MoveToStart  # noqa: E402
 from catenary_msgs.msg import ArmState  # noqa: E402
 from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
@@ -41,6 +43,8 @@ STILL_M_S, STILL_S = 0.004, 0.15
 PUSH_N = 60.0
 # Limits that the arm must keep: distance out of the box, and the collision threshold of the bridge's defaults.
 MOST_OUT_MM, MOST_FORCE_N = 10.0, 40.0
+# Age of a true pose at which this process is too late to measure anything. On an idle machine it is some milliseconds.
+MOST_LATE_S = 0.05
 # Stiffness of the wall that blocks the arm.
 WALL_N_M = 5000.0
 FAULTS = (
@@ -67,7 +71,7 @@ class Bench:
         self.start_bridge()
         self.ros = session.meet("panda_emulator", "panda_bridge")
         self.path = []
-        self.wall_m, self.forces = None, []
+        self.emulator = AsyncParameterClient(self.ros.node, "panda_emulator")
         self.push = self.ros.node.create_publisher(WrenchStamped, "/panda_emulator/wrench", 1)
         fast = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.ros.node.create_subscription(PoseStamped, "/panda_emulator/true_pose", self.on_pose, fast)
@@ -81,16 +85,18 @@ class Bench:
         stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         x_m = message.pose.position.x
         self.path.append((stamp_s, x_m, message.pose.position.z))
-        if self.wall_m is not None:
-            force_n = -WALL_N_M * max(0.0, x_m - self.wall_m)
-            self.forces.append(-force_n)
-            self.send_push(force_n)
 
     def send_push(self, x_n, z_n=0.0):
         message = WrenchStamped()
         message.header.frame_id = "panda_link0"
         message.wrench.force.x, message.wrench.force.z = x_n, z_n
         self.push.publish(message)
+
+    def check_in_time(self):
+        """Ends the bench if the true poses arrive late: distances and forces would then be those of a busy machine."""
+        late_s = time.time() - self.path[-1][0]
+        if late_s > MOST_LATE_S:
+            sys.exit(f"the newest true pose is {late_s:.2f} s old: expected at most {MOST_LATE_S} s; run this on an idle machine")
 
     def fault(self):
         return self.states[-1].fault if self.states else ""
@@ -136,9 +142,11 @@ class Bench:
             targets.stdin.write("\n")
             targets.stdin.flush()
             self.ros.spin(self.time_to_fault(name, speed_m_s))
+            self.check_in_time()
             at_s = self.path[-1][0]
             undo = self.inject(name, targets)
             self.ros.holds_within(lambda: self.still_since(at_s) is not None, WATCH_S)
+            self.check_in_time()
             reason = self.fault()
             result = self.measured(at_s)
             undo()
@@ -230,10 +238,11 @@ class Bench:
         """Greatest force on a wall in the way, N, the time until the arm gives up, s, and the reason."""
         self.prepare()
         targets = self.stream(speed_m_s)
+        wall_m = START_M[0] + 0.05
         try:
             self.enable()
-            self.forces.clear()
-            self.wall_m = START_M[0] + 0.05
+            self.path.clear()
+            self.put_wall(wall_m)
             targets.stdin.write("\n")
             targets.stdin.flush()
             begun = time.monotonic()
@@ -242,11 +251,16 @@ class Bench:
             self.ros.holds_within(stopped, 20)
             elapsed_s = time.monotonic() - begun - 0.05 / speed_m_s
             self.ros.spin(0.5)
-            return max(self.forces, default=0.0), elapsed_s, self.fault()
+            return max(WALL_N_M * max(0.0, x_m - wall_m) for _, x_m, _ in self.path), elapsed_s, self.fault()
         finally:
-            self.wall_m = None
-            self.send_push(0.0)
+            self.put_wall(0.0)
             self.end(targets)
+
+    def put_wall(self, x_m):
+        """Puts a wall into the emulator, whose plant computes its force; 0: none."""
+        wanted = [Parameter("wall.x_m", value=x_m), Parameter("wall.stiffness_n_m", value=WALL_N_M)]
+        answer = self.ros.result(self.emulator.set_parameters(wanted), 20, "an answer of the emulator's parameters")
+        assert all(result.successful for result in answer.results), answer
 
 
 def main():

@@ -3,6 +3,7 @@
 use super::events::{Event, EventLog};
 use super::network::Fault;
 use crate::fci::{IDENTITY, RobotMode};
+use crate::panda::Wall;
 use catenary_core::durations::Durations;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,6 +17,7 @@ pub(super) enum Input {
     Brakes(bool),
     Guiding(bool),
     Push([f64; 6]),
+    Wall(Option<Wall>),
     Fault(Fault),
 }
 
@@ -135,6 +137,11 @@ impl Handle {
     /// Pushes the hand with a wrench in O, N and N m, until the next call.
     pub fn push(&self, wrench: [f64; 6]) {
         self.input(Input::Push(wrench));
+    }
+
+    /// Puts a wall in the way of the hand, or takes it away.
+    pub fn set_wall(&self, wall: Option<Wall>) {
+        self.input(Input::Wall(wall));
     }
 
     /// Adds a fault of the network.

@@ -253,6 +253,7 @@ impl Loop {
                 Input::Brakes(open) => panda.set_brakes(open),
                 Input::Guiding(pressed) => panda.set_guiding(pressed),
                 Input::Push(wrench) => panda.push(wrench),
+                Input::Wall(wall) => panda.set_wall(wall),
                 Input::Fault(fault) => self.link.inject(fault),
             }
         }

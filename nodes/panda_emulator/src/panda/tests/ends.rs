@@ -147,6 +147,23 @@ fn guiding_needs_the_user_stop_and_lets_a_hand_move_the_arm() {
 }
 
 #[test]
+fn a_wall_stops_the_hand_where_it_pushes_as_hard() {
+    let mut session = Session::new(settings());
+    session.panda.set_user_stop(true);
+    session.panda.set_guiding(true);
+    let x_m = session.panda.true_hand().0[12] + 0.01;
+    session.panda.set_wall(Some(Wall { x_m, stiffness_n_m: 5000.0 }));
+    session.panda.push([20.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    session.idle(3000);
+    // 20 N at 5000 N/m, less what friction holds.
+    let beyond_m = session.panda.true_hand().0[12] - x_m;
+    assert!((0.001..0.0045).contains(&beyond_m), "{beyond_m}");
+    session.panda.set_wall(None);
+    session.idle(500);
+    assert!(session.panda.true_hand().0[12] - x_m > 0.01);
+}
+
+#[test]
 fn a_client_that_leaves_ends_its_motion_and_the_next_one_may_move() {
     let mut session = Session::torque(settings());
     session.command.tau_j_d[0] = 1.0;
