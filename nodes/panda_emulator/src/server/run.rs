@@ -18,6 +18,9 @@ use std::time::{Duration, Instant};
 const CYCLE: Duration = Duration::from_millis(1);
 /// Cycles that the clock catches up after a pause of the machine. Chosen: a burst that a client takes as jitter.
 const CATCH_UP: u32 = 5;
+/// Time for which the lock step looks for the command without sleeping. Chosen: twice the usual answer of a client. To fall asleep and
+/// wake up costs a fifth of a cycle.
+const WATCH: Duration = Duration::from_micros(100);
 /// Wait of the lock step for a command. Chosen: half of libfranka's timeout for a state, 1 s.
 const PATIENCE: Duration = Duration::from_millis(500);
 /// Wait for the `Connect` of a new connection. Chosen: clients send it at once.
@@ -92,7 +95,7 @@ impl Loop {
         while !self.shared.is_stopped() {
             let is_stepped = self.pace == Pace::LockStep && self.is_awaited && self.session.waits_for_command();
             let wake = if is_stepped { last_cycle + PATIENCE } else { self.next_wake(began, next_cycle) };
-            let ready = self.wait(wake);
+            let ready = self.wait(wake, if is_stepped { WATCH } else { Duration::ZERO });
             self.serve(ready);
             if self.pace == Pace::Clock {
                 self.deliver(ms_since(began));
@@ -134,7 +137,8 @@ impl Loop {
     }
 
     /// Sleeps until a socket has something or the time has come. Returns the sockets that have something.
-    fn wait(&self, until: Instant) -> Ready {
+    fn wait(&self, until: Instant, watch: Duration) -> Ready {
+        let begun = Instant::now();
         let sleep = until.saturating_duration_since(Instant::now()).min(LONGEST_SLEEP);
         let mut sockets = vec![PollFd::new(&self.listener, PollFlags::IN)];
         if let Some(client) = &self.client {
@@ -143,8 +147,17 @@ impl Loop {
             sockets.extend(client.datagrams.as_ref().map(|socket| PollFd::new(socket, PollFlags::IN)));
         }
         let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(sleep.subsec_nanos()) };
-        // An interrupted sleep is a short one.
-        let _count = poll(&mut sockets, Some(&timeout));
+        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+        let mut has_come = false;
+        while !has_come && begun.elapsed() < watch {
+            has_come = poll(&mut sockets, Some(&at_once)).is_ok_and(|count| count > 0);
+            // The client may need this processor.
+            std::thread::yield_now();
+        }
+        if !has_come {
+            // An interrupted sleep is a short one.
+            let _count = poll(&mut sockets, Some(&timeout));
+        }
         let ready = |at: usize| sockets.get(at).is_some_and(|socket| !socket.revents().is_empty());
         Ready { connections: ready(0), requests: ready(1), commands: ready(2) }
     }
