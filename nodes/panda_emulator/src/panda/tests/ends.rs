@@ -1,6 +1,7 @@
 //! Ends of motions: success, stop, loss of commands, user stop, a client that leaves.
 
 use super::*;
+use crate::Wall;
 
 #[test]
 fn torque_motion_of_1000_cycles_ends_in_success_with_rate_1() {
