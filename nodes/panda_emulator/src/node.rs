@@ -9,9 +9,7 @@ use crate::server::{Event, Fault, Handle, Server};
 use anyhow::{Context, Result};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
-use catenary_shell::{
-    Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, ParamSpec, Service, contract, stamp,
-};
+use catenary_shell::{Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, Service, contract, stamp};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,10 +29,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
 
 fn run(builder: NodeBuilder) -> Result<()> {
     let (address, options) = parameters::declare(&builder).map_err(Misconfigured::new)?;
-    let place = "Place of a wall in the way of the hand, along x; 0: no wall.";
-    let place = builder.declare_f64("wall.x_m", 0.0, ParamSpec::new(place).unit("m").range(0.0..=2.0))?;
-    let stiffness = ParamSpec::new("Stiffness of the wall.").unit("N/m").range(1.0..=1e5);
-    let stiffness = builder.declare_f64("wall.stiffness_n_m", 5000.0, stiffness)?;
+    let wall = parameters::wall(&builder)?;
     let node = builder.build()?;
     let generation = options.settings.generation;
     let server = Server::bind(address, options).with_context(|| {
@@ -75,10 +70,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
             reported_cycles = snapshot.cycles_left_out;
         }
     })?;
-    publish(&node, &handle, &heard, move || {
-        let x_m = place.get();
-        (x_m > 0.0).then(|| Wall { x_m, stiffness_n_m: stiffness.get() })
-    })
+    publish(&node, &handle, &heard, wall)
 }
 
 fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&Handle, bool)) -> Result<Service> {
@@ -129,8 +121,9 @@ fn publish(
             handle.push([0.0; 6]);
         }
         drop(heard);
-        if standing != wall() {
-            standing = wall();
+        let wanted = wall();
+        if standing != wanted {
+            standing = wanted;
             tracing::info!("wall: {standing:?}");
             handle.set_wall(standing);
         }

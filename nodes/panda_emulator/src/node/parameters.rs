@@ -1,7 +1,7 @@
 //! Parameters of the emulated arm.
 
 use crate::fci::{Generation, JOINTS, Load};
-use crate::panda::Settings;
+use crate::panda::{Settings, Wall};
 use crate::server::{FCI_PORT, Network, Pace, ServerOptions};
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{NodeBuilder, ParamSpec};
@@ -50,6 +50,22 @@ pub fn declare(b: &NodeBuilder) -> Result<(SocketAddr, ServerOptions)> {
     settings.check().map_err(|e| anyhow!("parameter {}: expected {}, got {}", e.field, e.expected, e.value))?;
     let options = ServerOptions { settings, seed: seed.cast_unsigned(), pace, network, model_library };
     Ok((SocketAddr::new(ip, FCI_PORT), options))
+}
+
+/// Declares the wall in the way of the hand, which may be moved while the node runs. Returns a reader of its present place.
+///
+/// # Errors
+/// An invalid value.
+pub fn wall(b: &NodeBuilder) -> Result<impl Fn() -> Option<Wall> + use<>> {
+    let place =
+        ParamSpec::new("Place of a wall in the way of the hand, along x; 0: no wall.").unit("m").range(0.0..=2.0);
+    let place = b.declare_f64("wall.x_m", 0.0, place)?;
+    let stiffness = ParamSpec::new("Stiffness of the wall.").unit("N/m").range(1.0..=1e5);
+    let stiffness = b.declare_f64("wall.stiffness_n_m", 5000.0, stiffness)?;
+    Ok(move || {
+        let x_m = place.get();
+        (x_m > 0.0).then(|| Wall { x_m, stiffness_n_m: stiffness.get() })
+    })
 }
 
 /// Declares the settings of the arm that a laboratory would vary. The others keep their defaults.

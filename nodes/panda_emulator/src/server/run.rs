@@ -136,10 +136,10 @@ impl Loop {
         }
     }
 
-    /// Sleeps until a socket has something or the time has come. Returns the sockets that have something.
+    /// Looks for `watch`, and then sleeps, until a socket has something or the time has come. Returns the sockets that have something.
     fn wait(&self, until: Instant, watch: Duration) -> Ready {
         let begun = Instant::now();
-        let sleep = until.saturating_duration_since(Instant::now()).min(LONGEST_SLEEP);
+        let sleep = until.saturating_duration_since(begun).min(LONGEST_SLEEP);
         let mut sockets = vec![PollFd::new(&self.listener, PollFlags::IN)];
         if let Some(client) = &self.client {
             let write = if client.outbox.is_empty() { PollFlags::empty() } else { PollFlags::OUT };
