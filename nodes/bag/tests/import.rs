@@ -150,10 +150,11 @@ fn a_track_of_which_the_camera_sees_nothing_is_refused_and_leaves_no_bag() {
     let metres = track(0.0, 20);
     let (header, rows) = metres.split_once('\n').unwrap();
     let scaled = |line: &str| {
-        let values: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
-        let words: Vec<String> =
-            values.iter().enumerate().map(|(i, v)| (if i == 0 { *v } else { 1e3 * v }).to_string()).collect();
-        words.join(",")
+        let in_millimetres = |(column, value): (&str, &str)| {
+            let value: f64 = value.parse().unwrap();
+            (if column.ends_with("_m") { 1e3 * value } else { value }).to_string()
+        };
+        header.split(',').zip(line.split(',')).map(in_millimetres).collect::<Vec<_>>().join(",")
     };
     let millimetres = format!("{header}\n{}\n", rows.lines().map(scaled).collect::<Vec<_>>().join("\n"));
     let error = import_track("track.csv", &millimetres, &model, &out).unwrap_err().to_string();
