@@ -31,7 +31,6 @@ pub use missing::{Alternative, Form, Missing, part_in_words};
 pub use outcome::Outcome;
 pub use phase::{Phase, shows_most};
 pub use repair::repaired;
-pub use sentences::noise_doubt;
 pub use separation::{Separation, separate};
 pub use trade_off::{TradeOff, trade_offs};
 pub use verdict::Verdict;

@@ -178,6 +178,7 @@ pub mod tests {
         Finding {
             verdict: Verdict::Named,
             misfit: None,
+            noise_doubt: None,
             conclusions: vec!["a step".into()],
             present: fitness(38.2, 2500.0, Vec::new()),
             places: Vec::new(),

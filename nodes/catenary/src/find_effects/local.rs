@@ -84,7 +84,7 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         None => text.to_owned(),
     };
     let mut warnings = warnings(&measured.iter().chain(&selecting).chain(&unseen).collect::<Vec<_>>());
-    warnings.extend(effect_finder::report::noise_doubt(&finding.present.test));
+    warnings.extend(finding.noise_doubt.clone());
     let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
     let report = Report {
         model: model.name.clone(),

@@ -1,7 +1,6 @@
 //! Result of a search.
 
 use crate::exit::Misfit;
-use effect_finder::report::noise_doubt;
 use effect_finder::{Finding, Settings};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -49,7 +48,7 @@ impl Report {
         let mut lines: Vec<String> = misfit.collect();
         lines.push(headline(&self.finding));
         lines.push(format!("{} episodes, {:.1} s", self.episodes.len(), self.wall_s));
-        lines.extend(noise_doubt(&self.finding.present.test).map(|doubt| format!("warning: {doubt}")));
+        lines.extend(self.finding.noise_doubt.iter().map(|doubt| format!("warning: {doubt}")));
         lines.push(format!("report: {}", page.display()));
         lines.join("\n")
     }

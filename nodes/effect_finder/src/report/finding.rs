@@ -4,6 +4,7 @@ use super::decide::{Objection, VerdictEvidence, decide};
 use super::detectable::DetectionLimit;
 use super::localisation::Localisation;
 use super::missing::Missing;
+use super::sentences::noise_doubt;
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verdict::Verdict;
@@ -50,6 +51,9 @@ pub struct Finding {
     /// Reason for which even the best model fits nothing of the recording; none: the verdict may be used.
     #[serde(default)]
     pub misfit: Option<String>,
+    /// Reason to doubt the model's noise, in a sentence; none: it is not larger than the data's.
+    #[serde(default)]
+    pub noise_doubt: Option<String>,
     /// Present model.
     pub present: Fitness,
     /// Localisation of the disagreement, part by part.
@@ -131,6 +135,7 @@ impl Finding {
             verdict: Verdict::NoGap,
             conclusions: Vec::new(),
             misfit: None,
+            noise_doubt: noise_doubt(&present.test),
             present,
             places,
             pressing,

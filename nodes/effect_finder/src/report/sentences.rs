@@ -46,7 +46,6 @@ pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
 
 /// Warning about a noise of the model that is larger than the data's; none if the residual is as large as that of some null data set.
 /// With such a noise the test sees no gap that is smaller than it.
-#[must_use]
 pub fn noise_doubt(test: &Test) -> Option<String> {
     let least = *test.null.first()?;
     let middle = test.null[test.null.len() / 2];
