@@ -4,7 +4,6 @@ use super::decide::{Objection, VerdictEvidence, decide};
 use super::detectable::DetectionLimit;
 use super::localisation::Localisation;
 use super::missing::Missing;
-use super::sentences::noise_doubt;
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verdict::Verdict;
@@ -135,7 +134,7 @@ impl Finding {
             verdict: Verdict::NoGap,
             conclusions: Vec::new(),
             misfit: None,
-            noise_doubt: noise_doubt(&present.test),
+            noise_doubt: None,
             present,
             places,
             pressing,

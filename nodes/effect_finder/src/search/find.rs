@@ -54,8 +54,9 @@ impl Search<'_> {
         let places = localise(&fit, &self.problem.channels(), &detection);
         let mut outcome =
             Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
-        if let Some(doubt) = &outcome.finding.noise_doubt {
+        if let Some(doubt) = sentences::noise_doubt(&outcome.finding.present.test) {
             self.reporter.conclude(Stage::Detect, format!("warning: {doubt}"))?;
+            outcome.finding.noise_doubt = Some(doubt);
         }
         let (problem, candidates) = (self.problem, self.question.candidates);
         // Limits are reported with every finding, with and without a gap.
