@@ -14,9 +14,9 @@ impl Effect for RestCurvatureGradient {
             description: "slope of the rest curvature along the centre line, from the grip to the tip; its mean stays",
             unit: "1/m^2",
             hook: Hook::Material,
-            // Measured cables of 0.4 to 0.75 m have slopes of 0.1 to 6 per m^2; over 0.4 m, 20 per m^2 is a change by the
-            // whole prior of the rest curvature.
-            prior: uniform(-20.0, 20.0),
+            // Measured cables of 0.4 to 0.75 m have slopes of 0.1 to 6 per m^2, but what shows is the angle between the middle
+            // and an end, slope times length squared / 8: 0.5 rad for those cables, and 0.3 rad for a bar of 0.25 m at 40 per m^2.
+            prior: uniform(-40.0, 40.0),
             range: [-1e3, 1e3],
         }
     }
