@@ -95,6 +95,15 @@ def image(encoding, width=640, height=480, channels=3):
     return Image(width=width, height=height, encoding=encoding, step=width * channels, data=data)
 
 
+def image_of_a_bar():
+    """An image with a blue bar, as long as a hanging object."""
+    message = image("rgb8")
+    for v in range(150, 330):
+        start = v * message.step + 3 * 316
+        message.data[start : start + 24] = array.array("B", (48, 92, 200) * 8)
+    return message
+
+
 def pose(frame="panda_link0", x=0.4):
     message = PoseStamped()
     message.header.frame_id, message.pose.position.x, message.pose.orientation.x, message.pose.orientation.w = frame, x, 1.0, 0.0
@@ -103,12 +112,15 @@ def pose(frame="panda_link0", x=0.4):
 
 def test_a_camera_names_missing_and_dropped_images_and_recovers(watched):
     watched.wait_for("camera", [ERROR], "no images on " + IMAGE, "nobody publishes it")
-    watched.publish(IMAGE, image("bgr8"))
-    values = watched.wait_for("camera", [ERROR], "dropped", "expected rgb8", "bgr8")
+    watched.publish(IMAGE, image("bayer_rggb8", channels=1))
+    values = watched.wait_for("camera", [ERROR], "dropped", "expected rgb8", "bayer_rggb8")
     assert int(values["images_dropped_for_encoding"]) == int(values["images_dropped"]) > 0 and float(values["image_rate_hz"]) > 0
-    assert "bgr8" in watched.session.text("camera.err")
+    assert "bayer_rggb8" in watched.session.text("camera.err")
     watched.quiet()
     watched.publish(IMAGE, image("rgb8"))
+    watched.wait_for("camera", [WARN], "the object is in 0 % of the images")
+    watched.quiet()
+    watched.publish(IMAGE, image_of_a_bar())
     watched.wait_for("camera", [OK], "ok")
 
 

@@ -25,6 +25,61 @@ pub enum Error {
         /// Received value.
         got: String,
     },
+    /// A click that is on no pixel.
+    #[error("click: expected u,v within the image of {width} x {height} pixels, got {got}")]
+    Click {
+        /// Width of the image in pixels.
+        width: u32,
+        /// Height of the image in pixels.
+        height: u32,
+        /// Given place.
+        got: String,
+    },
+    /// An object that colours cannot tell from a grey background.
+    #[error(
+        "colour of the object: expected a colour, got a grey (median saturation {saturation:.2}, chroma {chroma:.0}); thresholds on colour cannot find it: take the segmenter `learned`, or put paint or a band of colour on it"
+    )]
+    Colourless {
+        /// Median saturation of the object's pixels, 0 to 1.
+        saturation: f64,
+        /// Median chroma of the object's pixels, 0 to 255.
+        chroma: f64,
+    },
+    /// Labels that do not fit the image, or tell nothing apart.
+    #[error(
+        "labels: expected one for each of {width} x {height} pixels, some of the object and some not, got {pixels} with {marked} of the object"
+    )]
+    Labels {
+        /// Width of the image in pixels.
+        width: u32,
+        /// Height of the image in pixels.
+        height: u32,
+        /// Number of labels.
+        pixels: usize,
+        /// Number of labels of the object.
+        marked: usize,
+    },
+    /// Weights of another network.
+    #[error(
+        "expected {expected} finite numbers of 4 bytes, as `catenary train-segmenter` of this version writes, got {got}"
+    )]
+    Weights {
+        /// Number of the network's weights.
+        expected: usize,
+        /// What was given.
+        got: String,
+    },
+    /// A network that is no YOLOv8-seg one, or cannot run.
+    #[error("yolo.network: expected {expected}, got {got}")]
+    Network {
+        /// What is needed.
+        expected: String,
+        /// What there is.
+        got: String,
+    },
+    /// A training that was told to end.
+    #[error("the training was interrupted")]
+    Interrupted,
     /// The crop does not lie within the image.
     #[error(
         "crop: expected a square within the image of {width} x {height} pixels, got side {side_px} px at ({left_px}, {top_px})"
@@ -50,6 +105,12 @@ impl Error {
         match self {
             Self::Parameter { field, .. } | Self::Image { field, .. } => field,
             Self::CropOutside { .. } => "size",
+            Self::Click { .. } => "click",
+            Self::Weights { .. } => "weights",
+            Self::Network { .. } => "network",
+            Self::Interrupted => "training",
+            Self::Colourless { .. } => "colour",
+            Self::Labels { .. } => "labels",
         }
     }
 }

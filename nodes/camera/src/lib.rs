@@ -5,15 +5,26 @@ pub mod convert;
 #[cfg(feature = "node")]
 pub mod node;
 
+mod backend;
+mod colour_fit;
 mod colour_segmenter;
+mod encoding;
 mod error;
+pub mod learned;
 mod params;
 mod segmenter;
+mod selection;
+mod sight;
+pub mod yolo;
 
+pub use backend::{Backend, SegmenterParams};
+pub use colour_fit::{ColourFit, colour_of_clicks, colour_of_labels, fit_colours, pixels_of_clicks};
 pub use colour_segmenter::ColourSegmenter;
+pub use encoding::{Converter, EncodedView, Encoding};
 pub use error::Error;
 pub use params::{ColourParams, ColourRange, Crop};
 pub use segmenter::{SegmentationReport, Segmenter};
+pub use sight::{Sight, Summary};
 
 #[cfg(test)]
 mod scene;

@@ -3,6 +3,7 @@
 use catenary_core::camera::MASK_SIZE_PX;
 
 use crate::Error;
+use crate::selection::SelectionRules;
 
 /// Colours of one label: a sector of hue, a least saturation and a least chroma.
 ///
@@ -47,12 +48,8 @@ pub struct ColourParams {
     /// Colours of the object. Default: blue. The least saturation is low because the lens mixes the edge of a bar with
     /// its bright background.
     pub dlo: ColourRange,
-    /// Colours of the target. Default: red to orange, more saturated than skin or wood. The hue sector must not overlap
-    /// the object's.
+    /// Colours of the target. Default: green, as the paper's. The hue sector must not overlap the object's.
     pub target: ColourRange,
-    /// Limit of the largest of R, G and B of an occluder, such as the gripper. A pixel below it that has neither label counts
-    /// as a possible occluder.
-    pub occluder_max_value: u8,
     /// Part of the image that becomes the mask.
     pub crop: Crop,
     /// Side of the mask in pixels.
@@ -63,10 +60,10 @@ pub struct ColourParams {
     pub open_radius_px: u32,
     /// Least area of the object and of the target. Smaller regions are dropped as noise.
     pub min_area_px: usize,
-    /// Largest distance across an occluder or the target at which two pieces of the object are both kept. 0: only the
-    /// largest piece is kept. The default is the keypoint tracker's `max_gap_px`: the tracker joins pieces up to there.
+    /// Largest distance at which two pieces of the object are both kept, whatever lies between. 0: only the largest piece is
+    /// kept. The default is the keypoint tracker's `max_gap_px`: the tracker joins pieces up to there.
     pub max_occlusion_px: u32,
-    /// Least area of a piece that is kept across an occluder.
+    /// Least area of a piece that is kept beside the largest one.
     pub min_piece_area_px: usize,
 }
 
@@ -74,20 +71,25 @@ impl Default for ColourParams {
     fn default() -> Self {
         Self {
             dlo: ColourRange { hue_deg: [190.0, 250.0], min_saturation: 0.25, min_chroma: 24 },
-            target: ColourRange { hue_deg: [345.0, 35.0], min_saturation: 0.45, min_chroma: 24 },
-            occluder_max_value: 70,
+            target: ColourRange { hue_deg: [100.0, 165.0], min_saturation: 0.4, min_chroma: 24 },
             crop: Crop::CentredSquare,
             mask_size_px: MASK_SIZE_PX,
             close_radius_px: 1,
             open_radius_px: 1,
             min_area_px: 20,
-            max_occlusion_px: 28,
+            max_occlusion_px: 40,
             min_piece_area_px: 6,
         }
     }
 }
 
 impl ColourParams {
+    /// Rules of the choice of regions.
+    pub(crate) fn selection(&self) -> SelectionRules {
+        let Self { min_area_px, max_occlusion_px, min_piece_area_px, .. } = *self;
+        SelectionRules { min_area_px, max_occlusion_px, min_piece_area_px }
+    }
+
     /// Checks all ranges.
     ///
     /// # Errors
@@ -132,8 +134,15 @@ impl ColourRange {
         (self.hue_deg[1] - self.hue_deg[0]).rem_euclid(360.0)
     }
 
+    /// Sector of 60 degrees opposite to this one, with the same limits.
+    #[must_use]
+    pub fn opposite(&self) -> Self {
+        let middle = self.hue_deg[0] + 0.5 * self.width_deg() + 180.0;
+        Self { hue_deg: [middle - 30.0, middle + 30.0].map(|h| h.rem_euclid(360.0).round()), ..*self }
+    }
+
     /// Returns true if the two hue sectors overlap. Two sectors overlap exactly if one holds the other's start.
-    fn meets(&self, other: &Self) -> bool {
+    pub fn meets(&self, other: &Self) -> bool {
         let holds = |range: &Self, hue: f64| (hue - range.hue_deg[0]).rem_euclid(360.0) <= range.width_deg();
         holds(self, other.hue_deg[0]) || holds(other, self.hue_deg[0])
     }
@@ -144,7 +153,7 @@ impl Crop {
     ///
     /// # Errors
     /// [`Error::CropOutside`] if the square does not lie within the image.
-    pub(crate) fn square(self, width: u32, height: u32) -> Result<[f64; 3], Error> {
+    pub fn square(self, width: u32, height: u32) -> Result<[f64; 3], Error> {
         let (w, h) = (f64::from(width), f64::from(height));
         let [left_px, top_px, side_px] = match self {
             Crop::CentredSquare => {
@@ -186,9 +195,19 @@ mod tests {
     #[test]
     fn overlapping_hue_sectors_and_sizes_out_of_range_are_rejected() {
         rejects(|p| p.target.hue_deg = [200.0, 220.0], "target.hue_deg");
-        rejects(|p| p.dlo.hue_deg = [350.0, 10.0], "target.hue_deg");
+        rejects(|p| p.dlo.hue_deg = [350.0, 110.0], "target.hue_deg");
         rejects(|p| p.mask_size_px = 0, "mask_size_px");
         rejects(|p| p.open_radius_px = 17, "open_radius_px");
+    }
+
+    #[test]
+    fn the_opposite_sector_never_overlaps() {
+        let blue = ColourParams::default().dlo;
+        assert_eq!(blue.opposite().hue_deg, [10.0, 70.0]);
+        for from in 0..360 {
+            let range = ColourRange { hue_deg: [f64::from(from), f64::from((from + 118) % 360)], ..blue };
+            assert!(!range.meets(&range.opposite()), "{range:?}");
+        }
     }
 
     #[test]

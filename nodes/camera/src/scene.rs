@@ -150,9 +150,9 @@ impl<'a> Painter<'a> {
         // A round surface lit from the camera is darker towards its outline.
         let round = |across: f64| 0.4 + 0.6 * (1.0 - 0.9 * across * across).sqrt();
         let (albedo, light) = match (self.in_gripper(p), self.on_bar(p), self.on_target(p)) {
-            (true, _, _) => ([50.0, 50.0, 55.0], 1.0),
+            (true, _, _) => ([235.0, 235.0, 230.0], 1.0),
             (_, Some(across), _) => ([40.0, 90.0, 200.0], round(across)),
-            (_, _, Some(across)) => ([220.0, 60.0, 30.0], round(across)),
+            (_, _, Some(across)) => ([50.0, 160.0, 70.0], round(across)),
             _ if p[1] > 330.0 => ([150.0, 150.0, 150.0], 0.9),
             _ => ([225.0, 225.0, 220.0], 1.0),
         };

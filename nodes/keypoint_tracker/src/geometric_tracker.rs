@@ -48,7 +48,7 @@ use crate::{Error, KeypointTracker, PathStart, TrackerParams};
 /// - the share of the object's area that the line accounts for;
 /// - 1/2 for each of the two ends that lies at the image's edge.
 ///
-/// It is at least 0.01 if the object is seen.
+/// It is at least 0.01 if the object is seen. All four are 0 if one of them is below the parameter `min_score`.
 ///
 /// Keypoints depend on their mask alone, not on earlier masks.
 #[derive(Debug, Clone)]
@@ -182,6 +182,9 @@ impl KeypointTracker for GeometricTracker {
                 keypoints.dlo_px[k] = at(&self.line, fraction * total).0;
                 let local = self.local_confidence(fraction * total, width_px);
                 keypoints.scores[k] = (confidence * local).clamp(0.01, 1.0) as f32;
+            }
+            if keypoints.scores.iter().any(|&score| f64::from(score) < self.params.min_score) {
+                keypoints.scores = [0.0; 4];
             }
         }
         Ok(keypoints)

@@ -47,8 +47,11 @@ fn run(builder: NodeBuilder) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-/// Declares the tracker's parameters, fixed at the start.
-fn declare(builder: &NodeBuilder) -> Result<TrackerParams> {
+/// Declares the tracker's parameters, fixed at the start, and returns their values.
+///
+/// # Errors
+/// A value out of its range.
+pub fn declare(builder: &NodeBuilder) -> Result<TrackerParams> {
     let d = TrackerParams::default();
     let fractions = ParamSpec::new("Places of the keypoints as fractions of the centre line's length, increasing.");
     let fractions = builder.declare("fractions", d.fractions.to_vec(), fractions.range(0.0..=1.0).read_only())?;
@@ -56,12 +59,15 @@ fn declare(builder: &NodeBuilder) -> Result<TrackerParams> {
     let smoothing = smoothing.unit("mask pixel").range(0.0..=20.0).read_only();
     let gap = ParamSpec::new("Longest gap between two pieces that the centre line is led across.");
     let gap = gap.unit("mask pixel").range(0.0..=1000.0).read_only();
+    let score = ParamSpec::new("Least score of a keypoint; a mask with a lower one counts as one without the object.");
+    let score = score.range(0.0..=1.0).read_only();
     Ok(TrackerParams {
         fractions: fractions.get().try_into().map_err(|got: Vec<f64>| {
             anyhow::anyhow!("parameter fractions: expected four numbers, got {}", got.len())
         })?,
         smoothing_px: builder.declare_f64("smoothing_px", d.smoothing_px, smoothing)?.get(),
         max_gap_px: builder.declare_f64("max_gap_px", d.max_gap_px, gap)?.get(),
+        min_score: builder.declare_f64("min_score", d.min_score, score)?.get(),
         ..d
     })
 }

@@ -35,6 +35,9 @@ pub struct TrackerParams {
     pub max_half_width_px: f64,
     /// Least area of the target. A smaller target counts as not seen.
     pub min_target_area_px: usize,
+    /// Least score. A mask in which a keypoint of the object has a lower one counts as one without the object: all its scores
+    /// become 0. 0: every mask counts.
+    pub min_score: f64,
 }
 
 impl Default for TrackerParams {
@@ -47,10 +50,11 @@ impl Default for TrackerParams {
             min_area_px: 20,
             min_piece_area_px: 6,
             // The camera keeps pieces across occluders up to the same distance.
-            max_gap_px: 28.0,
+            max_gap_px: 40.0,
             max_hole_px: 12,
             max_half_width_px: 20.0,
             min_target_area_px: 8,
+            min_score: 0.25,
         }
     }
 }
@@ -78,6 +82,7 @@ impl TrackerParams {
         in_range("smoothing_px", "0 to 20", self.smoothing_px, 0.0..=20.0)?;
         in_range("max_gap_px", "0 to 1000", self.max_gap_px, 0.0..=1000.0)?;
         in_range("max_half_width_px", "1 to 100", self.max_half_width_px, 1.0..=100.0)?;
+        in_range("min_score", "0 to 1", self.min_score, 0.0..=1.0)?;
         in_range("min_area_px", "at least 1", self.min_area_px as f64, 1.0..=f64::INFINITY)?;
         in_range("min_piece_area_px", "at least 1", self.min_piece_area_px as f64, 1.0..=f64::INFINITY)?;
         in_range("min_target_area_px", "at least 1", self.min_target_area_px as f64, 1.0..=f64::INFINITY)
@@ -103,5 +108,6 @@ mod tests {
         rejects(TrackerParams { smoothing_px: f64::NAN, ..good }, "smoothing_px");
         rejects(TrackerParams { max_gap_px: -1.0, ..good }, "max_gap_px");
         rejects(TrackerParams { min_area_px: 0, ..good }, "min_area_px");
+        rejects(TrackerParams { min_score: f64::NAN, ..good }, "min_score");
     }
 }

@@ -4,10 +4,8 @@ use catenary_core::image::label;
 
 use crate::{ColourParams, ColourRange};
 
-/// Class of dark pixels without colour, which may belong to an occluder in front of the object. Never written to a mask.
-pub(crate) const OCCLUDER: u8 = 3;
-/// Number of classes: three labels and [`OCCLUDER`].
-pub(crate) const CLASSES: usize = 4;
+/// Number of classes: the labels of a mask.
+pub(crate) const CLASSES: usize = 3;
 
 /// Pixels that the vectorised test of a row takes at once.
 const BLOCK: usize = 32;
@@ -15,7 +13,7 @@ const BLOCK: usize = 32;
 /// Integer form of a [`ColourRange`]. All inequalities but the one on chroma are homogeneous in (R, G, B): they do not
 /// depend on the brightness.
 #[derive(Debug, Clone, Copy)]
-struct Sector {
+pub(crate) struct Sector {
     /// Normal of the sector's first boundary: `from` · (R, G, B) ≥ 0 within the sector.
     from: [i32; 3],
     /// Normal of the sector's second boundary: `to` · (R, G, B) ≤ 0 within the sector.
@@ -27,7 +25,7 @@ struct Sector {
 }
 
 impl Sector {
-    fn new(range: &ColourRange) -> Self {
+    pub(crate) fn new(range: &ColourRange) -> Self {
         // (a, b) = (2R − G − B, √3 (G − B)) lies to the left of the direction of hue h if cos h · b − sin h · a ≥ 0.
         let boundary = |hue_deg: f64| {
             let (sin, cos) = hue_deg.to_radians().sin_cos();
@@ -42,6 +40,13 @@ impl Sector {
             min_saturation: (256.0 * range.min_saturation).round() as i32,
             min_chroma: i32::from(range.min_chroma),
         }
+    }
+
+    /// Returns true if the colour of a pixel lies in the range.
+    pub(crate) fn holds_pixel(&self, rgb: [u8; 3]) -> bool {
+        let rgb = rgb.map(i32::from);
+        let value = rgb[0].max(rgb[1]).max(rgb[2]);
+        self.holds(rgb, value, value - rgb[0].min(rgb[1]).min(rgb[2]))
     }
 
     fn holds(&self, rgb: [i32; 3], value: i32, chroma: i32) -> bool {
@@ -60,7 +65,6 @@ pub(crate) struct Classifier {
     target: Sector,
     /// Smaller of the two labels' least chromas. Most pixels of a scene lie below it and need no further test.
     min_chroma: i32,
-    occluder_max_value: i32,
 }
 
 impl Classifier {
@@ -69,18 +73,17 @@ impl Classifier {
             dlo: Sector::new(&params.dlo),
             target: Sector::new(&params.target),
             min_chroma: i32::from(params.dlo.min_chroma.min(params.target.min_chroma)),
-            occluder_max_value: i32::from(params.occluder_max_value),
         }
     }
 
     /// Writes the class of each RGB triple of `row` to `classes`. Returns true if any of them is not background.
     ///
-    /// Most of a scene is grey and light. One test recognises whole blocks of it; the test treats every byte alike, so
+    /// Most of a scene is grey. One test recognises whole blocks of it; the test treats every byte alike, so
     /// that the compiler can use vector instructions on the interleaved channels.
     pub(crate) fn classify_row(&self, row: &[u8], classes: &mut [u8]) -> bool {
         let mut any = false;
         for (block, classes) in row.chunks(3 * BLOCK).zip(classes.chunks_mut(BLOCK)) {
-            if self.may_be_coloured_or_dark(block) {
+            if self.may_be_coloured(block) {
                 for (rgb, class) in block.as_chunks().0.iter().zip(classes) {
                     *class = self.class(*rgb);
                     any |= *class != label::BACKGROUND;
@@ -92,16 +95,16 @@ impl Classifier {
         any
     }
 
-    /// Returns true if any three neighbouring bytes reach the least chroma or are dark. Every third triple is a pixel.
-    fn may_be_coloured_or_dark(&self, block: &[u8]) -> bool {
-        let (min_chroma, dark) = (self.min_chroma as u8, self.occluder_max_value as u8);
+    /// Returns true if any three neighbouring bytes reach the least chroma. Every third triple is a pixel.
+    fn may_be_coloured(&self, block: &[u8]) -> bool {
+        let min_chroma = self.min_chroma as u8;
         // Triples that straddle two pixels can only raise a false alarm, after which each pixel is classified alone.
         let (a, b, c) = (block, &block[1..], &block[2..]);
         let mut any = false;
         for ((&a, &b), &c) in a.iter().zip(b).zip(c) {
             // The largest minus the smallest of three numbers is the largest of their differences.
             let chroma = a.abs_diff(b).max(b.abs_diff(c)).max(a.abs_diff(c));
-            any |= (chroma >= min_chroma) | (a.max(b).max(c) < dark);
+            any |= chroma >= min_chroma;
         }
         any
     }
@@ -119,7 +122,7 @@ impl Classifier {
                 return label::TARGET;
             }
         }
-        if value < self.occluder_max_value { OCCLUDER } else { label::BACKGROUND }
+        label::BACKGROUND
     }
 }
 
@@ -133,9 +136,9 @@ mod tests {
 
     #[test]
     fn labels_do_not_depend_on_the_light_down_to_the_noise_floor() {
-        // The object's chroma of 160 falls under the least chroma of 24 at 15 % of the light.
-        for (albedo, expected) in [([40.0, 90.0, 200.0], label::DLO), ([220.0, 60.0, 30.0], label::TARGET)] {
-            for percent in 20..=115 {
+        // The smaller chroma of the two, 110, falls under the least chroma of 24 at 22 % of the light.
+        for (albedo, expected) in [([40.0, 90.0, 200.0], label::DLO), ([50.0, 160.0, 70.0], label::TARGET)] {
+            for percent in 25..=115 {
                 let rgb = albedo.map(|c: f64| (c * f64::from(percent) / 100.0).round() as u8);
                 assert_eq!(class(rgb), expected, "{percent} % of {albedo:?}");
             }
@@ -150,12 +153,10 @@ mod tests {
                 for noise in [[-7.0, 0.0, 7.0], [7.0, -7.0, 0.0]] {
                     let rgb: [u8; 3] =
                         std::array::from_fn(|i| (albedo[i] * f64::from(percent) / 100.0 + noise[i]) as u8);
-                    assert!([label::BACKGROUND, OCCLUDER].contains(&class(rgb)), "{rgb:?}");
+                    assert_eq!(class(rgb), label::BACKGROUND, "{rgb:?}");
                 }
             }
         }
-        assert_eq!(class([50, 50, 55]), OCCLUDER);
-        assert_eq!(class([150, 150, 150]), label::BACKGROUND);
     }
 
     #[test]

@@ -141,7 +141,7 @@ mod tests {
     use catenary_core::RgbImage;
 
     const BLUE: [u8; 3] = [40, 90, 200];
-    const RED: [u8; 3] = [220, 60, 30];
+    const GREEN: [u8; 3] = [50, 160, 70];
     const WHITE: [u8; 3] = [225, 225, 220];
 
     fn vote(image: &RgbImage, crop: Crop, size: u32) -> Result<LabelMask, Error> {
@@ -159,8 +159,8 @@ mod tests {
 
     #[test]
     fn a_mask_pixel_takes_the_class_of_the_largest_area_with_parts_of_pixels() {
-        // Two mask pixels over three columns: the first holds 1 blue and 1/2 white, the second 1/2 white and 1 red.
-        let three = image(3, 3, |u, _| [BLUE, WHITE, RED][u as usize]);
+        // Two mask pixels over three columns: the first holds 1 blue and 1/2 white, the second 1/2 white and 1 green.
+        let three = image(3, 3, |u, _| [BLUE, WHITE, GREEN][u as usize]);
         assert_eq!(vote(&three, Crop::CentredSquare, 2).unwrap().data, [1, 2, 1, 2]);
         // 1/2 blue and 1 white; 1/2 white and 1 white.
         let narrow = Crop::Square { left_px: 0.5, top_px: 0.0, side_px: 3.0 };

@@ -8,7 +8,7 @@ mod show;
 mod staged;
 mod summary;
 mod timeline;
-mod video;
+pub mod video;
 
 pub use video::GifFile;
 

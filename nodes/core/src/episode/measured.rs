@@ -66,6 +66,9 @@ impl Episode {
         let mut with_held = seen.kept;
         let seen = plausible::without_held(&with_held, camera, &grip).map_err(impossible)?;
         warnings.extend(seen.warnings);
+        // A held keypoint makes a wrong length, too, so that lengths come last.
+        let seen = plausible::of_usual_length(&seen.kept, camera, self.start_ns);
+        warnings.extend(seen.warnings);
         let mut seen = seen.kept;
         let is_path = model.observation.drive == DriveKind::Grip;
         let (mut grip, mut begin_s) = (grip, 0.0);

@@ -1,18 +1,15 @@
 //! Pieces of the object that an occluder separates.
 
-use catenary_core::LabelMask;
-use catenary_core::image::label;
 use catenary_core::regions::Regions;
 
-use super::classify::OCCLUDER;
-use super::morphology::Plane;
-use crate::ColourParams;
+use super::rules::SelectionRules;
 
-/// Search for pieces of the object that are connected across an occluder. Reuses its buffers.
+/// Search for pieces of the object that lie near one another. Reuses its buffers.
+///
+/// Whatever lies between two pieces may hide the object: a white hand, a person's arm, a reflection. The tracker decides which piece
+/// continues which.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Occlusion {
-    /// Pixels that may hide a part of the object.
-    cover: Plane,
     /// True for each pixel that the search has visited.
     seen: Vec<bool>,
     /// Frontier of the breadth-first search.
@@ -24,32 +21,28 @@ pub(crate) struct Occlusion {
 
 impl Occlusion {
     /// Returns for each region whether it belongs to the object. The region `main` does. So does each region of at least
-    /// `min_piece_area_px` that a kept region reaches in at most `max_occlusion_px` steps over pixels of the class
-    /// [`OCCLUDER`] or of the target.
+    /// `min_piece_area_px` that lies within `max_occlusion_px` of a kept region. `size` is the mask's.
     pub(crate) fn pieces(
         &mut self,
-        classes: &LabelMask,
+        size: [usize; 2],
         regions: &Regions,
         main: usize,
-        params: &ColourParams,
+        rules: &SelectionRules,
     ) -> &[bool] {
         self.keep.clear();
         self.keep.resize(regions.found().len(), false);
         self.keep[main] = true;
-        let candidates = regions.found().iter().filter(|r| r.area_px >= params.min_piece_area_px).count();
-        if params.max_occlusion_px == 0 || candidates < 2 {
+        let candidates = regions.found().iter().filter(|r| r.area_px >= rules.min_piece_area_px).count();
+        if rules.max_occlusion_px == 0 || candidates < 2 {
             return &self.keep;
         }
-        // Pixels on the occluder's edge have a mixed colour and no class: the cover is one pixel larger.
-        self.cover.load(classes, 0, |class| class == OCCLUDER || class == label::TARGET);
-        self.cover.dilate();
         // A piece that was found may lead to a further one: the search starts again from all kept regions.
-        while self.grow([classes.width as usize, classes.height as usize], regions, params) {}
+        while self.grow(size, regions, rules) {}
         &self.keep
     }
 
     /// Searches from the kept regions. Returns true if it reached another one.
-    fn grow(&mut self, [width, height]: [usize; 2], regions: &Regions, params: &ColourParams) -> bool {
+    fn grow(&mut self, [width, height]: [usize; 2], regions: &Regions, rules: &SelectionRules) -> bool {
         self.seen.clear();
         self.seen.resize(width * height, false);
         self.edge.clear();
@@ -58,7 +51,7 @@ impl Occlusion {
         }
         let mut reached = false;
         // The search makes `max_occlusion_px` + 1 steps, because the last step enters the other piece.
-        for _ in 0..=params.max_occlusion_px {
+        for _ in 0..=rules.max_occlusion_px {
             self.next_edge.clear();
             for &pixel in &self.edge {
                 let (u, v) = (pixel as usize % width, pixel as usize / width);
@@ -66,10 +59,10 @@ impl Occlusion {
                     for x in u.saturating_sub(1)..(u + 2).min(width) {
                         let near = y * width + x;
                         if let Some(region) = regions.at(near) {
-                            let large = regions.found()[region].area_px >= params.min_piece_area_px;
+                            let large = regions.found()[region].area_px >= rules.min_piece_area_px;
                             reached |= large && !self.keep[region];
                             self.keep[region] |= large;
-                        } else if self.cover.row(y)[x] == 1 && !self.seen[near] {
+                        } else if !self.seen[near] {
                             self.seen[near] = true;
                             self.next_edge.push(near as u32);
                         }

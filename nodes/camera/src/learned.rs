@@ -1,0 +1,14 @@
+//! Segmentation by a trained network, for any object: it is told the object's colour by a click.
+
+mod frame;
+pub mod generator;
+mod network;
+mod segmenter;
+mod size;
+mod training;
+
+pub use frame::LabelledFrame;
+pub use network::{Clicked, Weights, bytes_of, network, shipped_weights, weights_of};
+pub use segmenter::{LearnedParams, LearnedSegmenter};
+pub use size::SIDE;
+pub use training::{Progress, TrainingSettings, train};

@@ -1,0 +1,160 @@
+//! Training of the network on generated pictures.
+
+use catenary_core::image::label;
+use catenary_core::seed;
+use convnet::{Adam, Net, Pass, Sample, batch_gradient};
+
+use super::frame::LabelledFrame;
+use super::generator::Picture;
+use super::network::{MASKS, Weights, fill, network};
+use super::size::SIDE;
+use crate::Error;
+
+/// Stream of random numbers of the first weights.
+const START: u64 = u64::MAX;
+/// Weight of the overlap (Dice) beside the cross entropy. The object covers few pixels, which cross entropy alone counts for little.
+const OVERLAP: f32 = 0.5;
+/// Weight of a labelled pixel in the cross entropy.
+const LABELLED: f32 = 3.0;
+
+/// Sizes of a training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrainingSettings {
+    /// Number of steps.
+    pub steps: usize,
+    /// Pictures of a step.
+    pub batch: usize,
+    /// Greatest rate of Adam. It rises over the first 5 % of the steps, and falls to zero as a cosine.
+    pub rate: f32,
+    /// Number of threads.
+    pub threads: usize,
+    /// Seed of the pictures and of the first weights.
+    pub seed: u64,
+}
+
+impl Default for TrainingSettings {
+    fn default() -> Self {
+        Self { steps: 5_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 }
+    }
+}
+
+/// State of a training after a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Number of steps that are done.
+    pub step: usize,
+    /// Mean loss of the step's pictures.
+    pub loss: f64,
+}
+
+/// Trains a network on generated pictures, from weights `start` if they are given. If there are labelled frames, every other picture is
+/// one of them. `tell` is called after each step, and ends the training with an error if it returns false.
+///
+/// # Errors
+/// [`Error::Interrupted`]; [`Error::Weights`] for a start of another network.
+pub fn train(
+    settings: &TrainingSettings,
+    start: Option<Weights>,
+    frames: &[LabelledFrame],
+    mut tell: impl FnMut(Progress) -> bool,
+) -> Result<Weights, Error> {
+    let net = network();
+    let mut weights = start.unwrap_or_else(|| net.initial(&mut seed::rng(settings.seed, START)));
+    if weights.len() != net.weights() {
+        return Err(Error::Weights { expected: net.weights(), got: weights.len().to_string() });
+    }
+    let mut adam = Adam::new(weights.len());
+    let mut passes: Vec<Pass> = (0..settings.threads.max(1)).map(|_| Pass::new(&net)).collect();
+    let mut gradient = vec![0.0; weights.len()];
+    for step in 0..settings.steps {
+        let first = (step * settings.batch) as u64;
+        let samples: Vec<Drawn<'_>> =
+            (0..settings.batch as u64).map(|k| Drawn { seed: settings.seed, stream: first + k, frames }).collect();
+        let loss = batch_gradient(&net, &weights, &samples, &mut passes, &mut gradient);
+        clip(&mut gradient);
+        adam.step(&mut weights, &gradient, rate(settings, step));
+        if !tell(Progress { step: step + 1, loss }) {
+            return Err(Error::Interrupted);
+        }
+    }
+    Ok(weights)
+}
+
+fn rate(settings: &TrainingSettings, step: usize) -> f32 {
+    let warm = (settings.steps as f32 / 20.0).max(1.0);
+    let done = step as f32 / settings.steps as f32;
+    settings.rate * ((step + 1) as f32 / warm).min(1.0) * 0.5 * (1.0 + (std::f32::consts::PI * done).cos())
+}
+
+/// Shortens a gradient of more than length 1: a single odd picture must not undo many steps.
+fn clip(gradient: &mut [f32]) {
+    let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
+    if length > 1.0 {
+        gradient.iter_mut().for_each(|g| *g /= length);
+    }
+}
+
+/// Picture of a training, drawn when it is needed.
+struct Drawn<'a> {
+    seed: u64,
+    stream: u64,
+    frames: &'a [LabelledFrame],
+}
+
+impl Drawn<'_> {
+    fn picture(&self) -> Picture {
+        let mut rng = seed::rng(self.seed, self.stream);
+        // Every frame has its turn.
+        match self.frames.get((self.stream / 2) as usize % self.frames.len().max(1)) {
+            Some(frame) if self.stream % 2 == 1 => frame.picture(&mut rng),
+            _ => Picture::draw(&mut rng),
+        }
+    }
+}
+
+impl Sample for Drawn<'_> {
+    type Truth = Vec<u8>;
+
+    fn fill(&self, net: &Net, input: &mut [f32]) -> Vec<u8> {
+        let picture = self.picture();
+        fill(net, input, &picture.clicked, |i| picture.pixels[i]);
+        picture.labels
+    }
+
+    fn judge(&self, net: &Net, labels: &Vec<u8>, output: &[f32], pull: &mut [f32]) -> f64 {
+        let shape = net.output();
+        let pixels = (SIDE * SIDE) as f32;
+        let mut loss = 0.0;
+        for (mask, label) in [label::DLO, label::TARGET].into_iter().enumerate().take(MASKS) {
+            let (mut entropy, mut common, mut sum, mut truth) = (0.0_f64, 0.0_f32, 0.0_f32, 0.0_f32);
+            let total: f32 = labels.iter().map(|&l| if l == label { LABELLED } else { 1.0 }).sum();
+            for v in 0..SIDE {
+                let row = shape.row(mask, v);
+                for (u, (&x, pull)) in output[row.clone()].iter().zip(&mut pull[row]).enumerate() {
+                    let y = if labels[v * SIDE + u] == label { 1.0 } else { 0.0 };
+                    let p = 1.0 / (1.0 + (-x).exp());
+                    let weight = if y > 0.0 { LABELLED } else { 1.0 };
+                    entropy += f64::from(weight * (x.max(0.0) - x * y + (-x.abs()).exp().ln_1p()));
+                    *pull = weight * (p - y) / total;
+                    common += p * y;
+                    sum += p;
+                    truth += y;
+                }
+            }
+            loss += entropy / f64::from(total);
+            // One is added to both sides, so that an empty mask has a meaning.
+            let (over, under) = (2.0 * common + 1.0, sum + truth + 1.0);
+            loss += f64::from(OVERLAP * (1.0 - over / under));
+            for v in 0..SIDE {
+                let row = shape.row(mask, v);
+                for (u, (&x, pull)) in output[row.clone()].iter().zip(&mut pull[row]).enumerate() {
+                    let y = if labels[v * SIDE + u] == label { 1.0 } else { 0.0 };
+                    let p = 1.0 / (1.0 + (-x).exp());
+                    *pull -= OVERLAP * (2.0 * y / under - over / (under * under)) * p * (1.0 - p);
+                }
+            }
+            debug_assert!(total >= pixels);
+        }
+        loss
+    }
+}
