@@ -12,7 +12,9 @@ use crate::import_track::args::ImportArgs;
 use crate::infer::args::InferArgs;
 use crate::install::args::InstallArgs;
 use crate::launch::args::{LaunchArgs, StatusArgs};
+use crate::mask::args::MaskArgs;
 use crate::node::args::NodeArgs;
+use crate::segmenter::args::{LabelArgs, TrainSegmenterArgs};
 use crate::simulate::args::SimulateArgs;
 use crate::train::args::TrainArgs;
 use clap::{Parser, Subcommand};
@@ -45,7 +47,7 @@ pub struct Cli {
 /// Commands, in the order in which a newcomer meets them.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The whole loop on a simulated cell, from training to the report
+    /// The whole loop on a simulated cell, with a report
     Demo(DemoArgs),
     /// Start the processes of a ROS 2 launch file and watch them
     Launch(LaunchArgs),
@@ -57,9 +59,9 @@ pub enum Command {
     Infer(InferArgs),
     /// Find where model and recordings disagree, and why
     FindEffects(FindEffectsArgs),
-    /// Train a policy in simulation over a model's prior or a posterior
+    /// Train a policy in simulation over a prior or a posterior
     Train(TrainArgs),
-    /// Run policies on simulated episodes of a model, and compare them
+    /// Run policies on simulated episodes, and compare them
     Evaluate(EvaluateArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),
@@ -73,7 +75,13 @@ pub enum Command {
     Reindex(ReindexArgs),
     /// Make a bag from a track in a CSV file
     ImportTrack(ImportArgs),
-    /// Show one episode of a model: figures, a bag, a video, a picture
+    /// Show what camera and tracker see, and fit colours to a click
+    Mask(MaskArgs),
+    /// Write frames with their masks, to be corrected by hand
+    Label(LabelArgs),
+    /// Train the learned segmenter, also on labelled frames
+    TrainSegmenter(TrainSegmenterArgs),
+    /// Show one episode of a model: figures, bag, video, picture
     Simulate(SimulateArgs),
     /// Build the report of a demo folder again
     Report(ReportArgs),
@@ -81,7 +89,7 @@ pub enum Command {
     Bench(BenchArgs),
     /// List the effects that a model may have, with units and priors
     Effects(EffectsArgs),
-    /// Install nodes and launch files for `ros2 run` and `ros2 launch`
+    /// Install nodes and launch files for `ros2 run` and `launch`
     Install(InstallArgs),
     /// Check this machine and its ROS 2 settings
     Doctor(DoctorArgs),

@@ -3,8 +3,8 @@
 use crate::cli::{Cli, Command};
 use crate::exit::{Interrupted, Misfit, WrongInput};
 use crate::{
-    bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, node,
-    simulate, train,
+    bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
+    node, segmenter, simulate, train,
 };
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -90,6 +90,9 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Effects(arguments) => effects::run(arguments),
         Command::Doctor(arguments) => doctor::run(arguments),
         Command::Infer(arguments) => infer::run(arguments),
+        Command::Mask(arguments) => mask::run(arguments),
+        Command::Label(arguments) => segmenter::label(arguments),
+        Command::TrainSegmenter(arguments) => segmenter::train(arguments),
         Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),

@@ -1,0 +1,178 @@
+//! Colours from clicks or labels, and the parameter file with them.
+
+use super::args::MaskArgs;
+use super::frames::{self, Frame};
+use crate::exit::{Given, WrongInput};
+use crate::report::number::percent;
+use crate::terminal::output;
+use anyhow::{Context, Result};
+use camera::{
+    Backend, ColourFit, ColourParams, ColourRange, SegmenterParams, colour_of_clicks, colour_of_labels, fit_colours,
+    pixels_of_clicks,
+};
+use catenary_core::RgbImage;
+use serde::Serialize;
+use std::path::Path;
+
+/// What was fitted for a label.
+#[derive(Debug, Serialize)]
+pub struct Fitted {
+    /// Label, `dlo` or `target`.
+    label: &'static str,
+    #[serde(flatten)]
+    look: Look,
+}
+
+/// Look of the object or of the target, as a segmenter takes it.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Look {
+    /// Limits of the colour segmenter.
+    Limits {
+        hue_deg: [f64; 2],
+        min_saturation: f64,
+        min_chroma: u8,
+        /// Share of the label's pixels that have the colours.
+        found: f64,
+        /// Share of the pixels with the colours that are not the label's.
+        false_share: f64,
+    },
+    /// Colour of the learned segmenter, each part 0 to 255.
+    Clicked { clicked_rgb: [u8; 3] },
+}
+
+impl Fitted {
+    /// A line for the terminal.
+    pub fn words(&self) -> String {
+        let name = if self.label == "dlo" { "object" } else { "target" };
+        match &self.look {
+            Look::Limits { hue_deg: [from, to], min_saturation, min_chroma, found, false_share } => format!(
+                "{name}: hue {from:.0} to {to:.0} degrees, saturation from {min_saturation:.2}, chroma from {min_chroma}; {} of it has these colours, {} of what has them is something else",
+                percent(*found),
+                percent(*false_share)
+            ),
+            Look::Clicked { clicked_rgb: [r, g, b] } => format!("{name}: red {r}, green {g}, blue {b} of 255"),
+        }
+    }
+}
+
+/// Fits what the command line asks for, and puts it into `params`.
+///
+/// # Errors
+/// A click outside the image, labels of another size, or an object without a colour, for the colour segmenter.
+pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) -> Result<Vec<Fitted>> {
+    let labels = arguments.labels.as_deref().map(|path| labels(path, &first.image)).transpose()?;
+    let object = Marked { option: "--click", clicks: &arguments.click, labels: labels.as_deref() };
+    let target = Marked { option: "--click-target", clicks: &arguments.click_target, labels: None };
+    let mut fits = Vec::new();
+    for (label, index, marked) in [("dlo", 0, object), ("target", 1, target)] {
+        if marked.clicks.is_empty() && marked.labels.is_none() {
+            continue;
+        }
+        let option = if marked.labels.is_some() { "--labels" } else { marked.option };
+        let named = || format!("{option}: {}", first.name);
+        let look = match params.backend {
+            Backend::Colour => {
+                let ColourFit { range, found, false_share } =
+                    marked.limits(&first.image).with_context(named).given()?;
+                *[&mut params.colours.dlo, &mut params.colours.target][index] = range;
+                let ColourRange { hue_deg, min_saturation, min_chroma } = range;
+                Look::Limits { hue_deg, min_saturation, min_chroma, found, false_share }
+            }
+            // A network of the user needs no colour.
+            Backend::Yolo => {
+                return Err(WrongInput::error(format!("{option}: the segmenter yolo takes no colours")));
+            }
+            Backend::Learned => {
+                let colour = marked.colour(&first.image).with_context(named).given()?;
+                params.clicked[index] = colour;
+                Look::Clicked { clicked_rgb: rgb(colour) }
+            }
+        };
+        fits.push(Fitted { label, look });
+    }
+    if let (Backend::Colour, [Fitted { label, .. }]) = (params.backend, fits.as_slice()) {
+        give_way(&mut params.colours, label);
+    }
+    Ok(fits)
+}
+
+/// What a user marked as the object or the target.
+struct Marked<'a> {
+    option: &'static str,
+    clicks: &'a [[u32; 2]],
+    labels: Option<&'a [bool]>,
+}
+
+impl Marked<'_> {
+    fn limits(&self, image: &RgbImage) -> Result<ColourFit, camera::Error> {
+        match self.labels {
+            Some(labels) => fit_colours(image.view(), labels),
+            None => fit_colours(image.view(), &pixels_of_clicks(image.view(), self.clicks)?),
+        }
+    }
+
+    fn colour(&self, image: &RgbImage) -> Result<[f32; 3], camera::Error> {
+        match self.labels {
+            Some(labels) => colour_of_labels(image.view(), labels),
+            None => colour_of_clicks(image.view(), self.clicks),
+        }
+    }
+}
+
+/// Colours that nobody asked for give way to the fitted ones of `label`.
+fn give_way(colours: &mut ColourParams, label: &str) {
+    if !colours.dlo.meets(&colours.target) {
+        return;
+    }
+    let (other, hue_deg) = if label == "dlo" {
+        colours.target = colours.dlo.opposite();
+        ("target", colours.target.hue_deg)
+    } else {
+        colours.dlo = colours.target.opposite();
+        ("object", colours.dlo.hue_deg)
+    };
+    let [from, to] = hue_deg;
+    output::warn(&format!(
+        "the {other}'s colours were the fitted ones: its hue is now {from:.0} to {to:.0} degrees; click on it, too, if there is one"
+    ));
+}
+
+/// True where a picture is white.
+fn labels(path: &Path, of: &RgbImage) -> Result<Vec<bool>> {
+    let image = frames::picture(path)?.image;
+    if [image.width, image.height] != [of.width, of.height] {
+        let (name, w, h) = (path.display(), of.width, of.height);
+        let got = format!("{} x {}", image.width, image.height);
+        return Err(WrongInput::error(format!("--labels {name}: expected {w} x {h} pixels, as the image, got {got}")));
+    }
+    Ok(image.data.chunks_exact(3).map(|rgb| rgb[0] >= 128).collect())
+}
+
+fn rgb(colour: [f32; 3]) -> [u8; 3] {
+    colour.map(|c| (255.0 * c).round() as u8)
+}
+
+/// Parameter file of the camera node with these looks.
+pub fn parameter_file(params: &SegmenterParams) -> String {
+    let mut lines = vec!["# Look of object and target, from `catenary mask`.".to_owned(), "camera:".to_owned()];
+    lines.push("  ros__parameters:".to_owned());
+    lines.push(format!("    segmenter: {}", params.backend.name()));
+    let ranges = [&params.colours.dlo, &params.colours.target];
+    for ((label, range), clicked) in ["dlo", "target"].into_iter().zip(ranges).zip(params.clicked) {
+        match params.backend {
+            Backend::Colour => {
+                let [from, to] = range.hue_deg;
+                lines.push(format!("    {label}.hue_deg: [{from:.1}, {to:.1}]"));
+                lines.push(format!("    {label}.min_saturation: {:.2}", range.min_saturation));
+                lines.push(format!("    {label}.min_chroma: {}", range.min_chroma));
+            }
+            Backend::Yolo => {}
+            Backend::Learned => {
+                let [r, g, b] = rgb(clicked);
+                lines.push(format!("    {label}.clicked_rgb: [{r}.0, {g}.0, {b}.0]"));
+            }
+        }
+    }
+    lines.join("\n") + "\n"
+}

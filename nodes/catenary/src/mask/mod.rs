@@ -1,0 +1,172 @@
+//! `catenary mask`: what the camera node and the tracker make of images, and colours from a click.
+
+pub mod args;
+mod fit;
+pub mod frames;
+mod overlay;
+
+use crate::exit::{Given, WrongInput};
+use crate::simulate::video::Video;
+use crate::terminal::output;
+use anyhow::{Context, Result};
+use args::MaskArgs;
+use camera::{Backend, SegmenterParams};
+use catenary_core::{LabelMask, RgbImage};
+use catenary_shell::{NodeBuilder, RosArgs};
+use fit::{Fitted, fit, parameter_file};
+use frames::Frame;
+use keypoint_tracker::{GeometricTracker, KeypointTracker, TrackerParams};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Frames per second of the video.
+const VIDEO_RATE_HZ: f64 = 10.0;
+/// Score above which keypoints are usually right.
+const GOOD_SCORE: f32 = 0.5;
+
+/// Result of the command.
+#[derive(Debug, Serialize)]
+struct Answer {
+    images: Vec<Seen>,
+    /// Fitted colours by label, `dlo` or `target`.
+    fits: Vec<Fitted>,
+    /// Parameter file that was written.
+    params: Option<PathBuf>,
+}
+
+/// What was seen in one image. Areas are in mask pixels.
+#[derive(Debug, Serialize)]
+struct Seen {
+    image: String,
+    object_found: bool,
+    target_found: bool,
+    pieces: usize,
+    area_px: usize,
+    dropped_px: usize,
+    /// Scores of the four keypoints, 0 to 1.
+    scores: [f32; 4],
+    /// (u, v) of the keypoints in pixels of the image; none if the object was not found.
+    keypoints_px: Option<[[f64; 2]; 4]>,
+    /// Image with mask and keypoints over it.
+    picture: Option<PathBuf>,
+}
+
+/// Segments, tracks and draws the images.
+pub fn run(arguments: &MaskArgs) -> Result<()> {
+    let (mut params, tracking) = parameters(arguments.params.as_deref())?;
+    if let Some(backend) = &arguments.segmenter {
+        params.backend = Backend::from_name(backend).context("--segmenter")?;
+    }
+    let frames = frames::read(&arguments.source)?;
+    let first = frames.first().context("no image")?;
+    let fits = fit(arguments, first, &mut params)?;
+    let mut segmenter = camera::node::build(&params).given()?;
+    let mut tracker = GeometricTracker::new(tracking).given()?;
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string()).given()?;
+    }
+    let size = [first.image.width, first.image.height];
+    let mut video =
+        arguments.video.as_deref().map(|file| Video::create(file, file, size, VIDEO_RATE_HZ)).transpose()?;
+    let (mut mask, mut images) = (LabelMask::new(1, 1), Vec::new());
+    for (number, frame) in frames.iter().enumerate() {
+        let in_frame = || frame.name.clone();
+        let report = segmenter.segment(frame.image.view(), &mut mask).with_context(in_frame).given()?;
+        let keypoints = tracker.track(&mask)?;
+        let square =
+            params.colours.crop.square(frame.image.width, frame.image.height).with_context(in_frame).given()?;
+        let drawn = overlay::draw(&frame.image, square, &mask, &keypoints);
+        let picture = arguments.out.as_deref().map(|folder| write(&drawn, folder, number, frame)).transpose()?;
+        if let Some(video) = &mut video {
+            if [drawn.width, drawn.height] != size {
+                let ([w, h], name) = (size, &frame.name);
+                return Err(WrongInput::error(format!(
+                    "--video: expected images of {w} x {h} pixels as the first, got another in {name}"
+                )));
+            }
+            video.push(&drawn)?;
+        }
+        let scale = square[2] / f64::from(mask.width);
+        images.push(Seen {
+            image: frame.name.clone(),
+            object_found: report.dlo_area_px > 0,
+            target_found: report.target_area_px > 0,
+            pieces: report.dlo_pieces,
+            area_px: report.dlo_area_px,
+            dropped_px: report.dropped_px,
+            scores: keypoints.scores,
+            keypoints_px: keypoints
+                .dlo_seen()
+                .then(|| keypoints.dlo_px.map(|[u, v]| [square[0] + scale * u, square[1] + scale * v])),
+            picture,
+        });
+    }
+    if let Some(video) = video {
+        video.finish()?;
+    }
+    let file = match &arguments.out {
+        Some(folder) if !fits.is_empty() => {
+            let file = folder.join("params.yaml");
+            std::fs::write(&file, parameter_file(&params)).with_context(|| file.display().to_string())?;
+            Some(file)
+        }
+        _ => None,
+    };
+    output::result(&arguments.output, &Answer { images, fits, params: file }, |answer| words(answer, &params))
+}
+
+/// Values of the two nodes' parameters in a file, or their defaults.
+pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackerParams)> {
+    let words: Vec<String> = match file {
+        Some(file) => vec!["--ros-args".to_owned(), "--params-file".to_owned(), file.display().to_string()],
+        None => Vec::new(),
+    };
+    let (arguments, _) = RosArgs::parse(words).given()?;
+    let params = camera::node::declare(&NodeBuilder::new("camera", &arguments)?).given()?;
+    let tracking = keypoint_tracker::node::declare(&NodeBuilder::new("keypoint_tracker", &arguments)?).given()?;
+    Ok((params, tracking))
+}
+
+/// Writes an image to the folder, and returns its path.
+fn write(image: &RgbImage, folder: &Path, number: usize, frame: &Frame) -> Result<PathBuf> {
+    let stem = Path::new(&frame.name).file_stem().map(|s| s.to_string_lossy().replace(' ', "_")).unwrap_or_default();
+    let file = folder.join(format!("{number:03}_{stem}.png"));
+    image::save_buffer(&file, &image.data, image.width, image.height, image::ExtendedColorType::Rgb8)
+        .with_context(|| file.display().to_string())?;
+    Ok(file)
+}
+
+/// Text for the terminal.
+fn words(answer: &Answer, params: &SegmenterParams) -> String {
+    let mut lines = Vec::new();
+    lines.extend(answer.fits.iter().map(Fitted::words));
+    match &answer.params {
+        Some(file) => lines.push(format!("parameters: {}", file.display())),
+        // Without a folder, the file is shown.
+        None if !answer.fits.is_empty() => lines.push(parameter_file(params).trim_end().to_owned()),
+        None => {}
+    }
+    for seen in &answer.images {
+        let found = match seen.object_found {
+            false => "NO OBJECT".to_owned(),
+            true => {
+                let pieces = if seen.pieces == 1 { "1 piece".to_owned() } else { format!("{} pieces", seen.pieces) };
+                let scores: Vec<String> = seen.scores.iter().map(|s| format!("{s:.2}")).collect();
+                let doubt = if seen.scores.iter().any(|&s| s < GOOD_SCORE) { ", DOUBTFUL" } else { "" };
+                format!("object in {pieces}, {} px, scores {}{doubt}", seen.area_px, scores.join(" "))
+            }
+        };
+        let target = if seen.target_found { "target" } else { "no target" };
+        let picture = seen.picture.as_ref().map(|p| format!("; {}", p.display())).unwrap_or_default();
+        lines.push(format!(
+            "{}: {found}; {target}; {} px of the same colours dropped{picture}",
+            seen.image, seen.dropped_px
+        ));
+    }
+    let found = answer.images.iter().filter(|s| s.object_found).count();
+    let sure = answer.images.iter().filter(|s| s.scores.iter().all(|&x| x >= GOOD_SCORE)).count();
+    if answer.images.len() > 1 {
+        lines.push(format!("object in {found} of {} images, keypoints sure in {sure}", answer.images.len()));
+    }
+    lines.join("\n")
+}

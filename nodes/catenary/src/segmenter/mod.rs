@@ -1,0 +1,139 @@
+//! `catenary label` and `catenary train-segmenter`: weights of the learned segmenter.
+
+pub mod args;
+mod dataset;
+mod frames;
+mod outline;
+
+use crate::exit::{Given, Interrupted};
+use crate::mask;
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result};
+use args::{LabelArgs, TrainSegmenterArgs};
+use camera::learned::{TrainingSettings, bytes_of, shipped_weights};
+use camera::{Crop, Error};
+use catenary_core::LabelMask;
+use catenary_shell::Shutdown;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Steps and greatest rate of a further training.
+const FURTHER_STEPS: u32 = 400;
+const FURTHER_RATE: f32 = 5e-4;
+
+/// Result of `catenary label`.
+#[derive(Debug, Serialize)]
+struct Labelled {
+    folder: PathBuf,
+    frames: usize,
+    /// Frames in which the segmenter found no object.
+    empty: usize,
+}
+
+/// Writes the square in the middle of each image, and its labels by the chosen segmenter.
+pub fn label(arguments: &LabelArgs) -> Result<()> {
+    let (mut params, _) = mask::parameters(arguments.params.as_deref())?;
+    // The written frames are the crop.
+    let crop = std::mem::replace(&mut params.colours.crop, Crop::CentredSquare);
+    let mut segmenter = camera::node::build(&params).given()?;
+    let out = &arguments.out;
+    if arguments.yolo {
+        dataset::prepare(out)?
+    } else {
+        frames::prepare(out)?
+    }
+    let (mut mask, mut empty) = (LabelMask::new(1, 1), 0);
+    let read = mask::frames::read(&arguments.source)?;
+    for (number, frame) in read.iter().enumerate() {
+        let named = || frame.name.clone();
+        let square = crop.square(frame.image.width, frame.image.height).with_context(named).given()?;
+        let image = frames::cut(&frame.image, square);
+        let report = segmenter.segment(image.view(), &mut mask).with_context(named).given()?;
+        empty += usize::from(report.dlo_area_px == 0);
+        if arguments.yolo {
+            dataset::add(out, number, &image, &mask)?;
+        } else {
+            frames::write(out, number, &image, &mask)?;
+        }
+    }
+    let labelled = Labelled { folder: arguments.out.clone(), frames: read.len(), empty };
+    output::result(&arguments.output, &labelled, |l| {
+        let folder = l.folder.display();
+        let empty = if l.empty > 0 { format!("; the segmenter found no object in {}", l.empty) } else { String::new() };
+        if arguments.yolo {
+            return format!(
+                "{} frames in {folder}{empty}\ncorrect the polygons, in a program that reads YOLO labels, before a training",
+                l.frames
+            );
+        }
+        format!(
+            "{} frames in {folder}{empty}\ncorrect NNN_mask.png in a paint program: white is the object, grey the target, black the rest\nthen: catenary train-segmenter --frames {folder} --out weights.bin",
+            l.frames
+        )
+    })
+}
+
+/// Result of `catenary train-segmenter`.
+#[derive(Debug, Serialize)]
+struct Trained {
+    weights: PathBuf,
+    steps: usize,
+    frames: usize,
+    /// Mean loss of the last tenth of the steps.
+    loss: f64,
+    wall_s: f64,
+}
+
+/// Trains the segmenter. Ctrl-C ends the training without a file.
+pub fn train(arguments: &TrainSegmenterArgs) -> Result<()> {
+    let began = Instant::now();
+    let frames = arguments.frames.as_deref().map(frames::read).transpose()?.unwrap_or_default();
+    let start = match &arguments.start {
+        Some(file) => Some(camera::node::read_weights(file).given()?),
+        None => (!frames.is_empty()).then(shipped_weights),
+    };
+    let usual = TrainingSettings::default();
+    let steps = arguments.steps.unwrap_or(if frames.is_empty() { usual.steps as u32 } else { FURTHER_STEPS }) as usize;
+    // A high rate would forget the start.
+    let rate = if start.is_some() { FURTHER_RATE } else { usual.rate };
+    let threads = arguments.threads.map_or_else(catenary_simulator::workers::available, |t| t as usize);
+    let settings = TrainingSettings { steps, rate, threads, seed: arguments.seed, ..usual };
+    output::prepare(&arguments.out)?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let bar = progress::bar("training", 0.0)?;
+    let (mut done, mut last) = (0, (0.0, 0_u32));
+    let trained = camera::learned::train(&settings, start, &frames, |p| {
+        done = p.step;
+        if p.step + settings.steps / 10 >= settings.steps {
+            last = (last.0 + p.loss, last.1 + 1);
+        }
+        bar.set_message(format!("loss {:.3}", p.loss));
+        progress::advance(&bar, progress::share(p.step as f64, settings.steps as f64));
+        !shutdown.is_triggered()
+    });
+    let weights = match trained {
+        Err(Error::Interrupted) => return Err(Interrupted(format!(" after {done} of {} steps", settings.steps)).into()),
+        other => other.given()?,
+    };
+    bar.finish_and_clear();
+    std::fs::write(&arguments.out, bytes_of(&weights)).with_context(|| arguments.out.display().to_string())?;
+    let loss = last.0 / f64::from(last.1.max(1));
+    let trained = Trained {
+        weights: arguments.out.clone(),
+        steps: settings.steps,
+        frames: frames.len(),
+        loss,
+        wall_s: began.elapsed().as_secs_f64(),
+    };
+    output::result(&arguments.output, &trained, |t| {
+        format!(
+            "{} steps in {:.0} s, loss {:.3}\nweights: {}\nuse: parameters `segmenter: learned` and `weights` of the camera node",
+            t.steps,
+            t.wall_s,
+            t.loss,
+            t.weights.display()
+        )
+    })
+}
