@@ -1,0 +1,275 @@
+"""How often keypoints are wrong on real pictures and their variants, and how often without a doubt, by segmenter.
+
+    .venv/bin/python tests/bench/eyes/eyes.py --pictures DIR [--segmenter colour learned] [--number 40] [--weights FILE] [--out DIR]
+
+DIR holds NAME.jpg with NAME_mask.png (white where the object is) and NAME_centreline.json ([u, v] along the object). For each picture the
+colours are fitted to its mask, and kept for all its variants. A picture fails if the object is not found, or if a keypoint is more than
+5 % of the object's length from its place; a picture without fitted colours (a grey object, by thresholds) fails in all variants. It fails
+silently if every score is at least --sure then. --out also keeps one line a picture and segmenter.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import numpy
+from PIL import Image, ImageDraw, ImageFilter
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
+FRACTIONS = (0.125, 0.375, 0.625, 0.875)
+TOLERANCE = 0.05
+SIDE_PX = 480
+WHITE, GREY, SKIN = (240, 240, 235), (128, 128, 130), (224, 172, 145)
+
+
+class Picture:
+    """Square picture of SIDE_PX, its mask and its centre line."""
+
+    def __init__(self, path):
+        self.name = path.stem
+        image = Image.open(path).convert("RGB")
+        mask = Image.open(path.with_name(f"{path.stem}_mask.png")).convert("L")
+        line = numpy.array(json.loads(path.with_name(f"{path.stem}_centreline.json").read_text()), float)
+        side = max(image.size)
+        # The margin repeats the picture's median colour: a border of another colour would be an object of its own.
+        around = tuple(int(c) for c in numpy.median(numpy.asarray(image).reshape(-1, 3), axis=0))
+        left, top = (side - image.width) // 2, (side - image.height) // 2
+        square, labels = Image.new("RGB", (side, side), around), Image.new("L", (side, side))
+        square.paste(image, (left, top))
+        labels.paste(mask.resize(image.size), (left, top))
+        scale = SIDE_PX / side
+        self.image = square.resize((SIDE_PX, SIDE_PX), Image.Resampling.LANCZOS)
+        self.mask = labels.resize((SIDE_PX, SIDE_PX), Image.Resampling.BILINEAR)
+        self.line = (line + [left, top]) * scale
+        steps = numpy.linalg.norm(numpy.diff(self.line, axis=0), axis=1)
+        self.arcs = numpy.concatenate([[0.0], numpy.cumsum(steps)])
+        self.length = self.arcs[-1]
+        self.width = max(3.0, numpy.count_nonzero(numpy.asarray(self.mask) > 127) / self.length)
+
+    def at(self, fraction):
+        arc = fraction * self.length
+        return numpy.array([numpy.interp(arc, self.arcs, self.line[:, i]) for i in range(2)])
+
+    def along(self, fraction):
+        step = self.at(min(fraction + 0.02, 1.0)) - self.at(max(fraction - 0.02, 0.0))
+        return step / numpy.linalg.norm(step)
+
+    def error(self, keypoints):
+        """Greatest distance of a keypoint from its place, in lengths, in the better of the two orders."""
+        truth = numpy.array([self.at(f) for f in FRACTIONS])
+        found = numpy.array(keypoints)
+        return min(numpy.linalg.norm(found - t, axis=1).max() for t in (truth, truth[::-1])) / self.length
+
+
+def exposed(factor):
+    return lambda p, rng: Image.fromarray((numpy.asarray(p.image, float) * factor).clip(0, 255).astype("uint8"))
+
+
+def balanced(red, blue):
+    return lambda p, rng: Image.fromarray((numpy.asarray(p.image, float) * [red, 1.0, blue]).clip(0, 255).astype("uint8"))
+
+
+def noisy(levels):
+    def change(p, rng):
+        pixels = numpy.asarray(p.image, float)
+        return Image.fromarray((pixels + rng.normal(0, levels, pixels.shape)).clip(0, 255).astype("uint8"))
+
+    return change
+
+
+def jpeg(quality):
+    def change(p, rng):
+        with tempfile.NamedTemporaryFile(suffix=".jpg") as file:
+            p.image.save(file.name, quality=quality)
+            return Image.open(file.name).convert("RGB").copy()
+
+    return change
+
+
+def moved(length_px):
+    """Motion blur along a random direction."""
+
+    def change(p, rng):
+        angle = rng.uniform(0, numpy.pi)
+        pixels, total = numpy.asarray(p.image, float), 0.0
+        shifts = numpy.linspace(-0.5, 0.5, length_px) * length_px
+        for shift in shifts:
+            offset = [round(shift * numpy.sin(angle)), round(shift * numpy.cos(angle)), 0]
+            total = total + numpy.roll(pixels, offset[:2], axis=(0, 1))
+        return Image.fromarray((total / length_px).clip(0, 255).astype("uint8"))
+
+    return change
+
+
+def across(colour, share, widths):
+    """Something in front of the object: a strip across it, `share` of its length wide, `widths` of its widths long at least."""
+
+    def change(p, rng):
+        image = p.image.copy()
+        place = rng.uniform(0.3, 0.7)
+        middle, along = p.at(place), p.along(place)
+        half = 0.5 * share * p.length
+        reach = max(widths * p.width, half)
+        normal = numpy.array([-along[1], along[0]])
+        corners = [middle + a * half * along + b * reach * normal for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        ImageDraw.Draw(image).polygon([tuple(c) for c in corners], fill=colour)
+        return image.filter(ImageFilter.GaussianBlur(0.6))
+
+    return change
+
+
+def glint(p, rng):
+    image = p.image.copy()
+    middle, radius = p.at(rng.uniform(0.3, 0.7)), 0.75 * p.width
+    ImageDraw.Draw(image).ellipse([*(middle - radius), *(middle + radius)], fill=(255, 255, 255))
+    return image.filter(ImageFilter.GaussianBlur(0.6))
+
+
+def patched(p, rng):
+    """A patch of the object's own colour beside it, larger than a piece and smaller than the object."""
+    image = p.image.copy()
+    colour = tuple(int(c) for c in numpy.median(numpy.asarray(p.image)[numpy.asarray(p.mask) > 127], axis=0))
+    radius = 1.5 * p.width
+    for _ in range(200):
+        middle = rng.uniform(radius, SIDE_PX - radius, 2)
+        if numpy.linalg.norm(p.line - middle, axis=1).min() > 4 * p.width:
+            break
+    ImageDraw.Draw(image).ellipse([*(middle - radius), *(middle + radius)], fill=colour)
+    return image
+
+
+def doubled(p, rng):
+    """The object once more, mirrored."""
+    flipped = p.image.transpose(Image.Transpose.FLIP_LEFT_RIGHT)
+    mask = p.mask.transpose(Image.Transpose.FLIP_LEFT_RIGHT).point(lambda v: 255 * (v > 127))
+    return Image.composite(flipped, p.image, mask)
+
+
+VARIANTS = {
+    "clean": lambda p, rng: p.image,
+    "exposure x0.5": exposed(0.5),
+    "exposure x2": exposed(2),
+    "exposure x4": exposed(4),
+    "warm": balanced(1.25, 0.75),
+    "cool": balanced(0.75, 1.25),
+    "noise 10": noisy(10),
+    "noise 20": noisy(20),
+    "JPEG 30": jpeg(30),
+    "JPEG 10": jpeg(10),
+    "blur 9 px": moved(9),
+    "blur 21 px": moved(21),
+    "white gripper": across(WHITE, 0.08, 4),
+    "grey gripper": across(GREY, 0.08, 4),
+    "hand across": across(SKIN, 0.10, 12),
+    "glint": glint,
+    "patch of its colour": patched,
+    "second object": doubled,
+}
+
+
+def seen(arguments):
+    done = subprocess.run([PROGRAM, "mask", *map(str, arguments), "--json"], capture_output=True, text=True, check=False)
+    return json.loads(done.stdout) if done.returncode == 0 else done.stderr.strip().splitlines()[-1]
+
+
+def rows_of(picture, segmenter, weights, folder):
+    """Error, in lengths, and least score of each variant of a picture; both None if nothing is found."""
+    clean, labels = folder / "clean.png", folder / "labels.png"
+    picture.image.save(clean)
+    picture.mask.save(labels)
+    own = [f"    weights: {weights.resolve()}\n"] if weights and segmenter == "learned" else []
+    (folder / "base.yaml").write_text("camera:\n  ros__parameters:\n" + f"    segmenter: {segmenter}\n" + "".join(own))
+    fitted = seen([clean, "--labels", labels, "--params", folder / "base.yaml", "--out", folder / "out"])
+    if isinstance(fitted, str):
+        return {variant: {"error": None, "score": None} for variant in VARIANTS}
+    with (folder / "out/params.yaml").open("a") as file:
+        file.writelines(own)
+    paths = []
+    for number, change in enumerate(VARIANTS.values()):
+        rng = numpy.random.default_rng([number, *picture.name.encode()])
+        paths.append(folder / f"variant_{number}.png")
+        change(picture, rng).save(paths[-1])
+    answer = seen([*paths, "--params", folder / "out/params.yaml"])
+    assert not isinstance(answer, str), answer
+    rows = {}
+    for name, image in zip(VARIANTS, answer["images"], strict=True):
+        found = image["keypoints_px"]
+        rows[name] = {"error": picture.error(found), "score": min(image["scores"])} if found else {"error": None, "score": None}
+    return rows
+
+
+def is_failure(row, tolerance=TOLERANCE):
+    return row["error"] is None or row["error"] > tolerance
+
+
+def is_silent(row, sure):
+    return row["error"] is not None and is_failure(row) and row["score"] >= sure
+
+
+def table(every, sure):
+    """Failures, and silent ones in brackets, by variant and segmenter. `every` holds the rows of all pictures by segmenter."""
+    print("| variant | " + " | ".join(every) + " |\n|---" + "|---" * len(every) + "|")
+    shares = {name: [] for name in every}
+    for variant in VARIANTS:
+        cells = []
+        for name, pictures in every.items():
+            rows = [rows[variant] for rows in pictures]
+            share = [numpy.mean([is_failure(r) for r in rows]), numpy.mean([is_silent(r, sure) for r in rows])]
+            shares[name].append(share)
+            cells.append(f"{share[0]:.2f} ({share[1]:.2f})")
+        print(f"| {variant} | {' | '.join(cells)} |")
+    means = [numpy.mean(shares[name], axis=0) for name in every]
+    print("| mean | " + " | ".join(f"{a:.2f} ({b:.2f})" for a, b in means) + " |")
+
+
+def calibration(every):
+    """Share of the found ones that are within the tolerance, by score."""
+    print(f"\n| score | {' | '.join(every)} |\n|---" + "|---" * len(every) + "|")
+    for low in numpy.arange(0.0, 1.0, 0.1):
+        cells = []
+        for pictures in every.values():
+            found = [row for rows in pictures for row in rows.values() if row["error"] is not None]
+            of = [not is_failure(row) for row in found if low <= row["score"] < low + 0.1 + 1e-6 * (low > 0.85)]
+            cells.append(f"{numpy.mean(of):.2f} of {len(of)}" if of else "-")
+        print(f"| {low:.1f} to {low + 0.1:.1f} | {' | '.join(cells)} |")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pictures", type=pathlib.Path, required=True)
+    parser.add_argument("--segmenter", nargs="+", default=["colour", "learned"])
+    parser.add_argument("--number", type=int, default=1000, help="first pictures to try")
+    parser.add_argument("--sure", type=float, default=0.5, help="score from which keypoints count as sure")
+    parser.add_argument("--weights", type=pathlib.Path, help="of the learned segmenter; default: those that are shipped")
+    parser.add_argument("--out", type=pathlib.Path)
+    arguments = parser.parse_args()
+    lines = sorted(arguments.pictures.glob("*_centreline.json"))[: arguments.number]
+    if not lines:
+        sys.exit(f"--pictures {arguments.pictures}: expected NAME.jpg with NAME_mask.png and NAME_centreline.json, found none")
+    every = {name: [] for name in arguments.segmenter}
+    for number, line in enumerate(lines):
+        path = line.with_name(line.name.replace("_centreline.json", ".jpg"))
+        print(f"picture {number + 1} of {len(lines)}", file=sys.stderr)
+        picture = Picture(path)
+        for name in arguments.segmenter:
+            with tempfile.TemporaryDirectory() as folder:
+                rows = rows_of(picture, name, arguments.weights, pathlib.Path(folder))
+            every[name].append(rows)
+            if arguments.out:
+                arguments.out.mkdir(parents=True, exist_ok=True)
+                with (arguments.out / "eyes.jsonl").open("a") as file:
+                    file.write(json.dumps({"picture": path.stem, "segmenter": name, "rows": rows}) + "\n")
+    print(f"{len(lines)} pictures: failures, and silent ones in brackets\n")
+    table(every, arguments.sure)
+    calibration(every)
+    near = {name: numpy.mean([not is_failure(rows["clean"], 0.1) for rows in pictures]) for name, pictures in every.items()}
+    print("\nclean, within 10 % of the length: " + ", ".join(f"{name} {share:.2f}" for name, share in near.items()))
+
+
+if __name__ == "__main__":
+    main()
