@@ -42,15 +42,10 @@ pub struct ColourFit {
 /// # Errors
 /// [`Error::Click`] if a click lies outside the image, or if there is none.
 pub fn pixels_of_clicks(image: RgbView<'_>, clicks: &[[u32; 2]]) -> Result<Vec<bool>, Error> {
+    check_clicks(image, clicks)?;
     let (width, height) = (image.width(), image.height());
-    if clicks.is_empty() {
-        return Err(Error::Click { width, height, got: "none".to_owned() });
-    }
     let mut is_object = vec![false; width as usize * height as usize];
     for &[u, v] in clicks {
-        if u >= width || v >= height {
-            return Err(Error::Click { width, height, got: format!("{u},{v}") });
-        }
         let seed = mean_colour(image, [u, v]);
         let mut edge = vec![[u, v]];
         is_object[(v * width + u) as usize] = true;
@@ -141,12 +136,20 @@ pub fn fit_colours(image: RgbView<'_>, is_object: &[bool]) -> Result<ColourFit, 
 /// # Errors
 /// [`Error::Click`] if a click lies outside the image, or if there is none.
 pub fn colour_of_clicks(image: RgbView<'_>, clicks: &[[u32; 2]]) -> Result<[f32; 3], Error> {
-    let (width, height) = (image.width(), image.height());
-    if let Some([u, v]) = clicks.iter().find(|[u, v]| *u >= width || *v >= height) {
-        return Err(Error::Click { width, height, got: format!("{u},{v}") });
-    }
+    check_clicks(image, clicks)?;
     let colours: Vec<[f64; 3]> = clicks.iter().map(|&click| mean_colour(image, click)).collect();
-    median(&colours).ok_or_else(|| Error::Click { width, height, got: "none".to_owned() })
+    Ok(median(&colours).expect("there is a click"))
+}
+
+/// Returns an error if there is no click, or if one lies outside the image.
+fn check_clicks(image: RgbView<'_>, clicks: &[[u32; 2]]) -> Result<(), Error> {
+    let (width, height) = (image.width(), image.height());
+    let got = match clicks.iter().find(|[u, v]| *u >= width || *v >= height) {
+        Some([u, v]) => format!("{u},{v}"),
+        None if clicks.is_empty() => "none".to_owned(),
+        None => return Ok(()),
+    };
+    Err(Error::Click { width, height, got })
 }
 
 /// Colour of an object from its pixels, RGB, 0 to 1: their median in each channel.

@@ -66,15 +66,15 @@ pub enum Error {
     Weights {
         /// Number of the network's weights.
         expected: usize,
-        /// What was given.
+        /// Given bytes or numbers.
         got: String,
     },
     /// A network that is no YOLOv8-seg one, or cannot run.
     #[error("yolo.network: expected {expected}, got {got}")]
     Network {
-        /// What is needed.
+        /// Needed input, output or class.
         expected: String,
-        /// What there is.
+        /// Found one.
         got: String,
     },
     /// A training that was told to end.

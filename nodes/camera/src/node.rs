@@ -122,7 +122,8 @@ impl Eye {
 pub fn declare(builder: &NodeBuilder) -> Result<SegmenterParams> {
     let d = SegmenterParams::default();
     let names = Backend::ALL.map(Backend::name);
-    let spec = "Segmenter: `colour` by thresholds, `learned` by a network that is told the object's colour.";
+    let spec =
+        "Segmenter: `colour` by thresholds, `learned` by a network that is told the colour, `yolo` by one of yours.";
     let spec = ParamSpec::new(spec).choices(&names).read_only();
     let name = builder.declare_string("segmenter", d.backend.name(), spec)?.get();
     let clicked = [("dlo", d.clicked[0]), ("target", d.clicked[1])].map(|(label, d)| clicked(builder, label, d));

@@ -1,4 +1,4 @@
-//! What the masks of the last moments held, and whether it is plausible.
+//! Contents of the masks of the last moments, and doubts about them.
 
 use crate::SegmentationReport;
 
@@ -36,7 +36,7 @@ pub struct Summary {
     pub target: f64,
     /// Share of the mask with the colour of object or target that was dropped.
     pub dropped: f64,
-    /// What is implausible, in words; empty if nothing is.
+    /// Doubts about implausible values, in words; empty if there are none.
     pub doubts: Vec<String>,
 }
 

@@ -1,5 +1,6 @@
 //! Segmentation by a YOLOv8-seg network that the user trained, as in the paper.
 
+mod bilinear;
 mod decode;
 
 use std::path::PathBuf;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 use catenary_core::image::label;
 use catenary_core::{LabelMask, RgbView};
 
+use self::bilinear::bilinear;
 pub use self::decode::YoloOutput;
 use self::decode::{Detection, detections, paint};
 use crate::selection::{Selection, SelectionRules};
@@ -36,7 +38,7 @@ impl Default for YoloParams {
             network: PathBuf::new(),
             runtime: "libonnxruntime.so".into(),
             classes: [Some(0), Some(1)],
-            // Those of `ultralytics`.
+            // Values of `ultralytics`.
             min_confidence: 0.25,
             max_overlap: 0.7,
         }
@@ -88,24 +90,17 @@ impl YoloSegmenter {
         // Image pixels in a pixel of the input.
         let scale = side / f64::from(placed.side);
         self.planes.fill(BORDER / 255.0);
-        let last = [image.width() - 1, image.height() - 1].map(|n| n as f32);
+        let size = [image.width(), image.height()].map(|n| n as usize);
         for y in 0..height {
             for x in 0..width {
                 let [u, v] = placed.in_square([x as f32 + 0.5, y as f32 + 0.5]);
                 if !(0.0..placed.side).contains(&u) || !(0.0..placed.side).contains(&v) {
                     continue;
                 }
-                // Bilinear, from the centres of four image pixels.
-                let at = [left + scale * f64::from(u) - 0.5, top + scale * f64::from(v) - 0.5];
-                let [a, b] = [at[0] as f32, at[1] as f32];
-                let (a, b) = (a.clamp(0.0, last[0]), b.clamp(0.0, last[1]));
-                let (low, share) = ([a.floor(), b.floor()], [a.fract(), b.fract()]);
-                let high = [(low[0] + 1.0).min(last[0]), (low[1] + 1.0).min(last[1])];
+                let at = [left + scale * f64::from(u), top + scale * f64::from(v)].map(|c| c as f32);
                 for c in 0..3 {
-                    let level = |u: f32, v: f32| f32::from(image.row(v as u32)[3 * u as usize + c]);
-                    let upper = level(low[0], low[1]) * (1.0 - share[0]) + level(high[0], low[1]) * share[0];
-                    let lower = level(low[0], high[1]) * (1.0 - share[0]) + level(high[0], high[1]) * share[0];
-                    self.planes[(c * height + y) * width + x] = (upper * (1.0 - share[1]) + lower * share[1]) / 255.0;
+                    let level = |u: usize, v: usize| f32::from(image.row(v as u32)[3 * u + c]);
+                    self.planes[(c * height + y) * width + x] = bilinear(at, size, level) / 255.0;
                 }
             }
         }

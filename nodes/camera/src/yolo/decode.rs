@@ -2,6 +2,7 @@
 
 use catenary_core::LabelMask;
 
+use super::bilinear::bilinear;
 use crate::Error;
 
 /// Numbers of a box: centre and size.
@@ -9,7 +10,7 @@ const BOX: usize = 4;
 /// Number of mask prototypes.
 const MASKS: usize = 32;
 
-/// What the network gives for an image.
+/// Results of the network for an image.
 #[derive(Debug, Clone, Copy)]
 pub struct YoloOutput<'a> {
     /// Numbers of each anchor: box (centre x and y, width, height, in input pixels), confidence of each class, weights of 32 masks.
@@ -130,22 +131,14 @@ pub(super) fn paint(
         }
     }
     let scale = [width as f32 / input_px[0] as f32, height as f32 / input_px[1] as f32];
-    let last = [width - 1, height - 1].map(|n| n as f32);
     for v in 0..out.height {
         for u in 0..out.width {
             let at = place(u, v);
             if !detection.holds(at) {
                 continue;
             }
-            // Bilinear, from the centres of four pixels of the prototypes.
-            let x = (scale[0] * at[0] - 0.5).clamp(0.0, last[0]);
-            let y = (scale[1] * at[1] - 0.5).clamp(0.0, last[1]);
-            let (low, share) = ([x.floor(), y.floor()], [x.fract(), y.fract()]);
-            let high = [(low[0] + 1.0).min(last[0]), (low[1] + 1.0).min(last[1])];
-            let logit = |x: f32, y: f32| logits[y as usize * width + x as usize];
-            let upper = logit(low[0], low[1]) * (1.0 - share[0]) + logit(high[0], low[1]) * share[0];
-            let lower = logit(low[0], high[1]) * (1.0 - share[0]) + logit(high[0], high[1]) * share[0];
-            if upper * (1.0 - share[1]) + lower * share[1] > 0.0 {
+            let logit = |u: usize, v: usize| logits[v * width + u];
+            if bilinear([scale[0] * at[0], scale[1] * at[1]], output.masks_px, logit) > 0.0 {
                 out.data[(v * out.width + u) as usize] = label;
             }
         }

@@ -14,7 +14,7 @@ use catenary_core::RgbImage;
 use serde::Serialize;
 use std::path::Path;
 
-/// What was fitted for a label.
+/// Look that was fitted for a label.
 #[derive(Debug, Serialize)]
 pub struct Fitted {
     /// Label, `dlo` or `target`.
