@@ -1,5 +1,7 @@
 //! Chains of samples that can follow each other, and the samples beside them.
 
+use crate::{Camera, Keypoints};
+
 /// Greatest share of the poses or frames that is left out. With more faults it is unknown which samples are right.
 pub(super) const MOST_LEFT_OUT: f64 = 0.2;
 /// Number of runs that a chain may skip. Data with more faults in a row are refused in any case.
@@ -12,6 +14,12 @@ pub(crate) struct Plausible<T> {
     pub(crate) kept: Vec<(f64, T)>,
     /// Warnings about samples that were left out, and about the rest.
     pub(crate) warnings: Vec<String>,
+}
+
+/// Keypoints in the plane of motion, m; none if the camera cannot place one of them.
+pub(super) fn points_m(keypoints: &Keypoints, camera: &Camera) -> Option<[[f64; 2]; 4]> {
+    let [a, b, c, d] = keypoints.dlo_scaled().map(|p| camera.plane_from_scaled(p));
+    Some([a?, b?, c?, d?])
 }
 
 /// Clears the kept flags of the samples that `also` flags. `also` has one entry for each kept sample.

@@ -1,7 +1,7 @@
 //! Frames that hold an earlier value instead of showing the object at their own time: they are left out.
 
 use super::KEYPOINTS;
-use super::chain::{Plausible, kept};
+use super::chain::{Plausible, kept, points_m};
 use super::repeats::{HeldSummary, PlacedFrame, held_runs, held_summaries};
 use crate::{Camera, GripTrajectory, Keypoints};
 
@@ -16,8 +16,7 @@ pub(crate) fn without_held(
     hand: &GripTrajectory,
 ) -> Result<Plausible<Keypoints>, String> {
     let placed = |(time_s, k): &(f64, Keypoints)| {
-        let [a, b, c, d] = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
-        Some(PlacedFrame { time_s: *time_s, points_m: [a?, b?, c?, d?], grip: hand.at(*time_s) })
+        Some(PlacedFrame { time_s: *time_s, points_m: points_m(k, camera)?, grip: hand.at(*time_s) })
     };
     // Keypoints that the camera cannot place were left out before.
     let Some(frames) = samples.iter().map(placed).collect::<Option<Vec<PlacedFrame>>>() else {

@@ -1,7 +1,7 @@
 //! Frames that show only a part of the object, or more than it.
 
 use super::KEYPOINTS;
-use super::chain::{MOST_LEFT_OUT, Plausible, at};
+use super::chain::{MOST_LEFT_OUT, Plausible, at, points_m};
 use crate::statistics::{QuantileMethod, quantile};
 use crate::{Camera, Keypoints};
 
@@ -13,10 +13,7 @@ const USUAL: f64 = 0.75;
 
 /// Leaves out the frames whose keypoints lie on a line of another length than the object's, unless they are too many to be exceptions.
 pub(crate) fn of_usual_length(samples: &[(f64, Keypoints)], camera: &Camera, start_ns: i64) -> Plausible<Keypoints> {
-    let placed = |(time_s, k): &(f64, Keypoints)| {
-        let [a, b, c, d] = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
-        Some((*time_s, [a?, b?, c?, d?]))
-    };
+    let placed = |(time_s, k): &(f64, Keypoints)| Some((*time_s, points_m(k, camera)?));
     // Keypoints that the camera cannot place were left out before.
     let Some(lines) = samples.iter().map(placed).collect::<Option<Vec<(f64, [[f64; 2]; 4])>>>() else {
         return Plausible { kept: samples.to_vec(), warnings: Vec::new() };

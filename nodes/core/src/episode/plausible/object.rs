@@ -1,6 +1,6 @@
 //! Plausible keypoints of the object.
 
-use super::chain::{MOST_LEFT_OUT, Plausible, at, kept, left_out, longest_chain, take_out};
+use super::chain::{MOST_LEFT_OUT, Plausible, at, kept, left_out, longest_chain, points_m, take_out};
 use super::edges::edge_faults;
 use super::spikes::spikes;
 use crate::keypoints::KeypointOrder;
@@ -37,10 +37,9 @@ pub(crate) fn keypoints(
     let mut placed = Vec::new();
     let mut behind = Vec::new();
     for (time_s, k) in &seen {
-        let [a, b, c, d] = k.dlo_scaled().map(|p| camera.plane_from_scaled(p));
-        match (a, b, c, d) {
-            (Some(a), Some(b), Some(c), Some(d)) => placed.push((*time_s, ([a, b, c, d], *k))),
-            _ => behind.push((*time_s, *k)),
+        match points_m(k, camera) {
+            Some(points) => placed.push((*time_s, (points, *k))),
+            None => behind.push((*time_s, *k)),
         }
     }
     type Placed = (f64, ([[f64; 2]; 4], Keypoints));
