@@ -54,6 +54,8 @@ pub struct SegmenterParams {
     pub clicked: Clicked,
     /// Probability from which a pixel is the object's or the target's, for the learned segmenter.
     pub min_probability: f32,
+    /// Least certainty of the object's mask, for the learned segmenter.
+    pub min_certainty: f32,
     /// Weights of the network; none: those that are shipped.
     pub weights: Option<Weights>,
     /// Parameters of the YOLOv8-seg segmenter.
@@ -64,7 +66,15 @@ impl Default for SegmenterParams {
     fn default() -> Self {
         let clicked = [[48, 92, 200], [40, 160, 70]].map(|rgb: [u8; 3]| rgb.map(|c| f32::from(c) / 255.0));
         let (backend, colours) = (Backend::default(), ColourParams::default());
-        Self { backend, colours, clicked, min_probability: 0.5, weights: None, yolo: YoloParams::default() }
+        Self {
+            backend,
+            colours,
+            clicked,
+            min_probability: 0.5,
+            min_certainty: 0.5,
+            weights: None,
+            yolo: YoloParams::default(),
+        }
     }
 }
 
@@ -82,9 +92,16 @@ impl SegmenterParams {
             Backend::Learned => {
                 let weights = self.weights.clone().unwrap_or_else(shipped_weights);
                 let ColourParams { crop, min_area_px, max_occlusion_px, min_piece_area_px, .. } = self.colours;
-                let (clicked, min_probability) = (self.clicked, self.min_probability);
-                let params =
-                    LearnedParams { clicked, crop, min_probability, min_area_px, max_occlusion_px, min_piece_area_px };
+                let Self { clicked, min_probability, min_certainty, .. } = *self;
+                let params = LearnedParams {
+                    clicked,
+                    crop,
+                    min_probability,
+                    min_certainty,
+                    min_area_px,
+                    max_occlusion_px,
+                    min_piece_area_px,
+                };
                 Ok(Box::new(LearnedSegmenter::new(params, weights)?))
             }
             Backend::Yolo => {

@@ -1,5 +1,6 @@
 //! Errors of segmentation.
 
+use convnet::WeightsError;
 use thiserror::Error;
 
 /// Reason for which an image gave no mask.
@@ -59,16 +60,9 @@ pub enum Error {
         /// Number of labels of the object.
         marked: usize,
     },
-    /// Weights of another network.
-    #[error(
-        "expected {expected} finite numbers of 4 bytes, as `catenary train-segmenter` of this version writes, got {got}"
-    )]
-    Weights {
-        /// Number of the network's weights.
-        expected: usize,
-        /// Given bytes or numbers.
-        got: String,
-    },
+    /// Weights of another network than that of `catenary train-segmenter`.
+    #[error("weights of `catenary train-segmenter` of this version: {0}")]
+    Weights(#[from] WeightsError),
     /// A network that is no YOLOv8-seg one, or cannot run.
     #[error("yolo.network: expected {expected}, got {got}")]
     Network {
@@ -106,7 +100,7 @@ impl Error {
             Self::Parameter { field, .. } | Self::Image { field, .. } => field,
             Self::CropOutside { .. } => "size",
             Self::Click { .. } => "click",
-            Self::Weights { .. } => "weights",
+            Self::Weights(_) => "weights",
             Self::Network { .. } => "network",
             Self::Interrupted => "training",
             Self::Colourless { .. } => "colour",

@@ -131,6 +131,11 @@ pub fn declare(builder: &NodeBuilder) -> Result<SegmenterParams> {
     let least =
         ParamSpec::new("Least probability of a label, for the learned segmenter.").range(0.01..=0.99).read_only();
     let least = builder.declare_f64("min_probability", f64::from(d.min_probability), least)?.get();
+    let certain = ParamSpec::new(
+        "Least certainty of the object's mask, for the learned segmenter; an object with less counts as not found.",
+    );
+    let certain =
+        builder.declare_f64("min_certainty", f64::from(d.min_certainty), certain.range(0.0..=1.0).read_only())?.get();
     let weights =
         "File of the learned segmenter's weights, as `catenary train-segmenter` writes; empty: those that are shipped.";
     let weights = builder.declare_string("weights", "", ParamSpec::new(weights).read_only())?.get();
@@ -139,6 +144,7 @@ pub fn declare(builder: &NodeBuilder) -> Result<SegmenterParams> {
         colours: colours(builder)?,
         clicked: [object?, target?],
         min_probability: least as f32,
+        min_certainty: certain as f32,
         yolo: yolo(builder)?,
         weights: if weights.is_empty() { None } else { Some(read_weights(&weights)?) },
     })

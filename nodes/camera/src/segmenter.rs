@@ -29,4 +29,7 @@ pub struct SegmentationReport {
     pub target_centroid_px: Option<[f64; 2]>,
     /// Area with the colour of the object or of the target that was dropped because it is too small or lies apart.
     pub dropped_px: usize,
+    /// Intersection over union of the object's mask with the object that the segmenter expects by its probabilities, 0 to 1. Always 1 for
+    /// segmenters without probabilities.
+    pub certainty: f32,
 }

@@ -21,7 +21,7 @@ pub(crate) struct Selection {
 impl Selection {
     /// Erases all but the object, in all its pieces, and the target.
     pub(crate) fn select(&mut self, out: &mut LabelMask, rules: &SelectionRules) -> SegmentationReport {
-        let mut report = SegmentationReport::default();
+        let mut report = SegmentationReport { certainty: 1.0, ..SegmentationReport::default() };
         self.select_dlo(out, rules, &mut report);
         self.select_target(out, rules, &mut report);
         report

@@ -103,6 +103,7 @@ mod tests {
         target_area_px: 50,
         target_centroid_px: None,
         dropped_px: 9,
+        certainty: 1.0,
     };
 
     fn doubts(reports: &[SegmentationReport]) -> Vec<String> {

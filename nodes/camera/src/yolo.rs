@@ -240,7 +240,7 @@ mod tests {
         let mut segmenter = YoloSegmenter::new(YoloParams::default(), ColourParams::default(), network).unwrap();
         let mut mask = LabelMask::new(1, 1);
         let report = segmenter.segment(RgbImage::new(640, 480).view(), &mut mask).unwrap();
-        assert_eq!(report, SegmentationReport::default());
+        assert_eq!(report, SegmentationReport { certainty: 1.0, ..SegmentationReport::default() });
         assert!(mask.data.iter().all(|l| *l == label::BACKGROUND));
     }
 

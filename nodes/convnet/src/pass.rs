@@ -93,6 +93,16 @@ impl Pass {
 
     /// Adds the gradient of the loss by all weights to `gradient`, after [`Pass::run`] with the same weights.
     pub fn pull_back(&mut self, net: &Net, weights: &[f32], gradient: &mut [f32]) {
+        self.lead_back(net, weights, gradient, false);
+    }
+
+    /// Does as [`Pass::pull_back`], and returns the gradient of the loss by the input, for a network that continues another one.
+    pub fn pull_back_to_input(&mut self, net: &Net, weights: &[f32], gradient: &mut [f32]) -> &[f32] {
+        self.lead_back(net, weights, gradient, true);
+        &self.pulls[0]
+    }
+
+    fn lead_back(&mut self, net: &Net, weights: &[f32], gradient: &mut [f32], to_input: bool) {
         let count = net.layers().len();
         for pull in &mut self.pulls[..count] {
             pull.fill(0.0);
@@ -118,8 +128,8 @@ impl Pass {
                         &mut gradient[place.clone()],
                         part,
                     );
-                    // The input of the network needs no gradient.
-                    if from > 0 {
+                    // The input of the first network needs no gradient.
+                    if from > 0 || to_input {
                         self.back.clear();
                         self.back.resize(shape.len().div_ceil(BLOCK * shape.plane()) * BLOCK * shape.plane(), 0.0);
                         turn(&weights[place], [channels, shape.channels, side], &mut self.turned);
@@ -353,6 +363,36 @@ mod tests {
             let h = 1e-3;
             let slope = (loss(&mut pass, &net, &at(h)) - loss(&mut pass, &net, &at(-h))) / (2.0 * f64::from(h));
             let expected: f32 = gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
+            assert!((slope - f64::from(expected)).abs() < 0.01 * f64::from(norm), "{slope} {expected} of {norm}");
+        }
+    }
+
+    #[test]
+    fn the_gradient_by_the_input_is_that_of_the_loss() {
+        let net = net();
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let weights = net.initial(&mut rng);
+        let mut pass = Pass::new(&net);
+        filled(&mut pass, &net, &mut rng);
+        let _ = loss(&mut pass, &net, &weights);
+        let (output, pull) = pass.result(&net);
+        pull.copy_from_slice(output);
+        let by_input = pass.pull_back_to_input(&net, &weights, &mut vec![0.0; net.weights()]).to_vec();
+        let norm = by_input.iter().map(|g| g * g).sum::<f32>().sqrt();
+        let start = pass.input().to_vec();
+        for _ in 0..10 {
+            let mut direction = vec![0.0_f32; start.len()];
+            let shape = net.shape(0);
+            for (c, y) in (0..shape.channels).flat_map(|c| (0..shape.height).map(move |y| (c, y))) {
+                direction[shape.row(c, y)].iter_mut().for_each(|d| *d = rng.random_range(-1.0..1.0));
+            }
+            let h = 1e-3_f32;
+            let mut at = |h: f32| {
+                pass.input().iter_mut().zip(start.iter().zip(&direction)).for_each(|(x, (s, d))| *x = s + h * d);
+                loss(&mut pass, &net, &weights)
+            };
+            let slope = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            let expected: f32 = by_input.iter().zip(&direction).map(|(g, d)| g * d).sum();
             assert!((slope - f64::from(expected)).abs() < 0.01 * f64::from(norm), "{slope} {expected} of {norm}");
         }
     }

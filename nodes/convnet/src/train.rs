@@ -15,9 +15,6 @@ pub trait Sample: Send + Sync {
     fn judge(&self, net: &Net, truth: &Self::Truth, output: &[f32], pull: &mut [f32]) -> f64;
 }
 
-/// Sample with its loss and its gradient.
-type Part<'a, S> = (&'a S, &'a mut (f64, Vec<f32>));
-
 /// Mean loss of the samples, and its gradient in `gradient`. Each pass of `passes` works on a thread of its own.
 ///
 /// The samples are added in their order, so that the result does not depend on the number of threads.
@@ -28,8 +25,32 @@ pub fn batch_gradient<S: Sample>(
     passes: &mut [Pass],
     gradient: &mut [f32],
 ) -> f64 {
-    let mut parts: Vec<(f64, Vec<f32>)> = samples.iter().map(|_| (0.0, vec![0.0; net.weights()])).collect();
-    let threads = passes.len().max(1);
+    mean_gradient(samples, passes, gradient, |sample, pass, gradient| {
+        let truth = sample.fill(net, pass.input());
+        pass.run(net, weights);
+        let (output, pull) = pass.result(net);
+        let loss = sample.judge(net, &truth, output, pull);
+        pass.pull_back(net, weights, gradient);
+        loss
+    })
+}
+
+/// Sample with its loss and its gradient.
+type Part<'a, S> = (&'a S, &'a mut (f64, Vec<f32>));
+
+/// Mean loss of the samples, and its gradient in `gradient`. Each workspace is used on a thread of its own. `judge` returns the loss of a
+/// sample and adds its gradient to the slice that it is given.
+///
+/// The samples are added in their order, so that the result does not depend on the number of threads.
+pub fn mean_gradient<S: Sync, W: Send>(
+    samples: &[S],
+    workspaces: &mut [W],
+    gradient: &mut [f32],
+    judge: impl Fn(&S, &mut W, &mut [f32]) -> f64 + Sync,
+) -> f64 {
+    let mut parts: Vec<(f64, Vec<f32>)> = samples.iter().map(|_| (0.0, vec![0.0; gradient.len()])).collect();
+    let threads = workspaces.len().max(1);
+    let judge = &judge;
     #[allow(
         clippy::disallowed_methods,
         reason = "a training takes minutes on one core; its result does not depend on the threads"
@@ -40,14 +61,10 @@ pub fn batch_gradient<S: Sample>(
         for (k, pair) in samples.iter().zip(&mut parts).enumerate() {
             shares[k % threads].push(pair);
         }
-        for (pass, share) in passes.iter_mut().zip(shares) {
+        for (workspace, share) in workspaces.iter_mut().zip(shares) {
             scope.spawn(move || {
                 for (sample, (loss, gradient)) in share {
-                    let truth = sample.fill(net, pass.input());
-                    pass.run(net, weights);
-                    let (output, pull) = pass.result(net);
-                    *loss = sample.judge(net, &truth, output, pull);
-                    pass.pull_back(net, weights, gradient);
+                    *loss = judge(sample, workspace, gradient);
                 }
             });
         }

@@ -2,7 +2,7 @@
 
 use catenary_core::image::label;
 use catenary_core::seed;
-use convnet::{Adam, Net, Pass, Sample, batch_gradient};
+use convnet::{Adam, Net, Pass, Sample, WeightsError, batch_gradient, clip, rate};
 
 use super::frame::LabelledFrame;
 use super::generator::Picture;
@@ -34,7 +34,7 @@ pub struct TrainingSettings {
 
 impl Default for TrainingSettings {
     fn default() -> Self {
-        Self { steps: 5_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 }
+        Self { steps: 8_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 }
     }
 }
 
@@ -61,7 +61,7 @@ pub fn train(
     let net = network();
     let mut weights = start.unwrap_or_else(|| net.initial(&mut seed::rng(settings.seed, START)));
     if weights.len() != net.weights() {
-        return Err(Error::Weights { expected: net.weights(), got: weights.len().to_string() });
+        return Err(WeightsError { expected: net.weights(), got: weights.len().to_string() }.into());
     }
     let mut adam = Adam::new(weights.len());
     let mut passes: Vec<Pass> = (0..settings.threads.max(1)).map(|_| Pass::new(&net)).collect();
@@ -72,26 +72,12 @@ pub fn train(
             (0..settings.batch as u64).map(|k| Drawn { seed: settings.seed, stream: first + k, frames }).collect();
         let loss = batch_gradient(&net, &weights, &samples, &mut passes, &mut gradient);
         clip(&mut gradient);
-        adam.step(&mut weights, &gradient, rate(settings, step));
+        adam.step(&mut weights, &gradient, rate(settings.rate, step, settings.steps));
         if !tell(Progress { step: step + 1, loss }) {
             return Err(Error::Interrupted);
         }
     }
     Ok(weights)
-}
-
-fn rate(settings: &TrainingSettings, step: usize) -> f32 {
-    let warm = (settings.steps as f32 / 20.0).max(1.0);
-    let done = step as f32 / settings.steps as f32;
-    settings.rate * ((step + 1) as f32 / warm).min(1.0) * 0.5 * (1.0 + (std::f32::consts::PI * done).cos())
-}
-
-/// Shortens a gradient of more than length 1: a single odd picture must not undo many steps.
-fn clip(gradient: &mut [f32]) {
-    let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
-    if length > 1.0 {
-        gradient.iter_mut().for_each(|g| *g /= length);
-    }
 }
 
 /// Picture of a training, drawn when it is needed.
@@ -134,7 +120,10 @@ impl Sample for Drawn<'_> {
                     let y = if labels[v * SIDE + u] == label { 1.0 } else { 0.0 };
                     let p = 1.0 / (1.0 + (-x).exp());
                     let weight = if y > 0.0 { LABELLED } else { 1.0 };
-                    entropy += f64::from(weight * (x.max(0.0) - x * y + (-x.abs()).exp().ln_1p()));
+                    // Far from zero the logarithm of the probability is the log odds themselves.
+                    let lost = if y > 0.0 { -x } else { x };
+                    let loss = if lost > 15.0 { lost } else { -(if y > 0.0 { p } else { 1.0 - p }).max(1e-7).ln() };
+                    entropy += f64::from(weight * loss);
                     *pull = weight * (p - y) / total;
                     common += p * y;
                     sum += p;
