@@ -66,8 +66,9 @@ impl Picture {
         in_front(&mut canvas, &line, half_width, object, rng);
         let light = Light::draw(rng);
         let pixels = light.seen(&canvas.pixels, rng);
-        // The click was made in milder light, on a picture of the same camera.
-        let clicked = [object, target].map(|colour| Light::draw_mild(rng).of_colour(colour, rng));
+        // Some clicks are made in the light of the picture; others earlier, in milder light.
+        let then = if rng.random_bool(0.4) { light } else { Light::draw_mild(rng) };
+        let clicked = [object, target].map(|colour| then.of_colour(colour, rng));
         Self { pixels, labels: canvas.labels, clicked }
     }
 }

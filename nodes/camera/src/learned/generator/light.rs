@@ -5,6 +5,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
 /// Light and camera of one picture.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Light {
     /// Gain of each channel: exposure times white balance.
     gains: [f32; 3],
@@ -29,7 +30,7 @@ impl Light {
         let balance = if rng.random_bool(0.5) { 0.4_f32 } else { 0.08 };
         let gains = [0, 1, 2].map(|_| exposure * rng.random_range(-balance..balance).exp());
         let angle = rng.random_range(0.0..std::f32::consts::TAU);
-        let length = if rng.random_bool(0.3) { rng.random_range(1.0..13.0) } else { 0.0_f32 };
+        let length = if rng.random_bool(0.35) { rng.random_range(1.0..14.0) } else { 0.0_f32 };
         Self {
             gains,
             gamma: rng.random_range(0.75..1.35),
