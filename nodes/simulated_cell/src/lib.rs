@@ -3,6 +3,7 @@
 pub mod cell;
 #[cfg(feature = "node")]
 pub mod convert;
+pub mod look;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod render;

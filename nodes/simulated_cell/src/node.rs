@@ -11,6 +11,7 @@ mod measuring;
 mod setup;
 
 use anyhow::{Context, Result, ensure};
+use camera::Pictures;
 use catenary_core::{Camera, Fidelity, Model, seed};
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_shell::{Misconfigured, NodeBuilder, Param, ParamSpec, Time, contract, read_model};
@@ -40,6 +41,7 @@ struct Parameters {
     publish_clock: Param<bool>,
     real_time_factor: Param<f64>,
     image_noise: Param<f64>,
+    laboratory: Param<i64>,
     hand: Param<String>,
     moves: MoveParameters,
 }
@@ -74,6 +76,12 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
             3.0,
             text("Standard deviation of the image noise in grey levels.").range(0.0..=50.0),
         )?,
+        laboratory: b.declare_i64(
+            "laboratory",
+            -1,
+            text("Seed of the laboratory that the pictures show: textures, lamp, shadows, clutter, exposure; -1: the plain look.")
+                .integer_range(-1..=i64::MAX),
+        )?,
         hand: b.declare_string(
             "hand",
             "simulated",
@@ -95,15 +103,20 @@ fn run(builder: NodeBuilder) -> Result<()> {
     for (name, value, prior) in setup.model.theta.outside(&setup.theta) {
         tracing::warn!("theta: {name} {value} lies outside its prior in the model, {prior}: no inference finds it");
     }
+    let pictures = Pictures {
+        noise_levels: p.image_noise.get(),
+        noise_seed: setup.seed,
+        laboratory: u64::try_from(p.laboratory.get()).ok(),
+    };
     if p.hand.get() == "elsewhere" {
         drop(cell);
         ensure!(
             !p.publish_clock.get(),
             "parameter publish_clock: expected false for hand elsewhere, whose time is real"
         );
-        return elsewhere::run(&node, setup, p.image_noise.get());
+        return elsewhere::run(&node, setup, pictures);
     }
-    let Setup { model, seed: cell_seed, .. } = setup;
+    let Setup { model, .. } = setup;
     // Discovery takes time. It comes before the arm's time begins, or the loop would have to catch up.
     meet_others(&node);
     let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
@@ -115,7 +128,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     // arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
-    camera::start(&front, &calibrated, model.camera.rate_hz, p.image_noise.get(), cell_seed)?;
+    camera::start(&front, &calibrated, model.camera.rate_hz, pictures)?;
     let reported = Arc::clone(&front);
     node.report_diagnostics(move |report| {
         reported.report(report);

@@ -3,6 +3,7 @@
 //! Lambert shading from one lamp above, a shadow on the table, sensor noise from a table of draws. The colours match
 //! the default settings of the colour segmentation.
 
+use crate::look::Look;
 use crate::scene::{Part, Scene, Solid};
 use catenary_core::camera::Pinhole;
 use catenary_core::image::label;
@@ -11,12 +12,6 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
-/// Direction to the lamp.
-const LAMP: [f64; 3] = [0.3, -0.5, 0.81];
-/// Share of light on surfaces turned away from the lamp.
-const AMBIENT: f64 = 0.55;
-/// Share of light in the shadow.
-const SHADOW: f64 = 0.7;
 /// Smallest relative difference of inverse depth at which a shadow is drawn.
 // A shadow lies above the table by a share of 1e-4 or more, and above another shadow by rounding only: overlapping
 // shadows thus darken once.
@@ -24,20 +19,41 @@ const NEARER: f32 = 1e-5;
 /// Size in pixels of the pieces of a face that a lens distorts, and largest number of pieces along an edge.
 const PIECE_PX: f64 = 16.0;
 const MOST_PIECES: f64 = 64.0;
-const BACKGROUND: [u8; 3] = [176, 182, 186];
 /// Length of the table of noise draws.
 // Prime, so that the noise of successive rows does not repeat.
 const NOISE_TABLE: usize = 65_521;
 /// Faces of a box as corner indices, counter-clockwise as seen from outside.
 const FACES: [[usize; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-fn albedo(part: Part) -> [f64; 3] {
+/// Colours of object and target in levels.
+const OBJECT: [f64; 3] = [40.0, 90.0, 200.0];
+const TARGET: [f64; 3] = [50.0, 160.0, 70.0];
+
+fn albedo(part: Part, look: &Look) -> [f64; 3] {
     match part {
-        Part::Object => [40.0, 90.0, 200.0],
-        Part::Target => [50.0, 160.0, 70.0],
-        Part::Table => [120.0, 118.0, 115.0],
+        Part::Object => OBJECT,
+        Part::Target => TARGET,
+        Part::Table => look.table,
         // The hand of a Panda is white.
         Part::Gripper => [235.0, 235.0, 230.0],
+    }
+}
+
+/// Surface of a solid as it is drawn.
+#[derive(Debug, Clone, Copy)]
+struct Surface {
+    colour: [f64; 3],
+    label: u8,
+    /// True if it reflects the lamp.
+    glossy: bool,
+    /// True if it has the look's texture.
+    textured: bool,
+}
+
+impl Surface {
+    fn of(part: Part, look: &Look) -> Self {
+        let glossy = matches!(part, Part::Object | Part::Target);
+        Self { colour: albedo(part, look), label: label_of(part), glossy, textured: part == Part::Table }
     }
 }
 
@@ -58,6 +74,11 @@ pub struct Renderer {
     /// Inverse depth of each pixel in 1/m. Larger is nearer; 0 is the background.
     inverse_depth: Vec<f32>,
     noise: Vec<i8>,
+    look: Look,
+    /// Brightness of textured surfaces by pixel; empty without texture.
+    texture: Vec<f32>,
+    /// Gains of red, green and blue by pixel; empty for gains of one.
+    gains: Vec<[f32; 3]>,
 }
 
 /// Point on the screen: u, v in pixels and inverse depth in 1/m.
@@ -92,46 +113,73 @@ impl Renderer {
             labels: LabelMask::new(width, height),
             inverse_depth: vec![0.0; width as usize * height as usize],
             noise,
+            look: Look::plain(),
+            texture: Vec::new(),
+            gains: Vec::new(),
         }
+    }
+
+    /// Draws a laboratory of this seed from now on.
+    pub fn set_laboratory(&mut self, seed: u64) {
+        let (width, height) = (self.image.width, self.image.height);
+        self.look = Look::of_laboratory(seed, &[OBJECT, TARGET]);
+        self.texture = self.look.texture(width, height);
+        self.gains = self.look.gains(width, height);
     }
 
     /// Draws `scene` as `camera` sees it. `frame` selects the noise.
     pub fn draw(&mut self, scene: &Scene, camera: &Pinhole, frame: u64) {
-        self.image.data.chunks_exact_mut(3).for_each(|p| p.copy_from_slice(&BACKGROUND));
+        let wall = self.look.wall;
+        for pixel in 0..self.labels.data.len() {
+            let colour = self.textured(wall, pixel);
+            self.image.data[3 * pixel..3 * pixel + 3].copy_from_slice(&colour);
+        }
         self.labels.data.fill(label::BACKGROUND);
         self.inverse_depth.fill(0.0);
         let view = PosedCamera { camera, rotation: camera.optical_from_world() };
         for (part, solid) in scene.solids() {
+            let surface = Surface::of(part, &self.look);
             match solid {
-                Solid::Cuboid(corners) => self.cuboid(&view, part, &corners),
-                Solid::Ball { centre_m, radius_m } => self.ball(&view, part, centre_m, radius_m),
+                Solid::Cuboid(corners) => self.cuboid(&view, surface, &corners),
+                Solid::Ball { centre_m, radius_m } => self.ball(&view, surface, centre_m, radius_m),
             }
         }
+        let table_m = table_height(scene).unwrap_or_default();
+        let clutter = std::mem::take(&mut self.look.clutter);
+        for (solid, colour) in &clutter {
+            if let Solid::Cuboid(corners) = solid {
+                let corners = &corners.map(|[x, y, z]| [x, y, z + table_m]);
+                let surface = Surface { colour: *colour, label: label::BACKGROUND, glossy: false, textured: true };
+                self.cuboid(&view, surface, corners);
+            }
+        }
+        self.look.clutter = clutter;
         self.shadows(&view, scene);
+        self.expose();
         self.add_noise(frame);
     }
 
-    fn cuboid(&mut self, view: &PosedCamera<'_>, part: Part, corners: &[[f64; 3]; 8]) {
-        let lamp = Vector3::from(LAMP).normalize();
+    fn cuboid(&mut self, view: &PosedCamera<'_>, surface: Surface, corners: &[[f64; 3]; 8]) {
         for face in FACES {
             let p = face.map(|i| Vector3::from(corners[i]));
             let normal = (p[1] - p[0]).cross(&(p[3] - p[0]));
             // A face turned away is hidden by the faces in front of it.
-            if normal.dot(&(Vector3::from(view.camera.position_m) - p[0])) <= 0.0 {
+            let to_camera = Vector3::from(view.camera.position_m) - p[0];
+            if normal.dot(&to_camera) <= 0.0 {
                 continue;
             }
-            let light = AMBIENT + (1.0 - AMBIENT) * normal.normalize().dot(&lamp).max(0.0);
-            let colour = albedo(part).map(|c| (c * light) as u8);
+            let colour = self.lit(surface, &normal.normalize(), &to_camera, &Vector3::from(self.look.lamp));
             self.fill_parallelogram(view, &p.map(Into::into), |this, pixel, depth| {
-                this.set_pixel(pixel, depth, colour, label_of(part))
+                let colour = if surface.textured { this.textured(colour, pixel) } else { colour.map(|c| c as u8) };
+                this.set_pixel(pixel, depth, colour, surface.label)
             });
         }
     }
 
-    fn ball(&mut self, view: &PosedCamera<'_>, part: Part, centre_m: [f64; 3], radius_m: f64) {
+    fn ball(&mut self, view: &PosedCamera<'_>, surface: Surface, centre_m: [f64; 3], radius_m: f64) {
         let Some([u, v, inverse]) = view.project(centre_m) else { return };
         let radius_px = radius_m * view.camera.focal_px * inverse;
-        let lamp = view.rotation * Vector3::from(LAMP).normalize();
+        let lamp = view.rotation * Vector3::from(self.look.lamp);
         let (width, height) = (self.image.width as i64, self.image.height as i64);
         let bounds =
             |c: f64, limit: i64| ((c - radius_px).floor() as i64).max(0)..((c + radius_px).ceil() as i64).min(limit);
@@ -143,21 +191,43 @@ impl Renderer {
                     continue;
                 }
                 let normal = Vector3::new(x, y, -rest.sqrt());
-                let light = AMBIENT + (1.0 - AMBIENT) * normal.dot(&lamp).max(0.0);
+                let colour = self.lit(surface, &normal, &-Vector3::z(), &lamp).map(|c| c as u8);
                 let depth = 1.0 / (1.0 / inverse - radius_m * rest.sqrt());
                 let pixel = (row * width + column) as usize;
-                self.set_pixel(pixel, depth as f32, albedo(part).map(|c| (c * light) as u8), label_of(part));
+                self.set_pixel(pixel, depth as f32, colour, surface.label);
             }
         }
     }
 
-    /// Darkens the table straight below the object's boxes and the target.
+    /// Colour of a surface in the light of the lamp: Lambert's diffuse light, and the reflection of Blinn and Phong (1977).
+    fn lit(&self, surface: Surface, normal: &Vector3<f64>, to_camera: &Vector3<f64>, lamp: &Vector3<f64>) -> [f64; 3] {
+        let light = self.look.ambient + (1.0 - self.look.ambient) * normal.dot(lamp).max(0.0);
+        let diffuse = surface.colour.map(|c| c * light);
+        if !surface.glossy || self.look.gloss == 0.0 {
+            return diffuse;
+        }
+        let half = (lamp + to_camera.normalize()).normalize();
+        let reflected = 255.0 * self.look.gloss * normal.dot(&half).max(0.0).powi(24);
+        diffuse.map(|c| (c + reflected).min(255.0))
+    }
+
+    /// Levels of a textured surface at a pixel.
+    fn textured(&self, colour: [f64; 3], pixel: usize) -> [u8; 3] {
+        let brightness = self.texture.get(pixel).map_or(1.0, |b| f64::from(*b));
+        colour.map(|c| (c * brightness) as u8)
+    }
+
+    /// Multiplies the picture by the gains of exposure, white balance and lens.
+    fn expose(&mut self) {
+        for (pixel, gains) in self.image.data.chunks_exact_mut(3).zip(&self.gains) {
+            pixel.iter_mut().zip(gains).for_each(|(c, gain)| *c = (f32::from(*c) * gain) as u8);
+        }
+    }
+
+    /// Darkens the table below the object's boxes and the target. A laboratory's shadows are moved along the light by the height of each
+    /// middle.
     fn shadows(&mut self, view: &PosedCamera<'_>, scene: &Scene) {
-        let table = scene.solids().find_map(|(part, solid)| match (part, solid) {
-            (Part::Table, Solid::Cuboid(corners)) => Some(corners[7][2]),
-            _ => None,
-        });
-        let Some(height_m) = table else { return };
+        let Some(height_m) = table_height(scene) else { return };
         // Half a millimetre above the surface, so that the surface does not hide the shadow.
         let level = height_m + 5e-4;
         for (part, solid) in scene.solids() {
@@ -168,13 +238,17 @@ impl Renderer {
                 }
                 _ => continue,
             };
+            let slant = self.look.slant;
+            let above_m = middle_height(&solid) - level;
+            let outline = outline.map(|[x, y, z]| [x + slant[0] * above_m, y + slant[1] * above_m, z]);
+            let shadow = self.look.shadow;
             self.fill_parallelogram(view, &outline, |this, pixel, depth| {
                 let below = this.inverse_depth[pixel];
                 let on_table = this.labels.data[pixel] == label::BACKGROUND && below > 0.0;
                 if on_table && depth > below * (1.0 + NEARER) {
                     this.inverse_depth[pixel] = depth;
                     for c in &mut this.image.data[3 * pixel..3 * pixel + 3] {
-                        *c = (f64::from(*c) * SHADOW) as u8;
+                        *c = (f64::from(*c) * shadow) as u8;
                     }
                 }
             });
@@ -254,6 +328,22 @@ impl Renderer {
                 place = 0;
             }
         }
+    }
+}
+
+/// Returns the height of the table's surface in m, if there is a table.
+fn table_height(scene: &Scene) -> Option<f64> {
+    scene.solids().find_map(|(part, solid)| match (part, solid) {
+        (Part::Table, Solid::Cuboid(corners)) => Some(corners[7][2]),
+        _ => None,
+    })
+}
+
+/// Returns the height of the middle of a solid in m.
+fn middle_height(solid: &Solid) -> f64 {
+    match solid {
+        Solid::Cuboid(corners) => corners.iter().map(|c| c[2]).sum::<f64>() / 8.0,
+        Solid::Ball { centre_m, .. } => centre_m[2],
     }
 }
 
@@ -366,8 +456,12 @@ mod tests {
         let [u, v] = camera().image_from_world([0.4, 0.006, 0.0]).unwrap();
         let pixel = 3 * (v as usize * 640 + u as usize);
         let lit = &r.image.data[pixel..pixel + 3];
-        let table = albedo(Part::Table)[0];
-        assert!(f64::from(lit[0]) > 0.9 * table * SHADOW * AMBIENT && f64::from(lit[0]) < table * SHADOW, "{lit:?}");
+        let look = Look::plain();
+        let table = look.table[0];
+        assert!(
+            f64::from(lit[0]) > 0.9 * table * look.shadow * look.ambient && f64::from(lit[0]) < table * look.shadow,
+            "{lit:?}"
+        );
     }
 
     #[test]
@@ -379,7 +473,7 @@ mod tests {
         // A plank across the picture, high up.
         let (x, y, z) = ([0.0, 0.8], [-0.001, 0.001], [0.55, 0.58]);
         let corners: [[f64; 3]; 8] = std::array::from_fn(|i| [x[i & 1], y[(i >> 1) & 1], z[i >> 2]]);
-        r.cuboid(&view, Part::Object, &corners);
+        r.cuboid(&view, Surface::of(Part::Object, &Look::plain()), &corners);
         for share in [0.35, 0.5, 0.65] {
             let at = |z: f64| {
                 let [u, v] = camera.image_from_world([0.8 * share, -0.001, z]).unwrap();
@@ -388,6 +482,25 @@ mod tests {
             // A straight line between the plank's ends lies three pixels, 6 mm, lower.
             assert_eq!((at(0.577), at(0.583)), (label::DLO, label::BACKGROUND), "upper edge at {share}");
             assert_eq!((at(0.553), at(0.547)), (label::DLO, label::BACKGROUND), "lower edge at {share}");
+        }
+    }
+
+    #[test]
+    fn a_laboratory_changes_the_picture_and_no_label() {
+        let plain = drawn([0.55, 0.15], 0.0);
+        let mut scene = Scene::new(Some(0.0), Some([0.55, 0.15]), soft_bar().object.section, 20);
+        let nodes: Vec<[f64; 3]> = (0..=20).map(|k| [0.4, 0.4 - 0.01 * f64::from(k), -1.57]).collect();
+        scene.update(GripPose { x_m: 0.4, z_m: 0.4, pitch_rad: 0.0 }, &nodes);
+        for seed in 0..20 {
+            let mut renderer = Renderer::new(640, 480, 0.0, 1);
+            renderer.set_laboratory(seed);
+            renderer.draw(&scene, &camera(), 3);
+            let first = renderer.image.clone();
+            // Clutter stands behind object and target.
+            assert_eq!(renderer.labels, plain.labels, "laboratory {seed}");
+            assert_ne!(first, plain.image, "laboratory {seed}");
+            renderer.draw(&scene, &camera(), 3);
+            assert_eq!(renderer.image, first, "laboratory {seed}");
         }
     }
 

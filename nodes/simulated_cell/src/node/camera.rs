@@ -45,15 +45,31 @@ impl Holder for Front<Cell> {
     }
 }
 
-/// Starts the camera at `rate_hz`, with image noise in grey levels. `calibrated` is the nominal camera: camera_info and
-/// tf report it, while the pictures come from the cell's jittered one.
-pub fn start<H: Holder>(
-    holder: &Arc<H>,
-    calibrated: &Pinhole,
-    rate_hz: f64,
-    noise_levels: f64,
-    noise_seed: u64,
-) -> Result<()> {
+/// How the pictures look.
+#[derive(Debug, Clone, Copy)]
+pub struct Pictures {
+    /// Standard deviation of the image noise in grey levels.
+    pub noise_levels: f64,
+    /// Seed of the noise.
+    pub noise_seed: u64,
+    /// Seed of the laboratory that is drawn; none for the plain look.
+    pub laboratory: Option<u64>,
+}
+
+impl Pictures {
+    fn renderer(&self, camera: &Pinhole) -> Renderer {
+        let mut renderer =
+            Renderer::new(camera.image_width_px, camera.image_height_px, self.noise_levels, self.noise_seed);
+        if let Some(seed) = self.laboratory {
+            renderer.set_laboratory(seed);
+        }
+        renderer
+    }
+}
+
+/// Starts the camera at `rate_hz`. `calibrated` is the nominal camera: camera_info and tf report it, while the pictures come from the
+/// cell's jittered one.
+pub fn start<H: Holder>(holder: &Arc<H>, calibrated: &Pinhole, rate_hz: f64, pictures: Pictures) -> Result<()> {
     let node = holder.node();
     let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
     let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
@@ -66,7 +82,7 @@ pub fn start<H: Holder>(
     node.spawn("camera", move || {
         // The latched transform lives as long as its publisher.
         let _latched = tf;
-        let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, noise_levels, noise_seed);
+        let mut renderer = pictures.renderer(&camera);
         let mut next: u64 = 0;
         while !holder.node().is_shutdown() {
             let (time_s, exposure) = holder.with(|cell| {

@@ -1,7 +1,7 @@
 //! Object and camera of a cell whose arm is elsewhere: the object hangs in a hand whose pose comes over a topic, and the object's
 //! wrench on that hand goes back.
 
-use super::camera::{self, Holder};
+use super::camera::{self, Holder, Pictures};
 use super::setup::Setup;
 use crate::cell::Cell;
 use crate::convert;
@@ -43,7 +43,7 @@ impl Holder for Carried {
 }
 
 /// Runs the node until shutdown. The cell begins with the first pose of the hand.
-pub fn run(node: &Node, setup: Setup, image_noise: f64) -> Result<()> {
+pub fn run(node: &Node, setup: Setup, pictures: Pictures) -> Result<()> {
     let wrenches = node.publisher::<WrenchStamped>(WRENCH, contract::CURRENT_POSE.qos)?;
     let names = Names { one: "pose of the hand", many: "poses of the hand" };
     let intake = node.intake::<PoseStamped>(POSE, contract::CURRENT_POSE.qos, names, SILENCE)?;
@@ -55,7 +55,7 @@ pub fn run(node: &Node, setup: Setup, image_noise: f64) -> Result<()> {
         let time = stamp::from_msg(&message.header.stamp);
         let grip = grip(&message.pose).map_err(|why| Flaw::new("pose", why))?;
         let Some(carried) = own.get() else {
-            let begun = begin(&of, &setup, time, grip, image_noise).map_err(|e| Flaw::new("cell", format!("{e:#}")))?;
+            let begun = begin(&of, &setup, time, grip, pictures).map_err(|e| Flaw::new("cell", format!("{e:#}")))?;
             // Poses come one after the other, so that nobody else has begun.
             let _ = own.set(begun);
             return Ok(());
@@ -82,11 +82,11 @@ pub fn run(node: &Node, setup: Setup, image_noise: f64) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-fn begin(node: &Node, setup: &Setup, origin: Time, grip: GripPose, image_noise: f64) -> Result<Arc<Carried>> {
+fn begin(node: &Node, setup: &Setup, origin: Time, grip: GripPose, pictures: Pictures) -> Result<Arc<Carried>> {
     let cell = setup.cell(Some(grip))?;
     let Camera::Pinhole(calibrated) = setup.model.camera.view else { unreachable!("a cell has a pinhole camera") };
     let carried = Arc::new(Carried { node: node.clone(), origin, cell: Mutex::new(cell) });
-    camera::start(&carried, &calibrated, setup.model.camera.rate_hz, image_noise, setup.seed).context("camera")?;
+    camera::start(&carried, &calibrated, setup.model.camera.rate_hz, pictures).context("camera")?;
     tracing::info!("the object hangs in the hand at x {:.3} m, z {:.3} m", grip.x_m, grip.z_m);
     Ok(carried)
 }
