@@ -17,6 +17,7 @@ use crate::node::args::NodeArgs;
 use crate::segmenter::args::{LabelArgs, TrainSegmenterArgs};
 use crate::simulate::args::SimulateArgs;
 use crate::train::args::TrainArgs;
+use crate::train_tracker::args::TrainTrackerArgs;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
 
@@ -81,6 +82,8 @@ pub enum Command {
     Label(LabelArgs),
     /// Train the learned segmenter, also on labelled frames
     TrainSegmenter(TrainSegmenterArgs),
+    /// Train a learned tracker on simulated masks
+    TrainTracker(TrainTrackerArgs),
     /// Show one episode of a model: figures, bag, video, picture
     Simulate(SimulateArgs),
     /// Build the report of a demo folder again

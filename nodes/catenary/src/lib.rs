@@ -29,6 +29,7 @@ mod segmenter;
 mod simulate;
 mod terminal;
 mod train;
+mod train_tracker;
 
 pub use cli::check_command_line;
 pub use program::main;

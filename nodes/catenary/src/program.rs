@@ -4,7 +4,7 @@ use crate::cli::{Cli, Command};
 use crate::exit::{Interrupted, Misfit, WrongInput};
 use crate::{
     bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
-    node, segmenter, simulate, train,
+    node, segmenter, simulate, train, train_tracker,
 };
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -93,6 +93,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Mask(arguments) => mask::run(arguments),
         Command::Label(arguments) => segmenter::label(arguments),
         Command::TrainSegmenter(arguments) => segmenter::train(arguments),
+        Command::TrainTracker(arguments) => train_tracker::run(arguments),
         Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),

@@ -1,5 +1,6 @@
 //! Keypoints of one label mask, and the order in which they may come.
 
+use crate::image::LabelMask;
 use crate::model::DriveKind;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +25,21 @@ pub struct Keypoints {
 }
 
 impl Keypoints {
+    /// Keypoints of a mask in which the object is not seen: in the middle, with scores of 0. `target` is the target's centre in pixels
+    /// with its confidence.
+    #[must_use]
+    pub fn unseen(mask: &LabelMask, target: Option<([f64; 2], f32)>) -> Self {
+        let middle = [mask.width, mask.height].map(|s| 0.5 * f64::from(s));
+        Self {
+            dlo_px: [middle; 4],
+            target_px: target.map(|(centre, _)| centre),
+            scores: [0.0; 4],
+            target_score: target.map_or(0.0, |(_, score)| score),
+            image_width_px: mask.width,
+            image_height_px: mask.height,
+        }
+    }
+
     /// Converts `point` from pixels to -1 .. 1 over the image (x to the right, y down).
     pub fn scaled(&self, point: [f64; 2]) -> [f64; 2] {
         [2.0 * point[0] / f64::from(self.image_width_px) - 1.0, 2.0 * point[1] / f64::from(self.image_height_px) - 1.0]

@@ -1,5 +1,6 @@
 //! Errors of tracking.
 
+use convnet::WeightsError;
 use thiserror::Error;
 
 /// Reason for which a mask gave no keypoints. A mask without the object is no error: its scores are 0.
@@ -35,6 +36,17 @@ pub enum Error {
         /// Its row.
         v: usize,
     },
+    /// Weights of another network.
+    #[error("weights of the tracker `{network}`, as `catenary train-tracker` of this version writes them: {fault}")]
+    Weights {
+        /// Name of the tracker.
+        network: &'static str,
+        /// What is wrong with them.
+        fault: WeightsError,
+    },
+    /// A training that was told to end.
+    #[error("the training was interrupted")]
+    Interrupted,
 }
 
 impl Error {
@@ -45,6 +57,8 @@ impl Error {
             Self::Parameter { field, .. } => field,
             Self::Size { .. } => "size",
             Self::UnknownLabel { .. } => "label",
+            Self::Weights { .. } => "weights",
+            Self::Interrupted => "training",
         }
     }
 }

@@ -6,13 +6,11 @@ mod graph;
 mod pieces;
 mod polyline;
 mod strand;
-mod target;
 #[cfg(test)]
 mod tests;
 mod thinning;
 mod trail;
 
-use catenary_core::image::label;
 use catenary_core::regions::Regions;
 use catenary_core::{Keypoints, LabelMask};
 
@@ -21,10 +19,10 @@ use self::graph::{Graph, Skeleton};
 use self::pieces::Pieces;
 use self::polyline::{at, length};
 use self::strand::{Strand, StrandTracer, borders};
-use self::target::TargetFinder;
 use self::thinning::Thinning;
 use self::trail::TrailSearch;
-use crate::{Error, KeypointTracker, PathStart, TrackerParams};
+use crate::target::TargetFinder;
+use crate::{Error, KeypointTracker, PathStart, TrackerParams, check};
 
 /// Tracker of keypoints on the centre line of the mask's object.
 ///
@@ -166,15 +164,7 @@ impl KeypointTracker for GeometricTracker {
     fn track(&mut self, mask: &LabelMask) -> Result<Keypoints, Error> {
         check(mask)?;
         let target = self.target.find(mask, self.params.min_target_area_px);
-        let middle = [0.5 * f64::from(mask.width), 0.5 * f64::from(mask.height)];
-        let mut keypoints = Keypoints {
-            dlo_px: [middle; 4],
-            target_px: target.map(|(centre, _)| centre),
-            scores: [0.0; 4],
-            target_score: target.map_or(0.0, |(_, score)| score),
-            image_width_px: mask.width,
-            image_height_px: mask.height,
-        };
+        let mut keypoints = Keypoints::unseen(mask, target);
         if let Some((visible_px, width_px)) = self.trace_line(mask) {
             let total = length(&self.line);
             let confidence = self.confidence(mask, visible_px, width_px);
@@ -188,20 +178,5 @@ impl KeypointTracker for GeometricTracker {
             }
         }
         Ok(keypoints)
-    }
-}
-
-/// Checks the size and the labels of a mask.
-fn check(mask: &LabelMask) -> Result<(), Error> {
-    let (width, height) = (mask.width, mask.height);
-    if mask.data.is_empty() || mask.data.len() != width as usize * height as usize {
-        return Err(Error::Size { width, height, got: mask.data.len() });
-    }
-    match mask.data.iter().position(|&l| l > label::TARGET) {
-        None => Ok(()),
-        Some(i) => {
-            let (u, v) = (i % width as usize, i / width as usize);
-            Err(Error::UnknownLabel { label: mask.data[i], u, v })
-        }
     }
 }

@@ -1,10 +1,12 @@
 //! ROS node: publishes keypoints for every mask.
 
-use crate::{Error, GeometricTracker, KeypointTracker, TrackerParams, convert};
-use anyhow::Result;
+use crate::learned::{NetworkKind, Weights, weights_of};
+use crate::{Backend, Error, TrackerParams, TrackingParams, convert};
+use anyhow::{Context, Result};
 use catenary_msgs::msg::Keypoints;
 use catenary_msgs::sensor_msgs::msg::Image;
 use catenary_shell::{Flaw, Names, NodeBuilder, ParamSpec, StampCheck, contract, stamp};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -20,7 +22,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
-    let mut tracker = GeometricTracker::new(declare(&builder)?)?;
+    let mut tracker = declare(&builder)?.build()?;
     let node = builder.build()?;
     let keypoints = node.publisher::<Keypoints>(contract::KEYPOINTS.name, contract::KEYPOINTS.qos)?;
     let names = Names { one: "mask", many: "masks" };
@@ -50,8 +52,36 @@ fn run(builder: NodeBuilder) -> Result<()> {
 /// Declares the tracker's parameters, fixed at the start, and returns their values.
 ///
 /// # Errors
-/// A value out of its range.
-pub fn declare(builder: &NodeBuilder) -> Result<TrackerParams> {
+/// A value out of its range; a file of weights that cannot be used.
+pub fn declare(builder: &NodeBuilder) -> Result<TrackingParams> {
+    let spec =
+        "Tracker: geometric, transporter (the paper's, without labels), or ordered (trained to look behind covers).";
+    let spec = ParamSpec::new(spec).choices(&Backend::ALL.map(Backend::name)).read_only();
+    let name = builder.declare_string("tracker", Backend::default().name(), spec)?.get();
+    let backend = Backend::from_name(&name).context("parameter tracker")?;
+    let weights = "File of the network's weights, as `catenary train-tracker` writes; empty: those that are shipped.";
+    let file = builder.declare_string("weights", "", ParamSpec::new(weights).read_only())?.get();
+    let weights = match backend.network() {
+        _ if file.is_empty() => None,
+        Some(kind) => Some(read_weights(kind, &file)?),
+        None => {
+            anyhow::bail!("parameter weights: expected none with the tracker {name}, which has no network, got {file}")
+        }
+    };
+    Ok(TrackingParams { backend, geometry: geometry(builder)?, weights })
+}
+
+/// Weights in a file.
+///
+/// # Errors
+/// A file that cannot be read, or that holds weights of another network.
+fn read_weights(kind: NetworkKind, file: impl AsRef<Path>) -> Result<Weights> {
+    let file = file.as_ref();
+    let bytes = catenary_shell::files::read_bytes("weights", file)?;
+    weights_of(kind, &bytes).with_context(|| format!("weights {}", file.display()))
+}
+
+fn geometry(builder: &NodeBuilder) -> Result<TrackerParams> {
     let d = TrackerParams::default();
     let fractions = ParamSpec::new("Places of the keypoints as fractions of the centre line's length, increasing.");
     let fractions = builder.declare("fractions", d.fractions.to_vec(), fractions.range(0.0..=1.0).read_only())?;

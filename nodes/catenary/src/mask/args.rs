@@ -39,6 +39,9 @@ pub struct MaskArgs {
     /// Segmenter; default: that of the parameter file
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(camera::Backend::ALL.map(camera::Backend::name)))]
     pub segmenter: Option<String>,
+    /// Tracker; default: that of the parameter file
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(keypoint_tracker::Backend::ALL.map(keypoint_tracker::Backend::name)))]
+    pub tracker: Option<String>,
     /// Pixel on the object in the first image, as U,V: fits the object's colours; several may be given
     #[arg(long, value_name = "U,V", value_parser = place)]
     pub click: Vec<[u32; 2]>,

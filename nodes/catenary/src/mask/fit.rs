@@ -154,7 +154,7 @@ fn rgb(colour: [f32; 3]) -> [u8; 3] {
 }
 
 /// Parameter file of the camera node with these looks.
-pub fn parameter_file(params: &SegmenterParams) -> String {
+pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backend) -> String {
     let mut lines = vec!["# Look of object and target, from `catenary mask`.".to_owned(), "camera:".to_owned()];
     lines.push("  ros__parameters:".to_owned());
     lines.push(format!("    segmenter: {}", params.backend.name()));
@@ -173,6 +173,10 @@ pub fn parameter_file(params: &SegmenterParams) -> String {
                 lines.push(format!("    {label}.clicked_rgb: [{r}.0, {g}.0, {b}.0]"));
             }
         }
+    }
+    if tracker != keypoint_tracker::Backend::default() {
+        lines.extend(["keypoint_tracker:", "  ros__parameters:"].map(str::to_owned));
+        lines.push(format!("    tracker: {}", tracker.name()));
     }
     lines.join("\n") + "\n"
 }

@@ -15,7 +15,7 @@ use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::{NodeBuilder, RosArgs};
 use fit::{Fitted, fit, parameter_file};
 use frames::Frame;
-use keypoint_tracker::{GeometricTracker, KeypointTracker, TrackerParams};
+use keypoint_tracker::TrackingParams;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +43,8 @@ struct Seen {
     pieces: usize,
     area_px: usize,
     dropped_px: usize,
+    /// Certainty of the object's mask, 0 to 1; 1 for segmenters without probabilities.
+    certainty: f32,
     /// Scores of the four keypoints, 0 to 1.
     scores: [f32; 4],
     /// (u, v) of the keypoints in pixels of the image; none if the object was not found.
@@ -53,15 +55,18 @@ struct Seen {
 
 /// Segments, tracks and draws the images.
 pub fn run(arguments: &MaskArgs) -> Result<()> {
-    let (mut params, tracking) = parameters(arguments.params.as_deref())?;
+    let (mut params, mut tracking) = parameters(arguments.params.as_deref())?;
     if let Some(backend) = &arguments.segmenter {
         params.backend = Backend::from_name(backend).context("--segmenter")?;
+    }
+    if let Some(backend) = &arguments.tracker {
+        tracking.backend = keypoint_tracker::Backend::from_name(backend).context("--tracker")?;
     }
     let frames = frames::read(&arguments.source)?;
     let first = frames.first().context("no image")?;
     let fits = fit(arguments, first, &mut params)?;
     let mut segmenter = camera::node::build(&params).given()?;
-    let mut tracker = GeometricTracker::new(tracking).given()?;
+    let mut tracker = tracking.build().given()?;
     if let Some(folder) = &arguments.out {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string()).given()?;
     }
@@ -94,6 +99,7 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
             pieces: report.dlo_pieces,
             area_px: report.dlo_area_px,
             dropped_px: report.dropped_px,
+            certainty: report.certainty,
             scores: keypoints.scores,
             keypoints_px: keypoints
                 .dlo_seen()
@@ -107,16 +113,19 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
     let file = match &arguments.out {
         Some(folder) if !fits.is_empty() => {
             let file = folder.join("params.yaml");
-            std::fs::write(&file, parameter_file(&params)).with_context(|| file.display().to_string())?;
+            std::fs::write(&file, parameter_file(&params, tracking.backend))
+                .with_context(|| file.display().to_string())?;
             Some(file)
         }
         _ => None,
     };
-    output::result(&arguments.output, &Answer { images, fits, params: file }, |answer| words(answer, &params))
+    output::result(&arguments.output, &Answer { images, fits, params: file }, |answer| {
+        words(answer, &params, tracking.backend)
+    })
 }
 
 /// Values of the two nodes' parameters in a file, or their defaults.
-pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackerParams)> {
+pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackingParams)> {
     let words: Vec<String> = match file {
         Some(file) => vec!["--ros-args".to_owned(), "--params-file".to_owned(), file.display().to_string()],
         None => Vec::new(),
@@ -137,13 +146,13 @@ fn write(image: &RgbImage, folder: &Path, number: usize, frame: &Frame) -> Resul
 }
 
 /// Text for the terminal.
-fn words(answer: &Answer, params: &SegmenterParams) -> String {
+fn words(answer: &Answer, params: &SegmenterParams, tracker: keypoint_tracker::Backend) -> String {
     let mut lines = Vec::new();
     lines.extend(answer.fits.iter().map(Fitted::words));
     match &answer.params {
         Some(file) => lines.push(format!("parameters: {}", file.display())),
         // Without a folder, the file is shown.
-        None if !answer.fits.is_empty() => lines.push(parameter_file(params).trim_end().to_owned()),
+        None if !answer.fits.is_empty() => lines.push(parameter_file(params, tracker).trim_end().to_owned()),
         None => {}
     }
     for seen in &answer.images {

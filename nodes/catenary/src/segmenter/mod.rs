@@ -12,10 +12,10 @@ use anyhow::{Context, Result};
 use args::{LabelArgs, TrainSegmenterArgs};
 use camera::learned::{TrainingSettings, bytes_of, shipped_weights};
 use camera::{Crop, Error};
-use catenary_core::LabelMask;
+use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::Shutdown;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Steps and greatest rate of a further training.
@@ -31,6 +31,29 @@ struct Labelled {
     empty: usize,
 }
 
+/// Form of labelled frames.
+struct Form {
+    prepare: fn(&Path) -> Result<()>,
+    /// Adds a frame of this number.
+    add: fn(&Path, usize, &RgbImage, &LabelMask) -> Result<()>,
+    /// What the user does next with FOLDER.
+    next: &'static str,
+}
+
+/// Frames for `train-segmenter`.
+const FRAMES: Form = Form {
+    prepare: frames::prepare,
+    add: frames::write,
+    next: "correct NNN_mask.png in a paint program: white is the object, grey the target, black the rest\nthen: catenary train-segmenter --frames FOLDER --out weights.bin",
+};
+
+/// Data set for the training of a YOLOv8-seg network.
+const YOLO: Form = Form {
+    prepare: dataset::prepare,
+    add: dataset::add,
+    next: "correct the polygons, in a program that reads YOLO labels, before a training",
+};
+
 /// Writes the square in the middle of each image, and its labels by the chosen segmenter.
 pub fn label(arguments: &LabelArgs) -> Result<()> {
     let (mut params, _) = mask::parameters(arguments.params.as_deref())?;
@@ -38,11 +61,8 @@ pub fn label(arguments: &LabelArgs) -> Result<()> {
     let crop = std::mem::replace(&mut params.colours.crop, Crop::CentredSquare);
     let mut segmenter = camera::node::build(&params).given()?;
     let out = &arguments.out;
-    if arguments.yolo {
-        dataset::prepare(out)?
-    } else {
-        frames::prepare(out)?
-    }
+    let form = if arguments.yolo { YOLO } else { FRAMES };
+    (form.prepare)(out)?;
     let (mut mask, mut empty) = (LabelMask::new(1, 1), 0);
     let read = mask::frames::read(&arguments.source)?;
     for (number, frame) in read.iter().enumerate() {
@@ -51,26 +71,13 @@ pub fn label(arguments: &LabelArgs) -> Result<()> {
         let image = frames::cut(&frame.image, square);
         let report = segmenter.segment(image.view(), &mut mask).with_context(named).given()?;
         empty += usize::from(report.dlo_area_px == 0);
-        if arguments.yolo {
-            dataset::add(out, number, &image, &mask)?;
-        } else {
-            frames::write(out, number, &image, &mask)?;
-        }
+        (form.add)(out, number, &image, &mask)?;
     }
     let labelled = Labelled { folder: arguments.out.clone(), frames: read.len(), empty };
     output::result(&arguments.output, &labelled, |l| {
         let folder = l.folder.display();
         let empty = if l.empty > 0 { format!("; the segmenter found no object in {}", l.empty) } else { String::new() };
-        if arguments.yolo {
-            return format!(
-                "{} frames in {folder}{empty}\ncorrect the polygons, in a program that reads YOLO labels, before a training",
-                l.frames
-            );
-        }
-        format!(
-            "{} frames in {folder}{empty}\ncorrect NNN_mask.png in a paint program: white is the object, grey the target, black the rest\nthen: catenary train-segmenter --frames {folder} --out weights.bin",
-            l.frames
-        )
+        format!("{} frames in {folder}{empty}\n{}", l.frames, form.next.replace("FOLDER", &folder.to_string()))
     })
 }
 

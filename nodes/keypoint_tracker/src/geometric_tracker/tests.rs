@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::drawing::{at_fraction, curved, draw, draw_disc, hanging, mask_of, straight};
+use catenary_core::image::label;
 use catenary_core::seed;
 use proptest::prelude::*;
 use rand::RngExt;

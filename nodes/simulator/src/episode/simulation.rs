@@ -177,6 +177,12 @@ impl EpisodeSimulation {
         self.beam.centre_line_at_deformed_fraction(seen)
     }
 
+    /// Returns points (x, z) in m at fractions of the visible length, from the fingers (0) to the tip (1), now.
+    pub fn visible_points_m<const K: usize>(&self, fractions: [f64; K]) -> [[f64; 2]; K] {
+        let whole = whole_fractions(&self.model.object, self.beam.deformed_length_m(), fractions);
+        self.beam.centre_line_at_deformed_fraction(whole)
+    }
+
     /// Returns the object's keypoints in a frame stamped `time_s`, scaled to -1 .. 1, with noise if the conditions ask
     /// for it. The simulation must have advanced to `time_s`.
     pub fn keypoints(&mut self, time_s: f64) -> [[f64; 2]; 4] {
@@ -296,6 +302,11 @@ impl EpisodeSimulation {
 
 /// Returns the keypoints' places as fractions of the whole deformed length, with the part hidden by the fingers.
 pub(crate) fn keypoint_fractions(object: &Object, deformed_length_m: f64) -> [f64; 4] {
+    whole_fractions(object, deformed_length_m, object.keypoint_fractions)
+}
+
+/// Returns fractions of the whole deformed length for those of its visible part.
+fn whole_fractions<const K: usize>(object: &Object, deformed_length_m: f64, visible: [f64; K]) -> [f64; K] {
     let hidden = (object.hidden_length_m / deformed_length_m).min(1.0);
-    object.keypoint_fractions.map(|f| hidden + f * (1.0 - hidden))
+    visible.map(|f| hidden + f * (1.0 - hidden))
 }

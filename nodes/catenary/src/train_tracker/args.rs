@@ -1,0 +1,55 @@
+//! Arguments of `train-tracker`.
+
+use crate::options::Output;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Network to train.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Network {
+    /// The paper's keypoints, without labels
+    Transporter,
+    /// Keypoints at fixed fractions of the length, behind covers
+    Ordered,
+}
+
+/// Sizes of a training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Those of the shipped weights: less than an hour of two cores
+    Cpu,
+    /// The paper's: 1500 episodes, 50 passes over 24,000 pairs of masks, Adam at 0.001
+    Paper,
+}
+
+/// `catenary train-tracker`.
+#[derive(Debug, Args)]
+pub struct TrainTrackerArgs {
+    /// Network to train
+    #[arg(long, value_enum)]
+    pub tracker: Network,
+    /// File for the weights
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model (file or name) whose objects are seen
+    #[arg(long, default_value = "soft_bar")]
+    pub model: PathBuf,
+    /// Sizes of the training
+    #[arg(long, value_enum, default_value = "cpu")]
+    pub preset: Preset,
+    /// Number of simulated episodes; default: that of the preset
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub rollouts: Option<u32>,
+    /// Number of steps; default: that of the preset
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub steps: Option<u32>,
+    /// Threads; default: one for each core
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub threads: Option<u32>,
+    /// Seed of the episodes, of the samples and of the first weights
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}

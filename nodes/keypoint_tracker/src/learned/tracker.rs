@@ -1,0 +1,146 @@
+//! Tracker by a trained network.
+
+use super::grid::SIDE;
+use super::heat::Heat;
+use super::network::{NetworkKind, Weights};
+use super::ordered::{EDGE, FRACTIONS, HEAT_WIDTH};
+use super::square::Square;
+use crate::target::TargetFinder;
+use crate::{Error, KeypointTracker, TrackerParams, check};
+use catenary_core::image::label;
+use catenary_core::{Keypoints, LabelMask};
+use convnet::{Net, Pass, WeightsError};
+
+/// Distance from the object in mask pixels at which a keypoint of Transporter has half of its score.
+const OFF_OBJECT_PX: f64 = 4.0;
+
+/// Tracker that reads keypoints from the heat maps of a network.
+///
+/// [`NetworkKind::Ordered`] sees a square around the object. Its keypoints lie at fixed fractions of the length, hidden parts included, from
+/// the fingers on; the score is the concentration of the heat.
+///
+/// [`NetworkKind::Transporter`] sees the whole mask. Its keypoints lie where its training put them, in an order of their own that may change
+/// between frames; the score falls with the distance from the object.
+///
+/// Keypoints depend on their mask alone, not on earlier masks.
+#[derive(Debug, Clone)]
+pub struct LearnedTracker {
+    kind: NetworkKind,
+    params: TrackerParams,
+    net: Net,
+    weights: Weights,
+    pass: Pass,
+    target: TargetFinder,
+}
+
+impl LearnedTracker {
+    /// Builds a tracker. Of the parameters, areas and `min_score` count.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] if a parameter is out of range, or for fractions that the ordered network was not trained for;
+    /// [`Error::Weights`] for weights of another network.
+    pub fn new(kind: NetworkKind, params: TrackerParams, weights: Weights) -> Result<Self, Error> {
+        params.check()?;
+        if params.fractions != FRACTIONS {
+            let got = format!("{:?}", params.fractions);
+            let expected = "[0.125, 0.375, 0.625, 0.875], the default, with a tracker whose training fixed its places";
+            return Err(Error::Parameter { field: "fractions", expected, got });
+        }
+        let net = kind.heat_network();
+        if weights.len() != net.weights() {
+            let fault = WeightsError { expected: net.weights(), got: format!("{} numbers", weights.len()) };
+            return Err(Error::Weights { network: kind.name(), fault });
+        }
+        let pass = Pass::new(&net);
+        Ok(Self { kind, params, net, weights, pass, target: TargetFinder::default() })
+    }
+
+    /// Fills the keypoints of the object from the heat maps.
+    fn find(&mut self, mask: &LabelMask, square: &Square, keypoints: &mut Keypoints) {
+        let shape = self.net.shape(0);
+        fill(mask, square, shape, self.pass.input());
+        self.pass.run(&self.net, &self.weights);
+        for (k, heat) in Heat::all(self.net.output(), self.pass.output()).iter().enumerate() {
+            keypoints.dlo_px[k] = square.px(heat.mean);
+            let score = match self.kind {
+                NetworkKind::Ordered => concentration(heat),
+                NetworkKind::Transporter => {
+                    let far = distance_px(mask, keypoints.dlo_px[k]) / OFF_OBJECT_PX;
+                    (1.0 / (1.0 + far * far)) as f32
+                }
+            };
+            keypoints.scores[k] = score.clamp(0.01, 1.0);
+        }
+        if keypoints.scores.iter().any(|&score| f64::from(score) < self.params.min_score) {
+            keypoints.scores = [0.0; 4];
+        }
+    }
+}
+
+impl KeypointTracker for LearnedTracker {
+    fn track(&mut self, mask: &LabelMask) -> Result<Keypoints, Error> {
+        check(mask)?;
+        let target = self.target.find(mask, self.params.min_target_area_px);
+        let mut keypoints = Keypoints::unseen(mask, target);
+        let area = mask.data.iter().filter(|l| **l == label::DLO).count();
+        if area >= self.params.min_area_px {
+            let square = match self.kind {
+                NetworkKind::Ordered => Square::around_object(mask),
+                NetworkKind::Transporter => Some(Square::whole(mask)),
+            };
+            if let Some(square) = square {
+                self.find(mask, &square, &mut keypoints);
+            }
+        }
+        Ok(keypoints)
+    }
+}
+
+/// Concentration of a heat map: 1 if it is as narrow as the heat that was learned. 0 at the edge of the map, beyond which the keypoint
+/// may lie.
+fn concentration(heat: &Heat) -> f32 {
+    if heat.mean.iter().any(|c| c.abs() > EDGE) {
+        return 0.0;
+    }
+    // The mean square distance from the middle of a bell exp(-d^2 / w^2) is w^2.
+    (HEAT_WIDTH * HEAT_WIDTH / heat.spread().max(1e-9)).min(1.0)
+}
+
+/// Writes the share of the object in each pixel of the network's input. Beyond the mask there is none.
+fn fill(mask: &LabelMask, square: &Square, shape: convnet::Shape, input: &mut [f32]) {
+    let scale = square.side / SIDE as f64;
+    // Mask pixels of a pixel of the input, and their number with those beyond the mask: the nearest one if it is smaller than they are.
+    let pixels = |corner: f64, k: usize, size: usize| {
+        let at = |k: f64| corner + scale * k;
+        let [low, high] = if scale < 1.0 {
+            let nearest = at(k as f64 + 0.5).floor();
+            [nearest, nearest + 1.0]
+        } else {
+            [at(k as f64).round(), at(k as f64 + 1.0).round()]
+        };
+        let inside = |c: f64| c.clamp(0.0, size as f64) as usize;
+        (inside(low)..inside(high), high - low)
+    };
+    let (width, height) = (mask.width as usize, mask.height as usize);
+    for y in 0..SIDE {
+        let (rows, high) = pixels(square.corner[1], y, height);
+        for (x, to) in input[shape.row(0, y)].iter_mut().enumerate() {
+            let (columns, wide) = pixels(square.corner[0], x, width);
+            let of_row =
+                |v: usize| mask.data[v * width..][columns.clone()].iter().filter(|l| **l == label::DLO).count();
+            let object: usize = rows.clone().map(of_row).sum();
+            *to = object as f32 / (high * wide).max(1.0) as f32;
+        }
+    }
+}
+
+/// Distance in pixels from a place to the nearest pixel of the object.
+fn distance_px(mask: &LabelMask, place: [f64; 2]) -> f64 {
+    let width = mask.width as usize;
+    let square = |i: usize| {
+        let d = [(i % width) as f64 + 0.5 - place[0], (i / width) as f64 + 0.5 - place[1]];
+        d[0] * d[0] + d[1] * d[1]
+    };
+    let object = mask.data.iter().enumerate().filter(|(_, l)| **l == label::DLO);
+    (object.map(|(i, _)| square(i)).fold(f64::MAX, f64::min).sqrt() - 0.7).max(0.0)
+}
