@@ -1,11 +1,12 @@
-"""How often keypoints are wrong on real pictures and their variants, and how often without a doubt, by segmenter.
+"""How often keypoints are wrong on real pictures and their variants, and how often without a doubt, by segmenter and tracker.
 
-    .venv/bin/python tests/bench/eyes/eyes.py --pictures DIR [--segmenter colour learned] [--number 40] [--weights FILE] [--out DIR]
+    .venv/bin/python tests/bench/eyes/eyes.py --pictures DIR [--pair colour+geometric ...] [--whole] [--weights FILE] [--out DIR]
 
 DIR holds NAME.jpg with NAME_mask.png (white where the object is) and NAME_centreline.json ([u, v] along the object). For each picture the
 colours are fitted to its mask, and kept for all its variants. A picture fails if the object is not found, or if a keypoint is more than
 5 % of the object's length from its place; a picture without fitted colours (a grey object, by thresholds) fails in all variants. It fails
-silently if every score is at least --sure then. --out also keeps one line a picture and segmenter.
+silently if every score is at least --sure then. --whole leaves out pictures in which an end of the object lies at the border: a
+camera is set up so that it sees the whole object. --out also keeps one line a picture and pair.
 """
 
 import argparse
@@ -24,7 +25,7 @@ PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 FRACTIONS = (0.125, 0.375, 0.625, 0.875)
 TOLERANCE = 0.05
 SIDE_PX = 480
-WHITE, GREY, SKIN = (240, 240, 235), (128, 128, 130), (224, 172, 145)
+WHITE, GREY, BLACK, SKIN = (240, 240, 235), (128, 128, 130), (25, 25, 28), (224, 172, 145)
 
 
 class Picture:
@@ -51,6 +52,11 @@ class Picture:
         self.length = self.arcs[-1]
         self.width = max(3.0, numpy.count_nonzero(numpy.asarray(self.mask) > 127) / self.length)
 
+    def is_whole(self):
+        """True if both ends are seen away from the border."""
+        margin = max(0.02 * SIDE_PX, 0.7 * self.width)
+        return all((margin < end).all() and (end < SIDE_PX - margin).all() for end in (self.line[0], self.line[-1]))
+
     def at(self, fraction):
         arc = fraction * self.length
         return numpy.array([numpy.interp(arc, self.arcs, self.line[:, i]) for i in range(2)])
@@ -66,12 +72,35 @@ class Picture:
         return min(numpy.linalg.norm(found - t, axis=1).max() for t in (truth, truth[::-1])) / self.length
 
 
+def curved(gamma):
+    return lambda p, rng: Image.fromarray((255 * (numpy.asarray(p.image, float) / 255) ** gamma).astype("uint8"))
+
+
+def defocused(deviation_px):
+    return lambda p, rng: p.image.filter(ImageFilter.GaussianBlur(deviation_px))
+
+
+def coarse(p, rng):
+    """The picture of a camera with half of the pixels along each side."""
+    half = p.image.resize((SIDE_PX // 2, SIDE_PX // 2), Image.Resampling.BILINEAR)
+    return half.resize((SIDE_PX, SIDE_PX), Image.Resampling.BILINEAR)
+
+
+def shadowed(p, rng):
+    """A shadow with a soft edge over half of the object."""
+    middle, along = p.at(0.5), p.along(0.5)
+    v, u = numpy.mgrid[0:SIDE_PX, 0:SIDE_PX]
+    side = (u - middle[0]) * along[0] + (v - middle[1]) * along[1]
+    light = 0.45 + 0.55 / (1 + numpy.exp(-side / 4))
+    return Image.fromarray((numpy.asarray(p.image, float) * light[..., None]).astype("uint8"))
+
+
 def exposed(factor):
     return lambda p, rng: Image.fromarray((numpy.asarray(p.image, float) * factor).clip(0, 255).astype("uint8"))
 
 
-def balanced(red, blue):
-    return lambda p, rng: Image.fromarray((numpy.asarray(p.image, float) * [red, 1.0, blue]).clip(0, 255).astype("uint8"))
+def balanced(red, green, blue):
+    return lambda p, rng: Image.fromarray((numpy.asarray(p.image, float) * [red, green, blue]).clip(0, 255).astype("uint8"))
 
 
 def noisy(levels):
@@ -123,11 +152,15 @@ def across(colour, share, widths):
     return change
 
 
-def glint(p, rng):
-    image = p.image.copy()
-    middle, radius = p.at(rng.uniform(0.3, 0.7)), 0.75 * p.width
-    ImageDraw.Draw(image).ellipse([*(middle - radius), *(middle + radius)], fill=(255, 255, 255))
-    return image.filter(ImageFilter.GaussianBlur(0.6))
+def glints(number):
+    def change(p, rng):
+        image, radius = p.image.copy(), 0.75 * p.width
+        for _ in range(number):
+            middle = p.at(rng.uniform(0.3, 0.7) if number == 1 else rng.uniform(0.05, 0.95))
+            ImageDraw.Draw(image).ellipse([*(middle - radius), *(middle + radius)], fill=(255, 255, 255))
+        return image.filter(ImageFilter.GaussianBlur(0.6))
+
+    return change
 
 
 def patched(p, rng):
@@ -152,21 +185,31 @@ def doubled(p, rng):
 
 VARIANTS = {
     "clean": lambda p, rng: p.image,
+    "exposure x0.25": exposed(0.25),
     "exposure x0.5": exposed(0.5),
     "exposure x2": exposed(2),
     "exposure x4": exposed(4),
-    "warm": balanced(1.25, 0.75),
-    "cool": balanced(0.75, 1.25),
+    "gamma 0.6": curved(0.6),
+    "gamma 1.6": curved(1.6),
+    "warm": balanced(1.25, 1.0, 0.75),
+    "cool": balanced(0.75, 1.0, 1.25),
+    "green light": balanced(0.85, 1.15, 0.85),
     "noise 10": noisy(10),
     "noise 20": noisy(20),
     "JPEG 30": jpeg(30),
     "JPEG 10": jpeg(10),
     "blur 9 px": moved(9),
     "blur 21 px": moved(21),
+    "defocus 2 px": defocused(2),
+    "defocus 4 px": defocused(4),
+    "half the pixels": coarse,
+    "shadow": shadowed,
     "white gripper": across(WHITE, 0.08, 4),
     "grey gripper": across(GREY, 0.08, 4),
+    "black gripper": across(BLACK, 0.08, 4),
     "hand across": across(SKIN, 0.10, 12),
-    "glint": glint,
+    "glint": glints(1),
+    "three glints": glints(3),
     "patch of its colour": patched,
     "second object": doubled,
 }
@@ -177,8 +220,9 @@ def seen(arguments):
     return json.loads(done.stdout) if done.returncode == 0 else done.stderr.strip().splitlines()[-1]
 
 
-def rows_of(picture, segmenter, weights, folder):
+def rows_of(picture, pair, weights, folder):
     """Error, in lengths, and least score of each variant of a picture; both None if nothing is found."""
+    segmenter, tracker = pair.split("+")
     clean, labels = folder / "clean.png", folder / "labels.png"
     picture.image.save(clean)
     picture.mask.save(labels)
@@ -186,7 +230,7 @@ def rows_of(picture, segmenter, weights, folder):
     (folder / "base.yaml").write_text("camera:\n  ros__parameters:\n" + f"    segmenter: {segmenter}\n" + "".join(own))
     fitted = seen([clean, "--labels", labels, "--params", folder / "base.yaml", "--out", folder / "out"])
     if isinstance(fitted, str):
-        return {variant: {"error": None, "score": None} for variant in VARIANTS}
+        return {variant: {"error": None, "score": None, "certainty": None} for variant in VARIANTS}
     with (folder / "out/params.yaml").open("a") as file:
         file.writelines(own)
     paths = []
@@ -194,12 +238,14 @@ def rows_of(picture, segmenter, weights, folder):
         rng = numpy.random.default_rng([number, *picture.name.encode()])
         paths.append(folder / f"variant_{number}.png")
         change(picture, rng).save(paths[-1])
-    answer = seen([*paths, "--params", folder / "out/params.yaml"])
+    answer = seen([*paths, "--params", folder / "out/params.yaml", "--tracker", tracker])
     assert not isinstance(answer, str), answer
     rows = {}
     for name, image in zip(VARIANTS, answer["images"], strict=True):
         found = image["keypoints_px"]
-        rows[name] = {"error": picture.error(found), "score": min(image["scores"])} if found else {"error": None, "score": None}
+        rows[name] = {"error": None, "score": None, "certainty": image["certainty"]}
+        if found:
+            rows[name] |= {"error": picture.error(found), "score": min(image["scores"])}
     return rows
 
 
@@ -242,29 +288,34 @@ def calibration(every):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=pathlib.Path, required=True)
-    parser.add_argument("--segmenter", nargs="+", default=["colour", "learned"])
+    parser.add_argument("--pair", nargs="+", default=["colour+geometric", "learned+geometric"])
+    parser.add_argument("--whole", action="store_true", help="only pictures of whole objects")
     parser.add_argument("--number", type=int, default=1000, help="first pictures to try")
     parser.add_argument("--sure", type=float, default=0.5, help="score from which keypoints count as sure")
     parser.add_argument("--weights", type=pathlib.Path, help="of the learned segmenter; default: those that are shipped")
     parser.add_argument("--out", type=pathlib.Path)
     arguments = parser.parse_args()
+    if any(pair.endswith("+transporter") for pair in arguments.pair):
+        sys.exit("--pair: transporter's keypoints have no places of their own on these objects: see episodes.py")
     lines = sorted(arguments.pictures.glob("*_centreline.json"))[: arguments.number]
     if not lines:
         sys.exit(f"--pictures {arguments.pictures}: expected NAME.jpg with NAME_mask.png and NAME_centreline.json, found none")
-    every = {name: [] for name in arguments.segmenter}
+    every = {name: [] for name in arguments.pair}
     for number, line in enumerate(lines):
         path = line.with_name(line.name.replace("_centreline.json", ".jpg"))
         print(f"picture {number + 1} of {len(lines)}", file=sys.stderr)
         picture = Picture(path)
-        for name in arguments.segmenter:
+        if arguments.whole and not picture.is_whole():
+            continue
+        for name in arguments.pair:
             with tempfile.TemporaryDirectory() as folder:
                 rows = rows_of(picture, name, arguments.weights, pathlib.Path(folder))
             every[name].append(rows)
             if arguments.out:
                 arguments.out.mkdir(parents=True, exist_ok=True)
                 with (arguments.out / "eyes.jsonl").open("a") as file:
-                    file.write(json.dumps({"picture": path.stem, "segmenter": name, "rows": rows}) + "\n")
-    print(f"{len(lines)} pictures: failures, and silent ones in brackets\n")
+                    file.write(json.dumps({"picture": path.stem, "pair": name, "rows": rows}) + "\n")
+    print(f"{len(every[arguments.pair[0]])} pictures: failures, and silent ones in brackets\n")
     table(every, arguments.sure)
     calibration(every)
     near = {name: numpy.mean([not is_failure(rows["clean"], 0.1) for rows in pictures]) for name, pictures in every.items()}

@@ -23,6 +23,12 @@ pub struct SimulateArgs {
     /// Add the camera's images to the bag
     #[arg(long, requires = "out")]
     pub images: bool,
+    /// Show a laboratory of this seed in images, video and picture: textures, lamp, shadows, clutter; default: the plain look
+    #[arg(long)]
+    pub laboratory: Option<u64>,
+    /// Take the bag's keypoints from the pictures, by camera and tracker of this parameter file, in place of the exact ones
+    #[arg(long, requires = "out")]
+    pub eyes: Option<PathBuf>,
     /// Video to make: NAME.gif, or NAME.mp4 if ffmpeg is installed
     #[arg(long)]
     pub video: Option<PathBuf>,

@@ -1,6 +1,7 @@
 //! `catenary simulate`: one episode of a model, as figures, a bag, a video or a picture.
 
 pub mod args;
+mod eyes;
 mod picture;
 mod player;
 mod recording;
@@ -22,6 +23,7 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::Effect;
 use catenary_shell::Shutdown;
 use catenary_simulator::Registry;
+use eyes::Eyes;
 use indicatif::ProgressBar;
 use picture::Sheet;
 use player::{Motion, Player, Setting};
@@ -60,6 +62,11 @@ fn play(arguments: &SimulateArgs) -> Result<Report> {
             "--{option}: expected one --model, got {got}: several go into a --picture"
         )));
     }
+    let shows =
+        arguments.images || arguments.eyes.is_some() || arguments.video.is_some() || arguments.picture.is_some();
+    if arguments.laboratory.is_some() && !shows {
+        return Err(WrongInput::error("--laboratory: expected --images, --eyes, --video or --picture, which show it"));
+    }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let motions = models.iter().map(|model| motion(arguments, model)).collect::<Result<Vec<Motion>>>().given()?;
@@ -75,7 +82,7 @@ fn play(arguments: &SimulateArgs) -> Result<Report> {
         let mut sinks = open(arguments, model, motion, &player).given()?;
         sinks.sheet = sheet.take();
         let episode = Episode::new(model, setting, fidelity);
-        let mut show = Show::new(model, motion, player, sinks, episode);
+        let mut show = Show::new(model, motion, player, sinks, episode, arguments.laboratory);
         let mut passed_ms = 0;
         for (at_ns, tick) in timeline::ticks(motion, &show.rates(arguments))? {
             if shutdown.is_triggered() {
@@ -193,10 +200,18 @@ fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Playe
         }
     };
     let noise = if arguments.noise { IMAGE_NOISE } else { 0.0 };
-    let renderer = |noise| Renderer::new(size[0], size[1], noise, arguments.seed);
+    let renderer = |noise| {
+        let mut renderer = Renderer::new(size[0], size[1], noise, arguments.seed);
+        if let Some(seed) = arguments.laboratory {
+            renderer.set_laboratory(seed);
+        }
+        renderer
+    };
+    let eyes = arguments.eyes.as_deref().map(|file| Eyes::new(file, arguments.images, model)).transpose()?;
     Ok(Sinks {
         recording,
-        pictures: arguments.images.then(|| renderer(noise)),
+        pictures: (arguments.images || eyes.is_some()).then(|| renderer(noise)),
+        eyes,
         frames: video.is_some().then(|| renderer(0.0)),
         video,
         sheet: None,

@@ -57,6 +57,7 @@ pub struct Player<'a> {
     pitch_rad: f64,
     time_s: f64,
     target_m: Option<[f64; 2]>,
+    fractions: [f64; 4],
     scene: Scene,
     camera: Pinhole,
 }
@@ -86,6 +87,7 @@ impl<'a> Player<'a> {
             pitch_rad: start.pitch_rad,
             time_s: 0.0,
             target_m,
+            fractions: model.object.keypoint_fractions,
             motion,
             simulation,
         };
@@ -145,6 +147,14 @@ impl<'a> Player<'a> {
             image_width_px: MASK_SIZE_PX,
             image_height_px: MASK_SIZE_PX,
         }
+    }
+
+    /// Keypoints where the object is now: without the faults of the model's camera, which pictures do not have either. None if a part of the
+    /// object is behind the camera.
+    pub fn true_keypoints_px(&self) -> Option<[[f64; 2]; 4]> {
+        let places = self.simulation.visible_points_m(self.fractions);
+        let [a, b, c, d] = places.map(|[x, z]| self.simulation.camera().mask_from_world([x, 0.0, z]));
+        Some([a?, b?, c?, d?])
     }
 
     /// Keypoints in the plane of motion, (x, z) in m. A point without intersection is NaN.

@@ -1,6 +1,7 @@
 //! Episode with its outputs: each moment is written to the bag, the video and the picture.
 
 use super::args::SimulateArgs;
+use super::eyes::Eyes;
 use super::picture::{self, Sheet};
 use super::player::{Motion, Player};
 use super::recording::Recording;
@@ -18,8 +19,10 @@ use simulated_cell::render::Renderer;
 pub struct Sinks {
     /// Bag, and its place.
     pub recording: Option<(Staged, Recording)>,
-    /// Renderer of the pictures in the bag, with sensor noise.
+    /// Renderer of the camera's pictures, with sensor noise.
     pub pictures: Option<Renderer>,
+    /// What takes the keypoints from the pictures; none: they are exact.
+    pub eyes: Option<Eyes>,
     /// Video, and its place.
     pub video: Option<(Staged, Video)>,
     /// Renderer of the video.
@@ -50,11 +53,16 @@ impl<'a> Show<'a> {
         mut player: Player<'a>,
         mut sinks: Sinks,
         episode: Episode,
+        laboratory: Option<u64>,
     ) -> Self {
         let moments = sinks.sheet.as_mut().map(|sheet| {
             sheet.begin_row();
             let camera = picture::oversampled(player.camera());
-            (Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0), camera)
+            let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0);
+            if let Some(seed) = laboratory {
+                renderer.set_laboratory(seed);
+            }
+            (renderer, camera)
         });
         Self { seen: player.keypoints(), player, judge: Judge::of(model), model, motion, sinks, episode, moments }
     }
@@ -102,14 +110,33 @@ impl<'a> Show<'a> {
     }
 
     fn see(&mut self, frame: u64) -> Result<()> {
-        self.seen = self.player.keypoints();
-        self.episode.keypoints_m = self.player.plane_m(&self.seen);
-        let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };
-        if let Some(renderer) = &mut self.sinks.pictures {
+        if self.sinks.eyes.is_none() {
+            self.seen = self.player.keypoints();
+        }
+        let Sinks { recording, pictures, eyes, .. } = &mut self.sinks;
+        if let Some(renderer) = pictures {
             let camera = *self.player.camera();
             self.player.draw(renderer, &camera, frame);
-            recording.picture(&renderer.image)?;
+            if let Some((_, recording)) = recording
+                && eyes.as_ref().is_none_or(|e| e.are_recorded)
+            {
+                recording.picture(&renderer.image)?;
+            }
+            if let Some(eyes) = eyes {
+                let found = eyes.keypoints(&renderer.image, self.player.true_keypoints_px())?;
+                if let Some((_, recording)) = recording {
+                    recording.keypoints(&found)?;
+                }
+                // Whoever acts on keypoints holds the last ones that were seen, as the runner does.
+                let held = if found.dlo_seen() { found } else { self.seen };
+                let target_px = found.target_px.or(self.seen.target_px);
+                self.seen = Keypoints { target_px, ..held };
+                self.episode.keypoints_m = self.player.plane_m(&self.seen);
+                return Ok(());
+            }
         }
+        self.episode.keypoints_m = self.player.plane_m(&self.seen);
+        let Some((_, recording)) = recording else { return Ok(()) };
         recording.keypoints(&self.seen)
     }
 
@@ -141,6 +168,7 @@ impl<'a> Show<'a> {
     /// Ends the episode, and returns it with its outputs.
     pub fn finish(mut self) -> (Episode, Sinks) {
         self.episode.finish(self.motion.duration_s(), self.player.counters());
+        self.episode.sight = self.sinks.eyes.as_ref().and_then(Eyes::sight);
         (self.episode, self.sinks)
     }
 }

@@ -1,5 +1,6 @@
 //! Result of `catenary simulate`.
 
+use super::eyes::Sight;
 use super::player::Setting;
 use crate::report::number::figures;
 use catenary_core::{Fidelity, KeypointOrder, Model};
@@ -44,6 +45,8 @@ pub struct Episode {
     pub left_workspace_s: Option<f64>,
     /// Root mean square distance from the measured keypoints, mm; `None` without a measured motion.
     pub rmse_mm: Option<f64>,
+    /// How well the keypoints of the pictures were those of the object; none without --eyes.
+    pub sight: Option<Sight>,
     /// Time steps of the simulation.
     pub time_steps: u64,
     /// Time steps whose Newton iteration did not converge.
@@ -69,6 +72,7 @@ impl Episode {
             rewards: Vec::new(),
             left_workspace_s: None,
             rmse_mm: None,
+            sight: None,
             time_steps: 0,
             unconverged_steps: 0,
             start_converged: true,
@@ -125,6 +129,15 @@ impl Episode {
             lines.push("warning: the object's shape at the start was not found".into());
         }
         lines.extend(self.rmse_mm.map(|v| format!("{v:.1} mm (rms) from the measured keypoints")));
+        lines.extend(self.sight.map(|s| {
+            format!(
+                "keypoints from {} pictures: wrong in {:.1} % of them, with good scores in {:.1} %; median error {:.3} of the length",
+                s.frames,
+                100.0 * s.failures,
+                100.0 * s.silent,
+                s.median_error_lengths
+            )
+        }));
         lines.push(format!(
             "{} time steps at {} fidelity, {} of them not converged",
             self.time_steps, self.fidelity, self.unconverged_steps
