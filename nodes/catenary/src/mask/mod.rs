@@ -10,12 +10,12 @@ use crate::simulate::video::Video;
 use crate::terminal::output;
 use anyhow::{Context, Result};
 use args::MaskArgs;
-use camera::{Backend, SegmenterParams};
+use camera::{Backend, Segmenter, SegmenterParams};
 use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::{NodeBuilder, RosArgs};
 use fit::{Fitted, fit, parameter_file};
 use frames::Frame;
-use keypoint_tracker::TrackingParams;
+use keypoint_tracker::{KeypointTracker, TrackingParams};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -65,8 +65,7 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
     let frames = frames::read(&arguments.source)?;
     let first = frames.first().context("no image")?;
     let fits = fit(arguments, first, &mut params)?;
-    let mut segmenter = camera::node::build(&params).given()?;
-    let mut tracker = tracking.build().given()?;
+    let (mut segmenter, mut tracker) = build(arguments.params.as_deref(), &params, &tracking)?;
     if let Some(folder) = &arguments.out {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string()).given()?;
     }
@@ -131,9 +130,30 @@ pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackingParam
         None => Vec::new(),
     };
     let (arguments, _) = RosArgs::parse(words).given()?;
-    let params = camera::node::declare(&NodeBuilder::new("camera", &arguments)?).given()?;
-    let tracking = keypoint_tracker::node::declare(&NodeBuilder::new("keypoint_tracker", &arguments)?).given()?;
+    let params = named(file, camera::node::declare(&NodeBuilder::new("camera", &arguments)?))?;
+    let tracking = named(file, keypoint_tracker::node::declare(&NodeBuilder::new("keypoint_tracker", &arguments)?))?;
     Ok((params, tracking))
+}
+
+/// Segmenter and tracker of the parameters from a file, or of the defaults.
+pub fn build(
+    file: Option<&Path>,
+    params: &SegmenterParams,
+    tracking: &TrackingParams,
+) -> Result<(Box<dyn Segmenter + Send>, Box<dyn KeypointTracker + Send>)> {
+    let segmenter = named(file, camera::node::build(params))?;
+    Ok((segmenter, named(file, tracking.build().map_err(Into::into))?))
+}
+
+/// Names the file of the parameters in an error that does not say it.
+fn named<T>(file: Option<&Path>, result: Result<T>) -> Result<T> {
+    let name = file.map(|f| f.display().to_string());
+    result
+        .map_err(|error| match name {
+            Some(name) if !format!("{error:#}").contains(&name) => error.context(name),
+            _ => error,
+        })
+        .given()
 }
 
 /// Writes an image to the folder, and returns its path.

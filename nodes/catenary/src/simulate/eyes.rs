@@ -1,6 +1,6 @@
 //! Keypoints of pictures, by segmenter and tracker as the nodes run them.
 
-use crate::exit::{Given, WrongInput};
+use crate::exit::WrongInput;
 use crate::mask;
 use anyhow::Result;
 use camera::{Crop, Segmenter};
@@ -67,8 +67,8 @@ impl Eyes {
             )));
         }
         let fractions = model.object.keypoint_fractions;
-        let segmenter = camera::node::build(&params).given()?;
-        let (tracker, mask) = (tracking.build().given()?, LabelMask::new(1, 1));
+        let (segmenter, tracker) = mask::build(Some(file), &params, &tracking)?;
+        let mask = LabelMask::new(1, 1);
         let span = fractions[3] - fractions[0];
         Ok(Self { segmenter, tracker, mask, are_recorded, span, times_s: Vec::new(), frames: Vec::new() })
     }
