@@ -19,14 +19,13 @@ import tempfile
 
 import numpy
 import yaml
+from rosbags.highlevel import AnyReader
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 MODELS = ROOT / "launch_configs/models"
 BARS = ("dlo_0", "dlo_1", "dlo_2", "dlo_3")
 PAIRS = ("colour+geometric", "learned+geometric", "learned+ordered", "learned+transporter")
-# Pixels of bar and target in the pictures of the shipped bars at their start.
-CLICK, CLICK_TARGET = "299,213", "351,301"
 
 
 def actions(seed):
@@ -47,14 +46,26 @@ def catenary(*arguments):
     return json.loads(done.stdout)
 
 
+def clicks(bag):
+    """Pixels of the bar and of the target in the first picture, where a user would click, as U,V of pictures of 640 x 480."""
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic.endswith("keypoints")]
+        connection, _, raw = next(reader.messages(connections=connections))
+        seen = reader.deserialize(raw, connection.msgtype)
+    # The mask of 256 x 256 is the square in the middle.
+    image = [(80 + 480 / 256 * u, 480 / 256 * v) for u, v in ((seen.dlo_u[1], seen.dlo_v[1]), (seen.target_u, seen.target_v))]
+    return [f"{int(u)},{int(v)}" for u, v in image]
+
+
 def parameters(folder, common, pair):
     """Parameter file of a pair, with the colours of a click on the first picture; None if nothing is fitted there."""
     segmenter, tracker = pair.split("+")
     still, bag, out = folder / "still.csv", folder / "still", folder / "fit"
     still.write_text("dx_m,dz_m\n0,0\n")
     catenary("simulate", *common, "--actions", still, "--out", bag, "--images")
-    words = [PROGRAM, "mask", "--bag", bag, "--frames", "1", "--segmenter", segmenter, "--tracker", tracker, "--click", CLICK]
-    done = subprocess.run([*words, "--click-target", CLICK_TARGET, "--out", out], capture_output=True, text=True, check=False)
+    words = [PROGRAM, "mask", "--bag", bag, "--frames", "1", "--segmenter", segmenter, "--tracker", tracker]
+    bar, target = clicks(bag)
+    done = subprocess.run([*words, "--click", bar, "--click-target", target, "--out", out], capture_output=True, text=True, check=False)
     if done.returncode:
         print(f"{pair}: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
         return None
