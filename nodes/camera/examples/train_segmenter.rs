@@ -1,7 +1,7 @@
 //! Trains the learned segmenter: `train_segmenter STEPS OUT`. Writes weights (little-endian f32) and some pictures.
 #![allow(clippy::print_stdout, clippy::disallowed_methods, clippy::unwrap_used, reason = "an example")]
 
-use camera::learned::{TrainingSettings, train};
+use camera::learned::{SHIPPED_TRAINING, TrainingSettings, train};
 use std::time::Instant;
 
 fn main() {
@@ -10,7 +10,7 @@ fn main() {
     let out = words.next().unwrap();
     let began = Instant::now();
     let (mut sum, mut count) = (0.0, 0);
-    let settings = TrainingSettings { steps, ..TrainingSettings::default() };
+    let settings = TrainingSettings { steps, ..SHIPPED_TRAINING };
     let weights = train(&settings, None, &[], |p| {
         sum += p.loss;
         count += 1;

@@ -1,6 +1,6 @@
 //! Errors of segmentation.
 
-use convnet::WeightsError;
+use convnet::{Stopped, WeightsError};
 use thiserror::Error;
 
 /// Reason for which an image gave no mask.
@@ -71,9 +71,9 @@ pub enum Error {
         /// Found one.
         got: String,
     },
-    /// A training that was told to end.
-    #[error("the training was interrupted")]
-    Interrupted,
+    /// A training that ended early.
+    #[error(transparent)]
+    Training(#[from] Stopped),
     /// The crop does not lie within the image.
     #[error(
         "crop: expected a square within the image of {width} x {height} pixels, got side {side_px} px at ({left_px}, {top_px})"
@@ -102,7 +102,7 @@ impl Error {
             Self::Click { .. } => "click",
             Self::Weights(_) => "weights",
             Self::Network { .. } => "network",
-            Self::Interrupted => "training",
+            Self::Training(_) => "training",
             Self::Colourless { .. } => "colour",
             Self::Labels { .. } => "labels",
         }

@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 mod adam;
+mod builder;
+mod descent;
 mod kernels;
 mod net;
 mod pass;
@@ -9,8 +11,9 @@ mod train;
 mod weights;
 
 pub use adam::Adam;
+pub use builder::Builder;
+pub use descent::{Progress, Stopped, TrainingSettings, descend};
 pub use net::{Layer, Net, NetError, Shape};
 pub use pass::Pass;
-pub use schedule::{clip, rate};
 pub use train::{Sample, batch_gradient, mean_gradient};
 pub use weights::{WeightsError, bytes_of, weights_of};

@@ -1,15 +1,14 @@
 //! Rates of a training.
 
 /// Rate of step `step` of `steps`, from 0. It rises to `greatest` over the first 5 % of the steps, and falls to zero as a cosine.
-#[must_use]
-pub fn rate(greatest: f32, step: usize, steps: usize) -> f32 {
+pub(crate) fn rate(greatest: f32, step: usize, steps: usize) -> f32 {
     let warm = (steps as f32 / 20.0).max(1.0);
     let done = step as f32 / steps as f32;
     greatest * ((step + 1) as f32 / warm).min(1.0) * 0.5 * (1.0 + (std::f32::consts::PI * done).cos())
 }
 
 /// Shortens a gradient of more than length 1: a single odd sample must not undo many steps.
-pub fn clip(gradient: &mut [f32]) {
+pub(crate) fn clip(gradient: &mut [f32]) {
     let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
     if length > 1.0 {
         gradient.iter_mut().for_each(|g| *g /= length);

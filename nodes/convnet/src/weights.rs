@@ -9,7 +9,7 @@ use thiserror::Error;
 pub struct WeightsError {
     /// Number of the network's weights.
     pub expected: usize,
-    /// What was given.
+    /// Bytes or number that were given.
     pub got: String,
 }
 

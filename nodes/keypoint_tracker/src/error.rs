@@ -1,6 +1,6 @@
 //! Errors of tracking.
 
-use convnet::WeightsError;
+use convnet::{Stopped, WeightsError};
 use thiserror::Error;
 
 /// Reason for which a mask gave no keypoints. A mask without the object is no error: its scores are 0.
@@ -44,9 +44,9 @@ pub enum Error {
         /// What is wrong with them.
         fault: WeightsError,
     },
-    /// A training that was told to end.
-    #[error("the training was interrupted")]
-    Interrupted,
+    /// A training that ended early.
+    #[error(transparent)]
+    Training(#[from] Stopped),
 }
 
 impl Error {
@@ -58,7 +58,7 @@ impl Error {
             Self::Size { .. } => "size",
             Self::UnknownLabel { .. } => "label",
             Self::Weights { .. } => "weights",
-            Self::Interrupted => "training",
+            Self::Training(_) => "training",
         }
     }
 }

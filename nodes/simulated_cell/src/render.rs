@@ -119,12 +119,12 @@ impl Renderer {
         }
     }
 
-    /// Draws a laboratory of this seed from now on.
-    pub fn set_laboratory(&mut self, seed: u64) {
+    /// Renderer that draws the laboratory of a seed; with none it draws the plain look.
+    #[must_use]
+    pub fn in_laboratory(self, seed: Option<u64>) -> Self {
         let (width, height) = (self.image.width, self.image.height);
-        self.look = Look::of_laboratory(seed, &[OBJECT, TARGET]);
-        self.texture = self.look.texture(width, height);
-        self.gains = self.look.gains(width, height);
+        let look = seed.map_or_else(Look::plain, |seed| Look::of_laboratory(seed, &[OBJECT, TARGET]));
+        Self { texture: look.texture(width, height), gains: look.gains(width, height), look, ..self }
     }
 
     /// Draws `scene` as `camera` sees it. `frame` selects the noise.
@@ -492,8 +492,7 @@ mod tests {
         let nodes: Vec<[f64; 3]> = (0..=20).map(|k| [0.4, 0.4 - 0.01 * f64::from(k), -1.57]).collect();
         scene.update(GripPose { x_m: 0.4, z_m: 0.4, pitch_rad: 0.0 }, &nodes);
         for seed in 0..20 {
-            let mut renderer = Renderer::new(640, 480, 0.0, 1);
-            renderer.set_laboratory(seed);
+            let mut renderer = Renderer::new(640, 480, 0.0, 1).in_laboratory(Some(seed));
             renderer.draw(&scene, &camera(), 3);
             let first = renderer.image.clone();
             // Clutter stands behind object and target.

@@ -1,6 +1,6 @@
 //! Network from an image and two clicked colours to two masks.
 
-use convnet::{Layer, Net, Pass, Shape};
+use convnet::{Builder, Layer, Net, Pass, Shape};
 
 use super::size::SIDE;
 use crate::Error;
@@ -43,7 +43,7 @@ pub fn weights_of(bytes: &[u8]) -> Result<Weights, Error> {
 /// Never: the layers fit one another.
 #[must_use]
 pub fn network() -> Net {
-    let mut b = Builder { layers: Vec::new() };
+    let mut b = Builder::default();
     let input = b.add(Layer::Pack { from: 0 });
     let mixed = b.block(input, 12, 1);
     let fine = b.block(mixed, 12, 3);
@@ -66,34 +66,8 @@ pub fn network() -> Net {
     let up = b.up(joined, 8);
     let joined = b.add(Layer::Join { a: up, b: fine });
     let joined = b.block(joined, 12, 3);
-    let masks = b.up(joined, MASKS);
-    debug_assert_eq!(masks, b.layers.len());
-    let input = Shape { channels: CHANNELS, height: SIDE, width: SIDE };
-    Net::new(input, b.layers).expect("the layers fit one another")
-}
-
-struct Builder {
-    layers: Vec<Layer>,
-}
-
-impl Builder {
-    /// Adds a layer; returns the number of its value.
-    fn add(&mut self, layer: Layer) -> usize {
-        self.layers.push(layer);
-        self.layers.len()
-    }
-
-    /// Convolution, normalised and rectified.
-    fn block(&mut self, from: usize, channels: usize, side: usize) -> usize {
-        let linear = self.add(Layer::Conv { from, channels, side, rectified: false });
-        self.add(Layer::Norm { from: linear })
-    }
-
-    /// Twice the resolution, with `channels` channels.
-    fn up(&mut self, from: usize, channels: usize) -> usize {
-        let wide = self.add(Layer::Conv { from, channels: 4 * channels, side: 1, rectified: false });
-        self.add(Layer::Unpack { from: wide })
-    }
+    b.up(joined, MASKS);
+    b.net(Shape { channels: CHANNELS, height: SIDE, width: SIDE })
 }
 
 /// Writes the input of the network. `pixel` gives the colour of a pixel by its index.

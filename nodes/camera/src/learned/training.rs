@@ -2,7 +2,7 @@
 
 use catenary_core::image::label;
 use catenary_core::seed;
-use convnet::{Adam, Net, Pass, Sample, WeightsError, batch_gradient, clip, rate};
+use convnet::{Net, Pass, Progress, Sample, TrainingSettings, WeightsError, batch_gradient, descend};
 
 use super::frame::LabelledFrame;
 use super::generator::Picture;
@@ -17,67 +17,33 @@ const OVERLAP: f32 = 0.5;
 /// Weight of a labelled pixel in the cross entropy.
 const LABELLED: f32 = 3.0;
 
-/// Sizes of a training.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrainingSettings {
-    /// Number of steps.
-    pub steps: usize,
-    /// Pictures of a step.
-    pub batch: usize,
-    /// Greatest rate of Adam. It rises over the first 5 % of the steps, and falls to zero as a cosine.
-    pub rate: f32,
-    /// Number of threads.
-    pub threads: usize,
-    /// Seed of the pictures and of the first weights.
-    pub seed: u64,
-}
-
-impl Default for TrainingSettings {
-    fn default() -> Self {
-        Self { steps: 8_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 }
-    }
-}
-
-/// State of a training after a step.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress {
-    /// Number of steps that are done.
-    pub step: usize,
-    /// Mean loss of the step's pictures.
-    pub loss: f64,
-}
+/// Settings of the shipped weights.
+pub const SHIPPED_TRAINING: TrainingSettings =
+    TrainingSettings { steps: 8_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 };
 
 /// Trains a network on generated pictures, from weights `start` if they are given. If there are labelled frames, every other picture is
 /// one of them. `tell` is called after each step, and ends the training with an error if it returns false.
 ///
 /// # Errors
-/// [`Error::Interrupted`]; [`Error::Weights`] for a start of another network.
+/// [`Error::Training`]; [`Error::Weights`] for a start of another network.
 pub fn train(
     settings: &TrainingSettings,
     start: Option<Weights>,
     frames: &[LabelledFrame],
-    mut tell: impl FnMut(Progress) -> bool,
+    tell: impl FnMut(Progress) -> bool,
 ) -> Result<Weights, Error> {
     let net = network();
-    let mut weights = start.unwrap_or_else(|| net.initial(&mut seed::rng(settings.seed, START)));
+    let weights = start.unwrap_or_else(|| net.initial(&mut seed::rng(settings.seed, START)));
     if weights.len() != net.weights() {
         return Err(WeightsError { expected: net.weights(), got: weights.len().to_string() }.into());
     }
-    let mut adam = Adam::new(weights.len());
     let mut passes: Vec<Pass> = (0..settings.threads.max(1)).map(|_| Pass::new(&net)).collect();
-    let mut gradient = vec![0.0; weights.len()];
-    for step in 0..settings.steps {
-        let first = (step * settings.batch) as u64;
-        let samples: Vec<Drawn<'_>> =
-            (0..settings.batch as u64).map(|k| Drawn { seed: settings.seed, stream: first + k, frames }).collect();
-        let loss = batch_gradient(&net, &weights, &samples, &mut passes, &mut gradient);
-        clip(&mut gradient);
-        adam.step(&mut weights, &gradient, rate(settings.rate, step, settings.steps));
-        if !tell(Progress { step: step + 1, loss }) {
-            return Err(Error::Interrupted);
-        }
-    }
-    Ok(weights)
+    let trained = descend(settings, weights, tell, |streams, weights, gradient| {
+        let drawn = |&stream: &u64| Drawn { seed: settings.seed, stream, frames };
+        let samples: Vec<Drawn<'_>> = streams.iter().map(drawn).collect();
+        batch_gradient(&net, weights, &samples, &mut passes, gradient)
+    })?;
+    Ok(trained)
 }
 
 /// Picture of a training, drawn when it is needed.

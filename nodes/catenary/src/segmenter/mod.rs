@@ -5,12 +5,12 @@ mod dataset;
 mod frames;
 mod outline;
 
-use crate::exit::{Given, Interrupted};
+use crate::exit::Given;
 use crate::mask;
-use crate::terminal::{output, progress};
+use crate::terminal::{output, training};
 use anyhow::{Context, Result};
 use args::{LabelArgs, TrainSegmenterArgs};
-use camera::learned::{TrainingSettings, bytes_of, shipped_weights};
+use camera::learned::{SHIPPED_TRAINING, Stopped, TrainingSettings, bytes_of, shipped_weights};
 use camera::{Crop, Error};
 use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::Shutdown;
@@ -36,7 +36,7 @@ struct Form {
     prepare: fn(&Path) -> Result<()>,
     /// Adds a frame of this number.
     add: fn(&Path, usize, &RgbImage, &LabelMask) -> Result<()>,
-    /// What the user does next with FOLDER.
+    /// Next work of the user in FOLDER.
     next: &'static str,
 }
 
@@ -100,7 +100,7 @@ pub fn train(arguments: &TrainSegmenterArgs) -> Result<()> {
         Some(file) => Some(camera::node::read_weights(file).given()?),
         None => (!frames.is_empty()).then(shipped_weights),
     };
-    let usual = TrainingSettings::default();
+    let usual = SHIPPED_TRAINING;
     let steps = arguments.steps.unwrap_or(if frames.is_empty() { usual.steps as u32 } else { FURTHER_STEPS }) as usize;
     // A high rate would forget the start.
     let rate = if start.is_some() { FURTHER_RATE } else { usual.rate };
@@ -109,24 +109,13 @@ pub fn train(arguments: &TrainSegmenterArgs) -> Result<()> {
     output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let bar = progress::bar("training", 0.0)?;
-    let (mut done, mut last) = (0, (0.0, 0_u32));
-    let trained = camera::learned::train(&settings, start, &frames, |p| {
-        done = p.step;
-        if p.step + settings.steps / 10 >= settings.steps {
-            last = (last.0 + p.loss, last.1 + 1);
+    let (weights, loss) = training::watch(settings.steps, &shutdown, |tell| {
+        match camera::learned::train(&settings, start, &frames, tell) {
+            Err(Error::Training(Stopped::Interrupted)) => Ok(None),
+            other => other.given().map(Some),
         }
-        bar.set_message(format!("loss {:.3}", p.loss));
-        progress::advance(&bar, progress::share(p.step as f64, settings.steps as f64));
-        !shutdown.is_triggered()
-    });
-    let weights = match trained {
-        Err(Error::Interrupted) => return Err(Interrupted(format!(" after {done} of {} steps", settings.steps)).into()),
-        other => other.given()?,
-    };
-    bar.finish_and_clear();
+    })?;
     std::fs::write(&arguments.out, bytes_of(&weights)).with_context(|| arguments.out.display().to_string())?;
-    let loss = last.0 / f64::from(last.1.max(1));
     let trained = Trained {
         weights: arguments.out.clone(),
         steps: settings.steps,

@@ -33,7 +33,7 @@ pub struct Eyes {
     frames: Vec<Option<Seen>>,
 }
 
-/// How well the keypoints of the pictures were those of the object.
+/// Agreement of the keypoints of the pictures with those of the object.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Sight {
     /// Frames of the camera.
@@ -95,7 +95,7 @@ impl Eyes {
         (off / length, seen.scores.iter().copied().fold(f32::MAX, f32::min))
     }
 
-    /// What was seen until now; none without a frame.
+    /// Agreement in the frames until now; none without a frame.
     pub fn sight(&self) -> Option<Sight> {
         let share = |is: &dyn Fn(&Option<Seen>) -> bool| {
             self.frames.iter().filter(|f| is(f)).count() as f64 / self.frames.len() as f64

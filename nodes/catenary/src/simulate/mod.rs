@@ -200,13 +200,7 @@ fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Playe
         }
     };
     let noise = if arguments.noise { IMAGE_NOISE } else { 0.0 };
-    let renderer = |noise| {
-        let mut renderer = Renderer::new(size[0], size[1], noise, arguments.seed);
-        if let Some(seed) = arguments.laboratory {
-            renderer.set_laboratory(seed);
-        }
-        renderer
-    };
+    let renderer = |noise| Renderer::new(size[0], size[1], noise, arguments.seed).in_laboratory(arguments.laboratory);
     let eyes = arguments.eyes.as_deref().map(|file| Eyes::new(file, arguments.images, model)).transpose()?;
     Ok(Sinks {
         recording,

@@ -21,7 +21,7 @@ pub struct Sinks {
     pub recording: Option<(Staged, Recording)>,
     /// Renderer of the camera's pictures, with sensor noise.
     pub pictures: Option<Renderer>,
-    /// What takes the keypoints from the pictures; none: they are exact.
+    /// Segmenter and tracker that take the keypoints from the pictures; none: they are exact.
     pub eyes: Option<Eyes>,
     /// Video, and its place.
     pub video: Option<(Staged, Video)>,
@@ -58,11 +58,8 @@ impl<'a> Show<'a> {
         let moments = sinks.sheet.as_mut().map(|sheet| {
             sheet.begin_row();
             let camera = picture::oversampled(player.camera());
-            let mut renderer = Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0);
-            if let Some(seed) = laboratory {
-                renderer.set_laboratory(seed);
-            }
-            (renderer, camera)
+            let renderer = Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0);
+            (renderer.in_laboratory(laboratory), camera)
         });
         Self { seen: player.keypoints(), player, judge: Judge::of(model), model, motion, sinks, episode, moments }
     }

@@ -45,7 +45,7 @@ pub struct Episode {
     pub left_workspace_s: Option<f64>,
     /// Root mean square distance from the measured keypoints, mm; `None` without a measured motion.
     pub rmse_mm: Option<f64>,
-    /// How well the keypoints of the pictures were those of the object; none without --eyes.
+    /// Agreement of the keypoints of the pictures with those of the object; none without --eyes.
     pub sight: Option<Sight>,
     /// Time steps of the simulation.
     pub time_steps: u64,

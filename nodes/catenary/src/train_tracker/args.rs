@@ -16,9 +16,9 @@ pub enum Network {
 /// Sizes of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
-    /// Those of the shipped weights: less than an hour of two cores
+    /// Sizes of the shipped weights: less than an hour of two cores
     Cpu,
-    /// The paper's: 1500 episodes, 50 passes over 24,000 pairs of masks, Adam at 0.001
+    /// Sizes of the paper: 1500 episodes, 50 passes over 24,000 pairs of masks, Adam at 0.001
     Paper,
 }
 

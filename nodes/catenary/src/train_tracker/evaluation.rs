@@ -1,4 +1,4 @@
-//! How well a trained tracker tracks views that it was not trained on.
+//! Errors of a trained tracker in views that it was not trained on.
 
 use anyhow::Result;
 use catenary_core::statistics::{mean, median, sd};

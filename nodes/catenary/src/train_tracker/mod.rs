@@ -6,12 +6,12 @@ mod rollouts;
 
 use crate::exit::{Given, Interrupted, WrongInput};
 use crate::inputs::model_file;
-use crate::terminal::{output, progress};
+use crate::terminal::{output, progress, training};
 use anyhow::{Context, Result};
 use args::{Network, Preset, TrainTrackerArgs};
 use catenary_shell::Shutdown;
 use evaluation::{Errors, Places, errors, places};
-use keypoint_tracker::learned::{LearnedTracker, NetworkKind, TrainingSettings, bytes_of, train};
+use keypoint_tracker::learned::{LearnedTracker, NetworkKind, Stopped, TrainingSettings, bytes_of, train};
 use keypoint_tracker::{Error, GeometricTracker, TrackerParams};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -85,7 +85,6 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let stopped = |what: String| Interrupted(format!(" after {what}"));
     let bar = progress::bar("simulation", 0.0)?;
     let mut done = 0;
     let simulated = rollouts::rollouts(&model, arguments.seed, 0, number, |n| {
@@ -95,24 +94,12 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     })
     .with_context(|| format!("model `{}`", model.name))
     .given()?
-    .ok_or_else(|| stopped(format!("{done} of {number} episodes")))?;
+    .ok_or_else(|| Interrupted(format!(" after {done} of {number} episodes")))?;
     bar.finish_and_clear();
-    let bar = progress::bar("training", 0.0)?;
-    let (mut done, mut last) = (0, (0.0, 0_u32));
-    let trained = train(kind, &settings, &simulated, |p| {
-        done = p.step;
-        if p.step + steps / 10 >= steps {
-            last = (last.0 + p.loss, last.1 + 1);
-        }
-        bar.set_message(format!("loss {:.3}", p.loss));
-        progress::advance(&bar, progress::share(p.step as f64, steps as f64));
-        !shutdown.is_triggered()
-    });
-    let weights = match trained {
-        Err(Error::Interrupted) => return Err(stopped(format!("{done} of {steps} steps")).into()),
-        other => other.given()?,
-    };
-    bar.finish_and_clear();
+    let (weights, loss) = training::watch(steps, &shutdown, |tell| match train(kind, &settings, &simulated, tell) {
+        Err(Error::Training(Stopped::Interrupted)) => Ok(None),
+        other => other.given().map(Some),
+    })?;
     std::fs::write(&arguments.out, bytes_of(&weights)).with_context(|| arguments.out.display().to_string())?;
     let unseen = rollouts::rollouts(&model, arguments.seed, FIRST_TEST, TEST_ROLLOUTS, |_| true)?.unwrap_or_default();
     // Every mask counts: a score must not hide errors here.
@@ -132,7 +119,7 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
         weights: arguments.out.clone(),
         rollouts: number,
         steps,
-        loss: last.0 / f64::from(last.1.max(1)),
+        loss,
         wall_s: began.elapsed().as_secs_f64(),
         places: places(&mut tracker, &unseen)?,
         ordered,

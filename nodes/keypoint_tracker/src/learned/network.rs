@@ -2,7 +2,7 @@
 
 use super::grid::{KEYPOINTS, SIDE};
 use crate::Error;
-use convnet::{Layer, Net, Shape};
+use convnet::{Builder, Layer, Net, Shape};
 
 /// Channels of the first convolution. Deeper ones have two and four times as many.
 const WIDTH: usize = 8;
@@ -33,11 +33,11 @@ impl NetworkKind {
 
     /// The network from a mask to heat maps.
     pub(super) fn heat_network(self) -> Net {
-        let mut b = Builder { layers: Vec::new() };
-        let mut last = b.encoder();
+        let mut b = Builder::default();
+        let mut last = encoder(&mut b);
         if self == Self::Ordered {
             for _ in 0..FURTHER {
-                last = b.block(last, 4 * WIDTH);
+                last = b.block(last, 4 * WIDTH, 3);
             }
         }
         b.add(Layer::Conv { from: last, channels: KEYPOINTS, side: 1, rectified: false });
@@ -68,60 +68,32 @@ pub fn weights_of(kind: NetworkKind, bytes: &[u8]) -> Result<Weights, Error> {
 
 /// Network from a mask to features of its cells.
 pub(super) fn feature_network() -> Net {
-    let mut b = Builder { layers: Vec::new() };
-    b.encoder();
+    let mut b = Builder::default();
+    encoder(&mut b);
     b.net(Shape { channels: 1, height: SIDE, width: SIDE })
 }
 
 /// Network from features of the cells back to the mask, in the first of its channels.
 pub(super) fn decoder_network(features: Shape) -> Net {
-    let mut b = Builder { layers: Vec::new() };
-    let first = b.block(0, 4 * WIDTH);
+    let mut b = Builder::default();
+    let first = b.block(0, 4 * WIDTH, 3);
     let up = b.up(first, 2 * WIDTH);
-    let middle = b.block(up, 2 * WIDTH);
+    let middle = b.block(up, 2 * WIDTH, 3);
     let up = b.up(middle, WIDTH);
-    let fine = b.block(up, WIDTH);
+    let fine = b.block(up, WIDTH, 3);
     b.add(Layer::Conv { from: fine, channels: 4, side: 3, rectified: false });
     b.net(features)
 }
 
-struct Builder {
-    layers: Vec<Layer>,
-}
-
-impl Builder {
-    /// Adds a layer; returns the number of its value.
-    fn add(&mut self, layer: Layer) -> usize {
-        self.layers.push(layer);
-        self.layers.len()
-    }
-
-    /// Convolution, normalised and rectified.
-    fn block(&mut self, from: usize, channels: usize) -> usize {
-        let linear = self.add(Layer::Conv { from, channels, side: 3, rectified: false });
-        self.add(Layer::Norm { from: linear })
-    }
-
-    /// Five convolutions from 64 x 64 pixels to 16 x 16 cells, as in the Transporter of Li et al. 2020 (v-cdn).
-    fn encoder(&mut self) -> usize {
-        let fine = self.block(0, WIDTH);
-        let fine = self.block(fine, WIDTH);
-        let down = self.add(Layer::Pack { from: fine });
-        let middle = self.block(down, 2 * WIDTH);
-        let middle = self.block(middle, 2 * WIDTH);
-        let down = self.add(Layer::Pack { from: middle });
-        self.block(down, 4 * WIDTH)
-    }
-
-    /// Twice the resolution, with `channels` channels.
-    fn up(&mut self, from: usize, channels: usize) -> usize {
-        let wide = self.add(Layer::Conv { from, channels: 4 * channels, side: 1, rectified: false });
-        self.add(Layer::Unpack { from: wide })
-    }
-
-    fn net(self, input: Shape) -> Net {
-        Net::new(input, self.layers).expect("the layers fit one another")
-    }
+/// Adds five convolutions from 64 x 64 pixels to 16 x 16 cells, as in the Transporter of Li et al. 2020 (v-cdn).
+fn encoder(b: &mut Builder) -> usize {
+    let fine = b.block(0, WIDTH, 3);
+    let fine = b.block(fine, WIDTH, 3);
+    let down = b.add(Layer::Pack { from: fine });
+    let middle = b.block(down, 2 * WIDTH, 3);
+    let middle = b.block(middle, 2 * WIDTH, 3);
+    let down = b.add(Layer::Pack { from: middle });
+    b.block(down, 4 * WIDTH, 3)
 }
 
 #[cfg(test)]

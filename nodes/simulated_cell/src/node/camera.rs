@@ -58,12 +58,8 @@ pub struct Pictures {
 
 impl Pictures {
     fn renderer(&self, camera: &Pinhole) -> Renderer {
-        let mut renderer =
-            Renderer::new(camera.image_width_px, camera.image_height_px, self.noise_levels, self.noise_seed);
-        if let Some(seed) = self.laboratory {
-            renderer.set_laboratory(seed);
-        }
-        renderer
+        Renderer::new(camera.image_width_px, camera.image_height_px, self.noise_levels, self.noise_seed)
+            .in_laboratory(self.laboratory)
     }
 }
 
