@@ -337,6 +337,7 @@ mod tests {
             step_period_s: 0.5,
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
+            goal: None,
         };
         assert!(warned(Some(&policy)) && !warned(None));
     }

@@ -102,7 +102,7 @@ impl KeypointOrder {
 }
 
 /// All 24 permutations of four indices, in lexicographic order.
-const ORDERS: [[usize; 4]; 24] = orders();
+pub(crate) const ORDERS: [[usize; 4]; 24] = orders();
 
 const fn orders() -> [[usize; 4]; 24] {
     let mut all = [[0; 4]; 24];

@@ -4,11 +4,13 @@ mod check;
 mod error;
 mod outline;
 mod rewrite;
+mod task_file;
 #[cfg(test)]
 mod tests;
 mod yaml;
 
 pub use error::{ModelError, Place};
+pub use task_file::TaskFile;
 
 use crate::task::DeltaAnchor;
 use crate::{Camera, GripPose, Parameter, ParameterSpace, Prior, Task};

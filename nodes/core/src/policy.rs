@@ -2,7 +2,7 @@
 
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
-use crate::task::{DeltaAnchor, MAX_DELTA_M};
+use crate::task::{DeltaAnchor, Goal, MAX_DELTA_M, MOST_STEPS};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::Serialize;
@@ -11,8 +11,6 @@ use thiserror::Error;
 
 /// Value of the metadata entry `format` of a policy file.
 const FORMAT: &str = "catenary policy 1";
-/// Greatest step limit of an episode in a file. It bounds the memory that a damaged file can claim.
-const MOST_STEPS: usize = 100_000;
 /// Greatest standard deviation of an action in a file, in units of the action limit.
 const GREATEST_ACTION_SCALE: f32 = 100.0;
 
@@ -34,8 +32,10 @@ pub struct Policy {
     pub step_period_s: f64,
     /// Pose that a delta is added to.
     pub delta_anchor: DeltaAnchor,
-    /// Step limit of an episode.
+    /// Actions of an episode.
     pub steps: usize,
+    /// Goal that it was trained for; none in files of earlier versions, which do not say it.
+    pub goal: Option<Goal>,
 }
 
 /// Reason for which a policy file is refused.
@@ -109,13 +109,17 @@ impl Policy {
         add("observation_mean".into(), vec![Observation::LEN], &self.observation_mean);
         add("observation_scale".into(), vec![Observation::LEN], &self.observation_scale);
         add("action_scale".into(), vec![2], &self.action_scale);
-        let metadata = HashMap::from([
+        let mut metadata = HashMap::from([
             ("format".to_owned(), FORMAT.to_owned()),
             ("name".to_owned(), self.name.clone()),
             ("step_period_s".to_owned(), self.step_period_s.to_string()),
             ("delta_anchor".to_owned(), anchor_name(self.delta_anchor).to_owned()),
             ("steps".to_owned(), self.steps.to_string()),
         ]);
+        if let Some(goal) = &self.goal {
+            metadata
+                .insert("goal".to_owned(), serde_json::to_string(goal).expect("a goal has names and numbers alone"));
+        }
         let views = tensors.iter().map(|(name, shape, data)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), data).expect("shape and data were made together");
             (name.as_str(), view)
@@ -150,6 +154,10 @@ impl Policy {
         let step_period_s = period.parse().ok().filter(|p: &f64| p.is_finite() && *p > 0.0);
         let steps = text("steps")?;
         let anchor = text("delta_anchor")?;
+        let goal = metadata.get("goal").map(|text| {
+            serde_json::from_str(text)
+                .map_err(|error| bad("goal", "a goal as a model file has it", &format!("{text}: {error}")))
+        });
         Ok(Self {
             name: text("name")?,
             actor,
@@ -174,6 +182,7 @@ impl Policy {
                 .ok()
                 .filter(|n| (1..=MOST_STEPS).contains(n))
                 .ok_or_else(|| bad("steps", &format!("a whole number from 1 to {MOST_STEPS}"), &steps))?,
+            goal: goal.transpose()?,
         })
     }
 }
@@ -274,6 +283,7 @@ mod tests {
             step_period_s: 0.5,
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
+            goal: Some(Goal::PlaceTip { reward_range_m: 0.4 }),
         }
     }
 
@@ -281,6 +291,8 @@ mod tests {
     fn file_round_trip_keeps_every_bit() {
         let p = policy();
         assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
+        let silent = Policy { goal: None, ..p.clone() };
+        assert_eq!(Policy::from_bytes(&silent.to_bytes()).unwrap(), silent);
         assert!((0..8).all(|_| p.to_bytes() == p.to_bytes()), "the same policy gave other bytes");
     }
 

@@ -1,6 +1,6 @@
 //! State machine of one episode.
 
-use catenary_core::task::{Judge, Moment, Verdict};
+use catenary_core::task::{Judge, Moment, Phase, Referee};
 use catenary_core::track::End;
 use catenary_core::{GripPose, Keypoints, Observation, Policy, seed};
 use rand::RngExt;
@@ -16,11 +16,11 @@ pub struct Settings {
     pub max_age_s: f64,
     /// Time after a due step at which the episode is aborted for lack of fresh data, s.
     pub patience_s: f64,
-    /// Continue to the step limit after the goal is reached.
+    /// Continue to the step limit after a success that would end the episode.
     pub run_all_steps: bool,
     /// Seed for actions sampled from the policy's Gaussian; `None`: the mean action.
     pub stochastic_seed: Option<u64>,
-    /// Step limit; `None`: the policy's own.
+    /// Limit of the actions; `None`: the policy's own.
     pub max_steps: Option<usize>,
 }
 
@@ -47,6 +47,16 @@ pub enum RunnerError {
         expected: String,
         /// Value of the policy.
         got: String,
+    },
+    /// Policy that was trained for another goal.
+    #[error("policy `{policy}`: it was trained for the goal `{got}`, the task has `{expected}`")]
+    Goal {
+        /// Name of the policy.
+        policy: String,
+        /// Goal of the task.
+        expected: &'static str,
+        /// Goal of the policy.
+        got: &'static str,
     },
     /// Policy with more steps than the task.
     #[error("policy `{policy}`: `steps` is {got}, the task ends after {most}")]
@@ -121,7 +131,7 @@ pub struct Inputs {
     pub objection: Option<Objection>,
 }
 
-/// Step: an observation and, unless the step ends the episode, the action that follows the observation.
+/// Step: an observation and, unless the step ends the episode or belongs to its rest, the action that follows the observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
     /// Number of the observation, from 0; the last observation follows the last action.
@@ -132,7 +142,7 @@ pub struct Step {
     pub stamps_s: [f64; 2],
     /// Reward of the previous action; `None` at the first observation.
     pub reward: Option<f64>,
-    /// Action (dx, dz) and target (x, z) of the end effector, m; `None` after the last observation.
+    /// Action (dx, dz) and target (x, z) of the end effector, m; `None` after the last action.
     pub action: Option<([f64; 2], [f64; 2])>,
     /// End of the episode, if this step ends it.
     pub end: Option<End>,
@@ -159,7 +169,9 @@ const RETRY_S: f64 = 0.005;
 pub struct Runner {
     policy: Policy,
     judge: Judge,
+    referee: Referee,
     settings: Settings,
+    /// Number of actions.
     steps: usize,
     rng: Option<ChaCha8Rng>,
     next_step: usize,
@@ -194,6 +206,10 @@ impl Runner {
         if (policy.step_period_s - task.step_period_s).abs() > 1e-9 {
             return Err(contract("step_period_s", task.step_period_s.to_string(), policy.step_period_s.to_string()));
         }
+        if let Some(goal) = policy.goal.filter(|goal| goal.name() != task.goal.name()) {
+            let (expected, got) = (task.goal.name(), goal.name());
+            return Err(RunnerError::Goal { policy: policy.name, expected, got });
+        }
         if policy.steps > task.steps {
             return Err(RunnerError::TooLong { policy: policy.name.clone(), most: task.steps, got: policy.steps });
         }
@@ -204,6 +220,7 @@ impl Runner {
         Ok(Self {
             rng: settings.stochastic_seed.map(|s| seed::rng(s, 0)),
             policy,
+            referee: judge.referee(),
             judge,
             settings,
             steps,
@@ -303,18 +320,18 @@ impl Runner {
             return Turn::Fault(Fault::Outside(x, z));
         }
         let left = self.target_left_workspace || outside;
-        let is_last = index == self.steps;
-        let verdict = (index > 0).then(|| self.judge.verdict(&Moment::of(&observation, left, is_last)));
+        let phase = Phase::of(index, self.steps, self.judge.task().rest_steps);
+        let verdict = (index > 0).then(|| self.referee.verdict(&Moment::of(&observation, left, phase)));
         let reward = verdict.map(|v| v.reward);
         self.rewards.extend(reward);
-        self.end = match verdict {
+        self.end = match verdict.and_then(|v| v.end) {
             // With `run_all_steps` the episode continues after a success.
-            Some(Verdict { end: Some(End::Success), .. }) if self.settings.run_all_steps && !is_last => None,
-            Some(Verdict { end: Some(end), .. }) => Some(end),
-            _ if is_last => Some(self.end_at_limit()),
-            _ => None,
+            Some(End::Success) if self.settings.run_all_steps && phase != Phase::Last => None,
+            end => end,
         };
-        let action = if self.end.is_some() { None } else { Some(self.act(&observation)) };
+        // In the rest the arm keeps its target.
+        let acts = self.end.is_none() && index < self.steps;
+        let action = acts.then(|| self.act(&observation));
         if let Some((delta, _)) = action
             && !delta.iter().all(|v| v.is_finite())
         {
@@ -322,12 +339,6 @@ impl Runner {
         }
         self.next_step += 1;
         Turn::Step(Box::new(Step { index, observation, stamps_s, reward, action, end: self.end }))
-    }
-
-    /// Returns the end of an episode that ran all its steps: a success if it reached the goal at any step.
-    fn end_at_limit(&self) -> End {
-        let reached = self.rewards.iter().any(|r| *r >= self.judge.task().success_reward);
-        if reached { End::Success } else { End::StepLimit }
     }
 
     fn act(&mut self, observation: &Observation) -> ([f64; 2], [f64; 2]) {

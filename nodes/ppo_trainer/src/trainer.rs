@@ -7,7 +7,7 @@ use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
 use crate::settings::{Settings, SettingsError};
 use catenary_core::task::MAX_DELTA_M;
-use catenary_core::{Env, EnvError, Goal, Observation, Policy, Task, Transition, seed};
+use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -133,8 +133,8 @@ struct Trainer<'a> {
     normaliser: Normaliser,
     rng: ChaCha8Rng,
     steps: u64,
-    /// Return of each environment's current episode.
-    running_returns: Vec<f64>,
+    /// Return of each environment's current episode, and true if it succeeded.
+    running: Vec<(f64, bool)>,
     /// Return and success of the last episodes.
     recent: VecDeque<(f64, bool)>,
 }
@@ -152,7 +152,7 @@ impl<'a> Trainer<'a> {
             normaliser: Normaliser::new(settings.normalise_observations),
             rng,
             steps: 0,
-            running_returns: vec![0.0; settings.environments],
+            running: vec![(0.0, false); settings.environments],
             recent: VecDeque::new(),
             settings,
         }
@@ -170,6 +170,7 @@ impl<'a> Trainer<'a> {
             step_period_s: task.step_period_s,
             delta_anchor: task.delta_anchor,
             steps: task.steps,
+            goal: Some(task.goal),
         }
     }
 
@@ -238,9 +239,11 @@ impl<'a> Trainer<'a> {
 
     /// Discounted value of the last observation for each environment whose episode was cut off, and 0 for the others.
     fn bonuses(&mut self, transitions: &[Transition]) -> Vec<f32> {
-        // A success cuts an episode of `reach` short. An episode whose goal is its last step has no later rewards.
-        let is_cut_short = self.settings.bootstrap_success && self.task.goal == Goal::Reach;
-        let cut_off = |t: &Transition| (t.truncated && !t.terminated) || (is_cut_short && is_success(self.task, t));
+        // A success may cut an episode of `reach` short. An episode whose goal is its last step has no later rewards.
+        let is_cut_short = self.settings.bootstrap_success && self.task.ends_at_success;
+        let cut_off = |t: &Transition| {
+            (t.truncated && !t.terminated) || (is_cut_short && t.terminated && is_success(self.task, t))
+        };
         // A time limit is no property of the state: without the bonus the value would depend on the step number, which the
         // policy does not observe (Pardo et al. 2018).
         let wanted: Vec<bool> = transitions.iter().map(cut_off).collect();
@@ -255,10 +258,11 @@ impl<'a> Trainer<'a> {
 
     /// Updates the returns and successes of an environment.
     fn count(&mut self, environment: usize, t: &Transition) {
-        self.running_returns[environment] += t.reward;
+        let running = &mut self.running[environment];
+        running.0 += t.reward;
+        running.1 |= is_success(self.task, t);
         if t.terminated || t.truncated {
-            let episode_return = std::mem::take(&mut self.running_returns[environment]);
-            self.recent.push_back((episode_return, is_success(self.task, t)));
+            self.recent.push_back(std::mem::take(running));
             if self.recent.len() > RECENT {
                 self.recent.pop_front();
             }
@@ -336,9 +340,9 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// Returns true if a transition ended its episode as a success.
+/// Returns true if a step was a success.
 fn is_success(task: &Task, t: &Transition) -> bool {
-    t.terminated && t.reward >= task.success_reward
+    t.reward >= task.success_reward
 }
 
 /// Values scaled to mean 0 and standard deviation 1. A single value becomes 0.

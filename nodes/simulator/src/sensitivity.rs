@@ -178,7 +178,7 @@ impl LockstepGroup<'_> {
         let mut arms: Vec<_> = self.simulations().map(|simulation| simulation.arm([start.x_m, start.z_m])).collect();
         self.simulations().for_each(|simulation| simulation.hang(start));
         let mut frames = vec![Vec::new(); arms.len()];
-        for step in 0..=actions.len() {
+        for step in 0..=actions.len() + task.rest_after(actions.len()) {
             let time_s = step as f64 * task.step_period_s;
             arms.iter_mut().for_each(|arm| arm.run_to(time_s));
             let pose = |arm: usize, t: f64| arms[arm].grip(t, start.pitch_rad);
@@ -321,6 +321,7 @@ mod tests {
             step_period_s: 0.5,
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
+            goal: None,
         };
         let drive = Drive::Policy(Box::new(policy));
         assert!(message(&SimulationRequest { drive, ..request() }, "length_m").contains("policy"));

@@ -6,8 +6,9 @@ use crate::episode::{Conditions, EpisodeSimulation, verdict};
 use crate::parameters::ParameterError;
 use crate::workers;
 use catenary_core::env::EnvError;
-use catenary_core::task::Verdict;
-use catenary_core::{Env, Fidelity, Judge, Model, Observation, Transition, seed};
+use catenary_core::task::{Referee, Verdict};
+use catenary_core::track::End;
+use catenary_core::{Env, Fidelity, Goal, Judge, Model, Observation, Transition, seed};
 use rand::RngExt;
 use thiserror::Error;
 
@@ -29,6 +30,7 @@ pub enum OpenError {
 struct Member {
     simulation: EpisodeSimulation,
     arm: ArmModel,
+    referee: Referee,
     step: usize,
     seed: u64,
     episodes: u64,
@@ -77,6 +79,7 @@ impl VectorEnv {
             Ok(Member {
                 arm: simulation.arm([model.arm.start.x_m, model.arm.start.z_m]),
                 simulation,
+                referee: judge.referee(),
                 step: 0,
                 seed: seed::derive(env_seed, i as u64),
                 episodes: 0,
@@ -131,6 +134,7 @@ impl Member {
         let start = shared.model.arm.start;
         self.arm = self.simulation.arm([start.x_m, start.z_m]);
         self.simulation.hang(start);
+        self.referee = shared.judge.referee();
         Ok(self.observe(0.0, [start.x_m, start.z_m]))
     }
 
@@ -141,23 +145,37 @@ impl Member {
 
     fn step(&mut self, shared: &Shared<'_>, index: usize, action: [f64; 2]) -> Result<Transition, EnvError> {
         let task = shared.judge.task();
-        let period_s = task.step_period_s;
-        let (now_s, next_s) = (self.step as f64 * period_s, (self.step + 1) as f64 * period_s);
-        self.arm.set_delta(now_s, action);
-        self.arm.run_to(next_s);
-        let (arm, pitch_rad) = (&self.arm, shared.model.arm.start.pitch_rad);
-        self.simulation.advance(next_s, |t| arm.grip(t, pitch_rad));
-        self.step += 1;
-        let eef_m = arm.position_m(next_s);
-        let observation = self.observe(next_s, eef_m);
-        let is_last = self.step >= task.steps;
-        let Verdict { reward, end } = verdict(shared.judge, &self.arm, &observation, is_last);
-        let terminated = end.is_some();
-        let truncated = !terminated && is_last;
+        self.arm.set_delta(self.step as f64 * task.step_period_s, action);
+        let (mut observation, mut verdict) = self.go_on(shared);
+        // The rest belongs to the last action: a policy does not act in it.
+        while self.step >= task.steps && verdict.end.is_none() {
+            (observation, verdict) = self.go_on(shared);
+        }
+        let Verdict { reward, end } = verdict;
+        // The steps of `reach` end, but what they earn could go on; the other goals are paid at their end.
+        let truncated = task.goal == Goal::Reach
+            && end.is_some_and(|end| end != End::LeftWorkspace)
+            && self.step >= task.all_steps()
+            && !(task.ends_at_success && end == Some(End::Success));
+        let terminated = end.is_some() && !truncated;
         // The next episode begins at once, and the last observation is given apart, as in Gymnasium's vector
         // environments.
         let next = if terminated || truncated { self.reset(shared, index)? } else { observation };
         Ok(Transition { observation: next, reward, terminated, truncated, final_observation: observation })
+    }
+
+    /// Goes on for one step without a new action, and judges where it leads.
+    fn go_on(&mut self, shared: &Shared<'_>) -> (Observation, Verdict) {
+        let task = shared.judge.task();
+        self.step += 1;
+        let time_s = self.step as f64 * task.step_period_s;
+        self.arm.run_to(time_s);
+        let (arm, pitch_rad) = (&self.arm, shared.model.arm.start.pitch_rad);
+        self.simulation.advance(time_s, |t| arm.grip(t, pitch_rad));
+        let eef_m = arm.position_m(time_s);
+        let observation = self.observe(time_s, eef_m);
+        let verdict = verdict(task, &mut self.referee, &self.arm, &observation, self.step);
+        (observation, verdict)
     }
 }
 
@@ -185,9 +203,10 @@ impl Env for VectorEnv {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::episode::{never_stop, run};
     use crate::parameters::tests::soft_bar;
-    use catenary_core::Goal;
-    use catenary_core::task::{MAX_DELTA_M, Moment};
+    use catenary_core::simulator::{Drive, StartShape};
+    use catenary_core::task::{MAX_DELTA_M, Moment, Phase};
 
     fn open(count: usize, domains: usize, workers: usize) -> VectorEnv {
         let rows = (0..domains).map(|i| vec![0.2 + 0.1 * i as f64 / domains as f64, 2e4]).collect();
@@ -229,8 +248,51 @@ mod tests {
         assert!(steps[2].reward > 0.1 && steps[2].terminated && !steps[2].truncated, "{:?}", steps[2]);
         assert!(!steps[3].terminated, "the next episode has begun");
         let judge = Judge::of(&model).unwrap();
-        let moment = Moment::of(&steps[2].final_observation, false, true);
-        assert_eq!(steps[2].reward, judge.verdict(&moment).reward);
+        let moment = Moment::of(&steps[2].final_observation, false, Phase::Last);
+        assert_eq!(steps[2].reward, judge.referee().verdict(&moment).reward);
+    }
+
+    #[test]
+    fn the_rest_belongs_to_the_last_action_and_is_judged_as_the_simulator_does() {
+        let mut model = soft_bar();
+        let task = model.task.as_mut().unwrap();
+        (task.goal, task.steps, task.rest_steps) = (Goal::Settle { reward_range_m: 0.5 }, 2, 4);
+        (task.step_period_s, task.target_m) = (0.25, [0.5, 0.1]);
+        let task = *task;
+        let mut env = VectorEnv::open(&model, 1, vec![vec![0.25, 2e4]], Fidelity::Fast, 7, 1).unwrap();
+        env.reset().unwrap();
+        let steps: Vec<Transition> = (0..3).map(|_| env.step(&[[0.05, 0.0]]).unwrap().remove(0)).collect();
+        assert!(steps[0].reward == 0.0 && !steps[0].terminated, "{steps:?}");
+        assert!(steps[1].reward > 0.5 && steps[1].terminated && !steps[1].truncated, "{steps:?}");
+        assert!(!steps[2].terminated, "the next episode has begun");
+        // The same actions, frame by frame.
+        let mut simulation = EpisodeSimulation::new(&model, Registry::shipped(), Fidelity::Fast).unwrap();
+        let episode_seed = seed::derive(seed::derive(7, 0), 0);
+        let conditions =
+            Conditions { theta: &[0.25, 2e4], effects: &[], seed: episode_seed, noise: true, target_m: None };
+        simulation.prepare(&conditions).unwrap();
+        let drive = Drive::Actions(vec![[0.05, 0.0]; 2]);
+        let track = run(&mut simulation, &drive, &StartShape::HangingAtRest, &[], &never_stop).unwrap();
+        assert_eq!(track.frames.len(), 1 + task.all_steps());
+        let score = Judge::of(&model).unwrap().score(&track);
+        assert!((score.rewards[5] - steps[1].reward).abs() < 1e-12, "{score:?}, {}", steps[1].reward);
+    }
+
+    #[test]
+    fn a_success_ends_an_episode_of_reach_only_if_the_task_says_so() {
+        let mut model = soft_bar();
+        let open = |model: &Model| {
+            let mut env = VectorEnv::open(model, 1, vec![vec![0.2, 2e4]], Fidelity::Fast, 7, 1).unwrap();
+            env.reset().unwrap();
+            (0..16).map(|_| env.step(&[[0.005, -0.03]]).unwrap().remove(0)).collect::<Vec<Transition>>()
+        };
+        model.task.as_mut().unwrap().success_reward = 0.3;
+        let steps = open(&model);
+        let first = steps.iter().position(|t| t.reward >= 0.3).expect("the bar comes near the target");
+        assert!(!steps[first].terminated && first < 15, "{steps:?}");
+        model.task.as_mut().unwrap().ends_at_success = true;
+        let steps = open(&model);
+        assert!(steps[first].terminated && !steps[first].truncated, "{steps:?}");
     }
 
     #[test]

@@ -79,7 +79,7 @@ impl PredictiveCheck {
         let [compared, measured] = self.frames;
         (compared < measured).then(|| {
             format!(
-                "the posterior's predictions were compared with the first {compared} of {measured} measured frames only: every simulated draw reached the goal and ended before the last one; set task.success_reward to 2, which nothing reaches, to compare all frames"
+                "the posterior's predictions were compared with the first {compared} of {measured} measured frames only: every simulated draw reached the goal and ended before the last one; remove task.ends_at_success, to compare all frames"
             )
         })
     }

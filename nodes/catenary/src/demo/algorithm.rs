@@ -13,7 +13,7 @@ use crate::terminal::progress;
 use crate::train::on_graph::show_training;
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::model::DriveKind;
-use catenary_core::task::Moment;
+use catenary_core::task::{Moment, Phase};
 use catenary_core::{Camera, Policy, Posterior, seed};
 use catenary_msgs::action::{
     Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
@@ -173,13 +173,17 @@ impl Demo {
             let result = result?;
             ensure!(result.success, "{}", result.message);
             let Seen { observations, frames, latency_ms, film } = seen;
-            let moments = observations.iter().skip(1).map(|o| Moment::of(o, false, false));
+            let (task, mut referee) = (self.judge.task(), self.judge.referee());
+            for (step, observation) in observations.iter().enumerate().skip(1) {
+                let phase = Phase::of(step, task.steps, task.rest_steps);
+                referee.verdict(&Moment::of(observation, false, phase));
+            }
             let episode = Episode {
                 policy: name.to_owned(),
                 end: result.end,
                 rewards: result.rewards,
                 episode_return: result.episode_return,
-                distance_m: self.judge.achieved_m(moments),
+                distance_m: referee.distance_m(),
                 path_m: observations.iter().map(catenary_core::Observation::eef_m).collect(),
                 bag,
                 frames,

@@ -3,7 +3,7 @@
 use crate::simulate::GifFile;
 use anyhow::{Context, Result};
 use catenary_core::camera::Pinhole;
-use catenary_core::task::{Judge, Moment};
+use catenary_core::task::{Judge, Moment, Phase};
 use catenary_core::{Model, Observation};
 use catenary_msgs::sensor_msgs::msg::Image;
 use std::path::Path;
@@ -122,7 +122,7 @@ impl Film {
             let [u, v] = image_px(camera, p);
             [u - self.window.left as f64, v - self.window.top as f64]
         };
-        let tip = judge.tip(&Moment::of(last, false, true));
+        let tip = judge.tip(&Moment::of(last, false, Phase::Last));
         let (dlo, target) = (last.dlo(), place(last.target()));
         canvas.line(place(dlo[tip]), target, BLACK);
         dlo.iter().for_each(|p| canvas.ring(place(*p), 0.0, 3.0, YELLOW));

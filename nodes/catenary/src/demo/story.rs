@@ -4,8 +4,8 @@ use super::args::DemoCell;
 use super::summary::{Episode, Summary};
 use crate::evaluate::score::Evaluated;
 use crate::exit::Misfit;
+use crate::report::aim;
 use crate::report::quantity::Quantity;
-use catenary_core::Goal;
 use catenary_core::posterior::Marginal;
 use catenary_core::track::End;
 
@@ -66,19 +66,7 @@ impl Summary {
 
     /// Aim of the task and threshold of success, in a sentence.
     pub fn aim(&self) -> String {
-        let mm = 1e3 * self.success_distance_m;
-        let seconds = self.task.steps as f64 * self.task.step_period_s;
-        match self.task.goal {
-            Goal::PlaceTip { .. } => format!(
-                "Success: when the motion of {seconds} s ends, the free end of the bar (its outermost keypoint) is within {mm:.0} mm \
-                 of the target, as the camera sees both. The position of the hand does not count."
-            ),
-            Goal::Reach => format!(
-                "Success: at one of {} steps the bar's four keypoints are near the target, {mm:.0} mm in the root mean square. \
-                 The position of the hand does not count.",
-                self.task.steps
-            ),
-        }
+        aim::of(&self.task, self.success_distance_m)
     }
 
     /// Comparison of the emulated arm with the simple arm that training and inference know; `None` on the simulated cell.
@@ -109,10 +97,7 @@ impl Summary {
     /// Result of a policy's episode on the cell, in words.
     pub fn outcome(&self, episode: &Episode) -> String {
         let mm = 1e3 * episode.distance_m;
-        let what = match self.task.goal {
-            Goal::PlaceTip { .. } => "tip",
-            Goal::Reach => "keypoints",
-        };
+        let what = aim::part(&self.task.goal);
         match succeeded(episode) {
             true => format!("reached: {what} {mm:.0} mm from the target"),
             false if episode.end == End::LeftWorkspace.name() => "missed: the hand left its workspace".to_owned(),

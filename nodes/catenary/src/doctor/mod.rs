@@ -34,7 +34,7 @@ fn model(path: &Path) -> Result<Check> {
             let detail = format!("{}: `{}`, {} inferred parameters", path.display(), m.name, m.theta.dimension());
             Ok(Check::good("model", detail))
         }
-        Err(error) if path.exists() || shipped::model(path).is_some() => {
+        Err(error) if path.exists() || shipped::Kind::Model.named(path).is_some() => {
             Ok(Check::bad("model", format!("{error:#}"), "correct the file"))
         }
         Err(error) => Err(error),

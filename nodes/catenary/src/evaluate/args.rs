@@ -1,6 +1,6 @@
 //! Arguments of `evaluate`.
 
-use crate::options::{FidelityName, Output, parameter_value};
+use crate::options::{FidelityName, Output, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -13,6 +13,9 @@ pub struct EvaluateArgs {
     /// Model (file or name) of the simulated cell
     #[arg(long)]
     pub model: PathBuf,
+    /// Task in place of the model's
+    #[command(flatten)]
+    pub task: TaskOption,
     /// posterior.json to draw the object's parameters from; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

@@ -34,7 +34,7 @@ struct Report {
 
 /// Runs every policy on the same episodes. Ctrl-C ends the run.
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
-    let model = model_file::read(&arguments.model)?;
+    let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let judge = Judge::of(&model).with_context(|| format!("model `{}` has no task: no policy runs on it", model.name));
     let judge = judge.given()?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));

@@ -2,15 +2,13 @@
 
 use anyhow::Result;
 use catenary_core::statistics::{self, Z_95, wilson_interval};
+use catenary_core::task::Score;
 use catenary_core::track::End;
-use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Track};
+use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Task, Track};
 use catenary_simulator::{BeamSimulator, workers};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Success reward that no position can reach. Success then ends no episode, so that all returns sum over the same
-/// number of steps. An episode still ends if the arm leaves its workspace.
-const OUT_OF_REACH: f64 = 2.0;
 /// Episodes between two updates of the progress bar.
 const BATCH: usize = 16;
 
@@ -23,7 +21,7 @@ pub struct Evaluated {
     pub returns: Vec<f64>,
     /// True for each episode in which the best reward reached the task's goal.
     pub successes: Vec<bool>,
-    /// Distance that the task minimises, by episode, m: at the nearest step (`reach`) or at the end (`place_tip`).
+    /// Distance that the task minimises, by episode, m: at the nearest step (`reach`) or at the end.
     pub distances_m: Vec<f64>,
     /// Mean of the returns.
     pub mean_return: Estimate,
@@ -99,8 +97,9 @@ pub fn score(
     requested: &SimulationRequest,
     on_progress: &mut dyn FnMut(&Path, usize) -> Result<()>,
 ) -> Result<Vec<Evaluated>> {
-    let mut task = *judge.task();
-    task.success_reward = OUT_OF_REACH;
+    // Success ends no episode, so that all returns sum over the same number of steps. An episode still ends if the arm leaves
+    // its workspace.
+    let task = Task { ends_at_success: false, ..*judge.task() };
     let simulator = BeamSimulator::new(&Model { task: Some(task), ..model.clone() }, workers::available())?;
     let n = requested.thetas.len();
     let mut evaluated: Vec<Evaluated> = Vec::new();
@@ -120,21 +119,17 @@ pub fn score(
 
 /// Scores of the policy of `path` from its tracks; differences are taken to `first`.
 fn of(path: &Path, tracks: &[Track], judge: &Judge, first: Option<&Evaluated>) -> Evaluated {
-    let rewards: Vec<Vec<f64>> = tracks.iter().map(|t| judge.rewards(t)).collect();
-    let returns: Vec<f64> = rewards.iter().map(|r| r.iter().sum()).collect();
-    let best: Vec<f64> = rewards.iter().map(|r| r.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
-    let successes: Vec<bool> = best.iter().map(|b| *b >= judge.task().success_reward).collect();
+    let scores: Vec<Score> = tracks.iter().map(|t| judge.score(t)).collect();
+    let returns: Vec<f64> = scores.iter().map(|s| s.rewards.iter().sum()).collect();
+    let best: Vec<f64> = scores.iter().map(|s| s.rewards.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
+    let successes: Vec<bool> = scores.iter().map(|s| s.succeeded).collect();
     let left = tracks.iter().filter(|t| t.end == End::LeftWorkspace).count();
     let gained = |first: &Evaluated| -> Estimate {
         Estimate::mean(&returns.iter().zip(&first.returns).map(|(own, other)| own - other).collect::<Vec<_>>())
     };
-    let distance_m = |t: &Track| {
-        let steps = t.frames.iter().enumerate().skip(1);
-        judge.achieved_m(steps.map(|(step, frame)| judge.moment(frame, step, false)))
-    };
     Evaluated {
         policy: path.to_owned(),
-        distances_m: tracks.iter().map(distance_m).collect(),
+        distances_m: scores.iter().map(|s| s.distance_m).collect(),
         mean_return: Estimate::mean(&returns),
         mean_best_reward: Estimate::mean(&best),
         success_rate: Estimate::share(successes.iter().filter(|s| **s).count(), tracks.len()),

@@ -1,10 +1,9 @@
 //! Models, read from a file or by the name of a shipped one.
 
-use super::shipped;
+use super::shipped::Kind;
 use crate::exit::Given;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use catenary_core::Model;
-use catenary_core::spelling::nearest;
 use catenary_simulator::model_text;
 use std::path::Path;
 
@@ -19,31 +18,11 @@ pub fn read(path: &Path) -> Result<Model> {
 /// Model that `--model` names, with its text: the file at `path`, else the shipped model of this name.
 pub fn read_with_text(path: &Path) -> Result<(Model, String)> {
     let read = || {
-        let text = text(path)?;
+        let text = Kind::Model.text(path)?;
         let model = model_text::read(&text).with_context(|| format!("model {}", path.display()))?;
         Ok::<_, anyhow::Error>((model, text))
     };
     read().given()
-}
-
-fn text(path: &Path) -> Result<String> {
-    match shipped::model(path) {
-        // A file in the working folder has precedence over a shipped model of this name.
-        Some(text) if !path.is_file() => Ok(text.to_owned()),
-        _ => catenary_shell::files::read_text("model", path).map_err(|error| with_shipped(path, error)),
-    }
-}
-
-/// Adds the names of the shipped models to the error about a missing file, if the path has no folder.
-fn with_shipped(path: &Path, error: anyhow::Error) -> anyhow::Error {
-    let plain = path.to_str().filter(|text| !text.contains('/') && !path.exists());
-    let Some(name) = plain else { return error };
-    let mut names: Vec<&str> = shipped::models().map(|(name, _)| name).collect();
-    names.sort_unstable();
-    // The error may already suggest a file nearby.
-    let near = nearest(name, names.iter().copied()).filter(|_| !format!("{error:#}").contains("did you mean"));
-    let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
-    anyhow!("{error:#}; shipped models are {}{near}", names.join(", "))
 }
 
 /// Model that `--model` names, or the soft bar.

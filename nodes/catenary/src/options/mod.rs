@@ -8,6 +8,7 @@ mod output;
 mod parameter_value;
 mod preset;
 mod prior_support;
+mod task;
 
 pub use bags::Bags;
 pub use fidelity::FidelityName;
@@ -17,3 +18,4 @@ pub use output::Output;
 pub use parameter_value::parameter_value;
 pub use preset::{Preset, TrainingPreset};
 pub use prior_support::PriorSupportName;
+pub use task::TaskOption;

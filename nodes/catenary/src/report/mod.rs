@@ -1,5 +1,6 @@
 //! HTML reports: one page each, with every picture inside it.
 
+pub mod aim;
 mod html;
 pub mod number;
 pub mod palette;

@@ -28,10 +28,18 @@ pub enum Motion {
 }
 
 impl Motion {
+    /// Number of steps, with those of the task's rest; none for a measured motion.
+    pub fn steps(&self) -> Option<usize> {
+        match self {
+            Self::Actions { task, actions } => Some(actions.len() + task.rest_after(actions.len())),
+            Self::Measured(_) => None,
+        }
+    }
+
     /// Length of the motion, s.
     pub fn duration_s(&self) -> f64 {
         match self {
-            Self::Actions { task, actions } => actions.len() as f64 * task.step_period_s,
+            Self::Actions { task, .. } => self.steps().unwrap_or(0) as f64 * task.step_period_s,
             Self::Measured(m) => m.grip.times_s().last().copied().unwrap_or_default(),
         }
     }

@@ -11,7 +11,7 @@ use super::timeline::{Rates, Tick};
 use super::video::Video;
 use anyhow::Result;
 use catenary_core::camera::Pinhole;
-use catenary_core::task::{Judge, Moment};
+use catenary_core::task::{Judge, Moment, Phase, Referee};
 use catenary_core::{KeypointOrder, Keypoints, Model};
 use simulated_cell::render::Renderer;
 
@@ -36,7 +36,7 @@ pub struct Show<'a> {
     player: Player<'a>,
     model: &'a Model,
     motion: &'a Motion,
-    judge: Option<Judge>,
+    referee: Option<Referee>,
     sinks: Sinks,
     episode: Episode,
     /// Keypoints of the camera's last frame.
@@ -61,7 +61,8 @@ impl<'a> Show<'a> {
             let renderer = Renderer::new(camera.image_width_px, camera.image_height_px, 0.0, 0);
             (renderer.in_laboratory(laboratory), camera)
         });
-        Self { seen: player.keypoints(), player, judge: Judge::of(model), model, motion, sinks, episode, moments }
+        let referee = Judge::of(model).map(|judge| judge.referee());
+        Self { seen: player.keypoints(), player, referee, model, motion, sinks, episode, moments }
     }
 
     /// Rates that the outputs need.
@@ -139,11 +140,12 @@ impl<'a> Show<'a> {
 
     fn step(&mut self, time_s: f64, step: usize) -> Result<()> {
         let observation = self.player.observation(&self.seen);
-        let reward = self.judge.filter(|_| step > 0).map(|judge| {
-            // The task of placing judges only the last moment.
-            let is_last = matches!(self.motion, Motion::Actions { actions, .. } if step == actions.len());
-            judge.verdict(&Moment::of(&observation, false, is_last)).reward
-        });
+        let phase = match self.motion {
+            Motion::Actions { task, actions } => Phase::of(step, actions.len(), task.rest_after(actions.len())),
+            Motion::Measured(_) => Phase::Action,
+        };
+        let referee = self.referee.as_mut().filter(|_| step > 0);
+        let reward = referee.map(|referee| referee.verdict(&Moment::of(&observation, false, phase)).reward);
         self.episode.step(time_s, reward, self.player.is_inside());
         let taken = self.player.act(step);
         let Some((_, recording)) = &mut self.sinks.recording else { return Ok(()) };

@@ -54,8 +54,8 @@ pub fn ticks(motion: &Motion, rates: &Rates) -> Result<Vec<(i64, Tick)>> {
         every(hz, &Tick::Frame);
     }
     match motion {
-        Motion::Actions { task, actions } => {
-            ticks.extend((0..=actions.len()).map(|k| (ns(k as f64 * task.step_period_s), Tick::Step(k))));
+        Motion::Actions { task, .. } => {
+            ticks.extend((0..=motion.steps().unwrap_or(0)).map(|k| (ns(k as f64 * task.step_period_s), Tick::Step(k))));
         }
         Motion::Measured(m) => {
             let frames = m.track.frames.iter().enumerate().filter(|(_, f)| f.time_s >= 0.0 && f.time_s <= duration_s);

@@ -1,6 +1,6 @@
 //! Arguments of `train`.
 
-use crate::options::{OnGraph, Output, TrainingPreset};
+use crate::options::{OnGraph, Output, TaskOption, TrainingPreset};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -10,6 +10,9 @@ pub struct TrainArgs {
     /// Model (file or name)
     #[arg(long)]
     pub model: PathBuf,
+    /// Task in place of the model's
+    #[command(flatten)]
+    pub task: TaskOption,
     /// posterior.json to train over; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

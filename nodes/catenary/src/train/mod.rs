@@ -12,13 +12,14 @@ use args::TrainArgs;
 
 /// Trains in this process, or with `--node` on the running graph.
 pub fn run(arguments: &TrainArgs) -> Result<()> {
-    let (model, text) = model_file::read_with_text(&arguments.model)?;
+    let (own, text) = model_file::read_with_text(&arguments.model)?;
+    let model = arguments.task.applied_to(own)?;
     let mut settings = arguments.preset.settings();
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps").given()?;
     match &arguments.on_graph.node {
-        Some(namespace) => on_graph::run(arguments, &model, text, namespace),
+        Some(namespace) => on_graph::run(arguments, &model, model.rewrite(&text)?, namespace),
         None => local::run(arguments, &model, &settings),
     }
 }

@@ -1,7 +1,8 @@
 //! Checks of the values of a model. Each error names the path of the field; the line follows from the path.
 
 use super::outline::{Content, Node};
-use super::{MODEL_VERSION, Model, ModelError, Place, Section};
+use super::{ArmLaw, MODEL_VERSION, Model, ModelError, Place, Section};
+use crate::task::MOST_STEPS;
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
@@ -54,7 +55,7 @@ impl Model {
         not_negative("camera.position_jitter_m", self.camera.position_jitter_m)?;
         self.check_arm()?;
         self.check_lacking()?;
-        self.task.as_ref().map_or(Ok(()), check_task)
+        self.task.as_ref().map_or(Ok(()), task)
     }
 
     /// Path of the field that sets the parameter `name`: `parameters.NAME`, `theta.NAME` or `effects.NAME`. It is
@@ -136,9 +137,7 @@ impl Model {
     }
 
     fn check_arm(&self) -> Result<(), ModelError> {
-        let (above_zero, at_least_zero) = self.arm.law.constants();
-        above_zero.into_iter().try_for_each(|(field, v)| positive(field, v))?;
-        at_least_zero.into_iter().try_for_each(|(field, v)| not_negative(field, v))?;
+        arm_law(&self.arm.law)?;
         not_negative("arm.pose_noise_m", self.arm.pose_noise_m)?;
         let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
         finite("arm.start.x_m", x_m)?;
@@ -160,13 +159,43 @@ impl Model {
     }
 }
 
-fn check_task(task: &Task) -> Result<(), ModelError> {
+/// Checks the constants of an arm's law.
+pub(super) fn arm_law(law: &ArmLaw) -> Result<(), ModelError> {
+    let (above_zero, at_least_zero) = law.constants();
+    above_zero.into_iter().try_for_each(|(field, v)| positive(field, v))?;
+    at_least_zero.into_iter().try_for_each(|(field, v)| not_negative(field, v))
+}
+
+/// Checks a task.
+pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     if task.steps == 0 {
         return Err(ModelError::value("task.steps", "at least 1", task.steps));
     }
     positive("task.step_period_s", task.step_period_s)?;
-    if let Goal::PlaceTip { reward_range_m } = task.goal {
-        positive("task.goal.place_tip.reward_range_m", reward_range_m)?;
+    if let Some(reward_range_m) = task.goal.reward_range_m() {
+        positive(&format!("task.goal.{}.reward_range_m", task.goal.name()), reward_range_m)?;
+    }
+    if task.steps.saturating_add(task.rest_steps) > MOST_STEPS {
+        return Err(ModelError::value(
+            "task.rest_steps",
+            format!("at most {MOST_STEPS} steps in all"),
+            task.rest_steps,
+        ));
+    }
+    if task.rest_steps > 0 && task.goal == Goal::Reach {
+        return Err(ModelError::value(
+            "task.rest_steps",
+            "0 for the goal `reach`, whose every step is rewarded",
+            task.rest_steps,
+        ));
+    }
+    // One place has no motion.
+    if matches!(task.goal, Goal::Settle { .. }) && task.rest_steps < 2 {
+        return Err(ModelError::value("task.rest_steps", "at least 2 for the goal `settle`", task.rest_steps));
+    }
+    if task.ends_at_success && task.goal != Goal::Reach {
+        let got = format!("true with `{}`, which is judged at its end", task.goal.name());
+        return Err(ModelError::value("task.ends_at_success", "false, or the goal `reach`", got));
     }
     not_negative("task.target_jitter_m", task.target_jitter_m)?;
     task.target_m.into_iter().try_for_each(|v| finite("task.target_m", v))?;

@@ -300,14 +300,16 @@ prop_compose! {
                 pose_noise_m: lengths[3],
             },
             task: task.map(|(steps, measured)| Task {
-                goal: if measured { Goal::PlaceTip { reward_range_m: lengths[6] } } else { Goal::Reach },
+                goal: if measured { Goal::Settle { reward_range_m: lengths[6] } } else { Goal::Reach },
                 steps,
+                rest_steps: if measured { 2 } else { 0 },
                 step_period_s: lengths[11],
                 delta_anchor: if measured { DeltaAnchor::Measured } else { DeltaAnchor::LastTarget },
                 workspace: Workspace::default(),
                 target_m: [angles[0], angles[1]],
                 target_jitter_m: lengths[0],
                 success_reward: angles[2],
+                ends_at_success: !measured,
             }),
             lacking: match nominal {
                 Some(u) => Lacking { vetoes: vec![names[5].clone()], prior_odds: [(names[4].clone(), 0.1 + u)].into() },

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Limit of an action: |dx| and |dz| in m.
 pub const MAX_DELTA_M: f64 = 0.06;
 
+/// Greatest number of steps of an episode in a file. It bounds the memory that a damaged file can claim.
+pub const MOST_STEPS: usize = 100_000;
+
 /// Pose that an action, a delta of the end effector, is added to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -42,24 +45,67 @@ impl Workspace {
     }
 }
 
-/// Goal of a task: a part of the object, its place, and the time at which it counts.
+/// Goal of a task: what shall be where, and when. Each goal has a distance d in m ([`Judge::distance_m`]). All but
+/// `reach` earn `max(0, 1 - d / reward_range_m)` when the episode ends, and nothing before: their paths are free.
+///
+/// A larger range rewards coarser motions. A smaller one gives an untrained policy no reward to learn from.
+///
+/// [`Judge::distance_m`]: crate::task::Judge::distance_m
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Goal {
-    /// All four keypoints near the target, at any step. Each step earns [`crate::task::reward`]. The first step that
-    /// earns `success_reward` ends the episode.
+    /// All four keypoints near the target, at any step. Each step earns [`crate::task::reward`].
     #[default]
     Reach,
-    /// Free end of the object at the target when the last step ends. The last step earns 1 minus the distance over
-    /// `reward_range_m`, at least 0. Earlier steps earn nothing. An episode runs all its steps.
+    /// Free end of the object at the target at the end. d is the distance of the outermost keypoint from the target.
     PlaceTip {
-        /// Distance in m of the outermost keypoint from the target at which the reward is zero. A larger range rewards
-        /// coarser motions. A smaller range gives an untrained policy no reward to learn from.
+        /// Distance at which the reward is zero, m.
+        reward_range_m: f64,
+    },
+    /// Hand above the target, and the object still, during the rest after the last action. d is the root of the sum of two
+    /// squares: the horizontal distance of the hand from the target at the end, and the root mean square distance of the
+    /// free end from its mean place over the steps of the rest.
+    Settle {
+        /// Distance at which the reward is zero, m.
+        reward_range_m: f64,
+    },
+    /// Free end of the object at the target at one of the steps, on its way. d is the least distance of the outermost
+    /// keypoint from the target at the end of a step.
+    Whip {
+        /// Distance at which the reward is zero, m.
+        reward_range_m: f64,
+    },
+    /// Outer half of the object laid down with its free end at the target, at the end. d is the root of the sum of two
+    /// squares: the distance of the outermost keypoint from the target, and the height of the next keypoint above it.
+    Lay {
+        /// Distance at which the reward is zero, m.
         reward_range_m: f64,
     },
 }
 
 impl Goal {
+    /// Name in a model file.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Reach => "reach",
+            Self::PlaceTip { .. } => "place_tip",
+            Self::Settle { .. } => "settle",
+            Self::Whip { .. } => "whip",
+            Self::Lay { .. } => "lay",
+        }
+    }
+
+    /// Distance in m at which the reward of the end is zero; none for `reach`, whose every step is rewarded.
+    pub fn reward_range_m(&self) -> Option<f64> {
+        match *self {
+            Self::Reach => None,
+            Self::PlaceTip { reward_range_m }
+            | Self::Settle { reward_range_m }
+            | Self::Whip { reward_range_m }
+            | Self::Lay { reward_range_m } => Some(reward_range_m),
+        }
+    }
+
     /// True for the default goal, which model files omit.
     fn is_reach(&self) -> bool {
         *self == Self::Reach
@@ -73,8 +119,11 @@ pub struct Task {
     /// Goal of an episode.
     #[serde(default, skip_serializing_if = "Goal::is_reach")]
     pub goal: Goal,
-    /// Step limit of an episode.
+    /// Actions of an episode.
     pub steps: usize,
+    /// Steps after the last action in which the hand stays at its target.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub rest_steps: usize,
     /// Time between two actions in s.
     pub step_period_s: f64,
     /// Pose that a delta is added to.
@@ -89,14 +138,36 @@ pub struct Task {
     /// Least reward of a successful step.
     #[serde(default = "success_reward")]
     pub success_reward: f64,
+    /// True if the first success of `reach` ends the episode, as in the paper. What the remaining steps would have earned is
+    /// then lost: a policy that stays just short of success earns more than one that succeeds.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub ends_at_success: bool,
 }
 
 impl Task {
+    /// Steps of a whole episode, with those of the rest.
+    pub fn all_steps(&self) -> usize {
+        self.steps + self.rest_steps
+    }
+
+    /// Steps of rest after this many actions: those of the task, if these are all of its actions.
+    pub fn rest_after(&self, actions: usize) -> usize {
+        if actions == self.steps { self.rest_steps } else { 0 }
+    }
+
     /// True if a position (x, z) in m of the end effector, measured or commanded, lies inside the workspace. The plane of
     /// motion is y = 0.
     pub fn allows(&self, [x_m, z_m]: [f64; 2]) -> bool {
         self.workspace.contains(x_m, 0.0, z_m)
     }
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 fn success_reward() -> f64 {

@@ -4,6 +4,7 @@
 
 use super::definition::{Goal, Task};
 use super::reward::{LEFT_WORKSPACE_REWARD, REWARD_RANGE, reward};
+use crate::keypoints::ORDERS;
 use crate::track::End;
 use crate::{Camera, Frame, Model, Observation, Track};
 
@@ -12,6 +13,30 @@ use crate::{Camera, Frame, Model, Observation, Track};
 pub struct Judge {
     task: Task,
     camera: Camera,
+}
+
+/// Part of an episode that a moment belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// An action ended here, and the last one may have.
+    Action,
+    /// The hand stays at its target after the last action.
+    Rest,
+    /// No further step follows, whatever the verdict. With a rest, this moment belongs to it.
+    Last,
+}
+
+impl Phase {
+    /// Phase of the moment after `step` steps of an episode with `actions` actions and `rest_steps` steps of rest.
+    pub fn of(step: usize, actions: usize, rest_steps: usize) -> Self {
+        if step >= actions + rest_steps {
+            Self::Last
+        } else if step > actions {
+            Self::Rest
+        } else {
+            Self::Action
+        }
+    }
 }
 
 /// State after a step, as camera and arm report it.
@@ -25,15 +50,15 @@ pub struct Moment {
     pub target: [f64; 2],
     /// True if the hand or its target pose lies outside the workspace.
     pub left_workspace: bool,
-    /// True if no further step follows, whatever the verdict.
-    pub is_last: bool,
+    /// Part of the episode.
+    pub phase: Phase,
 }
 
 impl Moment {
     /// Moment that a policy observed.
-    pub fn of(observation: &Observation, left_workspace: bool, is_last: bool) -> Self {
+    pub fn of(observation: &Observation, left_workspace: bool, phase: Phase) -> Self {
         let (eef_m, dlo, target) = (observation.eef_m(), observation.dlo(), observation.target());
-        Self { eef_m, dlo, target, left_workspace, is_last }
+        Self { eef_m, dlo, target, left_workspace, phase }
     }
 }
 
@@ -42,8 +67,20 @@ impl Moment {
 pub struct Verdict {
     /// Reward of the step that led here.
     pub reward: f64,
-    /// End of the episode by the task's rules; none if the episode continues to its step limit.
+    /// End of the episode, if it ends here: by the task's rules, or because no step follows.
     pub end: Option<End>,
+}
+
+/// Score of a whole episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Score {
+    /// Reward of each step.
+    pub rewards: Vec<f64>,
+    /// Distance from the goal in m ([`Judge::distance_m`]): the least over the steps for `reach`, otherwise that at the
+    /// end. Infinite for an episode without steps.
+    pub distance_m: f64,
+    /// True if a step earned `success_reward`.
+    pub succeeded: bool,
 }
 
 impl Judge {
@@ -62,29 +99,14 @@ impl Judge {
         &self.task
     }
 
-    /// Judges the moment after a step.
-    pub fn verdict(&self, moment: &Moment) -> Verdict {
-        if moment.left_workspace {
-            return Verdict { reward: LEFT_WORKSPACE_REWARD, end: Some(End::LeftWorkspace) };
-        }
-        match self.task.goal {
-            Goal::Reach => {
-                let reward = reward(&moment.dlo, moment.target);
-                Verdict { reward, end: (reward >= self.task.success_reward).then_some(End::Success) }
-            }
-            // Only the last moment counts: the path to it is free.
-            Goal::PlaceTip { .. } if !moment.is_last => Verdict { reward: 0.0, end: None },
-            Goal::PlaceTip { reward_range_m } => {
-                let distance_m = self.distance_m(moment);
-                let reward = (1.0 - distance_m / reward_range_m).max(0.0);
-                let end = if reward >= self.task.success_reward { End::Success } else { End::StepLimit };
-                Verdict { reward, end: Some(end) }
-            }
-        }
+    /// Referee of a new episode.
+    pub fn referee(&self) -> Referee {
+        Referee { judge: *self, distance_m: f64::INFINITY, tips: Spread::default(), succeeded: false }
     }
 
-    /// Distance in m from the goal: of the tip from the target (`place_tip`), or the root mean square of the four
-    /// keypoints' distances (`reach`). It is infinite if the camera's ray misses the plane of motion.
+    /// Distance in m from the goal at one moment, by what is seen then: of the tip from the target (`place_tip`, `whip`,
+    /// `lay`), of the hand (`settle`), or the root mean square of the four keypoints' distances (`reach`). It is infinite if
+    /// the camera's ray misses the plane of motion.
     pub fn distance_m(&self, moment: &Moment) -> f64 {
         let place = |p: [f64; 2]| self.camera.plane_from_scaled(p).unwrap_or([f64::INFINITY; 2]);
         let target = place(moment.target);
@@ -92,18 +114,13 @@ impl Judge {
         let finite = |d: f64| if d.is_finite() { d } else { f64::INFINITY };
         finite(match self.task.goal {
             Goal::Reach => (distances.iter().map(|d| d * d).sum::<f64>() / 4.0).sqrt(),
-            Goal::PlaceTip { .. } => distances[self.tip(moment)],
+            Goal::PlaceTip { .. } | Goal::Whip { .. } => distances[self.tip(moment)],
+            Goal::Settle { .. } => (moment.eef_m[0] - target[0]).abs(),
+            Goal::Lay { .. } => {
+                let [tip, next] = self.outer_half(moment);
+                distance(tip, target).hypot((next[1] - target[1]).max(0.0))
+            }
         })
-    }
-
-    /// Distance of a whole episode in m: the least over its steps (`reach`), or that at its end (`place_tip`). It is
-    /// infinite for an episode without steps.
-    pub fn achieved_m(&self, moments: impl IntoIterator<Item = Moment>) -> f64 {
-        let distances = moments.into_iter().map(|m| self.distance_m(&m));
-        match self.task.goal {
-            Goal::Reach => distances.fold(f64::INFINITY, f64::min),
-            Goal::PlaceTip { .. } => distances.last().unwrap_or(f64::INFINITY),
-        }
     }
 
     /// Index of the keypoint at the object's free end: the keypoint farthest from the hand, since trackers may flip the
@@ -113,14 +130,26 @@ impl Judge {
         (0..4).max_by(|&a, &b| from_hand[a].total_cmp(&from_hand[b])).unwrap_or(3)
     }
 
-    /// Distance in m at which a step counts as a success, for example 20 mm for a tip. For `reach` it is the distance
+    /// Places (x, z) in m of the outermost keypoint and of the next one: the last two on the shortest path from the hand
+    /// through all four. The tip of an object that is bent back may be nearer to the hand than its middle.
+    fn outer_half(&self, moment: &Moment) -> [[f64; 2]; 2] {
+        let places = moment.dlo.map(|p| self.camera.plane_from_scaled(p).unwrap_or([f64::INFINITY; 2]));
+        let length = |order: &[usize; 4]| -> f64 {
+            let steps = order.windows(2).map(|p| distance(places[p[0]], places[p[1]]));
+            distance(moment.eef_m, places[order[0]]) + steps.sum::<f64>()
+        };
+        let along = ORDERS.into_iter().min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or([0, 1, 2, 3]);
+        [places[along[3]], places[along[2]]]
+    }
+
+    /// Distance in m at which an episode counts as a success, for example 20 mm for a tip. For `reach` it is the distance
     /// if all four keypoints were at one place; a real object cannot reach zero because of its length.
     pub fn success_distance_m(&self) -> f64 {
         let share = 1.0 - self.task.success_reward;
-        match self.task.goal {
-            Goal::PlaceTip { reward_range_m } => share * reward_range_m,
+        match self.task.goal.reward_range_m() {
+            Some(reward_range_m) => share * reward_range_m,
             // Four equal distances d have the Frobenius norm 2 d, hence the factor 0.5.
-            Goal::Reach => {
+            None => {
                 let scaled = 0.5 * REWARD_RANGE * share;
                 let place = |x: f64| self.camera.plane_from_scaled([x, 0.0]).unwrap_or([f64::INFINITY; 2]);
                 distance(place(scaled), place(0.0))
@@ -130,18 +159,109 @@ impl Judge {
 
     /// Moment of frame `step` of a track whose frames are one step apart.
     pub fn moment(&self, frame: &Frame, step: usize, left_workspace: bool) -> Moment {
-        let is_last = step >= self.task.steps;
-        Moment { eef_m: [frame.eef[0], frame.eef[1]], dlo: frame.dlo, target: frame.target, left_workspace, is_last }
+        let phase = Phase::of(step, self.task.steps, self.task.rest_steps);
+        Moment { eef_m: [frame.eef[0], frame.eef[1]], dlo: frame.dlo, target: frame.target, left_workspace, phase }
     }
 
-    /// Rewards of the steps of an episode of the task: one fewer than its frames.
-    pub fn rewards(&self, track: &Track) -> Vec<f64> {
+    /// Score of an episode of the task, whose frames are one step apart. Its rewards are one fewer than its frames.
+    pub fn score(&self, track: &Track) -> Score {
         let last = track.frames.len().saturating_sub(1);
-        let reward = |(step, frame)| {
+        let mut referee = self.referee();
+        let steps = track.frames.iter().enumerate().skip(1);
+        let rewards = steps.map(|(step, frame)| {
             let left = step == last && track.end == End::LeftWorkspace;
-            self.verdict(&self.moment(frame, step, left)).reward
+            referee.verdict(&self.moment(frame, step, left)).reward
+        });
+        let rewards = rewards.collect();
+        Score { rewards, distance_m: referee.distance_m(), succeeded: referee.has_succeeded() }
+    }
+}
+
+/// Judge of one episode, moment by moment: the reward of a moment may depend on those before it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Referee {
+    judge: Judge,
+    distance_m: f64,
+    tips: Spread,
+    succeeded: bool,
+}
+
+impl Referee {
+    /// Judges the moment after a step. Moments come in their order, without the first, which no step led to.
+    pub fn verdict(&mut self, moment: &Moment) -> Verdict {
+        let Judge { task, .. } = self.judge;
+        self.look(moment);
+        if moment.left_workspace {
+            return Verdict { reward: LEFT_WORKSPACE_REWARD, end: Some(End::LeftWorkspace) };
+        }
+        let is_last = moment.phase == Phase::Last;
+        let reward = match task.goal.reward_range_m() {
+            None => reward(&moment.dlo, moment.target),
+            // The path to the end is free.
+            Some(_) if !is_last => 0.0,
+            Some(reward_range_m) => (1.0 - self.distance_m / reward_range_m).max(0.0),
         };
-        track.frames.iter().enumerate().skip(1).map(reward).collect()
+        let reaches = reward >= task.success_reward;
+        self.succeeded |= reaches;
+        let end = if is_last {
+            Some(if self.succeeded { End::Success } else { End::StepLimit })
+        } else {
+            (reaches && task.ends_at_success).then_some(End::Success)
+        };
+        Verdict { reward, end }
+    }
+
+    /// Distance from the goal in m: the least so far for `reach`, otherwise that of the end if this were it.
+    pub fn distance_m(&self) -> f64 {
+        self.distance_m
+    }
+
+    /// True if a step so far earned `success_reward`.
+    pub fn has_succeeded(&self) -> bool {
+        self.succeeded
+    }
+
+    fn look(&mut self, moment: &Moment) {
+        let Self { judge, .. } = *self;
+        let now_m = judge.distance_m(moment);
+        self.distance_m = match judge.task.goal {
+            Goal::Reach | Goal::Whip { .. } => self.distance_m.min(now_m),
+            Goal::PlaceTip { .. } | Goal::Lay { .. } => now_m,
+            Goal::Settle { .. } => {
+                if moment.phase != Phase::Action {
+                    let tip = judge.camera.plane_from_scaled(moment.dlo[judge.tip(moment)]);
+                    self.tips.add(tip.unwrap_or([f64::INFINITY; 2]));
+                }
+                let all_m = now_m.hypot(self.tips.deviation());
+                if all_m.is_finite() { all_m } else { f64::INFINITY }
+            }
+        };
+    }
+}
+
+/// Spread of some places.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Spread {
+    count: f64,
+    mean: [f64; 2],
+    /// Sum of the squared distances from the mean.
+    squares: f64,
+}
+
+impl Spread {
+    /// Adds a place (Welford 1962).
+    fn add(&mut self, place: [f64; 2]) {
+        self.count += 1.0;
+        for (mean, value) in self.mean.iter_mut().zip(place) {
+            let off = value - *mean;
+            *mean += off / self.count;
+            self.squares += off * (value - *mean);
+        }
+    }
+
+    /// Root mean square distance from the mean; 0 without places.
+    fn deviation(&self) -> f64 {
+        if self.count == 0.0 { 0.0 } else { (self.squares / self.count).max(0.0).sqrt() }
     }
 }
 
@@ -160,52 +280,104 @@ mod tests {
         let task = Task {
             goal,
             steps: 2,
+            rest_steps: 0,
             step_period_s: 0.5,
             delta_anchor: DeltaAnchor::LastTarget,
             workspace: Workspace::default(),
             target_m: [0.5, 0.15],
             target_jitter_m: 0.0,
             success_reward,
+            ends_at_success: false,
         };
         Judge::new(task, Camera::Plane(Plane { centre_m: [0.0, 0.0], side_m: 2.0, ..Plane::default() }))
     }
 
-    fn moment(tip: [f64; 2], is_last: bool) -> Moment {
+    fn moment(tip: [f64; 2], phase: Phase) -> Moment {
         let dlo = [[0.1, 0.0], tip, [0.2, 0.0], [0.3, 0.0]];
-        Moment { eef_m: [0.0, 0.0], dlo, target: [0.5, 0.0], left_workspace: false, is_last }
+        Moment { eef_m: [0.0, 0.0], dlo, target: [0.5, 0.0], left_workspace: false, phase }
     }
 
     #[test]
     fn the_tip_is_the_keypoint_farthest_from_the_hand_and_counts_at_the_end_alone() {
         let judge = judge(Goal::PlaceTip { reward_range_m: 0.1 }, 0.8);
-        let near = moment([0.49, 0.0], true);
+        let near = moment([0.49, 0.0], Phase::Last);
         assert_eq!(judge.tip(&near), 1);
-        let verdict = judge.verdict(&near);
-        assert!((verdict.reward - 0.9).abs() < 1e-9 && verdict.end == Some(End::Success), "{verdict:?}");
-        let far = judge.verdict(&moment([0.45, 0.0], true));
+        let verdict = |moment: &Moment| judge.referee().verdict(moment);
+        let reached = verdict(&near);
+        assert!((reached.reward - 0.9).abs() < 1e-9 && reached.end == Some(End::Success), "{reached:?}");
+        let far = verdict(&moment([0.45, 0.0], Phase::Last));
         assert!((far.reward - 0.5).abs() < 1e-9 && far.end == Some(End::StepLimit), "{far:?}");
-        assert_eq!(judge.verdict(&moment([0.9, 0.0], true)).reward, 0.0);
-        assert_eq!(judge.verdict(&moment([0.5, 0.0], false)), Verdict { reward: 0.0, end: None });
+        assert_eq!(verdict(&moment([0.9, 0.0], Phase::Last)).reward, 0.0);
+        assert_eq!(verdict(&moment([0.5, 0.0], Phase::Action)), Verdict { reward: 0.0, end: None });
         assert!((judge.success_distance_m() - 0.02).abs() < 1e-12);
     }
 
     #[test]
     fn leaving_the_workspace_ends_every_task_with_minus_one() {
-        for goal in [Goal::Reach, Goal::PlaceTip { reward_range_m: 0.1 }] {
-            let left = Moment { left_workspace: true, ..moment([0.5, 0.0], true) };
+        let reward_range_m = 0.1;
+        for goal in [
+            Goal::Reach,
+            Goal::PlaceTip { reward_range_m },
+            Goal::Settle { reward_range_m },
+            Goal::Whip { reward_range_m },
+            Goal::Lay { reward_range_m },
+        ] {
+            let left = Moment { left_workspace: true, ..moment([0.5, 0.0], Phase::Last) };
             let expected = Verdict { reward: LEFT_WORKSPACE_REWARD, end: Some(End::LeftWorkspace) };
-            assert_eq!(judge(goal, 0.75).verdict(&left), expected);
+            assert_eq!(judge(goal, 0.75).referee().verdict(&left), expected);
         }
     }
 
     #[test]
-    fn reach_succeeds_at_any_step_and_its_threshold_is_a_distance() {
+    fn reach_succeeds_at_any_step_and_ends_there_only_if_the_task_says_so() {
         let judge = judge(Goal::Reach, 0.75);
         let d = judge.success_distance_m();
-        let at = |x: f64| Moment { dlo: [[0.5 + x, 0.0]; 4], ..moment([0.0; 2], false) };
-        assert_eq!(judge.verdict(&at(0.999 * d)).end, Some(End::Success));
-        assert_eq!(judge.verdict(&at(1.001 * d)).end, None);
-        assert!((judge.distance_m(&at(d)) - d).abs() < 1e-9);
+        let at = |x: f64, phase| Moment { dlo: [[0.5 + x, 0.0]; 4], ..moment([0.0; 2], phase) };
+        let mut referee = judge.referee();
+        assert_eq!(referee.verdict(&at(0.999 * d, Phase::Action)).end, None);
+        assert!(referee.has_succeeded() && (referee.distance_m() - 0.999 * d).abs() < 1e-9);
+        // A success stays one if the object moves away again.
+        assert_eq!(referee.verdict(&at(3.0 * d, Phase::Last)).end, Some(End::Success));
+        assert_eq!(judge.referee().verdict(&at(1.001 * d, Phase::Last)).end, Some(End::StepLimit));
+        let ending = Judge::new(Task { ends_at_success: true, ..*judge.task() }, judge.camera);
+        assert_eq!(ending.referee().verdict(&at(0.999 * d, Phase::Action)).end, Some(End::Success));
+        assert_eq!(ending.referee().verdict(&at(1.001 * d, Phase::Action)).end, None);
+    }
+
+    #[test]
+    fn settling_counts_the_hand_and_the_motion_of_the_tip_in_the_rest() {
+        let judge = judge(Goal::Settle { reward_range_m: 0.1 }, 0.75);
+        let mut referee = judge.referee();
+        let at = |tip: f64, phase| Moment { eef_m: [0.47, 0.4], ..moment([tip, -0.9], phase) };
+        assert_eq!(referee.verdict(&at(0.9, Phase::Action)).reward, 0.0);
+        for tip in [0.03, -0.03, 0.03] {
+            referee.verdict(&at(tip, Phase::Rest));
+        }
+        // The hand is 30 mm beside the target, and the tip 30 mm from its mean place.
+        let last = referee.verdict(&at(-0.03, Phase::Last));
+        assert!((referee.distance_m() - 0.03 * 2f64.sqrt()).abs() < 1e-9, "{}", referee.distance_m());
+        assert!((last.reward - (1.0 - 0.3 * 2f64.sqrt())).abs() < 1e-9, "{last:?}");
+    }
+
+    #[test]
+    fn a_whip_counts_its_nearest_step_and_is_paid_at_the_end() {
+        let mut referee = judge(Goal::Whip { reward_range_m: 0.1 }, 0.8).referee();
+        assert_eq!(referee.verdict(&moment([0.49, 0.0], Phase::Action)), Verdict { reward: 0.0, end: None });
+        let last = referee.verdict(&moment([0.9, 0.0], Phase::Last));
+        assert!((last.reward - 0.9).abs() < 1e-9 && last.end == Some(End::Success), "{last:?}");
+    }
+
+    #[test]
+    fn what_is_laid_has_its_tip_at_the_target_and_its_outer_half_down() {
+        let judge = judge(Goal::Lay { reward_range_m: 0.1 }, 0.8);
+        // Laid down beyond the target and bent back: the tip is nearer to the hand than its neighbour.
+        let laid = |next_z: f64| Moment {
+            eef_m: [0.5, 0.3],
+            dlo: [[0.5, -0.2], [0.53, 0.0], [0.6, -next_z], [0.6, -0.1]],
+            ..moment([0.0; 2], Phase::Last)
+        };
+        assert!((judge.distance_m(&laid(0.0)) - 0.03).abs() < 1e-9);
+        assert!((judge.distance_m(&laid(0.04)) - 0.05).abs() < 1e-9);
     }
 
     #[test]
@@ -213,10 +385,21 @@ mod tests {
         let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
         let track = |end| Track { frames: vec![frame(1.0), frame(0.15), frame(0.0)], end };
         let reach = judge(Goal::Reach, 0.75);
-        assert_eq!(reach.rewards(&track(End::StepLimit)), [0.8, 1.0]);
-        assert_eq!(reach.rewards(&track(End::LeftWorkspace)), [0.8, LEFT_WORKSPACE_REWARD]);
-        assert!(reach.rewards(&Track::default()).is_empty());
+        let score = reach.score(&track(End::StepLimit));
+        assert_eq!((&score.rewards[..], score.succeeded), (&[0.8, 1.0][..], true));
+        assert!(score.distance_m < 1e-12);
+        assert_eq!(reach.score(&track(End::LeftWorkspace)).rewards, [0.8, LEFT_WORKSPACE_REWARD]);
+        let none = reach.score(&Track::default());
+        assert!(none.rewards.is_empty() && none.distance_m == f64::INFINITY && !none.succeeded);
         let tip = judge(Goal::PlaceTip { reward_range_m: 0.1 }, 0.8);
-        assert_eq!(tip.rewards(&track(End::StepLimit)), [0.0, 1.0]);
+        assert_eq!(tip.score(&track(End::StepLimit)).rewards, [0.0, 1.0]);
+    }
+
+    #[test]
+    fn phases_follow_the_actions_and_the_rest() {
+        let of = |rest| (0..7).map(|step| Phase::of(step, 3, rest)).collect::<Vec<_>>();
+        use Phase::{Action as A, Last as L, Rest as R};
+        assert_eq!(of(0), [A, A, A, L, L, L, L]);
+        assert_eq!(of(2), [A, A, A, A, R, L, L]);
     }
 }

@@ -18,6 +18,7 @@ fn policy(action: [f32; 2]) -> Policy {
         step_period_s: 0.5,
         delta_anchor: DeltaAnchor::LastTarget,
         steps: 16,
+        goal: None,
     }
 }
 
@@ -25,12 +26,14 @@ fn task() -> Task {
     Task {
         goal: Goal::Reach,
         steps: 16,
+        rest_steps: 0,
         step_period_s: 0.5,
         delta_anchor: DeltaAnchor::LastTarget,
         workspace: Workspace::default(),
         target_m: [0.5, 0.15],
         target_jitter_m: 0.0,
         success_reward: 0.75,
+        ends_at_success: true,
     }
 }
 
@@ -104,7 +107,7 @@ fn reaching_the_goal_ends_the_episode_unless_all_steps_are_to_run() {
 
 #[test]
 fn a_tip_is_judged_when_the_last_step_has_ended() {
-    let place = Task { goal: Goal::PlaceTip { reward_range_m: 0.1 }, ..task() };
+    let place = Task { goal: Goal::PlaceTip { reward_range_m: 0.1 }, ends_at_success: false, ..task() };
     for run_all_steps in [false, true] {
         let settings = Settings { run_all_steps, max_steps: Some(3), ..Settings::default() };
         // 128 px is the column of the target; 135 px is 55 mm beside it.
@@ -116,6 +119,28 @@ fn a_tip_is_judged_when_the_last_step_has_ended() {
             assert!((r.rewards()[2] - last).abs() < 1e-3, "{:?}", r.rewards());
         }
     }
+}
+
+#[test]
+fn in_the_rest_the_arm_keeps_its_target_and_the_object_is_watched() {
+    let goal = Goal::Settle { reward_range_m: 0.2 };
+    let settle = Task { goal, steps: 2, rest_steps: 3, ends_at_success: false, ..task() };
+    let policy = Policy { steps: 2, goal: Some(goal), ..policy([0.5, 0.0]) };
+    let mut r = Runner::new(policy, judge(settle), Settings::default()).unwrap();
+    let steps = run(&mut r, 128.0, 0.4);
+    let acts: Vec<bool> = steps.iter().map(|s| s.action.is_some()).collect();
+    assert_eq!(acts, [true, true, false, false, false, false]);
+    assert_eq!((r.end(), r.rewards().len()), (Some(End::StepLimit), 5));
+    // Target at x 0, hand at 0.4 m.
+    assert_eq!(r.rewards(), [0.0; 5]);
+}
+
+#[test]
+fn a_policy_of_another_goal_is_refused_and_one_that_names_none_is_not() {
+    let new = |goal| Runner::new(Policy { goal, ..policy([0.0; 2]) }, judge(task()), Settings::default());
+    assert!(new(Some(Goal::Reach)).is_ok() && new(None).is_ok());
+    let message = new(Some(Goal::Whip { reward_range_m: 0.4 })).err().unwrap().to_string();
+    assert_eq!(message, "policy `constant`: it was trained for the goal `whip`, the task has `reach`");
 }
 
 #[test]

@@ -69,12 +69,14 @@ fn task() -> Task {
     Task {
         goal: Goal::Reach,
         steps: STEPS,
+        rest_steps: 0,
         step_period_s: 0.5,
         delta_anchor: DeltaAnchor::LastTarget,
         workspace: Workspace::default(),
         target_m: GOAL,
         target_jitter_m: 0.0,
         success_reward: 0.75,
+        ends_at_success: false,
     }
 }
 

@@ -14,4 +14,4 @@ pub(crate) use conditions::effects_of;
 #[cfg(feature = "rapier_fem")]
 pub(crate) use simulation::keypoint_fractions;
 #[cfg(feature = "rapier_fem")]
-pub(crate) use steps::{Path, execute, frame, or_complete};
+pub(crate) use steps::{Path, execute, frame, given};

@@ -1,10 +1,10 @@
 //! One episode of a request.
 
 use super::simulation::EpisodeSimulation;
-use super::steps::StopCriterion;
-use catenary_core::Track;
+use super::steps::{StopCriterion, given, verdict};
 use catenary_core::simulator::{Drive, StartShape};
-use catenary_core::track::End;
+use catenary_core::{Judge, Track};
+use std::ops::ControlFlow;
 
 /// Runs one episode of a request, until [`StopCriterion`] stops it. `drive` moves the grip. Frames are taken at
 /// `frame_times_s`; with actions and policies at every step instead.
@@ -22,17 +22,17 @@ pub fn run(
         Drive::Grip(path) => Ok(simulation.follow(path, start, frame_times_s, is_enough)),
         Drive::Actions(actions) => {
             let task = need_task()?;
-            Ok(simulation.act(&task, false, is_enough, |step, _| actions.get(step).copied()))
+            Ok(simulation.act(&task, is_enough, |step, _, _| given(&task, actions, step)))
         }
         Drive::Policy(policy) => {
             let task = need_task()?;
-            let mut track =
-                simulation.act(&task, true, is_enough, |step, o| (step < task.steps).then(|| policy.act(o)));
-            if track.end == End::Complete {
-                // A policy has no end of its own: it ran into the task's last step.
-                track.end = End::StepLimit;
-            }
-            Ok(track)
+            let mut referee = Judge::new(task, simulation.model().camera.view).referee();
+            Ok(simulation.act(&task, is_enough, |step, observation, arm| {
+                // The first frame precedes any action, so that it is not judged.
+                let end = if step > 0 { verdict(&task, &mut referee, arm, observation, step).end } else { None };
+                let action = || (step < task.steps).then(|| policy.act(observation));
+                end.map_or_else(|| ControlFlow::Continue(action()), ControlFlow::Break)
+            }))
         }
     }
 }

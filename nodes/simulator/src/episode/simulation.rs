@@ -1,7 +1,7 @@
 //! Simulation of one episode: the beam, the arm that moves it, and the camera that sees it.
 
 use super::conditions::{Conditions, jittered_target, stream};
-use super::steps::{Path, StopCriterion, execute, frame, or_complete, verdict};
+use super::steps::{Path, StopCriterion, execute, frame};
 use crate::arm::ArmModel;
 use crate::beam::{Beam, Discretisation, GripState, MeasuredPoint};
 use crate::effects::Registry;
@@ -11,7 +11,7 @@ use crate::parameters::{ParameterError, Values};
 use catenary_core::camera::Camera;
 use catenary_core::model::Object;
 use catenary_core::simulator::StartShape;
-use catenary_core::task::{Judge, Task};
+use catenary_core::task::Task;
 use catenary_core::track::End;
 use catenary_core::{Fidelity, Frame, GripPose, GripTrajectory, Model, Observation, Track, seed};
 use rand::RngExt;
@@ -269,19 +269,17 @@ impl EpisodeSimulation {
 
     /// Runs an episode of actions from the model's start pose, with a frame before each step and after the last.
     ///
-    /// `choose` gives the action after an observation; none ends the episode as complete, and so does
-    /// [`StopCriterion`]. With `ends`, success and leaving the workspace end it too.
+    /// `choose` gives the action after an observation, none for a step of the rest, or the end. [`StopCriterion`] ends the
+    /// episode as complete.
     pub fn act(
         &mut self,
         task: &Task,
-        ends: bool,
         is_enough: StopCriterion<'_>,
-        mut choose: impl FnMut(usize, &Observation) -> Option<[f64; 2]>,
+        mut choose: impl FnMut(usize, &Observation, &ArmModel) -> ControlFlow<End, Option<[f64; 2]>>,
     ) -> Track {
         let start = self.model.arm.start;
         let arm = self.arm([start.x_m, start.z_m]);
         self.hang(start);
-        let judge = Judge::new(*task, self.model.camera.view);
         let frame_at = |time_s, path: Path<'_>| {
             self.advance(time_s, path);
             self.frame(time_s, path(time_s))
@@ -292,10 +290,7 @@ impl EpisodeSimulation {
             }
             let frame = &frames[step];
             let observation = Observation::new([frame.eef[0], frame.eef[1]], &frame.dlo, frame.target);
-            let is_last = step == task.steps;
-            // The first frame precedes any action, so that it is not judged.
-            let end = if step > 0 && ends { verdict(&judge, arm, &observation, is_last).end } else { None };
-            end.map_or_else(|| or_complete(choose(step, &observation)), ControlFlow::Break)
+            choose(step, &observation, arm)
         })
     }
 }

@@ -3,9 +3,7 @@
 use super::bar::{FemBar, FemDiscretisation};
 use crate::beam::{BeamParameters, GripState};
 use crate::effects::Registry;
-use crate::episode::{
-    Conditions, EpisodeSimulation, Path, effects_of, execute, frame, keypoint_fractions, or_complete,
-};
+use crate::episode::{Conditions, EpisodeSimulation, Path, effects_of, execute, frame, given, keypoint_fractions};
 use crate::parameters::ParameterError;
 use crate::{simulator, workers};
 use catenary_core::model::Object;
@@ -97,7 +95,7 @@ impl RapierFemSimulator {
                 let no_task = || input(&format!("model `{}`: actions need a task", self.model.name));
                 let task = self.model.task.ok_or_else(no_task)?;
                 let arm = simulation.arm([start.x_m, start.z_m]);
-                Ok(execute(&task, start.pitch_rad, arm, frame_at, |step, _, _| or_complete(actions.get(step).copied())))
+                Ok(execute(&task, start.pitch_rad, arm, frame_at, |step, _, _| given(&task, actions, step)))
             }
             Drive::Policy(_) => Err(input(&"policies are not executed")),
         }
