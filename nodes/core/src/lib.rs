@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod camera;
+pub mod comparison;
 pub mod durations;
 pub mod env;
 pub mod episode;

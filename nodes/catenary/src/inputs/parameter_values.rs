@@ -2,7 +2,7 @@
 //! model's distribution is a warning.
 
 use crate::terminal::output;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Prior};
 use catenary_simulator::Registry;
@@ -17,6 +17,21 @@ pub fn place_of(name: &str, value: f64, model: &Model) -> Result<usize> {
     })?;
     check("--theta", name, value, Some(&model.theta.parameters()[place].prior), Registry::shipped())?;
     Ok(place)
+}
+
+/// Theta of `--theta NAME=VALUE` for each of its parameters.
+pub fn whole_theta(given: &[(String, f64)], model: &Model) -> Result<Vec<f64>> {
+    let mut theta = vec![f64::NAN; model.theta.dimension()];
+    for (name, value) in given {
+        theta[place_of(name, *value, model)?] = *value;
+    }
+    let missing = model.theta.parameters().iter().zip(&theta).find(|(_, value)| value.is_nan());
+    match missing {
+        Some((parameter, _)) => {
+            bail!("--theta: expected a value of every inferred parameter, got none of {}", parameter.name)
+        }
+        None => Ok(theta),
+    }
 }
 
 /// Checks `--effect NAME=VALUE`: the name must be a parameter or an effect of `registry` that the model does not infer.

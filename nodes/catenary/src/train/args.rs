@@ -1,6 +1,6 @@
 //! Arguments of `train`.
 
-use crate::options::{OnGraph, Output, TaskOption, TrainingPreset};
+use crate::options::{OnGraph, Output, TaskOption, TrainingPreset, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -16,6 +16,9 @@ pub struct TrainArgs {
     /// posterior.json to train over; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,
+    /// Value of an inferred parameter in every episode, as NAME=VALUE; all of them, in place of --posterior
+    #[arg(long, value_parser = parameter_value, conflicts_with = "posterior")]
+    pub theta: Vec<(String, f64)>,
     /// Policy file to write (safetensors)
     #[arg(long)]
     pub out: PathBuf,

@@ -3,7 +3,6 @@
 use super::args::TrainArgs;
 use super::report::Report;
 use crate::exit::{Given, Interrupted};
-use crate::inputs::posterior_file;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
 use catenary_core::{Fidelity, Model, seed};
@@ -15,7 +14,7 @@ use std::time::Instant;
 
 /// Trains, and writes the policy. Ctrl-C ends the training and keeps the policy trained so far.
 pub fn run(arguments: &TrainArgs, model: &Model, settings: &Settings) -> Result<()> {
-    let domains = posterior_file::domains(arguments.posterior.as_deref(), model)?;
+    let domains = super::domains(arguments, model)?;
     output::prepare_file("out", &arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;

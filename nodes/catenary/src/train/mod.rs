@@ -6,9 +6,19 @@ pub mod on_graph;
 mod report;
 
 use crate::exit::Given;
-use crate::inputs::model_file;
+use crate::inputs::{model_file, parameter_values, posterior_file};
 use anyhow::{Context, Result};
 use args::TrainArgs;
+use catenary_core::Model;
+use ppo_trainer::Domains;
+
+/// Parameters of the environments: one theta, a posterior, or the model's prior.
+fn domains(arguments: &TrainArgs, model: &Model) -> Result<Domains> {
+    if arguments.theta.is_empty() {
+        return posterior_file::domains(arguments.posterior.as_deref(), model);
+    }
+    parameter_values::whole_theta(&arguments.theta, model).map(Domains::Point).given()
+}
 
 /// Trains in this process, or with `--node` on the running graph.
 pub fn run(arguments: &TrainArgs) -> Result<()> {
@@ -18,6 +28,8 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps").given()?;
+    // Checked here for both ways, as the settings are.
+    domains(arguments, &model)?;
     match &arguments.on_graph.node {
         Some(namespace) => on_graph::run(arguments, &model, model.rewrite(&text)?, namespace),
         None => local::run(arguments, &model, &settings),

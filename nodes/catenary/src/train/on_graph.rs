@@ -11,14 +11,24 @@ use catenary_msgs::action::{Train, TrainFeedback, TrainGoal};
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 use indicatif::ProgressBar;
+use ppo_trainer::Domains;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lets the training node train a policy. Ctrl-C cancels the training.
 pub fn run(arguments: &TrainArgs, model: &Model, model_yaml: String, namespace: &str) -> Result<()> {
     let mixture = arguments.posterior.as_ref().map(|path| posterior_file::read(path, model)).transpose()?;
+    let point = match super::domains(arguments, model)? {
+        Domains::Point(theta) => Some(theta),
+        _ => None,
+    };
     let goal = TrainGoal {
         model_yaml,
-        domains: if mixture.is_some() { TrainGoal::DOMAINS_MIXTURE } else { TrainGoal::DOMAINS_PRIOR },
+        domains: match (&mixture, &point) {
+            (Some(_), _) => TrainGoal::DOMAINS_MIXTURE,
+            (None, Some(_)) => TrainGoal::DOMAINS_POINT,
+            (None, None) => TrainGoal::DOMAINS_PRIOR,
+        },
+        point: point.unwrap_or_default(),
         mixture: mixture.as_ref().map(convert::posterior_to_msg).unwrap_or_default(),
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
