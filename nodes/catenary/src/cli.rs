@@ -16,6 +16,7 @@ use crate::mask::args::MaskArgs;
 use crate::node::args::NodeArgs;
 use crate::segmenter::args::{LabelArgs, TrainSegmenterArgs};
 use crate::simulate::args::SimulateArgs;
+use crate::study::args::StudyArgs;
 use crate::train::args::TrainArgs;
 use crate::train_tracker::args::TrainTrackerArgs;
 use clap::{Parser, Subcommand};
@@ -64,6 +65,8 @@ pub enum Command {
     Train(TrainArgs),
     /// Run policies on simulated episodes, and compare them
     Evaluate(EvaluateArgs),
+    /// What knowing the object is worth: policies compared by task
+    Study(StudyArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),
     /// Record topics of the graph to a bag

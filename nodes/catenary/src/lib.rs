@@ -4,6 +4,7 @@
     reason = "the program at the edge: files, clocks, processes and the environment are its trade"
 )]
 
+mod all_cores;
 mod bags;
 mod bench;
 mod cli;
@@ -27,6 +28,7 @@ mod program;
 mod report;
 mod segmenter;
 mod simulate;
+mod study;
 mod terminal;
 mod train;
 mod train_tracker;

@@ -4,7 +4,7 @@ use crate::cli::{Cli, Command};
 use crate::exit::{Interrupted, Misfit, WrongInput};
 use crate::{
     bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
-    node, segmenter, simulate, train, train_tracker,
+    node, segmenter, simulate, study, train, train_tracker,
 };
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -100,6 +100,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::ImportTrack(arguments) => import_track::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Study(arguments) => study::run(arguments),
         Command::Record(arguments) => bags::record::run(arguments),
         Command::Replay(arguments) => bags::replay::run(arguments),
         Command::Install(arguments) => install::run(arguments),

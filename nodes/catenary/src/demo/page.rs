@@ -9,7 +9,6 @@ use crate::report::quantity::Quantity;
 use crate::report::{Mark, Page, Picture, plots, posterior};
 use anyhow::{Context, Result};
 use base64::Engine;
-use catenary_core::Goal;
 use catenary_core::posterior::Marginal;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -149,7 +148,7 @@ fn training(page: &mut Page, summary: &Summary) -> Result<()> {
         .map(|t| Series { name: t.policy.clone(), points: t.curve.iter().map(|(s, r)| (*s as f64, *r)).collect() })
         .collect();
     page.svg(&plots::lines("learning curves", "environment steps", "mean return", &series)?);
-    if summary.task.goal == Goal::Reach {
+    if summary.task.ends_at_success {
         page.paragraph(
             "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
         );

@@ -14,9 +14,9 @@ pub enum Role {
     Posterior,
     /// Hidden true value.
     Truth,
-    /// Model before its repair, and pi0, the policy trained over the prior.
+    /// Model before its repair, and policies trained over the prior: pi0, U.
     Before,
-    /// Model after its repair, and pi1, the policy trained over the posterior.
+    /// Model after its repair, and policies trained over the posterior: pi1, own.
     After,
     /// Measurement noise.
     Noise,
@@ -42,8 +42,11 @@ impl Role {
     /// Role of a policy by its name; `None` for other names.
     pub fn of_policy(name: &str) -> Option<Self> {
         match name {
-            "pi0" => Some(Role::Before),
-            "pi1" => Some(Role::After),
+            "pi0" | "U" => Some(Role::Before),
+            "pi1" | "own" => Some(Role::After),
+            "mu" => Some(Role::Noise),
+            "mismatched" => Some(Role::Other),
+            "true" => Some(Role::Truth),
             _ => None,
         }
     }

@@ -26,6 +26,28 @@ pub fn random_actions(model: &Model, motion_seed: u64) -> Option<Vec<[f64; 2]>> 
     random_motion(model, &ArmSettings::new(model.arm.law, model.delta_anchor()), motion_seed).map(|motion| motion.1)
 }
 
+/// Returns the path of a hand that makes these actions, with the rest of the task if they are all of its actions. None if the
+/// model has no task.
+pub fn path_of_actions(model: &Model, actions: &[[f64; 2]]) -> Option<GripTrajectory> {
+    let task = model.task?;
+    let start = model.arm.start;
+    let mut arm = ArmModel::new(&ArmSettings::new(model.arm.law, model.delta_anchor()), [start.x_m, start.z_m]);
+    let (mut times_s, mut poses) = (Vec::new(), Vec::new());
+    for step in 0..actions.len() + task.rest_after(actions.len()) {
+        let from_s = step as f64 * task.step_period_s;
+        if let Some(delta_m) = actions.get(step) {
+            arm.set_delta(from_s, *delta_m);
+        }
+        for i in 0..SAMPLES_PER_STEP {
+            let time_s = from_s + task.step_period_s * i as f64 / SAMPLES_PER_STEP as f64;
+            arm.run_to(time_s);
+            times_s.push(time_s);
+            poses.push(arm.grip(time_s, start.pitch_rad));
+        }
+    }
+    GripTrajectory::new(times_s, poses).ok()
+}
+
 /// Returns path and actions for an arm with other settings.
 pub(super) fn random_motion(
     model: &Model,

@@ -24,7 +24,7 @@ mod vibration;
 pub use comparison::{Comparison, Row};
 pub use derivatives::{DerivativeReport, DerivativeRow, DerivativeTrial};
 pub use error::VerificationError;
-pub use hand_path::{random_actions, random_hand_path};
+pub use hand_path::{path_of_actions, random_actions, random_hand_path};
 pub use orders::{ConvergenceOrder, Refinement, orders};
 pub use stress::{Extreme, Stress, StressReport, StressedEpisode, default_extremes};
 pub use theory::table;

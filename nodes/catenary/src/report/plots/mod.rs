@@ -1,6 +1,7 @@
 //! Pictures of the reports.
 
 pub mod densities;
+pub mod policies;
 pub mod search;
 
 pub use densities::{Extent, calibration, heatmap, marginals};

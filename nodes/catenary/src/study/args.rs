@@ -1,0 +1,103 @@
+//! Arguments of `study`.
+
+use crate::options::{Output, TrainingPreset};
+use clap::Args;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// `catenary study`.
+#[derive(Debug, Args)]
+pub struct StudyArgs {
+    /// Folder for everything that is made; the same command goes on in it
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model (file or name) for inference and training
+    #[arg(long, default_value = "soft_bar")]
+    pub model: PathBuf,
+    /// Tasks (files or names)
+    #[arg(long, num_args = 1.., default_values = ["place_tip", "whip"])]
+    pub task: Vec<PathBuf>,
+    /// Models (files or names) whose nominal values are the hidden objects
+    #[arg(long, num_args = 1.., default_values = ["dlo_0", "dlo_1", "dlo_2", "dlo_3"])]
+    pub objects: Vec<PathBuf>,
+    /// Trainings of each policy
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(2..=1000))]
+    pub seeds: u64,
+    /// Environment steps of a training
+    #[arg(long, default_value_t = 49_152)]
+    pub steps: u64,
+    /// Preset hyperparameters of the trainings
+    #[arg(long, value_enum, default_value = "default")]
+    pub preset: TrainingPreset,
+    /// Episodes that score a training on an object
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=10_000))]
+    pub episodes: u64,
+    /// Deployments of the first training of a policy on an object
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub repeats: u64,
+    /// Recordings of an object for its posterior
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
+    pub recordings: u64,
+    /// Rounds of simulation and training of an inference; default: the preset's of `infer`
+    #[arg(long)]
+    pub iterations: Option<usize>,
+    /// Simulations in each round; default: the preset's of `infer`
+    #[arg(long)]
+    pub simulations: Option<usize>,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Part I of N of the work, as I/N, for several machines with one folder; without it, everything that is missing is made, and the report
+    #[arg(long, value_name = "I/N")]
+    pub part: Option<Part>,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// Part of the work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Part {
+    /// Number of the part, from 1.
+    pub number: usize,
+    /// Number of parts.
+    pub of: usize,
+}
+
+impl Part {
+    /// All of the work.
+    pub const WHOLE: Self = Self { number: 1, of: 1 };
+
+    /// True if the part makes item `index`.
+    pub fn has(self, index: usize) -> bool {
+        index % self.of == self.number - 1
+    }
+}
+
+impl FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parse = || {
+            let (number, of) = text.split_once('/')?;
+            Some(Self { number: number.parse().ok()?, of: of.parse().ok()? })
+        };
+        let part = parse().filter(|part| (1..=part.of).contains(&part.number));
+        part.ok_or_else(|| "expected I/N with whole numbers and 1 <= I <= N, such as 2/8".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_share_all_items() {
+        let parts: Vec<Part> = (1..=3).map(|i| format!("{i}/3").parse().unwrap()).collect();
+        assert!((0..20).all(|item| parts.iter().filter(|p| p.has(item)).count() == 1));
+        assert!((0..20).all(|item| Part::WHOLE.has(item)));
+        for bad in ["0/3", "4/3", "1", "a/2", "1/0", "-1/2", ""] {
+            assert!(bad.parse::<Part>().is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! Files of a study: written whole or not at all, since several processes share the folder.
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+/// Writes a file. Another process sees the old state or all of it.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    let named = || path.display().to_string();
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).with_context(named)?;
+    }
+    // The number of the process, because two of them may make the same file.
+    let unfinished = path.with_extension(format!("unfinished-{}", std::process::id()));
+    std::fs::write(&unfinished, bytes).with_context(named)?;
+    std::fs::rename(&unfinished, path).with_context(named)
+}
+
+/// Writes a value as JSON.
+pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+    write(path, &serde_json::to_vec(value)?)
+}
+
+/// Value in a JSON file.
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = catenary_shell::files::read_text("study", path)?;
+    serde_json::from_str(&text).with_context(|| format!("{}: remove it, and it is made again", path.display()))
+}

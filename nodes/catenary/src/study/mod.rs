@@ -1,0 +1,113 @@
+//! `catenary study`: what knowing the object is worth. Posteriors of hidden objects, policies trained with and without them, and
+//! a comparison with statistics that hold.
+
+pub mod args;
+mod dtw;
+mod files;
+mod page;
+mod plan;
+mod results;
+mod work;
+
+use crate::all_cores;
+use crate::exit::Given;
+use crate::report::aim;
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result};
+use args::{Part, StudyArgs};
+use catenary_core::Judge;
+use catenary_shell::Shutdown;
+use indicatif::ProgressBar;
+use plan::{Chain, Knowledge, Plan};
+use results::{Study, study};
+use serde::Serialize;
+use std::path::PathBuf;
+use work::{Deployments, Inferred, Scored, Work};
+
+/// Answer of the command.
+#[derive(Debug, Serialize)]
+struct Answer {
+    /// Folder of the study.
+    out: PathBuf,
+    /// Part that was made; none: all of it.
+    part: Option<String>,
+    /// Results; none after a part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    study: Option<Study>,
+}
+
+/// Makes what is missing of the study, or of a part of it, and then the report. Ctrl-C ends it, and the same command goes on.
+pub fn run(arguments: &StudyArgs) -> Result<()> {
+    let (plan, models) = Plan::of(arguments)?;
+    output::prepare(&arguments.out.join("study.json"))?;
+    plan.keep(&arguments.out)?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let work = Work { plan: &plan, models: &models, folder: &arguments.out, shutdown: &shutdown };
+    let part = arguments.part.unwrap_or(Part::WHOLE);
+    let chains: Vec<Chain> =
+        plan.chains().into_iter().enumerate().filter(|(i, _)| part.has(*i)).map(|(_, c)| c).collect();
+    // Before the trainings on all cores, each of which would make it.
+    work.recorder()?;
+    let wanted: Vec<usize> = (0..plan.objects.len())
+        .filter(|&object| chains.iter().any(|c| c.knowledge == Knowledge::Posterior(object)))
+        .collect();
+    let inferred: Vec<Inferred> = each("posteriors", &wanted, |object| work.posterior(*object))?;
+    let scores: Vec<Scored> = each("trainings", &chains, |chain| work.scores(chain))?;
+    let out = arguments.out.clone();
+    if arguments.part.is_some() {
+        let part = Some(format!("{}/{}", part.number, part.of));
+        return output::result(&arguments.output, &Answer { out, part, study: None }, |answer| {
+            format!("part {} is done in {}", answer.part.as_deref().unwrap_or_default(), answer.out.display())
+        });
+    }
+    let deployments = deployments(&work, &plan)?;
+    let aims = models.tasks.iter().map(words_of).collect::<Result<Vec<String>>>()?;
+    let page = page::Data { inferred: &inferred, scores: &scores, deployments: &deployments, models: &models };
+    let study = study(plan.clone(), &inferred, aims, &scores, &deployments);
+    let report = page::page(&study, &page)?;
+    for (name, bytes) in [("study.json", serde_json::to_vec_pretty(&study)?), ("report.html", report.into_bytes())] {
+        files::write(&arguments.out.join(name), &bytes)?;
+    }
+    output::result(&arguments.output, &Answer { out, part: None, study: Some(study) }, |answer| {
+        let study = answer.study.as_ref().map(page::words).unwrap_or_default();
+        format!("{study}\nreport: {}", answer.out.join("report.html").display())
+    })
+}
+
+/// Deployments by task, policy and object.
+fn deployments(work: &Work<'_>, plan: &Plan) -> Result<Vec<Vec<Vec<Deployments>>>> {
+    let (tasks, policies, objects) = (plan.tasks.len(), plan.knowledge(), plan.objects.len());
+    let mut all: Vec<(Chain, usize)> = Vec::new();
+    for task in 0..tasks {
+        for &knowledge in &policies {
+            all.extend((0..objects).map(|object| (Chain { task, knowledge, training: 0 }, object)));
+        }
+    }
+    let mut made = each("deployments", &all, |(chain, object)| work.deployments(chain, *object))?.into_iter();
+    let mut take = |count: usize| made.by_ref().take(count).collect::<Vec<_>>();
+    Ok((0..tasks).map(|_| policies.iter().map(|_| take(objects)).collect()).collect())
+}
+
+/// Does a piece of work for each item on all cores, with a progress bar. Returns the results in order.
+fn each<T: Sync, R: Send>(name: &str, items: &[T], work: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
+    let bar = ProgressBar::new(items.len() as u64);
+    bar.set_style(progress::style(&format!("{name} [{{bar:24}}] {{pos}}/{{len}}"), 0.0)?);
+    let mut results = Vec::with_capacity(items.len());
+    all_cores::in_order(
+        0..items.len() as u64,
+        |number| work(&items[number as usize]),
+        |result| {
+            results.push(result);
+            bar.inc(1);
+            Ok(())
+        },
+    )?;
+    bar.finish_and_clear();
+    Ok(results)
+}
+
+fn words_of(model: &catenary_core::Model) -> Result<String> {
+    let judge = Judge::of(model).context("a task file has a task").given()?;
+    Ok(aim::of(judge.task(), judge.success_distance_m()))
+}

@@ -1,0 +1,322 @@
+//! Page of a study.
+
+use super::dtw;
+use super::plan::{Knowledge, Models};
+use super::results::{Gain, Pairs, PolicyScores, Study, TaskResult};
+use super::work::{Deployments, Inferred, Scored};
+use crate::report::number::plain;
+use crate::report::palette::Role;
+use crate::report::plots::policies::{MeanPath, grid, mean_paths};
+use crate::report::plots::search::{Interval as Row, intervals};
+use crate::report::plots::{self, Extent, Series};
+use crate::report::{Page, posterior};
+use anyhow::{Context, Result};
+use catenary_core::comparison::{Decision, Interval};
+use catenary_core::statistics::mean;
+use catenary_core::track::End;
+use catenary_core::{Judge, Track};
+
+/// p-value below which a gain is marked.
+const LEVEL: f64 = 0.01;
+/// Samples of a posterior that a training takes.
+const DOMAINS: usize = 12;
+
+/// Data of the pictures.
+pub struct Data<'a> {
+    /// Posteriors of the objects.
+    pub inferred: &'a [Inferred],
+    /// Scores of the chains of the plan.
+    pub scores: &'a [Scored],
+    /// Deployments by task, policy and object.
+    pub deployments: &'a [Vec<Vec<Deployments>>],
+    /// Models of the plan.
+    pub models: &'a Models,
+}
+
+/// Answer in sentences, one a task.
+pub fn words(study: &Study) -> String {
+    study.tasks.iter().map(|task| sentence(study, task)).collect::<Vec<String>>().join("\n")
+}
+
+fn sentence(study: &Study, task: &TaskResult) -> String {
+    let of = |against: &str| task.all.iter().find(|g| g.against == against);
+    let Some(uniform) = of("U") else { return format!("{}: no result", task.task) };
+    let better = task.objects.iter().filter(|o| o.gains.iter().any(|g| g.against == "U" && is_gain(g))).count();
+    let lost = of("mismatched").map_or_else(String::new, |g| {
+        format!("; policies of other objects earn {} against it", interval(&turned(&g.gain), 2))
+    });
+    format!(
+        "{}: knowing the object is worth {} of reward, and is better beyond doubt (p < {LEVEL}) on {better} of {} objects{lost}.",
+        task.task,
+        interval(&uniform.gain, 2),
+        study.plan.objects.len()
+    )
+}
+
+/// The difference the other way round.
+fn turned(i: &Interval) -> Interval {
+    Interval { value: -i.value, low: -i.high, high: -i.low }
+}
+
+/// True if the own policy is better beyond doubt.
+fn is_gain(gain: &Gain) -> bool {
+    gain.gain.value > 0.0 && gain.p < LEVEL
+}
+
+fn interval(i: &Interval, decimals: usize) -> String {
+    format!("{} ({} to {})", plain(i.value, decimals), plain(i.low, decimals), plain(i.high, decimals))
+}
+
+/// Renders the whole page.
+pub fn page(study: &Study, data: &Data<'_>) -> Result<String> {
+    let mut page = Page::new("What is it worth to know the object?");
+    let sentences: Vec<String> = study.tasks.iter().map(|task| sentence(study, task)).collect();
+    page.answer(&sentences, false);
+    let plan = &study.plan;
+    page.note(&format!(
+        "{} trainings of each policy with {} environment steps, scored on {} episodes an object at the highest fidelity of the \
+         simulation, with camera noise and nuisances drawn anew. Episodes of the same number have the same conditions for all policies. \
+         Rewards are means over episodes, then interquartile means over trainings; brackets are intervals of 95 % by stratified \
+         bootstrap; * is p < {LEVEL} of an exact paired test over trainings.",
+        plan.seeds, plan.steps, plan.episodes
+    ));
+    for (index, task) in study.tasks.iter().enumerate() {
+        of_task(&mut page, study, data, task, index)?;
+    }
+    posteriors(&mut page, study, data)?;
+    Ok(page.finish())
+}
+
+fn of_task(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, index: usize) -> Result<()> {
+    page.heading(&format!("Task {}", task.task));
+    page.paragraph(&task.aim);
+    let gains = |gains: &[Gain]| -> Vec<String> {
+        ["U", "mu", "mismatched", "true"]
+            .map(|against| {
+                gains.iter().find(|g| g.against == against).map_or_else(String::new, |g| {
+                    let mark = if g.p < LEVEL { " *" } else { "" };
+                    format!("{}{mark}", interval(&g.gain, 3))
+                })
+            })
+            .to_vec()
+    };
+    let mut rows: Vec<Vec<String>> =
+        task.objects.iter().map(|o| [vec![o.object.clone(), interval(&o.own, 3)], gains(&o.gains)].concat()).collect();
+    rows.push([vec!["all".to_owned(), String::new()], gains(&task.all)].concat());
+    page.table(&["object", "own policy", "minus U", "minus mu", "minus mismatched", "minus true"], &rows);
+    page.note(
+        "Own: trained over the posterior of the object. U: over the prior. mu: for the middle of the prior. Mismatched: mean of the \
+         policies of the other objects' posteriors. True: told the hidden values.",
+    );
+    let shown: Vec<Row> = task
+        .objects
+        .iter()
+        .filter_map(|o| {
+            let gain = o.gains.iter().find(|g| g.against == "U")?;
+            let role = if is_gain(gain) { Role::After } else { Role::Other };
+            Some(Row { name: o.object.clone(), values: [gain.gain.low, gain.gain.value, gain.gain.high], role })
+        })
+        .collect();
+    page.svg(&intervals("Own policy minus U", "reward", &shown));
+    let profiles: Vec<Series> = task
+        .profiles
+        .iter()
+        .map(|p| Series {
+            name: p.group.to_owned(),
+            points: p.thresholds.iter().copied().zip(p.shares.iter().map(|s| s.value)).collect(),
+        })
+        .collect();
+    page.svg(&plots::lines("Share of trainings above a reward", "mean reward", "share", &profiles)?);
+    page.svg(&plots::lines("Learning curves", "environment steps", "mean return", &curves(study, data, index))?);
+    policies(page, study, task);
+    deployments(page, study, data, task, index)
+}
+
+/// Mean learning curve of each group of policies.
+fn curves(study: &Study, data: &Data<'_>, task: usize) -> Vec<Series> {
+    let chains = study.plan.chains();
+    let group = |name: &str, is_member: &dyn Fn(Knowledge) -> bool| {
+        let members: Vec<&Scored> = chains
+            .iter()
+            .zip(data.scores)
+            .filter(|(c, _)| c.task == task && is_member(c.knowledge))
+            .map(|(_, s)| s)
+            .collect();
+        let longest = members.iter().map(|s| s.curve.len()).min().unwrap_or(0);
+        let point = |i: usize| {
+            let values: Vec<f64> = members.iter().map(|s| s.curve[i].1).collect();
+            (members[0].curve[i].0 as f64, mean(&values))
+        };
+        Series { name: name.to_owned(), points: (0..longest).map(point).collect() }
+    };
+    vec![
+        group("own", &|k| matches!(k, Knowledge::Posterior(_))),
+        group("U", &|k| k == Knowledge::Prior),
+        group("mu", &|k| k == Knowledge::Median),
+        group("true", &|k| matches!(k, Knowledge::Truth(_))),
+    ]
+}
+
+/// Every policy on every object.
+fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
+    let mut head = vec!["policy"];
+    head.extend(study.plan.objects.iter().map(|o| o.name.as_str()));
+    head.push("all");
+    let row = |p: &PolicyScores| {
+        let cell = |(returns, successes): (&Vec<f64>, &Vec<f64>)| {
+            format!("{}, {} %", plain(mean(returns), 3), plain(100.0 * mean(successes), 0))
+        };
+        let cells = p.mean_returns.iter().zip(&p.successes).map(cell);
+        std::iter::once(p.policy.clone()).chain(cells).chain([interval(&p.interquartile_mean, 3)]).collect()
+    };
+    page.table(&head, &task.policies.iter().map(row).collect::<Vec<Vec<String>>>());
+    page.note(
+        "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean.",
+    );
+}
+
+fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, index: usize) -> Result<()> {
+    let plan = &study.plan;
+    page.heading(&format!("Deployments in {}", task.task));
+    page.paragraph(&format!(
+        "The first training of each policy ran {} times on each object. Paths are those of the commanded poses.",
+        plan.repeats
+    ));
+    page.table(
+        &["object", "own better than U", "worse", "decision"],
+        &task.deployments.iter().map(decision).collect::<Vec<Vec<String>>>(),
+    );
+    page.note(
+        "A sequential sign test with an error of 5 %, looked at after every pair: it says when more pairs would decide nothing.",
+    );
+    let model = &data.models.tasks[index];
+    let judge = Judge::of(model).context("a task file has a task")?;
+    let target_m = judge.task().target_m;
+    let knowledge = plan.knowledge();
+    let deployed = |wanted: Knowledge, object: usize| -> &Deployments {
+        let policy = knowledge.iter().position(|k| *k == wanted).unwrap_or(0);
+        &data.deployments[index][policy][object]
+    };
+    let farthest_m = judge.task().goal.reward_range_m().unwrap_or(0.3);
+    for (object, hidden) in plan.objects.iter().enumerate() {
+        let shown = [
+            ("own", Role::After, Knowledge::Posterior(object)),
+            ("U", Role::Before, Knowledge::Prior),
+            ("mu", Role::Noise, Knowledge::Median),
+        ];
+        let paths: Vec<MeanPath> =
+            shown.iter().map(|(name, role, k)| mean_path(name, *role, &judge, &deployed(*k, object).tracks)).collect();
+        page.svg(&mean_paths(&format!("Commanded paths on {}", hidden.name), &paths, target_m, farthest_m)?);
+        page.svg(&by_step(&hidden.name, &judge, &shown.map(|(name, _, k)| (name, deployed(k, object))))?);
+    }
+    page.note(
+        "A disc is as wide as the paths of one policy differ, and the darker, the nearer the object is to its goal.",
+    );
+    let real: Vec<Knowledge> = knowledge.iter().copied().filter(|k| !matches!(k, Knowledge::Truth(_))).collect();
+    let names: Vec<String> = real.iter().map(|k| plan.policy_name(*k)).collect();
+    let paths = |k: Knowledge| -> Vec<Vec<[f64; 2]>> {
+        (0..plan.objects.len()).flat_map(|object| deployed(k, object).tracks.iter().map(commanded)).collect()
+    };
+    let all: Vec<Vec<Vec<[f64; 2]>>> = real.iter().map(|k| paths(*k)).collect();
+    // Deployments of the same number are on the same object in the same conditions.
+    let between = |a: &[Vec<[f64; 2]>], b: &[Vec<[f64; 2]>]| {
+        1e3 * mean(&a.iter().zip(b).map(|(a, b)| dtw::distance(a, b)).collect::<Vec<f64>>())
+    };
+    let values: Vec<Vec<f64>> = all.iter().map(|a| all.iter().map(|b| between(a, b)).collect()).collect();
+    page.svg(&grid("Distance of commanded paths by time warping, mm", &names, &values, 0));
+    Ok(())
+}
+
+fn decision(pairs: &Pairs) -> Vec<String> {
+    let after = pairs.after.map_or_else(String::new, |n| format!(" after {n} pairs"));
+    let words = match pairs.decision {
+        Decision::First => format!("own is better{after}"),
+        Decision::Second => format!("U is better{after}"),
+        Decision::Open => "open: more pairs may decide".to_owned(),
+        Decision::Hopeless => format!("none: the pairs that were left{after} could not decide"),
+    };
+    vec![pairs.object.clone(), pairs.signs.wins.to_string(), pairs.signs.losses.to_string(), words]
+}
+
+/// Commanded places (x, z) in m after each action: the start and the sums of the displacements.
+fn commanded(track: &Track) -> Vec<[f64; 2]> {
+    let Some(first) = track.frames.first() else { return Vec::new() };
+    let mut place = [first.eef[0], first.eef[1]];
+    let mut points = vec![place];
+    for frame in &track.frames {
+        if frame.action != [0.0; 2] {
+            place = [0, 1].map(|i| place[i] + frame.action[i]);
+            points.push(place);
+        }
+    }
+    points
+}
+
+fn mean_path(name: &str, role: Role, judge: &Judge, tracks: &[Track]) -> MeanPath {
+    let paths: Vec<Vec<[f64; 2]>> = tracks.iter().map(commanded).collect();
+    let steps = paths.iter().map(Vec::len).min().unwrap_or(0);
+    let at =
+        |step: usize| -> [f64; 2] { [0, 1].map(|i| mean(&paths.iter().map(|p| p[step][i]).collect::<Vec<f64>>())) };
+    let points_m: Vec<[f64; 2]> = (0..steps).map(at).collect();
+    let deviation = |step: usize| {
+        let m = points_m[step];
+        let squares: Vec<f64> =
+            paths.iter().map(|p| (p[step][0] - m[0]).powi(2) + (p[step][1] - m[1]).powi(2)).collect();
+        mean(&squares).sqrt()
+    };
+    let distance = |step: usize| {
+        let now = |t: &Track| {
+            let left = t.end == End::LeftWorkspace;
+            t.frames.get(step).map_or(f64::INFINITY, |f| judge.distance_m(&judge.moment(f, step, left)))
+        };
+        mean(&tracks.iter().map(now).collect::<Vec<f64>>())
+    };
+    MeanPath {
+        name: name.to_owned(),
+        role,
+        deviations_m: (0..steps).map(deviation).collect(),
+        distances_m: (0..steps).map(distance).collect(),
+        points_m,
+    }
+}
+
+/// Picture of the steps of deployments: the mean reward of `reach`, and the mean distance from the goal of the others, which are
+/// paid at their end.
+fn by_step(object: &str, judge: &Judge, deployed: &[(&str, &Deployments)]) -> Result<String> {
+    let is_paid_by_step = judge.task().goal.reward_range_m().is_none();
+    let series = |(name, deployed): &(&str, &Deployments)| {
+        let steps = deployed.rewards.iter().map(Vec::len).min().unwrap_or(0);
+        let distance_mm = |track: &Track, step: usize| {
+            track.frames.get(step).map_or(f64::NAN, |f| 1e3 * judge.distance_m(&judge.moment(f, step, false)))
+        };
+        let value = |step: usize| {
+            let values: Vec<f64> = if is_paid_by_step {
+                deployed.rewards.iter().map(|r| r[step - 1]).collect()
+            } else {
+                deployed.tracks.iter().map(|t| distance_mm(t, step)).collect()
+            };
+            (step as f64, mean(&values))
+        };
+        Series { name: (*name).to_owned(), points: (1..=steps).map(value).collect() }
+    };
+    let (title, label) = if is_paid_by_step { ("Reward", "reward") } else { ("Distance from the goal", "mm") };
+    let series: Vec<Series> = deployed.iter().map(series).collect();
+    plots::lines(&format!("{title} by step on {object}"), "step", label, &series)
+}
+
+fn posteriors(page: &mut Page, study: &Study, data: &Data<'_>) -> Result<()> {
+    page.heading("Posteriors");
+    for (object, inferred) in study.objects.iter().zip(data.inferred) {
+        let posterior = inferred.posterior();
+        page.heading(&object.object);
+        inferred.misfit.iter().for_each(|reason| page.warning(reason));
+        if posterior.parameters.dimension() >= 2 {
+            let domains = posterior.sample_low_variance(DOMAINS, study.plan.seed)?;
+            for extent in [Extent::Prior, Extent::Posterior] {
+                page.svg(&plots::heatmap(&posterior, [0, 1], extent, &domains, Some(&object.truth))?);
+            }
+        }
+        page.table(&posterior::HEAD, &posterior::rows(&posterior, &inferred.marginals, Some(&object.truth)));
+    }
+    Ok(())
+}

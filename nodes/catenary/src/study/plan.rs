@@ -1,0 +1,228 @@
+//! Plan of a study: objects, tasks, policies, and the files of the work.
+
+use super::args::StudyArgs;
+use crate::exit::{Given, WrongInput};
+use crate::inputs::model_file;
+use crate::options::TaskOption;
+use anyhow::{Context, Result, ensure};
+use catenary_core::Model;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// File of the plan in the folder of a study.
+const FILE: &str = "plan.json";
+
+/// Hidden object. Only laboratory and scoring read `truth`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Object {
+    /// Name of its model.
+    pub name: String,
+    /// Values of the inferred parameters, in the order of the model.
+    pub truth: Vec<f64>,
+}
+
+/// Object that a policy is trained for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Knowledge {
+    /// Nothing: the prior.
+    Prior,
+    /// The middle of the prior in each parameter, as one object.
+    Median,
+    /// Posterior of an object, by its index.
+    Posterior(usize),
+    /// True parameters of an object, by its index: what no inference can exceed.
+    Truth(usize),
+}
+
+/// Chain of work: one training of a policy for a task, and its scores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Chain {
+    /// Index of the task.
+    pub task: usize,
+    /// What the policy knows.
+    pub knowledge: Knowledge,
+    /// Number of the training, from 0.
+    pub training: u64,
+}
+
+/// Everything that the results of a study depend on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Text of the model.
+    pub model_yaml: String,
+    /// Names of the tasks.
+    pub tasks: Vec<String>,
+    /// Text of the model of each task.
+    pub task_yamls: Vec<String>,
+    /// Hidden objects.
+    pub objects: Vec<Object>,
+    /// Trainings of each policy.
+    pub seeds: u64,
+    /// Environment steps of a training.
+    pub steps: u64,
+    /// Preset of the trainings.
+    pub preset: String,
+    /// Episodes that score a training on an object.
+    pub episodes: u64,
+    /// Deployments of the first training of a policy on an object.
+    pub repeats: u64,
+    /// Recordings of an object.
+    pub recordings: u64,
+    /// Rounds of an inference, and simulations in each.
+    pub inference: [usize; 2],
+    /// Seed of every draw.
+    pub seed: u64,
+}
+
+impl Plan {
+    /// Plan of the arguments. Returns an error for models and tasks that cannot be read, or objects that are not of the model.
+    pub fn of(arguments: &StudyArgs) -> Result<(Self, Models)> {
+        Self::read(arguments).given()
+    }
+
+    fn read(arguments: &StudyArgs) -> Result<(Self, Models)> {
+        let (model, model_yaml) = model_file::read_with_text(&arguments.model)?;
+        ensure!(model.task.is_some(), "--model {}: it has no task", arguments.model.display());
+        let mut tasks = Vec::new();
+        let mut models = Vec::new();
+        for path in &arguments.task {
+            let name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+            ensure!(!tasks.contains(&name), "--task {name}: it is named twice");
+            models.push(TaskOption { task: Some(path.clone()) }.applied_to(model.clone())?);
+            tasks.push(name);
+        }
+        let object = |path: &PathBuf| {
+            let bar = model_file::read(path)?;
+            let value = |name: &str| {
+                bar.nominal.get(name).copied().with_context(|| {
+                    format!("--objects {}: expected a nominal value of {name}, got none", path.display())
+                })
+            };
+            let truth = model.theta.parameters().iter().map(|p| value(&p.name)).collect::<Result<Vec<f64>>>()?;
+            Ok(Object { name: bar.name, truth })
+        };
+        let objects = arguments.objects.iter().map(object).collect::<Result<Vec<Object>>>()?;
+        for (i, object) in objects.iter().enumerate() {
+            let twice = objects[..i].iter().any(|o| o.name == object.name);
+            ensure!(!twice, "--objects: {} is named twice", object.name);
+        }
+        let inference = bayes_sim::Settings::default();
+        let plan = Self {
+            model_yaml,
+            tasks,
+            task_yamls: models.iter().map(Model::to_yaml).collect::<Result<_, _>>()?,
+            objects,
+            seeds: arguments.seeds,
+            steps: arguments.steps,
+            preset: arguments.preset.name().to_owned(),
+            episodes: arguments.episodes,
+            repeats: arguments.repeats,
+            recordings: arguments.recordings,
+            inference: [
+                arguments.iterations.unwrap_or(inference.iterations),
+                arguments.simulations.unwrap_or(inference.simulations),
+            ],
+            seed: arguments.seed,
+        };
+        Ok((plan, Models { model, tasks: models }))
+    }
+
+    /// Writes the plan to the folder of the study, or checks that the folder's plan is this one.
+    pub fn keep(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(FILE);
+        if !path.exists() {
+            return super::files::write(&path, &serde_json::to_vec_pretty(self)?);
+        }
+        let text = catenary_shell::files::read_text("plan", &path).given()?;
+        let kept: serde_json::Value =
+            serde_json::from_str(&text).with_context(|| path.display().to_string()).given()?;
+        let own = serde_json::to_value(self)?;
+        let Some(field) =
+            own.as_object().and_then(|own| own.iter().find(|(name, value)| kept.get(name) != Some(value)))
+        else {
+            return Ok(());
+        };
+        let short =
+            |v: Option<&serde_json::Value>| v.map_or("none".to_owned(), |v| v.to_string().chars().take(60).collect());
+        Err(WrongInput::error(format!(
+            "{}: {}: expected {} as in this command, got {}: take another --out",
+            path.display(),
+            field.0,
+            short(Some(field.1)),
+            short(kept.get(field.0))
+        )))
+    }
+
+    /// What the policies know, in the order of the paper, with the truth of each object at the end.
+    pub fn knowledge(&self) -> Vec<Knowledge> {
+        let n = self.objects.len();
+        let posteriors = (0..n).map(Knowledge::Posterior);
+        [Knowledge::Prior, Knowledge::Median]
+            .into_iter()
+            .chain(posteriors)
+            .chain((0..n).map(Knowledge::Truth))
+            .collect()
+    }
+
+    /// Chains of work, in order. Those of one number of training stand together, so that a stopped study has whole trainings.
+    pub fn chains(&self) -> Vec<Chain> {
+        let knowledge = self.knowledge();
+        let of = |training: u64| {
+            let knowledge = knowledge.clone();
+            (0..self.tasks.len()).flat_map(move |task| {
+                knowledge.clone().into_iter().map(move |k| Chain { task, knowledge: k, training })
+            })
+        };
+        (0..self.seeds).flat_map(of).collect()
+    }
+
+    /// Name of a policy: U and mu as in the paper, the object's name, or "true" and the object's name.
+    pub fn policy_name(&self, knowledge: Knowledge) -> String {
+        match knowledge {
+            Knowledge::Prior => "U".to_owned(),
+            Knowledge::Median => "mu".to_owned(),
+            Knowledge::Posterior(object) => self.objects[object].name.clone(),
+            Knowledge::Truth(object) => format!("true {}", self.objects[object].name),
+        }
+    }
+
+    /// File of the policy that records the objects.
+    pub fn recorder_file(&self) -> PathBuf {
+        "recorder.safetensors".into()
+    }
+
+    /// File of the posterior of an object.
+    pub fn posterior_file(&self, object: usize) -> PathBuf {
+        format!("posteriors/{}.json", self.objects[object].name).into()
+    }
+
+    /// File of the policy of a chain.
+    pub fn training_file(&self, chain: &Chain) -> PathBuf {
+        self.file("trainings", chain, "safetensors")
+    }
+
+    /// File of the scores of a chain.
+    pub fn scores_file(&self, chain: &Chain) -> PathBuf {
+        self.file("scores", chain, "json")
+    }
+
+    /// File of the deployments of a policy on an object.
+    pub fn deployments_file(&self, chain: &Chain, object: usize) -> PathBuf {
+        let (task, policy) = (&self.tasks[chain.task], self.policy_name(chain.knowledge).replace(' ', "_"));
+        format!("{task}/deployments/{policy}_on_{}.json", self.objects[object].name).into()
+    }
+
+    fn file(&self, folder: &str, chain: &Chain, ending: &str) -> PathBuf {
+        let (task, policy) = (&self.tasks[chain.task], self.policy_name(chain.knowledge).replace(' ', "_"));
+        format!("{task}/{folder}/{policy}_{}.{ending}", chain.training + 1).into()
+    }
+}
+
+/// Models of a study.
+pub struct Models {
+    /// Model with its own task, in which the objects are recorded.
+    pub model: Model,
+    /// Model with each task.
+    pub tasks: Vec<Model>,
+}

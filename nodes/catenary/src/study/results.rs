@@ -1,0 +1,278 @@
+//! Figures of a study: what knowing the object is worth, by task and object.
+
+use super::plan::{Chain, Knowledge, Plan};
+use super::work::{Deployments, Inferred, Scored};
+use catenary_core::comparison::{Bootstrap, Decision, Interval, SequentialSigns, sign_change_test};
+use catenary_core::posterior::Marginal;
+use catenary_core::statistics::mean;
+use serde::Serialize;
+
+/// Error probability of the sequential test of deployments.
+const ERROR: f64 = 0.05;
+/// Thresholds of a performance profile.
+const THRESHOLDS: usize = 41;
+
+/// Results of a study.
+#[derive(Debug, Serialize)]
+pub struct Study {
+    /// Plan of the study.
+    pub plan: Plan,
+    /// Posteriors of the objects.
+    pub objects: Vec<ObjectPosterior>,
+    /// Results of each task.
+    pub tasks: Vec<TaskResult>,
+}
+
+/// Posterior of an object in numbers.
+#[derive(Debug, Serialize)]
+pub struct ObjectPosterior {
+    /// Name of the object.
+    pub object: String,
+    /// Hidden values.
+    pub truth: Vec<f64>,
+    /// Marginals of the posterior.
+    pub marginals: Vec<Marginal>,
+    /// Reason for which the posterior does not fit, if it does not.
+    pub misfit: Option<String>,
+}
+
+/// Results of a task.
+#[derive(Debug, Serialize)]
+pub struct TaskResult {
+    /// Name of the task.
+    pub task: String,
+    /// Aim of the task in words.
+    pub aim: String,
+    /// Mean return of each policy: by object, by training.
+    pub policies: Vec<PolicyScores>,
+    /// Gains of the policy of an object's posterior, on that object.
+    pub objects: Vec<ObjectGains>,
+    /// The same over all objects.
+    pub all: Vec<Gain>,
+    /// Share of the mean returns above each threshold, by group.
+    pub profiles: Vec<Profile>,
+    /// Deployments of own policies against U.
+    pub deployments: Vec<Pairs>,
+}
+
+/// Scores of the trainings of a policy.
+#[derive(Debug, Serialize)]
+pub struct PolicyScores {
+    /// Name of the policy.
+    pub policy: String,
+    /// What it was trained for.
+    pub knowledge: Knowledge,
+    /// Mean return over the episodes: by object, by training.
+    pub mean_returns: Vec<Vec<f64>>,
+    /// Share of successes: by object, by training.
+    pub successes: Vec<Vec<f64>>,
+    /// Interquartile mean of the mean returns over all objects.
+    pub interquartile_mean: Interval,
+}
+
+/// Gains on one object.
+#[derive(Debug, Serialize)]
+pub struct ObjectGains {
+    /// Name of the object.
+    pub object: String,
+    /// Interquartile mean of the own policy's mean returns.
+    pub own: Interval,
+    /// Own policy against others.
+    pub gains: Vec<Gain>,
+}
+
+/// Own policy of an object against another one.
+#[derive(Debug, Clone, Serialize)]
+pub struct Gain {
+    /// The other: U, mu, mismatched (mean of the policies of the other objects' posteriors), or true.
+    pub against: &'static str,
+    /// Difference of the interquartile means of the mean returns, own minus other, with its interval of 95 %.
+    pub gain: Interval,
+    /// Probability that a training of the own policy has the larger mean return.
+    pub probability: Interval,
+    /// p-value of equality: the sign changes of the differences, paired by training.
+    pub p: f64,
+}
+
+/// Performance profile of a group of policies.
+#[derive(Debug, Serialize)]
+pub struct Profile {
+    /// Group: own, U, mu, mismatched, true.
+    pub group: &'static str,
+    /// Thresholds.
+    pub thresholds: Vec<f64>,
+    /// Share of the mean returns above each.
+    pub shares: Vec<Interval>,
+}
+
+/// Deployments in pairs.
+#[derive(Debug, Serialize)]
+pub struct Pairs {
+    /// Name of the object; "all" for all of them.
+    pub object: String,
+    /// Pairs that either policy won.
+    pub signs: SequentialSigns,
+    /// Decision after the last pair.
+    pub decision: Decision,
+    /// Pair after which the decision stood, from 1, or more pairs could not decide.
+    pub after: Option<usize>,
+}
+
+/// Groups that the own policy is held against.
+const OTHERS: [&str; 4] = ["U", "mu", "mismatched", "true"];
+
+/// Results of the work of a plan. `scores` are in the order of the plan's chains, `deployments` by task, policy and object.
+pub fn study(
+    plan: Plan,
+    inferred: &[Inferred],
+    aims: Vec<String>,
+    scores: &[Scored],
+    deployments: &[Vec<Vec<Deployments>>],
+) -> Study {
+    let chains = plan.chains();
+    let objects = plan.objects.iter().zip(inferred).map(|(object, inferred)| ObjectPosterior {
+        object: object.name.clone(),
+        truth: object.truth.clone(),
+        marginals: inferred.marginals.clone(),
+        misfit: inferred.misfit.clone(),
+    });
+    let objects = objects.collect();
+    let tasks = aims.into_iter().enumerate().map(|(task, aim)| {
+        let of_task: Vec<(&Chain, &Scored)> = chains.iter().zip(scores).filter(|(c, _)| c.task == task).collect();
+        task_result(&plan, task, aim, &of_task, &deployments[task])
+    });
+    let tasks = tasks.collect();
+    Study { plan, objects, tasks }
+}
+
+fn task_result(
+    plan: &Plan,
+    task: usize,
+    aim: String,
+    scores: &[(&Chain, &Scored)],
+    deployments: &[Vec<Deployments>],
+) -> TaskResult {
+    let knowledge = plan.knowledge();
+    let bootstrap = Bootstrap { seed: plan.seed, ..Bootstrap::default() };
+    let of = |knowledge: Knowledge, value: &dyn Fn(&Scored, usize) -> f64| -> Vec<Vec<f64>> {
+        let trainings = || scores.iter().filter(move |(c, _)| c.knowledge == knowledge);
+        (0..plan.objects.len()).map(|object| trainings().map(|(_, s)| value(s, object)).collect()).collect()
+    };
+    let mean_return = |s: &Scored, object: usize| mean(&s.objects[object].returns);
+    let success = |s: &Scored, object: usize| {
+        let all = &s.objects[object].successes;
+        all.iter().filter(|s| **s).count() as f64 / all.len() as f64
+    };
+    let policies: Vec<PolicyScores> = knowledge
+        .iter()
+        .map(|&knowledge| {
+            let mean_returns = of(knowledge, &mean_return);
+            PolicyScores {
+                policy: plan.policy_name(knowledge),
+                knowledge,
+                successes: of(knowledge, &success),
+                interquartile_mean: bootstrap.interquartile_mean(&mean_returns),
+                mean_returns,
+            }
+        })
+        .collect();
+    let find = |wanted: Knowledge| -> &Vec<Vec<f64>> {
+        &policies.iter().find(|p| p.knowledge == wanted).expect("every policy of the plan has scores").mean_returns
+    };
+    // Scores of a group on an object, by training.
+    let group = |name: &str, object: usize| -> Vec<f64> {
+        match name {
+            "own" => find(Knowledge::Posterior(object))[object].clone(),
+            "U" => find(Knowledge::Prior)[object].clone(),
+            "mu" => find(Knowledge::Median)[object].clone(),
+            "true" => find(Knowledge::Truth(object))[object].clone(),
+            _ => {
+                let others: Vec<&Vec<f64>> = (0..plan.objects.len())
+                    .filter(|o| *o != object)
+                    .map(|o| &find(Knowledge::Posterior(o))[object])
+                    .collect();
+                let at = |training: usize| mean(&others.iter().map(|of| of[training]).collect::<Vec<f64>>());
+                (0..others.first().map_or(0, |of| of.len())).map(at).collect()
+            }
+        }
+    };
+    let gain = |against: &'static str, objects: &[usize]| -> Option<Gain> {
+        let own: Vec<Vec<f64>> = objects.iter().map(|&o| group("own", o)).collect();
+        let other: Vec<Vec<f64>> = objects.iter().map(|&o| group(against, o)).collect();
+        // A single object has no mismatched policies.
+        if other.iter().any(Vec::is_empty) {
+            return None;
+        }
+        let differences: Vec<f64> =
+            own.iter().zip(&other).flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b)).collect();
+        Some(Gain {
+            against,
+            gain: bootstrap.gain(&own, &other),
+            probability: bootstrap.probability_of_improvement(&own, &other),
+            p: sign_change_test(&differences, plan.seed),
+        })
+    };
+    let every: Vec<usize> = (0..plan.objects.len()).collect();
+    let objects = every.iter().map(|&object| ObjectGains {
+        object: plan.objects[object].name.clone(),
+        own: bootstrap.interquartile_mean(&[group("own", object)]),
+        gains: OTHERS.iter().filter_map(|against| gain(against, &[object])).collect(),
+    });
+    let thresholds: Vec<f64> = (0..THRESHOLDS).map(|i| i as f64 / (THRESHOLDS - 1) as f64 * top(&policies)).collect();
+    let profile = |name: &'static str| {
+        let scores: Vec<Vec<f64>> = every.iter().map(|&o| group(name, o)).collect();
+        if scores.iter().any(Vec::is_empty) {
+            return None;
+        }
+        let shares = bootstrap.performance_profile(&scores, &thresholds);
+        Some(Profile { group: name, thresholds: thresholds.clone(), shares })
+    };
+    TaskResult {
+        task: plan.tasks[task].clone(),
+        aim,
+        objects: objects.collect(),
+        all: OTHERS.iter().filter_map(|against| gain(against, &every)).collect(),
+        profiles: ["own", "U", "mu", "mismatched", "true"].into_iter().filter_map(profile).collect(),
+        deployments: pairs(plan, deployments),
+        policies,
+    }
+}
+
+/// Largest mean return, at least 1: the end of a profile.
+fn top(policies: &[PolicyScores]) -> f64 {
+    policies.iter().flat_map(|p| p.mean_returns.iter().flatten()).fold(1.0, |a: f64, b| a.max(*b))
+}
+
+/// Deployments of each object's own policy against U, in pairs of the same conditions; then all of them.
+fn pairs(plan: &Plan, deployments: &[Vec<Deployments>]) -> Vec<Pairs> {
+    let knowledge = plan.knowledge();
+    let place = |wanted: Knowledge| knowledge.iter().position(|k| *k == wanted);
+    let returns = |of: Knowledge, object: usize| -> Vec<f64> {
+        let deployed = place(of).and_then(|policy| deployments.get(policy)?.get(object));
+        deployed.map_or_else(Vec::new, |d| d.rewards.iter().map(|r| r.iter().sum()).collect())
+    };
+    let differences = |object: usize| -> Vec<f64> {
+        let (own, uniform) = (returns(Knowledge::Posterior(object), object), returns(Knowledge::Prior, object));
+        own.iter().zip(&uniform).map(|(a, b)| a - b).collect()
+    };
+    let decided = |object: String, differences: &[f64]| {
+        let mut signs = SequentialSigns::default();
+        let (mut decision, mut after) = (Decision::Open, None);
+        for (i, d) in differences.iter().enumerate() {
+            signs.add(*d);
+            if decision == Decision::Open {
+                decision = signs.decision(ERROR, (differences.len() - i - 1) as u32);
+                after = (decision != Decision::Open).then_some(i + 1);
+            }
+        }
+        Pairs { object, signs, decision, after }
+    };
+    let mut rows: Vec<Pairs> =
+        plan.objects.iter().enumerate().map(|(i, o)| decided(o.name.clone(), &differences(i))).collect();
+    // By repeat, so that every object has its turn.
+    let all: Vec<Vec<f64>> = (0..plan.objects.len()).map(differences).collect();
+    let mixed: Vec<f64> =
+        (0..plan.repeats as usize).flat_map(|k| all.iter().filter_map(move |d| d.get(k).copied())).collect();
+    rows.push(decided("all".to_owned(), &mixed));
+    rows
+}

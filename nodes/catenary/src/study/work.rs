@@ -1,0 +1,291 @@
+//! Work of a study: recordings and posteriors of the hidden objects, trainings, scores and deployments.
+//!
+//! Each piece runs on one core and depends on the plan alone, so that the results do not depend on where it runs.
+
+use super::files;
+use super::plan::{Chain, Knowledge, Models, Object, Plan};
+use crate::evaluate::episodes::episodes;
+use crate::exit::Interrupted;
+use crate::inputs::posterior_file::PosteriorFile;
+use anyhow::{Context, Result, ensure};
+use bayes_sim::InferenceError;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::posterior::Marginal;
+use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::task::Score;
+use catenary_core::{Fidelity, Judge, Model, Policy, Posterior, SimulationRequest, Simulator, Task, Track, seed};
+use catenary_shell::Shutdown;
+use catenary_simulator::verification::path_of_actions;
+use catenary_simulator::{BeamSimulator, VectorEnv};
+use ppo_trainer::{Domains, Settings, Trained};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Random streams of a study.
+mod stream {
+    pub const RECORDER: u64 = 1;
+    pub const RECORDINGS: u64 = 2;
+    pub const INFERENCE: u64 = 3;
+    pub const TRAININGS: u64 = 4;
+    pub const SCORES: u64 = 5;
+    pub const DEPLOYMENTS: u64 = 6;
+}
+
+/// Posterior of an object.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Inferred {
+    /// Posterior, as `catenary infer` writes it.
+    pub posterior: PosteriorFile,
+    /// Marginals in the parameters' units.
+    pub marginals: Vec<Marginal>,
+    /// Simulations of the inference.
+    pub simulations: usize,
+    /// Reason for which the posterior does not fit the recordings, if it does not.
+    pub misfit: Option<String>,
+}
+
+impl Inferred {
+    /// The posterior.
+    pub fn posterior(&self) -> Posterior {
+        Posterior { parameters: self.posterior.parameters.clone(), mixture: self.posterior.mixture.clone() }
+    }
+}
+
+/// Scores of a training on each object, and how it was trained.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Scored {
+    /// Learning curve: environment steps, mean return and share of successes.
+    pub curve: Vec<(u64, f64, f64)>,
+    /// Scores on each object.
+    pub objects: Vec<ObjectScores>,
+}
+
+/// Scores of episodes on one object, in their order. The same number stands for the same conditions for all policies.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct ObjectScores {
+    /// Sum of the rewards.
+    pub returns: Vec<f64>,
+    /// True for a success.
+    pub successes: Vec<bool>,
+    /// Distance that the task minimises, m.
+    pub distances_m: Vec<f64>,
+}
+
+/// Deployments of a policy on an object.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Deployments {
+    /// Frames of each episode, one step apart.
+    pub tracks: Vec<Track>,
+    /// Rewards of each episode.
+    pub rewards: Vec<Vec<f64>>,
+}
+
+/// Worker on a study.
+pub struct Work<'a> {
+    /// Plan of the study.
+    pub plan: &'a Plan,
+    /// Models of the plan.
+    pub models: &'a Models,
+    /// Folder of the study.
+    pub folder: &'a Path,
+    /// Ends the work early.
+    pub shutdown: &'a Shutdown,
+}
+
+impl Work<'_> {
+    /// Policy that records the objects, trained over the prior of the model's own task. Made if it is missing.
+    pub fn recorder(&self) -> Result<Policy> {
+        let path = self.folder.join(self.plan.recorder_file());
+        if !path.exists() {
+            let domains = Domains::Prior(self.models.model.theta.clone());
+            let trained = self.train(&self.models.model, &domains, seed::derive(self.plan.seed, stream::RECORDER))?;
+            files::write(&path, &trained.policy.to_bytes())?;
+        }
+        read_policy(&path)
+    }
+
+    /// Posterior of an object from its recordings. Made if it is missing.
+    pub fn posterior(&self, object: usize) -> Result<Inferred> {
+        let path = self.folder.join(self.plan.posterior_file(object));
+        if !path.exists() {
+            let measured = self.recordings(&self.recorder()?, &self.plan.objects[object], object)?;
+            let inferred = self.infer(&measured, object).with_context(|| self.plan.objects[object].name.clone())?;
+            files::write_json(&path, &inferred)?;
+        }
+        files::read_json(&path)
+    }
+
+    /// Scores of a chain. Made if they are missing, with the training.
+    pub fn scores(&self, chain: &Chain) -> Result<Scored> {
+        let path = self.folder.join(self.plan.scores_file(chain));
+        if !path.exists() {
+            let (policy, curve) = self.training(chain)?;
+            let model = &self.models.tasks[chain.task];
+            let judge = Judge::of(model).context("a task file has a task")?;
+            let score = |(i, object): (usize, &Object)| {
+                let number = chain.training * self.plan.objects.len() as u64 + i as u64;
+                let of = seed::derive(seed::derive(self.plan.seed, stream::SCORES), number);
+                let scores = self.episodes(model, &judge, &policy, object, self.plan.episodes, of)?;
+                Ok(ObjectScores {
+                    returns: scores.iter().map(|(_, s)| s.rewards.iter().sum()).collect(),
+                    successes: scores.iter().map(|(_, s)| s.succeeded).collect(),
+                    distances_m: scores.iter().map(|(_, s)| s.distance_m).collect(),
+                })
+            };
+            let objects = self.plan.objects.iter().enumerate().map(score).collect::<Result<Vec<_>>>()?;
+            files::write_json(&path, &Scored { curve, objects })?;
+        }
+        files::read_json(&path)
+    }
+
+    /// Deployments of the first training of a policy on an object. Made if they are missing.
+    pub fn deployments(&self, chain: &Chain, object: usize) -> Result<Deployments> {
+        let path = self.folder.join(self.plan.deployments_file(chain, object));
+        if !path.exists() {
+            let policy = read_policy(&self.folder.join(self.plan.training_file(chain)))?;
+            let model = &self.models.tasks[chain.task];
+            let judge = Judge::of(model).context("a task file has a task")?;
+            // The same conditions for every policy: deployments are compared in pairs.
+            let of = seed::derive(seed::derive(self.plan.seed, stream::DEPLOYMENTS), object as u64);
+            let hidden = &self.plan.objects[object];
+            let (tracks, scores): (Vec<_>, Vec<_>) =
+                self.episodes(model, &judge, &policy, hidden, self.plan.repeats, of)?.into_iter().unzip();
+            let rewards = scores.into_iter().map(|s: Score| s.rewards).collect();
+            files::write_json(&path, &Deployments { tracks, rewards })?;
+        }
+        files::read_json(&path)
+    }
+
+    /// Policy of a chain with its learning curve. Made if it is missing.
+    fn training(&self, chain: &Chain) -> Result<(Policy, Vec<(u64, f64, f64)>)> {
+        let path = self.folder.join(self.plan.training_file(chain));
+        let curve = path.with_extension("curve.json");
+        if !path.exists() {
+            let model = &self.models.tasks[chain.task];
+            let of = seed::derive(seed::derive(self.plan.seed, stream::TRAININGS), chain.training);
+            let trained = self.train(model, &self.domains(chain.knowledge)?, of)?;
+            let points: Vec<(u64, f64, f64)> =
+                trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
+            files::write_json(&curve, &points)?;
+            // Last, because it tells that the training is done.
+            files::write(&path, &trained.policy.to_bytes())?;
+        }
+        Ok((read_policy(&path)?, files::read_json(&curve)?))
+    }
+
+    /// Parameters of the environments of a training.
+    fn domains(&self, knowledge: Knowledge) -> Result<Domains> {
+        let theta = &self.models.model.theta;
+        Ok(match knowledge {
+            Knowledge::Prior => Domains::Prior(theta.clone()),
+            Knowledge::Median => Domains::Point(theta.from_unit(&vec![0.5; theta.dimension()])),
+            Knowledge::Posterior(object) => Domains::Mixture(self.posterior(object)?.posterior()),
+            Knowledge::Truth(object) => Domains::Point(self.plan.objects[object].truth.clone()),
+        })
+    }
+
+    fn train(&self, model: &Model, domains: &Domains, of: u64) -> Result<Trained> {
+        let settings = Settings { total_steps: self.plan.steps, ..Settings::preset(&self.plan.preset)? };
+        let task = model.task.context("the model has a task")?;
+        let rows = domains.rows(settings.environments, of)?;
+        let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;
+        let trained = ppo_trainer::train(&mut env, &task, &settings, of, &mut |_| {
+            if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })?;
+        self.check()?;
+        Ok(trained)
+    }
+
+    /// Recordings of an object in the simulated laboratory: the recorder's motions, with all noise, at the highest fidelity.
+    fn recordings(&self, recorder: &Policy, object: &Object, index: usize) -> Result<Vec<MeasuredTrack>> {
+        let model = &self.models.model;
+        let simulator = BeamSimulator::new(model, 1)?;
+        let record = |number: u64| {
+            let of = seed::derive(seed::derive(self.plan.seed, stream::RECORDINGS), 1000 * index as u64 + number);
+            let asked = episodes(vec![object.truth.clone()], Fidelity::Reference, of);
+            let acted = SimulationRequest { drive: Drive::Policy(Box::new(recorder.clone())), ..asked.clone() };
+            let track = simulator.simulate(&acted)?.remove(0);
+            let acts = track.frames.len().saturating_sub(1);
+            let actions: Vec<[f64; 2]> = track.frames[..acts].iter().map(|f| f.action).collect();
+            let path = path_of_actions(model, &actions).context("the recorder made no action")?;
+            // The same episode once more, with the frames of a recording along the path of the hand.
+            let o = model.observation;
+            let last_s = path.times_s().last().copied().unwrap_or_default();
+            let times = (0..o.frames).map(|i| i as f64 * o.frame_period_s).filter(|t| *t <= last_s).collect();
+            let seen = SimulationRequest { drive: Drive::Grip(path.clone()), frame_times_s: times, ..asked };
+            let track = simulator.simulate(&seen)?.remove(0);
+            let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
+            Ok(MeasuredTrack {
+                name: format!("recording {} of {}", number + 1, object.name),
+                track,
+                grip: path,
+                actions: Vec::new(),
+                start: StartShape::HangingAtRest,
+                target_m,
+                warnings: Vec::new(),
+            })
+        };
+        (0..self.plan.recordings).map(record).collect()
+    }
+
+    fn infer(&self, measured: &[MeasuredTrack], object: usize) -> Result<Inferred> {
+        let seed = seed::derive(seed::derive(self.plan.seed, stream::INFERENCE), object as u64);
+        let [iterations, simulations] = self.plan.inference;
+        let settings = bayes_sim::Settings { seed, iterations, simulations, ..bayes_sim::Settings::default() };
+        let simulator = BeamSimulator::new(&self.models.model, 1)?;
+        let mut listen = |_: &bayes_sim::sequential::Progress<'_>| {
+            if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let result =
+            match bayes_sim::infer(&self.models.model, measured, None, &settings, None, &simulator, &mut listen) {
+                Err(InferenceError::Cancelled { .. }) => return Err(interrupted()),
+                other => other?,
+            };
+        Ok(Inferred {
+            posterior: PosteriorFile::new(&result.posterior, result.support_moves()),
+            simulations: result.simulations(),
+            marginals: result.marginals,
+            misfit: result.misfit,
+        })
+    }
+
+    /// Episodes of a policy on an object at the highest fidelity, with their scores. Success ends none of them.
+    fn episodes(
+        &self,
+        model: &Model,
+        judge: &Judge,
+        policy: &Policy,
+        object: &Object,
+        count: u64,
+        of: u64,
+    ) -> Result<Vec<(Track, Score)>> {
+        self.check()?;
+        let task = model.task.map(|task| Task { ends_at_success: false, ..task });
+        let simulator = BeamSimulator::new(&Model { task, ..model.clone() }, 1)?;
+        let asked = SimulationRequest {
+            drive: Drive::Policy(Box::new(policy.clone())),
+            ..episodes(vec![object.truth.clone(); count as usize], Fidelity::Reference, of)
+        };
+        let tracks = simulator.simulate(&asked)?;
+        ensure!(tracks.len() == count as usize, "expected {count} episodes, got {}", tracks.len());
+        let scored = |track: Track| {
+            let score = judge.score(&track);
+            (track, score)
+        };
+        Ok(tracks.into_iter().map(scored).collect())
+    }
+
+    fn check(&self) -> Result<()> {
+        if self.shutdown.is_triggered() { Err(interrupted()) } else { Ok(()) }
+    }
+}
+
+fn interrupted() -> anyhow::Error {
+    Interrupted("; the same command goes on from here".to_owned()).into()
+}
+
+fn read_policy(path: &Path) -> Result<Policy> {
+    let bytes = catenary_shell::files::read_bytes("policy", path)?;
+    Policy::from_bytes(&bytes).with_context(|| format!("{}: remove it, and it is made again", path.display()))
+}

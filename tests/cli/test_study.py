@@ -1,0 +1,107 @@
+"""`catenary study` compares policies that know the object with others. Parts of it give what the whole gives, to the bit."""
+
+import time
+
+import pytest
+
+SMALL = [
+    "--objects",
+    "dlo_0",
+    "dlo_2",
+    "--seeds",
+    2,
+    "--steps",
+    768,
+    "--episodes",
+    4,
+    "--repeats",
+    2,
+    "--iterations",
+    2,
+    "--simulations",
+    40,
+]
+
+
+@pytest.fixture(scope="module")
+def whole(program, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    answer = program.json("study", "--out", "whole", "--task", "place_tip", "settle", *SMALL, folder=folder, seconds=600)
+    return folder, answer["study"]
+
+
+def files(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_every_policy_is_scored_on_every_object_and_compared(whole):
+    folder, study = whole
+    assert [task["task"] for task in study["tasks"]] == ["place_tip", "settle"]
+    for task in study["tasks"]:
+        assert [p["policy"] for p in task["policies"]] == ["U", "mu", "dlo_0", "dlo_2", "true dlo_0", "true dlo_2"]
+        for policy in task["policies"]:
+            assert [len(trainings) for trainings in policy["mean_returns"]] == [2, 2]
+        own = {p["policy"]: p["mean_returns"] for p in task["policies"]}
+        for number, (name, other) in enumerate([("dlo_0", "dlo_2"), ("dlo_2", "dlo_0")]):
+            gains = {g["against"]: g for g in task["objects"][number]["gains"]}
+            # Of two trainings no value is left out: the interquartile mean is the mean.
+            mean = sum(own[name][number]) / 2
+            assert gains["U"]["gain"]["value"] == pytest.approx(mean - sum(own["U"][number]) / 2)
+            assert gains["mismatched"]["gain"]["value"] == pytest.approx(mean - sum(own[other][number]) / 2)
+            # Two trainings cannot refute equality: two of four sign changes are as far from zero.
+            assert gains["U"]["p"] >= 0.5 and gains["U"]["gain"]["low"] <= gains["U"]["gain"]["value"] <= gains["U"]["gain"]["high"]
+        # Eight pairs of one sign are needed.
+        assert {pairs["decision"] for pairs in task["deployments"]} == {"hopeless"}
+    page = (folder / "whole/report.html").read_text()
+    assert page.count("<figure") >= 18 and "NaN" not in page and "Policies of other objects" not in page
+    assert "Task place_tip" in page and "time warping" in page
+
+
+def test_parts_make_the_same_bits_and_a_killed_part_goes_on(whole, program, tmp_path):
+    folder, _ = whole
+    arguments = ["study", "--out", tmp_path / "parts", "--task", "place_tip", "settle", *SMALL]
+    killed = program.start(*arguments, "--part", "1/2")
+    deadline = time.monotonic() + 120
+    while not list((tmp_path / "parts").rglob("scores/*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    killed.kill()
+    killed.communicate()
+    for part in ("2/2", "1/2"):
+        said = program.json(*arguments, "--part", part, folder=tmp_path, seconds=600)
+        assert said["part"] == part and "study" not in said
+    assert not (tmp_path / "parts/report.html").exists()
+    program.json(*arguments, folder=tmp_path, seconds=600)
+    ours = {path: data for path, data in files(tmp_path / "parts").items() if ".unfinished" not in path.name}
+    assert ours == files(folder / "whole")
+
+
+def test_other_arguments_in_the_same_folder_and_wrong_ones_are_refused(whole, program):
+    folder, _ = whole
+    arguments = ["study", "--out", "whole", "--task", "place_tip", "settle", *SMALL]
+    for changed, says in [
+        (["--seed", 2], ["plan.json", "seed", "expected 2", "got 1"]),
+        (["--part", "3/2"], ["--part", "I/N"]),
+    ]:
+        done = program(*arguments, *changed, folder=folder)
+        assert done.returncode == 2 and all(part in done.stderr for part in says), done.stderr
+    for arguments, says in [
+        (["--task", "setle"], ["task setle", "shipped tasks are", "settle"]),
+        (["--objects", "soft_bar"], ["--objects soft_bar", "nominal value of length_m"]),
+        (["--objects", "dlo_0", "dlo_0"], ["dlo_0", "twice"]),
+        (["--model", "measured_cable"], ["measured_cable", "no task"]),
+    ]:
+        done = program("study", "--out", "new", *arguments, folder=folder)
+        assert done.returncode == 2 and all(part in done.stderr for part in says), done.stderr
+        assert not (folder / "new/plan.json").exists()
+
+
+def test_a_task_and_a_policy_of_another_one_are_refused(program, tmp_path):
+    program.json(
+        "train", "--model", "soft_bar", "--task", "whip", "--steps", 768, "--out", "whip.safetensors", folder=tmp_path, seconds=300
+    )
+    done = program("evaluate", "--model", "soft_bar", "--task", "place_tip", "--policy", "whip.safetensors", folder=tmp_path)
+    assert done.returncode == 2 and "whip.safetensors" in done.stderr and "trained for the goal `whip`" in done.stderr, done.stderr
+    scored = program.json(
+        "evaluate", "--model", "soft_bar", "--task", "whip", "--policy", "whip.safetensors", "--episodes", 30, folder=tmp_path
+    )
+    assert len(scored["policies"][0]["returns"]) == 30
