@@ -71,6 +71,22 @@ def test_a_click_gives_parameters_that_find_another_object(program, tmp_path, se
     assert farthest(seen["images"][0]) < 12, seen
 
 
+@pytest.mark.parametrize("segmenter", ["colour", "learned"])
+def test_fitted_colours_hold_in_other_light(program, tmp_path, segmenter):
+    red = draw(tmp_path / "red.png", (200, 60, 50))
+    click = "{:.0f},{:.0f}".format(*LINE[14])
+    base = tmp_path / "base.yaml"
+    base.write_text(f"camera: {{ros__parameters: {{segmenter: {segmenter}, max_occlusion_px: 25, min_probability: 0.4}}}}")
+    fit = program.json("mask", red, "--params", base, "--click", click, "--out", "fit", folder=tmp_path)
+    file = yaml.safe_load((tmp_path / fit["params"]).read_text())["camera"]["ros__parameters"]
+    # What the first file gives stays.
+    assert (file["max_occlusion_px"], file["min_probability"], len(file["light_reference"])) == (25, 0.4, 21)
+    lamp = numpy.asarray(Image.open(red), float) * [0.55, 0.4, 0.25]
+    Image.fromarray(lamp.clip(0, 255).astype("uint8")).save(tmp_path / "lamp.png")
+    seen = program.json("mask", "lamp.png", "--params", fit["params"], folder=tmp_path)
+    assert farthest(seen["images"][0]) < 12, seen
+
+
 def test_a_grey_object_needs_the_learned_segmenter(program, refused, tmp_path):
     grey = draw(tmp_path / "grey.png", GREY)
     click = "{:.0f},{:.0f}".format(*LINE[14])
@@ -92,6 +108,8 @@ def test_bad_input_is_named(refused, picture, tmp_path):
     refused("mask", picture, "--labels", "small.png", says=["--labels", "640 x 480", "320 x 240"])
     refused("mask", picture, "--params", "weights.yaml", says=["short.bin", "expected", "4 bytes"])
     refused("mask", picture, "--params", "wrong.yaml", says=["dlo.clicked_rgb", "red, green and blue"])
+    (tmp_path / "light.yaml").write_text("camera: {ros__parameters: {light_reference: [1.0, 2.0]}}")
+    refused("mask", picture, "--params", "light.yaml", says=["light_reference", "7 rising levels", "[1.0, 2.0]"])
     refused("mask", "--bag", tmp_path / "absent", says=["absent"])
     refused("mask", picture, "--segmenter", "yolo", says=["yolo.network", "ONNX file", "none"])
     (tmp_path / "yolo.yaml").write_text("camera: {ros__parameters: {segmenter: yolo, yolo.network: short.bin, yolo.runtime: absent.so}}")

@@ -1,8 +1,9 @@
 //! Choice of the segmenter.
 
 use crate::learned::{Clicked, LearnedParams, LearnedSegmenter, Weights, shipped_weights};
+use crate::light_reference::Relit;
 use crate::yolo::{YoloNetwork, YoloParams, YoloSegmenter};
-use crate::{ColourParams, ColourSegmenter, Error, Segmenter};
+use crate::{ColourParams, ColourSegmenter, Error, LightReference, Segmenter};
 
 /// Way to segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -52,6 +53,8 @@ pub struct SegmenterParams {
     pub colours: ColourParams,
     /// Colours of the object and of the target for the learned segmenter, RGB, 0 to 1.
     pub clicked: Clicked,
+    /// Light in which the colours of both were taken; none: every image counts as lit like that one. The segmenter `yolo` needs none.
+    pub light: Option<LightReference>,
     /// Probability from which a pixel is the object's or the target's, for the learned segmenter.
     pub min_probability: f32,
     /// Least certainty of the object's mask, for the learned segmenter.
@@ -70,6 +73,7 @@ impl Default for SegmenterParams {
             backend,
             colours,
             clicked,
+            light: None,
             min_probability: 0.5,
             min_certainty: 0.5,
             weights: None,
@@ -88,13 +92,20 @@ impl SegmenterParams {
         load: impl FnOnce(&YoloParams) -> Result<Box<dyn YoloNetwork + Send>, E>,
     ) -> Result<Box<dyn Segmenter + Send>, E> {
         match self.backend {
-            Backend::Colour => Ok(Box::new(ColourSegmenter::new(self.colours)?)),
+            Backend::Colour => {
+                let segmenter = ColourSegmenter::new(self.colours)?;
+                Ok(match self.light {
+                    Some(light) => Box::new(Relit::new(segmenter, light, self.colours.crop)),
+                    None => Box::new(segmenter),
+                })
+            }
             Backend::Learned => {
                 let weights = self.weights.clone().unwrap_or_else(shipped_weights);
                 let ColourParams { crop, min_area_px, max_occlusion_px, min_piece_area_px, .. } = self.colours;
-                let Self { clicked, min_probability, min_certainty, .. } = *self;
+                let Self { clicked, light, min_probability, min_certainty, .. } = *self;
                 let params = LearnedParams {
                     clicked,
+                    light,
                     crop,
                     min_probability,
                     min_certainty,

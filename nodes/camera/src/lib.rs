@@ -11,6 +11,7 @@ mod colour_segmenter;
 mod encoding;
 mod error;
 pub mod learned;
+mod light_reference;
 mod params;
 mod segmenter;
 mod selection;
@@ -22,6 +23,7 @@ pub use colour_fit::{ColourFit, colour_of_clicks, colour_of_labels, fit_colours,
 pub use colour_segmenter::ColourSegmenter;
 pub use encoding::{Converter, EncodedView, Encoding};
 pub use error::Error;
+pub use light_reference::LightReference;
 pub use params::{ColourParams, ColourRange, Crop};
 pub use segmenter::{SegmentationReport, Segmenter};
 pub use sight::{Sight, Summary};

@@ -5,7 +5,10 @@ mod onnx;
 use self::onnx::OnnxNetwork;
 use crate::learned::{Weights, weights_of};
 use crate::yolo::{YoloNetwork, YoloParams};
-use crate::{Backend, ColourParams, ColourRange, Converter, Crop, Error, Segmenter, SegmenterParams, Sight, convert};
+use crate::{
+    Backend, ColourParams, ColourRange, Converter, Crop, Error, LightReference, Segmenter, SegmenterParams, Sight,
+    convert,
+};
 use anyhow::{Context, Result};
 use catenary_core::{LabelMask, RgbView};
 use catenary_msgs::sensor_msgs::msg::{CompressedImage, Image};
@@ -143,6 +146,7 @@ pub fn declare(builder: &NodeBuilder) -> Result<SegmenterParams> {
         backend: Backend::from_name(&name).context("parameter segmenter")?,
         colours: colours(builder)?,
         clicked: [object?, target?],
+        light: light(builder)?,
         min_probability: least as f32,
         min_certainty: certain as f32,
         yolo: yolo(builder)?,
@@ -178,6 +182,19 @@ fn clicked(builder: &NodeBuilder, label: &str, default: [f32; 3]) -> Result<[f32
         anyhow::anyhow!("parameter {label}.clicked_rgb: expected red, green and blue, got {} numbers", got.len())
     })?;
     Ok(rgb.map(|c| (c / 255.0) as f32))
+}
+
+/// Light in which the colours were taken.
+fn light(builder: &NodeBuilder) -> Result<Option<LightReference>> {
+    let spec = "Light in which the colours were taken, as `catenary mask` writes it: 7 levels of red, then of green, then of blue. \
+                Exposure and white balance of an image then do not matter. Empty: they are taken to be those of the colours.";
+    let spec = ParamSpec::new(spec).unit("of 255").range(0.0..=255.0).read_only();
+    let given = builder.declare("light_reference", Vec::<f64>::new(), spec)?.get();
+    if given.is_empty() {
+        return Ok(None);
+    }
+    let expected = || format!("parameter light_reference: expected 7 rising levels of each channel, got {given:?}");
+    LightReference::from_values(&given).map(Some).with_context(expected)
 }
 
 /// Declares the parameters of the colour segmenter, and those that all segmenters share.

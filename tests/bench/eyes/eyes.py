@@ -25,7 +25,14 @@ PROGRAM = os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary")
 FRACTIONS = (0.125, 0.375, 0.625, 0.875)
 TOLERANCE = 0.05
 SIDE_PX = 480
+# Greatest distance from the border at which the line of a cut object ends, and difference of colours (of 255) of the same object.
+CUT_PX, SAME_COLOUR = 45, 30
 WHITE, GREY, BLACK, SKIN = (240, 240, 235), (128, 128, 130), (25, 25, 28), (224, 172, 145)
+
+
+def inside(places):
+    """Those of the places that lie in the picture."""
+    return [p for p in places if 0 <= p[0] < SIDE_PX and 0 <= p[1] < SIDE_PX]
 
 
 class Picture:
@@ -46,11 +53,34 @@ class Picture:
         scale = SIDE_PX / side
         self.image = square.resize((SIDE_PX, SIDE_PX), Image.Resampling.LANCZOS)
         self.mask = labels.resize((SIDE_PX, SIDE_PX), Image.Resampling.BILINEAR)
-        self.line = (line + [left, top]) * scale
+        self.line = self.continued((line + [left, top]) * scale)
         steps = numpy.linalg.norm(numpy.diff(self.line, axis=0), axis=1)
         self.arcs = numpy.concatenate([[0.0], numpy.cumsum(steps)])
         self.length = self.arcs[-1]
         self.width = max(3.0, numpy.count_nonzero(numpy.asarray(self.mask) > 127) / self.length)
+
+    def continued(self, line):
+        """The line, continued straight to the border of the picture where the object goes on: lines of cut objects end before."""
+        arcs = numpy.concatenate([[0.0], numpy.cumsum(numpy.linalg.norm(numpy.diff(line, axis=0), axis=1))])
+        line = numpy.stack([numpy.interp(numpy.arange(0.0, arcs[-1]), arcs, line[:, i]) for i in range(2)], axis=1)
+        soft = numpy.asarray(self.image.filter(ImageFilter.GaussianBlur(1.5)), float)
+        width = max(3.0, numpy.count_nonzero(numpy.asarray(self.mask) > 127) / len(line))
+        for is_first in (True, False):
+            points = line[::-1] if is_first else line
+            direction = points[-1] - points[-1 - len(points) // 20]
+            direction = direction / numpy.linalg.norm(direction)
+            across = width * numpy.array([-direction[1], direction[0]])
+            beyond = [points[-1]]
+            while all(2 <= c < SIDE_PX - 2 for c in beyond[-1] + direction) and len(beyond) <= CUT_PX:
+                beyond.append(beyond[-1] + direction)
+            colours = numpy.array([soft[int(v), int(u)] for u, v in points[-len(points) // 8 : -len(points) // 20]])
+            # Nearer than a width, the blur of the object's own end counts.
+            places = [[p + s * across for s in numpy.linspace(-0.8, 0.8, 9)] for p in beyond[int(0.8 * width) :]]
+            unlike = [min(numpy.linalg.norm(colours - soft[int(v), int(u)], axis=1).min() for u, v in inside(row)) for row in places]
+            if len(beyond) <= CUT_PX and max(unlike, default=0.0) < SAME_COLOUR:
+                longer = numpy.concatenate([points, beyond[1:]])
+                line = longer[::-1] if is_first else longer
+        return line
 
     def is_whole(self):
         """True if both ends are seen away from the border."""
@@ -231,8 +261,6 @@ def rows_of(picture, pair, weights, folder):
     fitted = seen([clean, "--labels", labels, "--params", folder / "base.yaml", "--out", folder / "out"])
     if isinstance(fitted, str):
         return {variant: {"error": None, "score": None, "certainty": None} for variant in VARIANTS}
-    with (folder / "out/params.yaml").open("a") as file:
-        file.writelines(own)
     paths = []
     for number, change in enumerate(VARIANTS.values()):
         rng = numpy.random.default_rng([number, *picture.name.encode()])

@@ -64,10 +64,14 @@ impl Picture {
             canvas.ball(centre, rng.random_range(4.0..14.0), target, Some(label::TARGET));
         }
         in_front(&mut canvas, &line, half_width, object, rng);
+        if rng.random_bool(0.2) {
+            canvas.shade(line.at(rng.random_range(0.0..1.0)), rng);
+        }
         let light = Light::draw(rng);
         let pixels = light.seen(&canvas.pixels, rng);
-        // Some clicks are made in the light of the picture; others earlier, in milder light.
-        let then = if rng.random_bool(0.4) { light } else { Light::draw_mild(rng) };
+        // Most clicks are known in the light of the picture, up to the error of [`crate::LightReference`]; others were made in other,
+        // milder light.
+        let then = if rng.random_bool(0.7) { light.nearly(rng) } else { Light::draw_mild(rng) };
         let clicked = [object, target].map(|colour| then.of_colour(colour, rng));
         Self { pixels, labels: canvas.labels, clicked }
     }

@@ -7,10 +7,11 @@ use crate::report::number::percent;
 use crate::terminal::output;
 use anyhow::{Context, Result};
 use camera::{
-    Backend, ColourFit, ColourParams, ColourRange, SegmenterParams, colour_of_clicks, colour_of_labels, fit_colours,
-    pixels_of_clicks,
+    Backend, ColourFit, ColourParams, ColourRange, LightReference, SegmenterParams, colour_of_clicks, colour_of_labels,
+    fit_colours, pixels_of_clicks,
 };
 use catenary_core::RgbImage;
+use catenary_shell::Yaml;
 use serde::Serialize;
 use std::path::Path;
 
@@ -91,6 +92,11 @@ pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) ->
         };
         fits.push(Fitted { label, look });
     }
+    if !fits.is_empty() {
+        params.light = Some(
+            LightReference::of(first.image.view(), params.colours.crop).with_context(|| first.name.clone()).given()?,
+        );
+    }
     if let (Backend::Colour, [Fitted { label, .. }]) = (params.backend, fits.as_slice()) {
         give_way(&mut params.colours, label);
     }
@@ -153,30 +159,58 @@ fn rgb(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|c| (255.0 * c).round() as u8)
 }
 
-/// Parameter file of the camera node with these looks.
-pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backend) -> String {
-    let mut lines = vec!["# Look of object and target, from `catenary mask`.".to_owned(), "camera:".to_owned()];
-    lines.push("  ros__parameters:".to_owned());
-    lines.push(format!("    segmenter: {}", params.backend.name()));
+/// Values of the two nodes' parameters in a file, which the written file keeps: by node, with the parameters' names.
+pub type Kept = [Vec<(String, Yaml)>; 2];
+
+/// Parameter file of both nodes with these looks, and with the other values that the present file gives.
+pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backend, kept: &Kept) -> String {
+    let mut camera = vec![("segmenter".to_owned(), params.backend.name().to_owned())];
     let ranges = [&params.colours.dlo, &params.colours.target];
     for ((label, range), clicked) in ["dlo", "target"].into_iter().zip(ranges).zip(params.clicked) {
+        let mut add = |name: &str, value: String| camera.push((format!("{label}.{name}"), value));
         match params.backend {
             Backend::Colour => {
                 let [from, to] = range.hue_deg;
-                lines.push(format!("    {label}.hue_deg: [{from:.1}, {to:.1}]"));
-                lines.push(format!("    {label}.min_saturation: {:.2}", range.min_saturation));
-                lines.push(format!("    {label}.min_chroma: {}", range.min_chroma));
+                add("hue_deg", format!("[{from:.1}, {to:.1}]"));
+                add("min_saturation", format!("{:.2}", range.min_saturation));
+                add("min_chroma", range.min_chroma.to_string());
             }
             Backend::Yolo => {}
             Backend::Learned => {
                 let [r, g, b] = rgb(clicked);
-                lines.push(format!("    {label}.clicked_rgb: [{r}.0, {g}.0, {b}.0]"));
+                add("clicked_rgb", format!("[{r}.0, {g}.0, {b}.0]"));
             }
         }
     }
+    if let Some(light) = &params.light {
+        let levels: Vec<String> = light.values().iter().map(|v| format!("{v:.1}")).collect();
+        camera.push(("light_reference".to_owned(), format!("[{}]", levels.join(", "))));
+    }
+    let mut tracking = Vec::new();
     if tracker != keypoint_tracker::Backend::default() {
-        lines.extend(["keypoint_tracker:", "  ros__parameters:"].map(str::to_owned));
-        lines.push(format!("    tracker: {}", tracker.name()));
+        tracking.push(("tracker".to_owned(), tracker.name().to_owned()));
+    }
+    let mut lines = vec!["# Look of object and target, from `catenary mask`.".to_owned()];
+    for ((node, mut own), kept) in [("camera", camera), ("keypoint_tracker", tracking)].into_iter().zip(kept) {
+        let others = kept.iter().filter(|(name, _)| !own.iter().any(|(own, _)| own == name));
+        let others: Vec<(String, String)> = others.map(|(name, value)| (name.clone(), words_of(value))).collect();
+        own.extend(others);
+        if !own.is_empty() {
+            lines.extend([format!("{node}:"), "  ros__parameters:".to_owned()]);
+            lines.extend(own.iter().map(|(name, value)| format!("    {name}: {value}")));
+        }
     }
     lines.join("\n") + "\n"
+}
+
+/// Value as a parameter file has it.
+fn words_of(value: &Yaml) -> String {
+    match value {
+        Yaml::Bool(value) => value.to_string(),
+        Yaml::Integer(value) => value.to_string(),
+        // With a point, as only that makes a number a float.
+        Yaml::Float(value) => format!("{value:?}"),
+        Yaml::String(text) => format!("{text:?}"),
+        Yaml::List(items) => format!("[{}]", items.iter().map(words_of).collect::<Vec<_>>().join(", ")),
+    }
 }

@@ -13,7 +13,7 @@ use args::MaskArgs;
 use camera::{Backend, Segmenter, SegmenterParams};
 use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::{NodeBuilder, RosArgs};
-use fit::{Fitted, fit, parameter_file};
+use fit::{Fitted, Kept, fit, parameter_file};
 use frames::Frame;
 use keypoint_tracker::{KeypointTracker, TrackingParams};
 use serde::Serialize;
@@ -55,7 +55,7 @@ struct Seen {
 
 /// Segments, tracks and draws the images.
 pub fn run(arguments: &MaskArgs) -> Result<()> {
-    let (mut params, mut tracking) = parameters(arguments.params.as_deref())?;
+    let (mut params, mut tracking, kept) = parameters(arguments.params.as_deref())?;
     if let Some(backend) = &arguments.segmenter {
         params.backend = Backend::from_name(backend).context("--segmenter")?;
     }
@@ -112,19 +112,19 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
     let file = match &arguments.out {
         Some(folder) if !fits.is_empty() => {
             let file = folder.join("params.yaml");
-            std::fs::write(&file, parameter_file(&params, tracking.backend))
+            std::fs::write(&file, parameter_file(&params, tracking.backend, &kept))
                 .with_context(|| file.display().to_string())?;
             Some(file)
         }
         _ => None,
     };
     output::result(&arguments.output, &Answer { images, fits, params: file }, |answer| {
-        words(answer, &params, tracking.backend)
+        words(answer, &parameter_file(&params, tracking.backend, &kept))
     })
 }
 
-/// Values of the two nodes' parameters in a file, or their defaults.
-pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackingParams)> {
+/// Values of the two nodes' parameters in a file, or their defaults. Also returns what the file itself gives.
+pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackingParams, Kept)> {
     let words: Vec<String> = match file {
         Some(file) => vec!["--ros-args".to_owned(), "--params-file".to_owned(), file.display().to_string()],
         None => Vec::new(),
@@ -132,7 +132,8 @@ pub fn parameters(file: Option<&Path>) -> Result<(SegmenterParams, TrackingParam
     let (arguments, _) = RosArgs::parse(words).given()?;
     let params = named(file, camera::node::declare(&NodeBuilder::new("camera", &arguments)?))?;
     let tracking = named(file, keypoint_tracker::node::declare(&NodeBuilder::new("keypoint_tracker", &arguments)?))?;
-    Ok((params, tracking))
+    let given = |node| arguments.params_for("", node).into_iter().map(|p| (p.name.clone(), p.value.clone())).collect();
+    Ok((params, tracking, ["camera", "keypoint_tracker"].map(given)))
 }
 
 /// Segmenter and tracker of the parameters from a file, or of the defaults.
@@ -166,13 +167,13 @@ fn write(image: &RgbImage, folder: &Path, number: usize, frame: &Frame) -> Resul
 }
 
 /// Text for the terminal.
-fn words(answer: &Answer, params: &SegmenterParams, tracker: keypoint_tracker::Backend) -> String {
+fn words(answer: &Answer, params: &str) -> String {
     let mut lines = Vec::new();
     lines.extend(answer.fits.iter().map(Fitted::words));
     match &answer.params {
         Some(file) => lines.push(format!("parameters: {}", file.display())),
         // Without a folder, the file is shown.
-        None if !answer.fits.is_empty() => lines.push(parameter_file(params, tracker).trim_end().to_owned()),
+        None if !answer.fits.is_empty() => lines.push(params.trim_end().to_owned()),
         None => {}
     }
     for seen in &answer.images {

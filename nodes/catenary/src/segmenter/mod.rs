@@ -56,7 +56,7 @@ const YOLO: Form = Form {
 
 /// Writes the square in the middle of each image, and its labels by the chosen segmenter.
 pub fn label(arguments: &LabelArgs) -> Result<()> {
-    let (mut params, _) = mask::parameters(arguments.params.as_deref())?;
+    let (mut params, ..) = mask::parameters(arguments.params.as_deref())?;
     // The written frames are the crop.
     let crop = std::mem::replace(&mut params.colours.crop, Crop::CentredSquare);
     let mut segmenter = camera::node::build(&params).given()?;

@@ -51,7 +51,7 @@ pub struct Sight {
 impl Eyes {
     /// Builds segmenter and tracker for a model.
     pub fn new(file: &Path, are_recorded: bool, model: &Model) -> Result<Self> {
-        let (params, tracking) = mask::parameters(Some(file))?;
+        let (params, tracking, _) = mask::parameters(Some(file))?;
         if params.colours.crop != Crop::CentredSquare {
             return Err(WrongInput::error(format!(
                 "{}: crop_px: expected none: the pictures of a simulation are cropped to the square in their middle",

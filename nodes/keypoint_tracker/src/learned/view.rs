@@ -117,6 +117,7 @@ impl ObjectView {
         let half = self.half_width * scale;
         let line: Vec<[f64; 2]> = self.line.iter().map(|p| [0, 1].map(|i| (p[i] - square.corner[i]) * scale)).collect();
         let mut distance = vec![f64::MAX; side * side];
+        let mut is_beyond = vec![false; side * side];
         for (k, pair) in line.windows(2).enumerate() {
             let d = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
             let length = (d[0] * d[0] + d[1] * d[1]).max(1e-12);
@@ -128,19 +129,19 @@ impl ObjectView {
             for (v, u) in range(1).flat_map(|v| range(0).map(move |u| (v, u))) {
                 let r = [u as f64 + 0.5 - pair[0][0], v as f64 + 0.5 - pair[0][1]];
                 let t = (r[0] * d[0] + r[1] * d[1]) / length;
-                // The outer pieces end straight. Where points lie closer than half a width, the pieces beside them round the end a little.
-                if (k == 0 && t < 0.0) || (k + 2 == line.len() && t > 1.0) {
-                    continue;
-                }
                 let near = [r[0] - t.clamp(0.0, 1.0) * d[0], r[1] - t.clamp(0.0, 1.0) * d[1]];
-                let to = &mut distance[v * side + u];
-                *to = to.min(near[0].hypot(near[1]));
+                let away = near[0].hypot(near[1]);
+                if away < distance[v * side + u] {
+                    distance[v * side + u] = away;
+                    // The object ends straight: a pixel whose nearest point is an end of the line lies beyond it.
+                    is_beyond[v * side + u] = (k == 0 && t < 0.0) || (k + 2 == line.len() && t > 1.0);
+                }
             }
         }
         let share = |(i, d): (usize, &f64)| {
             let p = [(i % side) as f64 + 0.5, (i / side) as f64 + 0.5];
             let in_mask = [0, 1].map(|k| square.corner[k] + p[k] / scale);
-            if covers.iter().any(|c| c.hides(in_mask)) {
+            if is_beyond[i] || covers.iter().any(|c| c.hides(in_mask)) {
                 return 0.0;
             }
             // Width of the strip's part in a pixel at this distance.
@@ -217,9 +218,9 @@ mod tests {
         assert!((area(256, &[cover]) - 0.75 * 480.0).abs() < 30.0);
         assert_eq!(view.at(0.25), [128.0, 80.0]);
         assert_eq!(view.nearest([131.0, 100.0]), (0.5, 3.0));
-        // The square around the view is that around its mask, but for the roundness of the ends.
+        // The square around the view is that around its mask.
         let (of_view, of_mask) = (view.square(&[]).unwrap(), Square::around_object(&view.mask(&[])).unwrap());
-        assert!((of_view.side - of_mask.side).abs() <= 3.0 && (of_view.corner[1] - of_mask.corner[1]).abs() <= 1.5);
+        assert!((of_view.side - of_mask.side).abs() <= 1.5 && (of_view.corner[1] - of_mask.corner[1]).abs() <= 1.0);
         let labelled = view.mask(&[]).data.iter().filter(|l| **l == label::DLO).count();
         assert!((460..520).contains(&labelled), "{labelled}");
     }

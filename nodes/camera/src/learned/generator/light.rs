@@ -26,7 +26,7 @@ impl Light {
             let noise = rng.random_range(0.0..0.03);
             return Self { noise, blur: rng.random_range(0.3..0.9), ..Self::draw_mild(rng) };
         }
-        let exposure = rng.random_range(-0.9_f32..0.9).exp() * if rng.random_bool(0.15) { 2.0 } else { 1.0 };
+        let exposure = rng.random_range(-1.2_f32..1.2).exp();
         let balance = if rng.random_bool(0.5) { 0.4_f32 } else { 0.08 };
         let gains = [0, 1, 2].map(|_| exposure * rng.random_range(-balance..balance).exp());
         let angle = rng.random_range(0.0..std::f32::consts::TAU);
@@ -35,10 +35,17 @@ impl Light {
             gains,
             gamma: rng.random_range(0.75..1.35),
             noise: rng.random_range(0.0_f32..1.0).powi(2) * 0.1,
-            blur: if rng.random_bool(0.5) { rng.random_range(0.3..1.4) } else { 0.0 },
+            blur: if rng.random_bool(0.5) { rng.random_range(0.3..2.4) } else { 0.0 },
             motion: [length * angle.cos(), length * angle.sin()],
             block: if rng.random_bool(0.35) { [2, 4, 8][rng.random_range(0..3)] } else { 1 },
         }
+    }
+
+    /// This light with a small error of exposure and white balance.
+    pub(super) fn nearly(&self, rng: &mut impl Rng) -> Self {
+        let exposure = rng.random_range(-0.12_f32..0.12).exp();
+        let gains = self.gains.map(|g| g * exposure * rng.random_range(-0.06_f32..0.06).exp());
+        Self { gains, noise: 0.01, ..*self }
     }
 
     /// Light of the moment of a click.
@@ -101,16 +108,21 @@ fn normal(rng: &mut impl Rng) -> f32 {
     StandardNormal.sample(rng)
 }
 
-/// Gaussian blur along rows (`step` 1) or columns (`step` SIDE), over five pixels.
+/// Half of the number of pixels of a blur's kernel.
+const REACH: usize = 5;
+
+/// Gaussian blur along rows (`step` 1) or columns (`step` SIDE).
 fn blurred(pixels: &[[f32; 3]], deviation: f32, step: usize) -> Vec<[f32; 3]> {
-    let kernel = [-2.0_f32, -1.0, 0.0, 1.0, 2.0].map(|d| (-0.5 * (d / deviation).powi(2)).exp());
+    let kernel: [f32; 2 * REACH + 1] =
+        std::array::from_fn(|k| (-0.5 * ((k as f32 - REACH as f32) / deviation).powi(2)).exp());
     let sum: f32 = kernel.iter().sum();
     let at = |i: usize, k: usize| {
         let along = (if step == 1 { i % SIDE } else { i / SIDE }) as i64;
-        let shift = (along + k as i64 - 2).clamp(0, SIDE as i64 - 1) - along;
+        let shift = (along + k as i64 - REACH as i64).clamp(0, SIDE as i64 - 1) - along;
         (i as i64 + shift * step as i64) as usize
     };
-    let mean = |i: usize| std::array::from_fn(|c| (0..5).map(|k| kernel[k] * pixels[at(i, k)][c]).sum::<f32>() / sum);
+    let mean =
+        |i: usize| std::array::from_fn(|c| (0..=2 * REACH).map(|k| kernel[k] * pixels[at(i, k)][c]).sum::<f32>() / sum);
     (0..pixels.len()).map(mean).collect()
 }
 

@@ -34,7 +34,7 @@ impl Fill {
         Self {
             colour,
             second: any_colour(rng),
-            second_from: if rng.random_bool(0.08) { rng.random_range(0.2..0.8) } else { 1.0 },
+            second_from: if rng.random_bool(0.15) { rng.random_range(0.2..0.8) } else { 1.0 },
             edge: rng.random_range(0.3..1.0),
             slant: rng.random_range(-0.4..0.4),
             gloss: if rng.random_bool(0.3) { rng.random_range(0.1..0.8) } else { 0.0 },
@@ -133,6 +133,23 @@ impl Canvas {
         for &(i, share, across, _) in &strip.pixels {
             let depth = share * (1.0 - left) * (1.0 - 0.6 * across.abs().min(1.0));
             self.pixels[i].iter_mut().for_each(|c| *c *= 1.0 - depth);
+        }
+    }
+
+    /// Darkens everything on one side of a line across the picture: the shadow of a thing that is not seen. Labels stay.
+    pub(super) fn shade(&mut self, through: [f32; 2], rng: &mut impl Rng) {
+        let (sin, cos) = rng.random_range(0.0..std::f32::consts::TAU).sin_cos();
+        // Light of the sky is bluer than that of the lamp that is hidden.
+        let left = rng.random_range(0.2_f32..0.75);
+        let left = [left, left, left * rng.random_range(1.0..1.15)];
+        let soft = rng.random_range(0.3_f32..12.0);
+        // A band is the shadow of a narrow thing.
+        let width = if rng.random_bool(0.4) { rng.random_range(10.0..80.0) } else { f32::MAX };
+        for (i, pixel) in self.pixels.iter_mut().enumerate() {
+            let (x, y) = ((i % SIDE) as f32 - through[0], (i / SIDE) as f32 - through[1]);
+            let inside = x * cos + y * sin;
+            let depth = (0.5 + inside / soft).clamp(0.0, 1.0).min((0.5 + (width - inside) / soft).clamp(0.0, 1.0));
+            (0..3).for_each(|c| pixel[c] *= 1.0 - depth * (1.0 - left[c]));
         }
     }
 
