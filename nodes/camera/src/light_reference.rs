@@ -77,9 +77,12 @@ fn gain(then: &[f32; LEVELS], now: &[f32; LEVELS]) -> f32 {
     let mut ratios: Vec<f32> =
         pairs().filter(|(a, b)| TELLING.contains(a) && TELLING.contains(b)).map(|(a, b)| b / a).collect();
     let gain = if ratios.is_empty() {
-        // Levels that are clipped now and were not tell the least gain that clips them.
-        let clipped = pairs().filter(|(a, b)| TELLING.contains(a) && **b > *TELLING.end());
-        clipped.map(|(a, b)| b / a).fold(1.0, f32::max)
+        // Levels that are clipped now and were not tell the least gain that clips them; levels that are lost in the dark, the largest
+        // that loses them.
+        let were = || pairs().filter(|(a, _)| TELLING.contains(a)).map(|(a, b)| (*b, b / a));
+        let brighter = were().filter(|(b, _)| b > TELLING.end()).map(|(_, ratio)| ratio).fold(1.0, f32::max);
+        let darker = were().filter(|(b, _)| b < TELLING.start()).map(|(_, ratio)| ratio).fold(1.0, f32::min);
+        brighter * darker
     } else {
         ratios.sort_by(f32::total_cmp);
         ratios[ratios.len() / 2]
@@ -161,6 +164,8 @@ mod tests {
         // A white picture: its levels tell no more than that the gain is at least this.
         let grey = RgbImage { data: vec![100; image.data.len()], ..image };
         assert_eq!(of(&grey).gains_to(&of(&lit(&grey, [4.0; 3]))), [2.55; 3]);
+        // A picture in the dark: no more than the least gain.
+        assert_eq!(of(&grey).gains_to(&of(&lit(&grey, [0.02; 3]))), [GAINS[0]; 3]);
     }
 
     #[test]

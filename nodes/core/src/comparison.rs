@@ -37,11 +37,14 @@ pub struct Bootstrap {
     pub level: f64,
     /// Seed of the draws.
     pub seed: u64,
+    /// True if the values of one place in all strata of a set belong to one training, such as its scores on several objects: they are
+    /// then drawn together. False: strata are independent.
+    pub together: bool,
 }
 
 impl Default for Bootstrap {
     fn default() -> Self {
-        Self { resamples: 2_000, level: 0.95, seed: 1 }
+        Self { resamples: 2_000, level: 0.95, seed: 1, together: false }
     }
 }
 
@@ -50,7 +53,7 @@ impl Bootstrap {
     /// the same stratum, with replacement.
     ///
     /// # Panics
-    /// If a stratum has no value.
+    /// If the strata of a set have different numbers of values, and are drawn together.
     pub fn interval(&self, sets: &[&[Vec<f64>]], statistic: impl Fn(&[Vec<Vec<f64>>]) -> f64) -> Interval {
         let mut drawn: Vec<Vec<Vec<f64>>> = sets.iter().map(|set| set.to_vec()).collect();
         let value = statistic(&drawn);
@@ -58,8 +61,13 @@ impl Bootstrap {
             .map(|k| {
                 let mut rng = seed::rng(self.seed, k as u64);
                 for (to, from) in drawn.iter_mut().zip(sets) {
+                    let count = from.first().map_or(0, Vec::len);
+                    let places: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
                     for (to, from) in to.iter_mut().zip(*from) {
-                        to.iter_mut().for_each(|v| *v = from[rng.random_range(0..from.len())]);
+                        for (place, value) in to.iter_mut().enumerate() {
+                            let at = if self.together { places[place] } else { rng.random_range(0..from.len()) };
+                            *value = from[at];
+                        }
                     }
                 }
                 statistic(&drawn)
@@ -170,6 +178,14 @@ mod tests {
         assert!(gain.low < gain.value && gain.value < gain.high, "{gain:?}");
         assert_eq!(gain, bootstrap.gain(&first, &second));
         assert_ne!(gain, Bootstrap { seed: 2, ..bootstrap }.gain(&first, &second));
+        // Equal strata that are drawn together are one stratum: the interval of their mean is as wide as that of one.
+        let strata = vec![first[0].clone(); 4];
+        let width = |together: bool, set: &[Vec<f64>]| {
+            let i = Bootstrap { together, ..bootstrap }.interval(&[set], |s| mean(&s[0].concat()));
+            i.high - i.low
+        };
+        assert!((width(true, &strata) / width(true, &strata[..1]) - 1.0).abs() < 0.1);
+        assert!((2.0 * width(false, &strata) / width(true, &strata) - 1.0).abs() < 0.1);
         let same = vec![vec![0.5; 4]; 3];
         let none = bootstrap.gain(&same, &same);
         assert_eq!((none.low, none.value, none.high), (0.0, 0.0, 0.0));

@@ -320,7 +320,7 @@ impl Runner {
             return Turn::Fault(Fault::Outside(x, z));
         }
         let left = self.target_left_workspace || outside;
-        let phase = Phase::of(index, self.steps, self.judge.task().rest_steps);
+        let phase = Phase::of(index, self.steps, self.judge.task().rest_after(self.steps));
         let verdict = (index > 0).then(|| self.referee.verdict(&Moment::of(&observation, left, phase)));
         let reward = verdict.map(|v| v.reward);
         self.rewards.extend(reward);

@@ -45,15 +45,17 @@ pub fn request(
 ) -> Result<(SimulationRequest, usize), InferenceError> {
     let missing = |drive, expected| InferenceError::Drive { drive, expected };
     let seen = measured.track.frames.len();
+    // A frame before the first action, after each, and after each step of a rest.
+    let frames = |actions: usize| 1 + actions + model.task.map_or(0, |task| task.rest_after(actions));
     let (drive, frames) = match model.observation.drive {
         DriveKind::Grip => (Drive::Grip(measured.grip.clone()), seen),
         DriveKind::Actions if measured.actions.is_empty() => {
             return Err(missing("actions", "the episode's actions"));
         }
-        DriveKind::Actions => (Drive::Actions(measured.actions.clone()), seen.max(measured.actions.len() + 1)),
+        DriveKind::Actions => (Drive::Actions(measured.actions.clone()), seen.max(frames(measured.actions.len()))),
         DriveKind::Policy => {
             let policy = policy.ok_or(missing("policy", "the policy that the episode ran"))?;
-            (Drive::Policy(Box::new(policy.clone())), seen.max(policy.steps + 1))
+            (Drive::Policy(Box::new(policy.clone())), seen.max(frames(policy.steps)))
         }
     };
     // A trajectory is sampled at the measured times. Actions and policies have a frame at the end of each step.

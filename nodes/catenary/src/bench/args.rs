@@ -1,6 +1,6 @@
 //! Arguments of `bench`.
 
-use crate::options::{InferenceSizes, Output, Preset};
+use crate::options::{InferenceSizes, Output, Part, Preset};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -82,6 +82,9 @@ pub struct CalibrationArgs {
     /// Sizes of the network and the schedule
     #[arg(long, value_enum, default_value = "default")]
     pub preset: Preset,
+    /// Part I of N of the truths, as I/N, for several machines with one folder; without it, what is missing is made, and the report
+    #[arg(long, value_name = "I/N")]
+    pub part: Option<Part>,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

@@ -15,6 +15,9 @@ use catenary_shell::Yaml;
 use serde::Serialize;
 use std::path::Path;
 
+/// Gain between two pictures, less 1, from which on they are in other light.
+const OTHER_LIGHT: f32 = 0.15;
+
 /// Look that was fitted for a label.
 #[derive(Debug, Serialize)]
 pub struct Fitted {
@@ -91,6 +94,16 @@ pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) ->
             }
         };
         fits.push(Fitted { label, look });
+    }
+    if let ([Fitted { label, .. }], Some(before)) = (fits.as_slice(), params.light) {
+        let other = if *label == "dlo" { "target" } else { "object" };
+        let now = LightReference::of(first.image.view(), params.colours.crop).given()?;
+        if before.gains_to(&now).iter().any(|gain| (gain - 1.0).abs() > OTHER_LIGHT) {
+            output::warn(&format!(
+                "the colours of the {other} were taken in other light than that of {}: click on it in this picture, too",
+                first.name
+            ));
+        }
     }
     if !fits.is_empty() {
         params.light = Some(
@@ -186,13 +199,19 @@ pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backe
         let levels: Vec<String> = light.values().iter().map(|v| format!("{v:.1}")).collect();
         camera.push(("light_reference".to_owned(), format!("[{}]", levels.join(", "))));
     }
+    // The file's own tracker and its weights give way to the one that ran.
+    let given = |name: &str| kept[1].iter().find(|(given, _)| given == name).map(|(_, value)| words_of(value));
+    let is_another = given("tracker").is_some_and(|given| given != format!("{:?}", tracker.name()));
     let mut tracking = Vec::new();
-    if tracker != keypoint_tracker::Backend::default() {
+    if tracker != keypoint_tracker::Backend::default() || is_another {
         tracking.push(("tracker".to_owned(), tracker.name().to_owned()));
     }
     let mut lines = vec!["# Look of object and target, from `catenary mask`.".to_owned()];
     for ((node, mut own), kept) in [("camera", camera), ("keypoint_tracker", tracking)].into_iter().zip(kept) {
-        let others = kept.iter().filter(|(name, _)| !own.iter().any(|(own, _)| own == name));
+        let drops_weights = node == "keypoint_tracker" && is_another;
+        let others = kept
+            .iter()
+            .filter(|(name, _)| !own.iter().any(|(own, _)| own == name) && !(drops_weights && name == "weights"));
         let others: Vec<(String, String)> = others.map(|(name, value)| (name.clone(), words_of(value))).collect();
         own.extend(others);
         if !own.is_empty() {

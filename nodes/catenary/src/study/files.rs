@@ -11,8 +11,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).with_context(named)?;
     }
-    // The number of the process, because two of them may make the same file.
-    let unfinished = path.with_extension(format!("unfinished-{}", std::process::id()));
+    // A random number, because two processes may make the same file, and those of two machines may have the same number.
+    let unfinished = path.with_extension(format!("unfinished-{:016x}", rand::random::<u64>()));
     std::fs::write(&unfinished, bytes).with_context(named)?;
     std::fs::rename(&unfinished, path).with_context(named)
 }

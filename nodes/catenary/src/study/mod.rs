@@ -11,10 +11,11 @@ mod work;
 
 use crate::all_cores;
 use crate::exit::Given;
+use crate::options::Part;
 use crate::report::aim;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
-use args::{Part, StudyArgs};
+use args::StudyArgs;
 use catenary_core::Judge;
 use catenary_shell::Shutdown;
 use indicatif::ProgressBar;
@@ -39,7 +40,8 @@ struct Answer {
 /// Makes what is missing of the study, or of a part of it, and then the report. Ctrl-C ends it, and the same command goes on.
 pub fn run(arguments: &StudyArgs) -> Result<()> {
     let (plan, models) = Plan::of(arguments)?;
-    output::prepare(&arguments.out.join("study.json"))?;
+    // A file of its own, since other parts may look at the same time.
+    output::prepare(&arguments.out.join(format!("probe-{:016x}", rand::random::<u64>())))?;
     plan.keep(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
@@ -47,7 +49,7 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
     let part = arguments.part.unwrap_or(Part::WHOLE);
     let chains: Vec<Chain> =
         plan.chains().into_iter().enumerate().filter(|(i, _)| part.has(*i)).map(|(_, c)| c).collect();
-    // Before the trainings on all cores, each of which would make it.
+    // Before the posteriors on all cores, each of which would make it.
     work.recorder()?;
     let wanted: Vec<usize> = (0..plan.objects.len())
         .filter(|&object| chains.iter().any(|c| c.knowledge == Knowledge::Posterior(object)))

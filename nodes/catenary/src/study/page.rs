@@ -42,11 +42,14 @@ fn sentence(study: &Study, task: &TaskResult) -> String {
     let of = |against: &str| task.all.iter().find(|g| g.against == against);
     let Some(uniform) = of("U") else { return format!("{}: no result", task.task) };
     let better = task.objects.iter().filter(|o| o.gains.iter().any(|g| g.against == "U" && is_gain(g))).count();
+    // The smallest p-value of n trainings is 2 / 2^n.
+    let few =
+        if 2.0_f64.powi(1 - study.plan.seeds as i32) < LEVEL { "" } else { " (so few trainings cannot reach that)" };
     let lost = of("mismatched").map_or_else(String::new, |g| {
         format!("; policies of other objects earn {} against it", interval(&turned(&g.gain), 2))
     });
     format!(
-        "{}: knowing the object is worth {} of reward, and is better beyond doubt (p < {LEVEL}) on {better} of {} objects{lost}.",
+        "{}: knowing the object is worth {} of reward, with p < {LEVEL} on {better} of {} objects{few}{lost}.",
         task.task,
         interval(&uniform.gain, 2),
         study.plan.objects.len()
@@ -58,7 +61,7 @@ fn turned(i: &Interval) -> Interval {
     Interval { value: -i.value, low: -i.high, high: -i.low }
 }
 
-/// True if the own policy is better beyond doubt.
+/// True if the own policy is better with a p-value below [`LEVEL`].
 fn is_gain(gain: &Gain) -> bool {
     gain.gain.value > 0.0 && gain.p < LEVEL
 }
@@ -77,7 +80,7 @@ pub fn page(study: &Study, data: &Data<'_>) -> Result<String> {
         "{} trainings of each policy with {} environment steps, scored on {} episodes an object at the highest fidelity of the \
          simulation, with camera noise and nuisances drawn anew. Episodes of the same number have the same conditions for all policies. \
          Rewards are means over episodes, then interquartile means over trainings; brackets are intervals of 95 % by stratified \
-         bootstrap; * is p < {LEVEL} of an exact paired test over trainings.",
+         bootstrap over trainings; * is p < {LEVEL} of a paired test over trainings, not corrected for the number of rows.",
         plan.seeds, plan.steps, plan.episodes
     ));
     for (index, task) in study.tasks.iter().enumerate() {
@@ -142,12 +145,12 @@ fn curves(study: &Study, data: &Data<'_>, task: usize) -> Vec<Series> {
             .filter(|(c, _)| c.task == task && is_member(c.knowledge))
             .map(|(_, s)| s)
             .collect();
-        let longest = members.iter().map(|s| s.curve.len()).min().unwrap_or(0);
+        let shortest = members.iter().map(|s| s.curve.len()).min().unwrap_or(0);
         let point = |i: usize| {
             let values: Vec<f64> = members.iter().map(|s| s.curve[i].1).collect();
             (members[0].curve[i].0 as f64, mean(&values))
         };
-        Series { name: name.to_owned(), points: (0..longest).map(point).collect() }
+        Series { name: name.to_owned(), points: (0..shortest).map(point).collect() }
     };
     vec![
         group("own", &|k| matches!(k, Knowledge::Posterior(_))),
@@ -187,7 +190,8 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
         &task.deployments.iter().map(decision).collect::<Vec<Vec<String>>>(),
     );
     page.note(
-        "A sequential sign test with an error of 5 %, looked at after every pair: it says when more pairs would decide nothing.",
+        "A sequential sign test with an error of 5 %, looked at after every pair: it says when more pairs would decide nothing. Eight pairs \
+         of one sign decide.",
     );
     let model = &data.models.tasks[index];
     let judge = Judge::of(model).context("a task file has a task")?;
@@ -215,7 +219,9 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let real: Vec<Knowledge> = knowledge.iter().copied().filter(|k| !matches!(k, Knowledge::Truth(_))).collect();
     let names: Vec<String> = real.iter().map(|k| plan.policy_name(*k)).collect();
     let paths = |k: Knowledge| -> Vec<Vec<[f64; 2]>> {
-        (0..plan.objects.len()).flat_map(|object| deployed(k, object).tracks.iter().map(commanded)).collect()
+        (0..plan.objects.len())
+            .flat_map(|object| deployed(k, object).tracks.iter().map(|track| commanded(&judge, track)))
+            .collect()
     };
     let all: Vec<Vec<Vec<[f64; 2]>>> = real.iter().map(|k| paths(*k)).collect();
     // Deployments of the same number are on the same object in the same conditions.
@@ -233,27 +239,26 @@ fn decision(pairs: &Pairs) -> Vec<String> {
         Decision::First => format!("own is better{after}"),
         Decision::Second => format!("U is better{after}"),
         Decision::Open => "open: more pairs may decide".to_owned(),
-        Decision::Hopeless => format!("none: the pairs that were left{after} could not decide"),
+        Decision::Hopeless => format!("not decided:{after} the pairs that were left could not decide"),
     };
     vec![pairs.object.clone(), pairs.signs.wins.to_string(), pairs.signs.losses.to_string(), words]
 }
 
-/// Commanded places (x, z) in m after each action: the start and the sums of the displacements.
-fn commanded(track: &Track) -> Vec<[f64; 2]> {
+/// Commanded places (x, z) in m: the start, and the target of each action.
+fn commanded(judge: &Judge, track: &Track) -> Vec<[f64; 2]> {
     let Some(first) = track.frames.first() else { return Vec::new() };
-    let mut place = [first.eef[0], first.eef[1]];
-    let mut points = vec![place];
-    for frame in &track.frames {
-        if frame.action != [0.0; 2] {
-            place = [0, 1].map(|i| place[i] + frame.action[i]);
-            points.push(place);
-        }
+    let task = judge.task();
+    let mut points = vec![[first.eef[0], first.eef[1]]];
+    let acted = track.frames.len().saturating_sub(1).min(task.steps);
+    for frame in &track.frames[..acted] {
+        let last = points[points.len() - 1];
+        points.push(task.delta_anchor.target_m(frame.action, [frame.eef[0], frame.eef[1]], last, 0.0));
     }
     points
 }
 
 fn mean_path(name: &str, role: Role, judge: &Judge, tracks: &[Track]) -> MeanPath {
-    let paths: Vec<Vec<[f64; 2]>> = tracks.iter().map(commanded).collect();
+    let paths: Vec<Vec<[f64; 2]>> = tracks.iter().map(|track| commanded(judge, track)).collect();
     let steps = paths.iter().map(Vec::len).min().unwrap_or(0);
     let at =
         |step: usize| -> [f64; 2] { [0, 1].map(|i| mean(&paths.iter().map(|p| p[step][i]).collect::<Vec<f64>>())) };

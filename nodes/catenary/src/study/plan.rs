@@ -4,15 +4,17 @@ use super::args::StudyArgs;
 use crate::exit::{Given, WrongInput};
 use crate::inputs::model_file;
 use crate::options::TaskOption;
+use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Model;
+use ppo_trainer::Settings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// File of the plan in the folder of a study.
 const FILE: &str = "plan.json";
 
-/// Hidden object. Only laboratory and scoring read `truth`.
+/// Hidden object. Laboratory, scoring, the policies that are told and the report read `truth`; inference and the other trainings do not.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Object {
     /// Name of its model.
@@ -49,6 +51,8 @@ pub struct Chain {
 /// Everything that the results of a study depend on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
+    /// Version of the program: another one may give other bits.
+    pub program: String,
     /// Text of the model.
     pub model_yaml: String,
     /// Names of the tasks.
@@ -94,12 +98,34 @@ impl Plan {
         }
         let object = |path: &PathBuf| {
             let bar = model_file::read(path)?;
+            let shown = path.display();
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+            let is_taken = ["U", "mu"].contains(&bar.name.as_str()) || bar.name.starts_with("true_");
+            ensure!(
+                bar.name.chars().all(is_plain) && !bar.name.is_empty() && !is_taken,
+                "--objects {shown}: expected a name of letters, digits, _ and - that is none of a policy (U, mu, true_...), got {}",
+                bar.name
+            );
+            // Only the hidden values differ: the posterior is over those alone.
+            for (what, differs) in
+                [("object", bar.object != model.object), ("parameters", bar.parameters != model.parameters)]
+            {
+                ensure!(!differs, "--objects {shown}: {what}: expected that of --model {}, got another", model.name);
+            }
             let value = |name: &str| {
                 bar.nominal.get(name).copied().with_context(|| {
                     format!("--objects {}: expected a nominal value of {name}, got none", path.display())
                 })
             };
             let truth = model.theta.parameters().iter().map(|p| value(&p.name)).collect::<Result<Vec<f64>>>()?;
+            for (parameter, value) in model.theta.parameters().iter().zip(&truth) {
+                if !parameter.prior.holds(*value) {
+                    let (name, prior) = (&parameter.name, &parameter.prior);
+                    output::warn(&format!(
+                        "--objects {shown}: {name} {value} lies outside its prior, {prior}: inference cannot find it"
+                    ));
+                }
+            }
             Ok(Object { name: bar.name, truth })
         };
         let objects = arguments.objects.iter().map(object).collect::<Result<Vec<Object>>>()?;
@@ -107,8 +133,17 @@ impl Plan {
             let twice = objects[..i].iter().any(|o| o.name == object.name);
             ensure!(!twice, "--objects: {} is named twice", object.name);
         }
-        let inference = bayes_sim::Settings::default();
+        let training = Settings { total_steps: arguments.steps, ..arguments.preset.settings() };
+        training.check().context("--steps")?;
+        let defaults = bayes_sim::Settings::default();
+        let inference = bayes_sim::Settings {
+            iterations: arguments.iterations.unwrap_or(defaults.iterations),
+            simulations: arguments.simulations.unwrap_or(defaults.simulations),
+            ..defaults
+        };
+        inference.check().context("--iterations, --simulations")?;
         let plan = Self {
+            program: env!("CATENARY_VERSION").to_owned(),
             model_yaml,
             tasks,
             task_yamls: models.iter().map(Model::to_yaml).collect::<Result<_, _>>()?,
@@ -119,10 +154,7 @@ impl Plan {
             episodes: arguments.episodes,
             repeats: arguments.repeats,
             recordings: arguments.recordings,
-            inference: [
-                arguments.iterations.unwrap_or(inference.iterations),
-                arguments.simulations.unwrap_or(inference.simulations),
-            ],
+            inference: [inference.iterations, inference.simulations],
             seed: arguments.seed,
         };
         Ok((plan, Models { model, tasks: models }))

@@ -90,7 +90,7 @@ pub struct Gain {
     pub gain: Interval,
     /// Probability that a training of the own policy has the larger mean return.
     pub probability: Interval,
-    /// p-value of equality: the sign changes of the differences, paired by training.
+    /// p-value of equality by the sign changes of the differences, paired by training; over several objects, of their means.
     pub p: f64,
 }
 
@@ -114,7 +114,7 @@ pub struct Pairs {
     pub signs: SequentialSigns,
     /// Decision after the last pair.
     pub decision: Decision,
-    /// Pair after which the decision stood, from 1, or more pairs could not decide.
+    /// Number of pairs after which the decision stood; none if it is open.
     pub after: Option<usize>,
 }
 
@@ -153,7 +153,8 @@ fn task_result(
     deployments: &[Vec<Deployments>],
 ) -> TaskResult {
     let knowledge = plan.knowledge();
-    let bootstrap = Bootstrap { seed: plan.seed, ..Bootstrap::default() };
+    // One training is scored on all objects.
+    let bootstrap = Bootstrap { seed: plan.seed, together: true, ..Bootstrap::default() };
     let of = |knowledge: Knowledge, value: &dyn Fn(&Scored, usize) -> f64| -> Vec<Vec<f64>> {
         let trainings = || scores.iter().filter(move |(c, _)| c.knowledge == knowledge);
         (0..plan.objects.len()).map(|object| trainings().map(|(_, s)| value(s, object)).collect()).collect()
@@ -203,8 +204,11 @@ fn task_result(
         if other.iter().any(Vec::is_empty) {
             return None;
         }
-        let differences: Vec<f64> =
-            own.iter().zip(&other).flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b)).collect();
+        // Scores on several objects belong to one training: they are one difference.
+        let difference = |training: usize| {
+            mean(&own.iter().zip(&other).map(|(a, b)| a[training] - b[training]).collect::<Vec<f64>>())
+        };
+        let differences: Vec<f64> = (0..own[0].len()).map(difference).collect();
         Some(Gain {
             against,
             gain: bootstrap.gain(&own, &other),

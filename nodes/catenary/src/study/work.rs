@@ -197,10 +197,11 @@ impl Work<'_> {
         Ok(trained)
     }
 
-    /// Recordings of an object in the simulated laboratory: the recorder's motions, with all noise, at the highest fidelity.
+    /// Recordings of an object in the simulated laboratory: the recorder's motions at the highest fidelity, with the camera's noise. The
+    /// path of the hand is exact.
     fn recordings(&self, recorder: &Policy, object: &Object, index: usize) -> Result<Vec<MeasuredTrack>> {
         let model = &self.models.model;
-        let simulator = BeamSimulator::new(model, 1)?;
+        let (simulator, task) = (BeamSimulator::new(model, 1)?, model.task.context("the model has a task")?);
         let record = |number: u64| {
             let of = seed::derive(seed::derive(self.plan.seed, stream::RECORDINGS), 1000 * index as u64 + number);
             let asked = episodes(vec![object.truth.clone()], Fidelity::Reference, of);
@@ -211,7 +212,7 @@ impl Work<'_> {
             let path = path_of_actions(model, &actions).context("the recorder made no action")?;
             // The same episode once more, with the frames of a recording along the path of the hand.
             let o = model.observation;
-            let last_s = path.times_s().last().copied().unwrap_or_default();
+            let last_s = actions.len() as f64 * task.step_period_s + 1e-9;
             let times = (0..o.frames).map(|i| i as f64 * o.frame_period_s).filter(|t| *t <= last_s).collect();
             let seen = SimulationRequest { drive: Drive::Grip(path.clone()), frame_times_s: times, ..asked };
             let track = simulator.simulate(&seen)?.remove(0);

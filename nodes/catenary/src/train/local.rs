@@ -13,12 +13,11 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Trains, and writes the policy. Ctrl-C ends the training and keeps the policy trained so far.
-pub fn run(arguments: &TrainArgs, model: &Model, settings: &Settings) -> Result<()> {
-    let domains = super::domains(arguments, model)?;
+pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &Settings) -> Result<()> {
     output::prepare_file("out", &arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let (trained, seconds) = train(model, &domains, settings, arguments.seed, &shutdown)?;
+    let (trained, seconds) = train(model, domains, settings, arguments.seed, &shutdown)?;
     std::fs::write(&arguments.out, trained.policy.to_bytes()).with_context(|| arguments.out.display().to_string())?;
     let last = trained.curve.last().copied();
     let report = Report {

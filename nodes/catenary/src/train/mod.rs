@@ -28,10 +28,9 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps").given()?;
-    // Checked here for both ways, as the settings are.
-    domains(arguments, &model)?;
+    let domains = domains(arguments, &model)?;
     match &arguments.on_graph.node {
-        Some(namespace) => on_graph::run(arguments, &model, model.rewrite(&text)?, namespace),
-        None => local::run(arguments, &model, &settings),
+        Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, namespace),
+        None => local::run(arguments, &model, &domains, &settings),
     }
 }

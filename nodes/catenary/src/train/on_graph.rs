@@ -3,11 +3,11 @@
 use super::args::TrainArgs;
 use super::report::Report;
 use crate::graph::request::{Answer, Request};
-use crate::inputs::posterior_file;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
-use catenary_core::{Model, Policy};
+use catenary_core::Policy;
 use catenary_msgs::action::{Train, TrainFeedback, TrainGoal};
+use catenary_msgs::msg::Mixture;
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 use indicatif::ProgressBar;
@@ -15,21 +15,22 @@ use ppo_trainer::Domains;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lets the training node train a policy. Ctrl-C cancels the training.
-pub fn run(arguments: &TrainArgs, model: &Model, model_yaml: String, namespace: &str) -> Result<()> {
-    let mixture = arguments.posterior.as_ref().map(|path| posterior_file::read(path, model)).transpose()?;
-    let point = match super::domains(arguments, model)? {
-        Domains::Point(theta) => Some(theta),
-        _ => None,
-    };
+pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespace: &str) -> Result<()> {
     let goal = TrainGoal {
         model_yaml,
-        domains: match (&mixture, &point) {
-            (Some(_), _) => TrainGoal::DOMAINS_MIXTURE,
-            (None, Some(_)) => TrainGoal::DOMAINS_POINT,
-            (None, None) => TrainGoal::DOMAINS_PRIOR,
+        domains: match domains {
+            Domains::Prior(_) => TrainGoal::DOMAINS_PRIOR,
+            Domains::Mixture(_) => TrainGoal::DOMAINS_MIXTURE,
+            Domains::Point(_) => TrainGoal::DOMAINS_POINT,
         },
-        point: point.unwrap_or_default(),
-        mixture: mixture.as_ref().map(convert::posterior_to_msg).unwrap_or_default(),
+        mixture: match domains {
+            Domains::Mixture(posterior) => convert::posterior_to_msg(posterior),
+            _ => Mixture::default(),
+        },
+        point: match domains {
+            Domains::Point(theta) => theta.clone(),
+            _ => Vec::new(),
+        },
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
         fidelity: SimulateRequest::FIDELITY_FAST,

@@ -63,7 +63,7 @@ mod tests {
     use rand::RngExt;
 
     #[test]
-    fn nine_of_nine_decide_and_eight_of_eight_at_five_percent() {
+    fn eight_of_eight_decide_at_five_percent_and_seven_do_not() {
         // 2^7 / 8 = 16 and 2^8 / 9 = 28.4.
         assert_eq!(SequentialSigns { wins: 7, losses: 0 }.decision(0.05, 3), Decision::Open);
         assert_eq!(SequentialSigns { wins: 8, losses: 0 }.decision(0.05, 0), Decision::First);

@@ -103,7 +103,7 @@ impl Episode {
             }
             // A policy's observations are its frames: the simulator is compared at the steps of the policy.
             DriveKind::Actions | DriveKind::Policy => {
-                let (actions, observations) = self.steps()?;
+                let (actions, observations) = self.steps(model)?;
                 plausible::observations(&observations, &grip, self.start.step_period_s, &HandLimits::of(model))
                     .map_err(impossible)?;
                 (self.policy_frames(&grip, &actions, &observations), actions)
@@ -163,7 +163,7 @@ impl Episode {
 
     /// Actions and observations of all steps from 0 on. A lost step is an error: it would shift all later steps in
     /// time.
-    fn steps(&self) -> Result<(Vec<[f64; 2]>, Vec<Observation>), EpisodeError> {
+    fn steps(&self, model: &Model) -> Result<(Vec<[f64; 2]>, Vec<Observation>), EpisodeError> {
         let missing = |needed: &str, found: String| EpisodeError::Missing {
             episode: self.number,
             cause: self.cause(),
@@ -175,9 +175,11 @@ impl Episode {
         let observations = each_once(&self.observations).map_err(|found| {
             missing("the observations of all steps from 0 on, each once, on /policy/observation", found)
         })?;
-        if !(actions.len()..=actions.len() + 1).contains(&observations.len()) {
+        let rest = model.task.map_or(0, |task| task.rest_after(actions.len()));
+        if !(actions.len()..=actions.len() + 1 + rest).contains(&observations.len()) {
             let found = format!("{} observations, {} actions", observations.len(), actions.len());
-            return Err(missing("an observation before each action, and at most one after the last", found));
+            let needed = "an observation before each action, and at most one after the last and after each step of the task's rest";
+            return Err(missing(needed, found));
         }
         Ok((actions, observations))
     }

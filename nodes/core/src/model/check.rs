@@ -173,14 +173,14 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     }
     positive("task.step_period_s", task.step_period_s)?;
     if let Some(reward_range_m) = task.goal.reward_range_m() {
+        // The steps before the end earn nothing, and are no successes.
+        positive("task.success_reward", task.success_reward)?;
         positive(&format!("task.goal.{}.reward_range_m", task.goal.name()), reward_range_m)?;
     }
     if task.steps.saturating_add(task.rest_steps) > MOST_STEPS {
-        return Err(ModelError::value(
-            "task.rest_steps",
-            format!("at most {MOST_STEPS} steps in all"),
-            task.rest_steps,
-        ));
+        let is_alone = task.steps > MOST_STEPS;
+        let (field, got) = if is_alone { ("task.steps", task.steps) } else { ("task.rest_steps", task.rest_steps) };
+        return Err(ModelError::value(field, format!("at most {MOST_STEPS} steps in all"), got));
     }
     if task.rest_steps > 0 && task.goal == Goal::Reach {
         return Err(ModelError::value(

@@ -61,6 +61,14 @@ impl ModelError {
         Self::Text { place: Place { line: None, field: field.into() }, what: what.to_string() }
     }
 
+    /// Changes the path of the field.
+    #[must_use]
+    pub(super) fn with_field(mut self, change: impl FnOnce(&str) -> String) -> Self {
+        let (Self::Value { place, .. } | Self::Text { place, .. }) = &mut self;
+        place.field = change(&place.field);
+        self
+    }
+
     /// Adds the line of the field in the text of the model file, if the error has none.
     #[must_use]
     pub fn in_text(mut self, text: &str) -> Self {

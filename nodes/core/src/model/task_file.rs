@@ -25,8 +25,10 @@ impl TaskFile {
         let options = serde_saphyr::options! { with_snippet: false };
         let read = serde_saphyr::from_str_with_options(text, options);
         let file: Self = read.map_err(|e| ModelError::from_yaml(&e, text, Node::of(text).as_ref()))?;
-        let checked = check::task(&file.task).and_then(|()| file.arm_law.as_ref().map_or(Ok(()), check::arm_law));
-        checked.map_err(|e| e.in_text(text))?;
+        let law = || file.arm_law.as_ref().map_or(Ok(()), check::arm_law);
+        // A task file has the law at its top.
+        let law = || law().map_err(|e| e.with_field(|field| field.replacen("arm.law", "arm_law", 1)));
+        check::task(&file.task).and_then(|()| law()).map_err(|e| e.in_text(text))?;
         Ok(file)
     }
 
@@ -75,11 +77,15 @@ mod tests {
                 "`task.goal.settle.reward_range_m`: expected a positive number, got 0",
             ),
             ("settle:", "setle:", "setle"),
+            ("  steps: 4\n", "  steps: 200000\n", "`task.steps`: expected at most 100000 steps in all, got 200000"),
             ("  steps: 4\n", "", "steps"),
         ] {
             let error = TaskFile::from_yaml(&TEXT.replace(from, to)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
+        let slow = format!("{TEXT}arm_law: {{lag: {{time_constant_s: -1.0, max_speed_m_s: 1.5}}}}\n");
+        let error = TaskFile::from_yaml(&slow).unwrap_err().to_string();
+        assert!(error.starts_with("line 9, `arm_law.lag.time_constant_s`"), "{error}");
         let ends = format!("{TEXT}  ends_at_success: true\n");
         let error = TaskFile::from_yaml(&ends).unwrap_err().to_string();
         assert!(error.contains("`task.ends_at_success`: expected false, or the goal `reach`"), "{error}");

@@ -308,7 +308,7 @@ prop_compose! {
                 workspace: Workspace::default(),
                 target_m: [angles[0], angles[1]],
                 target_jitter_m: lengths[0],
-                success_reward: angles[2],
+                success_reward: if measured { lengths[5] } else { angles[2] },
                 ends_at_success: !measured,
             }),
             lacking: match nominal {

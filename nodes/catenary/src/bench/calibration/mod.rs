@@ -9,6 +9,7 @@ use super::episodes::hidden_episode;
 use super::runs::{Inferred, Runs, infer_on_one_core};
 use crate::exit::Given;
 use crate::inputs::model_file;
+use crate::options::Part;
 use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use bayes_sim::calibration::{Check, summaries};
@@ -22,6 +23,7 @@ use catenary_shell::Shutdown;
 use page::page;
 use report::{Report, verdict, words};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Posterior draws that each truth is ranked against.
@@ -59,6 +61,14 @@ impl Calibration {
     }
 }
 
+/// Answer about a part.
+#[derive(Debug, Serialize)]
+struct PartDone {
+    out: PathBuf,
+    part: String,
+    truths: usize,
+}
+
 /// Runs the inferences that checks.jsonl does not hold yet, then writes the report.
 pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     let model = with_inferred_effects(model_file::read_or_soft_bar(arguments.model.as_deref())?, &arguments.also)?;
@@ -71,8 +81,16 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
         Ok(())
     };
     let path = arguments.out.join("checks.jsonl");
-    let runs = Runs { path: &path, count: arguments.truths, name: "truths" };
+    let part = arguments.part.unwrap_or(Part::WHOLE);
+    let runs = Runs { path: &path, part, count: arguments.truths, name: "truths" };
     let lines = runs.complete(of_this_model, |number, shutdown| infer_truth(&model, &settings, number, shutdown))?;
+    if arguments.part.is_some() {
+        let said =
+            PartDone { out: arguments.out.clone(), part: format!("{}/{}", part.number, part.of), truths: lines.len() };
+        return output::result(&arguments.output, &said, |said| {
+            format!("part {} is done in {}: {} truths", said.part, said.out.display(), said.truths)
+        });
+    }
     let report = report(&model, &lines);
     std::fs::write(arguments.out.join("report.html"), page(&report))?;
     output::result(&arguments.output, &report, words)

@@ -7,6 +7,7 @@ mod report;
 use super::args::SupportArgs;
 use super::episodes::hidden_episode;
 use super::runs::{Inferred, Runs, infer_on_one_core};
+use crate::options::Part;
 use crate::terminal::output;
 use anyhow::{Result, ensure};
 use bayes_sim::{PriorSupport, Settings, SupportRule};
@@ -31,7 +32,7 @@ pub fn run(arguments: &SupportArgs) -> Result<()> {
     // A case meets all rules before the next one: an interrupted benchmark has the figures of all rules.
     let of = |number: usize| (number / rules.len(), rules[number % rules.len()]);
     let path = arguments.out.join("runs.jsonl");
-    let runs = Runs { path: &path, count: (cases.len() * rules.len()) as u64, name: "runs" };
+    let runs = Runs { path: &path, part: Part::WHOLE, count: (cases.len() * rules.len()) as u64, name: "runs" };
     let of_these_cases = |line: &Line| {
         let case = cases.get(line.case).filter(|case| case.truth == line.truth && case.group == line.group);
         ensure!(case.is_some(), "expected a run of these options: is the file of another benchmark?");
