@@ -40,7 +40,7 @@ pub struct Settings {
     pub hidden: usize,
     /// True to normalise observations by their running mean and standard deviation.
     pub normalise_observations: bool,
-    /// True to add the value of the last observation after a success. A success ends the episode and its rewards: without
+    /// True to add the value of the last observation after a success that ends the episode (`ends_at_success` of the task): without
     /// this value a policy that stays just short of the goal earns more than one that reaches it.
     pub bootstrap_success: bool,
 }

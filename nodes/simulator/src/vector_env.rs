@@ -152,11 +152,13 @@ impl Member {
             (observation, verdict) = self.go_on(shared);
         }
         let Verdict { reward, end } = verdict;
-        // The steps of `reach` end, but what they earn could go on; the other goals are paid at their end.
-        let truncated = task.goal == Goal::Reach
-            && end.is_some_and(|end| end != End::LeftWorkspace)
-            && self.step >= task.all_steps()
-            && !(task.ends_at_success && end == Some(End::Success));
+        // The step limit cuts `reach` off, whose later steps would earn more; the other goals are paid at their end.
+        let is_limit = match end {
+            Some(End::LeftWorkspace) => false,
+            Some(End::Success) => !task.ends_at_success,
+            _ => end.is_some(),
+        };
+        let truncated = is_limit && task.goal == Goal::Reach;
         let terminated = end.is_some() && !truncated;
         // The next episode begins at once, and the last observation is given apart, as in Gymnasium's vector
         // environments.

@@ -26,8 +26,8 @@ def files(folder):
     return {p.relative_to(folder): p.read_bytes() for p in paths}
 
 
-def kill_part(part):
-    """Kills the process of a part as soon as it has one training."""
+def kill_part(part, folder):
+    """Kills the process of a part in the folder as soon as there is a training."""
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         for process in pathlib.Path("/proc").glob("[0-9]*"):
@@ -35,8 +35,7 @@ def kill_part(part):
                 words = (process / "cmdline").read_bytes().split(b"\0")
             except OSError:
                 continue
-            if part.encode() in words and b"study" in words:
-                time.sleep(1.0)
+            if part.encode() in words and str(folder).encode() in words and list(folder.rglob("trainings/*.safetensors")):
                 os.kill(int(process.name), signal.SIGKILL)
                 return True
         time.sleep(0.02)
@@ -71,7 +70,7 @@ def main():
             parts = [f"{i + 1}/{arguments.parts}" for i in range(arguments.parts)]
             began = time.monotonic()
             submitted = submit(parts)
-            killed = kill_part(parts[0])
+            killed = kill_part(parts[0], folder / "parts")
             print(f"part {parts[0]} killed: {killed}")
             done = client.wait_for_jobs([submitted], raise_on_error=False)
             failed = [] if done else [parts[task] for task in client.get_failed_tasks(submitted)]

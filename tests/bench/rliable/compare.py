@@ -1,7 +1,7 @@
 """Figures of two sets of scores by our comparison and by rliable.
 
-Estimates have to agree to rounding. The ends of a bootstrap interval are estimates themselves: they have to agree within four standard
-errors of both, which --repeats intervals of rliable with other draws give.
+Estimates have to agree to rounding. The ends of a bootstrap interval are estimates themselves: they have to agree within 4.5 standard
+deviations of --repeats intervals of rliable with other draws, or within the step of a share.
 """
 
 import argparse

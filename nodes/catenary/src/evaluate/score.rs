@@ -21,7 +21,7 @@ pub struct Evaluated {
     pub returns: Vec<f64>,
     /// True for each episode in which the best reward reached the task's goal.
     pub successes: Vec<bool>,
-    /// Distance that the task minimises, by episode, m: at the nearest step (`reach`) or at the end.
+    /// Distance that the task minimises, by episode, m: at the nearest step (`reach`, `whip`) or at the end.
     pub distances_m: Vec<f64>,
     /// Mean of the returns.
     pub mean_return: Estimate,

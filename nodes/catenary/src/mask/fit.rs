@@ -211,7 +211,7 @@ pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backe
         let drops_weights = node == "keypoint_tracker" && is_another;
         let others = kept
             .iter()
-            .filter(|(name, _)| !own.iter().any(|(own, _)| own == name) && !(drops_weights && name == "weights"));
+            .filter(|(name, _)| !(own.iter().any(|(own, _)| own == name) || drops_weights && name == "weights"));
         let others: Vec<(String, String)> = others.map(|(name, value)| (name.clone(), words_of(value))).collect();
         own.extend(others);
         if !own.is_empty() {

@@ -52,11 +52,14 @@ impl Inferred {
     }
 }
 
+/// Learning curve: environment steps, mean return and share of successes.
+pub type Curve = Vec<(u64, f64, f64)>;
+
 /// Scores of a training on each object, and how it was trained.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Scored {
-    /// Learning curve: environment steps, mean return and share of successes.
-    pub curve: Vec<(u64, f64, f64)>,
+    /// Learning curve.
+    pub curve: Curve,
     /// Scores on each object.
     pub objects: Vec<ObjectScores>,
 }
@@ -158,15 +161,14 @@ impl Work<'_> {
     }
 
     /// Policy of a chain with its learning curve. Made if it is missing.
-    fn training(&self, chain: &Chain) -> Result<(Policy, Vec<(u64, f64, f64)>)> {
+    fn training(&self, chain: &Chain) -> Result<(Policy, Curve)> {
         let path = self.folder.join(self.plan.training_file(chain));
         let curve = path.with_extension("curve.json");
         if !path.exists() {
             let model = &self.models.tasks[chain.task];
             let of = seed::derive(seed::derive(self.plan.seed, stream::TRAININGS), chain.training);
             let trained = self.train(model, &self.domains(chain.knowledge)?, of)?;
-            let points: Vec<(u64, f64, f64)> =
-                trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
+            let points: Curve = trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
             files::write_json(&curve, &points)?;
             // Last, because it tells that the training is done.
             files::write(&path, &trained.policy.to_bytes())?;

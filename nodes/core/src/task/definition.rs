@@ -45,12 +45,12 @@ impl Workspace {
     }
 }
 
-/// Goal of a task: what shall be where, and when. Each goal has a distance d in m ([`Judge::distance_m`]). All but
+/// Goal of a task: what shall be where, and when. Each goal has a distance d in m ([`Referee::distance_m`]). All but
 /// `reach` earn `max(0, 1 - d / reward_range_m)` when the episode ends, and nothing before: their paths are free.
 ///
 /// A larger range rewards coarser motions. A smaller one gives an untrained policy no reward to learn from.
 ///
-/// [`Judge::distance_m`]: crate::task::Judge::distance_m
+/// [`Referee::distance_m`]: crate::task::Referee::distance_m
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Goal {
@@ -76,7 +76,8 @@ pub enum Goal {
         reward_range_m: f64,
     },
     /// Outer half of the object laid down with its free end at the target, at the end. d is the root of the sum of two
-    /// squares: the distance of the outermost keypoint from the target, and the height of the next keypoint above it.
+    /// squares: the distance of the last keypoint along the object from the target, and the height of the one before it above the
+    /// target, at least 0.
     Lay {
         /// Distance at which the reward is zero, m.
         reward_range_m: f64,

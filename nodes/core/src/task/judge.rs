@@ -18,11 +18,11 @@ pub struct Judge {
 /// Part of an episode that a moment belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// An action ended here, and the last one may have.
+    /// Moment after an action, also after the last one if a rest follows.
     Action,
-    /// The hand stays at its target after the last action.
+    /// Moment after a step of the rest, but the last.
     Rest,
-    /// No further step follows, whatever the verdict. With a rest, this moment belongs to it.
+    /// Last moment of the episode: after the last step of the rest, or after the last action if there is none.
     Last,
 }
 
@@ -76,8 +76,8 @@ pub struct Verdict {
 pub struct Score {
     /// Reward of each step.
     pub rewards: Vec<f64>,
-    /// Distance from the goal in m ([`Judge::distance_m`]): the least over the steps for `reach`, otherwise that at the
-    /// end. Infinite for an episode without steps.
+    /// Distance d from the goal in m ([`Goal`]). For `reach` and `whip` the least over the steps, otherwise that at the end.
+    /// Infinite for an episode without steps.
     pub distance_m: f64,
     /// True if a step earned `success_reward`.
     pub succeeded: bool,
@@ -104,9 +104,9 @@ impl Judge {
         Referee { judge: *self, distance_m: f64::INFINITY, tips: Spread::default(), succeeded: false }
     }
 
-    /// Distance in m from the goal at one moment, by what is seen then: of the tip from the target (`place_tip`, `whip`,
-    /// `lay`), of the hand (`settle`), or the root mean square of the four keypoints' distances (`reach`). It is infinite if
-    /// the camera's ray misses the plane of motion.
+    /// Distance in m from the goal by what is seen at one moment: of the tip from the target (`place_tip`, `whip`), of the outer
+    /// half from lying there (`lay`), of the hand along x (`settle`, without the motion of the tip), or the root mean square
+    /// of the four keypoints' distances (`reach`). It is infinite if the camera's ray misses the plane of motion.
     pub fn distance_m(&self, moment: &Moment) -> f64 {
         let place = |p: [f64; 2]| self.camera.plane_from_scaled(p).unwrap_or([f64::INFINITY; 2]);
         let target = place(moment.target);
@@ -211,7 +211,7 @@ impl Referee {
         Verdict { reward, end }
     }
 
-    /// Distance from the goal in m: the least so far for `reach`, otherwise that of the end if this were it.
+    /// Distance d from the goal in m ([`Goal`]): for `reach` and `whip` the least so far, otherwise that if the episode ended now.
     pub fn distance_m(&self) -> f64 {
         self.distance_m
     }
