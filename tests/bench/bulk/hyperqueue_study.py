@@ -56,7 +56,7 @@ def main():
         began = time.monotonic()
         subprocess.run(command("whole"), check=True, capture_output=True)
         alone = time.monotonic() - began
-        with LocalCluster(folder / "server") as cluster:
+        with LocalCluster(str(folder / "server")) as cluster:
             for _ in range(2):
                 cluster.start_worker(WorkerConfig(cores=1))
             client = cluster.client()
