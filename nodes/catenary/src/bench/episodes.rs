@@ -1,5 +1,6 @@
 //! Simulated episodes that benchmarks measure or infer.
 
+use crate::evaluate::episodes::as_measured;
 use anyhow::{Context, Result};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::{Drive, StartShape};
@@ -40,14 +41,5 @@ pub fn hidden_episode(model: &Model, truth: &[f64], episode_seed: u64, fidelity:
     request.seed = seed::derive(episode_seed, 1);
     request.drive = Drive::Grip(path.clone());
     let track = BeamSimulator::new(model, 1)?.simulate(&request)?.remove(0);
-    let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
-    Ok(MeasuredTrack {
-        name: format!("simulated episode {episode_seed}"),
-        track,
-        grip: path,
-        actions: Vec::new(),
-        start: StartShape::HangingAtRest,
-        target_m,
-        warnings: Vec::new(),
-    })
+    Ok(as_measured(format!("simulated episode {episode_seed}"), track, path, model))
 }

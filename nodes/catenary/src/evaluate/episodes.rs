@@ -1,7 +1,22 @@
 //! Simulated episodes that policies are evaluated on.
 
+use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::StartShape;
-use catenary_core::{Drive, Fidelity, SimulationRequest};
+use catenary_core::{Drive, Fidelity, GripTrajectory, Model, SimulationRequest, Track};
+
+/// Simulated episode in the form of a measured one, along the exact path of the hand.
+pub fn as_measured(name: String, track: Track, grip: GripTrajectory, model: &Model) -> MeasuredTrack {
+    let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
+    MeasuredTrack {
+        name,
+        track,
+        grip,
+        actions: Vec::new(),
+        start: StartShape::HangingAtRest,
+        target_m,
+        warnings: Vec::new(),
+    }
+}
 
 /// Request for noisy episodes of these thetas from the model's start, with an empty drive.
 pub fn episodes(thetas: Vec<Vec<f64>>, fidelity: Fidelity, seed: u64) -> SimulationRequest {

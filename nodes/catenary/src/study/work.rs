@@ -4,14 +4,14 @@
 
 use super::files;
 use super::plan::{Chain, Knowledge, Models, Object, Plan};
-use crate::evaluate::episodes::episodes;
+use crate::evaluate::episodes::{as_measured, episodes};
 use crate::exit::Interrupted;
 use crate::inputs::posterior_file::PosteriorFile;
 use anyhow::{Context, Result, ensure};
 use bayes_sim::InferenceError;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
-use catenary_core::simulator::{Drive, StartShape};
+use catenary_core::simulator::Drive;
 use catenary_core::task::Score;
 use catenary_core::{Fidelity, Judge, Model, Policy, Posterior, SimulationRequest, Simulator, Task, Track, seed};
 use catenary_shell::Shutdown;
@@ -218,16 +218,7 @@ impl Work<'_> {
             let times = (0..o.frames).map(|i| i as f64 * o.frame_period_s).filter(|t| *t <= last_s).collect();
             let seen = SimulationRequest { drive: Drive::Grip(path.clone()), frame_times_s: times, ..asked };
             let track = simulator.simulate(&seen)?.remove(0);
-            let target_m = track.frames.first().and_then(|f| model.camera.view.plane_from_scaled(f.target));
-            Ok(MeasuredTrack {
-                name: format!("recording {} of {}", number + 1, object.name),
-                track,
-                grip: path,
-                actions: Vec::new(),
-                start: StartShape::HangingAtRest,
-                target_m,
-                warnings: Vec::new(),
-            })
+            Ok(as_measured(format!("recording {} of {}", number + 1, object.name), track, path, model))
         };
         (0..self.plan.recordings).map(record).collect()
     }
