@@ -65,7 +65,7 @@ pub enum Command {
     Train(TrainArgs),
     /// Run policies on simulated episodes, and compare them
     Evaluate(EvaluateArgs),
-    /// What knowing the object is worth: policies compared by task
+    /// Worth of knowing the object: policies compared by task
     Study(StudyArgs),
     /// Run one episode of a policy on the running graph
     Deploy(DeployArgs),

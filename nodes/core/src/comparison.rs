@@ -61,7 +61,7 @@ impl Bootstrap {
             .map(|k| {
                 let mut rng = seed::rng(self.seed, k as u64);
                 for (to, from) in drawn.iter_mut().zip(sets) {
-                    let count = from.first().map_or(0, Vec::len);
+                    let count = if self.together { from.first().map_or(0, Vec::len) } else { 0 };
                     let places: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
                     for (to, from) in to.iter_mut().zip(*from) {
                         for (place, value) in to.iter_mut().enumerate() {

@@ -19,6 +19,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// File of the runs of a benchmark, one JSON document per line. The parts of a benchmark that several machines share have files of
 /// their own beside it.
@@ -44,7 +45,7 @@ impl Runs<'_> {
         // Checked before the first inference: a benchmark takes hours.
         let path = self.file(self.part);
         output::prepare(&path)?;
-        let (mut lines, mut known) = (read(&path, &check)?, self.of_parts(&check)?);
+        let (mut lines, known) = (read(&path, &check)?, self.of_parts(&check)?);
         let count = self.part.count(self.count as usize) as u64;
         ensure!(lines.len() as u64 <= count, "{}: expected at most {count} lines, got {}", path.display(), lines.len());
         let shutdown = Shutdown::new();
@@ -56,34 +57,22 @@ impl Runs<'_> {
         bar.set_style(progress::style(&format!("{} [{{bar:24}}] {{pos}}/{{len}}", self.name), began)?);
         // Each line is appended as soon as it is known: an interrupted benchmark loses one inference of each core.
         let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
-        let item = |place: u64| self.part.item(place as usize) as u64;
-        let missing: Vec<u64> = (made..count).map(item).filter(|number| !known.contains_key(number)).collect();
-        let mut keep = |line: L| {
-            let text = serde_json::to_string(&line)?;
-            writeln!(file, "{text}").with_context(|| path.display().to_string())?;
-            lines.push(line);
-            bar.inc(1);
-            Ok(())
-        };
-        let (mut next, mut of_missing) = (made, missing.iter());
+        let known = Mutex::new(known);
+        let taken = |number: u64| known.lock().unwrap_or_else(PoisonError::into_inner).remove(&number);
         all_cores::in_order(
-            0..missing.len() as u64,
-            |place| work(missing[place as usize], &shutdown),
+            made..count,
+            |place| {
+                let number = self.part.item(place as usize) as u64;
+                taken(number).map_or_else(|| work(number, &shutdown), Ok)
+            },
             |line| {
-                let number = of_missing.next().copied().unwrap_or(u64::MAX);
-                // Runs that a part made stand before the one that was just made.
-                while item(next) < number {
-                    known.remove(&item(next)).map(&mut keep).transpose()?;
-                    next += 1;
-                }
-                next += 1;
-                keep(line)
+                let text = serde_json::to_string(&line)?;
+                writeln!(file, "{text}").with_context(|| path.display().to_string())?;
+                lines.push(line);
+                bar.inc(1);
+                Ok(())
             },
         )?;
-        while next < count {
-            known.remove(&item(next)).map(&mut keep).transpose()?;
-            next += 1;
-        }
         bar.finish_and_clear();
         Ok(lines)
     }

@@ -2,7 +2,7 @@
 
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::StartShape;
-use catenary_core::{Drive, Fidelity, GripTrajectory, Model, SimulationRequest, Track};
+use catenary_core::{Drive, Fidelity, GripTrajectory, Model, SimulationRequest, Task, Track};
 
 /// Simulated episode in the form of a measured one, along the exact path of the hand.
 pub fn as_measured(name: String, track: Track, grip: GripTrajectory, model: &Model) -> MeasuredTrack {
@@ -16,6 +16,13 @@ pub fn as_measured(name: String, track: Track, grip: GripTrajectory, model: &Mod
         target_m,
         warnings: Vec::new(),
     }
+}
+
+/// The model, with a task that no success ends: all returns then sum over the same number of steps. An episode still ends if the arm
+/// leaves its workspace.
+pub fn without_early_success(model: &Model) -> Model {
+    let task = model.task.map(|task| Task { ends_at_success: false, ..task });
+    Model { task, ..model.clone() }
 }
 
 /// Request for noisy episodes of these thetas from the model's start, with an empty drive.

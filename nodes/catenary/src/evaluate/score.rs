@@ -1,10 +1,11 @@
 //! Scores of policies over a common set of simulated episodes.
 
+use super::episodes::without_early_success;
 use anyhow::Result;
 use catenary_core::statistics::{self, Z_95, wilson_interval};
 use catenary_core::task::Score;
 use catenary_core::track::End;
-use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Task, Track};
+use catenary_core::{Drive, Judge, Model, Policy, SimulationRequest, Simulator, Track};
 use catenary_simulator::{BeamSimulator, workers};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -97,10 +98,7 @@ pub fn score(
     requested: &SimulationRequest,
     on_progress: &mut dyn FnMut(&Path, usize) -> Result<()>,
 ) -> Result<Vec<Evaluated>> {
-    // Success ends no episode, so that all returns sum over the same number of steps. An episode still ends if the arm leaves
-    // its workspace.
-    let task = Task { ends_at_success: false, ..*judge.task() };
-    let simulator = BeamSimulator::new(&Model { task: Some(task), ..model.clone() }, workers::available())?;
+    let simulator = BeamSimulator::new(&without_early_success(model), workers::available())?;
     let n = requested.thetas.len();
     let mut evaluated: Vec<Evaluated> = Vec::new();
     for (path, policy) in policies {

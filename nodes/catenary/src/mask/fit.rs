@@ -95,20 +95,20 @@ pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) ->
         };
         fits.push(Fitted { label, look });
     }
-    if let ([Fitted { label, .. }], Some(before)) = (fits.as_slice(), params.light) {
-        let other = if *label == "dlo" { "target" } else { "object" };
-        let now = LightReference::of(first.image.view(), params.colours.crop).given()?;
-        if before.gains_to(&now).iter().any(|gain| (gain - 1.0).abs() > OTHER_LIGHT) {
+    if !fits.is_empty() {
+        let light = LightReference::of(first.image.view(), params.colours.crop);
+        let light = light.with_context(|| first.name.clone()).given()?;
+        let changes = |before: LightReference| before.gains_to(&light).iter().any(|g| (g - 1.0).abs() > OTHER_LIGHT);
+        if let [Fitted { label, .. }] = fits.as_slice()
+            && params.light.is_some_and(changes)
+        {
+            let other = if *label == "dlo" { "target" } else { "object" };
             output::warn(&format!(
                 "the colours of the {other} were taken in other light than that of {}: click on it in this picture, too",
                 first.name
             ));
         }
-    }
-    if !fits.is_empty() {
-        params.light = Some(
-            LightReference::of(first.image.view(), params.colours.crop).with_context(|| first.name.clone()).given()?,
-        );
+        params.light = Some(light);
     }
     if let (Backend::Colour, [Fitted { label, .. }]) = (params.backend, fits.as_slice()) {
         give_way(&mut params.colours, label);

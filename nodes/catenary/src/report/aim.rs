@@ -2,7 +2,7 @@
 
 use catenary_core::{Goal, Task};
 
-/// What has to be where, when, and from which distance on it is a success. `success_distance_m` is that of the task's judge.
+/// Place, time and distance of a success in a sentence. `success_distance_m` is that of the task's judge.
 pub fn of(task: &Task, success_distance_m: f64) -> String {
     let mm = format!("{:.0} mm", 1e3 * success_distance_m);
     let seconds = task.steps as f64 * task.step_period_s;

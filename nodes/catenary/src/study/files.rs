@@ -17,6 +17,15 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     std::fs::rename(&unfinished, path).with_context(named)
 }
 
+/// Value in a JSON file, which is made first if it is missing. It is read back in either case: a number may lose its last bit in the text,
+/// and a study that goes on would differ from one that was never stopped.
+pub fn kept<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
+    if !path.exists() {
+        write_json(path, &make()?)?;
+    }
+    read_json(path)
+}
+
 /// Writes a value as JSON.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
     write(path, &serde_json::to_vec(value)?)

@@ -3,7 +3,7 @@
 use super::dtw;
 use super::plan::{Knowledge, Models};
 use super::results::{Gain, Pairs, PolicyScores, Study, TaskResult};
-use super::work::{Deployments, Inferred, Scored};
+use super::work::{Deployments, Inferred, Scored, acted};
 use crate::report::number::plain;
 use crate::report::palette::Role;
 use crate::report::plots::policies::{MeanPath, grid, mean_paths};
@@ -249,8 +249,7 @@ fn commanded(judge: &Judge, track: &Track) -> Vec<[f64; 2]> {
     let Some(first) = track.frames.first() else { return Vec::new() };
     let task = judge.task();
     let mut points = vec![[first.eef[0], first.eef[1]]];
-    let acted = track.frames.len().saturating_sub(1).min(task.steps);
-    for frame in &track.frames[..acted] {
+    for frame in acted(task, track) {
         let last = points[points.len() - 1];
         points.push(task.delta_anchor.target_m(frame.action, [frame.eef[0], frame.eef[1]], last, 0.0));
     }

@@ -42,7 +42,7 @@ pub enum Knowledge {
 pub struct Chain {
     /// Index of the task.
     pub task: usize,
-    /// What the policy knows.
+    /// Knowledge of the policy.
     pub knowledge: Knowledge,
     /// Number of the training, from 0.
     pub training: u64,
@@ -186,7 +186,7 @@ impl Plan {
         )))
     }
 
-    /// What the policies know, in the order of the paper, with the truth of each object at the end.
+    /// Knowledge of the policies, in the order of the paper, with the truth of each object at the end.
     pub fn knowledge(&self) -> Vec<Knowledge> {
         let n = self.objects.len();
         let posteriors = (0..n).map(Knowledge::Posterior);

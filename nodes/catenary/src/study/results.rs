@@ -47,7 +47,7 @@ pub struct TaskResult {
     pub policies: Vec<PolicyScores>,
     /// Gains of the policy of an object's posterior, on that object.
     pub objects: Vec<ObjectGains>,
-    /// The same over all objects.
+    /// Gains over all objects.
     pub all: Vec<Gain>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
@@ -60,7 +60,7 @@ pub struct TaskResult {
 pub struct PolicyScores {
     /// Name of the policy.
     pub policy: String,
-    /// What it was trained for.
+    /// Knowledge that it was trained with.
     pub knowledge: Knowledge,
     /// Mean return over the episodes: by object, by training.
     pub mean_returns: Vec<Vec<f64>>,

@@ -4,16 +4,18 @@
 
 use super::files;
 use super::plan::{Chain, Knowledge, Models, Object, Plan};
-use crate::evaluate::episodes::{as_measured, episodes};
+use crate::evaluate::episodes::{as_measured, episodes, without_early_success};
 use crate::exit::Interrupted;
 use crate::inputs::posterior_file::PosteriorFile;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use bayes_sim::InferenceError;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
 use catenary_core::simulator::Drive;
 use catenary_core::task::Score;
-use catenary_core::{Fidelity, Judge, Model, Policy, Posterior, SimulationRequest, Simulator, Task, Track, seed};
+use catenary_core::{
+    Fidelity, Frame, Judge, Model, Policy, Posterior, SimulationRequest, Simulator, Task, Track, seed,
+};
 use catenary_shell::Shutdown;
 use catenary_simulator::verification::path_of_actions;
 use catenary_simulator::{BeamSimulator, VectorEnv};
@@ -110,26 +112,21 @@ impl Work<'_> {
 
     /// Posterior of an object from its recordings. Made if it is missing.
     pub fn posterior(&self, object: usize) -> Result<Inferred> {
-        let path = self.folder.join(self.plan.posterior_file(object));
-        if !path.exists() {
+        files::kept(&self.folder.join(self.plan.posterior_file(object)), || {
             let measured = self.recordings(&self.recorder()?, &self.plan.objects[object], object)?;
-            let inferred = self.infer(&measured, object).with_context(|| self.plan.objects[object].name.clone())?;
-            files::write_json(&path, &inferred)?;
-        }
-        files::read_json(&path)
+            self.infer(&measured, object).with_context(|| self.plan.objects[object].name.clone())
+        })
     }
 
     /// Scores of a chain. Made if they are missing, with the training.
     pub fn scores(&self, chain: &Chain) -> Result<Scored> {
-        let path = self.folder.join(self.plan.scores_file(chain));
-        if !path.exists() {
+        files::kept(&self.folder.join(self.plan.scores_file(chain)), || {
             let (policy, curve) = self.training(chain)?;
-            let model = &self.models.tasks[chain.task];
-            let judge = Judge::of(model).context("a task file has a task")?;
             let score = |(i, object): (usize, &Object)| {
                 let number = chain.training * self.plan.objects.len() as u64 + i as u64;
-                let of = seed::derive(seed::derive(self.plan.seed, stream::SCORES), number);
-                let scores = self.episodes(model, &judge, &policy, object, self.plan.episodes, of)?;
+                let seed = self.seed(stream::SCORES, number);
+                let scores =
+                    self.episodes(&self.models.tasks[chain.task], &policy, object, self.plan.episodes, seed)?;
                 Ok(ObjectScores {
                     returns: scores.iter().map(|(_, s)| s.rewards.iter().sum()).collect(),
                     successes: scores.iter().map(|(_, s)| s.succeeded).collect(),
@@ -137,27 +134,26 @@ impl Work<'_> {
                 })
             };
             let objects = self.plan.objects.iter().enumerate().map(score).collect::<Result<Vec<_>>>()?;
-            files::write_json(&path, &Scored { curve, objects })?;
-        }
-        files::read_json(&path)
+            Ok(Scored { curve, objects })
+        })
     }
 
     /// Deployments of the first training of a policy on an object. Made if they are missing.
     pub fn deployments(&self, chain: &Chain, object: usize) -> Result<Deployments> {
-        let path = self.folder.join(self.plan.deployments_file(chain, object));
-        if !path.exists() {
+        files::kept(&self.folder.join(self.plan.deployments_file(chain, object)), || {
             let policy = read_policy(&self.folder.join(self.plan.training_file(chain)))?;
-            let model = &self.models.tasks[chain.task];
-            let judge = Judge::of(model).context("a task file has a task")?;
-            // The same conditions for every policy: deployments are compared in pairs.
-            let of = seed::derive(seed::derive(self.plan.seed, stream::DEPLOYMENTS), object as u64);
-            let hidden = &self.plan.objects[object];
-            let (tracks, scores): (Vec<_>, Vec<_>) =
-                self.episodes(model, &judge, &policy, hidden, self.plan.repeats, of)?.into_iter().unzip();
-            let rewards = scores.into_iter().map(|s: Score| s.rewards).collect();
-            files::write_json(&path, &Deployments { tracks, rewards })?;
-        }
-        files::read_json(&path)
+            // Every policy meets the same conditions: deployments are compared in pairs.
+            let seed = self.seed(stream::DEPLOYMENTS, object as u64);
+            let (model, hidden) = (&self.models.tasks[chain.task], &self.plan.objects[object]);
+            let episodes = self.episodes(model, &policy, hidden, self.plan.repeats, seed)?;
+            let (tracks, scores): (Vec<Track>, Vec<Score>) = episodes.into_iter().unzip();
+            Ok(Deployments { tracks, rewards: scores.into_iter().map(|s| s.rewards).collect() })
+        })
+    }
+
+    /// Seed of item `number` of a stream of the study.
+    fn seed(&self, stream: u64, number: u64) -> u64 {
+        seed::derive(seed::derive(self.plan.seed, stream), number)
     }
 
     /// Policy of a chain with its learning curve. Made if it is missing.
@@ -166,8 +162,8 @@ impl Work<'_> {
         let curve = path.with_extension("curve.json");
         if !path.exists() {
             let model = &self.models.tasks[chain.task];
-            let of = seed::derive(seed::derive(self.plan.seed, stream::TRAININGS), chain.training);
-            let trained = self.train(model, &self.domains(chain.knowledge)?, of)?;
+            let seed = self.seed(stream::TRAININGS, chain.training);
+            let trained = self.train(model, &self.domains(chain.knowledge)?, seed)?;
             let points: Curve = trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
             files::write_json(&curve, &points)?;
             // Last, because it tells that the training is done.
@@ -205,16 +201,17 @@ impl Work<'_> {
         let model = &self.models.model;
         let (simulator, task) = (BeamSimulator::new(model, 1)?, model.task.context("the model has a task")?);
         let record = |number: u64| {
-            let of = seed::derive(seed::derive(self.plan.seed, stream::RECORDINGS), 1000 * index as u64 + number);
-            let asked = episodes(vec![object.truth.clone()], Fidelity::Reference, of);
-            let acted = SimulationRequest { drive: Drive::Policy(Box::new(recorder.clone())), ..asked.clone() };
-            let track = simulator.simulate(&acted)?.remove(0);
-            let acts = track.frames.len().saturating_sub(1);
-            let actions: Vec<[f64; 2]> = track.frames[..acts].iter().map(|f| f.action).collect();
+            let seed = self.seed(stream::RECORDINGS, 1000 * index as u64 + number);
+            let asked = episodes(vec![object.truth.clone()], Fidelity::Reference, seed);
+            let asked_of_policy =
+                SimulationRequest { drive: Drive::Policy(Box::new(recorder.clone())), ..asked.clone() };
+            let track = simulator.simulate(&asked_of_policy)?.remove(0);
+            let actions: Vec<[f64; 2]> = acted(&task, &track).iter().map(|f| f.action).collect();
             let path = path_of_actions(model, &actions).context("the recorder made no action")?;
-            // The same episode once more, with the frames of a recording along the path of the hand.
+            // Repetition of the same episode, with the frames of a recording along the path of the hand.
             let o = model.observation;
-            let last_s = actions.len() as f64 * task.step_period_s + 1e-9;
+            let steps = actions.len() + task.rest_after(actions.len());
+            let last_s = steps as f64 * task.step_period_s + 1e-9;
             let times = (0..o.frames).map(|i| i as f64 * o.frame_period_s).filter(|t| *t <= last_s).collect();
             let seen = SimulationRequest { drive: Drive::Grip(path.clone()), frame_times_s: times, ..asked };
             let track = simulator.simulate(&seen)?.remove(0);
@@ -224,7 +221,7 @@ impl Work<'_> {
     }
 
     fn infer(&self, measured: &[MeasuredTrack], object: usize) -> Result<Inferred> {
-        let seed = seed::derive(seed::derive(self.plan.seed, stream::INFERENCE), object as u64);
+        let seed = self.seed(stream::INFERENCE, object as u64);
         let [iterations, simulations] = self.plan.inference;
         let settings = bayes_sim::Settings { seed, iterations, simulations, ..bayes_sim::Settings::default() };
         let simulator = BeamSimulator::new(&self.models.model, 1)?;
@@ -248,31 +245,33 @@ impl Work<'_> {
     fn episodes(
         &self,
         model: &Model,
-        judge: &Judge,
         policy: &Policy,
         object: &Object,
         count: u64,
-        of: u64,
+        seed: u64,
     ) -> Result<Vec<(Track, Score)>> {
         self.check()?;
-        let task = model.task.map(|task| Task { ends_at_success: false, ..task });
-        let simulator = BeamSimulator::new(&Model { task, ..model.clone() }, 1)?;
+        let judge = Judge::of(model).context("a task file has a task")?;
+        let simulator = BeamSimulator::new(&without_early_success(model), 1)?;
         let asked = SimulationRequest {
             drive: Drive::Policy(Box::new(policy.clone())),
-            ..episodes(vec![object.truth.clone(); count as usize], Fidelity::Reference, of)
+            ..episodes(vec![object.truth.clone(); count as usize], Fidelity::Reference, seed)
         };
-        let tracks = simulator.simulate(&asked)?;
-        ensure!(tracks.len() == count as usize, "expected {count} episodes, got {}", tracks.len());
         let scored = |track: Track| {
             let score = judge.score(&track);
             (track, score)
         };
-        Ok(tracks.into_iter().map(scored).collect())
+        Ok(simulator.simulate(&asked)?.into_iter().map(scored).collect())
     }
 
     fn check(&self) -> Result<()> {
         if self.shutdown.is_triggered() { Err(interrupted()) } else { Ok(()) }
     }
+}
+
+/// Frames of a track that an action follows.
+pub fn acted<'a>(task: &Task, track: &'a Track) -> &'a [Frame] {
+    &track.frames[..track.frames.len().saturating_sub(1).min(task.steps)]
 }
 
 fn interrupted() -> anyhow::Error {

@@ -16,21 +16,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lets the training node train a policy. Ctrl-C cancels the training.
 pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespace: &str) -> Result<()> {
+    let (kind, mixture, point) = match domains {
+        Domains::Prior(_) => (TrainGoal::DOMAINS_PRIOR, Mixture::default(), Vec::new()),
+        Domains::Mixture(posterior) => (TrainGoal::DOMAINS_MIXTURE, convert::posterior_to_msg(posterior), Vec::new()),
+        Domains::Point(theta) => (TrainGoal::DOMAINS_POINT, Mixture::default(), theta.clone()),
+    };
     let goal = TrainGoal {
         model_yaml,
-        domains: match domains {
-            Domains::Prior(_) => TrainGoal::DOMAINS_PRIOR,
-            Domains::Mixture(_) => TrainGoal::DOMAINS_MIXTURE,
-            Domains::Point(_) => TrainGoal::DOMAINS_POINT,
-        },
-        mixture: match domains {
-            Domains::Mixture(posterior) => convert::posterior_to_msg(posterior),
-            _ => Mixture::default(),
-        },
-        point: match domains {
-            Domains::Point(theta) => theta.clone(),
-            _ => Vec::new(),
-        },
+        domains: kind,
+        mixture,
+        point,
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
         fidelity: SimulateRequest::FIDELITY_FAST,
