@@ -29,7 +29,7 @@ pub use standard::Standardisation;
 pub use train::{Epoch, Trained, TrainingError, train};
 
 use crate::unit_map::UnitMap;
-use catenary_core::matrix::{Transpose, gemm};
+use catenary_core::matrix::{Transpose, gemm, tanh};
 use head::Parts;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
@@ -206,7 +206,7 @@ impl Network {
                 }
                 work.raw = out;
             } else {
-                out.iter_mut().for_each(|v| *v = v.tanh());
+                tanh(&mut out);
                 work.hidden[layer] = out;
             }
         }

@@ -1,4 +1,6 @@
-//! Single-precision matrix products on row-major slices, by `matrixmultiply`.
+//! Single-precision matrix products on row-major slices, by `matrixmultiply`, and the activation of the networks, by `wide`.
+
+use wide::f32x8;
 
 /// Transposition of an operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,9 +61,38 @@ pub fn gemm(
     }
 }
 
+/// Hyperbolic tangent of every value, in place, eight at a time. Its error is below 3e-7.
+pub fn tanh(values: &mut [f32]) {
+    let (eights, rest) = values.as_chunks_mut::<8>();
+    for v in eights {
+        *v = f32x8::new(*v).tanh().to_array();
+    }
+    // By the same polynomial, so that a value does not depend on its place.
+    let mut last = [0.0; 8];
+    last[..rest.len()].copy_from_slice(rest);
+    rest.copy_from_slice(&f32x8::new(last).tanh().to_array()[..rest.len()]);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tanh_is_that_of_the_standard_library_and_does_not_depend_on_the_place() {
+        let values: Vec<f32> =
+            (-2003..=2003).map(|i| i as f32 * 0.01).chain([1e-8, -1e-5, 3e-4, 80.0, -1e30]).collect();
+        let mut all = values.clone();
+        tanh(&mut all);
+        for (x, y) in values.iter().zip(&all) {
+            assert!((y - x.tanh()).abs() < 3e-7, "{x}: {y} against {}", x.tanh());
+            let mut alone = [*x];
+            tanh(&mut alone);
+            assert_eq!(alone[0], *y, "{x}");
+        }
+        let mut strange = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+        tanh(&mut strange);
+        assert!(strange[0].is_nan() && strange[1..] == [1.0, -1.0], "{strange:?}");
+    }
 
     #[test]
     fn transposed_operands_give_the_same_product() {

@@ -1,6 +1,6 @@
 //! Multilayer perceptron with tanh hidden layers and a linear output.
 
-use crate::matrix::{Transpose, gemm};
+use crate::matrix::{Transpose, gemm, tanh};
 use serde::Serialize;
 use thiserror::Error;
 
@@ -103,7 +103,7 @@ impl Mlp {
             let shape = (batch, layer.inputs, layer.outputs);
             gemm(shape, 1.0, &current, Transpose::No, &layer.weight, Transpose::Yes, 1.0, &mut next);
             if i + 1 < self.layers.len() {
-                next.iter_mut().for_each(|v| *v = v.tanh());
+                tanh(&mut next);
             }
             current = next;
         }

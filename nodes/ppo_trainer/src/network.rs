@@ -1,7 +1,7 @@
 //! Multilayer perceptron with a hand-written gradient.
 
 use catenary_core::Mlp;
-use catenary_core::matrix::{Transpose, gemm};
+use catenary_core::matrix::{Transpose, gemm, tanh};
 use catenary_core::mlp::Layer;
 use nalgebra::DMatrix;
 use rand::{Rng, RngExt};
@@ -61,7 +61,7 @@ impl Network {
             let shape = (batch, layer.inputs, layer.outputs);
             gemm(shape, 1.0, &before[i], Transpose::No, &layer.weight, Transpose::Yes, 1.0, output);
             if i + 1 < count {
-                output.iter_mut().for_each(|v| *v = v.tanh());
+                tanh(output);
             }
         }
         &self.activations[count]

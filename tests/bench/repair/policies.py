@@ -1,12 +1,13 @@
 """Gain of a repaired model: policies trained on it and on the unrepaired one, evaluated on a cell with the hidden effect.
 
-    source .venv/ros.env; .venv/bin/python tests/bench/repair/policies.py --out DIR [--hide tip_mass_kg=0.05 ...] [--seeds 5] [--json]
+    source .venv/ros.env; .venv/bin/python tests/bench/repair/policies.py --out DIR [--hide tip_mass_kg=0.05 ...] [--task NAME]
+        [--seeds 5] [--json]
 
 For each hidden effect, three episodes are measured in a cell at `reference` fidelity. `catenary find-effects` searches two of them and
 holds out the third. All policies are trained over posteriors of `catenary infer` that use the three episodes: the posterior of the
 unrepaired model is inferred from all of them; the repaired model's priors come from two, and its posterior from the third. `catenary
-evaluate` runs all policies on the same episodes of the cell. An effect without a repair has no gain. Results that DIR holds are not
-computed again.
+evaluate` runs all policies on the same episodes of the cell. --task takes another task than the model's for training and evaluation; the
+episodes are measured in the model's own. An effect without a repair has no gain. Results that DIR holds are not computed again.
 """
 
 import argparse
@@ -56,7 +57,7 @@ def interval(values):
     return {"mean": mean, "low": mean - half, "high": mean + half}
 
 
-def study(folder, hidden, seeds, episodes, steps):
+def study(folder, hidden, seeds, episodes, steps, task):
     """Row of one hidden effect: search, inference, training and evaluation."""
     folder.mkdir(parents=True, exist_ok=True)
     model = folder / "model.yaml"
@@ -74,14 +75,15 @@ def study(folder, hidden, seeds, episodes, steps):
         infer = lambda half, known=known, given=given: draw.program("infer", "--model", known, *given, "--out", half)
         posteriors[side] = once(folder / f"inferred_{side}", infer)
         over[side] = ("--model", known, "--posterior", posteriors[side] / "posterior.json")
+    aim = ("--task", task) if task else ()
     wanted = ("--steps", steps) if steps else ()
     train = lambda side, seed: once(
-        folder / f"{side}_{seed}.safetensors",
-        lambda half: draw.program("train", *over[side], *wanted, "--seed", seed, "--out", half),
+        folder / f"{side}_{task or 'own'}_{steps or 'preset'}_{seed}.safetensors",
+        lambda half: draw.program("train", *over[side], *aim, *wanted, "--seed", seed, "--out", half),
     )
     policies = [(side, train(side, seed)) for side in over for seed in range(1, seeds + 1)]
     given = [a for _, path in policies for a in ("--policy", path)]
-    given += [a for value in OBJECT for a in ("--theta", value)] + ["--effect", hidden]
+    given += [a for value in OBJECT for a in ("--theta", value)] + ["--effect", hidden, *aim]
     fared = json.loads(draw.program("evaluate", "--model", model, *given, "--episodes", episodes, "--json"))["policies"]
     read = lambda folder: json.loads((folder / "inference.json").read_text())["marginals"]
     row["marginals"] = {side: read(posterior) for side, posterior in posteriors.items()}
@@ -113,12 +115,13 @@ def main():
     parser.add_argument("--seeds", type=int, default=5, choices=range(2, 11), metavar="2..10", help="trainings of each side")
     parser.add_argument("--episodes", type=int, default=100, help="of each policy")
     parser.add_argument("--steps", type=int, help="of each training; none: the preset's")
+    parser.add_argument("--task", help="file or name; none: the model's")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     rows = []
     for hidden in arguments.hide or HIDDEN:
         print(hidden, file=sys.stderr)
-        rows.append(study(arguments.out / hidden, hidden, arguments.seeds, arguments.episodes, arguments.steps))
+        rows.append(study(arguments.out / hidden, hidden, arguments.seeds, arguments.episodes, arguments.steps, arguments.task))
     print(json.dumps(rows) if arguments.json else text(rows))
 
 
