@@ -117,6 +117,11 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(run, tmp_pat
         arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json")
         reports.append(json.loads(run("train", *arguments)))
     assert reports[0]["steps"] >= 512 and reports[0]["interrupted"] is False and reports[0]["curve"] == reports[1]["curve"]
+    last = reports[0]["curve"][-1]
+    assert last["value_loss"] > 0 and last["entropy"] < reports[0]["curve"][0]["entropy"] + 0.1
+    returns, share = reports[0]["mean_return"], reports[0]["success_rate"]
+    assert returns["low"] < returns["value"] < returns["high"] and returns["value"] == pytest.approx(last["mean_return"])
+    assert share["low"] <= share["value"] <= share["high"] and share["value"] == pytest.approx(last["success_rate"])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 

@@ -137,7 +137,12 @@ def test_node_to_rclpy_has_a_training_of_rclpy_train(session, name):
         child = session.start("train", "--node", *arguments, "--wait-s", 20, "--json")
         assert child.wait(30) == 0, session.text("train.err")
     said = json.loads(session.text("train.out"))
-    assert said["policy"] == "pi0.safetensors" and said["curve"] == [[16, 0.25], [32, 0.5]] and said["steps"] == 32
+    curve = [
+        {"steps": 16, "mean_return": 0.25, "success_rate": 0.0, "entropy": 1.5, "value_loss": 0.2},
+        {"steps": 32, "mean_return": 0.5, "success_rate": 0.5, "entropy": 1.0, "value_loss": 0.1},
+    ]
+    assert said["policy"] == "pi0.safetensors" and said["curve"] == curve and said["steps"] == 32
+    assert said["mean_return"]["value"] == pytest.approx(0.5) and said["success_rate"]["value"] == 0.5
     assert (session.folder / "pi0.safetensors").read_bytes() == policy_file()
     (goal,) = learner.goals
     assert (goal.total_steps, goal.seed, goal.domains) == (32, 3, Train.Goal.DOMAINS_PRIOR) and goal.model_yaml == MODEL.read_text()

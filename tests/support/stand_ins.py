@@ -257,7 +257,10 @@ class Learner(StandIn):
     def train(self, handle):
         if self.work(handle, lambda step: Train.Feedback(steps=8 * step, total_steps=32, mean_return=0.5, success_rate=0.25)):
             return Train.Result(message="cancelled")
-        return Train.Result(success=True, policy=policy_file(), curve_steps=[16, 32], curve_returns=[0.25, 0.5], steps_per_second=320.0)
+        curve = {"curve_steps": [16, 32], "curve_returns": [0.25, 0.5], "curve_successes": [0.0, 0.5]}
+        curve |= {"curve_entropies": [1.5, 1.0], "curve_value_losses": [0.2, 0.1]}
+        last = {"last_returns": [0.4, 0.6], "last_successes": [False, True]}
+        return Train.Result(success=True, policy=policy_file(), steps_per_second=320.0, **curve, **last)
 
     def find(self, handle):
         if self.work(handle, lambda step: FindEffects.Feedback(stage="name", progress=0.25 * step)):

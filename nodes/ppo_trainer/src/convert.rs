@@ -1,5 +1,6 @@
 //! Conversion between ROS messages and the trainer's types.
 
+use crate::curve::CurvePoint;
 use crate::domains::Domains;
 use crate::settings::Settings;
 use crate::trainer::{Progress, Trained};
@@ -101,24 +102,94 @@ pub fn transitions(r: &StepEnvsResponse, count: usize) -> Result<Vec<Transition>
 #[must_use]
 pub fn feedback(p: &Progress) -> TrainFeedback {
     TrainFeedback {
-        steps: p.steps,
+        steps: p.now.steps,
         total_steps: p.total_steps,
         // Before the first episode ends the mean is NaN, which a client cannot plot.
-        mean_return: if p.mean_return.is_finite() { p.mean_return } else { 0.0 },
-        success_rate: p.success_rate,
+        mean_return: if p.now.mean_return.is_finite() { p.now.mean_return } else { 0.0 },
+        success_rate: p.now.success_rate,
     }
+}
+
+/// Learning curve of a result.
+///
+/// # Errors
+/// [`ConvertError`] if its lists differ in length.
+pub fn curve(r: &TrainResult) -> Result<Vec<CurvePoint>, ConvertError> {
+    let n = r.curve_steps.len();
+    let lists = [
+        ("curve_returns", &r.curve_returns),
+        ("curve_successes", &r.curve_successes),
+        ("curve_entropies", &r.curve_entropies),
+        ("curve_value_losses", &r.curve_value_losses),
+    ];
+    match lists.iter().find(|(_, list)| list.len() != n) {
+        Some((field, list)) => Err(unequal(field, n, list.len())),
+        None => Ok((0..n)
+            .map(|i| {
+                let [mean_return, success_rate, entropy, value_loss] = lists.map(|(_, list)| list[i]);
+                CurvePoint { steps: r.curve_steps[i], mean_return, success_rate, entropy, value_loss }
+            })
+            .collect()),
+    }
+}
+
+/// Returns of the last episodes of a result, and true for each that succeeded.
+///
+/// # Errors
+/// [`ConvertError`] if its lists differ in length.
+pub fn last_episodes(r: &TrainResult) -> Result<Vec<(f64, bool)>, ConvertError> {
+    if r.last_returns.len() != r.last_successes.len() {
+        return Err(unequal("last_successes", r.last_returns.len(), r.last_successes.len()));
+    }
+    Ok(r.last_returns.iter().copied().zip(r.last_successes.iter().copied()).collect())
+}
+
+fn unequal(field: &'static str, expected: usize, got: usize) -> ConvertError {
+    ConvertError { field, expected: format!("{expected} values"), got: got.to_string() }
 }
 
 /// Result message of a training that took `seconds`; `domains` are the parameters of the environments.
 #[must_use]
 pub fn result(trained: &Trained, domains: &[Vec<f64>], seconds: f64) -> TrainResult {
+    let curve = |value: fn(&CurvePoint) -> f64| trained.curve.iter().map(value).collect();
     TrainResult {
         success: true,
         message: String::new(),
         policy: trained.policy.to_bytes(),
         curve_steps: trained.curve.iter().map(|p| p.steps).collect(),
-        curve_returns: trained.curve.iter().map(|p| p.mean_return).collect(),
+        curve_returns: curve(|p| p.mean_return),
+        curve_successes: curve(|p| p.success_rate),
+        curve_entropies: curve(|p| p.entropy),
+        curve_value_losses: curve(|p| p.value_loss),
+        last_returns: trained.recent.iter().map(|(r, _)| *r).collect(),
+        last_successes: trained.recent.iter().map(|(_, success)| *success).collect(),
         domains: domains.concat(),
         steps_per_second: trained.steps as f64 / seconds,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_a_result_that_differ_in_length_are_refused_by_name() {
+        let lists = || vec![0.5, 1.0];
+        let good = TrainResult {
+            curve_steps: vec![16, 32],
+            curve_returns: lists(),
+            curve_successes: lists(),
+            curve_entropies: lists(),
+            curve_value_losses: lists(),
+            last_returns: lists(),
+            last_successes: vec![false, true],
+            ..TrainResult::default()
+        };
+        assert_eq!(curve(&good).unwrap()[1].entropy, 1.0);
+        assert_eq!(last_episodes(&good).unwrap(), [(0.5, false), (1.0, true)]);
+        let short = TrainResult { curve_entropies: vec![1.0], last_successes: Vec::new(), ..good };
+        let words = curve(&short).unwrap_err().to_string();
+        assert!(words.contains("curve_entropies") && words.contains("2 values") && words.contains('1'), "{words}");
+        assert!(last_episodes(&short).unwrap_err().to_string().contains("last_successes"));
     }
 }

@@ -3,6 +3,7 @@
 pub mod adam;
 #[cfg(feature = "node")]
 pub mod convert;
+pub mod curve;
 pub mod domains;
 pub mod loss;
 pub mod network;
@@ -13,6 +14,7 @@ pub mod rollout;
 pub mod settings;
 pub mod trainer;
 
+pub use curve::{CurvePoint, stopped_improving};
 pub use domains::Domains;
 pub use settings::{Settings, SettingsError};
-pub use trainer::{CurvePoint, Progress, TrainError, Trained, train};
+pub use trainer::{Progress, TrainError, Trained, train};

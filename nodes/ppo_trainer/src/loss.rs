@@ -13,6 +13,11 @@ pub fn log_probability(action: &[f32; 2], mean: &[f32], log_std: &[f32; 2]) -> f
         .sum()
 }
 
+/// Entropy in nat of a Gaussian over two components with log standard deviations `log_std`.
+pub fn entropy(log_std: &[f32; 2]) -> f32 {
+    log_std.iter().map(|l| l + 0.5 * (1.0 + LN_2 + PI.ln())).sum()
+}
+
 /// Inputs of the loss of one sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Term {
@@ -52,14 +57,13 @@ pub fn derivatives(term: &Term, mean: &[f32], log_std: &[f32; 2], value: f32, se
     let by_log_probability = if plain <= bounded { -ratio * term.advantage } else { 0.0 };
     let z: [f32; 2] = std::array::from_fn(|i| (term.action[i] - mean[i]) / log_std[i].exp());
     let error = value - term.target;
-    let entropy: f32 = log_std.iter().map(|l| l + 0.5 * (1.0 + LN_2 + PI.ln())).sum();
     Derivatives {
         mean: std::array::from_fn(|i| by_log_probability * z[i] / log_std[i].exp()),
         // The entropy of a Gaussian grows by one nat with each log standard deviation.
         log_std: std::array::from_fn(|i| by_log_probability * (z[i] * z[i] - 1.0) - settings.entropy_weight),
         value: 2.0 * settings.value_weight * error,
         kl: ratio - 1.0 - log_ratio,
-        loss: -plain.min(bounded) + settings.value_weight * error * error - settings.entropy_weight * entropy,
+        loss: -plain.min(bounded) + settings.value_weight * error * error - settings.entropy_weight * entropy(log_std),
     }
 }
 

@@ -1,7 +1,8 @@
 //! Training loop of proximal policy optimisation.
 
 use crate::adam::Adam;
-use crate::loss::{Term, derivatives, log_probability};
+use crate::curve::CurvePoint;
+use crate::loss::{Term, derivatives, entropy, log_probability};
 use crate::network::Network;
 use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
@@ -55,25 +56,10 @@ pub enum TrainError {
 /// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
-    /// Environment steps so far.
-    pub steps: u64,
     /// Environment steps in total.
     pub total_steps: u64,
-    /// Mean return of the last 100 episodes; NaN before the first one ends.
-    pub mean_return: f64,
-    /// Share of successes among these episodes.
-    pub success_rate: f64,
-}
-
-/// Point of the learning curve.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CurvePoint {
-    /// Environment steps so far.
-    pub steps: u64,
-    /// Mean return of the last 100 episodes.
-    pub mean_return: f64,
-    /// Share of successes among these episodes.
-    pub success_rate: f64,
+    /// State after the last update.
+    pub now: CurvePoint,
 }
 
 /// Trained policy with its learning curve.
@@ -81,8 +67,10 @@ pub struct CurvePoint {
 pub struct Trained {
     /// Policy with the normalisation of its observations.
     pub policy: Policy,
-    /// Point after each update.
+    /// Point after each update, from the first one that an episode's end precedes.
     pub curve: Vec<CurvePoint>,
+    /// Returns of the last 100 episodes, and true for each that succeeded.
+    pub recent: Vec<(f64, bool)>,
     /// Environment steps taken, fewer than in the settings if the training was stopped.
     pub steps: u64,
 }
@@ -109,17 +97,21 @@ pub fn train(
     let mut curve = Vec::new();
     while trainer.steps < settings.total_steps {
         let rollout = trainer.collect(env, &mut observations)?;
-        trainer.update(&rollout)?;
-        let progress = trainer.progress();
-        if progress.mean_return.is_finite() {
-            let Progress { steps, mean_return, success_rate, .. } = progress;
-            curve.push(CurvePoint { steps, mean_return, success_rate });
+        let value_loss = trainer.update(&rollout)?;
+        let now = trainer.point(value_loss);
+        if now.mean_return.is_finite() {
+            curve.push(now);
         }
-        if on_progress(&progress).is_break() {
+        if on_progress(&Progress { total_steps: settings.total_steps, now }).is_break() {
             break;
         }
     }
-    Ok(Trained { policy: trainer.policy(), curve, steps: trainer.steps })
+    Ok(Trained {
+        policy: trainer.policy(),
+        curve,
+        recent: trainer.recent.iter().copied().collect(),
+        steps: trainer.steps,
+    })
 }
 
 /// State of a training.
@@ -174,15 +166,16 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Progress averaged over the recent episodes.
-    fn progress(&self) -> Progress {
+    /// State averaged over the recent episodes.
+    fn point(&self, value_loss: f64) -> CurvePoint {
         let n = self.recent.len() as f64;
         let successes = self.recent.iter().filter(|(_, success)| *success).count() as f64;
-        Progress {
+        CurvePoint {
             steps: self.steps,
-            total_steps: self.settings.total_steps,
             mean_return: self.recent.iter().map(|(r, _)| r).sum::<f64>() / n,
             success_rate: if n > 0.0 { successes / n } else { 0.0 },
+            entropy: f64::from(entropy(&self.log_std)),
+            value_loss,
         }
     }
 
@@ -269,34 +262,40 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Makes several passes over a rollout in shuffled minibatches.
-    fn update(&mut self, rollout: &Rollout) -> Result<(), TrainError> {
+    /// Makes several passes over a rollout in shuffled minibatches. Returns the mean squared error of the values in the last pass.
+    fn update(&mut self, rollout: &Rollout) -> Result<f64, TrainError> {
         let mut order: Vec<usize> = (0..rollout.samples.len()).collect();
         let done = (self.steps as f32 / self.settings.total_steps as f32).min(1.0);
         let annealed = if self.settings.anneal_learning_rate { 1.0 - done } else { 1.0 };
         // The last update follows the last step, at which the annealed rate would be zero.
         let learning_rate = self.settings.learning_rate * annealed.max(1e-3);
+        let mut value_loss = 0.0;
         for _ in 0..self.settings.epochs {
             order.shuffle(&mut self.rng);
             let mut kl = 0.0;
+            value_loss = 0.0;
             for batch in order.chunks(self.settings.batch_size) {
-                kl += self.minibatch(rollout, batch, learning_rate)? * batch.len() as f32;
+                let [divergence, error] = self.minibatch(rollout, batch, learning_rate)?;
+                kl += divergence * batch.len() as f32;
+                value_loss += f64::from(error) * batch.len() as f64 / order.len() as f64;
             }
             if self.settings.target_kl.is_some_and(|target| kl / order.len() as f32 > target) {
                 break;
             }
         }
-        Ok(())
+        Ok(value_loss)
     }
 
-    /// Takes one step of the optimiser. Returns the mean approximate Kullback-Leibler divergence of the minibatch.
-    fn minibatch(&mut self, rollout: &Rollout, batch: &[usize], learning_rate: f32) -> Result<f32, TrainError> {
+    /// Takes one step of the optimiser. Returns the mean approximate Kullback-Leibler divergence of the minibatch and the mean squared error
+    /// of its values.
+    fn minibatch(&mut self, rollout: &Rollout, batch: &[usize], learning_rate: f32) -> Result<[f32; 2], TrainError> {
         let n = batch.len();
         let x: Vec<f32> = batch.iter().flat_map(|&i| rollout.samples[i].observation).collect();
         let advantages = standardised(batch.iter().map(|&i| rollout.advantages[i]).collect());
         let means = self.actor.forward(&x, n).to_vec();
         let values = self.critic.forward(&x, n).to_vec();
-        let (mut d_mean, mut d_value, mut d_log_std, mut kl) = (vec![0.0; 2 * n], vec![0.0; n], [0.0; 2], 0.0);
+        let (mut d_mean, mut d_value, mut d_log_std) = (vec![0.0; 2 * n], vec![0.0; n], [0.0; 2]);
+        let (mut kl, mut squares) = (0.0, 0.0);
         // Means over the minibatch, so that the gradient's norm does not depend on its size.
         let share = 1.0 / n as f32;
         for (k, &i) in batch.iter().enumerate() {
@@ -314,6 +313,7 @@ impl<'a> Trainer<'a> {
             }
             d_value[k] = d.value * share;
             kl += d.kl * share;
+            squares += (values[k] - rollout.returns[i]).powi(2) * share;
         }
         self.actor.backward(&d_mean, n);
         self.critic.backward(&d_value, n);
@@ -322,7 +322,7 @@ impl<'a> Trainer<'a> {
         if !norm.is_finite() {
             return Err(TrainError::Diverged { steps: self.steps, what: "the gradient" });
         }
-        Ok(kl)
+        Ok([kl, squares])
     }
 
     /// Takes a step of Adam over all parameters. Returns the norm of the gradient.

@@ -2,8 +2,9 @@
 
 use super::story::{REPEATS, training_words};
 use super::summary::{Episode, Summary};
-use crate::evaluate::score::{Estimate, Evaluated};
+use crate::evaluate::score::Evaluated;
 use crate::exit::Misfit;
+use crate::report::Estimate;
 use crate::report::plots::Series;
 use crate::report::quantity::Quantity;
 use crate::report::{Mark, Page, Picture, plots, posterior};

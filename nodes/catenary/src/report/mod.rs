@@ -1,6 +1,7 @@
 //! HTML reports: one page each, with every picture inside it.
 
 pub mod aim;
+mod estimate;
 mod html;
 pub mod number;
 pub mod palette;
@@ -10,4 +11,5 @@ pub mod quantity;
 mod svg;
 mod ticks;
 
+pub use estimate::Estimate;
 pub use html::{Mark, Page, Picture};

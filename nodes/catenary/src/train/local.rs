@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use catenary_core::{Fidelity, Model, seed};
 use catenary_shell::Shutdown;
 use catenary_simulator::{VectorEnv, workers};
-use ppo_trainer::{CurvePoint, Domains, Settings, Trained};
+use ppo_trainer::{Domains, Settings, Trained};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -19,16 +19,9 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
     catenary_shell::end_on_signals(&shutdown)?;
     let (trained, seconds) = train(model, domains, settings, arguments.seed, &shutdown)?;
     std::fs::write(&arguments.out, trained.policy.to_bytes()).with_context(|| arguments.out.display().to_string())?;
-    let last = trained.curve.last().copied();
-    let report = Report {
-        policy: arguments.out.clone(),
-        steps: trained.steps,
-        interrupted: trained.steps < settings.total_steps,
-        mean_return: last.map_or(f64::NAN, |p| p.mean_return),
-        success_rate: last.map_or(0.0, |p| p.success_rate),
-        steps_per_second: trained.steps as f64 / seconds,
-        curve: trained.curve.iter().map(|p: &CurvePoint| (p.steps, p.mean_return)).collect(),
-    };
+    let steps = [trained.steps, settings.total_steps];
+    let report =
+        Report::new(arguments.out.clone(), steps, &trained.curve, &trained.recent, trained.steps as f64 / seconds);
     output::result(&arguments.output, &report, Report::words)?;
     if report.interrupted {
         let so_far = format!(
@@ -58,8 +51,8 @@ pub fn train(
     let bar = progress::bar("training", 0.0)?;
     let started = Instant::now();
     let trained = ppo_trainer::train(&mut env, &task, settings, train_seed, &mut |p| {
-        progress::advance(&bar, progress::share(p.steps as f64, settings.total_steps as f64));
-        bar.set_message(format!("return {:.2}, success {:.0} %", p.mean_return, 100.0 * p.success_rate));
+        progress::advance(&bar, progress::share(p.now.steps as f64, settings.total_steps as f64));
+        bar.set_message(format!("return {:.2}, success {:.0} %", p.now.mean_return, 100.0 * p.now.success_rate));
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     bar.finish_and_clear();

@@ -11,8 +11,7 @@ use catenary_msgs::msg::Mixture;
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::convert;
 use indicatif::ProgressBar;
-use ppo_trainer::Domains;
-use std::sync::{Arc, Mutex, PoisonError};
+use ppo_trainer::{Domains, convert as convert_training};
 
 /// Lets the training node train a policy. Ctrl-C cancels the training.
 pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespace: &str) -> Result<()> {
@@ -34,26 +33,16 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
     };
     output::prepare_file("out", &arguments.out)?;
     let bar = progress::bar("training", 0.0)?;
-    let success_rate = Arc::new(Mutex::new(0.0));
-    let told = Arc::clone(&success_rate);
     let request = Request { who: "train", action: "ppo_trainer/train", namespace, wait_s: arguments.on_graph.wait_s };
-    let Answer { name, result, .. } = request.send::<Train>(goal, &bar, move |bar, feedback| {
-        show_training(bar, &feedback);
-        *told.lock().unwrap_or_else(PoisonError::into_inner) = feedback.success_rate;
-    })?;
+    let Answer { name, result, .. } =
+        request.send::<Train>(goal, &bar, |bar, feedback| show_training(bar, &feedback))?;
     ensure!(result.success, "{name}: {}", result.message);
     Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
-    std::fs::write(&arguments.out, result.policy).with_context(|| arguments.out.display().to_string())?;
-    let report = Report {
-        policy: arguments.out.clone(),
-        steps: result.curve_steps.last().copied().unwrap_or(0),
-        interrupted: false,
-        mean_return: result.curve_returns.last().copied().unwrap_or(f64::NAN),
-        // The result has no success rate: the last feedback's is reported.
-        success_rate: *success_rate.lock().unwrap_or_else(PoisonError::into_inner),
-        steps_per_second: result.steps_per_second,
-        curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
-    };
+    std::fs::write(&arguments.out, &result.policy).with_context(|| arguments.out.display().to_string())?;
+    let curve = convert_training::curve(&result).with_context(|| name.clone())?;
+    let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
+    let steps = curve.last().map_or(0, |p| p.steps);
+    let report = Report::new(arguments.out.clone(), [steps, steps], &curve, &last, result.steps_per_second);
     output::result(&arguments.output, &report, Report::words)
 }
 

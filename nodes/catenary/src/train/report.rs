@@ -1,5 +1,7 @@
-//! Result of a training.
+//! Result of a training, in the form in which `evaluate` reports, too.
 
+use crate::report::Estimate;
+use ppo_trainer::{CurvePoint, stopped_improving};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -12,25 +14,83 @@ pub struct Report {
     pub steps: u64,
     /// True if Ctrl-C ended the training early.
     pub interrupted: bool,
-    /// Mean return of the last episodes.
-    pub mean_return: f64,
-    /// Success rate of the last episodes.
-    pub success_rate: f64,
+    /// Mean return of the last episodes of the training, of up to 100; none before two have ended.
+    pub mean_return: Option<Estimate>,
+    /// Share of successes among these episodes.
+    pub success_rate: Option<Estimate>,
+    /// Environment steps after which the return had made 95 % of its rise; none if it may improve with more steps.
+    pub stopped_improving_at: Option<u64>,
     /// Environment steps per second.
     pub steps_per_second: f64,
-    /// Learning curve: environment steps and mean return.
-    pub curve: Vec<(u64, f64)>,
+    /// Learning curve.
+    pub curve: Vec<Point>,
+}
+
+/// Point of the learning curve.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Point {
+    /// Environment steps so far.
+    pub steps: u64,
+    /// Mean return of the last episodes.
+    pub mean_return: f64,
+    /// Share of successes among these episodes.
+    pub success_rate: f64,
+    /// Entropy of the actions' distribution, nat.
+    pub entropy: f64,
+    /// Mean squared error of the values.
+    pub value_loss: f64,
 }
 
 impl Report {
-    /// Report in a line.
+    /// Report of a training with its curve and its last episodes: return, and true for a success.
+    pub fn new(
+        policy: PathBuf,
+        [steps, total_steps]: [u64; 2],
+        curve: &[CurvePoint],
+        last: &[(f64, bool)],
+        steps_per_second: f64,
+    ) -> Self {
+        let returns: Vec<f64> = last.iter().map(|(r, _)| *r).collect();
+        let successes = last.iter().filter(|(_, success)| *success).count();
+        let is_enough = last.len() >= 2;
+        let point = |p: &CurvePoint| {
+            let CurvePoint { steps, mean_return, success_rate, entropy, value_loss } = *p;
+            Point { steps, mean_return, success_rate, entropy, value_loss }
+        };
+        Self {
+            policy,
+            steps,
+            interrupted: steps < total_steps,
+            mean_return: is_enough.then(|| Estimate::mean(&returns)),
+            success_rate: is_enough.then(|| Estimate::share(successes, last.len())),
+            stopped_improving_at: stopped_improving(curve),
+            steps_per_second,
+            curve: curve.iter().map(point).collect(),
+        }
+    }
+
+    /// Report in words.
     pub fn words(&self) -> String {
+        let policy = self.policy.display();
+        let (Some(mean_return), Some(success)) = (&self.mean_return, &self.success_rate) else {
+            return format!("{policy}: {} steps, too few for two episodes", self.steps);
+        };
+        let improves = match self.stopped_improving_at {
+            Some(at) => format!("the return stopped improving after {at} steps"),
+            None => "the return still rose at the end: more steps may help".to_owned(),
+        };
+        let ends = self.curve.first().zip(self.curve.last());
+        let falls = ends.map_or_else(String::new, |(first, last)| {
+            format!(
+                ", entropy {:.2} to {:.2} nat, value loss {:.2e} to {:.2e}",
+                first.entropy, last.entropy, first.value_loss, last.value_loss
+            )
+        });
         format!(
-            "{}: {} steps, mean return {:.3}, success {:.0} %, {:.0} steps/s",
-            self.policy.display(),
+            "{policy}: return {}, success {} % in the last episodes of the training\n{} steps, {:.0} steps/s{falls}; {improves}",
+            mean_return.words(1.0, 2),
+            success.words(100.0, 0),
             self.steps,
-            self.mean_return,
-            100.0 * self.success_rate,
             self.steps_per_second
         )
     }

@@ -91,6 +91,13 @@ fn learns_to_reach_a_point() {
     let (first, last) = (trained.curve[0].mean_return, trained.curve[trained.curve.len() - 1].mean_return);
     // The best policy earns about 7.4 from a random start, as it spends two steps on the way.
     assert!(first < 5.0 && last > 6.8, "return rose from {first:.2} to {last:.2}");
+    let point = |i: usize| trained.curve[i];
+    let end = point(trained.curve.len() - 1);
+    assert!(end.entropy < point(0).entropy, "the policy made up its mind: {end:?}");
+    // The discounted returns span some units; a critic that learnt nothing would miss their variance.
+    assert!(end.value_loss < 0.5 * point(0).value_loss, "{:?}, then {end:?}", point(0));
+    let recent = trained.recent.iter().map(|(r, _)| r).sum::<f64>() / trained.recent.len() as f64;
+    assert!(trained.recent.len() == 100 && (recent - end.mean_return).abs() < 1e-9, "{recent}");
     let policy = trained.policy;
     let toward = policy.act(&Observation::new([0.35, 0.3], &[[0.0; 2]; 4], [0.0; 2]));
     assert!(toward[0] > 0.04, "from the left it goes right: {toward:?}");
@@ -107,7 +114,7 @@ fn a_stopped_training_returns_the_policy_learnt_so_far() {
     let mut calls = 0;
     let trained = train(&mut Reaching::new(12), &task(), &Settings::tuned(), 1, &mut |p| {
         calls += 1;
-        if p.steps >= 1_536 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if p.now.steps >= 1_536 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
     .unwrap();
     assert_eq!((calls, trained.steps), (2, 1_536));
