@@ -67,6 +67,9 @@ pub fn tanh(values: &mut [f32]) {
     for v in eights {
         *v = f32x8::new(*v).tanh().to_array();
     }
+    if rest.is_empty() {
+        return;
+    }
     // By the same polynomial, so that a value does not depend on its place.
     let mut last = [0.0; 8];
     last[..rest.len()].copy_from_slice(rest);

@@ -1,12 +1,14 @@
 //! Learning curve of a training.
 
+use serde::Serialize;
+
 /// Share of the whole rise of the mean return after which a training has stopped improving. Chosen.
 const RISEN: f64 = 0.95;
 /// Share of a training, at its end, in which a rise means that more steps may help. Chosen.
 const END: f64 = 0.1;
 
 /// Point of the learning curve, after an update.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CurvePoint {
     /// Environment steps so far.
     pub steps: u64,

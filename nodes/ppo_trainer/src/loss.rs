@@ -40,6 +40,8 @@ pub struct Derivatives {
     pub log_std: [f32; 2],
     /// Derivative by the value.
     pub value: f32,
+    /// Value minus its target.
+    pub error: f32,
     /// Approximate Kullback-Leibler divergence from the sampling policy, `ratio - 1 - ln ratio` (Schulman 2020).
     pub kl: f32,
     /// Loss.
@@ -62,6 +64,7 @@ pub fn derivatives(term: &Term, mean: &[f32], log_std: &[f32; 2], value: f32, se
         // The entropy of a Gaussian grows by one nat with each log standard deviation.
         log_std: std::array::from_fn(|i| by_log_probability * (z[i] * z[i] - 1.0) - settings.entropy_weight),
         value: 2.0 * settings.value_weight * error,
+        error,
         kl: ratio - 1.0 - log_ratio,
         loss: -plain.min(bounded) + settings.value_weight * error * error - settings.entropy_weight * entropy(log_std),
     }

@@ -313,7 +313,7 @@ impl<'a> Trainer<'a> {
             }
             d_value[k] = d.value * share;
             kl += d.kl * share;
-            squares += (values[k] - rollout.returns[i]).powi(2) * share;
+            squares += d.error.powi(2) * share;
         }
         self.actor.backward(&d_mean, n);
         self.critic.backward(&d_value, n);

@@ -21,6 +21,7 @@ use catenary_msgs::action::{
 };
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Node, convert};
+use ppo_trainer::convert as convert_training;
 use std::time::Duration;
 
 /// Result of one training.
@@ -120,7 +121,7 @@ impl Demo {
         std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
         let training = Training {
             policy: name.to_owned(),
-            curve: result.curve_steps.iter().copied().zip(result.curve_returns.iter().copied()).collect(),
+            curve: convert_training::curve(&result)?.iter().map(|p| (p.steps, p.mean_return)).collect(),
             steps_per_second: result.steps_per_second,
         };
         Ok(Trained { policy, bytes: result.policy, training, domains: self.model.theta.rows(&result.domains)? })

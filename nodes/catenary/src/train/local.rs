@@ -20,8 +20,8 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
     let (trained, seconds) = train(model, domains, settings, arguments.seed, &shutdown)?;
     std::fs::write(&arguments.out, trained.policy.to_bytes()).with_context(|| arguments.out.display().to_string())?;
     let steps = [trained.steps, settings.total_steps];
-    let report =
-        Report::new(arguments.out.clone(), steps, &trained.curve, &trained.recent, trained.steps as f64 / seconds);
+    let steps_per_second = trained.steps as f64 / seconds;
+    let report = Report::new(arguments.out.clone(), steps, trained.curve, &trained.recent, steps_per_second);
     output::result(&arguments.output, &report, Report::words)?;
     if report.interrupted {
         let so_far = format!(

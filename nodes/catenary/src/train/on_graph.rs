@@ -42,7 +42,7 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
     let curve = convert_training::curve(&result).with_context(|| name.clone())?;
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     let steps = curve.last().map_or(0, |p| p.steps);
-    let report = Report::new(arguments.out.clone(), [steps, steps], &curve, &last, result.steps_per_second);
+    let report = Report::new(arguments.out.clone(), [steps, steps], curve, &last, result.steps_per_second);
     output::result(&arguments.output, &report, Report::words)
 }
 

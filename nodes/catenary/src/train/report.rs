@@ -23,22 +23,7 @@ pub struct Report {
     /// Environment steps per second.
     pub steps_per_second: f64,
     /// Learning curve.
-    pub curve: Vec<Point>,
-}
-
-/// Point of the learning curve.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Point {
-    /// Environment steps so far.
-    pub steps: u64,
-    /// Mean return of the last episodes.
-    pub mean_return: f64,
-    /// Share of successes among these episodes.
-    pub success_rate: f64,
-    /// Entropy of the actions' distribution, nat.
-    pub entropy: f64,
-    /// Mean squared error of the values.
-    pub value_loss: f64,
+    pub curve: Vec<CurvePoint>,
 }
 
 impl Report {
@@ -46,26 +31,22 @@ impl Report {
     pub fn new(
         policy: PathBuf,
         [steps, total_steps]: [u64; 2],
-        curve: &[CurvePoint],
+        curve: Vec<CurvePoint>,
         last: &[(f64, bool)],
         steps_per_second: f64,
     ) -> Self {
         let returns: Vec<f64> = last.iter().map(|(r, _)| *r).collect();
         let successes = last.iter().filter(|(_, success)| *success).count();
         let is_enough = last.len() >= 2;
-        let point = |p: &CurvePoint| {
-            let CurvePoint { steps, mean_return, success_rate, entropy, value_loss } = *p;
-            Point { steps, mean_return, success_rate, entropy, value_loss }
-        };
         Self {
             policy,
             steps,
             interrupted: steps < total_steps,
             mean_return: is_enough.then(|| Estimate::mean(&returns)),
             success_rate: is_enough.then(|| Estimate::share(successes, last.len())),
-            stopped_improving_at: stopped_improving(curve),
+            stopped_improving_at: stopped_improving(&curve),
             steps_per_second,
-            curve: curve.iter().map(point).collect(),
+            curve,
         }
     }
 
