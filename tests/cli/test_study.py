@@ -18,10 +18,9 @@ SMALL = [
     4,
     "--repeats",
     2,
-    "--iterations",
-    2,
-    "--simulations",
-    40,
+    "--evidence",
+    "1:2x40",
+    "2:1x30",
 ]
 
 
@@ -40,7 +39,8 @@ def test_every_policy_is_scored_on_every_object_and_compared(whole):
     folder, study = whole
     assert [task["task"] for task in study["tasks"]] == ["place_tip", "settle"]
     for task in study["tasks"]:
-        assert [p["policy"] for p in task["policies"]] == ["U", "mu", "dlo_0", "dlo_2", "true dlo_0", "true dlo_2"]
+        named = ["U", "mu", "dlo_0", "dlo_2", "true dlo_0", "true dlo_2", "dlo_0+2:1x30", "dlo_2+2:1x30"]
+        assert [p["policy"] for p in task["policies"]] == named
         for policy in task["policies"]:
             assert [len(trainings) for trainings in policy["mean_returns"]] == [2, 2]
         own = {p["policy"]: p["mean_returns"] for p in task["policies"]}
@@ -50,13 +50,19 @@ def test_every_policy_is_scored_on_every_object_and_compared(whole):
             mean = sum(own[name][number]) / 2
             assert gains["U"]["gain"]["value"] == pytest.approx(mean - sum(own["U"][number]) / 2)
             assert gains["mismatched"]["gain"]["value"] == pytest.approx(mean - sum(own[other][number]) / 2)
+            first, more = (e["objects"][number]["gain"]["value"] for e in task["evidence"])
+            assert first == gains["U"]["gain"]["value"]
+            assert more == pytest.approx(sum(own[f"{name}+2:1x30"][number]) / 2 - sum(own["U"][number]) / 2)
             # Two trainings cannot refute equality: two of four sign changes are as far from zero.
             assert gains["U"]["p"] >= 0.5 and gains["U"]["gain"]["low"] <= gains["U"]["gain"]["value"] <= gains["U"]["gain"]["high"]
         # Eight pairs of one sign are needed.
         assert {pairs["decision"] for pairs in task["deployments"]} == {"hopeless"}
+    assert [len(o["posteriors"]) for o in study["objects"]] == [2, 2]
+    assert all(p["information_nat"] > 0 for o in study["objects"] for p in o["posteriors"])
     page = (folder / "whole/report.html").read_text()
     assert page.count("<figure") >= 18 and "NaN" not in page and "(so few trainings cannot reach that)" in page
     assert "Task place_tip" in page and "time warping" in page
+    assert "What evidence is worth in settle" in page and "2 recordings, 30 simulations" in page
 
 
 def test_parts_make_the_same_bits_and_a_killed_part_goes_on(whole, program, tmp_path):
@@ -96,7 +102,8 @@ def test_other_arguments_in_the_same_folder_and_wrong_ones_are_refused(whole, pr
         (["--objects", "other"], ["--objects other", "parameters", "soft_bar"]),
         (["--objects", "named"], ["--objects named", "true_bar", "name of letters"]),
         (["--steps", 0], ["--steps", "total_steps", "0"]),
-        (["--iterations", 0], ["--iterations", "0"]),
+        (["--evidence", "1:0x40"], ["--evidence", "iterations", "0"]),
+        (["--evidence", "1", "1:15x100"], ["--evidence 1:15x100", "twice"]),
         (["--model", "measured_cable"], ["measured_cable", "no task"]),
     ]:
         done = program("study", "--out", "new", *arguments, folder=folder)

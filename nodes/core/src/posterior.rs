@@ -66,6 +66,19 @@ impl Posterior {
         if in_unit_cube(&u) { self.mixture.log_density(&u) } else { f64::NEG_INFINITY }
     }
 
+    /// Information over the prior, nat: the Kullback-Leibler divergence of the posterior from the prior, whose density is 1 in unit
+    /// coordinates. From draws with a fixed seed: the standard error is below 0.03 for two parameters, and larger for a mixture most of which
+    /// lies outside the support.
+    ///
+    /// # Errors
+    /// [`MixtureError::OutsideSupport`] if no draw falls inside the support.
+    pub fn information_nat(&self) -> Result<f64, MixtureError> {
+        let rng = &mut seed::rng(0, 2);
+        let log_mass = (1.0 - self.mixture.mass_outside(SUMMARY_DRAWS, rng)).ln();
+        let log_density = |_| Ok(self.mixture.log_density(&self.mixture.sample_truncated(rng)?) - log_mass);
+        Ok(mean(&(0..SUMMARY_DRAWS).map(log_density).collect::<Result<Vec<f64>, MixtureError>>()?))
+    }
+
     /// Computes mean, standard deviation and quantiles of each parameter from draws with a fixed seed.
     pub fn marginals(&self) -> Result<Vec<Marginal>, MixtureError> {
         let draws = self.sample(SUMMARY_DRAWS, 0)?;
@@ -99,5 +112,22 @@ mod tests {
         let m = &prior.marginals().unwrap()[0];
         assert!((m.median - 3.0).abs() < 0.05 && (m.q05 - 2.1).abs() < 0.05 && (m.q95 - 3.9).abs() < 0.05, "{m:?}");
         assert_eq!(prior.log_density_unit(&[1.9]), f64::NEG_INFINITY);
+        // Four fifths of the mixture lie outside: the standard error is 0.03.
+        assert!(prior.information_nat().unwrap().abs() < 0.1);
+    }
+
+    #[test]
+    fn information_is_that_of_a_gaussian_whole_or_cut_in_half() {
+        let p = Parameter { name: "length_m".into(), prior: Prior::Uniform { low: 2.0, high: 4.0 } };
+        let parameters = ParameterSpace::new(vec![p]).unwrap();
+        let at = |mean: f64| {
+            let covariance = DMatrix::from_element(1, 1, 0.01_f64.powi(2));
+            let mixture = Mixture::new(&[1.0], vec![DVector::from_element(1, mean)], vec![covariance]).unwrap();
+            Posterior { parameters: parameters.clone(), mixture }.information_nat().unwrap()
+        };
+        // Minus the entropy of a Gaussian, 0.5 ln(2 pi e sd^2).
+        let exact = -0.5 * (2.0 * std::f64::consts::PI * std::f64::consts::E * 1e-4).ln();
+        assert!((at(0.5) - exact).abs() < 0.03, "{} {exact}", at(0.5));
+        assert!((at(0.0) - exact - 2.0_f64.ln()).abs() < 0.06, "{} {exact}", at(0.0));
     }
 }

@@ -17,7 +17,7 @@ from hyperqueue import Job, LocalCluster
 from hyperqueue.cluster import WorkerConfig
 
 SMALL = ["--task", "place_tip", "--objects", "dlo_0", "dlo_2", "--seeds", "2", "--steps", "3072", "--episodes", "10"]
-SMALL += ["--repeats", "2", "--iterations", "3", "--simulations", "60"]
+SMALL += ["--repeats", "2", "--evidence", "1:3x60"]
 
 
 def files(folder):

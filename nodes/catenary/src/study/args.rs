@@ -1,5 +1,6 @@
 //! Arguments of `study`.
 
+use super::evidence::Evidence;
 use crate::options::{Output, Part, TrainingPreset};
 use clap::Args;
 use std::path::PathBuf;
@@ -34,15 +35,10 @@ pub struct StudyArgs {
     /// Deployments of the first training of a policy on an object
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub repeats: u64,
-    /// Recordings of an object for its posterior
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
-    pub recordings: u64,
-    /// Rounds of simulation and training of an inference; default: the preset's of `infer`
-    #[arg(long)]
-    pub iterations: Option<usize>,
-    /// Simulations in each round; default: the preset's of `infer`
-    #[arg(long)]
-    pub simulations: Option<usize>,
+    /// Evidence of an object's posteriors, as RECORDINGS or RECORDINGS:ROUNDSxSIMULATIONS of the inference. The first one's policies are held
+    /// against all others; further ones show what more or less evidence is worth
+    #[arg(long, num_args = 1.., default_values = ["1"])]
+    pub evidence: Vec<Evidence>,
     /// Seed of every random draw
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -3,6 +3,7 @@
 
 pub mod args;
 mod dtw;
+mod evidence;
 mod files;
 mod page;
 mod plan;
@@ -51,10 +52,11 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
         plan.chains().into_iter().enumerate().filter(|(i, _)| part.has(*i)).map(|(_, c)| c).collect();
     // Before the posteriors on all cores, each of which would make it.
     work.recorder()?;
-    let wanted: Vec<usize> = (0..plan.objects.len())
-        .filter(|&object| chains.iter().any(|c| c.knowledge == Knowledge::Posterior(object)))
-        .collect();
-    let inferred: Vec<Inferred> = each("posteriors", &wanted, |object| work.posterior(*object))?;
+    let by_object = (0..plan.objects.len())
+        .flat_map(|object| (0..plan.evidence.len()).map(move |evidence| (object, evidence)))
+        .filter(|&(object, evidence)| chains.iter().any(|c| c.knowledge == Knowledge::Posterior { object, evidence }));
+    let wanted: Vec<(usize, usize)> = by_object.collect();
+    let inferred: Vec<Inferred> = each("posteriors", &wanted, |&(object, evidence)| work.posterior(object, evidence))?;
     let scores: Vec<Scored> = each("trainings", &chains, |chain| work.scores(chain))?;
     let out = arguments.out.clone();
     if arguments.part.is_some() {
@@ -63,10 +65,13 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
             format!("part {} is done in {}", answer.part.as_deref().unwrap_or_default(), answer.out.display())
         });
     }
+    let mut inferred = inferred.into_iter();
+    let mut of_object = || inferred.by_ref().take(plan.evidence.len()).collect::<Vec<Inferred>>();
+    let inferred: Vec<Vec<Inferred>> = plan.objects.iter().map(|_| of_object()).collect();
     let deployments = deployments(&work, &plan)?;
     let aims = models.tasks.iter().map(words_of).collect::<Result<Vec<String>>>()?;
     let page = page::Data { inferred: &inferred, scores: &scores, deployments: &deployments, models: &models };
-    let study = study(plan.clone(), &inferred, aims, &scores, &deployments);
+    let study = study(plan.clone(), &inferred, aims, &scores, &deployments)?;
     let report = page::page(&study, &page)?;
     for (name, bytes) in [("study.json", serde_json::to_vec_pretty(&study)?), ("report.html", report.into_bytes())] {
         files::write(&arguments.out.join(name), &bytes)?;
@@ -79,7 +84,7 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
 
 /// Deployments by task, policy and object.
 fn deployments(work: &Work<'_>, plan: &Plan) -> Result<Vec<Vec<Vec<Deployments>>>> {
-    let (tasks, policies, objects) = (plan.tasks.len(), plan.knowledge(), plan.objects.len());
+    let (tasks, policies, objects) = (plan.tasks.len(), plan.deployed(), plan.objects.len());
     let mut all: Vec<(Chain, usize)> = Vec::new();
     for task in 0..tasks {
         for &knowledge in &policies {

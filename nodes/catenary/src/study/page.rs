@@ -2,7 +2,7 @@
 
 use super::dtw;
 use super::plan::{Knowledge, Models};
-use super::results::{Gain, Pairs, PolicyScores, Study, TaskResult};
+use super::results::{EvidenceGains, Gain, Pairs, PolicyScores, Study, TaskResult};
 use super::work::{Deployments, Inferred, Scored, acted};
 use crate::report::number::plain;
 use crate::report::palette::Role;
@@ -23,8 +23,8 @@ const DOMAINS: usize = 12;
 
 /// Data of the pictures.
 pub struct Data<'a> {
-    /// Posteriors of the objects.
-    pub inferred: &'a [Inferred],
+    /// Posteriors by object and evidence.
+    pub inferred: &'a [Vec<Inferred>],
     /// Scores of the chains of the plan.
     pub scores: &'a [Scored],
     /// Deployments by task, policy and object.
@@ -132,6 +132,7 @@ fn of_task(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, i
     page.svg(&plots::lines("Share of trainings above a reward", "mean reward", "share", &profiles)?);
     page.svg(&plots::lines("Learning curves", "environment steps", "mean return", &curves(study, data, index))?);
     policies(page, study, task);
+    evidence(page, study, task)?;
     deployments(page, study, data, task, index)
 }
 
@@ -153,7 +154,7 @@ fn curves(study: &Study, data: &Data<'_>, task: usize) -> Vec<Series> {
         Series { name: name.to_owned(), points: (0..shortest).map(point).collect() }
     };
     vec![
-        group("own", &|k| matches!(k, Knowledge::Posterior(_))),
+        group("own", &|k| matches!(k, Knowledge::Posterior { evidence: 0, .. })),
         group("U", &|k| k == Knowledge::Prior),
         group("mu", &|k| k == Knowledge::Median),
         group("true", &|k| matches!(k, Knowledge::Truth(_))),
@@ -178,6 +179,58 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
     );
 }
 
+/// Reward against what the posterior knows. Nothing for a study of one evidence.
+fn evidence(page: &mut Page, study: &Study, task: &TaskResult) -> Result<()> {
+    if task.evidence.len() < 2 {
+        return Ok(());
+    }
+    page.heading(&format!("What evidence is worth in {}", task.task));
+    let told = task.all.iter().find(|g| g.against == "true").map(|g| turned(&g.gain));
+    let nats = |evidence: usize| -> Vec<f64> {
+        study.objects.iter().map(|o| o.posteriors[evidence].information_nat).collect()
+    };
+    let of = |gains: &[Gain], against: &str| {
+        let found = gains.iter().find(|g| g.against == against);
+        found.map_or_else(String::new, |g| format!("{}{}", interval(&g.gain, 3), if g.p < LEVEL { " *" } else { "" }))
+    };
+    let row = |(i, e): (usize, &EvidenceGains)| {
+        let by_object = nats(i).iter().map(|n| plain(*n, 1)).collect::<Vec<String>>().join(", ");
+        let own = if i == 0 { "-".to_owned() } else { of(&e.all, "own") };
+        vec![e.evidence.words(), by_object, of(&e.all, "U"), own, of(&e.all, "true")]
+    };
+    page.table(
+        &["evidence", "information, nat", "minus U", "minus own", "minus true"],
+        &task.evidence.iter().enumerate().map(row).collect::<Vec<Vec<String>>>(),
+    );
+    page.note(
+        "Each policy on the object that its posterior is of, over all objects. Own: the first evidence. Information: the Kullback-Leibler \
+         divergence of the posterior from the prior, by object.",
+    );
+    let shown = task.evidence.iter().enumerate().filter_map(|(i, e)| {
+        let gain = &e.all.iter().find(|g| g.against == "U")?.gain;
+        let role = if i == 0 { Role::After } else { Role::Posterior };
+        Some(Row { name: e.evidence.words(), values: [gain.low, gain.value, gain.high], role })
+    });
+    // The policy that is told is the own one plus what the own one lacks.
+    let own = task.evidence[0].all.iter().find(|g| g.against == "U").map(|g| g.gain.value);
+    let told = told.zip(own).map(|(lacks, own)| Row {
+        name: "told the hidden values".to_owned(),
+        values: [own + lacks.low, own + lacks.value, own + lacks.high],
+        role: Role::Truth,
+    });
+    page.svg(&intervals("Reward minus that of U, by evidence", "reward", &shown.chain(told).collect::<Vec<Row>>()));
+    let series = |(object, name): (usize, &str)| {
+        let of = |(i, e): (usize, &EvidenceGains)| (nats(i)[object], e.objects[object].gain.value);
+        let mut points: Vec<(f64, f64)> =
+            std::iter::once((0.0, 0.0)).chain(task.evidence.iter().enumerate().map(of)).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series { name: name.to_owned(), points }
+    };
+    let series: Vec<Series> = study.objects.iter().map(|o| o.object.as_str()).enumerate().map(series).collect();
+    page.svg(&plots::lines("Reward minus that of U, by information", "nat", "reward", &series)?);
+    Ok(())
+}
+
 fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, index: usize) -> Result<()> {
     let plan = &study.plan;
     page.heading(&format!("Deployments in {}", task.task));
@@ -196,7 +249,7 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let model = &data.models.tasks[index];
     let judge = Judge::of(model).context("a task file has a task")?;
     let target_m = judge.task().target_m;
-    let knowledge = plan.knowledge();
+    let knowledge = plan.deployed();
     let deployed = |wanted: Knowledge, object: usize| -> &Deployments {
         let policy = knowledge.iter().position(|k| *k == wanted).unwrap_or(0);
         &data.deployments[index][policy][object]
@@ -204,7 +257,7 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let farthest_m = judge.task().goal.reward_range_m().unwrap_or(0.3);
     for (object, hidden) in plan.objects.iter().enumerate() {
         let shown = [
-            ("own", Role::After, Knowledge::Posterior(object)),
+            ("own", Role::After, Knowledge::own(object)),
             ("U", Role::Before, Knowledge::Prior),
             ("mu", Role::Noise, Knowledge::Median),
         ];
@@ -311,16 +364,18 @@ fn by_step(object: &str, judge: &Judge, deployed: &[(&str, &Deployments)]) -> Re
 fn posteriors(page: &mut Page, study: &Study, data: &Data<'_>) -> Result<()> {
     page.heading("Posteriors");
     for (object, inferred) in study.objects.iter().zip(data.inferred) {
-        let posterior = inferred.posterior();
-        page.heading(&object.object);
-        inferred.misfit.iter().for_each(|reason| page.warning(reason));
-        if posterior.parameters.dimension() >= 2 {
-            let domains = posterior.sample_low_variance(DOMAINS, study.plan.seed)?;
-            for extent in [Extent::Prior, Extent::Posterior] {
-                page.svg(&plots::heatmap(&posterior, [0, 1], extent, &domains, Some(&object.truth))?);
+        for (evidence, inferred) in study.plan.evidence.iter().zip(inferred) {
+            let posterior = inferred.posterior();
+            page.heading(&format!("{}: {}", object.object, evidence.words()));
+            inferred.misfit.iter().for_each(|reason| page.warning(reason));
+            if posterior.parameters.dimension() >= 2 {
+                let domains = posterior.sample_low_variance(DOMAINS, study.plan.seed)?;
+                for extent in [Extent::Prior, Extent::Posterior] {
+                    page.svg(&plots::heatmap(&posterior, [0, 1], extent, &domains, Some(&object.truth))?);
+                }
             }
+            page.table(&posterior::HEAD, &posterior::rows(&posterior, &inferred.marginals, Some(&object.truth)));
         }
-        page.table(&posterior::HEAD, &posterior::rows(&posterior, &inferred.marginals, Some(&object.truth)));
     }
     Ok(())
 }

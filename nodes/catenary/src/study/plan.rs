@@ -1,6 +1,7 @@
 //! Plan of a study: objects, tasks, policies, and the files of the work.
 
 use super::args::StudyArgs;
+use super::evidence::Evidence;
 use crate::exit::{Given, WrongInput};
 use crate::inputs::model_file;
 use crate::options::TaskOption;
@@ -31,10 +32,22 @@ pub enum Knowledge {
     Prior,
     /// The middle of the prior in each parameter, as one object.
     Median,
-    /// Posterior of an object, by its index.
-    Posterior(usize),
+    /// Posterior of an object.
+    Posterior {
+        /// Index of the object.
+        object: usize,
+        /// Index of the evidence.
+        evidence: usize,
+    },
     /// True parameters of an object, by its index: what no inference can exceed.
     Truth(usize),
+}
+
+impl Knowledge {
+    /// Knowledge of an object's own policy: its posterior from the first evidence.
+    pub fn own(object: usize) -> Self {
+        Self::Posterior { object, evidence: 0 }
+    }
 }
 
 /// Chain of work: one training of a policy for a task, and its scores.
@@ -71,10 +84,8 @@ pub struct Plan {
     pub episodes: u64,
     /// Deployments of the first training of a policy on an object.
     pub repeats: u64,
-    /// Recordings of an object.
-    pub recordings: u64,
-    /// Rounds of an inference, and simulations in each.
-    pub inference: [usize; 2],
+    /// Evidence of the posteriors of each object.
+    pub evidence: Vec<Evidence>,
     /// Seed of every draw.
     pub seed: u64,
 }
@@ -135,13 +146,9 @@ impl Plan {
         }
         let training = Settings { total_steps: arguments.steps, ..arguments.preset.settings() };
         training.check().context("--steps")?;
-        let defaults = bayes_sim::Settings::default();
-        let inference = bayes_sim::Settings {
-            iterations: arguments.iterations.unwrap_or(defaults.iterations),
-            simulations: arguments.simulations.unwrap_or(defaults.simulations),
-            ..defaults
-        };
-        inference.check().context("--iterations, --simulations")?;
+        for (i, evidence) in arguments.evidence.iter().enumerate() {
+            ensure!(!arguments.evidence[..i].contains(evidence), "--evidence {evidence}: it is named twice");
+        }
         let plan = Self {
             program: env!("CATENARY_VERSION").to_owned(),
             model_yaml,
@@ -153,8 +160,7 @@ impl Plan {
             preset: arguments.preset.name().to_owned(),
             episodes: arguments.episodes,
             repeats: arguments.repeats,
-            recordings: arguments.recordings,
-            inference: [inference.iterations, inference.simulations],
+            evidence: arguments.evidence.clone(),
             seed: arguments.seed,
         };
         Ok((plan, Models { model, tasks: models }))
@@ -186,15 +192,18 @@ impl Plan {
         )))
     }
 
-    /// Knowledge of the policies, in the order of the paper, with the truth of each object at the end.
-    pub fn knowledge(&self) -> Vec<Knowledge> {
+    /// Knowledge of the policies that are deployed, in the order of the paper, with the truth of each object at the end.
+    pub fn deployed(&self) -> Vec<Knowledge> {
         let n = self.objects.len();
-        let posteriors = (0..n).map(Knowledge::Posterior);
-        [Knowledge::Prior, Knowledge::Median]
-            .into_iter()
-            .chain(posteriors)
-            .chain((0..n).map(Knowledge::Truth))
-            .collect()
+        let own = (0..n).map(Knowledge::own);
+        [Knowledge::Prior, Knowledge::Median].into_iter().chain(own).chain((0..n).map(Knowledge::Truth)).collect()
+    }
+
+    /// Knowledge of all policies: those that are deployed, and then those of the further evidence.
+    pub fn knowledge(&self) -> Vec<Knowledge> {
+        let further = (1..self.evidence.len())
+            .flat_map(|evidence| (0..self.objects.len()).map(move |object| Knowledge::Posterior { object, evidence }));
+        self.deployed().into_iter().chain(further).collect()
     }
 
     /// Chains of work, in order. Those of one number of training stand together, so that a stopped study has whole trainings.
@@ -209,12 +218,16 @@ impl Plan {
         (0..self.seeds).flat_map(of).collect()
     }
 
-    /// Name of a policy: U and mu as in the paper, the object's name, or "true" and the object's name.
+    /// Name of a policy: U and mu as in the paper, the object's name, "true" and the object's name, or the object's name and its further
+    /// evidence.
     pub fn policy_name(&self, knowledge: Knowledge) -> String {
         match knowledge {
             Knowledge::Prior => "U".to_owned(),
             Knowledge::Median => "mu".to_owned(),
-            Knowledge::Posterior(object) => self.objects[object].name.clone(),
+            Knowledge::Posterior { object, evidence: 0 } => self.objects[object].name.clone(),
+            Knowledge::Posterior { object, evidence } => {
+                format!("{}+{}", self.objects[object].name, self.evidence[evidence])
+            }
             Knowledge::Truth(object) => format!("true {}", self.objects[object].name),
         }
     }
@@ -224,9 +237,9 @@ impl Plan {
         "recorder.safetensors".into()
     }
 
-    /// File of the posterior of an object.
-    pub fn posterior_file(&self, object: usize) -> PathBuf {
-        format!("posteriors/{}.json", self.objects[object].name).into()
+    /// File of a posterior of an object.
+    pub fn posterior_file(&self, object: usize, evidence: usize) -> PathBuf {
+        format!("posteriors/{}.json", self.file_name(Knowledge::Posterior { object, evidence })).into()
     }
 
     /// File of the policy of a chain.
@@ -241,12 +254,17 @@ impl Plan {
 
     /// File of the deployments of a policy on an object.
     pub fn deployments_file(&self, chain: &Chain, object: usize) -> PathBuf {
-        let (task, policy) = (&self.tasks[chain.task], self.policy_name(chain.knowledge).replace(' ', "_"));
+        let (task, policy) = (&self.tasks[chain.task], self.file_name(chain.knowledge));
         format!("{task}/deployments/{policy}_on_{}.json", self.objects[object].name).into()
     }
 
+    /// Name of a policy in the name of a file.
+    fn file_name(&self, knowledge: Knowledge) -> String {
+        self.policy_name(knowledge).replace([' ', ':'], "_")
+    }
+
     fn file(&self, folder: &str, chain: &Chain, ending: &str) -> PathBuf {
-        let (task, policy) = (&self.tasks[chain.task], self.policy_name(chain.knowledge).replace(' ', "_"));
+        let (task, policy) = (&self.tasks[chain.task], self.file_name(chain.knowledge));
         format!("{task}/{folder}/{policy}_{}.{ending}", chain.training + 1).into()
     }
 }

@@ -1,7 +1,9 @@
 //! Figures of a study: what knowing the object is worth, by task and object.
 
+use super::evidence::Evidence;
 use super::plan::{Chain, Knowledge, Plan};
 use super::work::{Deployments, Inferred, Scored};
+use anyhow::Result;
 use catenary_core::comparison::{Bootstrap, Decision, Interval, SequentialSigns, sign_change_test};
 use catenary_core::posterior::Marginal;
 use catenary_core::statistics::mean;
@@ -23,15 +25,24 @@ pub struct Study {
     pub tasks: Vec<TaskResult>,
 }
 
-/// Posterior of an object in numbers.
+/// Posteriors of an object in numbers.
 #[derive(Debug, Serialize)]
 pub struct ObjectPosterior {
     /// Name of the object.
     pub object: String,
     /// Hidden values.
     pub truth: Vec<f64>,
+    /// Posterior from each evidence of the plan.
+    pub posteriors: Vec<EvidencePosterior>,
+}
+
+/// Posterior from one evidence.
+#[derive(Debug, Serialize)]
+pub struct EvidencePosterior {
     /// Marginals of the posterior.
     pub marginals: Vec<Marginal>,
+    /// Information over the prior, nat.
+    pub information_nat: f64,
     /// Reason for which the posterior does not fit, if it does not.
     pub misfit: Option<String>,
 }
@@ -49,6 +60,8 @@ pub struct TaskResult {
     pub objects: Vec<ObjectGains>,
     /// Gains over all objects.
     pub all: Vec<Gain>,
+    /// What each evidence of the plan is worth.
+    pub evidence: Vec<EvidenceGains>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
     /// Deployments of own policies against U.
@@ -81,14 +94,25 @@ pub struct ObjectGains {
     pub gains: Vec<Gain>,
 }
 
-/// Own policy of an object against another one.
+/// Policies that were trained over the posteriors from one evidence, each on its object.
+#[derive(Debug, Serialize)]
+pub struct EvidenceGains {
+    /// The evidence.
+    pub evidence: Evidence,
+    /// Gain over U on each object.
+    pub objects: Vec<Gain>,
+    /// Gains over all objects: against U, own (that is, the first evidence) and true.
+    pub all: Vec<Gain>,
+}
+
+/// Policy of an object's posterior against another one.
 #[derive(Debug, Clone, Serialize)]
 pub struct Gain {
-    /// The other: U, mu, mismatched (mean of the policies of the other objects' posteriors), or true.
+    /// The other: U, mu, mismatched (mean of the policies of the other objects' posteriors), own, or true.
     pub against: &'static str,
-    /// Difference of the interquartile means of the mean returns, own minus other, with its interval of 95 %.
+    /// Difference of the interquartile means of the mean returns, minus that of the other, with its interval of 95 %.
     pub gain: Interval,
-    /// Probability that a training of the own policy has the larger mean return.
+    /// Probability that a training of the policy has the larger mean return.
     pub probability: Interval,
     /// p-value of equality by the sign changes of the differences, paired by training; over several objects, of their means.
     pub p: f64,
@@ -121,28 +145,37 @@ pub struct Pairs {
 /// Groups that the own policy is held against.
 const OTHERS: [&str; 4] = ["U", "mu", "mismatched", "true"];
 
-/// Results of the work of a plan. `scores` are in the order of the plan's chains, `deployments` by task, policy and object.
+/// Results of the work of a plan. `inferred` is by object and evidence, `scores` are in the order of the plan's chains, `deployments` by
+/// task, policy and object.
 pub fn study(
     plan: Plan,
-    inferred: &[Inferred],
+    inferred: &[Vec<Inferred>],
     aims: Vec<String>,
     scores: &[Scored],
     deployments: &[Vec<Vec<Deployments>>],
-) -> Study {
+) -> Result<Study> {
     let chains = plan.chains();
-    let objects = plan.objects.iter().zip(inferred).map(|(object, inferred)| ObjectPosterior {
-        object: object.name.clone(),
-        truth: object.truth.clone(),
-        marginals: inferred.marginals.clone(),
-        misfit: inferred.misfit.clone(),
+    let posterior = |inferred: &Inferred| -> Result<EvidencePosterior> {
+        Ok(EvidencePosterior {
+            marginals: inferred.marginals.clone(),
+            information_nat: inferred.posterior().information_nat()?,
+            misfit: inferred.misfit.clone(),
+        })
+    };
+    let objects = plan.objects.iter().zip(inferred).map(|(object, inferred)| {
+        Ok(ObjectPosterior {
+            object: object.name.clone(),
+            truth: object.truth.clone(),
+            posteriors: inferred.iter().map(posterior).collect::<Result<_>>()?,
+        })
     });
-    let objects = objects.collect();
+    let objects = objects.collect::<Result<_>>()?;
     let tasks = aims.into_iter().enumerate().map(|(task, aim)| {
         let of_task: Vec<(&Chain, &Scored)> = chains.iter().zip(scores).filter(|(c, _)| c.task == task).collect();
         task_result(&plan, task, aim, &of_task, &deployments[task])
     });
     let tasks = tasks.collect();
-    Study { plan, objects, tasks }
+    Ok(Study { plan, objects, tasks })
 }
 
 fn task_result(
@@ -183,22 +216,23 @@ fn task_result(
     // Scores of a group on an object, by training.
     let group = |name: &str, object: usize| -> Vec<f64> {
         match name {
-            "own" => find(Knowledge::Posterior(object))[object].clone(),
+            "own" => find(Knowledge::own(object))[object].clone(),
             "U" => find(Knowledge::Prior)[object].clone(),
             "mu" => find(Knowledge::Median)[object].clone(),
             "true" => find(Knowledge::Truth(object))[object].clone(),
             _ => {
                 let others: Vec<&Vec<f64>> = (0..plan.objects.len())
                     .filter(|o| *o != object)
-                    .map(|o| &find(Knowledge::Posterior(o))[object])
+                    .map(|o| &find(Knowledge::own(o))[object])
                     .collect();
                 let at = |training: usize| mean(&others.iter().map(|of| of[training]).collect::<Vec<f64>>());
                 (0..others.first().map_or(0, |of| of.len())).map(at).collect()
             }
         }
     };
-    let gain = |against: &'static str, objects: &[usize]| -> Option<Gain> {
-        let own: Vec<Vec<f64>> = objects.iter().map(|&o| group("own", o)).collect();
+    let gain = |evidence: usize, against: &'static str, objects: &[usize]| -> Option<Gain> {
+        let known = |object: usize| find(Knowledge::Posterior { object, evidence })[object].clone();
+        let own: Vec<Vec<f64>> = objects.iter().map(|&o| known(o)).collect();
         let other: Vec<Vec<f64>> = objects.iter().map(|&o| group(against, o)).collect();
         // A single object has no mismatched policies.
         if other.iter().any(Vec::is_empty) {
@@ -220,7 +254,12 @@ fn task_result(
     let objects = every.iter().map(|&object| ObjectGains {
         object: plan.objects[object].name.clone(),
         own: bootstrap.interquartile_mean(&[group("own", object)]),
-        gains: OTHERS.iter().filter_map(|against| gain(against, &[object])).collect(),
+        gains: OTHERS.iter().filter_map(|against| gain(0, against, &[object])).collect(),
+    });
+    let evidence = (0..plan.evidence.len()).map(|evidence| EvidenceGains {
+        evidence: plan.evidence[evidence],
+        objects: every.iter().filter_map(|&object| gain(evidence, "U", &[object])).collect(),
+        all: ["U", "own", "true"].into_iter().filter_map(|against| gain(evidence, against, &every)).collect(),
     });
     let thresholds: Vec<f64> = (0..THRESHOLDS).map(|i| i as f64 / (THRESHOLDS - 1) as f64 * top(&policies)).collect();
     let profile = |name: &'static str| {
@@ -235,8 +274,9 @@ fn task_result(
         task: plan.tasks[task].clone(),
         aim,
         objects: objects.collect(),
-        all: OTHERS.iter().filter_map(|against| gain(against, &every)).collect(),
+        all: OTHERS.iter().filter_map(|against| gain(0, against, &every)).collect(),
         profiles: ["own", "U", "mu", "mismatched", "true"].into_iter().filter_map(profile).collect(),
+        evidence: evidence.collect(),
         deployments: pairs(plan, deployments),
         policies,
     }
@@ -249,14 +289,14 @@ fn top(policies: &[PolicyScores]) -> f64 {
 
 /// Deployments of each object's own policy against U, in pairs of the same conditions; then all of them.
 fn pairs(plan: &Plan, deployments: &[Vec<Deployments>]) -> Vec<Pairs> {
-    let knowledge = plan.knowledge();
+    let knowledge = plan.deployed();
     let place = |wanted: Knowledge| knowledge.iter().position(|k| *k == wanted);
     let returns = |of: Knowledge, object: usize| -> Vec<f64> {
         let deployed = place(of).and_then(|policy| deployments.get(policy)?.get(object));
         deployed.map_or_else(Vec::new, |d| d.rewards.iter().map(|r| r.iter().sum()).collect())
     };
     let differences = |object: usize| -> Vec<f64> {
-        let (own, uniform) = (returns(Knowledge::Posterior(object), object), returns(Knowledge::Prior, object));
+        let (own, uniform) = (returns(Knowledge::own(object), object), returns(Knowledge::Prior, object));
         own.iter().zip(&uniform).map(|(a, b)| a - b).collect()
     };
     let decided = |object: String, differences: &[f64]| {

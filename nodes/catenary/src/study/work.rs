@@ -110,11 +110,11 @@ impl Work<'_> {
         read_policy(&path)
     }
 
-    /// Posterior of an object from its recordings. Made if it is missing.
-    pub fn posterior(&self, object: usize) -> Result<Inferred> {
-        files::kept(&self.folder.join(self.plan.posterior_file(object)), || {
-            let measured = self.recordings(&self.recorder()?, &self.plan.objects[object], object)?;
-            self.infer(&measured, object).with_context(|| self.plan.objects[object].name.clone())
+    /// Posterior of an object from recordings of it; `evidence` is the index of their number and of the simulations. Made if it is missing.
+    pub fn posterior(&self, object: usize, evidence: usize) -> Result<Inferred> {
+        files::kept(&self.folder.join(self.plan.posterior_file(object, evidence)), || {
+            let measured = self.recordings(object, self.plan.evidence[evidence].recordings)?;
+            self.infer(&measured, object, evidence).with_context(|| self.plan.objects[object].name.clone())
         })
     }
 
@@ -178,7 +178,9 @@ impl Work<'_> {
         Ok(match knowledge {
             Knowledge::Prior => Domains::Prior(theta.clone()),
             Knowledge::Median => Domains::Point(theta.from_unit(&vec![0.5; theta.dimension()])),
-            Knowledge::Posterior(object) => Domains::Mixture(self.posterior(object)?.posterior()),
+            Knowledge::Posterior { object, evidence } => {
+                Domains::Mixture(self.posterior(object, evidence)?.posterior())
+            }
             Knowledge::Truth(object) => Domains::Point(self.plan.objects[object].truth.clone()),
         })
     }
@@ -195,9 +197,10 @@ impl Work<'_> {
         Ok(trained)
     }
 
-    /// Recordings of an object in the simulated laboratory: the recorder's motions at the highest fidelity, with the camera's noise. The
-    /// path of the hand is exact.
-    fn recordings(&self, recorder: &Policy, object: &Object, index: usize) -> Result<Vec<MeasuredTrack>> {
+    /// The first `count` recordings of an object in the simulated laboratory: the recorder's motions at the highest fidelity, with the
+    /// camera's noise. The path of the hand is exact.
+    fn recordings(&self, index: usize, count: u64) -> Result<Vec<MeasuredTrack>> {
+        let (recorder, object) = (self.recorder()?, &self.plan.objects[index]);
         let model = &self.models.model;
         let (simulator, task) = (BeamSimulator::new(model, 1)?, model.task.context("the model has a task")?);
         let record = |number: u64| {
@@ -217,13 +220,12 @@ impl Work<'_> {
             let track = simulator.simulate(&seen)?.remove(0);
             Ok(as_measured(format!("recording {} of {}", number + 1, object.name), track, path, model))
         };
-        (0..self.plan.recordings).map(record).collect()
+        (0..count).map(record).collect()
     }
 
-    fn infer(&self, measured: &[MeasuredTrack], object: usize) -> Result<Inferred> {
-        let seed = self.seed(stream::INFERENCE, object as u64);
-        let [iterations, simulations] = self.plan.inference;
-        let settings = bayes_sim::Settings { seed, iterations, simulations, ..bayes_sim::Settings::default() };
+    fn infer(&self, measured: &[MeasuredTrack], object: usize, evidence: usize) -> Result<Inferred> {
+        let seed = self.seed(stream::INFERENCE, (self.plan.objects.len() * evidence + object) as u64);
+        let settings = bayes_sim::Settings { seed, ..self.plan.evidence[evidence].settings() };
         let simulator = BeamSimulator::new(&self.models.model, 1)?;
         let mut listen = |_: &bayes_sim::sequential::Progress<'_>| {
             if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

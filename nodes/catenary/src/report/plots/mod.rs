@@ -14,8 +14,12 @@ use anyhow::Result;
 /// Height of a picture's field.
 const HEIGHT: f64 = 190.0;
 /// Colours and shapes of curves without a role, in order.
-const CURVES: [(Role, Shape); 3] =
-    [(Role::Posterior, Shape::Line), (Role::Other, Shape::Line), (Role::Prior, Shape::Dashes)];
+const CURVES: [(Role, Shape); 4] = [
+    (Role::Posterior, Shape::Line),
+    (Role::Other, Shape::Line),
+    (Role::Prior, Shape::Dashes),
+    (Role::Posterior, Shape::Dashes),
+];
 /// Largest number of points drawn of a curve: about one per unit of the picture's width of 380.
 const POINTS: usize = 300;
 
