@@ -67,7 +67,9 @@ pub enum InferenceError {
         reason: TrainingError,
     },
     /// The networks' output at the measured track is no valid mixture, or the mixture lies outside of the prior's support.
-    #[error("iteration {iteration}: the posterior at the measured track is unusable: {reason}")]
+    #[error(
+        "iteration {iteration}: the posterior at the measured track is unusable: {reason}: do the model's priors and its effects fit the recording?"
+    )]
     Posterior {
         /// Iteration, from 1.
         iteration: usize,

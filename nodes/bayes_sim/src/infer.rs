@@ -331,6 +331,7 @@ mod tests {
         let policy = Policy {
             name: "still".into(),
             actor: Mlp::new(vec![layer]).unwrap(),
+            history: 0,
             observation_mean: [0.0; 12],
             observation_scale: [1.0; 12],
             action_scale: [1.0; 2],

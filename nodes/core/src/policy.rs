@@ -14,14 +14,20 @@ const FORMAT: &str = "catenary policy 1";
 /// Greatest standard deviation of an action in a file, in units of the action limit.
 const GREATEST_ACTION_SCALE: f32 = 100.0;
 
+/// Most observations before the newest that a policy may take.
+pub const MOST_HISTORY: usize = 64;
+
 /// Gaussian policy over actions (dx, dz). The network gives the mean in units of the action limit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Policy {
     /// Name that episodes report.
     pub name: String,
-    /// Actor network: 12 inputs (normalised observation), 2 outputs (mean of dx and dz; 1 is the action limit of 0.06
-    /// m).
+    /// Actor network: 12 inputs for each observation (normalised, the newest first), 2 outputs (mean of dx and dz; 1 is the action limit of
+    /// 0.06 m).
     pub actor: Mlp,
+    /// Number of observations before the newest that the network takes, 0 for none. With them a policy can find out in an episode what one
+    /// observation hides, such as the object's stiffness.
+    pub history: usize,
     /// Mean of each observation component in training.
     pub observation_mean: [f32; Observation::LEN],
     /// Standard deviation of each observation component in training.
@@ -74,26 +80,25 @@ impl From<MlpError> for PolicyError {
 }
 
 impl Policy {
-    /// Computes the mean action (dx, dz) in m for one observation, within the action limits.
-    pub fn act(&self, observation: &Observation) -> [f64; 2] {
-        let mean = self.actor.forward(&self.normalised(observation), 1);
+    /// Computes the mean action (dx, dz) in m for the newest observation of an episode, within the action limits. `memory` holds the
+    /// observations before it and takes the newest.
+    pub fn act(&self, observation: &Observation, memory: &mut Memory) -> [f64; 2] {
+        let mean = self.mean(observation, memory);
         [scaled_action(mean[0]), scaled_action(mean[1])]
     }
 
-    /// Computes the action (dx, dz) in m with `noise` (two standard normal draws), within the action limits.
-    pub fn act_with_noise(&self, observation: &Observation, noise: [f32; 2]) -> [f64; 2] {
-        let mean = self.actor.forward(&self.normalised(observation), 1);
+    /// As [`Policy::act`], with `noise` (two standard normal draws).
+    pub fn act_with_noise(&self, observation: &Observation, memory: &mut Memory, noise: [f32; 2]) -> [f64; 2] {
+        let mean = self.mean(observation, memory);
         std::array::from_fn(|i| scaled_action(mean[i] + self.action_scale[i] * noise[i]))
     }
 
-    /// Normalised observation, the input of the network: centred, scaled, clipped to +-10.
-    pub fn normalised(&self, observation: &Observation) -> [f32; Observation::LEN] {
-        std::array::from_fn(|i| {
-            let centred = observation.0[i] as f32 - self.observation_mean[i];
-            // The limit is 10 standard deviations, as in training. A component that hardly varied in training would otherwise
-            // give inputs of up to 1e6 times its deviation.
-            (centred / self.observation_scale[i].max(1e-6)).clamp(-10.0, 10.0)
-        })
+    fn mean(&self, observation: &Observation, memory: &mut Memory) -> [f32; 2] {
+        let seen = memory.with(observation, self.history);
+        let x: Vec<f32> =
+            seen.iter().flat_map(|o| normalised(o, &self.observation_mean, &self.observation_scale)).collect();
+        let mean = self.actor.forward(&x, 1);
+        [mean[0], mean[1]]
     }
 
     /// Writes the policy as a safetensors file. Equal policies give equal bytes.
@@ -116,6 +121,10 @@ impl Policy {
             ("delta_anchor".to_owned(), anchor_name(self.delta_anchor).to_owned()),
             ("steps".to_owned(), self.steps.to_string()),
         ]);
+        // Files of policies without a history stay as those of earlier versions, which do not know the entry.
+        if self.history > 0 {
+            metadata.insert("history".to_owned(), self.history.to_string());
+        }
         if let Some(goal) = &self.goal {
             metadata
                 .insert("goal".to_owned(), serde_json::to_string(goal).expect("a goal has names and numbers alone"));
@@ -146,9 +155,16 @@ impl Policy {
             layers.push(layer(&file, layers.len())?);
         }
         let actor = Mlp::new(layers)?;
-        if actor.inputs() != Observation::LEN || actor.outputs() != 2 {
+        let history = metadata.get("history").map_or("0", String::as_str);
+        let history = history
+            .parse()
+            .ok()
+            .filter(|n| *n <= MOST_HISTORY)
+            .ok_or_else(|| bad("history", &format!("a whole number from 0 to {MOST_HISTORY}"), history))?;
+        let inputs = Observation::LEN * (1 + history);
+        if actor.inputs() != inputs || actor.outputs() != 2 {
             let got = format!("{} and {}", actor.inputs(), actor.outputs());
-            return Err(bad("actor", "12 inputs and 2 outputs", &got));
+            return Err(bad("actor", &format!("{inputs} inputs and 2 outputs"), &got));
         }
         let period = text("step_period_s")?;
         let step_period_s = period.parse().ok().filter(|p: &f64| p.is_finite() && *p > 0.0);
@@ -161,6 +177,7 @@ impl Policy {
         Ok(Self {
             name: text("name")?,
             actor,
+            history,
             observation_mean: fixed(&file, "observation_mean")?,
             observation_scale: within(
                 fixed(&file, "observation_scale")?,
@@ -184,6 +201,35 @@ impl Policy {
                 .ok_or_else(|| bad("steps", &format!("a whole number from 1 to {MOST_STEPS}"), &steps))?,
             goal: goal.transpose()?,
         })
+    }
+}
+
+/// Normalised observation, an input of the network: centred, scaled, clipped to +-10.
+pub fn normalised(
+    observation: &Observation,
+    mean: &[f32; Observation::LEN],
+    scale: &[f32; Observation::LEN],
+) -> [f32; Observation::LEN] {
+    // The limit is 10 standard deviations. A component that hardly varied in training would otherwise give inputs of up to 1e6 times its
+    // deviation.
+    std::array::from_fn(|i| ((observation.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0))
+}
+
+/// Observations of an episode that a policy with a history still takes. The default is the start of an episode.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Memory {
+    /// The newest first.
+    observations: Vec<Observation>,
+}
+
+impl Memory {
+    /// Adds the newest observation, and returns it with the `history` ones before it, the newest first. Where the episode has fewer, its
+    /// first one stands for those that are missing.
+    pub fn with(&mut self, newest: &Observation, history: usize) -> &[Observation] {
+        let oldest = *self.observations.last().unwrap_or(newest);
+        self.observations.insert(0, *newest);
+        self.observations.resize(1 + history, oldest);
+        &self.observations
     }
 }
 
@@ -277,6 +323,7 @@ mod tests {
         Policy {
             name: "pi0".into(),
             actor: Mlp::new(vec![l(12, 5), l(5, 2)]).unwrap(),
+            history: 0,
             observation_mean: [0.1; 12],
             observation_scale: [2.0; 12],
             action_scale: [0.5, 0.4],
@@ -331,7 +378,40 @@ mod tests {
     #[test]
     fn actions_stay_within_the_limits() {
         let p = policy();
-        let a = p.act_with_noise(&Observation([5.0; 12]), [100.0, -100.0]);
+        let a = p.act_with_noise(&Observation([5.0; 12]), &mut Memory::default(), [100.0, -100.0]);
         assert_eq!(a, [MAX_DELTA_M, -MAX_DELTA_M]);
+    }
+
+    #[test]
+    fn a_history_starts_with_the_first_observation_and_the_newest_comes_first() {
+        let at = |x: f64| Observation([x; 12]);
+        let mut memory = Memory::default();
+        assert_eq!(memory.with(&at(1.0), 2), [at(1.0), at(1.0), at(1.0)]);
+        assert_eq!(memory.with(&at(2.0), 2), [at(2.0), at(1.0), at(1.0)]);
+        memory.with(&at(3.0), 2);
+        assert_eq!(memory.with(&at(4.0), 2), [at(4.0), at(3.0), at(2.0)]);
+        assert_eq!(Memory::default().with(&at(5.0), 0), [at(5.0)]);
+    }
+
+    #[test]
+    fn a_policy_with_a_history_acts_on_it_and_its_file_keeps_it() {
+        // dx is the change of x, dz that of z, between the newest observation and the one before it.
+        let mut weight = vec![0.0; 48];
+        (weight[0], weight[12], weight[24 + 1], weight[24 + 13]) = (1.0, -1.0, 1.0, -1.0);
+        let actor = Mlp::new(vec![Layer { inputs: 24, outputs: 2, weight, bias: vec![0.0; 2] }]).unwrap();
+        let (observation_mean, observation_scale) = ([0.0; 12], [1.0; 12]);
+        let p = Policy { actor, history: 1, observation_mean, observation_scale, ..policy() };
+        let at = |x: f64, z: f64| Observation::new([x, z], &[[0.0; 2]; 4], [0.0; 2]);
+        let mut memory = Memory::default();
+        assert_eq!(p.act(&at(0.4, 0.3), &mut memory), [0.0, 0.0]);
+        let action = p.act(&at(0.5, 0.1), &mut memory);
+        assert!((action[0] - 0.1 * MAX_DELTA_M).abs() < 1e-8 && (action[1] + 0.2 * MAX_DELTA_M).abs() < 1e-8);
+        assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
+        let wrong = Policy { history: 2, ..p.clone() };
+        let words = Policy::from_bytes(&wrong.to_bytes()).unwrap_err().to_string();
+        assert_eq!(words, "policy: `actor`: expected 36 inputs and 2 outputs, got 24 and 2");
+        let wrong = Policy { history: 65, ..p };
+        let words = Policy::from_bytes(&wrong.to_bytes()).unwrap_err().to_string();
+        assert_eq!(words, "policy: `history`: expected a whole number from 0 to 64, got 65");
     }
 }

@@ -1,5 +1,6 @@
 //! State machine of one episode.
 
+use catenary_core::policy::Memory;
 use catenary_core::task::{Judge, Moment, Phase, Referee};
 use catenary_core::track::End;
 use catenary_core::{GripPose, Keypoints, Observation, Policy, seed};
@@ -174,6 +175,7 @@ pub struct Runner {
     /// Number of actions.
     steps: usize,
     rng: Option<ChaCha8Rng>,
+    memory: Memory,
     next_step: usize,
     due_s: Option<f64>,
     last_target_m: Option<[f64; 2]>,
@@ -224,6 +226,7 @@ impl Runner {
             judge,
             settings,
             steps,
+            memory: Memory::default(),
             next_step: 0,
             due_s: None,
             last_target_m: None,
@@ -343,10 +346,10 @@ impl Runner {
 
     fn act(&mut self, observation: &Observation) -> ([f64; 2], [f64; 2]) {
         let delta = match &mut self.rng {
-            None => self.policy.act(observation),
+            None => self.policy.act(observation, &mut self.memory),
             Some(rng) => {
                 let noise = [rng.sample::<f32, _>(StandardNormal), rng.sample::<f32, _>(StandardNormal)];
-                self.policy.act_with_noise(observation, noise)
+                self.policy.act_with_noise(observation, &mut self.memory, noise)
             }
         };
         let measured = observation.eef_m();

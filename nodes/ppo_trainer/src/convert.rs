@@ -9,7 +9,7 @@ use catenary_msgs::action::{TrainFeedback, TrainGoal, TrainResult};
 use catenary_msgs::srv::StepEnvsResponse;
 use catenary_shell::convert::{ConvertError, posterior_from_msg};
 
-/// Settings of a goal: its preset with the goal's number of steps and of environments, if they are not zero.
+/// Settings of a goal: its preset with the goal's history, and its numbers of steps and of environments, if they are not zero.
 ///
 /// # Errors
 /// [`ConvertError`] with the name of an unknown preset.
@@ -25,6 +25,7 @@ pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     if goal.environments > 0 {
         settings.environments = goal.environments as usize;
     }
+    settings.history = goal.history as usize;
     Ok(settings)
 }
 

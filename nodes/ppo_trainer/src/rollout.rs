@@ -1,12 +1,8 @@
 //! Samples between two updates, with their advantages.
 
-use catenary_core::Observation;
-
 /// One step of one environment.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
-    /// Normalised observation.
-    pub observation: [f32; Observation::LEN],
     /// Sampled action in units of the action limit, not clipped.
     pub action: [f32; 2],
     /// Log density of the action when it was sampled.
@@ -24,6 +20,8 @@ pub struct Sample {
 pub struct Rollout {
     /// Samples.
     pub samples: Vec<Sample>,
+    /// Inputs of the networks for each sample, row by row: normalised observations, the newest first.
+    pub inputs: Vec<f32>,
     /// Generalised advantage estimate of each sample (Schulman et al. 2016).
     pub advantages: Vec<f32>,
     /// Target of the value function for each sample: advantage + value.
@@ -31,6 +29,12 @@ pub struct Rollout {
 }
 
 impl Rollout {
+    /// Inputs of the networks for sample `index`.
+    pub fn inputs_of(&self, index: usize) -> &[f32] {
+        let width = self.inputs.len() / self.samples.len();
+        &self.inputs[index * width..(index + 1) * width]
+    }
+
     /// Fills in advantages and returns: `A_t = delta_t + gamma lambda A_(t+1)` with `delta_t = r_t + gamma V_(t+1) - V_t`,
     /// restarted at the end of each episode. `last_values` holds the value of each environment's next observation.
     pub fn estimate(&mut self, last_values: &[f32], gamma: f32, lambda: f32) {
@@ -59,7 +63,7 @@ mod tests {
     use super::*;
 
     fn sample(reward: f32, value: f32, done: bool) -> Sample {
-        Sample { observation: [0.0; 12], action: [0.0; 2], log_probability: 0.0, value, reward, done }
+        Sample { action: [0.0; 2], log_probability: 0.0, value, reward, done }
     }
 
     #[test]

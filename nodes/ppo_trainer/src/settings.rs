@@ -1,5 +1,6 @@
 //! Hyperparameters of a training.
 
+use catenary_core::policy::MOST_HISTORY;
 use thiserror::Error;
 
 /// Hyperparameters of a training, named as in Stable-Baselines3 and cleanrl.
@@ -38,6 +39,8 @@ pub struct Settings {
     pub initial_log_std: f32,
     /// Width of each of the two hidden layers.
     pub hidden: usize,
+    /// Number of observations before the newest that the networks take.
+    pub history: usize,
     /// True to normalise observations by their running mean and standard deviation.
     pub normalise_observations: bool,
     /// True to add the value of the last observation after a success that ends the episode (`ends_at_success` of the task): without
@@ -89,6 +92,7 @@ impl Settings {
             target_kl: None,
             initial_log_std: 0.0,
             hidden: 64,
+            history: 0,
             normalise_observations: false,
             bootstrap_success: false,
         }
@@ -130,6 +134,9 @@ impl Settings {
         if let Some((field, got)) = whole.into_iter().find(|(_, v)| *v == 0) {
             return Err(SettingsError { field, expected: "at least 1", got: got.to_string() });
         }
+        if self.history > MOST_HISTORY {
+            return Err(SettingsError { field: "history", expected: "at most 64", got: self.history.to_string() });
+        }
         let positive = [
             ("learning_rate", self.learning_rate),
             ("clip_range", self.clip_range),
@@ -158,6 +165,8 @@ mod tests {
         assert!(Settings::preset("sb4").unwrap_err().to_string().contains("sb4"));
         let bad = Settings { gamma: 1.5, ..Settings::tuned() };
         assert_eq!(bad.check().unwrap_err().field, "gamma");
+        let long = Settings { history: MOST_HISTORY + 1, ..Settings::tuned() }.check().unwrap_err();
+        assert!(long.field == "history" && long.expected.ends_with(&MOST_HISTORY.to_string()), "{long}");
         assert_eq!(Settings { n_steps: 0, ..Settings::tuned() }.check().unwrap_err().field, "n_steps");
     }
 }

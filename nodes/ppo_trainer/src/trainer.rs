@@ -7,6 +7,7 @@ use crate::network::Network;
 use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
 use crate::settings::{Settings, SettingsError};
+use catenary_core::policy::{Memory, normalised};
 use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
 use rand::RngExt;
@@ -123,6 +124,8 @@ struct Trainer<'a> {
     log_std: [f32; 2],
     adam: Adam,
     normaliser: Normaliser,
+    /// Memory of each environment's episode.
+    memories: Vec<Memory>,
     rng: ChaCha8Rng,
     steps: u64,
     /// Return of each environment's current episode, and true if it succeeded.
@@ -134,14 +137,15 @@ struct Trainer<'a> {
 impl<'a> Trainer<'a> {
     fn new(task: &'a Task, settings: &'a Settings, training_seed: u64) -> Self {
         let mut rng = seed::rng(training_seed, 0);
-        let h = settings.hidden;
+        let (h, inputs) = (settings.hidden, Observation::LEN * (1 + settings.history));
         Self {
             task,
-            actor: Network::new(&[Observation::LEN, h, h, 2], ACTOR_GAIN, &mut rng),
-            critic: Network::new(&[Observation::LEN, h, h, 1], CRITIC_GAIN, &mut rng),
+            actor: Network::new(&[inputs, h, h, 2], ACTOR_GAIN, &mut rng),
+            critic: Network::new(&[inputs, h, h, 1], CRITIC_GAIN, &mut rng),
             log_std: [settings.initial_log_std; 2],
             adam: Adam::default(),
             normaliser: Normaliser::new(settings.normalise_observations),
+            memories: vec![Memory::default(); settings.environments],
             rng,
             steps: 0,
             running: vec![(0.0, false); settings.environments],
@@ -156,6 +160,7 @@ impl<'a> Trainer<'a> {
         Policy {
             name: "ppo".to_owned(),
             actor: self.actor.mlp.clone(),
+            history: self.settings.history,
             observation_mean: self.normaliser.mean(),
             observation_scale: self.normaliser.scale(),
             action_scale: self.log_std.map(f32::exp),
@@ -179,11 +184,14 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Normalised observations, row by row, bounded to 10 standard deviations.
-    fn normalised(&self, observations: &[Observation]) -> Vec<f32> {
+    /// Inputs of the networks, row by row: the newest observation of each environment and those before it. The memories take the newest.
+    fn inputs(&self, memories: &mut [Memory], newest: &[Observation]) -> Vec<f32> {
         let (mean, scale) = (self.normaliser.mean(), self.normaliser.scale());
-        let component = |o: &Observation, i: usize| ((o.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0);
-        observations.iter().flat_map(|o| (0..Observation::LEN).map(move |i| component(o, i))).collect()
+        let mut inputs = Vec::with_capacity(newest.len() * Observation::LEN * (1 + self.settings.history));
+        for (memory, newest) in memories.iter_mut().zip(newest) {
+            inputs.extend(memory.with(newest, self.settings.history).iter().flat_map(|o| normalised(o, &mean, &scale)));
+        }
+        inputs
     }
 
     /// Steps every environment `n_steps` times and estimates the advantages.
@@ -193,7 +201,9 @@ impl<'a> Trainer<'a> {
         for _ in 0..self.settings.n_steps {
             // Samples keep the normalisation of their step: later updates of the moments do not change their log densities.
             observations.iter().for_each(|o| self.normaliser.update(o));
-            let x = self.normalised(observations);
+            let mut memories = std::mem::take(&mut self.memories);
+            let x = self.inputs(&mut memories, observations);
+            self.memories = memories;
             let means = self.actor.forward(&x, n).to_vec();
             let values = self.critic.forward(&x, n).to_vec();
             let actions: Vec<[f32; 2]> = means
@@ -211,20 +221,25 @@ impl<'a> Trainer<'a> {
             for (e, t) in transitions.iter().enumerate() {
                 self.count(e, t);
                 rollout.samples.push(Sample {
-                    observation: std::array::from_fn(|i| x[e * Observation::LEN + i]),
                     action: actions[e],
                     log_probability: log_probability(&actions[e], &means[2 * e..2 * e + 2], &self.log_std),
                     value: values[e],
                     reward: t.reward as f32 + bonuses[e],
                     done: t.terminated || t.truncated,
                 });
+                if t.terminated || t.truncated {
+                    self.memories[e] = Memory::default();
+                }
             }
+            rollout.inputs.extend(x);
             *observations = transitions.into_iter().map(|t| t.observation).collect();
         }
-        if !rollout.samples.iter().all(|s| s.reward.is_finite() && s.observation.iter().all(|v| v.is_finite())) {
+        let are_finite = rollout.samples.iter().map(|s| &s.reward).chain(&rollout.inputs).all(|v| v.is_finite());
+        if !are_finite {
             return Err(TrainError::Diverged { steps: self.steps, what: "an observation or a reward" });
         }
-        let x = self.normalised(observations);
+        // Of a copy: the next rollout begins with these observations.
+        let x = self.inputs(&mut self.memories.clone(), observations);
         let last_values = self.critic.forward(&x, n).to_vec();
         rollout.estimate(&last_values, self.settings.gamma, self.settings.gae_lambda);
         Ok(rollout)
@@ -244,7 +259,7 @@ impl<'a> Trainer<'a> {
             return vec![0.0; transitions.len()];
         }
         let last: Vec<Observation> = transitions.iter().map(|t| t.final_observation).collect();
-        let x = self.normalised(&last);
+        let x = self.inputs(&mut self.memories.clone(), &last);
         let values = self.critic.forward(&x, transitions.len());
         values.iter().zip(wanted).map(|(v, w)| if w { self.settings.gamma * v } else { 0.0 }).collect()
     }
@@ -290,7 +305,7 @@ impl<'a> Trainer<'a> {
     /// of its values.
     fn minibatch(&mut self, rollout: &Rollout, batch: &[usize], learning_rate: f32) -> Result<[f32; 2], TrainError> {
         let n = batch.len();
-        let x: Vec<f32> = batch.iter().flat_map(|&i| rollout.samples[i].observation).collect();
+        let x: Vec<f32> = batch.iter().flat_map(|&i| rollout.inputs_of(i)).copied().collect();
         let advantages = standardised(batch.iter().map(|&i| rollout.advantages[i]).collect());
         let means = self.actor.forward(&x, n).to_vec();
         let values = self.critic.forward(&x, n).to_vec();

@@ -7,7 +7,8 @@ For each hidden effect, three episodes are measured in a cell at `reference` fid
 holds out the third. All policies are trained over posteriors of `catenary infer` that use the three episodes: the posterior of the
 unrepaired model is inferred from all of them; the repaired model's priors come from two, and its posterior from the third. `catenary
 evaluate` runs all policies on the same episodes of the cell. --task takes another task than the model's for training and evaluation; the
-episodes are measured in the model's own. An effect without a repair has no gain. Results that DIR holds are not computed again.
+episodes are measured in the model's own. An effect without a repair
+has no gain, and neither has one whose posterior cannot be inferred. Results that DIR holds are not computed again.
 """
 
 import argparse
@@ -73,7 +74,10 @@ def study(folder, hidden, seeds, episodes, steps, task):
     for side, known, own in (("unrepaired", model, bags), ("repaired", found / "model.yaml", bags[2:])):
         given = [a for bag in own for a in ("--bag", bag)]
         infer = lambda half, known=known, given=given: draw.program("infer", "--model", known, *given, "--out", half)
-        posteriors[side] = once(folder / f"inferred_{side}", infer)
+        try:
+            posteriors[side] = once(folder / f"inferred_{side}", infer)
+        except RuntimeError as error:
+            return {**row, "failed": f"no posterior of the {side} model: {error}"}
         over[side] = ("--model", known, "--posterior", posteriors[side] / "posterior.json")
     aim = ("--task", task) if task else ()
     wanted = ("--steps", steps) if steps else ()
@@ -100,6 +104,8 @@ def text(rows):
     for row in rows:
         named = ", ".join(" or ".join(alike) for alike in row["found"]) or "nothing"
         lines.append(f"{row['hidden']}: {row['verdict']}, {named}")
+        if "failed" in row:
+            lines.append(f"  {row['failed']}")
         if "marginals" not in row:
             continue
         for key, scale, digits in (("mean_return", 1, 2), ("success_rate", 100, 0)):

@@ -25,6 +25,9 @@ pub struct TrainArgs {
     /// Environment steps; default: the preset's
     #[arg(long)]
     pub steps: Option<u64>,
+    /// Observations before the newest that the policy takes, at most 64: it can then find out what one observation hides
+    #[arg(long, default_value_t = 0)]
+    pub history: u32,
     /// Preset hyperparameters
     #[arg(long, value_enum, default_value = "default")]
     pub preset: TrainingPreset,

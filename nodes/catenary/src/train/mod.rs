@@ -26,8 +26,9 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = arguments.task.applied_to(own)?;
     let mut settings = arguments.preset.settings();
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
+    settings.history = arguments.history as usize;
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
-    settings.check().context("--steps").given()?;
+    settings.check().context("--steps, --history").given()?;
     let domains = domains(arguments, &model)?;
     match &arguments.on_graph.node {
         Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, namespace),

@@ -27,6 +27,7 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
         point,
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
+        history: arguments.history,
         fidelity: SimulateRequest::FIDELITY_FAST,
         seed: arguments.seed,
         ..TrainGoal::default()

@@ -12,6 +12,7 @@ fn policy(action: [f32; 2]) -> Policy {
     Policy {
         name: "constant".into(),
         actor: Mlp::new(vec![layer]).unwrap(),
+        history: 0,
         observation_mean: [0.0; 12],
         observation_scale: [1.0; 12],
         action_scale: [0.1, 0.1],

@@ -99,7 +99,7 @@ fn learns_to_reach_a_point() {
     let recent = trained.recent.iter().map(|(r, _)| r).sum::<f64>() / trained.recent.len() as f64;
     assert!(trained.recent.len() == 100 && (recent - end.mean_return).abs() < 1e-9, "{recent}");
     let policy = trained.policy;
-    let toward = policy.act(&Observation::new([0.35, 0.3], &[[0.0; 2]; 4], [0.0; 2]));
+    let toward = policy.act(&Observation::new([0.35, 0.3], &[[0.0; 2]; 4], [0.0; 2]), &mut Memory::default());
     assert!(toward[0] > 0.04, "from the left it goes right: {toward:?}");
 }
 
@@ -146,4 +146,81 @@ fn a_reward_of_nan_and_a_wrong_number_of_environments_are_errors() {
     assert!(matches!(e, Err(TrainError::Diverged { .. })));
     let e = train(&mut Reaching::new(3), &task(), &Settings::tuned(), 1, &mut |_| ControlFlow::Continue(()));
     assert!(matches!(e, Err(TrainError::Environments { expected: 12, got: 3 })));
+}
+
+/// Environments whose goal shows in the first observation of an episode alone: one of two places, by the sign of a keypoint.
+struct Remembering {
+    inner: Reaching,
+    sides: Vec<f64>,
+}
+
+impl Remembering {
+    fn new(count: usize) -> Self {
+        Self { inner: Reaching::new(count), sides: vec![1.0; count] }
+    }
+
+    fn restart(&mut self, e: usize) {
+        self.inner.restart(e);
+        self.sides[e] = if self.inner.rng.random_bool(0.5) { 1.0 } else { -1.0 };
+    }
+
+    fn observe(&self, e: usize) -> Observation {
+        let shown = if self.inner.steps[e] == 0 { self.sides[e] } else { 0.0 };
+        Observation::new(self.inner.at[e], &[[shown; 2]; 4], [0.0; 2])
+    }
+}
+
+impl Env for Remembering {
+    fn count(&self) -> usize {
+        self.inner.count()
+    }
+
+    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
+        (0..self.count()).for_each(|e| self.restart(e));
+        Ok((0..self.count()).map(|e| self.observe(e)).collect())
+    }
+
+    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
+        let transition = |(e, a): (usize, &[f64; 2])| {
+            (0..2).for_each(|i| self.inner.at[e][i] += a[i]);
+            self.inner.steps[e] += 1;
+            let goal_x = 0.45 + 0.1 * self.sides[e];
+            let distance = (self.inner.at[e][0] - goal_x).hypot(self.inner.at[e][1] - GOAL[1]);
+            let final_observation = self.observe(e);
+            let truncated = self.inner.steps[e] == STEPS;
+            if truncated {
+                self.restart(e);
+            }
+            Transition {
+                observation: self.observe(e),
+                reward: 1.0 - 5.0 * distance,
+                terminated: false,
+                truncated,
+                final_observation,
+            }
+        };
+        Ok(actions.iter().enumerate().map(transition).collect())
+    }
+}
+
+#[test]
+fn a_history_remembers_what_the_first_observation_showed() {
+    let trained = |history| {
+        let settings = Settings { total_steps: 24_576, history, ..Settings::tuned() };
+        train(&mut Remembering::new(12), &task(), &settings, 3, &mut |_| ControlFlow::Continue(())).unwrap()
+    };
+    let last = |t: &Trained| t.curve[t.curve.len() - 1].mean_return;
+    let (without, with) = (trained(0), trained(STEPS - 1));
+    // Between the two places, each 0.1 m away, every step loses 0.5.
+    assert!(last(&with) > last(&without) + 1.0, "with {:.2}, without {:.2}", last(&with), last(&without));
+    // The policy does in an episode what it did in training: it remembers the side.
+    let ends = [-1.0, 1.0].map(|side| {
+        let (mut memory, mut x) = (Memory::default(), 0.45);
+        for step in 0..STEPS {
+            let shown = if step == 0 { side } else { 0.0 };
+            x += with.policy.act(&Observation::new([x, 0.3], &[[shown; 2]; 4], [0.0; 2]), &mut memory)[0];
+        }
+        x
+    });
+    assert!(ends[1] - ends[0] > 0.1, "it went to {ends:.2?}");
 }

@@ -2,6 +2,7 @@
 
 use super::simulation::EpisodeSimulation;
 use super::steps::{StopCriterion, given, verdict};
+use catenary_core::policy::Memory;
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::{Judge, Track};
 use std::ops::ControlFlow;
@@ -26,11 +27,12 @@ pub fn run(
         }
         Drive::Policy(policy) => {
             let task = need_task()?;
+            let mut memory = Memory::default();
             let mut referee = Judge::new(task, simulation.model().camera.view).referee();
             Ok(simulation.act(&task, is_enough, |step, observation, arm| {
                 // The first frame precedes any action, so that it is not judged.
                 let end = if step > 0 { verdict(&task, &mut referee, arm, observation, step).end } else { None };
-                let action = || (step < task.steps).then(|| policy.act(observation));
+                let mut action = || (step < task.steps).then(|| policy.act(observation, &mut memory));
                 end.map_or_else(|| ControlFlow::Continue(action()), ControlFlow::Break)
             }))
         }
