@@ -14,6 +14,8 @@ SMALL = [
     2,
     "--steps",
     768,
+    "--history",
+    2,
     "--episodes",
     4,
     "--repeats",
@@ -63,6 +65,7 @@ def test_every_policy_is_scored_on_every_object_and_compared(whole):
     assert page.count("<figure") >= 18 and "NaN" not in page and "(so few trainings cannot reach that)" in page
     assert "Task place_tip" in page and "time warping" in page
     assert "What evidence is worth in settle" in page and "2 recordings, 30 simulations" in page
+    assert "newest observation and 2 before it" in page
 
 
 def test_parts_make_the_same_bits_and_a_killed_part_goes_on(whole, program, tmp_path):
@@ -102,6 +105,7 @@ def test_other_arguments_in_the_same_folder_and_wrong_ones_are_refused(whole, pr
         (["--objects", "other"], ["--objects other", "parameters", "soft_bar"]),
         (["--objects", "named"], ["--objects named", "true_bar", "name of letters"]),
         (["--steps", 0], ["--steps", "total_steps", "0"]),
+        (["--history", 65], ["--history", "at most 64", "65"]),
         (["--evidence", "1:0x40"], ["--evidence", "iterations", "0"]),
         (["--evidence", "1", "1:15x100"], ["--evidence 1:15x100", "twice"]),
         (["--model", "measured_cable"], ["measured_cable", "no task"]),

@@ -26,6 +26,9 @@ pub struct StudyArgs {
     /// Environment steps of a training
     #[arg(long, default_value_t = 49_152)]
     pub steps: u64,
+    /// Observations before the newest that the policies take, at most 64
+    #[arg(long, default_value_t = 0)]
+    pub history: usize,
     /// Preset hyperparameters of the trainings
     #[arg(long, value_enum, default_value = "default")]
     pub preset: TrainingPreset,

@@ -80,8 +80,14 @@ pub fn page(study: &Study, data: &Data<'_>) -> Result<String> {
         "{} trainings of each policy with {} environment steps, scored on {} episodes an object at the highest fidelity of the \
          simulation, with camera noise and nuisances drawn anew. Episodes of the same number have the same conditions for all policies. \
          Rewards are means over episodes, then interquartile means over trainings; brackets are intervals of 95 % by stratified \
-         bootstrap over trainings; * is p < {LEVEL} of a paired test over trainings, not corrected for the number of rows.",
-        plan.seeds, plan.steps, plan.episodes
+         bootstrap over trainings; * is p < {LEVEL} of a paired test over trainings, not corrected for the number of rows.{}",
+        plan.seeds,
+        plan.steps,
+        plan.episodes,
+        match plan.history {
+            0 => String::new(),
+            n => format!(" The policies see the newest observation and {n} before it."),
+        }
     ));
     for (index, task) in study.tasks.iter().enumerate() {
         of_task(&mut page, study, data, task, index)?;
@@ -287,7 +293,7 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
 }
 
 fn decision(pairs: &Pairs) -> Vec<String> {
-    let after = pairs.after.map_or_else(String::new, |n| format!(" after {n} pairs"));
+    let after = pairs.after.map_or_else(String::new, |n| format!(" after {n} pair{}", if n == 1 { "" } else { "s" }));
     let words = match pairs.decision {
         Decision::First => format!("own is better{after}"),
         Decision::Second => format!("U is better{after}"),

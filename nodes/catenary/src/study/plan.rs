@@ -78,6 +78,8 @@ pub struct Plan {
     pub seeds: u64,
     /// Environment steps of a training.
     pub steps: u64,
+    /// Observations before the newest that the policies take.
+    pub history: usize,
     /// Preset of the trainings.
     pub preset: String,
     /// Episodes that score a training on an object.
@@ -144,8 +146,9 @@ impl Plan {
             let twice = objects[..i].iter().any(|o| o.name == object.name);
             ensure!(!twice, "--objects: {} is named twice", object.name);
         }
-        let training = Settings { total_steps: arguments.steps, ..arguments.preset.settings() };
-        training.check().context("--steps")?;
+        let training =
+            Settings { total_steps: arguments.steps, history: arguments.history, ..arguments.preset.settings() };
+        training.check().context("--steps, --history")?;
         for (i, evidence) in arguments.evidence.iter().enumerate() {
             ensure!(!arguments.evidence[..i].contains(evidence), "--evidence {evidence}: it is named twice");
         }
@@ -157,6 +160,7 @@ impl Plan {
             objects,
             seeds: arguments.seeds,
             steps: arguments.steps,
+            history: arguments.history,
             preset: arguments.preset.name().to_owned(),
             episodes: arguments.episodes,
             repeats: arguments.repeats,

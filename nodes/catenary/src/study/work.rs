@@ -104,7 +104,9 @@ impl Work<'_> {
         let path = self.folder.join(self.plan.recorder_file());
         if !path.exists() {
             let domains = Domains::Prior(self.models.model.theta.clone());
-            let trained = self.train(&self.models.model, &domains, seed::derive(self.plan.seed, stream::RECORDER))?;
+            // Without a history: the recordings are those of every study with this seed.
+            let seed = seed::derive(self.plan.seed, stream::RECORDER);
+            let trained = self.train(&self.models.model, &domains, 0, seed)?;
             files::write(&path, &trained.policy.to_bytes())?;
         }
         read_policy(&path)
@@ -163,7 +165,7 @@ impl Work<'_> {
         if !path.exists() {
             let model = &self.models.tasks[chain.task];
             let seed = self.seed(stream::TRAININGS, chain.training);
-            let trained = self.train(model, &self.domains(chain.knowledge)?, seed)?;
+            let trained = self.train(model, &self.domains(chain.knowledge)?, self.plan.history, seed)?;
             let points: Curve = trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
             files::write_json(&curve, &points)?;
             // Last, because it tells that the training is done.
@@ -185,8 +187,8 @@ impl Work<'_> {
         })
     }
 
-    fn train(&self, model: &Model, domains: &Domains, of: u64) -> Result<Trained> {
-        let settings = Settings { total_steps: self.plan.steps, ..Settings::preset(&self.plan.preset)? };
+    fn train(&self, model: &Model, domains: &Domains, history: usize, of: u64) -> Result<Trained> {
+        let settings = Settings { total_steps: self.plan.steps, history, ..Settings::preset(&self.plan.preset)? };
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;
