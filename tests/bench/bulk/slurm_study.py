@@ -1,6 +1,6 @@
 """Runs a small study in parts by study.sbatch on a Slurm cluster of this machine alone, requeues one part midway, and merges.
 
-    tests/bench/bulk/slurm_study.py --program target/release/catenary
+    python3 tests/bench/bulk/slurm_study.py --program target/release/catenary
 
 The same study runs in one process first. Every file of the two has to be equal. Needs the programs of Debian's slurmctld, slurmd,
 slurm-client and munge on the PATH; they run as this user with files of their own, and end with the script.

@@ -1,7 +1,6 @@
 //! Stages of the demo: trainings, episodes on the cell, inference, and score.
 
 use super::config::MODEL;
-use super::domain;
 use super::film::{self, Film};
 use super::observe::{Observer, Seen};
 use super::setup::{Demo, stream};
@@ -16,8 +15,7 @@ use catenary_core::model::DriveKind;
 use catenary_core::task::{Moment, Phase};
 use catenary_core::{Camera, Policy, Posterior, seed};
 use catenary_msgs::action::{
-    Infer, InferGoal, InferResult, MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal, Train, TrainGoal,
-    TrainResult,
+    Infer, InferGoal, InferResult, MoveToStart, RunEpisode, RunEpisodeGoal, Train, TrainGoal, TrainResult,
 };
 use catenary_msgs::srv::SimulateRequest;
 use catenary_shell::{ActionClient, Node, convert};
@@ -53,13 +51,13 @@ impl Demo {
                 run_episode: node.action_client("policy_runner/run_episode")?,
                 move_to_start: node.action_client("panda/move_to_start")?,
             };
-            wait_for(stages, "ppo_trainer/train", |t| clients.train.wait_for_server(t))?;
+            stages.graph.wait_for(&clients.train)?;
             bar.inc(1);
-            wait_for(stages, "bayes_sim/infer", |t| clients.infer.wait_for_server(t))?;
+            stages.graph.wait_for(&clients.infer)?;
             bar.inc(1);
-            wait_for(stages, "policy_runner/run_episode", |t| clients.run_episode.wait_for_server(t))?;
+            stages.graph.wait_for(&clients.run_episode)?;
             bar.inc(1);
-            wait_for(stages, "panda/move_to_start", |t| clients.move_to_start.wait_for_server(t))?;
+            stages.graph.wait_for(&clients.move_to_start)?;
             bar.inc(1);
             Ok(clients)
         })?;
@@ -112,7 +110,7 @@ impl Demo {
         };
         let result: TrainResult = stages.run(&format!("train {name} over {over}"), 1, |stages, bar| {
             let shown = bar.clone();
-            let result = stages.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
+            let result = stages.graph.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
             ensure!(result.success, "{}", result.message);
             Ok(result)
         })?;
@@ -137,14 +135,12 @@ impl Demo {
     ) -> Result<(Episode, Film)> {
         let steps = self.model.task.map_or(1, |t| t.steps as u64);
         stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
-            domain::ensure_own_arm(stages.node, &stages.supervisor)?;
-            let moved = stages.goal(&clients.move_to_start, MoveToStartGoal::default(), |_| {})?;
-            ensure!(moved.success, "move to start: {}", moved.message);
+            stages.graph.move_to_start(&clients.move_to_start)?;
             let bag = format!("bags/{name}");
             let mut recorder = self.start_recorder(stages, &bag)?;
             // Recorder and observer need time to discover the publishers.
-            let mut observer = Observer::start(stages.node, &self.folder, name, &self.model)?;
-            stages.pause(Duration::from_secs(1))?;
+            let mut observer = Observer::start(stages.graph.node, &self.folder, name, &self.model)?;
+            stages.graph.pause(Duration::from_secs(1))?;
             let goal = RunEpisodeGoal {
                 policy: policy.to_vec(),
                 policy_name: name.to_owned(),
@@ -161,12 +157,12 @@ impl Demo {
                 }
                 observer.finish()
             });
-            let result = stages.goal(&clients.run_episode, goal, move |feedback| {
+            let result = stages.graph.goal(&clients.run_episode, goal, move |feedback| {
                 progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
                 shown.set_message(format!("reward {:.3}", feedback.reward));
             });
             // Time for the last messages of the episode to reach the recorder.
-            stages.pause(Duration::from_millis(500))?;
+            stages.graph.pause(Duration::from_millis(500))?;
             let _ = stop.send(());
             // Joined before the result is checked: a failed episode must not leave the thread behind.
             let seen: Seen = watcher.join().map_err(|_| anyhow::anyhow!("the observer panicked"))??;
@@ -212,7 +208,7 @@ impl Demo {
         process.environment.extend(self.domain.environment());
         let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
         for _ in 0..100 {
-            stages.pause(Duration::from_millis(100))?;
+            stages.graph.pause(Duration::from_millis(100))?;
             if let Some(event) = recorder.poll()?.first() {
                 bail!("{}", event.describe());
             }
@@ -244,7 +240,7 @@ impl Demo {
         };
         stages.run("infer the parameters", 1, |stages, bar| {
             let shown = bar.clone();
-            let result = stages.goal(&clients.infer, goal, move |feedback| {
+            let result = stages.graph.goal(&clients.infer, goal, move |feedback| {
                 show_inference(&shown, &feedback);
             })?;
             ensure!(result.success, "{}", result.message);
@@ -268,17 +264,4 @@ impl Demo {
             misfit: (!result.message.is_empty()).then(|| result.message.clone()),
         })
     }
-}
-
-/// Waits for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
-fn wait_for(stages: &mut Stages<'_>, name: &str, ready: impl Fn(Duration) -> bool) -> Result<()> {
-    // 100 turns of 0.2 s each.
-    const PATIENCE: usize = 100;
-    for _ in 0..PATIENCE {
-        if ready(Duration::from_millis(200)) {
-            return Ok(());
-        }
-        stages.pause(Duration::from_millis(10))?;
-    }
-    bail!("{name}: no server after 20 s")
 }

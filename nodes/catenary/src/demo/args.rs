@@ -1,20 +1,9 @@
 //! Arguments of `demo` and `report`.
 
+use crate::graph::own::Cell;
 use crate::options::Output;
-use clap::{Args, ValueEnum};
-use serde::{Deserialize, Serialize};
+use clap::Args;
 use std::path::PathBuf;
-
-/// Robot cell of a demo.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DemoCell {
-    /// Arm with a lag and a speed limit, without forces
-    #[default]
-    Sim,
-    /// Emulated Panda that the bridge drives by torques, as it drives a real one
-    Emulated,
-}
 
 /// `catenary demo`.
 #[derive(Debug, Args)]
@@ -27,7 +16,7 @@ pub struct DemoArgs {
     pub paper: bool,
     /// Robot cell
     #[arg(long, value_enum, default_value_t)]
-    pub cell: DemoCell,
+    pub cell: Cell,
     /// Seed of every random draw, including the hidden parameters
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

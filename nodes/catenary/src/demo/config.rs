@@ -1,36 +1,12 @@
-//! Files of the demo: the shipped launch file, parameters and model, compiled into the program.
+//! Model and folder of the demo.
 
-use super::args::DemoCell;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
 /// Model that the demo infers, trains and simulates with.
 pub const MODEL: &str = include_str!("../../../../launch_configs/models/soft_bar_place.yaml");
-/// Path of the model relative to the launch file.
-pub const MODEL_FILE: &str = "models/soft_bar_place.yaml";
-
-const FILES: [(&str, &str); 5] = [
-    ("sim.launch.xml", include_str!("../../../../launch_configs/sim.launch.xml")),
-    ("params/sim.yaml", include_str!("../../../../launch_configs/params/sim.yaml")),
-    ("emulated.launch.xml", include_str!("../../../../launch_configs/emulated.launch.xml")),
-    ("params/emulated.yaml", include_str!("../../../../launch_configs/params/emulated.yaml")),
-    (MODEL_FILE, MODEL),
-];
-
-/// Writes the files into `folder`, with the layout of `launch_configs`. Returns the path of the cell's launch file.
-pub fn write(folder: &Path, cell: DemoCell) -> Result<PathBuf> {
-    for (name, text) in FILES {
-        let path = folder.join(name);
-        if let Some(parent) = path.parent() {
-            std::fs::create_dir_all(parent).with_context(|| parent.display().to_string())?;
-        }
-        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
-    }
-    Ok(folder.join(match cell {
-        DemoCell::Sim => "sim.launch.xml",
-        DemoCell::Emulated => "emulated.launch.xml",
-    }))
-}
+/// Name of the model.
+pub const MODEL_NAME: &str = "soft_bar_place";
 
 /// Creates `wanted`, or the first of `wanted-2`, `wanted-3`, ... that does not exist, so that no earlier result is
 /// overwritten.
@@ -52,15 +28,5 @@ mod tests {
         let wanted = folder.path().join("demo");
         assert_eq!(fresh_folder(&wanted).unwrap(), wanted);
         assert_eq!(fresh_folder(&wanted).unwrap(), folder.path().join("demo-2"));
-    }
-
-    #[test]
-    fn the_carried_launch_files_read() {
-        let folder = tempfile::tempdir().unwrap();
-        for (cell, processes) in [(DemoCell::Sim, 8), (DemoCell::Emulated, 10)] {
-            let launch = write(folder.path(), cell).unwrap();
-            let description = crate::launch::read(&launch, &[], &|_| None).unwrap();
-            assert_eq!(description.processes.len(), processes, "{cell:?}");
-        }
     }
 }

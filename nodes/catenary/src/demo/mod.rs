@@ -3,7 +3,6 @@
 mod algorithm;
 pub mod args;
 mod config;
-mod domain;
 mod film;
 mod observe;
 mod page;
@@ -14,12 +13,12 @@ mod story;
 mod summary;
 
 use crate::exit::{Given, Interrupted, Misfit};
+use crate::graph::own::OwnDomain;
 use crate::terminal::output;
 use anyhow::{Context, Result};
 use args::{DemoArgs, ReportArgs};
 use catenary_core::{Judge, Model};
 use catenary_shell::{Discovery, NodeBuilder, RosArgs};
-use domain::OwnDomain;
 use setup::{Demo, hidden_truth};
 use stage::Stages;
 use summary::Summary;
@@ -34,7 +33,6 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
         false => format!(", because {} exists already", arguments.out.display()),
     };
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
-    let launch_file = config::write(&folder.join("config"), arguments.cell)?;
     let model = Model::from_yaml(config::MODEL)?;
     let judge = Judge::of(&model).context("the demo's model needs a task")?;
     let truth = hidden_truth(&model, arguments.seed);
@@ -51,11 +49,10 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     let node = builder.domain(demo.domain.id(), Discovery::Localhost).build()?;
     output::tell(&format!("catenary demo: results go to {}{taken}", demo.folder.display()));
     output::tell(&format!("catenary demo: {}", demo.domain.words()));
-    let supervisor = demo.launch(&launch_file)?;
-    let mut stages = Stages::new(&node, supervisor);
+    let mut stages = Stages::new(demo.launch(&node)?);
     let outcome = demo.algorithm(&node, &mut stages);
     // Shut down before the error is reported, so that no log line follows it.
-    stages.supervisor.shut_down();
+    stages.graph.supervisor.shut_down();
     let summary = outcome?;
     summary.write(&demo.folder)?;
     let page = page::write(&demo.folder, &summary)?;

@@ -25,9 +25,9 @@ impl Demo {
         stages.run("evaluate both on the hidden object", (2 * EPISODES) as u64, |stages, bar| {
             let policies = score(&self.model, &self.judge, named.to_vec(), &requested, &mut |_, done| {
                 bar.set_position(done as u64);
-                match stages.node.is_shutdown() {
+                match stages.graph.node.is_shutdown() {
                     true => Err(Interrupted(String::new()).into()),
-                    false => stages.check(),
+                    false => stages.graph.check(),
                 }
             })?;
             Ok(Evaluation { episodes: EPISODES, fidelity: FIDELITY, seed: score_seed, policies })

@@ -1,15 +1,14 @@
 //! Setup of a demo: sizes, seeds, hidden parameters, and the start of its graph.
 
-use super::args::DemoCell;
 use super::config;
-use super::domain::OwnDomain;
-use crate::launch::{Supervisor, read};
+use crate::graph::own::{Cell, Conditions, OwnDomain, OwnGraph};
 use crate::options::{Preset, TrainingPreset};
 use anyhow::Result;
-use catenary_core::{Fidelity, Judge, Model, seed};
+use catenary_core::{Judge, Model, seed};
+use catenary_shell::Node;
 use rand::RngExt;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Random streams derived from the demo's seed.
 pub mod stream {
@@ -52,7 +51,7 @@ pub struct Demo {
     /// Folder of the results.
     pub folder: PathBuf,
     /// Robot cell.
-    pub cell: DemoCell,
+    pub cell: Cell,
     /// Seed of every random draw.
     pub seed: u64,
     /// Sizes of the demo.
@@ -78,25 +77,16 @@ pub fn hidden_truth(model: &Model, demo_seed: u64) -> Vec<f64> {
 }
 
 impl Demo {
-    /// Starts the graph. Only the cell's process receives the hidden values.
-    pub fn launch(&self, launch_file: &Path) -> Result<Supervisor> {
-        let values: Vec<String> = self.truth.iter().map(|v| format!("{v:?}")).collect();
-        let mut given = vec![
-            ("model", launch_file.with_file_name(config::MODEL_FILE).display().to_string()),
-            ("cell_theta", format!("[{}]", values.join(","))),
-            ("cell_fidelity", Fidelity::Reference.name().to_owned()),
-            ("seed", (seed::derive(self.seed, stream::CELL) >> 33).to_string()),
-            // A node that ends by itself is an error here, and a restart would hide it.
-            ("respawn", "false".to_owned()),
-        ];
-        if self.cell == DemoCell::Emulated {
-            // Every domain of this machine has a loopback address of its own, so that two demos have two arms.
-            let id = self.domain.id();
-            given.push(("address", format!("127.42.{id}.1")));
-        }
-        let given: Vec<_> = given.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
-        let mut description = read(launch_file, &given, &|name| std::env::var(name).ok())?;
-        description.processes.iter_mut().for_each(|p| p.environment.extend(self.domain.environment()));
-        Supervisor::start(description.processes, &self.folder.join("log"), false)
+    /// Starts the graph.
+    pub fn launch<'a>(&self, node: &'a Node) -> Result<OwnGraph<'a>> {
+        let conditions = Conditions {
+            cell: self.cell,
+            model: config::MODEL_NAME,
+            model_yaml: config::MODEL,
+            truth: &self.truth,
+            seed: seed::derive(self.seed, stream::CELL),
+            learning: true,
+        };
+        OwnGraph::start(node, &self.domain, &self.folder, &conditions)
     }
 }

@@ -1,9 +1,9 @@
 //! Sentences of the demo's answer: hidden values, inferred values, and success of each policy.
 
-use super::args::DemoCell;
 use super::summary::{Episode, Summary};
 use crate::evaluate::score::Evaluated;
 use crate::exit::Misfit;
+use crate::graph::own::Cell;
 use crate::report::aim;
 use crate::report::quantity::Quantity;
 use catenary_core::posterior::Marginal;
@@ -71,7 +71,7 @@ impl Summary {
 
     /// Comparison of the emulated arm with the simple arm that training and inference know; `None` on the simulated cell.
     pub fn of_the_arm(&self) -> Option<String> {
-        if self.cell != DemoCell::Emulated {
+        if self.cell != Cell::Emulated {
             return None;
         }
         let (episode, scored) = (self.episodes.last()?, self.evaluation.policies.last()?);

@@ -1,7 +1,7 @@
 //! Results of a demo, as stored in `summary.json` and shown in the report.
 
-use super::args::DemoCell;
 use crate::evaluate::score::Evaluated;
+use crate::graph::own::Cell;
 use crate::options::Preset;
 use anyhow::{Context, Result};
 use catenary_core::posterior::Marginal;
@@ -21,7 +21,7 @@ pub struct Summary {
     pub preset: Preset,
     /// Robot cell.
     #[serde(default)]
-    pub cell: DemoCell,
+    pub cell: Cell,
     /// Names of the inferred parameters.
     pub parameters: Vec<String>,
     /// Hidden values of the parameters, which only the cell's node received.

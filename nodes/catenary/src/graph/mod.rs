@@ -2,6 +2,7 @@
 
 pub mod goal;
 pub mod one_arm;
+pub mod own;
 pub mod request;
 
 use std::time::Duration;

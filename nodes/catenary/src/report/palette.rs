@@ -39,6 +39,16 @@ impl Role {
         }
     }
 
+    /// Colour as CSS, mixed with white: 0 is white, 1 the colour itself.
+    pub fn tint(self, share: f64) -> String {
+        let css = self.css();
+        let mixed = [1, 3, 5].map(|at| {
+            let full = u8::from_str_radix(&css[at..at + 2], 16).expect("every colour is #rrggbb");
+            (255.0 - (255.0 - f64::from(full)) * share.clamp(0.0, 1.0)).round() as u8
+        });
+        format!("#{:02x}{:02x}{:02x}", mixed[0], mixed[1], mixed[2])
+    }
+
     /// Role of a policy by its name; `None` for other names.
     pub fn of_policy(name: &str) -> Option<Self> {
         match name {
@@ -80,6 +90,12 @@ mod tests {
             assert!(all[..i].iter().all(|b| b.css() != a.css()), "{a:?}");
         }
         assert_eq!((Role::of_policy("pi1"), Role::of_policy("held-out loss")), (Some(Role::After), None));
+    }
+
+    #[test]
+    fn a_tint_goes_from_white_to_the_colour() {
+        assert_eq!((Role::Before.tint(0.0).as_str(), Role::Before.tint(1.0).as_str()), ("#ffffff", Role::Before.css()));
+        assert_eq!(Role::Posterior.tint(0.5), "#80b9d9");
     }
 
     #[test]

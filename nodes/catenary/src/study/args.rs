@@ -1,6 +1,7 @@
 //! Arguments of `study`.
 
 use super::evidence::Evidence;
+use crate::graph::own::Cell;
 use crate::options::{Output, Part, TrainingPreset};
 use clap::Args;
 use std::path::PathBuf;
@@ -38,6 +39,10 @@ pub struct StudyArgs {
     /// Deployments of the first training of a policy on an object
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub repeats: u64,
+    /// Deploy in real time on the whole graph in this robot cell, which holds the hidden object; default: in a simulation of it in this
+    /// process
+    #[arg(long, value_enum)]
+    pub cell: Option<Cell>,
     /// Evidence of an object's posteriors, as RECORDINGS or RECORDINGS:ROUNDSxSIMULATIONS of the inference. The first one's policies are held
     /// against all others; further ones show what more or less evidence is worth
     #[arg(long, num_args = 1.., default_values = ["1"])]

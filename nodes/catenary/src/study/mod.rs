@@ -2,9 +2,11 @@
 //! a comparison with statistics that hold.
 
 pub mod args;
+mod deployment;
 mod dtw;
 mod evidence;
 mod files;
+mod on_cell;
 mod page;
 mod plan;
 mod results;
@@ -18,13 +20,14 @@ use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
 use args::StudyArgs;
 use catenary_core::Judge;
-use catenary_shell::Shutdown;
+use catenary_shell::{NodeBuilder, RosArgs, Shutdown};
+use deployment::{Deployments, Planned};
 use indicatif::ProgressBar;
-use plan::{Chain, Knowledge, Plan};
+use plan::{Chain, Knowledge, Place, Plan};
 use results::{Study, study};
 use serde::Serialize;
 use std::path::PathBuf;
-use work::{Deployments, Inferred, Scored, Work};
+use work::{Inferred, Scored, Work};
 
 /// Answer of the command.
 #[derive(Debug, Serialize)]
@@ -44,9 +47,14 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
     // A file of its own, since other parts may look at the same time.
     output::prepare(&arguments.out.join(format!("probe-{:016x}", rand::random::<u64>())))?;
     plan.keep(&arguments.out)?;
-    let shutdown = Shutdown::new();
+    // A wrong environment is refused before the work, which may take hours.
+    let builder = match arguments.cell {
+        Some(_) => Some(NodeBuilder::new("study", &RosArgs::default())?),
+        None => None,
+    };
+    let shutdown = builder.as_ref().map_or_else(Shutdown::new, |b| b.shutdown().clone());
     catenary_shell::end_on_signals(&shutdown)?;
-    let work = Work { plan: &plan, models: &models, folder: &arguments.out, shutdown: &shutdown };
+    let work = Work { plan: &plan, models: &models, folder: &arguments.out, cell: arguments.cell, shutdown: &shutdown };
     let part = arguments.part.unwrap_or(Part::WHOLE);
     let chains: Vec<Chain> =
         plan.chains().into_iter().enumerate().filter(|(i, _)| part.has(*i)).map(|(_, c)| c).collect();
@@ -68,10 +76,10 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
     let mut inferred = inferred.into_iter();
     let mut of_object = || inferred.by_ref().take(plan.evidence.len()).collect::<Vec<Inferred>>();
     let inferred: Vec<Vec<Inferred>> = plan.objects.iter().map(|_| of_object()).collect();
-    let deployments = deployments(&work, &plan)?;
+    let deployments = deployments(&work, builder)?;
     let aims = models.tasks.iter().map(words_of).collect::<Result<Vec<String>>>()?;
     let page = page::Data { inferred: &inferred, scores: &scores, deployments: &deployments, models: &models };
-    let study = study(plan.clone(), &inferred, aims, &scores, &deployments)?;
+    let study = study(plan.clone(), arguments.cell, &inferred, aims, &scores, &deployments)?;
     let report = page::page(&study, &page)?;
     for (name, bytes) in [("study.json", serde_json::to_vec_pretty(&study)?), ("report.html", report.into_bytes())] {
         files::write(&arguments.out.join(name), &bytes)?;
@@ -82,24 +90,32 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
     })
 }
 
-/// Deployments by task, policy and object.
-fn deployments(work: &Work<'_>, plan: &Plan) -> Result<Vec<Vec<Vec<Deployments>>>> {
-    let (tasks, policies, objects) = (plan.tasks.len(), plan.deployed(), plan.objects.len());
-    let mut all: Vec<(Chain, usize)> = Vec::new();
-    for task in 0..tasks {
-        for &knowledge in &policies {
-            all.extend((0..objects).map(|object| (Chain { task, knowledge, training: 0 }, object)));
-        }
+/// Deployments by task, policy and place. `builder` makes the node that commands the arm of the cell, if there is one.
+fn deployments(work: &Work<'_>, builder: Option<NodeBuilder>) -> Result<Vec<Vec<Vec<Deployments>>>> {
+    let planned = deployment::planned(work.plan);
+    let (on_cell, in_process): (Vec<Planned>, Vec<Planned>) =
+        planned.iter().partition(|p| work.cell.is_some() && p.place != Place::OwnSimulation);
+    each("deployments", &in_process, |planned| work.simulated(planned))?;
+    if let (Some(cell), Some(builder)) = (work.cell, builder) {
+        let bar = bar(&format!("{} cell", cell.name()), on_cell.len())?;
+        on_cell::deploy(work, cell, builder, &on_cell, &bar)?;
+        bar.finish_and_clear();
     }
-    let mut made = each("deployments", &all, |(chain, object)| work.deployments(chain, *object))?.into_iter();
-    let mut take = |count: usize| made.by_ref().take(count).collect::<Vec<_>>();
-    Ok((0..tasks).map(|_| policies.iter().map(|_| take(objects)).collect()).collect())
+    // Only read: the end of the cell's node looks to other work like Ctrl-C.
+    let made = planned.iter().map(|p| files::read_json(&work.deployment_file(p))).collect::<Result<_>>()?;
+    Ok(deployment::in_groups(work.plan, made))
+}
+
+/// Progress bar of `length` pieces of work.
+fn bar(name: &str, length: usize) -> Result<ProgressBar> {
+    let bar = ProgressBar::new(length as u64);
+    bar.set_style(progress::style(&format!("{name} [{{bar:24}}] {{pos}}/{{len}}"), 0.0)?);
+    Ok(bar)
 }
 
 /// Does a piece of work for each item on all cores, with a progress bar. Returns the results in order.
 fn each<T: Sync, R: Send>(name: &str, items: &[T], work: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
-    let bar = ProgressBar::new(items.len() as u64);
-    bar.set_style(progress::style(&format!("{name} [{{bar:24}}] {{pos}}/{{len}}"), 0.0)?);
+    let bar = bar(name, items.len())?;
     let mut results = Vec::with_capacity(items.len());
     all_cores::in_order(
         0..items.len() as u64,

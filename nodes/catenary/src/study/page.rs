@@ -1,12 +1,14 @@
 //! Page of a study.
 
+use super::deployment::Deployments;
 use super::dtw;
-use super::plan::{Knowledge, Models};
+use super::plan::{Knowledge, Models, Plan};
 use super::results::{EvidenceGains, Gain, Pairs, PolicyScores, Study, TaskResult};
-use super::work::{Deployments, Inferred, Scored, acted};
+use super::work::{Inferred, Scored, acted};
+use crate::graph::own::Cell;
 use crate::report::number::plain;
 use crate::report::palette::Role;
-use crate::report::plots::policies::{MeanPath, grid, mean_paths};
+use crate::report::plots::policies::{MeanPath, Timelapse, grid, mean_paths, timelapses};
 use crate::report::plots::search::{Interval as Row, intervals};
 use crate::report::plots::{self, Extent, Series};
 use crate::report::{Page, posterior};
@@ -14,7 +16,7 @@ use anyhow::{Context, Result};
 use catenary_core::comparison::{Decision, Interval};
 use catenary_core::statistics::mean;
 use catenary_core::track::End;
-use catenary_core::{Judge, Track};
+use catenary_core::{Frame, Judge, Model, Track};
 
 /// p-value below which a gain is marked.
 const LEVEL: f64 = 0.01;
@@ -27,7 +29,7 @@ pub struct Data<'a> {
     pub inferred: &'a [Vec<Inferred>],
     /// Scores of the chains of the plan.
     pub scores: &'a [Scored],
-    /// Deployments by task, policy and object.
+    /// Deployments by task, policy and place.
     pub deployments: &'a [Vec<Vec<Deployments>>],
     /// Models of the plan.
     pub models: &'a Models,
@@ -240,10 +242,16 @@ fn evidence(page: &mut Page, study: &Study, task: &TaskResult) -> Result<()> {
 fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, index: usize) -> Result<()> {
     let plan = &study.plan;
     page.heading(&format!("Deployments in {}", task.task));
+    let place = match study.cell {
+        None => "in simulation at the highest fidelity",
+        Some(Cell::Sim) => "on the whole graph, in the simulated cell",
+        Some(Cell::Emulated) => "on the whole graph, with an emulated Panda",
+    };
     page.paragraph(&format!(
-        "The first training of each policy ran {} times on each object. Paths are those of the commanded poses.",
+        "The first training of each policy ran {} times on each object, {place}. Paths are those of the commanded poses.",
         plan.repeats
     ));
+    rewards(page, plan, &data.deployments[index]);
     page.table(
         &["object", "own better than U", "worse", "decision"],
         &task.deployments.iter().map(decision).collect::<Vec<Vec<String>>>(),
@@ -271,18 +279,23 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
             shown.iter().map(|(name, role, k)| mean_path(name, *role, &judge, &deployed(*k, object).tracks)).collect();
         page.svg(&mean_paths(&format!("Commanded paths on {}", hidden.name), &paths, target_m, farthest_m)?);
         page.svg(&by_step(&hidden.name, &judge, &shown.map(|(name, _, k)| (name, deployed(k, object))))?);
+        let episodes: Vec<Timelapse> = shown[..2]
+            .iter()
+            .filter_map(|(name, role, k)| timelapse(name, *role, model, deployed(*k, object).tracks.first()?))
+            .collect();
+        page.svg(&timelapses(&format!("First deployments on {}", hidden.name), &episodes, target_m)?);
     }
     page.note(
-        "A disc is as wide as the paths of one policy differ, and the darker, the nearer the object is to its goal.",
+        "First deployments: the object at each step, the later the darker, with a dot at the hand. \
+         Commanded paths: a disc is as wide as the paths of one policy differ, and the darker, the nearer the object is to its goal.",
     );
-    let real: Vec<Knowledge> = knowledge.iter().copied().filter(|k| !matches!(k, Knowledge::Truth(_))).collect();
-    let names: Vec<String> = real.iter().map(|k| plan.policy_name(*k)).collect();
+    let names: Vec<String> = knowledge.iter().map(|k| plan.policy_name(*k)).collect();
     let paths = |k: Knowledge| -> Vec<Vec<[f64; 2]>> {
         (0..plan.objects.len())
             .flat_map(|object| deployed(k, object).tracks.iter().map(|track| commanded(&judge, track)))
             .collect()
     };
-    let all: Vec<Vec<Vec<[f64; 2]>>> = real.iter().map(|k| paths(*k)).collect();
+    let all: Vec<Vec<Vec<[f64; 2]>>> = knowledge.iter().map(|k| paths(*k)).collect();
     // Deployments of the same number are on the same object in the same conditions.
     let between = |a: &[Vec<[f64; 2]>], b: &[Vec<[f64; 2]>]| {
         1e3 * mean(&a.iter().zip(b).map(|(a, b)| dtw::distance(a, b)).collect::<Vec<f64>>())
@@ -290,6 +303,41 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let values: Vec<Vec<f64>> = all.iter().map(|a| all.iter().map(|b| between(a, b)).collect()).collect();
     page.svg(&grid("Distance of commanded paths by time warping, mm", &names, &values, 0));
     Ok(())
+}
+
+/// Mean reward of the deployments of each policy at each place.
+fn rewards(page: &mut Page, plan: &Plan, deployments: &[Vec<Deployments>]) {
+    let mut head = vec!["policy"];
+    head.extend(plan.objects.iter().map(|o| o.name.as_str()));
+    head.push("own simulation");
+    let cell = |d: &Deployments| {
+        let returns: Vec<f64> = d.rewards.iter().map(|r| r.iter().sum()).collect();
+        plain(mean(&returns), 2)
+    };
+    let row = |(knowledge, places): (&Knowledge, &Vec<Deployments>)| {
+        std::iter::once(plan.policy_name(*knowledge)).chain(places.iter().map(cell)).collect()
+    };
+    page.table(&head, &plan.deployed().iter().zip(deployments).map(row).collect::<Vec<Vec<String>>>());
+    page.note("Mean reward of the deployments. Own simulation: samples of what the policy was trained over, at the training's fidelity.");
+}
+
+/// The object at each step of an episode; nothing if the camera cannot place a keypoint in the plane.
+fn timelapse(name: &str, role: Role, model: &Model, track: &Track) -> Option<Timelapse> {
+    let line = |frame: &Frame| -> Option<Vec<[f64; 2]>> {
+        let mut line = vec![[frame.eef[0], frame.eef[1]]];
+        let mut left: Vec<[f64; 2]> =
+            frame.dlo.iter().map(|p| model.camera.view.plane_from_scaled(*p)).collect::<Option<_>>()?;
+        // The keypoints are a set: the line goes to the nearest one that is left.
+        while !left.is_empty() {
+            let at = line[line.len() - 1];
+            let distance = |p: &[f64; 2]| (p[0] - at[0]).hypot(p[1] - at[1]);
+            let nearest = (0..left.len()).min_by(|a, b| distance(&left[*a]).total_cmp(&distance(&left[*b])))?;
+            line.push(left.swap_remove(nearest));
+        }
+        Some(line)
+    };
+    let lines_m = track.frames.iter().map(line).collect::<Option<_>>()?;
+    Some(Timelapse { name: name.to_owned(), role, lines_m })
 }
 
 fn decision(pairs: &Pairs) -> Vec<String> {

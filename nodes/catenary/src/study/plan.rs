@@ -61,6 +61,15 @@ pub struct Chain {
     pub training: u64,
 }
 
+/// Place of a deployment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Hidden object, by its index.
+    Object(usize),
+    /// Simulation as in the policy's training: a sample of what it was trained over, at the training's fidelity.
+    OwnSimulation,
+}
+
 /// Everything that the results of a study depend on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -196,18 +205,23 @@ impl Plan {
         )))
     }
 
-    /// Knowledge of the policies that are deployed, in the order of the paper, with the truth of each object at the end.
+    /// Knowledge of the policies that are deployed: those of the paper, in its order.
     pub fn deployed(&self) -> Vec<Knowledge> {
-        let n = self.objects.len();
-        let own = (0..n).map(Knowledge::own);
-        [Knowledge::Prior, Knowledge::Median].into_iter().chain(own).chain((0..n).map(Knowledge::Truth)).collect()
+        let own = (0..self.objects.len()).map(Knowledge::own);
+        [Knowledge::Prior, Knowledge::Median].into_iter().chain(own).collect()
     }
 
-    /// Knowledge of all policies: those that are deployed, and then those of the further evidence.
+    /// Knowledge of all policies: those that are deployed, those that are told, and those of the further evidence.
     pub fn knowledge(&self) -> Vec<Knowledge> {
+        let n = self.objects.len();
         let further = (1..self.evidence.len())
-            .flat_map(|evidence| (0..self.objects.len()).map(move |object| Knowledge::Posterior { object, evidence }));
-        self.deployed().into_iter().chain(further).collect()
+            .flat_map(|evidence| (0..n).map(move |object| Knowledge::Posterior { object, evidence }));
+        self.deployed().into_iter().chain((0..n).map(Knowledge::Truth)).chain(further).collect()
+    }
+
+    /// Places of the deployments of a policy: the objects, and at the end its own simulation.
+    pub fn places(&self) -> Vec<Place> {
+        (0..self.objects.len()).map(Place::Object).chain([Place::OwnSimulation]).collect()
     }
 
     /// Chains of work, in order. Those of one number of training stand together, so that a stopped study has whole trainings.
@@ -256,10 +270,14 @@ impl Plan {
         self.file("scores", chain, "json")
     }
 
-    /// File of the deployments of a policy on an object.
-    pub fn deployments_file(&self, chain: &Chain, object: usize) -> PathBuf {
+    /// File of a deployment in a folder of its task.
+    pub fn deployment_file(&self, folder: &str, chain: &Chain, place: Place, number: u64) -> PathBuf {
+        let on = match place {
+            Place::Object(object) => self.objects[object].name.as_str(),
+            Place::OwnSimulation => "+simulation",
+        };
         let (task, policy) = (&self.tasks[chain.task], self.file_name(chain.knowledge));
-        format!("{task}/deployments/{policy}_on_{}.json", self.objects[object].name).into()
+        format!("{task}/{folder}/{policy}_on_{on}_{}.json", number + 1).into()
     }
 
     /// Name of a policy in the name of a file.

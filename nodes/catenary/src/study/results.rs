@@ -1,8 +1,10 @@
 //! Figures of a study: what knowing the object is worth, by task and object.
 
+use super::deployment::Deployments;
 use super::evidence::Evidence;
 use super::plan::{Chain, Knowledge, Plan};
-use super::work::{Deployments, Inferred, Scored};
+use super::work::{Inferred, Scored};
+use crate::graph::own::Cell;
 use anyhow::Result;
 use catenary_core::comparison::{Bootstrap, Decision, Interval, SequentialSigns, sign_change_test};
 use catenary_core::posterior::Marginal;
@@ -19,6 +21,8 @@ const THRESHOLDS: usize = 41;
 pub struct Study {
     /// Plan of the study.
     pub plan: Plan,
+    /// Robot cell of the deployments; none: a simulation.
+    pub cell: Option<Cell>,
     /// Posteriors of the objects.
     pub objects: Vec<ObjectPosterior>,
     /// Results of each task.
@@ -146,9 +150,10 @@ pub struct Pairs {
 const OTHERS: [&str; 4] = ["U", "mu", "mismatched", "true"];
 
 /// Results of the work of a plan. `inferred` is by object and evidence, `scores` are in the order of the plan's chains, `deployments` by
-/// task, policy and object.
+/// task, policy and place.
 pub fn study(
     plan: Plan,
+    cell: Option<Cell>,
     inferred: &[Vec<Inferred>],
     aims: Vec<String>,
     scores: &[Scored],
@@ -175,7 +180,7 @@ pub fn study(
         task_result(&plan, task, aim, &of_task, &deployments[task])
     });
     let tasks = tasks.collect();
-    Ok(Study { plan, objects, tasks })
+    Ok(Study { plan, cell, objects, tasks })
 }
 
 fn task_result(

@@ -1,4 +1,4 @@
-//! Work of a study: recordings and posteriors of the hidden objects, trainings, scores and deployments.
+//! Work of a study: recordings and posteriors of the hidden objects, trainings and scores.
 //!
 //! Each piece runs on one core and depends on the plan alone, so that the results do not depend on where it runs.
 
@@ -6,6 +6,7 @@ use super::files;
 use super::plan::{Chain, Knowledge, Models, Object, Plan};
 use crate::evaluate::episodes::{as_measured, episodes, without_early_success};
 use crate::exit::Interrupted;
+use crate::graph::own::Cell;
 use crate::inputs::posterior_file::PosteriorFile;
 use anyhow::{Context, Result};
 use bayes_sim::InferenceError;
@@ -25,7 +26,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 /// Random streams of a study.
-mod stream {
+pub mod stream {
     pub const RECORDER: u64 = 1;
     pub const RECORDINGS: u64 = 2;
     pub const INFERENCE: u64 = 3;
@@ -77,15 +78,6 @@ pub struct ObjectScores {
     pub distances_m: Vec<f64>,
 }
 
-/// Deployments of a policy on an object.
-#[derive(Debug, Serialize, Deserialize)]
-pub struct Deployments {
-    /// Frames of each episode, one step apart.
-    pub tracks: Vec<Track>,
-    /// Rewards of each episode.
-    pub rewards: Vec<Vec<f64>>,
-}
-
 /// Worker on a study.
 pub struct Work<'a> {
     /// Plan of the study.
@@ -94,6 +86,8 @@ pub struct Work<'a> {
     pub models: &'a Models,
     /// Folder of the study.
     pub folder: &'a Path,
+    /// Robot cell of the deployments; none: a simulation in this process.
+    pub cell: Option<Cell>,
     /// Ends the work early.
     pub shutdown: &'a Shutdown,
 }
@@ -127,8 +121,9 @@ impl Work<'_> {
             let score = |(i, object): (usize, &Object)| {
                 let number = chain.training * self.plan.objects.len() as u64 + i as u64;
                 let seed = self.seed(stream::SCORES, number);
-                let scores =
-                    self.episodes(&self.models.tasks[chain.task], &policy, object, self.plan.episodes, seed)?;
+                let thetas = vec![object.truth.clone(); self.plan.episodes as usize];
+                let asked = episodes(thetas, Fidelity::Reference, seed);
+                let scores = self.episodes(&self.models.tasks[chain.task], &policy, asked)?;
                 Ok(ObjectScores {
                     returns: scores.iter().map(|(_, s)| s.rewards.iter().sum()).collect(),
                     successes: scores.iter().map(|(_, s)| s.succeeded).collect(),
@@ -140,21 +135,8 @@ impl Work<'_> {
         })
     }
 
-    /// Deployments of the first training of a policy on an object. Made if they are missing.
-    pub fn deployments(&self, chain: &Chain, object: usize) -> Result<Deployments> {
-        files::kept(&self.folder.join(self.plan.deployments_file(chain, object)), || {
-            let policy = read_policy(&self.folder.join(self.plan.training_file(chain)))?;
-            // Every policy meets the same conditions: deployments are compared in pairs.
-            let seed = self.seed(stream::DEPLOYMENTS, object as u64);
-            let (model, hidden) = (&self.models.tasks[chain.task], &self.plan.objects[object]);
-            let episodes = self.episodes(model, &policy, hidden, self.plan.repeats, seed)?;
-            let (tracks, scores): (Vec<Track>, Vec<Score>) = episodes.into_iter().unzip();
-            Ok(Deployments { tracks, rewards: scores.into_iter().map(|s| s.rewards).collect() })
-        })
-    }
-
     /// Seed of item `number` of a stream of the study.
-    fn seed(&self, stream: u64, number: u64) -> u64 {
+    pub fn seed(&self, stream: u64, number: u64) -> u64 {
         seed::derive(seed::derive(self.plan.seed, stream), number)
     }
 
@@ -175,7 +157,7 @@ impl Work<'_> {
     }
 
     /// Parameters of the environments of a training.
-    fn domains(&self, knowledge: Knowledge) -> Result<Domains> {
+    pub fn domains(&self, knowledge: Knowledge) -> Result<Domains> {
         let theta = &self.models.model.theta;
         Ok(match knowledge {
             Knowledge::Prior => Domains::Prior(theta.clone()),
@@ -245,22 +227,12 @@ impl Work<'_> {
         })
     }
 
-    /// Episodes of a policy on an object at the highest fidelity, with their scores. Success ends none of them.
-    fn episodes(
-        &self,
-        model: &Model,
-        policy: &Policy,
-        object: &Object,
-        count: u64,
-        seed: u64,
-    ) -> Result<Vec<(Track, Score)>> {
+    /// Episodes of a policy as asked, with their scores. Success ends none of them.
+    pub fn episodes(&self, model: &Model, policy: &Policy, asked: SimulationRequest) -> Result<Vec<(Track, Score)>> {
         self.check()?;
         let judge = Judge::of(model).context("a task file has a task")?;
         let simulator = BeamSimulator::new(&without_early_success(model), 1)?;
-        let asked = SimulationRequest {
-            drive: Drive::Policy(Box::new(policy.clone())),
-            ..episodes(vec![object.truth.clone(); count as usize], Fidelity::Reference, seed)
-        };
+        let asked = SimulationRequest { drive: Drive::Policy(Box::new(policy.clone())), ..asked };
         let scored = |track: Track| {
             let score = judge.score(&track);
             (track, score)
@@ -268,7 +240,8 @@ impl Work<'_> {
         Ok(simulator.simulate(&asked)?.into_iter().map(scored).collect())
     }
 
-    fn check(&self) -> Result<()> {
+    /// Returns an error once the user asked for the end.
+    pub fn check(&self) -> Result<()> {
         if self.shutdown.is_triggered() { Err(interrupted()) } else { Ok(()) }
     }
 }
@@ -282,7 +255,8 @@ fn interrupted() -> anyhow::Error {
     Interrupted("; the same command goes on from here".to_owned()).into()
 }
 
-fn read_policy(path: &Path) -> Result<Policy> {
+/// Policy of a training.
+pub fn read_policy(path: &Path) -> Result<Policy> {
     let bytes = catenary_shell::files::read_bytes("policy", path)?;
     Policy::from_bytes(&bytes).with_context(|| format!("{}: remove it, and it is made again", path.display()))
 }

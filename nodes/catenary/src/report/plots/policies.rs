@@ -43,6 +43,40 @@ pub fn mean_paths(title: &str, paths: &[MeanPath], target_m: [f64; 2], farthest_
     Ok(chart.figure(title, &legend))
 }
 
+/// Moments of an episode over each other.
+pub struct Timelapse {
+    /// Name in the legend.
+    pub name: String,
+    /// Colour of the last moment.
+    pub role: Role,
+    /// Line (x, z) of the object in each moment in m, from the hand on.
+    pub lines_m: Vec<Vec<[f64; 2]>>,
+}
+
+/// Picture of episodes in the plane: the object in each moment, the later the darker, with a dot at the hand.
+pub fn timelapses(title: &str, episodes: &[Timelapse], target_m: [f64; 2]) -> Result<String> {
+    let points = || episodes.iter().flat_map(|e| e.lines_m.iter().flatten()).chain([&target_m]);
+    let (x, z) = (axis(points().map(|p| p[0]), 5, "x, m"), axis(points().map(|p| p[1]), 5, "z, m"));
+    let mut chart = Chart::new(x, z, 220.0);
+    let mut legend = Vec::new();
+    for episode in episodes {
+        let last = episode.lines_m.len().saturating_sub(1).max(1) as f64;
+        for (i, line) in episode.lines_m.iter().enumerate() {
+            let colour = episode.role.tint(0.25 + 0.75 * i as f64 / last);
+            let places: Vec<[f64; 2]> = line.iter().map(|p| chart.at(*p)).collect();
+            chart.svg.path(&places, &colour, 1.5, false);
+            if let Some(hand) = places.first() {
+                chart.svg.disc(*hand, 2.5, &colour, 1.0);
+            }
+        }
+        legend.push(Entry::new(&episode.name, Shape::Line, episode.role));
+    }
+    let at = chart.at(target_m);
+    chart.svg.triangle(at, 8.0, Role::Measured.css());
+    legend.push(Entry::new("target", Shape::Triangle, Role::Measured));
+    Ok(chart.figure(title, &legend))
+}
+
 /// Picture of a square table of values, from white at zero to dark at the largest.
 pub fn grid(title: &str, names: &[String], values: &[Vec<f64>], decimals: usize) -> String {
     let left = names.iter().map(|n| text_width(n)).fold(0.0, f64::max) + 8.0;
@@ -87,5 +121,15 @@ mod tests {
         };
         let svg = mean_paths("t", &[path], [0.6, 0.2], 0.2).unwrap();
         assert!(svg.matches("<circle").count() == 2 && svg.contains(">target<") && svg.contains("#ffffff"), "{svg}");
+    }
+
+    #[test]
+    fn a_timelapse_has_a_line_and_a_hand_for_each_moment_and_ends_in_its_colour() {
+        let line = |x: f64| vec![[x, 0.4], [x + 0.01, 0.3]];
+        let episode =
+            Timelapse { name: "U".into(), role: Role::Before, lines_m: vec![line(0.4), line(0.5), line(0.6)] };
+        let svg = timelapses("t", &[episode], [0.6, 0.2]).unwrap();
+        assert!(svg.matches("<circle").count() == 3 && svg.contains(Role::Before.css()), "{svg}");
+        assert!(svg.contains(&Role::Before.tint(0.25)), "{svg}");
     }
 }

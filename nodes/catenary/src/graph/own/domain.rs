@@ -1,4 +1,4 @@
-//! A DDS domain for the demo alone, so that its commands reach no other arm and its names clash with no other node.
+//! A DDS domain for the graph of one command alone, so that its commands reach no other arm and its names clash with no other node.
 
 use crate::graph::DISCOVERY_TIME;
 use crate::launch::Supervisor;
@@ -10,7 +10,7 @@ use catenary_shell::{Discovery, DomainClaim, Node, NodeBuilder, Peer, RosArgs, S
 pub struct OwnDomain(DomainClaim);
 
 impl OwnDomain {
-    /// Claims a domain of this machine that differs from the environment's, is claimed by no other demo and has no
+    /// Claims a domain of this machine that differs from the environment's, is claimed by no other command and has no
     /// participants.
     pub fn claim() -> Result<Self> {
         let claim = DomainClaim::any(|id| {
@@ -28,7 +28,7 @@ impl OwnDomain {
         self.0.id()
     }
 
-    /// Environment of the demo's processes: this domain, and discovery on this machine only.
+    /// Environment of the graph's processes: this domain, and discovery on this machine only.
     pub fn environment(&self) -> [(String, Option<String>); 2] {
         [
             ("ROS_DOMAIN_ID".to_owned(), Some(self.id().to_string())),
@@ -48,14 +48,14 @@ impl OwnDomain {
 
 /// Participants of a domain, as far as they run on this machine.
 fn look(id: u16) -> Result<Vec<Peer>, ShellError> {
-    let node = NodeBuilder::new("demo_look", &RosArgs::default())?.domain(id, Discovery::Localhost).build()?;
+    let node = NodeBuilder::new("look", &RosArgs::default())?.domain(id, Discovery::Localhost).build()?;
     let others = node.look_around(DISCOVERY_TIME);
-    // The temporary participant must not stay visible to the demo's own nodes.
+    // The temporary participant must not stay visible to the graph's own nodes.
     node.stop();
     Ok(others)
 }
 
-/// Returns an error unless the arm that the demo is about to move is its own. Every server and publisher of the arm's
+/// Returns an error unless the arm that the command is about to move is its own. Every server and publisher of the arm's
 /// names must be a process that `supervisor` started, with one server for each name.
 pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
     let own: Vec<u32> = supervisor.rows().iter().filter_map(|row| row.pid).collect();
@@ -63,7 +63,7 @@ pub fn ensure_own_arm(node: &Node, supervisor: &Supervisor) -> Result<()> {
     for name in contract::ARM.into_iter().chain([episode]) {
         let servers = node.servers(&[name])?;
         // Two servers of one name would both answer, and two arms could move.
-        ensure!(servers.len() == 1, "{name}: expected one server, the demo's own, found {}", list_peers(&servers));
+        ensure!(servers.len() == 1, "{name}: expected one server, the command's own, found {}", list_peers(&servers));
         ensure_started(name, &servers, &own)?;
     }
     for topic in contract::ARM_TOPICS.into_iter().chain([contract::TARGET_POSE.name]) {
@@ -79,7 +79,7 @@ fn ensure_started(name: &str, peers: &[Peer], own: &[u32]) -> Result<()> {
     let strangers: Vec<Peer> = strangers.cloned().collect();
     ensure!(
         strangers.is_empty(),
-        "{name}: {} joined the demo's domain and is none of its nodes; the arm is not moved",
+        "{name}: {} joined the command's domain and is none of its nodes; the arm is not moved",
         list_peers(&strangers)
     );
     Ok(())
