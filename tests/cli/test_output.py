@@ -114,7 +114,7 @@ def test_networks_of_sets_do_not_see_the_order_of_keypoints(run):
 def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(run, tmp_path):
     reports = []
     for name in ("a", "b"):
-        arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json")
+        arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json", "--report", f"{name}.html")
         reports.append(json.loads(run("train", *arguments)))
     assert reports[0]["steps"] >= 512 and reports[0]["interrupted"] is False and reports[0]["curve"] == reports[1]["curve"]
     last = reports[0]["curve"][-1]
@@ -123,9 +123,11 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(run, tmp_pat
     assert returns["low"] < returns["value"] < returns["high"] and returns["value"] == pytest.approx(last["mean_return"])
     assert share["low"] <= share["value"] <= share["high"] and share["value"] == pytest.approx(last["success_rate"])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    page = (tmp_path / "a.html").read_text()
+    assert page.count("<figure") == 4 and f"return {returns['value']:.2f}" in page and "NaN" not in page
 
 
-def test_an_evaluation_compares_policies_with_the_first_on_the_same_episodes(run):
+def test_an_evaluation_compares_policies_with_the_first_on_the_same_episodes(run, tmp_path):
     for name, steps in (("a", 512), ("b", 2048)):
         run("train", "--model", MODEL, "--out", name, "--steps", steps)
     wanted = ("--policy", "a", "--policy", "a", "--policy", "b", "--episodes", 30, "--fidelity", "fast")
@@ -140,7 +142,9 @@ def test_an_evaluation_compares_policies_with_the_first_on_the_same_episodes(run
     # A mass at the tip lowers the reward of every policy; a longer bar changes the returns.
     heavy, long = evaluate("--effect", "tip_mass_kg=0.2")[2], evaluate("--theta", "length_m=0.3")[2]
     assert heavy["mean_best_reward"]["value"] < other["mean_best_reward"]["value"] and long["returns"] != other["returns"]
-    assert run("evaluate", "--model", MODEL, *wanted).count("more than the first") == 2
+    assert run("evaluate", "--model", MODEL, *wanted, "--report", "page.html").count("more than the first") == 2
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<figure") == 4 and f"return {first['mean_return']['value']:.2f}" in page and "NaN" not in page
 
 
 def test_an_import_is_json(run, tmp_path):

@@ -22,17 +22,32 @@ pub struct CurvePoint {
     pub value_loss: f64,
 }
 
-/// Environment steps after which the mean return had made 95 % of its rise, from the first point to the highest one. None if that lies in
-/// the last tenth of the training, which may improve with more steps, or if the return never rose.
-pub fn stopped_improving(curve: &[CurvePoint]) -> Option<u64> {
-    let (first, last) = (curve.first()?, curve.last()?);
-    let highest = curve.iter().map(|p| p.mean_return).fold(f64::NEG_INFINITY, f64::max);
-    if highest <= first.mean_return {
-        return None;
+/// Rise of the mean return in a training, from the first point of the curve to the highest one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rise {
+    /// It never rose.
+    None,
+    /// 95 % of it were made by this number of environment steps, before the last tenth of the training.
+    By(u64),
+    /// It lasted into the last tenth of the training: more steps may help.
+    ToTheEnd,
+}
+
+impl Rise {
+    /// Rise of a learning curve.
+    pub fn of(curve: &[CurvePoint]) -> Self {
+        let (Some(first), Some(last)) = (curve.first(), curve.last()) else { return Self::None };
+        let highest = curve.iter().map(|p| p.mean_return).fold(f64::NEG_INFINITY, f64::max);
+        let level = first.mean_return + RISEN * (highest - first.mean_return);
+        match curve.iter().find(|p| p.mean_return >= level) {
+            Some(at) if highest > first.mean_return && at.steps as f64 <= (1.0 - END) * last.steps as f64 => {
+                Self::By(at.steps)
+            }
+            Some(_) if highest > first.mean_return => Self::ToTheEnd,
+            _ => Self::None,
+        }
     }
-    let level = first.mean_return + RISEN * (highest - first.mean_return);
-    let at = curve.iter().find(|p| p.mean_return >= level)?.steps;
-    (at as f64 <= (1.0 - END) * last.steps as f64).then_some(at)
 }
 
 #[cfg(test)]
@@ -54,13 +69,14 @@ mod tests {
     fn a_curve_that_levels_off_has_stopped_where_it_came_near_its_highest_point() {
         let levels_off = (0..40).map(|i| 5.0 - 6.0 * (-f64::from(i) / 5.0).exp());
         // exp(-i / 5) = 0.05 at i = 15.
-        assert_eq!(stopped_improving(&curve(levels_off)), Some(1600));
+        assert_eq!(Rise::of(&curve(levels_off)), Rise::By(1600));
     }
 
     #[test]
-    fn a_curve_that_still_rises_or_never_rose_has_not_stopped() {
-        assert_eq!(stopped_improving(&curve((0..40).map(f64::from))), None);
-        assert_eq!(stopped_improving(&curve((0..40).map(|i| -f64::from(i)))), None);
-        assert_eq!(stopped_improving(&[]), None);
+    fn a_curve_may_rise_to_the_end_or_never() {
+        assert_eq!(Rise::of(&curve((0..40).map(f64::from))), Rise::ToTheEnd);
+        assert_eq!(Rise::of(&curve((0..40).map(|i| -f64::from(i)))), Rise::None);
+        assert_eq!(Rise::of(&curve([1.0; 5])), Rise::None);
+        assert_eq!(Rise::of(&[]), Rise::None);
     }
 }

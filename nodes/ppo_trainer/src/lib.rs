@@ -14,7 +14,7 @@ pub mod rollout;
 pub mod settings;
 pub mod trainer;
 
-pub use curve::{CurvePoint, stopped_improving};
+pub use curve::{CurvePoint, Rise};
 pub use domains::Domains;
 pub use settings::{Settings, SettingsError};
 pub use trainer::{Progress, TrainError, Trained, train};

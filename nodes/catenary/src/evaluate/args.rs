@@ -1,6 +1,6 @@
 //! Arguments of `evaluate`.
 
-use crate::options::{FidelityName, Output, TaskOption, parameter_value};
+use crate::options::{FidelityName, Output, ReportPage, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -35,6 +35,9 @@ pub struct EvaluateArgs {
     /// Seed of every random draw
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Page of the report
+    #[command(flatten)]
+    pub page: ReportPage,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

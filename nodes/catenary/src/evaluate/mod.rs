@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod episodes;
+mod page;
 pub mod score;
 
 use crate::exit::{Given, Interrupted};
@@ -40,6 +41,7 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;
+    arguments.page.prepare()?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let n = requested.thetas.len();
@@ -61,6 +63,9 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
         episodes: n,
         policies: evaluated,
     };
+    arguments.page.write(|| {
+        Ok(page::page(&words(&report).lines().map(str::to_owned).collect::<Vec<String>>(), &report.policies))
+    })?;
     output::result(&arguments.output, &report, words)
 }
 

@@ -9,6 +9,7 @@ mod parameter_value;
 mod part;
 mod preset;
 mod prior_support;
+mod report_page;
 mod task;
 
 pub use bags::Bags;
@@ -20,4 +21,5 @@ pub use parameter_value::parameter_value;
 pub use part::Part;
 pub use preset::{Preset, TrainingPreset};
 pub use prior_support::PriorSupportName;
+pub use report_page::ReportPage;
 pub use task::TaskOption;

@@ -1,6 +1,6 @@
 //! Arguments of `train`.
 
-use crate::options::{OnGraph, Output, TaskOption, TrainingPreset, parameter_value};
+use crate::options::{OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -37,6 +37,9 @@ pub struct TrainArgs {
     /// Process that does the work
     #[command(flatten)]
     pub on_graph: OnGraph,
+    /// Page of the report
+    #[command(flatten)]
+    pub page: ReportPage,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

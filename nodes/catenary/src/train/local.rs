@@ -1,6 +1,7 @@
 //! Training in this process, with a progress bar.
 
 use super::args::TrainArgs;
+use super::page::page;
 use super::report::Report;
 use crate::exit::{Given, Interrupted};
 use crate::terminal::{output, progress};
@@ -22,6 +23,7 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
     let steps = [trained.steps, settings.total_steps];
     let steps_per_second = trained.steps as f64 / seconds;
     let report = Report::new(arguments.out.clone(), steps, trained.curve, &trained.recent, steps_per_second);
+    arguments.page.write(|| page(&report))?;
     output::result(&arguments.output, &report, Report::words)?;
     if report.interrupted {
         let so_far = format!(

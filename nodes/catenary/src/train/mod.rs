@@ -3,6 +3,7 @@
 pub mod args;
 pub mod local;
 pub mod on_graph;
+mod page;
 mod report;
 
 use crate::exit::Given;
@@ -29,6 +30,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     settings.history = arguments.history as usize;
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps, --history").given()?;
+    arguments.page.prepare()?;
     let domains = domains(arguments, &model)?;
     match &arguments.on_graph.node {
         Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, namespace),

@@ -1,6 +1,7 @@
 //! Work of `train --node`, done by the training node of a running graph.
 
 use super::args::TrainArgs;
+use super::page::page;
 use super::report::Report;
 use crate::graph::request::{Answer, Request};
 use crate::terminal::{output, progress};
@@ -44,6 +45,7 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     let steps = curve.last().map_or(0, |p| p.steps);
     let report = Report::new(arguments.out.clone(), [steps, steps], curve, &last, result.steps_per_second);
+    arguments.page.write(|| page(&report))?;
     output::result(&arguments.output, &report, Report::words)
 }
 

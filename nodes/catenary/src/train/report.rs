@@ -1,7 +1,7 @@
 //! Result of a training, in the form in which `evaluate` reports, too.
 
 use crate::report::Estimate;
-use ppo_trainer::{CurvePoint, stopped_improving};
+use ppo_trainer::{CurvePoint, Rise};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -18,8 +18,8 @@ pub struct Report {
     pub mean_return: Option<Estimate>,
     /// Share of successes among these episodes.
     pub success_rate: Option<Estimate>,
-    /// Environment steps after which the return had made 95 % of its rise; none if it may improve with more steps.
-    pub stopped_improving_at: Option<u64>,
+    /// Rise of the mean return.
+    pub rise: Rise,
     /// Environment steps per second.
     pub steps_per_second: f64,
     /// Learning curve.
@@ -44,7 +44,7 @@ impl Report {
             interrupted: steps < total_steps,
             mean_return: is_enough.then(|| Estimate::mean(&returns)),
             success_rate: is_enough.then(|| Estimate::share(successes, last.len())),
-            stopped_improving_at: stopped_improving(&curve),
+            rise: Rise::of(&curve),
             steps_per_second,
             curve,
         }
@@ -56,9 +56,10 @@ impl Report {
         let (Some(mean_return), Some(success)) = (&self.mean_return, &self.success_rate) else {
             return format!("{policy}: {} steps, too few for two episodes", self.steps);
         };
-        let improves = match self.stopped_improving_at {
-            Some(at) => format!("the return stopped improving after {at} steps"),
-            None => "the return still rose at the end: more steps may help".to_owned(),
+        let rise = match self.rise {
+            Rise::By(at) => format!("95 % of the return's rise were made by step {at}"),
+            Rise::ToTheEnd => "the return rose to the end: more steps may help".to_owned(),
+            Rise::None => "the return never rose".to_owned(),
         };
         let ends = self.curve.first().zip(self.curve.last());
         let falls = ends.map_or_else(String::new, |(first, last)| {
@@ -68,7 +69,7 @@ impl Report {
             )
         });
         format!(
-            "{policy}: return {}, success {} % in the last episodes of the training\n{} steps, {:.0} steps/s{falls}; {improves}",
+            "{policy}: return {}, success {} % in the last episodes of the training\n{} steps, {:.0} steps/s{falls}; {rise}",
             mean_return.words(1.0, 2),
             success.words(100.0, 0),
             self.steps,
