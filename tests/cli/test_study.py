@@ -115,6 +115,17 @@ def test_other_arguments_in_the_same_folder_and_wrong_ones_are_refused(whole, pr
         assert not (folder / "new/plan.json").exists()
 
 
+def test_a_study_may_do_without_mu_and_the_policies_that_are_told(program, tmp_path):
+    small = ["--objects", "dlo_0", "--seeds", 2, "--steps", 768, "--episodes", 4, "--repeats", 1, "--evidence", "1:2x40"]
+    study = program.json("study", "--out", "few", "--task", "place_tip", *small, "--policies", folder=tmp_path, seconds=300)["study"]
+    task = study["tasks"][0]
+    assert [p["policy"] for p in task["policies"]] == ["U", "dlo_0"]
+    # Nothing but U is left to compare with.
+    assert [g["against"] for g in task["all"]] == ["U"]
+    page = (tmp_path / "few/report.html").read_text()
+    assert "NaN" not in page and ">mu<" not in page and ">true<" not in page
+
+
 def test_a_task_and_a_policy_of_another_one_are_refused(program, tmp_path):
     program.json(
         "train", "--model", "soft_bar", "--task", "whip", "--steps", 768, "--out", "whip.safetensors", folder=tmp_path, seconds=300

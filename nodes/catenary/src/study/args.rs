@@ -1,6 +1,7 @@
 //! Arguments of `study`.
 
 use super::evidence::Evidence;
+use super::further::Further;
 use crate::graph::own::Cell;
 use crate::options::{Output, Part, TrainingPreset};
 use clap::Args;
@@ -21,6 +22,9 @@ pub struct StudyArgs {
     /// Models (files or names) whose nominal values are the hidden objects
     #[arg(long, num_args = 1.., default_values = ["dlo_0", "dlo_1", "dlo_2", "dlo_3"])]
     pub objects: Vec<PathBuf>,
+    /// Policies beside U and those of the posteriors; no value: none
+    #[arg(long, value_enum, num_args = 0.., default_values_t = [Further::Mu, Further::Told])]
+    pub policies: Vec<Further>,
     /// Trainings of each policy
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(2..=1000))]
     pub seeds: u64,

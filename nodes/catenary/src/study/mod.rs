@@ -6,6 +6,7 @@ mod deployment;
 mod dtw;
 mod evidence;
 mod files;
+mod further;
 mod on_cell;
 mod page;
 mod plan;

@@ -161,12 +161,14 @@ fn curves(study: &Study, data: &Data<'_>, task: usize) -> Vec<Series> {
         };
         Series { name: name.to_owned(), points: (0..shortest).map(point).collect() }
     };
-    vec![
+    let mut groups = vec![
         group("own", &|k| matches!(k, Knowledge::Posterior { evidence: 0, .. })),
         group("U", &|k| k == Knowledge::Prior),
         group("mu", &|k| k == Knowledge::Median),
         group("true", &|k| matches!(k, Knowledge::Truth(_))),
-    ]
+    ];
+    groups.retain(|g| !g.points.is_empty());
+    groups
 }
 
 /// Every policy on every object.
@@ -264,24 +266,28 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let judge = Judge::of(model).context("a task file has a task")?;
     let target_m = judge.task().target_m;
     let knowledge = plan.deployed();
-    let deployed = |wanted: Knowledge, object: usize| -> &Deployments {
-        let policy = knowledge.iter().position(|k| *k == wanted).unwrap_or(0);
-        &data.deployments[index][policy][object]
+    let deployed = |wanted: Knowledge, object: usize| -> Option<&Deployments> {
+        let policy = knowledge.iter().position(|k| *k == wanted)?;
+        Some(&data.deployments[index][policy][object])
     };
     let farthest_m = judge.task().goal.reward_range_m().unwrap_or(0.3);
     for (object, hidden) in plan.objects.iter().enumerate() {
-        let shown = [
+        let shown: Vec<(&str, Role, &Deployments)> = [
             ("own", Role::After, Knowledge::own(object)),
             ("U", Role::Before, Knowledge::Prior),
             ("mu", Role::Noise, Knowledge::Median),
-        ];
+        ]
+        .into_iter()
+        .filter_map(|(name, role, k)| Some((name, role, deployed(k, object)?)))
+        .collect();
         let paths: Vec<MeanPath> =
-            shown.iter().map(|(name, role, k)| mean_path(name, *role, &judge, &deployed(*k, object).tracks)).collect();
+            shown.iter().map(|(name, role, d)| mean_path(name, *role, &judge, &d.tracks)).collect();
         page.svg(&mean_paths(&format!("Commanded paths on {}", hidden.name), &paths, target_m, farthest_m)?);
-        page.svg(&by_step(&hidden.name, &judge, &shown.map(|(name, _, k)| (name, deployed(k, object))))?);
-        let episodes: Vec<Timelapse> = shown[..2]
+        page.svg(&by_step(&hidden.name, &judge, &shown)?);
+        let episodes: Vec<Timelapse> = shown
             .iter()
-            .filter_map(|(name, role, k)| timelapse(name, *role, model, deployed(*k, object).tracks.first()?))
+            .filter(|(name, ..)| *name != "mu")
+            .filter_map(|(name, role, d)| timelapse(name, *role, model, d.tracks.first()?))
             .collect();
         page.svg(&timelapses(&format!("First deployments on {}", hidden.name), &episodes, target_m)?);
     }
@@ -292,7 +298,8 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
     let names: Vec<String> = knowledge.iter().map(|k| plan.policy_name(*k)).collect();
     let paths = |k: Knowledge| -> Vec<Vec<[f64; 2]>> {
         (0..plan.objects.len())
-            .flat_map(|object| deployed(k, object).tracks.iter().map(|track| commanded(&judge, track)))
+            .filter_map(|object| deployed(k, object))
+            .flat_map(|d| d.tracks.iter().map(|track| commanded(&judge, track)))
             .collect()
     };
     let all: Vec<Vec<Vec<[f64; 2]>>> = knowledge.iter().map(|k| paths(*k)).collect();
@@ -393,9 +400,9 @@ fn mean_path(name: &str, role: Role, judge: &Judge, tracks: &[Track]) -> MeanPat
 
 /// Picture of the steps of deployments: the mean reward of `reach`, and the mean distance from the goal of the others, which are
 /// paid at their end.
-fn by_step(object: &str, judge: &Judge, deployed: &[(&str, &Deployments)]) -> Result<String> {
+fn by_step(object: &str, judge: &Judge, deployed: &[(&str, Role, &Deployments)]) -> Result<String> {
     let is_paid_by_step = judge.task().goal.reward_range_m().is_none();
-    let series = |(name, deployed): &(&str, &Deployments)| {
+    let series = |(name, _, deployed): &(&str, Role, &Deployments)| {
         let steps = deployed.rewards.iter().map(Vec::len).min().unwrap_or(0);
         let distance_mm = |track: &Track, step: usize| {
             track.frames.get(step).map_or(f64::NAN, |f| 1e3 * judge.distance_m(&judge.moment(f, step, false)))

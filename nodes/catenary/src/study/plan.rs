@@ -2,6 +2,7 @@
 
 use super::args::StudyArgs;
 use super::evidence::Evidence;
+use super::further::Further;
 use crate::exit::{Given, WrongInput};
 use crate::inputs::model_file;
 use crate::options::TaskOption;
@@ -83,6 +84,8 @@ pub struct Plan {
     pub task_yamls: Vec<String>,
     /// Hidden objects.
     pub objects: Vec<Object>,
+    /// Policies beside U and those of the posteriors.
+    pub policies: Vec<Further>,
     /// Trainings of each policy.
     pub seeds: u64,
     /// Environment steps of a training.
@@ -167,6 +170,7 @@ impl Plan {
             tasks,
             task_yamls: models.iter().map(Model::to_yaml).collect::<Result<_, _>>()?,
             objects,
+            policies: arguments.policies.clone(),
             seeds: arguments.seeds,
             steps: arguments.steps,
             history: arguments.history,
@@ -208,7 +212,8 @@ impl Plan {
     /// Knowledge of the policies that are deployed: those of the paper, in its order.
     pub fn deployed(&self) -> Vec<Knowledge> {
         let own = (0..self.objects.len()).map(Knowledge::own);
-        [Knowledge::Prior, Knowledge::Median].into_iter().chain(own).collect()
+        let median = self.policies.contains(&Further::Mu).then_some(Knowledge::Median);
+        [Knowledge::Prior].into_iter().chain(median).chain(own).collect()
     }
 
     /// Knowledge of all policies: those that are deployed, those that are told, and those of the further evidence.
@@ -216,7 +221,8 @@ impl Plan {
         let n = self.objects.len();
         let further = (1..self.evidence.len())
             .flat_map(|evidence| (0..n).map(move |object| Knowledge::Posterior { object, evidence }));
-        self.deployed().into_iter().chain((0..n).map(Knowledge::Truth)).chain(further).collect()
+        let told = if self.policies.contains(&Further::Told) { n } else { 0 };
+        self.deployed().into_iter().chain((0..told).map(Knowledge::Truth)).chain(further).collect()
     }
 
     /// Places of the deployments of a policy: the objects, and at the end its own simulation.

@@ -215,31 +215,31 @@ fn task_result(
             }
         })
         .collect();
-    let find = |wanted: Knowledge| -> &Vec<Vec<f64>> {
-        &policies.iter().find(|p| p.knowledge == wanted).expect("every policy of the plan has scores").mean_returns
+    // Scores of a policy on an object, by training; empty for one that the study does without.
+    let find = |wanted: Knowledge, object: usize| -> Vec<f64> {
+        let found = policies.iter().find(|p| p.knowledge == wanted);
+        found.map_or_else(Vec::new, |p| p.mean_returns[object].clone())
     };
     // Scores of a group on an object, by training.
     let group = |name: &str, object: usize| -> Vec<f64> {
         match name {
-            "own" => find(Knowledge::own(object))[object].clone(),
-            "U" => find(Knowledge::Prior)[object].clone(),
-            "mu" => find(Knowledge::Median)[object].clone(),
-            "true" => find(Knowledge::Truth(object))[object].clone(),
+            "own" => find(Knowledge::own(object), object),
+            "U" => find(Knowledge::Prior, object),
+            "mu" => find(Knowledge::Median, object),
+            "true" => find(Knowledge::Truth(object), object),
             _ => {
-                let others: Vec<&Vec<f64>> = (0..plan.objects.len())
-                    .filter(|o| *o != object)
-                    .map(|o| &find(Knowledge::own(o))[object])
-                    .collect();
+                let others: Vec<Vec<f64>> =
+                    (0..plan.objects.len()).filter(|o| *o != object).map(|o| find(Knowledge::own(o), object)).collect();
                 let at = |training: usize| mean(&others.iter().map(|of| of[training]).collect::<Vec<f64>>());
                 (0..others.first().map_or(0, |of| of.len())).map(at).collect()
             }
         }
     };
     let gain = |evidence: usize, against: &'static str, objects: &[usize]| -> Option<Gain> {
-        let known = |object: usize| find(Knowledge::Posterior { object, evidence })[object].clone();
+        let known = |object: usize| find(Knowledge::Posterior { object, evidence }, object);
         let own: Vec<Vec<f64>> = objects.iter().map(|&o| known(o)).collect();
         let other: Vec<Vec<f64>> = objects.iter().map(|&o| group(against, o)).collect();
-        // A single object has no mismatched policies.
+        // A single object has no mismatched policies, and the study may do without mu and those that are told.
         if other.iter().any(Vec::is_empty) {
             return None;
         }
