@@ -31,6 +31,10 @@ def test_a_training_makes_weights_and_says_where_the_keypoints_lie(program, fold
     assert trained["steps"] == 2 and trained["rollouts"] == 3 and numpy.isfinite(trained["loss"])
     assert len(places["fractions"]) == 4 and sorted(places["fractions"]) == places["fractions"]
     assert (trained["ordered"] is None) == (tracker == "transporter")
+    again = program.json("train-tracker", "--tracker", tracker, "--measure", "w.bin", folder=folder, seconds=300)
+    assert again["places"] == places and again["ordered"] == trained["ordered"]
+    shipped = program.json("train-tracker", "--tracker", tracker, "--measure", folder=folder, seconds=300)
+    assert shipped["places"] != places
     file = eyes(folder, tracker)
     text = file.read_text() + "    weights: w.bin\n"
     file.write_text(text)

@@ -29,8 +29,11 @@ pub struct TrainTrackerArgs {
     #[arg(long, value_enum)]
     pub tracker: Network,
     /// File for the weights
-    #[arg(long)]
-    pub out: PathBuf,
+    #[arg(long, required_unless_present = "measure")]
+    pub out: Option<PathBuf>,
+    /// Train nothing, and measure the weights of this file; without one, the shipped weights
+    #[arg(long, num_args = 0..=1, value_name = "FILE", conflicts_with_all = ["out", "preset", "rollouts", "steps", "threads"])]
+    pub measure: Option<Option<PathBuf>>,
     /// Model (file or name) whose objects are seen
     #[arg(long, default_value = "soft_bar")]
     pub model: PathBuf,

@@ -9,9 +9,12 @@ use crate::inputs::model_file;
 use crate::terminal::{output, progress, training};
 use anyhow::{Context, Result};
 use args::{Network, Preset, TrainTrackerArgs};
+use catenary_core::Model;
 use catenary_shell::Shutdown;
 use evaluation::{Errors, Places, errors, places};
-use keypoint_tracker::learned::{LearnedTracker, NetworkKind, Stopped, TrainingSettings, bytes_of, train};
+use keypoint_tracker::learned::{
+    LearnedTracker, NetworkKind, Stopped, TrainingSettings, Weights, bytes_of, shipped_weights, train, weights_of,
+};
 use keypoint_tracker::{Error, GeometricTracker, TrackerParams};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -45,7 +48,7 @@ impl Preset {
     }
 }
 
-/// Result of the command.
+/// Result of a training.
 #[derive(Debug, Serialize)]
 struct Trained {
     weights: PathBuf,
@@ -54,6 +57,13 @@ struct Trained {
     /// Mean loss of the last tenth of the steps.
     loss: f64,
     wall_s: f64,
+    #[serde(flatten)]
+    measured: Measured,
+}
+
+/// Tracker on episodes that were not trained on.
+#[derive(Debug, Serialize)]
+struct Measured {
     /// Places of the keypoints along objects that were not trained on.
     places: Places,
     /// Errors at fixed fractions, of the ordered tracker and of geometry.
@@ -67,11 +77,22 @@ struct Compared {
     covered: [Errors; 2],
 }
 
-/// Trains a tracker. Ctrl-C ends the training without a file.
+/// Trains a tracker, or measures one. Ctrl-C ends a training without a file.
 pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
-    let began = Instant::now();
     let kind = arguments.tracker.kind();
     let model = model_file::read(&arguments.model)?;
+    let Some(out) = &arguments.out else {
+        let weights = match arguments.measure.as_ref().and_then(Option::as_ref) {
+            None => shipped_weights(kind),
+            Some(path) => {
+                let bytes = catenary_shell::files::read_bytes("weights", path).given()?;
+                weights_of(kind, &bytes).with_context(|| path.display().to_string()).given()?
+            }
+        };
+        let measured = measure(kind, &model, arguments.seed, weights)?;
+        return output::result(&arguments.output, &measured, |m| words_of(m).join("\n"));
+    };
+    let began = Instant::now();
     if (arguments.preset, arguments.tracker) == (Preset::Paper, Network::Ordered) {
         return Err(WrongInput::error(
             "--preset paper: expected with --tracker transporter: the paper has no ordered one",
@@ -82,7 +103,7 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     let steps = arguments.steps.map_or(usual.steps, |s| s as usize);
     let threads = arguments.threads.map_or_else(catenary_simulator::workers::available, |t| t as usize);
     let settings = TrainingSettings { steps, threads, seed: arguments.seed, ..usual };
-    output::prepare(&arguments.out)?;
+    output::prepare(out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let bar = progress::bar("simulation", 0.0)?;
@@ -100,8 +121,16 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
         Err(Error::Training(Stopped::Interrupted)) => Ok(None),
         other => other.given().map(Some),
     })?;
-    std::fs::write(&arguments.out, bytes_of(&weights)).with_context(|| arguments.out.display().to_string())?;
-    let unseen = rollouts::rollouts(&model, arguments.seed, FIRST_TEST, TEST_ROLLOUTS, |_| true)?.unwrap_or_default();
+    std::fs::write(out, bytes_of(&weights)).with_context(|| out.display().to_string())?;
+    let measured = measure(kind, &model, arguments.seed, weights)?;
+    let wall_s = began.elapsed().as_secs_f64();
+    let result = Trained { weights: out.clone(), rollouts: number, steps, loss, wall_s, measured };
+    output::result(&arguments.output, &result, words)
+}
+
+/// Measures a tracker with these weights on episodes that no training sees. Those of one seed and model are the same for all weights.
+fn measure(kind: NetworkKind, model: &Model, seed: u64, weights: Weights) -> Result<Measured> {
+    let unseen = rollouts::rollouts(model, seed, FIRST_TEST, TEST_ROLLOUTS, |_| true)?.unwrap_or_default();
     // Every mask counts: a score must not hide errors here.
     let params = TrackerParams { min_score: 0.0, ..TrackerParams::default() };
     let mut tracker = LearnedTracker::new(kind, params, weights)?;
@@ -115,23 +144,28 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
             Some(Compared { clean: both(false)?, covered: both(true)? })
         }
     };
-    let result = Trained {
-        weights: arguments.out.clone(),
-        rollouts: number,
-        steps,
-        loss,
-        wall_s: began.elapsed().as_secs_f64(),
-        places: places(&mut tracker, &unseen)?,
-        ordered,
-    };
-    output::result(&arguments.output, &result, words)
+    Ok(Measured { places: places(&mut tracker, &unseen)?, ordered })
 }
 
 /// Text for the terminal.
 fn words(t: &Trained) -> String {
     let mut lines =
         vec![format!("{} episodes and {} steps in {:.0} s, loss {:.3}", t.rollouts, t.steps, t.wall_s, t.loss)];
-    let p = &t.places;
+    lines.extend(words_of(&t.measured));
+    lines.push(format!("weights: {}", t.weights.display()));
+    lines.push("use: parameters `tracker` and `weights` of the node keypoint_tracker".to_owned());
+    if t.measured.ordered.is_none() {
+        lines.push(
+            "and `keypoint_fractions` of the model: the fractions above, where inference compares keypoints".to_owned(),
+        );
+    }
+    lines.join("\n")
+}
+
+/// Lines about a tracker.
+fn words_of(measured: &Measured) -> Vec<String> {
+    let mut lines = Vec::new();
+    let p = &measured.places;
     let spread: Vec<String> = (0..4).map(|k| format!("{:.3} +- {:.3}", p.fractions[k], p.deviations[k])).collect();
     lines.push(format!("on {TEST_ROLLOUTS} other episodes:"));
     lines.push(format!("  keypoints at these fractions of the length: {}", spread.join(", ")));
@@ -142,7 +176,7 @@ fn words(t: &Trained) -> String {
         p.distance_lengths,
         100.0 * p.failures
     ));
-    if let Some(compared) = &t.ordered {
+    if let Some(compared) = &measured.ordered {
         for (name, [ours, geometry]) in [("whole objects", &compared.clean), ("behind a cover", &compared.covered)] {
             let of = |e: &Errors| {
                 format!(
@@ -155,12 +189,5 @@ fn words(t: &Trained) -> String {
             lines.push(format!("  {name}: {}; by geometry: {}", of(ours), of(geometry)));
         }
     }
-    lines.push(format!("weights: {}", t.weights.display()));
-    lines.push("use: parameters `tracker` and `weights` of the node keypoint_tracker".to_owned());
-    if t.ordered.is_none() {
-        lines.push(
-            "and `keypoint_fractions` of the model: the fractions above, where inference compares keypoints".to_owned(),
-        );
-    }
-    lines.join("\n")
+    lines
 }
