@@ -115,15 +115,29 @@ def test_other_arguments_in_the_same_folder_and_wrong_ones_are_refused(whole, pr
         assert not (folder / "new/plan.json").exists()
 
 
-def test_a_study_may_do_without_mu_and_the_policies_that_are_told(program, tmp_path):
-    small = ["--objects", "dlo_0", "--seeds", 2, "--steps", 768, "--episodes", 4, "--repeats", 1, "--evidence", "1:2x40"]
-    study = program.json("study", "--out", "few", "--task", "place_tip", *small, "--policies", folder=tmp_path, seconds=300)["study"]
+def test_a_study_may_do_without_mu_and_told_policies_and_makes_damaged_files_again(program, tmp_path):
+    arguments = ["study", "--out", "few", "--task", "place_tip", "--objects", "dlo_0", "--seeds", 2, "--steps", 768, "--episodes", 4]
+    arguments += ["--repeats", 1, "--evidence", "1:2x40", "--policies"]
+    study = program.json(*arguments, folder=tmp_path, seconds=300)["study"]
     task = study["tasks"][0]
     assert [p["policy"] for p in task["policies"]] == ["U", "dlo_0"]
     # Nothing but U is left to compare with.
     assert [g["against"] for g in task["all"]] == ["U"]
     page = (tmp_path / "few/report.html").read_text()
     assert "NaN" not in page and ">mu<" not in page and ">true<" not in page
+    for damaged, lost in [
+        ("trainings/U_1.safetensors", "deployments/U_on_dlo_0_1.json"),
+        ("trainings/U_1.curve.json", "scores/U_1.json"),
+    ]:
+        folder = tmp_path / "few/place_tip"
+        whole = (folder / damaged).read_bytes()
+        (folder / damaged).write_bytes(b"{")
+        (folder / lost).unlink()
+        done = program(*arguments, folder=tmp_path)
+        assert done.returncode != 0 and damaged in done.stderr and "remove it, and it is made again" in done.stderr, done.stderr
+        (folder / damaged).unlink()
+        assert program.json(*arguments, folder=tmp_path, seconds=300)["study"] == study
+        assert (folder / damaged).read_bytes() == whole
 
 
 def test_a_task_and_a_policy_of_another_one_are_refused(program, tmp_path):

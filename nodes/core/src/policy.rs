@@ -22,8 +22,8 @@ pub const MOST_HISTORY: usize = 64;
 pub struct Policy {
     /// Name that episodes report.
     pub name: String,
-    /// Actor network: 12 inputs for each observation (normalised, the newest first), 2 outputs (mean of dx and dz; 1 is the action limit of
-    /// 0.06 m).
+    /// Actor network. Inputs: the 12 normalised values of each of `1 + history` observations, the newest first. Outputs: mean of dx and dz, where
+    /// 1 is the action limit of 0.06 m.
     pub actor: Mlp,
     /// Number of observations before the newest that the network takes, 0 for none. With them a policy can find out in an episode what one
     /// observation hides, such as the object's stiffness.
@@ -80,21 +80,21 @@ impl From<MlpError> for PolicyError {
 }
 
 impl Policy {
-    /// Computes the mean action (dx, dz) in m for the newest observation of an episode, within the action limits. `memory` holds the
-    /// observations before it and takes the newest.
+    /// Computes the mean action (dx, dz) in m for the newest observation of an episode, within the action limits. To be called once for each
+    /// observation, in order: `memory` holds those before it, and this one is added. An episode starts with an empty memory.
     pub fn act(&self, observation: &Observation, memory: &mut Memory) -> [f64; 2] {
         let mean = self.mean(observation, memory);
         [scaled_action(mean[0]), scaled_action(mean[1])]
     }
 
-    /// As [`Policy::act`], with `noise` (two standard normal draws).
+    /// As [`Policy::act`], with `noise` (two standard normal draws) times the standard deviation added before the limits.
     pub fn act_with_noise(&self, observation: &Observation, memory: &mut Memory, noise: [f32; 2]) -> [f64; 2] {
         let mean = self.mean(observation, memory);
         std::array::from_fn(|i| scaled_action(mean[i] + self.action_scale[i] * noise[i]))
     }
 
     fn mean(&self, observation: &Observation, memory: &mut Memory) -> [f32; 2] {
-        let seen = memory.with(observation, self.history);
+        let seen = memory.push(observation, self.history);
         let x: Vec<f32> =
             seen.iter().flat_map(|o| normalised(o, &self.observation_mean, &self.observation_scale)).collect();
         let mean = self.actor.forward(&x, 1);
@@ -204,18 +204,17 @@ impl Policy {
     }
 }
 
-/// Normalised observation, an input of the network: centred, scaled, clipped to +-10.
+/// Normalised observation, an input of the network: `(observation - mean) / max(scale, 1e-6)`, within +-10.
 pub fn normalised(
     observation: &Observation,
     mean: &[f32; Observation::LEN],
     scale: &[f32; Observation::LEN],
 ) -> [f32; Observation::LEN] {
-    // The limit is 10 standard deviations. A component that hardly varied in training would otherwise give inputs of up to 1e6 times its
-    // deviation.
+    // A component that hardly varied in training has a tiny scale: without the limit, a small change would be a huge input.
     std::array::from_fn(|i| ((observation.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0))
 }
 
-/// Observations of an episode that a policy with a history still takes. The default is the start of an episode.
+/// Newest observations of an episode, for a policy with a history. The default is empty: the start of an episode.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Memory {
     /// The newest first.
@@ -224,8 +223,8 @@ pub struct Memory {
 
 impl Memory {
     /// Adds the newest observation, and returns it with the `history` ones before it, the newest first. Where the episode has fewer, its
-    /// first one stands for those that are missing.
-    pub fn with(&mut self, newest: &Observation, history: usize) -> &[Observation] {
+    /// first one stands for those that are missing. `history` is the same in all calls of an episode.
+    pub fn push(&mut self, newest: &Observation, history: usize) -> &[Observation] {
         let oldest = *self.observations.last().unwrap_or(newest);
         self.observations.insert(0, *newest);
         self.observations.resize(1 + history, oldest);
@@ -386,11 +385,11 @@ mod tests {
     fn a_history_starts_with_the_first_observation_and_the_newest_comes_first() {
         let at = |x: f64| Observation([x; 12]);
         let mut memory = Memory::default();
-        assert_eq!(memory.with(&at(1.0), 2), [at(1.0), at(1.0), at(1.0)]);
-        assert_eq!(memory.with(&at(2.0), 2), [at(2.0), at(1.0), at(1.0)]);
-        memory.with(&at(3.0), 2);
-        assert_eq!(memory.with(&at(4.0), 2), [at(4.0), at(3.0), at(2.0)]);
-        assert_eq!(Memory::default().with(&at(5.0), 0), [at(5.0)]);
+        assert_eq!(memory.push(&at(1.0), 2), [at(1.0), at(1.0), at(1.0)]);
+        assert_eq!(memory.push(&at(2.0), 2), [at(2.0), at(1.0), at(1.0)]);
+        memory.push(&at(3.0), 2);
+        assert_eq!(memory.push(&at(4.0), 2), [at(4.0), at(3.0), at(2.0)]);
+        assert_eq!(Memory::default().push(&at(5.0), 0), [at(5.0)]);
     }
 
     #[test]

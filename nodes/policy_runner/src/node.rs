@@ -256,8 +256,10 @@ impl Shell {
     fn publish(&self, step: &Step, runner: &Runner, episode: u32, origin: Time, held: &Pose) -> Result<Option<Stamp>> {
         let now = self.node.now();
         self.observation.publish(convert::observation(step, episode, origin, now))?;
-        let Some((delta, target_m)) = step.action else { return Ok(None) };
-        self.action.publish(convert::action(step, delta, episode, runner.policy().delta_anchor, now))?;
+        if let Some((delta, _)) = step.action {
+            self.action.publish(convert::action(step, delta, episode, runner.policy().delta_anchor, now))?;
+        }
+        let Some(target_m) = step.target_m else { return Ok(None) };
         let target = convert::target(target_m, held, now);
         let stamp = target.header.stamp.clone();
         self.target.publish(target)?;

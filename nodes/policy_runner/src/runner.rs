@@ -145,6 +145,8 @@ pub struct Step {
     pub reward: Option<f64>,
     /// Action (dx, dz) and target (x, z) of the end effector, m; `None` after the last action.
     pub action: Option<([f64; 2], [f64; 2])>,
+    /// Target (x, z) to send, m: that of the action, and in the rest the last one again, because an arm that hears nothing ends its motion.
+    pub target_m: Option<[f64; 2]>,
     /// End of the episode, if this step ends it.
     pub end: Option<End>,
 }
@@ -332,7 +334,7 @@ impl Runner {
             Some(End::Success) if self.settings.run_all_steps && phase != Phase::Last => None,
             end => end,
         };
-        // In the rest the arm keeps its target.
+        // In the rest the arm keeps its target, and no action follows.
         let acts = self.end.is_none() && index < self.steps;
         let action = acts.then(|| self.act(&observation));
         if let Some((delta, _)) = action
@@ -341,7 +343,8 @@ impl Runner {
             return Turn::Fault(Fault::Action(delta, index));
         }
         self.next_step += 1;
-        Turn::Step(Box::new(Step { index, observation, stamps_s, reward, action, end: self.end }))
+        let target_m = if self.end.is_none() { self.last_target_m } else { None };
+        Turn::Step(Box::new(Step { index, observation, stamps_s, reward, action, target_m, end: self.end }))
     }
 
     fn act(&mut self, observation: &Observation) -> ([f64; 2], [f64; 2]) {

@@ -189,7 +189,7 @@ impl<'a> Trainer<'a> {
         let (mean, scale) = (self.normaliser.mean(), self.normaliser.scale());
         let mut inputs = Vec::with_capacity(newest.len() * Observation::LEN * (1 + self.settings.history));
         for (memory, newest) in memories.iter_mut().zip(newest) {
-            inputs.extend(memory.with(newest, self.settings.history).iter().flat_map(|o| normalised(o, &mean, &scale)));
+            inputs.extend(memory.push(newest, self.settings.history).iter().flat_map(|o| normalised(o, &mean, &scale)));
         }
         inputs
     }

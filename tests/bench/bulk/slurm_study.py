@@ -107,6 +107,8 @@ def main():
             while ask("squeue", "--noheader", "--job", job).strip():
                 time.sleep(0.5)
             state = ask("scontrol", "show", "job", f"{job}_1")
+            if "Restarts=1" not in state.split():
+                sys.exit(f"expected that part 1 was started again, got {state}")
             print(f"part 1 requeued at process {process}: {' '.join(w for w in state.split() if w.startswith(('Restarts', 'JobState')))}")
         study.make("parts")
         print(f"one process {alone:.0f} s, parts {time.monotonic() - began:.0f} s with the one that was requeued")

@@ -77,6 +77,8 @@ def study(folder, hidden, seeds, episodes, steps, task):
         try:
             posteriors[side] = once(folder / f"inferred_{side}", infer)
         except RuntimeError as error:
+            if "posterior at the measured track is unusable" not in str(error):
+                raise
             return {**row, "failed": f"no posterior of the {side} model: {error}"}
         over[side] = ("--model", known, "--posterior", posteriors[side] / "posterior.json")
     aim = ("--task", task) if task else ()

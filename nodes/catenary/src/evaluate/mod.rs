@@ -41,7 +41,9 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;
-    arguments.page.prepare()?;
+    let files =
+        arguments.policy.iter().chain([&arguments.model]).chain(&arguments.posterior).chain(&arguments.task.task);
+    arguments.page.prepare(files.map(PathBuf::as_path))?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let n = requested.thetas.len();

@@ -1,11 +1,11 @@
 //! Option `--report`: a page of the results.
 
-use crate::exit::Given;
+use crate::exit::{Given, WrongInput};
 use crate::report::Page;
 use crate::terminal::output;
 use anyhow::{Context, Result};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Page of the results.
 #[derive(Debug, Args)]
@@ -16,9 +16,18 @@ pub struct ReportPage {
 }
 
 impl ReportPage {
-    /// Returns an error unless the page can be written, before the work that it tells of.
-    pub fn prepare(&self) -> Result<()> {
-        self.report.as_deref().map_or(Ok(()), |path| output::prepare_file("report", path)).given()
+    /// Returns an error unless the page can be written, before the work that it tells of. It may replace none of `others`, the command's other
+    /// files.
+    pub fn prepare<'a>(&self, others: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+        let Some(path) = self.report.as_deref() else { return Ok(()) };
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        if others.into_iter().any(|other| whole(other) == whole(path)) {
+            let shown = path.display();
+            return Err(WrongInput::error(format!(
+                "--report {shown}: expected a file of its own, got another file of the command"
+            )));
+        }
+        output::prepare_file("report", path).given()
     }
 
     /// Writes the page, if one was asked for.

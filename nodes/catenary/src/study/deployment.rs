@@ -2,7 +2,7 @@
 
 use super::files;
 use super::plan::{Chain, Place, Plan};
-use super::work::{Work, read_policy, stream};
+use super::work::{Work, stream};
 use crate::evaluate::episodes::episodes;
 use anyhow::Result;
 use catenary_core::{Fidelity, Track};
@@ -84,7 +84,7 @@ impl Work<'_> {
     pub fn simulated(&self, planned: &Planned) -> Result<Deployment> {
         files::kept(&self.deployment_file(planned), || {
             let Planned { chain, place, number } = planned;
-            let policy = read_policy(&self.folder.join(self.plan.training_file(chain)))?;
+            let (policy, _) = self.training(chain)?;
             // Every policy meets the same conditions: deployments on an object are compared in pairs.
             let (theta, fidelity, of) = match *place {
                 Place::Object(object) => (self.plan.objects[object].truth.clone(), Fidelity::Reference, object),

@@ -3,24 +3,30 @@
 use super::deployment::{Deployment, Planned};
 use super::files;
 use super::plan::Place;
-use super::work::{Work, read_policy, stream};
+use super::work::{Work, stream};
 use crate::graph::own::{Cell, Conditions, OwnDomain, OwnGraph};
 use anyhow::{Context, Result, ensure};
 use catenary_core::policy::Memory;
 use catenary_core::track::End;
-use catenary_core::{Frame, Model, Observation, Policy, Task, Track};
+use catenary_core::{Frame, Model, Observation, Policy, Task, Track, seed};
 use catenary_msgs::action::{MoveToStart, RunEpisode, RunEpisodeGoal};
 use catenary_msgs::msg::Observation as ObservationMsg;
 use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, Queue, contract};
 use indicatif::ProgressBar;
 use std::time::Duration;
 
-/// Time in which a new subscription has found its publishers.
-const DISCOVERED: Duration = Duration::from_secs(1);
-/// Time for the last observation of an episode to come.
-const LAST: Duration = Duration::from_millis(500);
+/// Wait after a subscription, in which it finds its publishers.
+const DISCOVERY_WAIT: Duration = Duration::from_secs(1);
+/// Wait after the result of an episode, in which its last observation arrives.
+const LAST_OBSERVATION_WAIT: Duration = Duration::from_millis(500);
 
-/// Makes the deployments on objects that are missing. Each object hangs in a cell of its own, whose process alone gets the hidden values.
+/// Runs each of the `planned` deployments on objects that has no file yet, and writes its file. For each task, object and number it starts one
+/// graph, and runs all policies in it, one after another: they meet the same target, camera and other parameters of the cell. The cell's process
+/// alone gets the hidden values. `bar` advances by one a deployment, also for
+/// those that exist.
+///
+/// # Errors
+/// The first start, goal or file that failed. Files that were written before stay.
 pub fn deploy(work: &Work<'_>, cell: Cell, builder: NodeBuilder, planned: &[Planned], bar: &ProgressBar) -> Result<()> {
     let missing: Vec<&Planned> = planned.iter().filter(|p| !work.deployment_file(p).exists()).collect();
     bar.inc((planned.len() - missing.len()) as u64);
@@ -31,47 +37,54 @@ pub fn deploy(work: &Work<'_>, cell: Cell, builder: NodeBuilder, planned: &[Plan
     work.check()?;
     let node = builder.domain(domain.id(), Discovery::Localhost).build()?;
     tracing::info!("{}", domain.words());
-    for (task, model) in work.models.tasks.iter().enumerate() {
-        for (object, hidden) in work.plan.objects.iter().enumerate() {
-            let of_cell = |p: &&&Planned| p.chain.task == task && p.place == Place::Object(object);
-            let here: Vec<&Planned> = missing.iter().filter(of_cell).copied().collect();
-            if here.is_empty() {
-                continue;
-            }
-            let name = &work.plan.tasks[task];
-            let conditions = Conditions {
-                cell,
-                model: name,
-                model_yaml: &work.plan.task_yamls[task],
-                truth: &hidden.truth,
-                seed: work.seed(stream::DEPLOYMENTS, object as u64),
-                learning: false,
-            };
-            let folder = work.folder.join(format!("cells/{name}_on_{}", hidden.name));
-            let mut running = Running::start(&node, &domain, &folder, &conditions)?;
+    let mut groups: Vec<(usize, usize, u64, Vec<&Planned>)> = Vec::new();
+    for planned in missing {
+        let Place::Object(object) = planned.place else { continue };
+        let key = (planned.chain.task, object, planned.number);
+        match groups.iter_mut().find(|(task, object, number, _)| (*task, *object, *number) == key) {
+            Some(group) => group.3.push(planned),
+            None => groups.push((key.0, key.1, key.2, vec![planned])),
+        }
+    }
+    for (task, object, number, here) in groups {
+        let (model, task_name, hidden) = (&work.models.tasks[task], &work.plan.tasks[task], &work.plan.objects[object]);
+        let conditions = Conditions {
+            cell,
+            model: task_name,
+            model_yaml: &work.plan.task_yamls[task],
+            truth: &hidden.truth,
+            // It draws what else the cell holds. The noise of an episode is that of its time.
+            seed: seed::derive(work.seed(stream::DEPLOYMENTS, object as u64), number),
+            learning: false,
+        };
+        let name = format!("{task_name}_on_{}_{}", hidden.name, number + 1);
+        let folder = work.folder.join(format!("cells_{}/{name}", cell.name()));
+        let outcome = Deployer::start(&node, &domain, &folder, &conditions).and_then(|mut deployer| {
             let outcome: Result<()> = here.iter().try_for_each(|planned| {
-                let deployment = running.run(work, model, planned)?;
+                let deployment = deployer.run(work, model, planned)?;
                 files::write_json(&work.deployment_file(planned), &deployment)?;
                 bar.inc(1);
                 Ok(())
             });
             // Before an error is reported, so that no log line follows it.
-            running.graph.supervisor.shut_down();
-            outcome.with_context(|| format!("{name} on {} in the {} cell", hidden.name, cell.name()))?;
-        }
+            deployer.graph.supervisor.shut_down();
+            outcome
+        });
+        work.check()?;
+        outcome.with_context(|| format!("{task_name} on {} in the {} cell", hidden.name, cell.name()))?;
     }
     Ok(())
 }
 
-/// Graph with one object.
-struct Running<'a> {
+/// Running graph whose cell holds one object, with the clients that deploy policies in it.
+struct Deployer<'a> {
     graph: OwnGraph<'a>,
     move_to_start: ActionClient<MoveToStart>,
     run_episode: ActionClient<RunEpisode>,
     observations: Queue<ObservationMsg>,
 }
 
-impl<'a> Running<'a> {
+impl<'a> Deployer<'a> {
     fn start(
         node: &'a Node,
         domain: &OwnDomain,
@@ -85,43 +98,46 @@ impl<'a> Running<'a> {
         graph.wait_for(&run_episode)?;
         let steps = 1 + catenary_core::task::MOST_STEPS;
         let observations = node.queue(contract::OBSERVATION.name, contract::OBSERVATION.qos, steps)?;
-        graph.pause(DISCOVERED)?;
+        graph.pause(DISCOVERY_WAIT)?;
         Ok(Self { graph, move_to_start, run_episode, observations })
     }
 
+    /// Moves the arm to its start, and runs one whole episode. Returns an error for a goal that failed or an observation that was lost.
     fn run(&mut self, work: &Work<'_>, model: &Model, planned: &Planned) -> Result<Deployment> {
         let task = model.task.context("a task file has a task")?;
-        let bytes =
-            catenary_shell::files::read_bytes("policy", &work.folder.join(work.plan.training_file(&planned.chain)))?;
-        let policy = read_policy(&work.folder.join(work.plan.training_file(&planned.chain)))?;
+        let (policy, _) = work.training(&planned.chain)?;
         self.graph.move_to_start(&self.move_to_start)?;
         while self.observations.try_next().is_some() {}
         let goal = RunEpisodeGoal {
-            policy: bytes,
+            policy: policy.to_bytes(),
             policy_name: work.plan.policy_name(planned.chain.knowledge),
-            // Success ends no scored episode.
+            // The episode goes on after a success: all have the same number of rewards.
             run_all_steps: true,
             ..RunEpisodeGoal::default()
         };
         let result = self.graph.goal(&self.run_episode, goal, |_| {})?;
         ensure!(result.success, "{}", result.message);
-        self.graph.pause(LAST)?;
+        self.graph.pause(LAST_OBSERVATION_WAIT)?;
         let mut seen = Vec::new();
         while let Some(received) = self.observations.try_next() {
             seen.push(received.message);
         }
         seen.retain(|o| o.episode == result.episode);
         seen.sort_by_key(|o| o.step);
-        let expected = result.rewards.len() + 1;
-        let is_whole = seen.len() == expected && seen.iter().enumerate().all(|(i, o)| o.step as usize == i);
-        ensure!(is_whole, "expected the {expected} observations of an episode, got {}", seen.len());
+        // An episode of n actions has n rewards, and observations 0 to n.
+        let (n, steps) = (result.rewards.len(), seen.iter().map(|o| o.step as usize).collect::<Vec<usize>>());
+        ensure!(
+            steps.iter().copied().eq(0..=n),
+            "expected the observations of steps 0 to {n} of an episode, got those of {steps:?}"
+        );
         let observations: Vec<Observation> = seen.iter().map(|o| Observation(o.values)).collect();
         let end = End::from_name(&result.end).with_context(|| format!("end {} of an episode", result.end))?;
         Ok(Deployment { track: track(&policy, &task, &observations, end), rewards: result.rewards })
     }
 }
 
-/// Track of an episode from its observations. The actions are those of the policy, which has no chance in it.
+/// Track of an episode from its observations. The actions are computed again by the policy, whose mean actions the episode took; the last
+/// frame has none.
 fn track(policy: &Policy, task: &Task, observations: &[Observation], end: End) -> Track {
     let mut memory = Memory::default();
     let frame = |(step, o): (usize, &Observation)| {
@@ -130,7 +146,7 @@ fn track(policy: &Policy, task: &Task, observations: &[Observation], end: End) -
             time_s: step as f64 * task.step_period_s,
             dlo: o.dlo(),
             target: o.target(),
-            // An observation has no pitch.
+            // x and z in m, and a pitch of 0, which an observation does not have.
             eef: [o.eef_m()[0], o.eef_m()[1], 0.0],
             action: if acts { policy.act(o, &mut memory) } else { [0.0; 2] },
         }

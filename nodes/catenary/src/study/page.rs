@@ -183,7 +183,9 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
         let cells = p.mean_returns.iter().zip(&p.successes).map(cell);
         std::iter::once(p.policy.clone()).chain(cells).chain([interval(&p.interquartile_mean, 3)]).collect()
     };
-    page.table(&head, &task.policies.iter().map(row).collect::<Vec<Vec<String>>>());
+    // Those of the further evidence have a table of their own.
+    let shown = task.policies.iter().filter(|p| !matches!(p.knowledge, Knowledge::Posterior { evidence: 1.., .. }));
+    page.table(&head, &shown.map(row).collect::<Vec<Vec<String>>>());
     page.note(
         "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean.",
     );
@@ -195,7 +197,6 @@ fn evidence(page: &mut Page, study: &Study, task: &TaskResult) -> Result<()> {
         return Ok(());
     }
     page.heading(&format!("What evidence is worth in {}", task.task));
-    let told = task.all.iter().find(|g| g.against == "true").map(|g| turned(&g.gain));
     let nats = |evidence: usize| -> Vec<f64> {
         study.objects.iter().map(|o| o.posteriors[evidence].information_nat).collect()
     };
@@ -221,11 +222,9 @@ fn evidence(page: &mut Page, study: &Study, task: &TaskResult) -> Result<()> {
         let role = if i == 0 { Role::After } else { Role::Posterior };
         Some(Row { name: e.evidence.words(), values: [gain.low, gain.value, gain.high], role })
     });
-    // The policy that is told is the own one plus what the own one lacks.
-    let own = task.evidence[0].all.iter().find(|g| g.against == "U").map(|g| g.gain.value);
-    let told = told.zip(own).map(|(lacks, own)| Row {
+    let told = task.told.as_ref().map(|Gain { gain, .. }| Row {
         name: "told the hidden values".to_owned(),
-        values: [own + lacks.low, own + lacks.value, own + lacks.high],
+        values: [gain.low, gain.value, gain.high],
         role: Role::Truth,
     });
     page.svg(&intervals("Reward minus that of U, by evidence", "reward", &shown.chain(told).collect::<Vec<Row>>()));
@@ -250,7 +249,7 @@ fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResul
         Some(Cell::Emulated) => "on the whole graph, with an emulated Panda",
     };
     page.paragraph(&format!(
-        "The first training of each policy ran {} times on each object, {place}. Paths are those of the commanded poses.",
+        "The first training of U, mu and each own policy ran {} times on each object, {place}. Paths are those of the commanded poses.",
         plan.repeats
     ));
     rewards(page, plan, &data.deployments[index]);

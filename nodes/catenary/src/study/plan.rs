@@ -170,7 +170,7 @@ impl Plan {
             tasks,
             task_yamls: models.iter().map(Model::to_yaml).collect::<Result<_, _>>()?,
             objects,
-            policies: arguments.policies.clone(),
+            policies: [Further::Mu, Further::Told].into_iter().filter(|p| arguments.policies.contains(p)).collect(),
             seeds: arguments.seeds,
             steps: arguments.steps,
             history: arguments.history,

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 /// Error probability of the sequential test of deployments.
 const ERROR: f64 = 0.05;
-/// Thresholds of a performance profile.
+/// Number of thresholds of a performance profile, evenly from 0 to the largest score.
 const THRESHOLDS: usize = 41;
 
 /// Results of a study.
@@ -45,7 +45,7 @@ pub struct ObjectPosterior {
 pub struct EvidencePosterior {
     /// Marginals of the posterior.
     pub marginals: Vec<Marginal>,
-    /// Information over the prior, nat.
+    /// Kullback-Leibler divergence of the posterior from the prior, nat.
     pub information_nat: f64,
     /// Reason for which the posterior does not fit, if it does not.
     pub misfit: Option<String>,
@@ -66,6 +66,8 @@ pub struct TaskResult {
     pub all: Vec<Gain>,
     /// What each evidence of the plan is worth.
     pub evidence: Vec<EvidenceGains>,
+    /// Gain of the policies that are told over U, over all objects.
+    pub told: Option<Gain>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
     /// Deployments of own policies against U.
@@ -114,11 +116,12 @@ pub struct EvidenceGains {
 pub struct Gain {
     /// The other: U, mu, mismatched (mean of the policies of the other objects' posteriors), own, or true.
     pub against: &'static str,
-    /// Difference of the interquartile means of the mean returns, minus that of the other, with its interval of 95 %.
+    /// Interquartile mean of the mean returns minus that of the other, with its interval of 95 % over trainings.
     pub gain: Interval,
     /// Probability that a training of the policy has the larger mean return.
     pub probability: Interval,
-    /// p-value of equality by the sign changes of the differences, paired by training; over several objects, of their means.
+    /// Two-sided p-value of the differences, paired by training, from all changes of their signs. Over several objects, a training's difference is
+    /// its mean over them.
     pub p: f64,
 }
 
@@ -138,11 +141,11 @@ pub struct Profile {
 pub struct Pairs {
     /// Name of the object; "all" for all of them.
     pub object: String,
-    /// Pairs that either policy won.
+    /// Pairs that either policy won, also after the decision; a tie counts for neither.
     pub signs: SequentialSigns,
-    /// Decision after the last pair.
+    /// First decision of a sequential sign test with an error of 5 %; later pairs do not change it.
     pub decision: Decision,
-    /// Number of pairs after which the decision stood; none if it is open.
+    /// Number of pairs at the decision; none if it is open after the last one.
     pub after: Option<usize>,
 }
 
@@ -191,7 +194,7 @@ fn task_result(
     deployments: &[Vec<Deployments>],
 ) -> TaskResult {
     let knowledge = plan.knowledge();
-    // One training is scored on all objects.
+    // The scores of one training on several objects depend on one another, and are drawn together.
     let bootstrap = Bootstrap { seed: plan.seed, together: true, ..Bootstrap::default() };
     let of = |knowledge: Knowledge, value: &dyn Fn(&Scored, usize) -> f64| -> Vec<Vec<f64>> {
         let trainings = || scores.iter().filter(move |(c, _)| c.knowledge == knowledge);
@@ -227,20 +230,20 @@ fn task_result(
             "U" => find(Knowledge::Prior, object),
             "mu" => find(Knowledge::Median, object),
             "true" => find(Knowledge::Truth(object), object),
-            _ => {
+            "mismatched" => {
                 let others: Vec<Vec<f64>> =
                     (0..plan.objects.len()).filter(|o| *o != object).map(|o| find(Knowledge::own(o), object)).collect();
                 let at = |training: usize| mean(&others.iter().map(|of| of[training]).collect::<Vec<f64>>());
-                (0..others.first().map_or(0, |of| of.len())).map(at).collect()
+                (0..others.first().map_or(0, Vec::len)).map(at).collect()
             }
+            other => unreachable!("group {other}"),
         }
     };
-    let gain = |evidence: usize, against: &'static str, objects: &[usize]| -> Option<Gain> {
-        let known = |object: usize| find(Knowledge::Posterior { object, evidence }, object);
-        let own: Vec<Vec<f64>> = objects.iter().map(|&o| known(o)).collect();
+    let gain = |known: &dyn Fn(usize) -> Knowledge, against: &'static str, objects: &[usize]| -> Option<Gain> {
+        let own: Vec<Vec<f64>> = objects.iter().map(|&o| find(known(o), o)).collect();
         let other: Vec<Vec<f64>> = objects.iter().map(|&o| group(against, o)).collect();
         // A single object has no mismatched policies, and the study may do without mu and those that are told.
-        if other.iter().any(Vec::is_empty) {
+        if own.iter().chain(&other).any(Vec::is_empty) {
             return None;
         }
         // Scores on several objects belong to one training: they are one difference.
@@ -259,13 +262,19 @@ fn task_result(
     let objects = every.iter().map(|&object| ObjectGains {
         object: plan.objects[object].name.clone(),
         own: bootstrap.interquartile_mean(&[group("own", object)]),
-        gains: OTHERS.iter().filter_map(|against| gain(0, against, &[object])).collect(),
+        gains: OTHERS.iter().filter_map(|against| gain(&Knowledge::own, against, &[object])).collect(),
     });
-    let evidence = (0..plan.evidence.len()).map(|evidence| EvidenceGains {
-        evidence: plan.evidence[evidence],
-        objects: every.iter().filter_map(|&object| gain(evidence, "U", &[object])).collect(),
-        all: ["U", "own", "true"].into_iter().filter_map(|against| gain(evidence, against, &every)).collect(),
+    let evidence = (0..plan.evidence.len()).map(|evidence| {
+        let known = move |object: usize| Knowledge::Posterior { object, evidence };
+        // The first evidence is that of the own policies.
+        let against: &[&'static str] = if evidence == 0 { &["U", "true"] } else { &["U", "own", "true"] };
+        EvidenceGains {
+            evidence: plan.evidence[evidence],
+            objects: every.iter().filter_map(|&object| gain(&known, "U", &[object])).collect(),
+            all: against.iter().filter_map(|against| gain(&known, against, &every)).collect(),
+        }
     });
+    let told = gain(&Knowledge::Truth, "U", &every);
     let thresholds: Vec<f64> = (0..THRESHOLDS).map(|i| i as f64 / (THRESHOLDS - 1) as f64 * top(&policies)).collect();
     let profile = |name: &'static str| {
         let scores: Vec<Vec<f64>> = every.iter().map(|&o| group(name, o)).collect();
@@ -279,9 +288,10 @@ fn task_result(
         task: plan.tasks[task].clone(),
         aim,
         objects: objects.collect(),
-        all: OTHERS.iter().filter_map(|against| gain(0, against, &every)).collect(),
+        all: OTHERS.iter().filter_map(|against| gain(&Knowledge::own, against, &every)).collect(),
         profiles: ["own", "U", "mu", "mismatched", "true"].into_iter().filter_map(profile).collect(),
         evidence: evidence.collect(),
+        told,
         deployments: pairs(plan, deployments),
         policies,
     }

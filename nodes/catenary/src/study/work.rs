@@ -141,10 +141,10 @@ impl Work<'_> {
     }
 
     /// Policy of a chain with its learning curve. Made if it is missing.
-    fn training(&self, chain: &Chain) -> Result<(Policy, Curve)> {
+    pub fn training(&self, chain: &Chain) -> Result<(Policy, Curve)> {
         let path = self.folder.join(self.plan.training_file(chain));
         let curve = path.with_extension("curve.json");
-        if !path.exists() {
+        if !path.exists() || !curve.exists() {
             let model = &self.models.tasks[chain.task];
             let seed = self.seed(stream::TRAININGS, chain.training);
             let trained = self.train(model, &self.domains(chain.knowledge)?, self.plan.history, seed)?;
@@ -255,8 +255,7 @@ fn interrupted() -> anyhow::Error {
     Interrupted("; the same command goes on from here".to_owned()).into()
 }
 
-/// Policy of a training.
-pub fn read_policy(path: &Path) -> Result<Policy> {
+fn read_policy(path: &Path) -> Result<Policy> {
     let bytes = catenary_shell::files::read_bytes("policy", path)?;
     Policy::from_bytes(&bytes).with_context(|| format!("{}: remove it, and it is made again", path.display()))
 }

@@ -12,6 +12,7 @@ use anyhow::{Context, Result};
 use args::TrainArgs;
 use catenary_core::Model;
 use ppo_trainer::Domains;
+use std::path::PathBuf;
 
 /// Parameters of the environments: one theta, a posterior, or the model's prior.
 fn domains(arguments: &TrainArgs, model: &Model) -> Result<Domains> {
@@ -30,7 +31,9 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     settings.history = arguments.history as usize;
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps, --history").given()?;
-    arguments.page.prepare()?;
+    let files =
+        [Some(&arguments.out), Some(&arguments.model), arguments.posterior.as_ref(), arguments.task.task.as_ref()];
+    arguments.page.prepare(files.into_iter().flatten().map(PathBuf::as_path))?;
     let domains = domains(arguments, &model)?;
     match &arguments.on_graph.node {
         Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, namespace),

@@ -131,6 +131,10 @@ fn in_the_rest_the_arm_keeps_its_target_and_the_object_is_watched() {
     let steps = run(&mut r, 128.0, 0.4);
     let acts: Vec<bool> = steps.iter().map(|s| s.action.is_some()).collect();
     assert_eq!(acts, [true, true, false, false, false, false]);
+    // An arm that hears no target ends its motion: the last one is sent again, until the episode ends.
+    let last = steps[1].action.map(|(_, target)| target);
+    assert!(last.is_some() && steps[1..5].iter().all(|s| s.target_m == last), "{steps:?}");
+    assert_eq!(steps[5].target_m, None);
     assert_eq!((r.end(), r.rewards().len()), (Some(End::StepLimit), 5));
     // Target at x 0, hand at 0.4 m.
     assert_eq!(r.rewards(), [0.0; 5]);

@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 
 /// Time in which a server must accept a goal.
 const ACCEPT: Duration = Duration::from_secs(20);
+/// Time in which a server must appear.
+const SERVER: Duration = Duration::from_secs(20);
 /// Period of the checks on the processes while a goal runs.
 const WATCH: Duration = Duration::from_millis(200);
 
@@ -26,13 +28,13 @@ pub struct Conditions<'a> {
     pub model_yaml: &'a str,
     /// Hidden values of the object. The cell's process alone receives them.
     pub truth: &'a [f64],
-    /// Seed of the cell and of the arm.
+    /// Seed of the cell and of the arm. Its upper 31 bits count: it has to be a derived seed, and not 1 or 2.
     pub seed: u64,
     /// True to start the nodes of simulation, inference and training, too.
     pub learning: bool,
 }
 
-/// Graph that this process started. It ends with this value.
+/// Graph that this process started. Its processes end with this value.
 pub struct OwnGraph<'a> {
     /// Node of this process in the graph's domain.
     pub node: &'a Node,
@@ -41,7 +43,8 @@ pub struct OwnGraph<'a> {
 }
 
 impl<'a> OwnGraph<'a> {
-    /// Starts a graph in `domain` with a cell at the highest fidelity. Its files go to `folder/config`, its logs to `folder/log`.
+    /// Starts the processes of a graph in `domain`, with a cell at reference fidelity. Its files go to `folder/config`, its logs to `folder/log`. It
+    /// does not wait for the nodes: see [`OwnGraph::wait_for`].
     pub fn start(node: &'a Node, domain: &OwnDomain, folder: &Path, conditions: &Conditions<'_>) -> Result<Self> {
         let Conditions { cell, model, model_yaml, truth, seed, learning } = conditions;
         let [launch_file, model_file] = cell.write(&folder.join("config"), model, model_yaml)?;
@@ -50,6 +53,7 @@ impl<'a> OwnGraph<'a> {
             ("model", model_file.display().to_string()),
             ("cell_theta", format!("[{}]", values.join(","))),
             ("cell_fidelity", Fidelity::Reference.name().to_owned()),
+            // A ROS integer parameter that is positive in 32 bits, too.
             ("seed", (seed >> 33).to_string()),
             ("learning", learning.to_string()),
             // A node that ends by itself is an error here, and a restart would hide it.
@@ -65,7 +69,10 @@ impl<'a> OwnGraph<'a> {
         Ok(Self { node, supervisor: Supervisor::start(description.processes, &folder.join("log"), false)? })
     }
 
-    /// Moves the arm to its start, after a check that it is the graph's own.
+    /// Checks that the arm belongs to this graph, and moves it to its start pose.
+    ///
+    /// # Errors
+    /// An arm of another process, a motion that failed, or those of [`OwnGraph::goal`].
     pub fn move_to_start(&mut self, client: &ActionClient<MoveToStart>) -> Result<()> {
         ensure_own_arm(self.node, &self.supervisor)?;
         let moved = self.goal(client, MoveToStartGoal::default(), |_| {})?;
@@ -73,8 +80,12 @@ impl<'a> OwnGraph<'a> {
         Ok(())
     }
 
-    /// Runs a goal to its end. Feedback goes to `on_feedback`. Ctrl-C cancels the goal. If a process of the graph ends
-    /// by itself, its last log lines are the error.
+    /// Runs a goal to its end, without a time limit. Feedback goes to `on_feedback`. The result of an aborted goal is returned, too: it tells by
+    /// itself whether it is one.
+    ///
+    /// # Errors
+    /// No acceptance within 20 s; a cancelled goal; Ctrl-C, at which the caller ends the whole graph; the end of a process of the graph, with its
+    /// last log lines.
     pub fn goal<A: Act>(
         &mut self,
         client: &ActionClient<A>,
@@ -88,7 +99,7 @@ impl<'a> OwnGraph<'a> {
         loop {
             match running.wait(WATCH) {
                 Ok((Status::Succeeded, result)) => return Ok(result),
-                Ok((Status::Canceled, _)) => bail!("cancelled"),
+                Ok((Status::Canceled, _)) => bail!("{}: another client cancelled the goal", client.name()),
                 // An aborted goal carries the reason in its result, which the caller checks.
                 Ok((Status::Aborted, result)) => return Ok(result),
                 Err(CallError::Timeout { .. }) => {}
@@ -106,17 +117,14 @@ impl<'a> OwnGraph<'a> {
         }
     }
 
-    /// Waits for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
+    /// Waits up to 20 s for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
     pub fn wait_for<A: Act>(&mut self, client: &ActionClient<A>) -> Result<()> {
-        // 100 turns of 0.2 s each.
-        const PATIENCE: usize = 100;
-        for _ in 0..PATIENCE {
-            if client.wait_for_server(Duration::from_millis(200)) {
-                return Ok(());
-            }
+        let deadline = Instant::now() + SERVER;
+        while !client.wait_for_server(WATCH) {
             self.pause(Duration::from_millis(10))?;
+            ensure!(Instant::now() < deadline, "{}: no server after {} s", client.name(), SERVER.as_secs());
         }
-        bail!("{}: no server after 20 s", client.name())
+        Ok(())
     }
 
     /// Returns an error if a process of the graph has ended by itself.
@@ -140,7 +148,7 @@ impl<'a> OwnGraph<'a> {
         Ok(())
     }
 
-    /// Processor time of the processes so far, s.
+    /// Processor time of the running processes so far, s.
     pub fn cpu_s(&self) -> f64 {
         self.supervisor.cpu_seconds().iter().map(|(_, s)| s).sum()
     }
