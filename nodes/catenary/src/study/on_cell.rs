@@ -13,6 +13,7 @@ use catenary_msgs::action::{MoveToStart, RunEpisode, RunEpisodeGoal};
 use catenary_msgs::msg::Observation as ObservationMsg;
 use catenary_shell::{ActionClient, Discovery, Node, NodeBuilder, Queue, contract};
 use indicatif::ProgressBar;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Wait after a subscription, in which it finds its publishers.
@@ -22,8 +23,7 @@ const LAST_OBSERVATION_WAIT: Duration = Duration::from_millis(500);
 
 /// Runs each of the `planned` deployments on objects that has no file yet, and writes its file. For each task, object and number it starts one
 /// graph, and runs all policies in it, one after another: they meet the same target, camera and other parameters of the cell. The cell's process
-/// alone gets the hidden values. `bar` advances by one a deployment, also for
-/// those that exist.
+/// alone gets the hidden values. `bar` advances by one a deployment, also for those that exist.
 ///
 /// # Errors
 /// The first start, goal or file that failed. Files that were written before stay.
@@ -37,16 +37,13 @@ pub fn deploy(work: &Work<'_>, cell: Cell, builder: NodeBuilder, planned: &[Plan
     work.check()?;
     let node = builder.domain(domain.id(), Discovery::Localhost).build()?;
     tracing::info!("{}", domain.words());
-    let mut groups: Vec<(usize, usize, u64, Vec<&Planned>)> = Vec::new();
+    let mut groups: BTreeMap<(usize, usize, u64), Vec<&Planned>> = BTreeMap::new();
     for planned in missing {
-        let Place::Object(object) = planned.place else { continue };
-        let key = (planned.chain.task, object, planned.number);
-        match groups.iter_mut().find(|(task, object, number, _)| (*task, *object, *number) == key) {
-            Some(group) => group.3.push(planned),
-            None => groups.push((key.0, key.1, key.2, vec![planned])),
+        if let Place::Object(object) = planned.place {
+            groups.entry((planned.chain.task, object, planned.number)).or_default().push(planned);
         }
     }
-    for (task, object, number, here) in groups {
+    for ((task, object, number), here) in groups {
         let (model, task_name, hidden) = (&work.models.tasks[task], &work.plan.tasks[task], &work.plan.objects[object]);
         let conditions = Conditions {
             cell,
