@@ -185,13 +185,18 @@ impl<'a> Trainer<'a> {
     }
 
     /// Inputs of the networks, row by row: the newest observation of each environment and those before it. The memories take the newest.
-    fn inputs(&self, memories: &mut [Memory], newest: &[Observation]) -> Vec<f32> {
-        let (mean, scale) = (self.normaliser.mean(), self.normaliser.scale());
-        let mut inputs = Vec::with_capacity(newest.len() * Observation::LEN * (1 + self.settings.history));
+    fn inputs(normaliser: &Normaliser, history: usize, memories: &mut [Memory], newest: &[Observation]) -> Vec<f32> {
+        let (mean, scale) = (normaliser.mean(), normaliser.scale());
+        let mut inputs = Vec::with_capacity(newest.len() * Observation::LEN * (1 + history));
         for (memory, newest) in memories.iter_mut().zip(newest) {
-            inputs.extend(memory.push(newest, self.settings.history).iter().flat_map(|o| normalised(o, &mean, &scale)));
+            inputs.extend(memory.push(newest, history).iter().flat_map(|o| normalised(o, &mean, &scale)));
         }
         inputs
+    }
+
+    /// Inputs for observations that no memory keeps: the next rollout begins with them, or their episodes are over.
+    fn passing_inputs(&self, newest: &[Observation]) -> Vec<f32> {
+        Self::inputs(&self.normaliser, self.settings.history, &mut self.memories.clone(), newest)
     }
 
     /// Steps every environment `n_steps` times and estimates the advantages.
@@ -201,9 +206,7 @@ impl<'a> Trainer<'a> {
         for _ in 0..self.settings.n_steps {
             // Samples keep the normalisation of their step: later updates of the moments do not change their log densities.
             observations.iter().for_each(|o| self.normaliser.update(o));
-            let mut memories = std::mem::take(&mut self.memories);
-            let x = self.inputs(&mut memories, observations);
-            self.memories = memories;
+            let x = Self::inputs(&self.normaliser, self.settings.history, &mut self.memories, observations);
             let means = self.actor.forward(&x, n).to_vec();
             let values = self.critic.forward(&x, n).to_vec();
             let actions: Vec<[f32; 2]> = means
@@ -238,8 +241,7 @@ impl<'a> Trainer<'a> {
         if !are_finite {
             return Err(TrainError::Diverged { steps: self.steps, what: "an observation or a reward" });
         }
-        // Of a copy: the next rollout begins with these observations.
-        let x = self.inputs(&mut self.memories.clone(), observations);
+        let x = self.passing_inputs(observations);
         let last_values = self.critic.forward(&x, n).to_vec();
         rollout.estimate(&last_values, self.settings.gamma, self.settings.gae_lambda);
         Ok(rollout)
@@ -259,7 +261,7 @@ impl<'a> Trainer<'a> {
             return vec![0.0; transitions.len()];
         }
         let last: Vec<Observation> = transitions.iter().map(|t| t.final_observation).collect();
-        let x = self.inputs(&mut self.memories.clone(), &last);
+        let x = self.passing_inputs(&last);
         let values = self.critic.forward(&x, transitions.len());
         values.iter().zip(wanted).map(|(v, w)| if w { self.settings.gamma * v } else { 0.0 }).collect()
     }

@@ -183,7 +183,7 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
         let cells = p.mean_returns.iter().zip(&p.successes).map(cell);
         std::iter::once(p.policy.clone()).chain(cells).chain([interval(&p.interquartile_mean, 3)]).collect()
     };
-    // Those of the further evidence have a table of their own.
+    // Policies of the further evidence have a table of their own.
     let shown = task.policies.iter().filter(|p| !matches!(p.knowledge, Knowledge::Posterior { evidence: 1.., .. }));
     page.table(&head, &shown.map(row).collect::<Vec<Vec<String>>>());
     page.note(

@@ -64,7 +64,7 @@ pub struct TaskResult {
     pub objects: Vec<ObjectGains>,
     /// Gains over all objects.
     pub all: Vec<Gain>,
-    /// What each evidence of the plan is worth.
+    /// Worth of each evidence of the plan.
     pub evidence: Vec<EvidenceGains>,
     /// Gain of the policies that are told over U, over all objects.
     pub told: Option<Gain>,

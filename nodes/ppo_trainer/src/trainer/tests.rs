@@ -4,10 +4,12 @@ use super::*;
 use catenary_core::Goal;
 use catenary_core::task::{DeltaAnchor, Workspace};
 
-/// Environments of the task. The reward falls with the distance from [`GOAL`]; an episode has [`STEPS`] steps.
+/// Environments of the task. The reward falls with the distance from the goal; an episode has [`STEPS`] steps.
 struct Reaching {
     at: Vec<[f64; 2]>,
     steps: Vec<usize>,
+    /// Side of each environment's goal, -1 or 1, drawn for each episode. It shows in the first observation alone. Empty: the goal is [`GOAL`].
+    sides: Vec<f64>,
     rng: ChaCha8Rng,
 }
 
@@ -16,16 +18,28 @@ const STEPS: usize = 8;
 
 impl Reaching {
     fn new(count: usize) -> Self {
-        Self { at: vec![[0.4, 0.4]; count], steps: vec![0; count], rng: seed::rng(9, 9) }
+        Self { at: vec![[0.4, 0.4]; count], steps: vec![0; count], sides: Vec::new(), rng: seed::rng(9, 9) }
+    }
+
+    fn with_sides(count: usize) -> Self {
+        Self { sides: vec![1.0; count], ..Self::new(count) }
+    }
+
+    fn goal(&self, e: usize) -> [f64; 2] {
+        self.sides.get(e).map_or(GOAL, |side| [0.45 + 0.1 * side, GOAL[1]])
     }
 
     fn observe(&self, e: usize) -> Observation {
-        Observation::new(self.at[e], &[[0.0; 2]; 4], [0.0; 2])
+        let side = self.sides.get(e).filter(|_| self.steps[e] == 0);
+        Observation::new(self.at[e], &[[side.copied().unwrap_or(0.0); 2]; 4], [0.0; 2])
     }
 
     fn restart(&mut self, e: usize) {
         self.at[e] = [self.rng.random_range(0.3..0.6), self.rng.random_range(0.15..0.45)];
         self.steps[e] = 0;
+        if let Some(side) = self.sides.get_mut(e) {
+            *side = if self.rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        }
     }
 }
 
@@ -46,7 +60,8 @@ impl Env for Reaching {
                 self.at[e][i] += a[i];
             }
             self.steps[e] += 1;
-            let distance = (self.at[e][0] - GOAL[0]).hypot(self.at[e][1] - GOAL[1]);
+            let goal = self.goal(e);
+            let distance = (self.at[e][0] - goal[0]).hypot(self.at[e][1] - goal[1]);
             let final_observation = self.observe(e);
             let truncated = self.steps[e] == STEPS;
             if truncated {
@@ -148,66 +163,11 @@ fn a_reward_of_nan_and_a_wrong_number_of_environments_are_errors() {
     assert!(matches!(e, Err(TrainError::Environments { expected: 12, got: 3 })));
 }
 
-/// Environments whose goal shows in the first observation of an episode alone: one of two places, by the sign of a keypoint.
-struct Remembering {
-    inner: Reaching,
-    sides: Vec<f64>,
-}
-
-impl Remembering {
-    fn new(count: usize) -> Self {
-        Self { inner: Reaching::new(count), sides: vec![1.0; count] }
-    }
-
-    fn restart(&mut self, e: usize) {
-        self.inner.restart(e);
-        self.sides[e] = if self.inner.rng.random_bool(0.5) { 1.0 } else { -1.0 };
-    }
-
-    fn observe(&self, e: usize) -> Observation {
-        let shown = if self.inner.steps[e] == 0 { self.sides[e] } else { 0.0 };
-        Observation::new(self.inner.at[e], &[[shown; 2]; 4], [0.0; 2])
-    }
-}
-
-impl Env for Remembering {
-    fn count(&self) -> usize {
-        self.inner.count()
-    }
-
-    fn reset(&mut self) -> Result<Vec<Observation>, EnvError> {
-        (0..self.count()).for_each(|e| self.restart(e));
-        Ok((0..self.count()).map(|e| self.observe(e)).collect())
-    }
-
-    fn step(&mut self, actions: &[[f64; 2]]) -> Result<Vec<Transition>, EnvError> {
-        let transition = |(e, a): (usize, &[f64; 2])| {
-            (0..2).for_each(|i| self.inner.at[e][i] += a[i]);
-            self.inner.steps[e] += 1;
-            let goal_x = 0.45 + 0.1 * self.sides[e];
-            let distance = (self.inner.at[e][0] - goal_x).hypot(self.inner.at[e][1] - GOAL[1]);
-            let final_observation = self.observe(e);
-            let truncated = self.inner.steps[e] == STEPS;
-            if truncated {
-                self.restart(e);
-            }
-            Transition {
-                observation: self.observe(e),
-                reward: 1.0 - 5.0 * distance,
-                terminated: false,
-                truncated,
-                final_observation,
-            }
-        };
-        Ok(actions.iter().enumerate().map(transition).collect())
-    }
-}
-
 #[test]
 fn a_history_remembers_what_the_first_observation_showed() {
     let trained = |history| {
         let settings = Settings { total_steps: 24_576, history, ..Settings::tuned() };
-        train(&mut Remembering::new(12), &task(), &settings, 3, &mut |_| ControlFlow::Continue(())).unwrap()
+        train(&mut Reaching::with_sides(12), &task(), &settings, 3, &mut |_| ControlFlow::Continue(())).unwrap()
     };
     let last = |t: &Trained| t.curve[t.curve.len() - 1].mean_return;
     let (without, with) = (trained(0), trained(STEPS - 1));
