@@ -15,6 +15,7 @@ from catenary_msgs.action import MoveToStart, RunEpisode
 from catenary_msgs.msg import ArmState, EpisodeEvent
 from catenary_msgs.srv import SetCompliance
 from geometry_msgs.msg import PoseStamped
+from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
@@ -28,6 +29,8 @@ TOPICS = ("/panda/current_pose", "/panda/joint_states", "/panda/arm_state", "/pa
 SERVICES = ("/panda/enable", "/panda/hold", "/panda/error_recovery", "/panda/set_compliance")
 MODEL = "launch_configs/models/soft_bar.yaml"
 START = (0.40, 0.42)
+# A long, soft bar, which swings for half a minute.
+SOFT = "theta:=[0.27,6000.0]"
 STEPS = 3
 
 
@@ -39,7 +42,7 @@ class Cell:
         model = f"model_file:={session.root / MODEL}"
         if name == "sim":
             self.arm = "simulated_cell"
-            session.node(self.arm, "-p", model, "-p", "settle_time_s:=0.2")
+            session.node(self.arm, *given(model, SOFT, "settle_time_s:=0.2"))
             vision = ("camera", "keypoint_tracker")
             for node in vision:
                 session.node(node, "--params-file", session.root / "launch_configs/params/sim.yaml")
@@ -51,7 +54,7 @@ class Cell:
             session.node("panda_emulator", "-p", f"address:={address}")
             parameters = ("transport:=fci", f"fci.host:={address}", "is_real:=false", "settle_time_s:=0.2")
             session.node(self.arm, *given(model, *parameters))
-            session.node("simulated_cell", "-p", model, "-p", "hand:=elsewhere")
+            session.node("simulated_cell", *given(model, SOFT, "hand:=elsewhere"))
             vision = ("camera", "keypoint_tracker")
             for node in vision:
                 session.node(node, "--params-file", session.root / "launch_configs/params/emulated.yaml")
@@ -87,6 +90,13 @@ class Cell:
 
     def wait_mode(self, *modes):
         self.ros.wait_for(lambda: self.state.mode in modes, 10, f"a mode of {modes}, not {self.state}")
+
+    def be_patient(self, seconds):
+        """Sets how long the policy runner waits for the object to hang still."""
+        client = AsyncParameterClient(self.ros.node, "policy_runner")
+        self.ros.wait_for(client.services_are_ready, 20, "the runner's parameters")
+        answer = self.ros.result(client.set_parameters([Parameter("rest_patience_s", value=seconds)]), 20, "an answer")
+        assert answer.results[0].successful
 
     def enable(self, on=True):
         answer = self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=on))
@@ -230,6 +240,8 @@ def runner(cell):
 
 def test_the_topics_tell_an_episode_from_start_to_end(runner):
     cell = runner
+    if cell.name != "relay":
+        cell.ros.steady_object()
     for messages in cell.heard.values():
         messages.clear()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", seed=9, run_all_steps=True, max_steps=STEPS)
@@ -256,8 +268,37 @@ def test_the_topics_tell_an_episode_from_start_to_end(runner):
     assert math.dist(cell.place, (last.x, last.z)) < 0.005, "the arm is not where the last target was"
 
 
+def test_an_episode_begins_when_the_object_hangs_still(runner):
+    cell = runner
+    if cell.name == "relay":
+        pytest.skip("the stand-in's object does not swing")
+    # One fast step, after which the bar swings.
+    swing = lambda way: RunEpisode.Goal(policy=array.array("B", policy_file((way, 0.0))), max_steps=1)
+    assert Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", swing(0.9)).result().success
+    cell.be_patient(1.5)
+    cell.ros.wait_for(lambda: cell.newest("/episode/event").event == EpisodeEvent.ENDED, 5, "the end of the step")
+    started = len(cell.heard["/episode/event"])
+    goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True, max_steps=STEPS)
+    refused = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal).result(GoalStatus.STATUS_ABORTED)
+    assert "does not come to rest within 1.5 s" in refused.message and "still_px" in refused.message, refused.message
+    assert len(cell.heard["/episode/event"]) == started and cell.state.mode == ArmState.MODE_IDLE
+    cell.be_patient(60.0)
+    waiting = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
+    assert not waiting.ends_within(2) and len(cell.heard["/episode/event"]) == started
+    cell.ros.steady_object()
+    cell.ros.wait_for(lambda: len(cell.heard["/episode/event"]) > started, 2.5, "the start of the episode")
+    assert waiting.result().success
+    assert Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", swing(-0.9)).result().success
+    waiting = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
+    assert not waiting.ends_within(1.5) and cell.state.mode == ArmState.MODE_IDLE
+    waiting.cancel()
+    waiting.result(GoalStatus.STATUS_CANCELED)
+
+
 def test_a_cancelled_episode_stops_the_arm(runner):
     cell = runner
+    if cell.name != "relay":
+        cell.ros.steady_object()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
     run = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
     run.wait_feedback()

@@ -276,6 +276,9 @@ def test_an_interrupted_deploy_cancels_the_episode_and_stops_the_arm(graph):
     graph.ros.node.create_subscription(EpisodeEvent, "/episode/event", events.append, QoSProfile(depth=16, durability=latched))
     graph.ros.node.create_subscription(ArmState, "/panda/arm_state", states.append, QoSProfile(depth=1, durability=latched))
     actions = graph.ros.listen(EefDelta, "/policy/action")
+    # The bar still swings from the episodes before.
+    runner = AsyncParameterClient(graph.ros.node, "policy_runner")
+    graph.ros.result(runner.set_parameters([Parameter("rest_patience_s", value=0.0)]), 20, "an answer")
     deploy = graph.start("deploy", "--policy", policy, "--run-all-steps")
     graph.ros.wait_for(lambda: len(actions) >= 3, 60, "three steps")
     deploy.send_signal(signal.SIGINT)

@@ -8,11 +8,11 @@ STEPS = 16
 BIAS = (0.1, -0.05)
 
 
-def policy_file():
-    """Bytes of a safetensors file whose policy always chooses the action BIAS: 12 inputs with weight 0, two biases."""
+def policy_file(action=BIAS):
+    """Bytes of a safetensors file whose policy always chooses one action: 12 inputs with weight 0, two biases."""
     tensors = {
         "actor.0.weight": ([2, 12], [0.0] * 24),
-        "actor.0.bias": ([2], BIAS),
+        "actor.0.bias": ([2], action),
         "observation_mean": ([12], [0.0] * 12),
         "observation_scale": ([12], [1.0] * 12),
         "action_scale": ([2], [0.1, 0.1]),

@@ -29,6 +29,7 @@ if not MISSING:
     from rclpy.action import ActionClient
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from std_srvs.srv import Trigger
 
 
 class Ros:
@@ -84,6 +85,10 @@ class Ros:
         client = self.node.create_client(kind, name)
         self.wait_for(client.service_is_ready, seconds, f"service {name}")
         return self.result(client.call_async(request), seconds, f"an answer of {name}")
+
+    def steady_object(self):
+        """Stills the object of a simulated cell, so that an episode begins at once."""
+        assert self.call(Trigger, "/simulated_cell/steady_object", Trigger.Request()).success
 
     def close(self):
         if not self.context.ok():

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
 use crate::convert;
-use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, Turn};
+use crate::runner::{Fault, Inputs, Objection, Rest, RestTurn, Runner, Settings, Step, Turn};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
@@ -29,6 +29,8 @@ const ANSWERS: usize = 100;
 const SILENCE: Duration = Duration::from_millis(500);
 /// Maximum uninterrupted wait within a step: a cancelled episode, or one whose arm refuses, ends within it.
 const NAP: Duration = Duration::from_millis(20);
+/// Period of looks at the keypoints before an episode: shorter than that of a camera's frames.
+const POLL: Duration = Duration::from_millis(10);
 
 /// Runs the node from the arguments after the program's name.
 pub fn main(args: Vec<String>) -> ExitCode {
@@ -41,6 +43,8 @@ struct Shell {
     model_file: Param<String>,
     max_age_s: Param<f64>,
     patience_s: Param<f64>,
+    rest_patience_s: Param<f64>,
+    still_px: Param<f64>,
     keypoints: Latest<Keypoints>,
     pose: Latest<PoseStamped>,
     arm: Latest<ArmState>,
@@ -66,6 +70,13 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let max_age_s = builder.declare_f64("max_age_s", defaults.max_age_s, age.unit("s").range(0.001..=10.0))?;
     let patience = ParamSpec::new("Time that a due step waits for fresh data before the episode is aborted.");
     let patience_s = builder.declare_f64("patience_s", defaults.patience_s, patience.unit("s").range(0.0..=60.0))?;
+    let rest = ParamSpec::new("Longest wait of an episode for the object to hang still; 0: episodes begin at once.");
+    let rest = rest.unit("s").range(0.0..=600.0);
+    let rest_patience_s = builder.declare_f64("rest_patience_s", defaults.rest_patience_s, rest)?;
+    let still = ParamSpec::new(
+        "Motion of the keypoints' middle in a second that counts as still; larger for keypoints with more noise.",
+    );
+    let still_px = builder.declare_f64("still_px", defaults.still_px, still.unit("px").range(0.0..=1000.0))?;
     let node = builder.build()?;
     let needed = intakes(&node)?;
     let [keypoints, pose, arm, answers] = &needed;
@@ -85,6 +96,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
         model_file,
         max_age_s,
         patience_s,
+        rest_patience_s,
+        still_px,
         keypoints: node.take_latest(keypoints, check_keypoints)?,
         pose: node.take_latest(pose, check_pose)?,
         arm: node.take_latest(arm, |_| Ok(()))?,
@@ -167,9 +180,18 @@ impl Shell {
     fn episode(&self, handle: &GoalHandle<RunEpisode>, episode: u32) -> Result<(End, RunEpisodeResult)> {
         let goal = handle.goal();
         let policy = Policy::from_bytes(&goal.policy)?;
-        let own =
-            Settings { max_age_s: self.max_age_s.get(), patience_s: self.patience_s.get(), ..Settings::default() };
+        let own = Settings {
+            max_age_s: self.max_age_s.get(),
+            patience_s: self.patience_s.get(),
+            rest_patience_s: self.rest_patience_s.get(),
+            still_px: self.still_px.get(),
+            ..Settings::default()
+        };
         let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
+        if !self.rest(handle, Rest::new(own))? {
+            let message = "cancelled".to_owned();
+            return Ok((End::Complete, RunEpisodeResult { message, episode, ..RunEpisodeResult::default() }));
+        }
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;
@@ -195,6 +217,29 @@ impl Shell {
             episode_return: runner.rewards().iter().sum(),
         };
         Ok((end.unwrap_or(End::Complete), result))
+    }
+
+    /// Waits until the object hangs still. Returns false if the episode was cancelled meanwhile.
+    fn rest(&self, handle: &GoalHandle<RunEpisode>, mut rest: Rest) -> Result<bool> {
+        let origin = self.node.now();
+        let mut told = false;
+        while !handle.is_cancelled() {
+            match rest.turn(&self.inputs(origin)) {
+                RestTurn::Still => return Ok(true),
+                RestTurn::Fault(fault) => return Err(fault_error(fault)),
+                RestTurn::Wait => {
+                    if let Some(px) = rest.moved_px().filter(|_| !std::mem::replace(&mut told, true)) {
+                        tracing::info!(
+                            "the episode begins when the object hangs still: stay clear; its keypoints move by {px:.1} px in a second"
+                        );
+                    }
+                    if handle.wait_cancelled(POLL) {
+                        return Ok(false);
+                    }
+                }
+            }
+        }
+        Ok(false)
     }
 
     /// Runs the steps of an episode. Returns its end, or `None` if it was cancelled.

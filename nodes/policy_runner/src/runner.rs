@@ -1,5 +1,9 @@
 //! State machine of one episode.
 
+mod rest;
+
+pub use rest::{Rest, RestTurn};
+
 use catenary_core::policy::Memory;
 use catenary_core::task::{Judge, Moment, Phase, Referee};
 use catenary_core::track::End;
@@ -17,6 +21,11 @@ pub struct Settings {
     pub max_age_s: f64,
     /// Time after a due step at which the episode is aborted for lack of fresh data, s.
     pub patience_s: f64,
+    /// Time after the goal within which the object must have come to rest, s; the episode begins once it has. 0: it begins at once.
+    pub rest_patience_s: f64,
+    /// Largest motion of an object at rest within a second, in pixels of the mask, at the middle of the four keypoints. A larger value
+    /// tolerates keypoints with more noise; a smaller one begins nearer to rest.
+    pub still_px: f64,
     /// Continue to the step limit after a success that would end the episode.
     pub run_all_steps: bool,
     /// Seed for actions sampled from the policy's Gaussian; `None`: the mean action.
@@ -28,7 +37,16 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         // Chosen: 0.15 s are nine camera frames at 60 Hz.
-        Self { max_age_s: 0.15, patience_s: 1.0, run_all_steps: false, stochastic_seed: None, max_steps: None }
+        // The softest bars lose half their swing in 4 s. 2 px at the middle are 12 mm from side to side at the free end in the demo's view.
+        Self {
+            max_age_s: 0.15,
+            patience_s: 1.0,
+            rest_patience_s: 60.0,
+            still_px: 2.0,
+            run_all_steps: false,
+            stochastic_seed: None,
+            max_steps: None,
+        }
     }
 }
 
@@ -100,12 +118,29 @@ pub enum Fault {
         /// State of the newest data.
         detail: String,
     },
+    /// Object that does not come to rest before the episode. The motion in a second, px, is unknown if keypoints came too rarely.
+    #[error("the object does not come to rest within {rest_patience_s} s: {}, expected at most {still_px} px (`still_px`)", words(*.moved_px))]
+    Swinging {
+        /// Time waited, s.
+        rest_patience_s: f64,
+        /// Largest motion at rest, px.
+        still_px: f64,
+        /// Motion, px.
+        moved_px: Option<f64>,
+    },
     /// End effector outside the workspace before the first action: x and z, m.
     #[error("the end effector is at x {0} m, z {1} m, outside the workspace: move it to the start first")]
     Outside(f64, f64),
     /// Action that is not finite, and the number of its step.
     #[error("the policy gave an action that is not finite at step {1}: {0:?}")]
     Action([f64; 2], usize),
+}
+
+fn words(moved_px: Option<f64>) -> String {
+    moved_px.map_or_else(
+        || "it is not seen ten times in a second".to_owned(),
+        |px| format!("its keypoints move by {px:.1} px in a second"),
+    )
 }
 
 /// Objection of the arm's gate to a target.

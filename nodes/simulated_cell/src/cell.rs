@@ -106,6 +106,8 @@ pub struct Cell {
     simulation: EpisodeSimulation,
     hand: Hand,
     time_s: f64,
+    /// Time at which the object's simulation began: it counts from there.
+    object_began_s: f64,
     target_m: Option<[f64; 2]>,
     table_height_m: Option<f64>,
     camera: Pinhole,
@@ -153,6 +155,7 @@ impl Cell {
         Ok(Self {
             hand: Hand::Elsewhere([(0.0, start); 2]),
             time_s: 0.0,
+            object_began_s: 0.0,
             target_m,
             table_height_m: simulation.episode_model().beam.table.map(|t| t.height_m),
             camera,
@@ -196,8 +199,8 @@ impl Cell {
         if let Hand::Arm(arm, _) = &mut self.hand {
             arm.run_to(time_s);
         }
-        let hand = &self.hand;
-        self.simulation.advance(time_s, |t| hand.grip(t));
+        let (hand, began_s) = (&self.hand, self.object_began_s);
+        self.simulation.advance(time_s - began_s, |t| hand.grip(began_s + t));
         self.time_s = time_s;
         let memory_s = self.simulation.episode_model().camera.memory_s();
         if memory_s > 0.0 {
@@ -208,6 +211,12 @@ impl Cell {
                 self.past.pop_front();
             }
         }
+    }
+
+    /// Stills the object: from now on it hangs at rest from the hand, as at the start of the cell, and what ages in it begins anew.
+    pub fn steady(&mut self) {
+        self.simulation.hang(self.grip());
+        self.object_began_s = self.time_s;
     }
 
     /// Returns the snapshots of which a picture stamped with the present time consists. Their ages follow from the camera's
@@ -292,6 +301,31 @@ mod tests {
 
     fn cell() -> Cell {
         Cell::new(&soft_bar(), &[0.25, 2e4], Fidelity::Fast, 3).unwrap()
+    }
+
+    #[test]
+    fn a_steadied_object_hangs_as_at_the_start_and_then_moves_on() {
+        let tip_m = |c: &Cell| c.snapshot().nodes.last().map(|n| [n[0], n[1]]).unwrap();
+        let lean_m = |c: &Cell| tip_m(c)[0] - c.grip().x_m;
+        let mut c = cell();
+        let at_rest_m = lean_m(&c);
+        c.set_target([0.5, 0.4]);
+        c.advance(0.4);
+        let swinging = (0..100).map(|k| {
+            c.advance(0.4 + 0.01 * f64::from(k));
+            (lean_m(&c) - at_rest_m).abs()
+        });
+        assert!(swinging.fold(0.0, f64::max) > 0.02);
+        let before = c.time_s();
+        c.steady();
+        assert_eq!(c.time_s(), before);
+        assert!((lean_m(&c) - at_rest_m).abs() < 2e-3, "{} {at_rest_m}", lean_m(&c));
+        // It stays there, and it swings again when the hand moves.
+        c.advance(before + 1.0);
+        assert!((lean_m(&c) - at_rest_m).abs() < 2e-3);
+        c.set_target([0.4, 0.4]);
+        c.advance(before + 1.2);
+        assert!((lean_m(&c) - at_rest_m).abs() > 0.02);
     }
 
     #[test]

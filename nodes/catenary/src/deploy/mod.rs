@@ -46,6 +46,7 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
         ..RunEpisodeGoal::default()
     };
     let bar = progress::bar("episode", 0.0)?;
+    bar.set_message("begins when the object hangs still: stay clear");
     let (shown, steps) = (bar.clone(), policy.steps);
     let result = follow(&client, goal, wait, &interrupted, move |feedback| {
         progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));

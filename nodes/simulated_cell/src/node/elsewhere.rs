@@ -3,12 +3,13 @@
 
 use super::camera::{self, Holder, Pictures};
 use super::setup::Setup;
+use super::steady;
 use crate::cell::Cell;
 use crate::convert;
 use anyhow::{Context, Result};
 use catenary_core::{Camera, GripPose};
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped, WrenchStamped};
-use catenary_shell::{Flaw, Names, Node, Time, contract, stamp};
+use catenary_shell::{Flaw, Names, Node, Service, Time, contract, stamp};
 use panda_bridge::gate::BASE_FRAME;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -48,13 +49,13 @@ pub fn run(node: &Node, setup: Setup, pictures: Pictures) -> Result<()> {
     let names = Names { one: "pose of the hand", many: "poses of the hand" };
     let intake = node.intake::<PoseStamped>(POSE, contract::CURRENT_POSE.qos, names, SILENCE)?;
     intake.need(true);
-    let carried: Arc<OnceLock<Arc<Carried>>> = Arc::new(OnceLock::new());
+    let carried: Arc<OnceLock<(Arc<Carried>, Service)>> = Arc::new(OnceLock::new());
     let (own, of) = (Arc::clone(&carried), node.clone());
     let _poses = node.take::<PoseStamped>(&intake, move |received| {
         let message = &received.message;
         let time = stamp::from_msg(&message.header.stamp);
         let grip = grip(&message.pose).map_err(|why| Flaw::new("pose", why))?;
-        let Some(carried) = own.get() else {
+        let Some((carried, _)) = own.get() else {
             let begun = begin(&of, &setup, time, grip, pictures).map_err(|e| Flaw::new("cell", format!("{e:#}")))?;
             // Poses come one after the other, so that nobody else has begun.
             let _ = own.set(begun);
@@ -73,7 +74,7 @@ pub fn run(node: &Node, setup: Setup, pictures: Pictures) -> Result<()> {
     })?;
     let reported = Arc::clone(&carried);
     node.report_diagnostics(move |report| {
-        let Some(carried) = reported.get() else { return };
+        let Some((carried, _)) = reported.get() else { return };
         let (time_s, counters) = carried.with(|cell| (cell.time_s(), cell.counters()));
         report.value("simulated_time_s", format!("{time_s:.3}"));
         report.value("unconverged_steps", counters.unconverged_steps);
@@ -82,13 +83,20 @@ pub fn run(node: &Node, setup: Setup, pictures: Pictures) -> Result<()> {
     node.wait_for_shutdown()
 }
 
-fn begin(node: &Node, setup: &Setup, origin: Time, grip: GripPose, pictures: Pictures) -> Result<Arc<Carried>> {
+fn begin(
+    node: &Node,
+    setup: &Setup,
+    origin: Time,
+    grip: GripPose,
+    pictures: Pictures,
+) -> Result<(Arc<Carried>, Service)> {
     let cell = setup.cell(Some(grip))?;
     let Camera::Pinhole(calibrated) = setup.model.camera.view else { unreachable!("a cell has a pinhole camera") };
     let carried = Arc::new(Carried { node: node.clone(), origin, cell: Mutex::new(cell) });
     camera::start(&carried, &calibrated, setup.model.camera.rate_hz, pictures).context("camera")?;
+    let steady = steady::serve(&carried)?;
     tracing::info!("the object hangs in the hand at x {:.3} m, z {:.3} m", grip.x_m, grip.z_m);
-    Ok(carried)
+    Ok((carried, steady))
 }
 
 /// Returns the pose of the grip in the plane of motion. The object is planar: what leaves the plane is not felt.

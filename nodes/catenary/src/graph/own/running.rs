@@ -7,7 +7,8 @@ use crate::launch::{Supervisor, read};
 use anyhow::{Result, anyhow, bail, ensure};
 use catenary_core::Fidelity;
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal};
-use catenary_shell::{Act, ActionClient, CallError, Node, Status};
+use catenary_msgs::std_srvs::srv::{Trigger, TriggerRequest};
+use catenary_shell::{Act, ActionClient, CallError, Client, Node, Status};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -15,6 +16,8 @@ use std::time::{Duration, Instant};
 const ACCEPT: Duration = Duration::from_secs(20);
 /// Time in which a server must appear.
 const SERVER: Duration = Duration::from_secs(20);
+/// Service of a cell that stills the object, and the time in which it must answer.
+const STEADY: (&str, Duration) = ("simulated_cell/steady_object", Duration::from_secs(10));
 /// Period of the checks on the processes while a goal runs.
 const WATCH: Duration = Duration::from_millis(200);
 
@@ -40,6 +43,7 @@ pub struct OwnGraph<'a> {
     pub node: &'a Node,
     /// Processes of the graph.
     pub supervisor: Supervisor,
+    steady: Client<Trigger>,
 }
 
 impl<'a> OwnGraph<'a> {
@@ -66,18 +70,25 @@ impl<'a> OwnGraph<'a> {
         let given: Vec<_> = given.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
         let mut description = read(&launch_file, &given, &|name| std::env::var(name).ok())?;
         description.processes.iter_mut().for_each(|p| p.environment.extend(domain.environment()));
-        Ok(Self { node, supervisor: Supervisor::start(description.processes, &folder.join("log"), false)? })
+        let steady = node.client(STEADY.0)?;
+        Ok(Self { node, supervisor: Supervisor::start(description.processes, &folder.join("log"), false)?, steady })
     }
 
-    /// Checks that the arm belongs to this graph, and moves it to its start pose.
+    /// Checks that the arm belongs to this graph, moves it to its start pose, and stills the object, which a person does in a laboratory.
     ///
     /// # Errors
-    /// An arm of another process, a motion that failed, or those of [`OwnGraph::goal`].
+    /// An arm of another process, a motion that failed, a cell that does not answer, or those of [`OwnGraph::goal`].
     pub fn move_to_start(&mut self, client: &ActionClient<MoveToStart>) -> Result<()> {
         ensure_own_arm(self.node, &self.supervisor)?;
         let moved = self.goal(client, MoveToStartGoal::default(), |_| {})?;
         ensure!(moved.success, "move to start: {}", moved.message);
-        Ok(())
+        let (name, timeout) = STEADY;
+        match self.steady.call(TriggerRequest::default(), timeout) {
+            Ok(answer) if answer.success => Ok(()),
+            Ok(answer) => bail!("{name}: {}", answer.message),
+            Err(CallError::Shutdown { .. }) => Err(Interrupted(String::new()).into()),
+            Err(e) => Err(e.into()),
+        }
     }
 
     /// Runs a goal to its end, without a time limit. Feedback goes to `on_feedback`. The result of an aborted goal is returned, too: it tells by

@@ -1,0 +1,184 @@
+//! Wait until the object hangs still.
+
+use super::{Fault, Inputs, Settings};
+use catenary_core::Keypoints;
+use std::collections::VecDeque;
+
+/// Time over which the object must not move, s: a swing of the softest bars.
+const WINDOW_S: f64 = 1.0;
+/// Number of parts of the window. The noise of the keypoints averages out in each of them, a swing of less than 4 Hz hardly does.
+const PARTS: usize = 10;
+
+/// Outcome of one turn.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RestTurn {
+    /// The object may still move.
+    Wait,
+    /// The object hangs still: the episode may begin.
+    Still,
+    /// The object does not come to rest, or is not seen.
+    Fault(Fault),
+}
+
+/// Wait before an episode. Policies are trained on objects that hang at rest, and the arm has just moved to its start: what still swings then is
+/// an object that the policy does not know.
+#[derive(Debug)]
+pub struct Rest {
+    settings: Settings,
+    began_s: Option<f64>,
+    /// Stamps and places of the middle of the four keypoints, px, over the last window. The middle does not depend on their order.
+    seen: VecDeque<(f64, [f64; 2])>,
+}
+
+impl Rest {
+    /// Creates a wait. It begins with the first turn.
+    #[must_use]
+    pub fn new(settings: Settings) -> Self {
+        Self { settings, began_s: None, seen: VecDeque::new() }
+    }
+
+    /// Decides at `inputs.now_s` whether an episode may begin.
+    pub fn turn(&mut self, inputs: &Inputs) -> RestTurn {
+        let Settings { rest_patience_s, patience_s, max_age_s, still_px, .. } = self.settings;
+        if rest_patience_s <= 0.0 {
+            return RestTurn::Still;
+        }
+        let began_s = *self.began_s.get_or_insert(inputs.now_s);
+        if let Some((stamp_s, keypoints)) = inputs.keypoints.filter(|(_, k)| k.dlo_seen()) {
+            self.see(stamp_s, &keypoints);
+        }
+        let newest_s = self.seen.back().map_or(began_s, |(stamp_s, _)| stamp_s.max(began_s));
+        if inputs.now_s - newest_s > patience_s + max_age_s {
+            let detail = if inputs.keypoints.is_none() { "none came" } else { "the object is not seen" };
+            return RestTurn::Fault(Fault::Stale { what: "keypoints", step: 0, patience_s, detail: detail.to_owned() });
+        }
+        let moved_px = self.moved_px();
+        match moved_px {
+            Some(px) if px <= still_px => RestTurn::Still,
+            _ if inputs.now_s - began_s > rest_patience_s => {
+                RestTurn::Fault(Fault::Swinging { rest_patience_s, still_px, moved_px })
+            }
+            _ => RestTurn::Wait,
+        }
+    }
+
+    fn see(&mut self, stamp_s: f64, keypoints: &Keypoints) {
+        // The newest keypoints may be those of the turn before.
+        if self.seen.back().is_some_and(|(newest_s, _)| stamp_s <= *newest_s) {
+            return;
+        }
+        let middle = [0, 1].map(|i| keypoints.dlo_px.iter().map(|p| p[i]).sum::<f64>() / 4.0);
+        self.seen.push_back((stamp_s, middle));
+        // The oldest one that is kept lies outside: the window is full if it is there.
+        while self.seen.get(1).is_some_and(|(second_s, _)| stamp_s - second_s >= WINDOW_S) {
+            self.seen.pop_front();
+        }
+    }
+
+    /// Largest distance between two parts of the last second, px; none before the window is full, or if keypoints are missing in a part.
+    #[must_use]
+    pub fn moved_px(&self) -> Option<f64> {
+        let (&(oldest_s, _), &(newest_s, _)) = (self.seen.front()?, self.seen.back()?);
+        if newest_s - oldest_s < WINDOW_S {
+            return None;
+        }
+        let mut parts = [(0.0, [0.0; 2]); PARTS];
+        for (stamp_s, middle) in &self.seen {
+            // 0 is the newest part. The oldest keypoints lie beyond the last one.
+            let part = ((newest_s - stamp_s) / WINDOW_S * PARTS as f64) as usize;
+            if let Some((n, sum)) = parts.get_mut(part) {
+                *n += 1.0;
+                (0..2).for_each(|i| sum[i] += middle[i]);
+            }
+        }
+        if parts.iter().any(|(n, _)| *n == 0.0) {
+            return None;
+        }
+        let places = parts.map(|(n, sum)| sum.map(|s| s / n));
+        let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        places.iter().flat_map(|a| places.iter().map(move |b| distance(a, b))).reduce(f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand_distr::StandardNormal;
+    use std::f64::consts::TAU;
+
+    /// Runs a wait at 60 Hz. `tip_px` is the motion of the free end at a time; the order of the keypoints flips in each frame.
+    fn wait(settings: Settings, tip_px: impl Fn(f64) -> Option<f64>) -> (f64, RestTurn) {
+        let mut rest = Rest::new(settings);
+        let mut rng = catenary_core::seed::rng(3, 0);
+        for k in 0..6000 {
+            let now_s = 5.0 + f64::from(k) / 60.0;
+            let mut noise = || 0.7 * rng.sample::<f64, _>(StandardNormal);
+            let tip = tip_px(now_s - 5.0);
+            let mut dlo_px = [0.125, 0.375, 0.625, 0.875]
+                .map(|f: f64| [120.0 + noise() + tip.unwrap_or(0.0) * f * f, 100.0 + noise() + 80.0 * f]);
+            if k % 2 == 0 {
+                dlo_px.reverse();
+            }
+            let keypoints = Keypoints {
+                dlo_px,
+                target_px: None,
+                scores: [if tip.is_some() { 1.0 } else { 0.0 }; 4],
+                target_score: 0.0,
+                image_width_px: 256,
+                image_height_px: 256,
+            };
+            let inputs = Inputs { now_s, keypoints: Some((now_s - 0.03, keypoints)), ..Inputs::default() };
+            match rest.turn(&inputs) {
+                RestTurn::Wait => {}
+                turn => return (now_s - 5.0, turn),
+            }
+        }
+        panic!("the wait has no end")
+    }
+
+    fn swing(amplitude_px: f64, half_life_s: f64) -> impl Fn(f64) -> Option<f64> {
+        move |t| Some(amplitude_px * (TAU * 1.2 * t).cos() * 0.5_f64.powf(t / half_life_s))
+    }
+
+    #[test]
+    fn an_episode_begins_when_the_object_hangs_still() {
+        let usual = Settings::default();
+        let (at_rest_s, turn) = wait(usual, |_| Some(0.0));
+        assert_eq!(turn, RestTurn::Still);
+        assert!((1.0..1.1).contains(&at_rest_s), "{at_rest_s}");
+        // The free end moves by 25 px at first. Three to five half lives later it moves by a few.
+        let (damped_s, turn) = wait(usual, swing(25.0, 1.5));
+        assert_eq!(turn, RestTurn::Still);
+        assert!((4.5..8.5).contains(&damped_s), "{damped_s}");
+    }
+
+    #[test]
+    fn an_object_that_does_not_come_to_rest_ends_the_wait() {
+        let brief = Settings { rest_patience_s: 4.0, ..Settings::default() };
+        let (ended_s, turn) = wait(brief, swing(25.0, 100.0));
+        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        let message = fault.to_string();
+        assert!(
+            message.starts_with("the object does not come to rest within 4 s: its keypoints move by "),
+            "{message}"
+        );
+        assert!(message.ends_with("expected at most 2 px (`still_px`)"), "{message}");
+        assert!((4.0..4.1).contains(&ended_s));
+        // Patience of 0 asks for no wait.
+        assert_eq!(wait(Settings { rest_patience_s: 0.0, ..brief }, swing(25.0, 100.0)), (0.0, RestTurn::Still));
+    }
+
+    #[test]
+    fn an_object_that_is_not_seen_ends_the_wait() {
+        let (ended_s, turn) = wait(Settings::default(), |t| (t < 0.5).then_some(0.0));
+        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        assert_eq!(fault.to_string(), "no fresh keypoints within 1 s of step 0: the object is not seen");
+        assert!((1.6..1.75).contains(&ended_s), "{ended_s}");
+        // Frames in which it is seen twice a second tell no motion.
+        let brief = Settings { rest_patience_s: 4.0, ..Settings::default() };
+        let (_, turn) = wait(brief, |t| ((t * 60.0).round() as u32).is_multiple_of(30).then_some(0.0));
+        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        assert!(fault.to_string().contains("it is not seen ten times in a second"), "{fault}");
+    }
+}
