@@ -292,6 +292,15 @@ impl Path<'_> {
         out_m > STEPS * self.stream.least_step_m
             && next_m.is_some_and(|next_m| out_m > JUMP * next_m)
             && !self.is_carried(run, after)
+            && !self.is_dragged(run, after)
+    }
+
+    /// True if the hand rests in the run and starts in the step to the frame `i`, in which it moves farther than the keypoint: a soft object
+    /// starts as its hand does, and its far end waits.
+    fn is_dragged(&self, run: HeldRun, i: usize) -> bool {
+        let hand_m = self.stream.frames[i].hand_moved_m(&self.stream.frames[i - 1]);
+        let rests = self.stream.hand_moved_m(run) < 0.25 * hand_m;
+        self.in_plane && rests && hand_m > HAND_MOVES_M && self.step_m(i).is_some_and(|step_m| step_m <= hand_m)
     }
 
     /// True if the hand carries the keypoint to the frame `i`, and rests in the run: an object moves and rests with its hand,

@@ -121,6 +121,29 @@ fn a_stiff_object_that_moves_and_stops_with_its_hand_is_kept() {
 }
 
 #[test]
+fn a_soft_object_at_rest_is_kept_as_its_hand_starts() {
+    // Steps in mm as a tracker saw them: the first pixels that change move all keypoints a little, and then the far ones wait.
+    let hand_mm = [7.6, 3.5, 4.8, 5.8, 3.9, 3.5, 4.2];
+    let points_mm = [
+        [6.0, 3.4, 6.5, 6.1, 6.6, 6.0, 6.6],
+        [4.0, 0.2, 0.8, 3.5, 5.9, 7.3, 6.6],
+        [2.4, 0.1, 0.5, 1.5, 4.2, 0.4, 5.9],
+        [0.8, 0.05, 0.2, 0.5, 4.7, 0.2, 5.3],
+    ];
+    let gone_m = |steps: &[f64], i: usize| 1e-3 * steps.iter().take(i.saturating_sub(19)).sum::<f64>();
+    let at = |i: usize, hand_moves: bool| {
+        let mut frame = frame(i, hand(0.0), 0.0, 0.0);
+        frame.grip.x_m = if hand_moves { gone_m(&hand_mm, i) } else { 0.0 };
+        (0..4).for_each(|k| frame.points_m[k][0] += gone_m(&points_mm[k], i));
+        frame
+    };
+    let of = |hand_moves| outcome(&(0..27).map(|i| at(i, hand_moves)).collect::<Vec<_>>()).unwrap();
+    assert_eq!(of(true), ((0..27).collect(), vec![]));
+    // The same jump in a hand that stays at rest: the values were held.
+    assert!(of(false).1[0].contains("19 of 27 frames (70 %)"));
+}
+
+#[test]
 fn values_that_are_held_at_the_start_or_at_the_end_are_left_out() {
     for step_m in [0.0, 1e-3] {
         let of = |held: &dyn Fn(usize) -> usize| {
