@@ -365,7 +365,7 @@ def move_of_rclpy(graph):
 def episode_of_rclpy(graph):
     bad = send(graph, "/policy_runner/run_episode", RunEpisode.Goal(policy=array.array("B", b"none")))
     assert "policy" in bad.result(GoalStatus.STATUS_ABORTED).message
-    graph.ros.steady_object()
+    graph.ros.still_object()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
     episode = send(graph, "/policy_runner/run_episode", goal)
     episode.wait_feedback()

@@ -83,12 +83,15 @@ class Ros:
     def call(self, kind, name, request, seconds=30):
         """Returns the answer of a service."""
         client = self.node.create_client(kind, name)
-        self.wait_for(client.service_is_ready, seconds, f"service {name}")
-        return self.result(client.call_async(request), seconds, f"an answer of {name}")
+        try:
+            self.wait_for(client.service_is_ready, seconds, f"service {name}")
+            return self.result(client.call_async(request), seconds, f"an answer of {name}")
+        finally:
+            self.node.destroy_client(client)
 
-    def steady_object(self):
+    def still_object(self):
         """Stills the object of a simulated cell, so that an episode begins at once."""
-        assert self.call(Trigger, "/simulated_cell/steady_object", Trigger.Request()).success
+        assert self.call(Trigger, "/simulated_cell/still_object", Trigger.Request()).success
 
     def close(self):
         if not self.context.ok():

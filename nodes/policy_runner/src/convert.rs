@@ -72,6 +72,12 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
 }
 
+/// Returns the reason why an arm that is not enabled yet may not be: a stop, a reflex, another motion, a lost connection. None if it may, or if
+/// nothing was heard of it yet.
+pub fn arm_stopped(arm: Option<&ArmState>) -> Option<String> {
+    arm.filter(|arm| arm.mode != ArmState::MODE_IDLE).and_then(|arm| arm_fault(Some(arm)))
+}
+
 /// Returns the gate's objection to the target that it answers; `None` if it took the target unchanged.
 pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
     if !answer.accepted {

@@ -7,4 +7,4 @@ pub mod node;
 pub mod numbering;
 pub mod runner;
 
-pub use runner::{Fault, Inputs, Objection, Rest, RestTurn, Runner, RunnerError, Settings, Step, Turn};
+pub use runner::{Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, StillTurn, StillWait, Turn};

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
 use crate::convert;
-use crate::runner::{Fault, Inputs, Objection, Rest, RestTurn, Runner, Settings, Step, Turn};
+use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, StillTurn, StillWait, Turn};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
@@ -43,7 +43,7 @@ struct Shell {
     model_file: Param<String>,
     max_age_s: Param<f64>,
     patience_s: Param<f64>,
-    rest_patience_s: Param<f64>,
+    still_patience_s: Param<f64>,
     still_px: Param<f64>,
     keypoints: Latest<Keypoints>,
     pose: Latest<PoseStamped>,
@@ -72,7 +72,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let patience_s = builder.declare_f64("patience_s", defaults.patience_s, patience.unit("s").range(0.0..=60.0))?;
     let rest = ParamSpec::new("Longest wait of an episode for the object to hang still; 0: episodes begin at once.");
     let rest = rest.unit("s").range(0.0..=600.0);
-    let rest_patience_s = builder.declare_f64("rest_patience_s", defaults.rest_patience_s, rest)?;
+    let still_patience_s = builder.declare_f64("still_patience_s", defaults.still_patience_s, rest)?;
     let still = ParamSpec::new(
         "Motion of the keypoints' middle in a second that counts as still; larger for keypoints with more noise.",
     );
@@ -96,7 +96,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         model_file,
         max_age_s,
         patience_s,
-        rest_patience_s,
+        still_patience_s,
         still_px,
         keypoints: node.take_latest(keypoints, check_keypoints)?,
         pose: node.take_latest(pose, check_pose)?,
@@ -183,14 +183,18 @@ impl Shell {
         let own = Settings {
             max_age_s: self.max_age_s.get(),
             patience_s: self.patience_s.get(),
-            rest_patience_s: self.rest_patience_s.get(),
+            still_patience_s: self.still_patience_s.get(),
             still_px: self.still_px.get(),
             ..Settings::default()
         };
         let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
-        if !self.rest(handle, Rest::new(own))? {
+        // Told at once, and not after the wait.
+        self.enable.ensure_one_server()?;
+        self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
+        if !self.still(handle, StillWait::new(own))? {
             let message = "cancelled".to_owned();
-            return Ok((End::Complete, RunEpisodeResult { message, episode, ..RunEpisodeResult::default() }));
+            let end = message.clone();
+            return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
         }
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
@@ -220,15 +224,19 @@ impl Shell {
     }
 
     /// Waits until the object hangs still. Returns false if the episode was cancelled meanwhile.
-    fn rest(&self, handle: &GoalHandle<RunEpisode>, mut rest: Rest) -> Result<bool> {
+    fn still(&self, handle: &GoalHandle<RunEpisode>, mut wait: StillWait) -> Result<bool> {
         let origin = self.node.now();
         let mut told = false;
         while !handle.is_cancelled() {
-            match rest.turn(&self.inputs(origin)) {
-                RestTurn::Still => return Ok(true),
-                RestTurn::Fault(fault) => return Err(fault_error(fault)),
-                RestTurn::Wait => {
-                    if let Some(px) = rest.moved_px().filter(|_| !std::mem::replace(&mut told, true)) {
+            // An arm that was stopped meanwhile must not start once somebody has released it.
+            if let Some(why) = convert::arm_stopped(self.arm.get().as_ref().map(|a| &*a.message)) {
+                return Err(fault_error(Fault::Arm(why)));
+            }
+            match wait.turn(&self.inputs(origin)) {
+                StillTurn::Still => return Ok(true),
+                StillTurn::Fault(fault) => return Err(fault_error(fault)),
+                StillTurn::Wait => {
+                    if let Some(px) = wait.moved_px().filter(|_| !std::mem::replace(&mut told, true)) {
                         tracing::info!(
                             "the episode begins when the object hangs still: stay clear; its keypoints move by {px:.1} px in a second"
                         );

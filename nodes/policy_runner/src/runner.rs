@@ -1,8 +1,8 @@
 //! State machine of one episode.
 
-mod rest;
+mod still;
 
-pub use rest::{Rest, RestTurn};
+pub use still::{StillTurn, StillWait};
 
 use catenary_core::policy::Memory;
 use catenary_core::task::{Judge, Moment, Phase, Referee};
@@ -22,7 +22,7 @@ pub struct Settings {
     /// Time after a due step at which the episode is aborted for lack of fresh data, s.
     pub patience_s: f64,
     /// Time after the goal within which the object must have come to rest, s; the episode begins once it has. 0: it begins at once.
-    pub rest_patience_s: f64,
+    pub still_patience_s: f64,
     /// Largest motion of an object at rest within a second, in pixels of the mask, at the middle of the four keypoints. A larger value
     /// tolerates keypoints with more noise; a smaller one begins nearer to rest.
     pub still_px: f64,
@@ -37,11 +37,11 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         // Chosen: 0.15 s are nine camera frames at 60 Hz.
-        // The softest bars lose half their swing in 4 s. 2 px at the middle are 12 mm from side to side at the free end in the demo's view.
+        // Soft bars lose half their swing in 4 to 22 s. 2 px at the middle are 7 mm in the demo's view, and twice that at the free end.
         Self {
             max_age_s: 0.15,
             patience_s: 1.0,
-            rest_patience_s: 60.0,
+            still_patience_s: 120.0,
             still_px: 2.0,
             run_all_steps: false,
             stochastic_seed: None,
@@ -119,10 +119,10 @@ pub enum Fault {
         detail: String,
     },
     /// Object that does not come to rest before the episode. The motion in a second, px, is unknown if keypoints came too rarely.
-    #[error("the object does not come to rest within {rest_patience_s} s: {}, expected at most {still_px} px (`still_px`)", words(*.moved_px))]
+    #[error("the object does not come to rest within {still_patience_s} s: {}, expected at most {still_px} px (`still_px`)", words(*.moved_px))]
     Swinging {
         /// Time waited, s.
-        rest_patience_s: f64,
+        still_patience_s: f64,
         /// Largest motion at rest, px.
         still_px: f64,
         /// Motion, px.

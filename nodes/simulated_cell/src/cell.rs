@@ -214,7 +214,7 @@ impl Cell {
     }
 
     /// Stills the object: from now on it hangs at rest from the hand, as at the start of the cell, and what ages in it begins anew.
-    pub fn steady(&mut self) {
+    pub fn still(&mut self) {
         self.simulation.hang(self.grip());
         self.object_began_s = self.time_s;
     }
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steadied_object_hangs_as_at_the_start_and_then_moves_on() {
+    fn a_stilled_object_hangs_as_at_the_start_and_then_moves_on() {
         let tip_m = |c: &Cell| c.snapshot().nodes.last().map(|n| [n[0], n[1]]).unwrap();
         let lean_m = |c: &Cell| tip_m(c)[0] - c.grip().x_m;
         let mut c = cell();
@@ -317,7 +317,7 @@ mod tests {
         });
         assert!(swinging.fold(0.0, f64::max) > 0.02);
         let before = c.time_s();
-        c.steady();
+        c.still();
         assert_eq!(c.time_s(), before);
         assert!((lean_m(&c) - at_rest_m).abs() < 2e-3, "{} {at_rest_m}", lean_m(&c));
         // It stays there, and it swings again when the hand moves.

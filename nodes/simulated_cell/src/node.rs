@@ -9,7 +9,7 @@ mod camera;
 mod elsewhere;
 mod measuring;
 mod setup;
-mod steady;
+mod still;
 
 use anyhow::{Context, Result, ensure};
 use camera::Pictures;
@@ -130,7 +130,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     camera::start(&front, &calibrated, model.camera.rate_hz, pictures)?;
-    let _steady = steady::serve(&front)?;
+    let _still = still::serve(&front)?;
     let reported = Arc::clone(&front);
     node.report_diagnostics(move |report| {
         reported.report(report);

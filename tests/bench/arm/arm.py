@@ -60,7 +60,7 @@ def record(folder, policy, model, bridge, emulator):
         parameters = session.root / "launch_configs/params/emulated.yaml"
         for node in ("camera", "keypoint_tracker"):
             session.node(node, "--params-file", parameters)
-        session.node("policy_runner", "--params-file", parameters, *given(f"model_file:={model}", "rest_patience_s:=300.0"))
+        session.node("policy_runner", "--params-file", parameters, *given(f"model_file:={model}", "still_patience_s:=300.0"))
         session.meet("panda_emulator", "panda_bridge", "simulated_cell", "camera", "keypoint_tracker", "policy_runner").close()
         bags = []
         for number in range(3):

@@ -56,7 +56,7 @@ class Driver:
         handle = self.send(self.mover, MoveToStart.Goal(settle_time=0.3))
         result = self.ros.result(handle.get_result_async(), seconds, "the end of the move to the start").result
         assert result.success, f"move to the start: {result.message}"
-        self.ros.steady_object()
+        self.ros.still_object()
 
     def begin(self, seed, steps=0):
         goal = RunEpisode.Goal(policy=POLICY, policy_name="endurance", seed=seed, run_all_steps=True, max_steps=steps)

@@ -50,12 +50,25 @@ fn sentence(study: &Study, task: &TaskResult) -> String {
     let lost = of("mismatched").map_or_else(String::new, |g| {
         format!("; policies of other objects earn {} against it", interval(&turned(&g.gain), 2))
     });
+    let deployed = task.deployments.iter().find(|pairs| pairs.object == "all").map_or_else(String::new, |pairs| {
+        let (won, lost) = (pairs.signs.wins, pairs.signs.losses);
+        format!(" Deployed {}, the own policy was better than U in {won} of {} pairs.", place(study.cell), won + lost)
+    });
     format!(
-        "{}: knowing the object is worth {} of reward, with p < {LEVEL} on {better} of {} objects{few}{lost}.",
+        "{}: knowing the object is worth {} of reward, with p < {LEVEL} on {better} of {} objects{few}{lost}.{deployed}",
         task.task,
         interval(&uniform.gain, 2),
         study.plan.objects.len()
     )
+}
+
+/// Place of the deployments.
+fn place(cell: Option<Cell>) -> &'static str {
+    match cell {
+        None => "in simulation at the highest fidelity",
+        Some(Cell::Sim) => "on the whole graph, in the simulated cell",
+        Some(Cell::Emulated) => "on the whole graph, with an emulated Panda",
+    }
 }
 
 /// The difference the other way round.
@@ -102,19 +115,20 @@ fn of_task(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, i
     page.heading(&format!("Task {}", task.task));
     page.paragraph(&task.aim);
     let gains = |gains: &[Gain]| -> Vec<String> {
-        ["U", "mu", "mismatched", "true"]
-            .map(|against| {
-                gains.iter().find(|g| g.against == against).map_or_else(String::new, |g| {
-                    let mark = if g.p < LEVEL { " *" } else { "" };
-                    format!("{}{mark}", interval(&g.gain, 3))
-                })
+        let words = |against: &str| {
+            gains.iter().find(|g| g.against == against).map_or_else(String::new, |g| {
+                let mark = if g.p < LEVEL { " *" } else { "" };
+                format!("{}{mark}", interval(&g.gain, 3))
             })
-            .to_vec()
+        };
+        task.all.iter().map(|g| words(g.against)).collect()
     };
     let mut rows: Vec<Vec<String>> =
         task.objects.iter().map(|o| [vec![o.object.clone(), interval(&o.own, 3)], gains(&o.gains)].concat()).collect();
     rows.push([vec!["all".to_owned(), String::new()], gains(&task.all)].concat());
-    page.table(&["object", "own policy", "minus U", "minus mu", "minus mismatched", "minus true"], &rows);
+    let minus: Vec<String> = task.all.iter().map(|g| format!("minus {}", g.against)).collect();
+    let head: Vec<&str> = ["object", "own policy"].into_iter().chain(minus.iter().map(String::as_str)).collect();
+    page.table(&head, &rows);
     page.note(
         "Own: trained over the posterior of the object. U: over the prior. mu: for the middle of the prior. Mismatched: mean of the \
          policies of the other objects' posteriors. True: told the hidden values.",
@@ -243,14 +257,10 @@ fn evidence(page: &mut Page, study: &Study, task: &TaskResult) -> Result<()> {
 fn deployments(page: &mut Page, study: &Study, data: &Data<'_>, task: &TaskResult, index: usize) -> Result<()> {
     let plan = &study.plan;
     page.heading(&format!("Deployments in {}", task.task));
-    let place = match study.cell {
-        None => "in simulation at the highest fidelity",
-        Some(Cell::Sim) => "on the whole graph, in the simulated cell",
-        Some(Cell::Emulated) => "on the whole graph, with an emulated Panda",
-    };
     page.paragraph(&format!(
-        "The first training of U, mu and each own policy ran {} times on each object, {place}. Paths are those of the commanded poses.",
-        plan.repeats
+        "The first training of each of these policies ran {} times on each object, {}. Paths are those of the commanded poses.",
+        plan.repeats,
+        place(study.cell)
     ));
     rewards(page, plan, &data.deployments[index]);
     page.table(

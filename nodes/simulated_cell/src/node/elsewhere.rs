@@ -3,7 +3,7 @@
 
 use super::camera::{self, Holder, Pictures};
 use super::setup::Setup;
-use super::steady;
+use super::still;
 use crate::cell::Cell;
 use crate::convert;
 use anyhow::{Context, Result};
@@ -94,9 +94,9 @@ fn begin(
     let Camera::Pinhole(calibrated) = setup.model.camera.view else { unreachable!("a cell has a pinhole camera") };
     let carried = Arc::new(Carried { node: node.clone(), origin, cell: Mutex::new(cell) });
     camera::start(&carried, &calibrated, setup.model.camera.rate_hz, pictures).context("camera")?;
-    let steady = steady::serve(&carried)?;
+    let still = still::serve(&carried)?;
     tracing::info!("the object hangs in the hand at x {:.3} m, z {:.3} m", grip.x_m, grip.z_m);
-    Ok((carried, steady))
+    Ok((carried, still))
 }
 
 /// Returns the pose of the grip in the plane of motion. The object is planar: what leaves the plane is not felt.

@@ -17,7 +17,7 @@ const ACCEPT: Duration = Duration::from_secs(20);
 /// Time in which a server must appear.
 const SERVER: Duration = Duration::from_secs(20);
 /// Service of a cell that stills the object, and the time in which it must answer.
-const STEADY: (&str, Duration) = ("simulated_cell/steady_object", Duration::from_secs(10));
+const STILL_OBJECT: (&str, Duration) = ("simulated_cell/still_object", Duration::from_secs(10));
 /// Period of the checks on the processes while a goal runs.
 const WATCH: Duration = Duration::from_millis(200);
 
@@ -43,7 +43,7 @@ pub struct OwnGraph<'a> {
     pub node: &'a Node,
     /// Processes of the graph.
     pub supervisor: Supervisor,
-    steady: Client<Trigger>,
+    still_object: Client<Trigger>,
 }
 
 impl<'a> OwnGraph<'a> {
@@ -70,8 +70,12 @@ impl<'a> OwnGraph<'a> {
         let given: Vec<_> = given.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
         let mut description = read(&launch_file, &given, &|name| std::env::var(name).ok())?;
         description.processes.iter_mut().for_each(|p| p.environment.extend(domain.environment()));
-        let steady = node.client(STEADY.0)?;
-        Ok(Self { node, supervisor: Supervisor::start(description.processes, &folder.join("log"), false)?, steady })
+        let still_object = node.client(STILL_OBJECT.0)?;
+        Ok(Self {
+            node,
+            supervisor: Supervisor::start(description.processes, &folder.join("log"), false)?,
+            still_object,
+        })
     }
 
     /// Checks that the arm belongs to this graph, moves it to its start pose, and stills the object, which a person does in a laboratory.
@@ -82,8 +86,8 @@ impl<'a> OwnGraph<'a> {
         ensure_own_arm(self.node, &self.supervisor)?;
         let moved = self.goal(client, MoveToStartGoal::default(), |_| {})?;
         ensure!(moved.success, "move to start: {}", moved.message);
-        let (name, timeout) = STEADY;
-        match self.steady.call(TriggerRequest::default(), timeout) {
+        let (name, timeout) = STILL_OBJECT;
+        match self.still_object.call(TriggerRequest::default(), timeout) {
             Ok(answer) if answer.success => Ok(()),
             Ok(answer) => bail!("{name}: {}", answer.message),
             Err(CallError::Shutdown { .. }) => Err(Interrupted(String::new()).into()),

@@ -11,7 +11,7 @@ const PARTS: usize = 10;
 
 /// Outcome of one turn.
 #[derive(Debug, Clone, PartialEq)]
-pub enum RestTurn {
+pub enum StillTurn {
     /// The object may still move.
     Wait,
     /// The object hangs still: the episode may begin.
@@ -20,45 +20,54 @@ pub enum RestTurn {
     Fault(Fault),
 }
 
-/// Wait before an episode. Policies are trained on objects that hang at rest, and the arm has just moved to its start: what still swings then is
-/// an object that the policy does not know.
+/// Wait before an episode. The arm has just moved to its start, and the object swings. Policies have never seen an object that swings at the
+/// start.
 #[derive(Debug)]
-pub struct Rest {
+pub struct StillWait {
     settings: Settings,
     began_s: Option<f64>,
+    /// Time of the last turn with fresh keypoints of the object.
+    fresh_s: Option<f64>,
     /// Stamps and places of the middle of the four keypoints, px, over the last window. The middle does not depend on their order.
     seen: VecDeque<(f64, [f64; 2])>,
 }
 
-impl Rest {
+impl StillWait {
     /// Creates a wait. It begins with the first turn.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
-        Self { settings, began_s: None, seen: VecDeque::new() }
+        Self { settings, began_s: None, fresh_s: None, seen: VecDeque::new() }
     }
 
     /// Decides at `inputs.now_s` whether an episode may begin.
-    pub fn turn(&mut self, inputs: &Inputs) -> RestTurn {
-        let Settings { rest_patience_s, patience_s, max_age_s, still_px, .. } = self.settings;
-        if rest_patience_s <= 0.0 {
-            return RestTurn::Still;
+    pub fn turn(&mut self, inputs: &Inputs) -> StillTurn {
+        let Settings { still_patience_s, patience_s, max_age_s, still_px, .. } = self.settings;
+        if still_patience_s <= 0.0 {
+            return StillTurn::Still;
         }
         let began_s = *self.began_s.get_or_insert(inputs.now_s);
-        if let Some((stamp_s, keypoints)) = inputs.keypoints.filter(|(_, k)| k.dlo_seen()) {
-            self.see(stamp_s, &keypoints);
-        }
-        let newest_s = self.seen.back().map_or(began_s, |(stamp_s, _)| stamp_s.max(began_s));
-        if inputs.now_s - newest_s > patience_s + max_age_s {
-            let detail = if inputs.keypoints.is_none() { "none came" } else { "the object is not seen" };
-            return RestTurn::Fault(Fault::Stale { what: "keypoints", step: 0, patience_s, detail: detail.to_owned() });
+        let now_s = inputs.now_s;
+        let detail = match inputs.keypoints {
+            None => "none came".to_owned(),
+            Some((s, _)) if s < now_s - max_age_s => format!("the newest is {:.3} s old", now_s - s),
+            Some((s, _)) if s > now_s + max_age_s => format!("its stamp lies {:.3} s ahead", s - now_s),
+            Some((_, keypoints)) if !keypoints.dlo_seen() => "the object is not seen".to_owned(),
+            Some((stamp_s, keypoints)) => {
+                self.see(stamp_s, &keypoints);
+                self.fresh_s = Some(now_s);
+                String::new()
+            }
+        };
+        if now_s - self.fresh_s.unwrap_or(began_s) > patience_s {
+            return StillTurn::Fault(Fault::Stale { what: "keypoints", step: 0, patience_s, detail });
         }
         let moved_px = self.moved_px();
         match moved_px {
-            Some(px) if px <= still_px => RestTurn::Still,
-            _ if inputs.now_s - began_s > rest_patience_s => {
-                RestTurn::Fault(Fault::Swinging { rest_patience_s, still_px, moved_px })
+            Some(px) if px <= still_px => StillTurn::Still,
+            _ if inputs.now_s - began_s > still_patience_s => {
+                StillTurn::Fault(Fault::Swinging { still_patience_s, still_px, moved_px })
             }
-            _ => RestTurn::Wait,
+            _ => StillTurn::Wait,
         }
     }
 
@@ -108,8 +117,8 @@ mod tests {
     use std::f64::consts::TAU;
 
     /// Runs a wait at 60 Hz. `tip_px` is the motion of the free end at a time; the order of the keypoints flips in each frame.
-    fn wait(settings: Settings, tip_px: impl Fn(f64) -> Option<f64>) -> (f64, RestTurn) {
-        let mut rest = Rest::new(settings);
+    fn wait(settings: Settings, tip_px: impl Fn(f64) -> Option<f64>) -> (f64, StillTurn) {
+        let mut rest = StillWait::new(settings);
         let mut rng = catenary_core::seed::rng(3, 0);
         for k in 0..6000 {
             let now_s = 5.0 + f64::from(k) / 60.0;
@@ -130,7 +139,7 @@ mod tests {
             };
             let inputs = Inputs { now_s, keypoints: Some((now_s - 0.03, keypoints)), ..Inputs::default() };
             match rest.turn(&inputs) {
-                RestTurn::Wait => {}
+                StillTurn::Wait => {}
                 turn => return (now_s - 5.0, turn),
             }
         }
@@ -145,19 +154,19 @@ mod tests {
     fn an_episode_begins_when_the_object_hangs_still() {
         let usual = Settings::default();
         let (at_rest_s, turn) = wait(usual, |_| Some(0.0));
-        assert_eq!(turn, RestTurn::Still);
+        assert_eq!(turn, StillTurn::Still);
         assert!((1.0..1.1).contains(&at_rest_s), "{at_rest_s}");
         // The free end moves by 25 px at first. Three to five half lives later it moves by a few.
         let (damped_s, turn) = wait(usual, swing(25.0, 1.5));
-        assert_eq!(turn, RestTurn::Still);
+        assert_eq!(turn, StillTurn::Still);
         assert!((4.5..8.5).contains(&damped_s), "{damped_s}");
     }
 
     #[test]
     fn an_object_that_does_not_come_to_rest_ends_the_wait() {
-        let brief = Settings { rest_patience_s: 4.0, ..Settings::default() };
+        let brief = Settings { still_patience_s: 4.0, ..Settings::default() };
         let (ended_s, turn) = wait(brief, swing(25.0, 100.0));
-        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        let StillTurn::Fault(fault) = turn else { panic!("{turn:?}") };
         let message = fault.to_string();
         assert!(
             message.starts_with("the object does not come to rest within 4 s: its keypoints move by "),
@@ -166,19 +175,19 @@ mod tests {
         assert!(message.ends_with("expected at most 2 px (`still_px`)"), "{message}");
         assert!((4.0..4.1).contains(&ended_s));
         // Patience of 0 asks for no wait.
-        assert_eq!(wait(Settings { rest_patience_s: 0.0, ..brief }, swing(25.0, 100.0)), (0.0, RestTurn::Still));
+        assert_eq!(wait(Settings { still_patience_s: 0.0, ..brief }, swing(25.0, 100.0)), (0.0, StillTurn::Still));
     }
 
     #[test]
     fn an_object_that_is_not_seen_ends_the_wait() {
         let (ended_s, turn) = wait(Settings::default(), |t| (t < 0.5).then_some(0.0));
-        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        let StillTurn::Fault(fault) = turn else { panic!("{turn:?}") };
         assert_eq!(fault.to_string(), "no fresh keypoints within 1 s of step 0: the object is not seen");
-        assert!((1.6..1.75).contains(&ended_s), "{ended_s}");
+        assert!((1.4..1.75).contains(&ended_s), "{ended_s}");
         // Frames in which it is seen twice a second tell no motion.
-        let brief = Settings { rest_patience_s: 4.0, ..Settings::default() };
+        let brief = Settings { still_patience_s: 4.0, ..Settings::default() };
         let (_, turn) = wait(brief, |t| ((t * 60.0).round() as u32).is_multiple_of(30).then_some(0.0));
-        let RestTurn::Fault(fault) = turn else { panic!("{turn:?}") };
+        let StillTurn::Fault(fault) = turn else { panic!("{turn:?}") };
         assert!(fault.to_string().contains("it is not seen ten times in a second"), "{fault}");
     }
 }
