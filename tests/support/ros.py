@@ -91,7 +91,9 @@ class Ros:
 
     def still_object(self):
         """Stills the object of a simulated cell, so that an episode begins at once."""
-        assert self.call(Trigger, "/simulated_cell/still_object", Trigger.Request()).success
+        # The cell refuses while the hand moves.
+        stilled = lambda: self.call(Trigger, "/simulated_cell/still_object", Trigger.Request()).success
+        self.wait_for(stilled, 10, "a hand at rest")
 
     def close(self):
         if not self.context.ok():
