@@ -164,6 +164,18 @@ mod tests {
     }
 
     #[test]
+    fn a_stop_ends_a_wait_and_an_arm_that_is_not_enabled_does_not() {
+        let of = |mode| arm_stopped(Some(&ArmState { mode, ..ArmState::default() }));
+        for mode in [ArmState::MODE_IDLE, ArmState::MODE_HOLD, ArmState::MODE_TRACKING] {
+            assert_eq!(of(mode), None);
+        }
+        for mode in [ArmState::MODE_MOVING, ArmState::MODE_REFLEX, ArmState::MODE_USER_STOP] {
+            assert!(of(mode).is_some(), "{mode}");
+        }
+        assert_eq!(arm_stopped(None), None);
+    }
+
+    #[test]
     fn a_target_keeps_y_and_orientation_of_the_hand() {
         // Half a turn about x, because the hand points down, and 0.25 rad of yaw.
         let orientation = Quaternion { x: 0.992_198, y: 0.124_675, z: 0.0, w: 0.0 };

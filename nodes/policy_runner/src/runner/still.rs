@@ -112,6 +112,7 @@ impl StillWait {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use catenary_core::LabelMask;
     use rand::RngExt;
     use rand_distr::StandardNormal;
     use std::f64::consts::TAU;
@@ -144,6 +145,22 @@ mod tests {
             }
         }
         panic!("the wait has no end")
+    }
+
+    #[test]
+    fn late_and_early_stamps_are_named() {
+        for (ahead_s, said) in [(-3.0, "the newest is 3.000 s old"), (9.0, "its stamp lies 9.000 s ahead")] {
+            let mut wait = StillWait::new(Settings::default());
+            let fault = (0..90).find_map(|k| {
+                let now_s = f64::from(k) / 60.0;
+                let keypoints = Keypoints { scores: [1.0; 4], ..Keypoints::unseen(&LabelMask::new(256, 256), None) };
+                match wait.turn(&Inputs { now_s, keypoints: Some((now_s + ahead_s, keypoints)), ..Inputs::default() }) {
+                    StillTurn::Fault(fault) => Some(fault.to_string()),
+                    _ => None,
+                }
+            });
+            assert_eq!(fault.unwrap(), format!("no fresh keypoints within 1 s of step 0: {said}"));
+        }
     }
 
     fn swing(amplitude_px: f64, half_life_s: f64) -> impl Fn(f64) -> Option<f64> {
