@@ -15,7 +15,6 @@ from catenary_msgs.action import MoveToStart, RunEpisode
 from catenary_msgs.msg import ArmState, EpisodeEvent
 from catenary_msgs.srv import SetCompliance
 from geometry_msgs.msg import PoseStamped
-from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
@@ -91,12 +90,10 @@ class Cell:
     def wait_mode(self, *modes):
         self.ros.wait_for(lambda: self.state.mode in modes, 10, f"a mode of {modes}, not {self.state}")
 
-    def be_patient(self, seconds):
-        """Sets how long the policy runner waits for the object to hang still."""
-        client = AsyncParameterClient(self.ros.node, "policy_runner")
-        self.ros.wait_for(client.services_are_ready, 20, "the runner's parameters")
-        answer = self.ros.result(client.set_parameters([Parameter("still_patience_s", value=seconds)]), 20, "an answer")
-        assert answer.results[0].successful
+    def still_object(self):
+        """Stills the object, if it is one that swings."""
+        if self.name != "relay":
+            self.ros.still_object()
 
     def enable(self, on=True):
         answer = self.ros.call(SetBool, "/panda/enable", SetBool.Request(data=on))
@@ -240,8 +237,7 @@ def runner(cell):
 
 def test_the_topics_tell_an_episode_from_start_to_end(runner):
     cell = runner
-    if cell.name != "relay":
-        cell.ros.still_object()
+    cell.still_object()
     for messages in cell.heard.values():
         messages.clear()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", seed=9, run_all_steps=True, max_steps=STEPS)
@@ -275,14 +271,14 @@ def test_an_episode_begins_when_the_object_hangs_still(runner):
     # One fast step, after which the bar swings.
     swing = lambda way: RunEpisode.Goal(policy=array.array("B", policy_file((way, 0.0))), max_steps=1)
     assert Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", swing(0.9)).result().success
-    cell.be_patient(1.5)
+    cell.ros.set_parameter("policy_runner", "still_patience_s", 1.5)
     cell.ros.wait_for(lambda: cell.newest("/episode/event").event == EpisodeEvent.ENDED, 5, "the end of the step")
     started = len(cell.heard["/episode/event"])
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True, max_steps=STEPS)
     refused = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal).result(GoalStatus.STATUS_ABORTED)
     assert "does not come to rest within 1.5 s" in refused.message and "its keypoints move by" in refused.message, refused.message
     assert len(cell.heard["/episode/event"]) == started and cell.state.mode == ArmState.MODE_IDLE
-    cell.be_patient(60.0)
+    cell.ros.set_parameter("policy_runner", "still_patience_s", 60.0)
     waiting = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
     assert not waiting.ends_within(2) and len(cell.heard["/episode/event"]) == started
     cell.ros.still_object()
@@ -297,8 +293,7 @@ def test_an_episode_begins_when_the_object_hangs_still(runner):
 
 def test_a_cancelled_episode_stops_the_arm(runner):
     cell = runner
-    if cell.name != "relay":
-        cell.ros.still_object()
+    cell.still_object()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
     run = Goal(cell.ros, RunEpisode, "/policy_runner/run_episode", goal)
     run.wait_feedback()

@@ -8,8 +8,6 @@ from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import Keypoints
 from geometry_msgs.msg import PoseStamped
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rosbags.highlevel import AnyReader
 
 from support.program import BAG, MODEL
@@ -35,9 +33,7 @@ def keep_busy(session):
 
 def test_an_inference_without_a_pool_ends_when_its_patience_does(session):
     session.launch("respawn:=false")
-    parameters = AsyncParameterClient(session.ros.node, "bayes_sim")
-    session.ros.wait_for(parameters.services_are_ready, 20, "the parameter services")
-    session.ros.result(parameters.set_parameters([Parameter("pool_patience_s", value=3.0)]), 20, "an answer")
+    session.ros.set_parameter("bayes_sim", "pool_patience_s", 3.0)
     wanted = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), iterations=2)
     wanted.simulations = 20_000
     goal = Goal(session.ros, Infer, "/bayes_sim/infer", wanted, seconds=40)

@@ -277,9 +277,7 @@ def test_an_interrupted_deploy_cancels_the_episode_and_stops_the_arm(graph):
     graph.ros.node.create_subscription(ArmState, "/panda/arm_state", states.append, QoSProfile(depth=1, durability=latched))
     actions = graph.ros.listen(EefDelta, "/policy/action")
     # The bar still swings from the episodes before.
-    runner = AsyncParameterClient(graph.ros.node, "policy_runner")
-    graph.ros.wait_for(runner.services_are_ready, 20, "the parameter services")
-    assert graph.ros.result(runner.set_parameters([Parameter("still_patience_s", value=0.0)]), 20, "an answer").results[0].successful
+    graph.ros.set_parameter("policy_runner", "still_patience_s", 0.0)
     deploy = graph.start("deploy", "--policy", policy, "--run-all-steps")
     graph.ros.wait_for(lambda: len(actions) >= 3, 60, "three steps")
     deploy.send_signal(signal.SIGINT)

@@ -23,6 +23,8 @@ def test_deployments_in_the_emulated_cell_are_whole_episodes_in_pairs_and_are_ma
         frames = frames_of(path)
         assert len(frames) == 7 and len(json.loads(path.read_text())["rewards"]) == 6
         assert abs(frames[0]["eef"][0] - 0.4) < 0.03 and abs(frames[0]["eef"][1] - 0.42) < 0.03
+        # The bar hangs still below the hand, also after the episode of another policy: it leant by up to 0.2 while it swung.
+        assert abs(frames[0]["dlo"][3][0] - frames[0]["dlo"][0][0]) < 0.07
         commanded = [sum(f["action"][i] for f in frames) for i in (0, 1)]
         moved = [frames[-1]["eef"][i] - frames[0]["eef"][i] for i in (0, 1)]
         assert max(abs(a - b) for a, b in zip(commanded, moved)) < 0.03, (commanded, moved)

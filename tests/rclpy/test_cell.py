@@ -57,10 +57,8 @@ def heard(graph):
         raw, profile = row.name == IMAGE, row.profile_of_depth(max(row.depth, 100))
         heard_by = latest_image if raw else keep(row.name)
         subscriptions.append(graph.ros.node.create_subscription(row.kind, row.name, heard_by, profile, raw=raw))
-    parameters = AsyncParameterClient(graph.ros.node, RUNNER)
-    graph.ros.wait_for(parameters.services_are_ready, 20, "the parameter services")
     # A change of a parameter is logged, so that /rosout has a message.
-    graph.ros.result(parameters.set_parameters([Parameter("patience_s", value=1.0)]), 20, "an answer")
+    graph.ros.set_parameter(RUNNER, "patience_s", 1.0)
     send(graph, "/panda/move_to_start", MoveToStart.Goal(settle_time=0.5)).result()
     goal = RunEpisode.Goal(policy=array.array("B", policy_file()), policy_name="constant", seed=3, run_all_steps=True, max_steps=STEPS)
     run = send(graph, "/policy_runner/run_episode", goal)

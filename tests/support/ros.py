@@ -28,6 +28,8 @@ if not MISSING:
     from rcl_interfaces.msg import Log
     from rclpy.action import ActionClient
     from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+    from rclpy.parameter_client import AsyncParameterClient
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
     from std_srvs.srv import Trigger
 
@@ -88,6 +90,13 @@ class Ros:
             return self.result(client.call_async(request), seconds, f"an answer of {name}")
         finally:
             self.node.destroy_client(client)
+
+    def set_parameter(self, node, name, value):
+        """Sets a parameter of a node."""
+        client = AsyncParameterClient(self.node, node)
+        self.wait_for(client.services_are_ready, 20, f"the parameters of {node}")
+        answer = self.result(client.set_parameters([Parameter(name, value=value)]), 20, "an answer")
+        assert answer.results[0].successful, answer.results[0].reason
 
     def still_object(self):
         """Stills the object of a simulated cell, so that an episode begins at once."""

@@ -203,6 +203,22 @@ const LATE: f64 = 0.1;
 /// Polling period for fresh data once a step is due, s: a few polls per camera frame.
 const RETRY_S: f64 = 0.005;
 
+/// Reasons why data are missing.
+const NONE_CAME: &str = "none came";
+const NOT_SEEN: &str = "the object is not seen";
+
+/// Checks that a stamp lies between the oldest and the newest that count as fresh, s.
+///
+/// # Errors
+/// State of the data.
+fn check_stamp(stamp_s: f64, now_s: f64, [oldest_s, newest_s]: [f64; 2]) -> Result<(), String> {
+    match stamp_s {
+        s if s < oldest_s => Err(format!("the newest is {:.3} s old", now_s - s)),
+        s if s > newest_s => Err(format!("its stamp lies {:.3} s ahead", s - now_s)),
+        _ => Ok(()),
+    }
+}
+
 /// State of an episode.
 pub struct Runner {
     policy: Policy,
@@ -331,17 +347,15 @@ impl Runner {
     fn observe(&mut self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
         let oldest_s = inputs.now_s.max(due_s) - self.settings.max_age_s;
         let newest_s = inputs.now_s + self.settings.max_age_s;
-        let fresh = |what: &'static str, stamp_s: f64| match stamp_s {
-            s if s < oldest_s => Err((what, format!("the newest is {:.3} s old", inputs.now_s - s))),
-            s if s > newest_s => Err((what, format!("its stamp lies {:.3} s ahead", s - inputs.now_s))),
-            _ => Ok(()),
+        let fresh = |what: &'static str, stamp_s: f64| {
+            check_stamp(stamp_s, inputs.now_s, [oldest_s, newest_s]).map_err(|detail| (what, detail))
         };
-        let (keypoints_s, keypoints) = inputs.keypoints.ok_or(("keypoints", "none came".to_owned()))?;
-        let (pose_s, pose) = inputs.pose.ok_or(("pose", "none came".to_owned()))?;
+        let (keypoints_s, keypoints) = inputs.keypoints.ok_or(("keypoints", NONE_CAME.to_owned()))?;
+        let (pose_s, pose) = inputs.pose.ok_or(("pose", NONE_CAME.to_owned()))?;
         fresh("keypoints", keypoints_s)?;
         fresh("pose", pose_s)?;
         if !keypoints.dlo_seen() {
-            return Err(("keypoints", "the object is not seen".to_owned()));
+            return Err(("keypoints", NOT_SEEN.to_owned()));
         }
         // The target does not move, so an occluded one keeps its last position.
         if let Some(target) = keypoints.target_scaled() {

@@ -1,6 +1,6 @@
 //! Wait until the object hangs still.
 
-use super::{Fault, Inputs, Settings};
+use super::{Fault, Inputs, NONE_CAME, NOT_SEEN, Settings, check_stamp};
 use catenary_core::Keypoints;
 use std::collections::VecDeque;
 
@@ -45,26 +45,22 @@ impl StillWait {
         if still_patience_s <= 0.0 {
             return StillTurn::Still;
         }
-        let began_s = *self.began_s.get_or_insert(inputs.now_s);
         let now_s = inputs.now_s;
-        let detail = match inputs.keypoints {
-            None => "none came".to_owned(),
-            Some((s, _)) if s < now_s - max_age_s => format!("the newest is {:.3} s old", now_s - s),
-            Some((s, _)) if s > now_s + max_age_s => format!("its stamp lies {:.3} s ahead", s - now_s),
-            Some((_, keypoints)) if !keypoints.dlo_seen() => "the object is not seen".to_owned(),
-            Some((stamp_s, keypoints)) => {
+        let began_s = *self.began_s.get_or_insert(now_s);
+        match fresh(inputs, max_age_s) {
+            Ok((stamp_s, keypoints)) => {
                 self.see(stamp_s, &keypoints);
                 self.fresh_s = Some(now_s);
-                String::new()
             }
-        };
-        if now_s - self.fresh_s.unwrap_or(began_s) > patience_s {
-            return StillTurn::Fault(Fault::Stale { what: "keypoints", step: 0, patience_s, detail });
+            Err(detail) if now_s - self.fresh_s.unwrap_or(began_s) > patience_s => {
+                return StillTurn::Fault(Fault::Stale { what: "keypoints", step: 0, patience_s, detail });
+            }
+            Err(_) => {}
         }
         let moved_px = self.moved_px();
         match moved_px {
             Some(px) if px <= still_px => StillTurn::Still,
-            _ if inputs.now_s - began_s > still_patience_s => {
+            _ if now_s - began_s > still_patience_s => {
                 StillTurn::Fault(Fault::Swinging { still_patience_s, still_px, moved_px })
             }
             _ => StillTurn::Wait,
@@ -109,6 +105,16 @@ impl StillWait {
     }
 }
 
+/// Stamp and value of keypoints that are fresh and show the object.
+///
+/// # Errors
+/// State of the newest keypoints.
+fn fresh(inputs: &Inputs, max_age_s: f64) -> Result<(f64, Keypoints), String> {
+    let (stamp_s, keypoints) = inputs.keypoints.ok_or(NONE_CAME)?;
+    check_stamp(stamp_s, inputs.now_s, [inputs.now_s - max_age_s, inputs.now_s + max_age_s])?;
+    if keypoints.dlo_seen() { Ok((stamp_s, keypoints)) } else { Err(NOT_SEEN.to_owned()) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,7 +125,7 @@ mod tests {
 
     /// Runs a wait at 60 Hz. `tip_px` is the motion of the free end at a time; the order of the keypoints flips in each frame.
     fn wait(settings: Settings, tip_px: impl Fn(f64) -> Option<f64>) -> (f64, StillTurn) {
-        let mut rest = StillWait::new(settings);
+        let mut wait = StillWait::new(settings);
         let mut rng = catenary_core::seed::rng(3, 0);
         for k in 0..6000 {
             let now_s = 5.0 + f64::from(k) / 60.0;
@@ -139,7 +145,7 @@ mod tests {
                 image_height_px: 256,
             };
             let inputs = Inputs { now_s, keypoints: Some((now_s - 0.03, keypoints)), ..Inputs::default() };
-            match rest.turn(&inputs) {
+            match wait.turn(&inputs) {
                 StillTurn::Wait => {}
                 turn => return (now_s - 5.0, turn),
             }
@@ -200,7 +206,7 @@ mod tests {
         let (ended_s, turn) = wait(Settings::default(), |t| (t < 0.5).then_some(0.0));
         let StillTurn::Fault(fault) = turn else { panic!("{turn:?}") };
         assert_eq!(fault.to_string(), "no fresh keypoints within 1 s of step 0: the object is not seen");
-        assert!((1.4..1.75).contains(&ended_s), "{ended_s}");
+        assert!((1.45..1.6).contains(&ended_s), "{ended_s}");
         // Frames in which it is seen twice a second tell no motion.
         let brief = Settings { still_patience_s: 4.0, ..Settings::default() };
         let (_, turn) = wait(brief, |t| ((t * 60.0).round() as u32).is_multiple_of(30).then_some(0.0));

@@ -14,16 +14,15 @@ pub fn serve<H: Holder>(holder: &Arc<H>) -> Result<Service> {
     let of = Arc::clone(holder);
     Ok(holder.node().serve_to::<Trigger>("~/still_object", move |_, requester| {
         tracing::info!("still_object, asked for by {requester}");
-        let [x, z] = of.with(|cell| {
+        of.with(|cell| {
             let [x, z] = cell.velocity_m_s();
-            if x.hypot(z) <= AT_REST_M_S {
-                cell.still();
+            let speed_m_s = x.hypot(z);
+            if speed_m_s > AT_REST_M_S {
+                let message = format!("expected a hand at rest, got {speed_m_s:.2} m/s");
+                return TriggerResponse { success: false, message };
             }
-            [x, z]
-        });
-        let success = x.hypot(z) <= AT_REST_M_S;
-        let message =
-            if success { String::new() } else { format!("expected a hand at rest, got {:.2} m/s", x.hypot(z)) };
-        TriggerResponse { success, message }
+            cell.still();
+            TriggerResponse { success: true, message: String::new() }
+        })
     })?)
 }

@@ -139,7 +139,7 @@ fn a_soft_object_at_rest_is_kept_as_its_hand_starts() {
     };
     let of = |hand_moves| outcome(&(0..27).map(|i| at(i, hand_moves)).collect::<Vec<_>>()).unwrap();
     assert_eq!(of(true), ((0..27).collect(), vec![]));
-    // The same jump in a hand that stays at rest: the values were held.
+    // Jump of the same size in a hand that stays at rest: the values were held.
     assert!(of(false).1[0].contains("19 of 27 frames (70 %)"));
 }
 
