@@ -5,7 +5,9 @@ import json
 import signal
 
 import pytest
+from action_msgs.msg import GoalStatus
 from catenary_msgs.action import Infer, RunEpisode, Train
+from catenary_msgs.msg import ArmState
 from diagnostic_msgs.msg import DiagnosticArray
 
 from support.contract import ACTIONS, BY_NAME, SERVICES
@@ -61,8 +63,9 @@ def test_node_to_rclpy_training_asks_a_pool_of_rclpy(learners, name):
     assert pool.stepped - before >= 32 and pool.closed == [7]
 
 
-@pytest.mark.parametrize("name", ["/panda/enable"])
-def test_node_to_rclpy_enables_an_arm_of_rclpy(session, name):
+@pytest.fixture
+def runner_and_arm(session):
+    """The policy runner beside an arm in rclpy that it has heard."""
     session.node("policy_runner", "-p", f"model_file:={MODEL}")
     ros = session.meet("policy_runner")
     with Arm(session.domain) as arm:
@@ -70,12 +73,42 @@ def test_node_to_rclpy_enables_an_arm_of_rclpy(session, name):
         ros.node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
         heard = lambda: any(v.key == "poses_received" and int(v.value) > 0 for r in reports for v in r.status[0].values)
         ros.wait_for(heard, 20, "the runner, to hear the arm")
-        goal = RunEpisode.Goal(policy=array.array("B", policy_file()), max_steps=3, run_all_steps=True)
-        result = Goal(ros, BY_NAME["/policy_runner/run_episode"].kind, "/policy_runner/run_episode", goal).result()
+        yield ros, arm
+
+
+def episode(ros):
+    goal = RunEpisode.Goal(policy=array.array("B", policy_file()), max_steps=3, run_all_steps=True)
+    return Goal(ros, BY_NAME["/policy_runner/run_episode"].kind, "/policy_runner/run_episode", goal)
+
+
+@pytest.mark.parametrize("name", ["/panda/enable"])
+def test_node_to_rclpy_enables_an_arm_of_rclpy(runner_and_arm, name):
+    ros, arm = runner_and_arm
+    result = episode(ros).result()
     assert result.success and len(result.rewards) == 3
     assert arm.requests == [True, False]
     moved = [target.pose.position.x for target in arm.targets]
     assert moved == pytest.approx([0.40 + 0.06 * BIAS[0] * (step + 1) for step in range(3)])
+
+
+def test_an_episode_takes_no_notice_of_a_state_from_before_its_goal(runner_and_arm):
+    ros, arm = runner_and_arm
+    # The last state of the motion to the start, after which the arm answers its client and tells no state for a while.
+    arm.disabled_mode = ArmState.MODE_MOVING
+    ros.spin(0.2)
+    arm.disabled_mode = None
+    run = episode(ros)
+    assert not run.ends_within(0.5), run.answer.result().result
+    arm.disabled_mode = ArmState.MODE_IDLE
+    assert run.result().success and arm.requests == [True, False]
+
+
+def test_a_stop_in_the_wait_for_a_still_object_ends_the_episode(runner_and_arm):
+    ros, arm = runner_and_arm
+    run = episode(ros)
+    arm.disabled_mode = ArmState.MODE_USER_STOP
+    refused = run.result(GoalStatus.STATUS_ABORTED)
+    assert refused.message == "the arm refuses commands: the user stop is pressed" and arm.requests == []
 
 
 def deploy(session, *arguments):

@@ -82,6 +82,8 @@ class Arm(StandIn):
         self.pose.position.x, self.pose.position.z = 0.40, 0.42
         self.pose.orientation.x, self.pose.orientation.w = 1.0, 0.0
         self.enabled, self.requests, self.targets = False, [], []
+        # Mode that it tells while it is not enabled; None tells no state, as between two messages of a slow topic.
+        self.disabled_mode = ArmState.MODE_IDLE
         self.state, self.told = self.publisher("/panda/arm_state"), self.publisher("/panda/current_pose")
         self.keypoints, self.answers = self.publisher("/dlo/keypoints"), self.publisher("/panda/accepted_target")
         self.serve("/panda/enable", self.enable)
@@ -100,8 +102,9 @@ class Arm(StandIn):
         self.answers.publish(AcceptedTarget(header=target.header, accepted=True, pose=target.pose))
 
     def measure(self):
-        mode = ArmState.MODE_TRACKING if self.enabled else ArmState.MODE_IDLE
-        self.state.publish(self.stamped(ArmState(mode=mode, success_rate=1.0, is_sim=True), BASE))
+        mode = ArmState.MODE_TRACKING if self.enabled else self.disabled_mode
+        if mode is not None:
+            self.state.publish(self.stamped(ArmState(mode=mode, success_rate=1.0, is_sim=True), BASE))
         self.told.publish(self.stamped(PoseStamped(pose=self.pose), BASE))
         u = IMAGE_PX * self.pose.position.x
         seen = Keypoints(image_width=IMAGE_PX, image_height=IMAGE_PX, dlo_u=[u] * 4, dlo_v=[100.0, 120.0, 140.0, 160.0])

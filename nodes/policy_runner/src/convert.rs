@@ -72,6 +72,12 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
 }
 
+/// State of the arm, if it was measured at `since` or later. The newest state that was received may lag behind the answer of a service or action,
+/// which travels apart from it.
+pub fn measured_since(arm: Option<&ArmState>, since: Time) -> Option<&ArmState> {
+    arm.filter(|arm| stamp::from_msg(&arm.header.stamp) >= since)
+}
+
 /// Returns the reason why an arm that is not enabled yet may not be: a stop, a reflex, another motion, a lost connection. None if it may, or if
 /// nothing was heard of it yet.
 pub fn arm_stopped(arm: Option<&ArmState>) -> Option<String> {

@@ -228,8 +228,11 @@ impl Shell {
         let origin = self.node.now();
         let mut told = false;
         while !handle.is_cancelled() {
-            // An arm that was stopped meanwhile must not start once somebody has released it.
-            if let Some(why) = convert::arm_stopped(self.arm.get().as_ref().map(|a| &*a.message)) {
+            // An arm that was stopped meanwhile must not start once somebody has released it. States from before the goal tell of the motion to
+            // the start.
+            let arm = self.arm.get();
+            let meanwhile = convert::measured_since(arm.as_ref().map(|a| &*a.message), origin);
+            if let Some(why) = convert::arm_stopped(meanwhile) {
                 return Err(fault_error(Fault::Arm(why)));
             }
             match wait.turn(&self.inputs(origin)) {
@@ -334,6 +337,7 @@ impl Shell {
     fn enable_arm(&self) -> Result<()> {
         // Exactly one server is required to enable an arm. Disabling does not check this: it may reach several arms.
         self.enable.ensure_one_server()?;
+        let asked = self.node.now();
         let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE).inspect_err(|error| {
             // A request that timed out may still be carried out later.
             if !matches!(error, CallError::NoServer { .. } | CallError::Ambiguous { .. }) {
@@ -341,7 +345,7 @@ impl Shell {
             }
         })?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
-        self.wait_enabled().inspect_err(|_| self.disable_arm())
+        self.wait_enabled(asked).inspect_err(|_| self.disable_arm())
     }
 
     /// Stops the arm where it is. The last target of an episode may still be ahead of the arm, however the episode ended.
@@ -354,13 +358,19 @@ impl Shell {
         }
     }
 
-    fn wait_enabled(&self) -> Result<()> {
+    /// Waits for a state of the arm that was measured after the time `asked` and says that the arm can be commanded.
+    fn wait_enabled(&self, asked: Time) -> Result<()> {
         let mut seen = 0;
         let start = self.node.now();
         loop {
             let newest = self.arm.wait_newer(seen, ENABLE);
             let newest = newest.with_context(|| format!("no message on {}", self.arm.topic()))?;
-            match convert::arm_fault(Some(&newest.message)) {
+            // An older state tells of the episode before, at whose end the arm was disabled.
+            let why = match convert::measured_since(Some(&newest.message), asked) {
+                Some(state) => convert::arm_fault(Some(state)),
+                None => Some("its state is older than the request to enable it".to_owned()),
+            };
+            match why {
                 None => return Ok(()),
                 Some(why) if self.node.now().saturating_since(start) > ENABLE => return Err(anyhow!("the arm: {why}")),
                 Some(_) => seen = newest.count,
