@@ -81,6 +81,11 @@ def episode(ros):
     return Goal(ros, BY_NAME["/policy_runner/run_episode"].kind, "/policy_runner/run_episode", goal)
 
 
+def deploy(session, *arguments):
+    (session.folder / "policy").write_bytes(policy_file())
+    return session.start("deploy", "--policy", "policy", *arguments)
+
+
 @pytest.mark.parametrize("name", ["/panda/enable"])
 def test_node_to_rclpy_enables_an_arm_of_rclpy(runner_and_arm, name):
     ros, arm = runner_and_arm
@@ -111,9 +116,17 @@ def test_a_stop_in_the_wait_for_a_still_object_ends_the_episode(runner_and_arm):
     assert refused.message == "the arm refuses commands: the user stop is pressed" and arm.requests == []
 
 
-def deploy(session, *arguments):
-    (session.folder / "policy").write_bytes(policy_file())
-    return session.start("deploy", "--policy", "policy", *arguments)
+def test_an_episode_does_not_begin_for_a_client_that_was_killed_meanwhile(session, runner_and_arm):
+    _, arm = runner_and_arm
+    arm.swing_px = 30.0
+    child = deploy(session, "--from-here", "--wait-s", 20)
+    said = lambda: session.text("policy_runner.err")
+    session.wait_for(lambda: "the episode begins when the object hangs still" in said(), 20, "the wait for a still object")
+    child.kill()
+    child.wait(5)
+    arm.swing_px = 0.0
+    session.wait_for(lambda: "the client that asked for the episode left the graph" in said(), 20, "the end of the goal")
+    assert arm.requests == []
 
 
 @pytest.mark.parametrize("name", ["/panda/move_to_start", "/policy_runner/run_episode"])

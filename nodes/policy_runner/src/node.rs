@@ -191,11 +191,17 @@ impl Shell {
         // Told at once, and not after the wait.
         self.enable.ensure_one_server()?;
         self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
+        let requester = handle.requester().presence();
         if !self.still(handle, StillWait::new(own))? {
             let message = "cancelled".to_owned();
             let end = message.clone();
             return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
         }
+        // The wait may have taken minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
+        anyhow::ensure!(
+            !requester.has_ended(&handle.requester().presence()),
+            "the client that asked for the episode left the graph before the arm was enabled"
+        );
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;

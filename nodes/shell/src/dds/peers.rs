@@ -199,11 +199,36 @@ impl Requester {
     pub fn peer(&self) -> Peer {
         self.graph.peer_of(self.gid)
     }
+
+    /// Looks up whether the sender takes part in the graph now.
+    #[must_use]
+    pub fn presence(&self) -> Presence {
+        let peer = self.peer();
+        Presence { is_known: !peer.addresses.is_empty(), process: peer.process() }
+    }
 }
 
 impl fmt::Display for Requester {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.peer().fmt(f)
+    }
+}
+
+/// Presence of a node in the graph at one time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Presence {
+    /// True if discovery knows its participant.
+    is_known: bool,
+    /// Process number, if it runs on this machine and /proc shows it.
+    process: Option<u32>,
+}
+
+impl Presence {
+    /// Returns true if the node was there at `self` and is gone at `later`. A process of this machine that was killed is gone at once, a node of
+    /// another machine when its lease has ended.
+    #[must_use]
+    pub fn has_ended(&self, later: &Self) -> bool {
+        (self.is_known && !later.is_known) || (self.process.is_some() && later.process != self.process)
     }
 }
 
@@ -228,5 +253,24 @@ mod tests {
         assert!(peer.to_string().ends_with(&"ab".repeat(16)), "{peer}");
         let named = Peer { node: Some("/a".to_owned()), ..peer };
         assert_eq!(list_peers(&[named.clone(), named.clone(), named]), "/a, /a and /a");
+    }
+
+    #[test]
+    fn a_presence_ends_with_its_process_or_its_participant() {
+        let of = |is_known, process| Presence { is_known, process };
+        let (here, elsewhere, unknown) = (of(true, Some(7)), of(true, None), of(false, None));
+        for (before, later, ended) in [
+            (here, here, false),
+            (here, elsewhere, true),
+            (here, of(true, Some(8)), true),
+            (elsewhere, elsewhere, false),
+            (elsewhere, unknown, true),
+            // Discovery may be late.
+            (unknown, unknown, false),
+            (unknown, here, false),
+            (elsewhere, here, false),
+        ] {
+            assert_eq!(before.has_ended(&later), ended, "{before:?}, then {later:?}");
+        }
     }
 }
