@@ -109,27 +109,21 @@ fn concentration(heat: &Heat) -> f32 {
 /// Writes the share of the object in each pixel of the network's input. Beyond the mask there is none.
 fn fill(mask: &LabelMask, square: &Square, shape: convnet::Shape, input: &mut [f32]) {
     let scale = square.side / SIDE as f64;
-    // Mask pixels of a pixel of the input, and their number with those beyond the mask: the nearest one if it is smaller than they are.
-    let pixels = |corner: f64, k: usize, size: usize| {
-        let at = |k: f64| corner + scale * k;
-        let [low, high] = if scale < 1.0 {
-            let nearest = at(k as f64 + 0.5).floor();
-            [nearest, nearest + 1.0]
-        } else {
-            [at(k as f64).round(), at(k as f64 + 1.0).round()]
-        };
-        let inside = |c: f64| c.clamp(0.0, size as f64) as usize;
-        (inside(low)..inside(high), high - low)
-    };
     let (width, height) = (mask.width as usize, mask.height as usize);
+    // Mask pixels of a row or column of the input, each with the part of it that lies there. Whole pixels would not do: with 1.5 of them to one of
+    // the input, an upright object is up to a third too wide or too narrow.
+    let parts = |corner: f64, k: usize, size: usize| {
+        let [low, high] = [k, k + 1].map(|k| (corner + scale * k as f64).clamp(0.0, size as f64));
+        (low.floor() as usize..high.ceil() as usize).map(move |i| (i, high.min(i as f64 + 1.0) - low.max(i as f64)))
+    };
     for y in 0..SIDE {
-        let (rows, high) = pixels(square.corner[1], y, height);
         for (x, to) in input[shape.row(0, y)].iter_mut().enumerate() {
-            let (columns, wide) = pixels(square.corner[0], x, width);
-            let of_row =
-                |v: usize| mask.data[v * width..][columns.clone()].iter().filter(|l| **l == label::DLO).count();
-            let object: usize = rows.clone().map(of_row).sum();
-            *to = object as f32 / (high * wide).max(1.0) as f32;
+            let of_row = |v: usize| -> f64 {
+                let is_object = |u: &usize| mask.data[v * width + u] == label::DLO;
+                parts(square.corner[0], x, width).filter(|(u, _)| is_object(u)).map(|(_, part)| part).sum()
+            };
+            let object: f64 = parts(square.corner[1], y, height).map(|(v, part)| part * of_row(v)).sum();
+            *to = (object / (scale * scale)) as f32;
         }
     }
 }
@@ -143,4 +137,32 @@ fn distance_px(mask: &LabelMask, place: [f64; 2]) -> f64 {
     };
     let object = mask.data.iter().enumerate().filter(|(_, l)| **l == label::DLO);
     (object.map(|(i, _)| square(i)).fold(f64::MAX, f64::min).sqrt() - 0.7).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_upright_object_is_as_wide_in_the_input_as_in_the_mask() {
+        let net = NetworkKind::Ordered.heat_network();
+        let shape = net.shape(0);
+        for (first, side) in [(40, 97.0), (41, 97.0), (42, 150.3), (43, 40.0)] {
+            let mut mask = LabelMask::new(256, 256);
+            for v in 30..90 {
+                mask.data[v * 256 + first..v * 256 + first + 4].fill(label::DLO);
+            }
+            let square = Square { corner: [first as f64 + 2.0 - 0.5 * side, 60.0 - 0.5 * side], side };
+            let mut pass = Pass::new(&net);
+            fill(&mask, &square, shape, pass.input());
+            let scale = side / SIDE as f64;
+            for y in [28, 31, 36] {
+                let wide: f32 = pass.input()[shape.row(0, y)].iter().sum();
+                assert!((f64::from(wide) * scale - 4.0).abs() < 1e-4, "{wide} in a square of {side}");
+            }
+            let area: f32 = (0..SIDE).map(|y| pass.input()[shape.row(0, y)].iter().sum::<f32>()).sum();
+            let seen = 4.0 * side.min(60.0);
+            assert!((f64::from(area) * scale * scale - seen).abs() < 1e-2, "{area} in a square of {side}");
+        }
+    }
 }
