@@ -36,7 +36,7 @@ impl Network {
 impl Preset {
     /// Number of episodes, and sizes of the training.
     fn sizes(self, network: Network) -> (u32, TrainingSettings) {
-        let usual = TrainingSettings { steps: 2500, batch: 32, rate: 2e-3, threads: 1, seed: 1 };
+        let usual = TrainingSettings { steps: 5000, batch: 32, rate: 2e-3, threads: 1, seed: 1 };
         match (self, network) {
             (Self::Cpu, Network::Ordered) => (400, usual),
             (Self::Cpu, Network::Transporter) => {
