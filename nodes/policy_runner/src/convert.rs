@@ -72,10 +72,10 @@ pub fn arm_fault(arm: Option<&ArmState>) -> Option<String> {
     Some(if arm.fault.is_empty() { why.to_owned() } else { format!("{why}: {}", arm.fault) })
 }
 
-/// State of the arm, if it was measured at `since` or later. The newest state that was received may lag behind the answer of a service or action,
-/// which travels apart from it.
-pub fn measured_since(arm: Option<&ArmState>, since: Time) -> Option<&ArmState> {
-    arm.filter(|arm| stamp::from_msg(&arm.header.stamp) >= since)
+/// State of the arm, if it was measured after `since`. The newest state that was received may lag behind the answer of a service or action, which
+/// travels apart from it. A lost connection counts always: no state is measured any more.
+pub fn measured_after(arm: Option<&ArmState>, since: Time) -> Option<&ArmState> {
+    arm.filter(|arm| arm.mode == ArmState::MODE_DISCONNECTED || stamp::from_msg(&arm.header.stamp) > since)
 }
 
 /// Returns the reason why an arm that is not enabled yet may not be: a stop, a reflex, another motion, a lost connection. None if it may, or if
@@ -179,6 +179,23 @@ mod tests {
             assert!(of(mode).is_some(), "{mode}");
         }
         assert_eq!(arm_stopped(None), None);
+    }
+
+    #[test]
+    fn a_state_counts_after_a_time_and_a_lost_connection_always() {
+        let at =
+            |mode, nanos| ArmState { mode, header: stamp::header(Time::from_nanos(nanos), ""), ..ArmState::default() };
+        for (mode, nanos, counts) in [
+            (ArmState::MODE_MOVING, 4, false),
+            (ArmState::MODE_MOVING, 5, false),
+            (ArmState::MODE_MOVING, 6, true),
+            (ArmState::MODE_TRACKING, 0, false),
+            (ArmState::MODE_DISCONNECTED, 0, true),
+        ] {
+            let state = at(mode, nanos);
+            assert_eq!(measured_after(Some(&state), Time::from_nanos(5)).is_some(), counts, "{mode} at {nanos}");
+        }
+        assert!(measured_after(None, Time::from_nanos(5)).is_none());
     }
 
     #[test]

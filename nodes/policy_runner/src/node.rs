@@ -12,8 +12,8 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    CallError, Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node, NodeBuilder,
-    Outcome, Param, ParamSpec, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
+    Attendance, CallError, Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node,
+    NodeBuilder, Outcome, Param, ParamSpec, Presence, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -178,6 +178,7 @@ impl Shell {
 
     /// Runs one episode. [`End::Complete`] stands for a cancelled episode.
     fn episode(&self, handle: &GoalHandle<RunEpisode>, episode: u32) -> Result<(End, RunEpisodeResult)> {
+        let client = handle.requester().attendance();
         let goal = handle.goal();
         let policy = Policy::from_bytes(&goal.policy)?;
         let own = Settings {
@@ -191,17 +192,11 @@ impl Shell {
         // Told at once, and not after the wait.
         self.enable.ensure_one_server()?;
         self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
-        let requester = handle.requester().presence();
-        if !self.still(handle, StillWait::new(own))? {
+        if !self.still(handle, StillWait::new(own), client)? {
             let message = "cancelled".to_owned();
             let end = message.clone();
             return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
         }
-        // The wait may have taken minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
-        anyhow::ensure!(
-            !requester.has_ended(&handle.requester().presence()),
-            "the client that asked for the episode left the graph before the arm was enabled"
-        );
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;
@@ -230,21 +225,24 @@ impl Shell {
     }
 
     /// Waits until the object hangs still. Returns false if the episode was cancelled meanwhile.
-    fn still(&self, handle: &GoalHandle<RunEpisode>, mut wait: StillWait) -> Result<bool> {
+    fn still(&self, handle: &GoalHandle<RunEpisode>, mut wait: StillWait, mut client: Attendance) -> Result<bool> {
         let origin = self.node.now();
         let mut told = false;
         while !handle.is_cancelled() {
+            // The wait may take minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
+            let presence = client.look();
+            anyhow::ensure!(presence != Presence::Gone, "the client that asked for the episode has left the graph");
             // An arm that was stopped meanwhile must not start once somebody has released it. States from before the goal tell of the motion to
             // the start.
             let arm = self.arm.get();
-            let meanwhile = convert::measured_since(arm.as_ref().map(|a| &*a.message), origin);
+            let meanwhile = convert::measured_after(arm.as_ref().map(|a| &*a.message), origin);
             if let Some(why) = convert::arm_stopped(meanwhile) {
                 return Err(fault_error(Fault::Arm(why)));
             }
             match wait.turn(&self.inputs(origin)) {
-                StillTurn::Still => return Ok(true),
+                StillTurn::Still if presence == Presence::Here => return Ok(true),
                 StillTurn::Fault(fault) => return Err(fault_error(fault)),
-                StillTurn::Wait => {
+                StillTurn::Still | StillTurn::Wait => {
                     if let Some(px) = wait.moved_px().filter(|_| !std::mem::replace(&mut told, true)) {
                         tracing::info!(
                             "the episode begins when the object hangs still: stay clear; its keypoints move by {px:.1} px in a second"
@@ -364,17 +362,22 @@ impl Shell {
         }
     }
 
-    /// Waits for a state of the arm that was measured after the time `asked` and says that the arm can be commanded.
+    /// Waits for a state of the arm that was measured after `asked` and says that the arm can be commanded.
     fn wait_enabled(&self, asked: Time) -> Result<()> {
         let mut seen = 0;
         let start = self.node.now();
         loop {
             let newest = self.arm.wait_newer(seen, ENABLE);
             let newest = newest.with_context(|| format!("no message on {}", self.arm.topic()))?;
-            // An older state tells of the episode before, at whose end the arm was disabled.
-            let why = match convert::measured_since(Some(&newest.message), asked) {
+            // A state from before the request may still tell of an earlier episode, in which the arm was enabled.
+            let why = match convert::measured_after(Some(&newest.message), asked) {
                 Some(state) => convert::arm_fault(Some(state)),
-                None => Some("its state is older than the request to enable it".to_owned()),
+                None => {
+                    let age_s = asked.secs_since(stamp::from_msg(&newest.message.header.stamp));
+                    Some(format!(
+                        "the newest state's stamp lies {age_s:.3} s before the request to enable it: do the clocks agree?"
+                    ))
+                }
             };
             match why {
                 None => return Ok(()),

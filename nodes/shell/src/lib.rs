@@ -16,7 +16,7 @@ mod time;
 pub use dds::domain_claim::DomainClaim;
 pub use dds::interface::{Act, Msg, Payload, Srv};
 pub use dds::participant::{Discovery, domain_and_range, domain_id, is_domain_used_here};
-pub use dds::peers::{Peer, Presence, Requester, list_peers};
+pub use dds::peers::{Attendance, Peer, Presence, Requester, list_peers};
 pub use dds::qos::Qos;
 pub use endpoints::action::{
     ActionClient, ActionServer, Concurrency, Decision, GoalHandle, Outcome, RunningGoal, Status,

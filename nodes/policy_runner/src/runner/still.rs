@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 /// Time over which the object must not move, s: a swing of the softest bars.
 const WINDOW_S: f64 = 1.0;
-/// Number of parts of the window. The noise of the keypoints averages out in each of them, a swing of less than 4 Hz hardly does.
+/// Number of parts of the window. Parts of 0.1 s average out the noise of the keypoints, and keep swings of less than 4 Hz.
 const PARTS: usize = 10;
 
 /// Outcome of one turn.
@@ -39,7 +39,7 @@ impl StillWait {
         Self { settings, began_s: None, fresh_s: None, seen: VecDeque::new() }
     }
 
-    /// Decides at `inputs.now_s` whether an episode may begin.
+    /// Decides at `inputs.now_s` whether an episode may begin. A patience of 0 asks for no wait.
     pub fn turn(&mut self, inputs: &Inputs) -> StillTurn {
         let Settings { still_patience_s, patience_s, max_age_s, still_px, .. } = self.settings;
         if still_patience_s <= 0.0 {

@@ -5,7 +5,7 @@ use super::endpoint::Reader;
 use super::graph::Graph;
 use super::participant::{data_port, data_ports_here};
 use super::qos::Qos;
-use super::socket_owner::{are_local, is_local, process_at};
+use super::socket_owner::{are_local, is_bound, is_local, process_at, socket_at};
 use crate::error::ShellError;
 use futures::StreamExt;
 use ros2_client::builtin_topics::ros_discovery;
@@ -14,6 +14,7 @@ use std::fmt;
 use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Creates the reader of `ros_discovery_info`.
 pub(crate) fn reader(graph: &Graph) -> Result<Reader<ParticipantEntities>, ShellError> {
@@ -200,11 +201,17 @@ impl Requester {
         self.graph.peer_of(self.gid)
     }
 
-    /// Looks up whether the sender takes part in the graph now.
+    /// Begins to watch whether the sender still takes part in the graph.
     #[must_use]
-    pub fn presence(&self) -> Presence {
-        let peer = self.peer();
-        Presence { is_known: !peer.addresses.is_empty(), process: peer.process() }
+    pub fn attendance(&self) -> Attendance {
+        let addresses = self.peer().addresses;
+        Attendance {
+            sender: self.clone(),
+            was_known: !addresses.is_empty(),
+            socket: socket_at(&addresses),
+            missing_since: None,
+            last: None,
+        }
     }
 }
 
@@ -214,22 +221,62 @@ impl fmt::Display for Requester {
     }
 }
 
-/// Presence of a node in the graph at one time.
+/// State of a sender that was in the graph when its request came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Presence {
-    /// True if discovery knows its participant.
-    is_known: bool,
-    /// Process number, if it runs on this machine and /proc shows it.
-    process: Option<u32>,
+pub enum Presence {
+    /// It takes part, or it never was in discovery.
+    Here,
+    /// It was not found in the last look: look again.
+    Missing,
+    /// It was not found for a second.
+    Gone,
 }
 
-impl Presence {
-    /// Returns true if the node was there at `self` and is gone at `later`. A process of this machine that was killed is gone at once, a node of
-    /// another machine when its lease has ended.
-    #[must_use]
-    pub fn has_ended(&self, later: &Self) -> bool {
-        (self.is_known && !later.is_known) || (self.process.is_some() && later.process != self.process)
+/// Watch over the sender of a request. A process of this machine that is killed is missing at once; a node of another machine or container is
+/// missing when its lease has ended, up to 50 s later.
+pub struct Attendance {
+    sender: Requester,
+    was_known: bool,
+    /// Inode of its socket, if it receives on this machine.
+    socket: Option<u64>,
+    missing_since: Option<Instant>,
+    /// Time and outcome of the last look.
+    last: Option<(Instant, Presence)>,
+}
+
+impl Attendance {
+    /// Time without the sender after which it is gone. Discovery may lose a busy node for a moment, and the kernel's table of sockets can leave out
+    /// a row.
+    const MOMENT: Duration = Duration::from_secs(1);
+    /// Time for which a look counts: each reads the kernel's table or the whole of discovery.
+    const PERIOD: Duration = Duration::from_millis(100);
+
+    /// Looks for the sender. May be called as often as wanted.
+    pub fn look(&mut self) -> Presence {
+        let now = Instant::now();
+        if let Some((at, presence)) = self.last
+            && now.duration_since(at) < Self::PERIOD
+        {
+            return presence;
+        }
+        let is_here = match self.socket {
+            Some(inode) => is_bound(inode),
+            None => !self.was_known || !self.sender.peer().addresses.is_empty(),
+        };
+        let presence = judge(is_here, now, &mut self.missing_since);
+        self.last = Some((now, presence));
+        presence
     }
+}
+
+/// Presence after a look at `now`. `missing_since` is kept from look to look.
+fn judge(is_here: bool, now: Instant, missing_since: &mut Option<Instant>) -> Presence {
+    if is_here {
+        *missing_since = None;
+        return Presence::Here;
+    }
+    let since = *missing_since.get_or_insert(now);
+    if now.duration_since(since) < Attendance::MOMENT { Presence::Missing } else { Presence::Gone }
 }
 
 /// Joins peers in words: `/a (process 1) and /b (process 2)`.
@@ -256,21 +303,20 @@ mod tests {
     }
 
     #[test]
-    fn a_presence_ends_with_its_process_or_its_participant() {
-        let of = |is_known, process| Presence { is_known, process };
-        let (here, elsewhere, unknown) = (of(true, Some(7)), of(true, None), of(false, None));
-        for (before, later, ended) in [
-            (here, here, false),
-            (here, elsewhere, true),
-            (here, of(true, Some(8)), true),
-            (elsewhere, elsewhere, false),
-            (elsewhere, unknown, true),
-            // Discovery may be late.
-            (unknown, unknown, false),
-            (unknown, here, false),
-            (elsewhere, here, false),
-        ] {
-            assert_eq!(before.has_ended(&later), ended, "{before:?}, then {later:?}");
+    fn a_sender_is_gone_when_it_was_missing_for_a_second() {
+        let (start, mut since) = (Instant::now(), None);
+        let looks = [
+            (0, true, Presence::Here),
+            (100, false, Presence::Missing),
+            (900, false, Presence::Missing),
+            // Found again: the second begins anew.
+            (1000, true, Presence::Here),
+            (1200, false, Presence::Missing),
+            (2100, false, Presence::Missing),
+            (2200, false, Presence::Gone),
+        ];
+        for (ms, is_here, presence) in looks {
+            assert_eq!(judge(is_here, start + Duration::from_millis(ms), &mut since), presence, "{ms} ms");
         }
     }
 }

@@ -13,12 +13,16 @@ const INODE_COLUMN: usize = 9;
 ///
 /// Returns `None` if an address belongs to another machine or container, or the owner is a process of another user.
 pub(crate) fn process_at(addresses: &[SocketAddr]) -> Option<u32> {
+    owner(&format!("socket:[{}]", socket_at(addresses)?))
+}
+
+/// Returns the inode of a UDP socket that receives at one of the addresses; `None` if an address belongs to another machine or container.
+pub(crate) fn socket_at(addresses: &[SocketAddr]) -> Option<u64> {
     if !are_local(addresses) {
         return None;
     }
     let table = std::fs::read_to_string(UDP_TABLE).ok()?;
-    let inode = addresses.iter().find_map(|address| inode_of(&table, *address))?;
-    owner(&format!("socket:[{inode}]"))
+    addresses.iter().find_map(|address| inode_of(&table, *address))
 }
 
 /// Returns true if all addresses of a participant belong to this machine. A single address proves nothing: every machine with
@@ -94,6 +98,7 @@ mod tests {
         assert_eq!(process_at(&[address]), Some(std::process::id()));
         assert!(bound_ports().contains(&address.port()));
         let inode = inode_at(address.port()).unwrap();
+        assert_eq!(socket_at(&[address]), Some(inode));
         assert!(is_bound(inode));
         let any = UdpSocket::bind("0.0.0.0:0").unwrap();
         let port = any.local_addr().unwrap().port();

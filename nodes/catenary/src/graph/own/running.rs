@@ -31,13 +31,13 @@ pub struct Conditions<'a> {
     pub model_yaml: &'a str,
     /// Hidden values of the object. The cell's process alone receives them.
     pub truth: &'a [f64],
-    /// Seed of the cell and of the arm. Its upper 31 bits count: it has to be a derived seed, and not 1 or 2.
+    /// Seed of the cell and of the arm. Its upper 31 bits count, so that small numbers are all 0: pass a seed of `seed::derive`.
     pub seed: u64,
     /// True to start the nodes of simulation, inference and training, too.
     pub learning: bool,
 }
 
-/// Graph that this process started. Its processes end with this value.
+/// Graph that this process started. Its processes end when this value is dropped.
 pub struct OwnGraph<'a> {
     /// Node of this process in the graph's domain.
     pub node: &'a Node,
