@@ -14,6 +14,11 @@ use crate::track::End;
 use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use serde::Serialize;
 
+/// Distance of the target from its median place, from -1 to 1 over the mask, that no noise explains: 8 pixels of 256.
+const TARGET_APART: f64 = 0.0625;
+/// Share of the frames with the target elsewhere that deserves a warning.
+const TARGET_DOUBT: f64 = 0.05;
+
 /// Measured track with the inputs that a simulator needs to reproduce it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeasuredTrack {
@@ -90,7 +95,7 @@ impl Episode {
             }
         };
         let duration_s = self.duration_s - begin_s;
-        let (frames, actions) = match model.observation.drive {
+        let (mut frames, actions) = match model.observation.drive {
             DriveKind::Grip => {
                 let covered = path_coverage(grip.times_s(), duration_s);
                 let frames = sampled_frames(&seen, model, &grip, covered.until_s);
@@ -115,8 +120,11 @@ impl Episode {
             return Err(self.missing_because(&warnings, needed));
         }
         warnings.extend(few_warning(&frames, model));
-        // The target stands still: the median drops frames that mistake something else for it.
+        // The target stands still, in the simulator too: the median drops frames that mistake something else for it. A target that jumps is unlike
+        // any simulation, and would count for more in the inference than the object does.
         let target = median_target(&frames);
+        warnings.extend(target.and_then(|target| target_warning(&frames, target)));
+        frames.iter_mut().for_each(|frame| frame.target = target.unwrap_or(frame.target));
         // Ends by the user or by a fault have no name among the task's ends.
         let end = End::from_name(&self.end).unwrap_or(End::Complete);
         Ok(MeasuredTrack {
@@ -241,6 +249,19 @@ fn each_once<T: Copy>(steps: &[(u32, T)]) -> Result<Vec<T>, String> {
         Some((i, (step, _))) => Err(format!("step {step} in place of step {i}, among {} in all", steps.len())),
         None => Ok(steps.iter().map(|(_, value)| *value).collect()),
     }
+}
+
+/// Warning about a target that many frames see at another place than `target`.
+fn target_warning(frames: &[Frame], target: [f64; 2]) -> Option<String> {
+    let is_elsewhere = |f: &&Frame| (f.target[0] - target[0]).hypot(f.target[1] - target[1]) > TARGET_APART;
+    let share = frames.iter().filter(is_elsewhere).count() as f64 / frames.len().max(1) as f64;
+    (share > TARGET_DOUBT).then(|| {
+        format!(
+            "{KEYPOINTS}: target_u, target_v: in {:.0} % of the frames the target lies elsewhere than in the others, where something else may be mistaken \
+             for it or somebody moved it; the median place is used",
+            100.0 * share
+        )
+    })
 }
 
 /// Median of the target's position over the frames, coordinate by coordinate.

@@ -55,6 +55,20 @@ fn track_takes_the_frames_nearest_to_the_models_times() {
 }
 
 #[test]
+fn the_target_stands_still_though_frames_mistake_something_else_for_it() {
+    let steady = log().episode(None).unwrap().measured(&model()).unwrap();
+    let mut episode = log().episode(None).unwrap();
+    for (_, k) in episode.keypoints.iter_mut().enumerate().filter(|(i, _)| i % 7 == 0 || *i > 200).map(|(_, k)| k) {
+        k.target_px = Some([90.0, 40.0]);
+    }
+    let measured = episode.measured(&model()).unwrap();
+    assert_eq!((&measured.track, measured.target_m), (&steady.track, steady.target_m));
+    let told: Vec<&String> = measured.warnings.iter().filter(|w| w.contains("target")).collect();
+    assert!(told.len() == 1 && told[0].contains("% of the frames"), "{told:?}");
+    assert!(steady.warnings.iter().all(|w| !w.contains("target")), "{:?}", steady.warnings);
+}
+
+#[test]
 fn the_order_of_arrival_does_not_matter() {
     let forward = log().episode(None).unwrap();
     let mut backward = EpisodeLog::default();
