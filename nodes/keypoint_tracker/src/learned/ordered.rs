@@ -17,6 +17,8 @@ const DISTANCE: f32 = 40.0;
 /// Largest shift in pixels and turn in rad of a view. Shifts do not matter in a square around the object.
 const SHIFT_PX: f64 = 4.0;
 const TURN_RAD: f64 = 0.5;
+/// Largest growth of the object's mask in pixels: masks of real segmentations are up to a pixel larger than the object on each side.
+const MOST_GROWN_PX: f64 = 1.2;
 /// Part of the length at each end that a cover along the line leaves to be seen.
 const END_SEEN: f64 = 0.03;
 /// Share of the views with a cover over an end, for each end.
@@ -43,7 +45,7 @@ impl Labelled {
             if places.iter().flatten().any(|c| c.abs() > EDGE) {
                 continue;
             }
-            let mut coverage = view.coverage(&square, SIDE, &covers);
+            let mut coverage = view.grown(rng.random_range(0.0..MOST_GROWN_PX)).coverage(&square, SIDE, &covers);
             roughen(&mut coverage, rng);
             return Self { coverage, places };
         }
@@ -78,7 +80,7 @@ impl Labelled {
 }
 
 /// Covers of a view: none, one or some, along the line, and seldom one over an end. Object and cover both end straight, so that nobody can tell a
-/// covered end from the end of the object: a network that has seen many of them places the keypoints of whole objects too far outwards.
+/// covered end from the end of the object, and the keypoints of whole objects would pay for many covered ends.
 fn covers(view: &ObjectView, rng: &mut impl Rng) -> Vec<Cover> {
     let number = [0, 0, 1, 1, 2, 3][rng.random_range(0..6)];
     let mut covers = Vec::with_capacity(number + 2);

@@ -16,8 +16,8 @@ const OFF_OBJECT_PX: f64 = 4.0;
 
 /// Tracker that reads keypoints from the heat maps of a network.
 ///
-/// [`NetworkKind::Ordered`] sees a square around the object. Its keypoints lie at fixed fractions of the length, hidden parts included, from
-/// the fingers on; the score is the concentration of the heat.
+/// [`NetworkKind::Ordered`] sees a square around the object. Its keypoints lie at fixed fractions of the length, hidden parts between
+/// the ends included, from the fingers on; the score is the concentration of the heat.
 ///
 /// [`NetworkKind::Transporter`] sees the whole mask. Its keypoints lie where its training put them, in an order of their own that may change
 /// between frames; the score falls with the distance from the object.
@@ -106,11 +106,11 @@ fn concentration(heat: &Heat) -> f32 {
     (HEAT_WIDTH * HEAT_WIDTH / heat.spread().max(1e-9)).min(1.0)
 }
 
-/// Writes the share of the object in each pixel of the network's input. Beyond the mask there is none.
+/// Share of each pixel of the network's input that the object covers, written to `input`. Beyond the mask there is no object.
 fn fill(mask: &LabelMask, square: &Square, shape: convnet::Shape, input: &mut [f32]) {
     let scale = square.side / SIDE as f64;
     let (width, height) = (mask.width as usize, mask.height as usize);
-    // Mask pixels of a row or column of the input, each with the part of it that lies there. Whole pixels would not do: with 1.5 of them to one of
+    // Mask pixels of a row or column of the input, each with the fraction of it that lies inside. Whole pixels would not do: with 1.5 of them to one of
     // the input, an upright object is up to a third too wide or too narrow.
     let parts = |corner: f64, k: usize, size: usize| {
         let [low, high] = [k, k + 1].map(|k| (corner + scale * k as f64).clamp(0.0, size as f64));
@@ -147,12 +147,12 @@ mod tests {
     fn an_upright_object_is_as_wide_in_the_input_as_in_the_mask() {
         let net = NetworkKind::Ordered.heat_network();
         let shape = net.shape(0);
-        for (first, side) in [(40, 97.0), (41, 97.0), (42, 150.3), (43, 40.0)] {
+        for (first, side, shift) in [(40, 97.0, 0.0), (41, 97.0, 0.3), (42, 150.3, 0.7), (43, 40.0, 0.5)] {
             let mut mask = LabelMask::new(256, 256);
             for v in 30..90 {
                 mask.data[v * 256 + first..v * 256 + first + 4].fill(label::DLO);
             }
-            let square = Square { corner: [first as f64 + 2.0 - 0.5 * side, 60.0 - 0.5 * side], side };
+            let square = Square { corner: [first as f64 + 2.0 + shift - 0.5 * side, 60.0 - 0.5 * side], side };
             let mut pass = Pass::new(&net);
             fill(&mask, &square, shape, pass.input());
             let scale = side / SIDE as f64;

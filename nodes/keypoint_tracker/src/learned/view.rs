@@ -150,6 +150,18 @@ impl ObjectView {
         distance.iter().enumerate().map(share).collect()
     }
 
+    /// The view of an object that is larger by `px` at both ends, and by half of that on each side.
+    pub(super) fn grown(&self, px: f64) -> Self {
+        let mut line = self.line.clone();
+        let last = line.len() - 1;
+        for (end, next) in [(0, 1), (last, last - 1)] {
+            let (p, q) = (self.line[end], self.line[next]);
+            let norm = (p[0] - q[0]).hypot(p[1] - q[1]).max(1e-9);
+            line[end] = [0, 1].map(|i| p[i] + px * (p[i] - q[i]) / norm);
+        }
+        Self { line, half_width: self.half_width + 0.5 * px }
+    }
+
     /// The view turned, mirrored, moved and scaled by a random change.
     pub(super) fn changed(&self, change: &Change) -> Self {
         let line = self.line.iter().map(|p| change.of(*p)).collect();
@@ -223,5 +235,9 @@ mod tests {
         assert!((of_view.side - of_mask.side).abs() <= 1.5 && (of_view.corner[1] - of_mask.corner[1]).abs() <= 1.0);
         let labelled = view.mask(&[]).data.iter().filter(|l| **l == label::DLO).count();
         assert!((460..520).contains(&labelled), "{labelled}");
+        // A larger mask of the same object: one pixel more at both ends, and half a pixel on each side.
+        let grown = view.grown(1.0);
+        assert_eq!((grown.length(), grown.half_width), (view.length() + 2.0, view.half_width + 0.5));
+        assert_eq!((grown.line[0], grown.line[40], grown.line[20]), ([128.0, 59.0], [128.0, 141.0], view.line[20]));
     }
 }
