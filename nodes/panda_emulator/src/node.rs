@@ -76,7 +76,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
 fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&Handle, bool)) -> Result<Service> {
     let handle = handle.clone();
     Ok(node.serve_to::<SetBool>(name, move |request, requester| {
-        tracing::info!("{what}: {}, asked for by {requester}", request.data);
+        tracing::info!("{what}: {}, asked for by {}", request.data, requester.peer());
         set(&handle, request.data);
         SetBoolResponse { success: true, message: String::new() }
     })?)
@@ -88,7 +88,8 @@ fn serve_guiding(node: &Node, handle: &Handle) -> Result<Service> {
     Ok(node.serve_to::<SetBool>("~/guiding", move |request, requester| {
         let mode = handle.snapshot().mode;
         let allowed = !request.data || matches!(mode, RobotMode::UserStopped | RobotMode::Guiding);
-        tracing::info!("guiding: {}, asked for by {requester}{}", request.data, if allowed { "" } else { ": refused" });
+        let outcome = if allowed { "" } else { ": refused" };
+        tracing::info!("guiding: {}, asked for by {}{outcome}", request.data, requester.peer());
         if allowed {
             handle.set_guiding(request.data);
         }

@@ -160,7 +160,7 @@ impl Shell {
 
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
-        tracing::info!("episode {episode}: run_episode, asked for by {}", handle.requester());
+        tracing::info!("episode {episode}: run_episode, asked for by {}", handle.requester().peer());
         match self.episode(handle, episode).inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
             // `End::Complete` marks a cancelled episode; see `episode`.
             Ok((End::Complete, result)) => Outcome::Canceled(result),

@@ -455,7 +455,7 @@ fn servers_publishers_and_requesters_are_named() {
     let (told, tells) = channel();
     let _enable = arm
         .serve_to::<SetBool>("panda/enable", move |request, requester| {
-            told.send(requester.to_string()).unwrap();
+            told.send(requester.peer().to_string()).unwrap();
             SetBoolResponse { success: request.data, message: String::new() }
         })
         .unwrap();

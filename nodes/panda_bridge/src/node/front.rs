@@ -324,6 +324,7 @@ impl<P: Plant> Front<P> {
 
 /// Logs a request that may move or stop the arm, with its sender and its outcome.
 fn report<T>(what: &str, requester: &Requester, done: &Result<T, String>) {
+    let requester = requester.peer();
     match done {
         Ok(_) => tracing::info!("{what}, asked for by {requester}: done"),
         Err(why) => tracing::info!("{what}, asked for by {requester}: refused: {why}"),

@@ -7,7 +7,8 @@ use crate::parameters::names;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Size of the directory at which an update removes the participants that have left the graph. Chosen, above the size of
 /// any laboratory.
@@ -36,10 +37,15 @@ pub(crate) struct ParticipantEntities {
     nodes: Vec<NodeEntities>,
 }
 
+/// Listed nodes of each participant.
+type Nodes = BTreeMap<Prefix, Vec<NodeEntities>>;
+
 /// Nodes of each participant.
 #[derive(Debug, Default)]
 pub(crate) struct Directory {
-    nodes: Mutex<BTreeMap<Prefix, Vec<NodeEntities>>>,
+    nodes: Mutex<Nodes>,
+    /// Notified of every update.
+    updated: Condvar,
 }
 
 pub(crate) fn prefix(gid: &Gid) -> Prefix {
@@ -53,7 +59,7 @@ fn path(node: &NodeEntities) -> String {
 }
 
 impl Directory {
-    fn nodes(&self) -> MutexGuard<'_, BTreeMap<Prefix, Vec<NodeEntities>>> {
+    fn nodes(&self) -> MutexGuard<'_, Nodes> {
         self.nodes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -72,6 +78,7 @@ impl Directory {
             nodes.retain(|prefix, _| present.contains(prefix));
         }
         nodes.insert(prefix, told.nodes);
+        self.updated.notify_all();
     }
 
     /// Returns the names of the nodes of a participant; `None` if it has not listed them.
@@ -81,15 +88,26 @@ impl Directory {
 
     /// Returns the name of the node of an endpoint. For an unlisted endpoint, returns the names of all nodes of its participant.
     pub(super) fn name(&self, gid: &Gid) -> Option<String> {
-        let nodes = self.nodes();
-        let of_participant = nodes.get(&prefix(gid))?;
-        let owner = of_participant.iter().find(|n| n.readers.contains(gid) || n.writers.contains(gid));
-        // An endpoint that is not listed yet belongs to one of the nodes, so all of them are named.
-        match (owner, &of_participant[..]) {
-            (Some(node), _) => Some(path(node)),
-            (None, []) => None,
-            (None, all) => Some(all.iter().map(path).collect::<Vec<_>>().join(" or ")),
-        }
+        name_among(&self.nodes(), gid)
+    }
+
+    /// Returns the name of the node of an endpoint, as [`Directory::name`]. Waits up to `patience` for the list of its participant.
+    pub(super) fn name_within(&self, gid: &Gid, patience: Duration) -> Option<String> {
+        let is_unlisted = |nodes: &mut Nodes| !nodes.contains_key(&prefix(gid));
+        let waited = self.updated.wait_timeout_while(self.nodes(), patience, is_unlisted);
+        let (nodes, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        name_among(&nodes, gid)
+    }
+}
+
+fn name_among(nodes: &Nodes, gid: &Gid) -> Option<String> {
+    let of_participant = nodes.get(&prefix(gid))?;
+    let owner = of_participant.iter().find(|n| n.readers.contains(gid) || n.writers.contains(gid));
+    // An endpoint that is not listed yet belongs to one of the nodes, so all of them are named.
+    match (owner, &of_participant[..]) {
+        (Some(node), _) => Some(path(node)),
+        (None, []) => None,
+        (None, all) => Some(all.iter().map(path).collect::<Vec<_>>().join(" or ")),
     }
 }
 
@@ -136,6 +154,21 @@ mod tests {
         assert_eq!(directory.name(&gid_of(2, 7)), None);
         directory.update(ParticipantEntities { participant: gid_of(1, 1), nodes: Vec::new() }, BTreeSet::new);
         assert_eq!(directory.name(&gid_of(1, 7)), None);
+    }
+
+    #[test]
+    fn the_name_of_an_endpoint_is_awaited_until_its_participant_lists_it() {
+        let (directory, late) = (Directory::default(), gid_of(1, 7));
+        assert_eq!(directory.name_within(&late, Duration::from_millis(1)), None);
+        std::thread::scope(|threads| {
+            let waiting = threads.spawn(|| directory.name_within(&late, Duration::from_secs(20)));
+            // The list of another participant comes first.
+            for participant in [2, 1] {
+                let nodes = vec![node("/", &format!("of_{participant}"), &[gid_of(participant, 7)], &[])];
+                directory.update(ParticipantEntities { participant: gid_of(participant, 1), nodes }, BTreeSet::new);
+            }
+            assert_eq!(waiting.join().unwrap().as_deref(), Some("/of_1"));
+        });
     }
 
     #[test]

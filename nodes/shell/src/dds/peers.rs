@@ -71,10 +71,14 @@ impl Graph {
 
     /// Returns the node of an endpoint, even if discovery does not know the endpoint: the addresses are those of its participant.
     pub(crate) fn peer_of(&self, gid: Gid) -> Peer {
+        Peer { node: self.directory().name(&gid), gid, addresses: self.addresses_of_participant(gid) }
+    }
+
+    /// Returns the addresses of an endpoint's participant; empty if discovery does not know it.
+    fn addresses_of_participant(&self, gid: Gid) -> Vec<SocketAddr> {
         let of_participant = |e: &Endpoint| prefix(&e.gid) == prefix(&gid) && !e.addresses.is_empty();
         let mut known = self.living_writers().into_iter().chain(self.living_readers());
-        let addresses = known.find(of_participant).map(|e| e.addresses).unwrap_or_default();
-        Peer { node: self.directory().name(&gid), gid, addresses }
+        known.find(of_participant).map(|e| e.addresses).unwrap_or_default()
     }
 
     /// Returns the nodes of endpoints, each node once.
@@ -183,7 +187,10 @@ impl fmt::Display for Peer {
     }
 }
 
-/// Sender of a request. Displays as its [`Peer`], which is looked up only when displayed.
+/// Time in which a participant lists its nodes after its first request. A DDS program that is no ROS 2 node never does, so the time is short.
+const LISTED: Duration = Duration::from_secs(1);
+
+/// Sender of a request.
 #[derive(Clone)]
 pub struct Requester {
     gid: Gid,
@@ -195,16 +202,22 @@ impl Requester {
         Self { gid: request.writer_gid.to_bytes16(), graph: Arc::clone(graph) }
     }
 
-    /// Looks up the node that sent the request.
+    /// Looks up the node that sent the request. Waits up to a second for the name of a node that is new in the graph: its first request may come
+    /// before the list of its participant.
     #[must_use]
     pub fn peer(&self) -> Peer {
-        self.graph.peer_of(self.gid)
+        let node = self.graph.directory().name_within(&self.gid, LISTED);
+        Peer { node, gid: self.gid, addresses: self.addresses() }
+    }
+
+    fn addresses(&self) -> Vec<SocketAddr> {
+        self.graph.addresses_of_participant(self.gid)
     }
 
     /// Begins to watch whether the sender still takes part in the graph.
     #[must_use]
     pub fn attendance(&self) -> Attendance {
-        let addresses = self.peer().addresses;
+        let addresses = self.addresses();
         Attendance {
             sender: self.clone(),
             was_known: !addresses.is_empty(),
@@ -212,12 +225,6 @@ impl Requester {
             missing_since: None,
             last: None,
         }
-    }
-}
-
-impl fmt::Display for Requester {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.peer().fmt(f)
     }
 }
 
@@ -261,7 +268,7 @@ impl Attendance {
         }
         let is_here = match self.socket {
             Some(inode) => is_bound(inode),
-            None => !self.was_known || !self.sender.peer().addresses.is_empty(),
+            None => !self.was_known || !self.sender.addresses().is_empty(),
         };
         let presence = judge(is_here, now, &mut self.missing_since);
         self.last = Some((now, presence));

@@ -262,7 +262,7 @@ impl<A: Act> Driver<A> {
         let accepted = match decision {
             Decision::Accept => true,
             Decision::Reject(reason) => {
-                tracing::warn!("{}: goal of {requester} rejected: {reason}", self.name);
+                tracing::warn!("{}: goal of {} rejected: {reason}", self.name, requester.peer());
                 false
             }
         };
