@@ -76,8 +76,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
 fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&Handle, bool)) -> Result<Service> {
     let handle = handle.clone();
     Ok(node.serve_to::<SetBool>(name, move |request, requester| {
-        tracing::info!("{what}: {}, asked for by {}", request.data, requester.peer());
         set(&handle, request.data);
+        tracing::info!("{what}: {}, asked for by {}", request.data, requester.peer());
         SetBoolResponse { success: true, message: String::new() }
     })?)
 }
@@ -88,11 +88,11 @@ fn serve_guiding(node: &Node, handle: &Handle) -> Result<Service> {
     Ok(node.serve_to::<SetBool>("~/guiding", move |request, requester| {
         let mode = handle.snapshot().mode;
         let allowed = !request.data || matches!(mode, RobotMode::UserStopped | RobotMode::Guiding);
-        let outcome = if allowed { "" } else { ": refused" };
-        tracing::info!("guiding: {}, asked for by {}{outcome}", request.data, requester.peer());
         if allowed {
             handle.set_guiding(request.data);
         }
+        let outcome = if allowed { "" } else { ": refused" };
+        tracing::info!("guiding: {}, asked for by {}{outcome}", request.data, requester.peer());
         let message = if allowed { String::new() } else { format!("expected a pressed user stop, got mode {mode:?}") };
         SetBoolResponse { success: allowed, message }
     })?)

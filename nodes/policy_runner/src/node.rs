@@ -192,7 +192,7 @@ impl Shell {
         // Told at once, and not after the wait.
         self.enable.ensure_one_server()?;
         self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
-        if !self.still(handle, StillWait::new(own), client)? {
+        if !self.still(handle, &mut runner, StillWait::new(own), client)? {
             let message = "cancelled".to_owned();
             let end = message.clone();
             return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
@@ -225,7 +225,13 @@ impl Shell {
     }
 
     /// Waits until the object hangs still. Returns false if the episode was cancelled meanwhile.
-    fn still(&self, handle: &GoalHandle<RunEpisode>, mut wait: StillWait, mut client: Attendance) -> Result<bool> {
+    fn still(
+        &self,
+        handle: &GoalHandle<RunEpisode>,
+        runner: &mut Runner,
+        mut wait: StillWait,
+        mut client: Attendance,
+    ) -> Result<bool> {
         let origin = self.node.now();
         let mut told = false;
         while !handle.is_cancelled() {
@@ -239,7 +245,9 @@ impl Shell {
             if let Some(why) = convert::arm_stopped(meanwhile) {
                 return Err(fault_error(Fault::Arm(why)));
             }
-            match wait.turn(&self.inputs(origin)) {
+            let inputs = self.inputs(origin);
+            runner.look_ahead(&inputs);
+            match wait.turn(&inputs) {
                 StillTurn::Still if presence == Presence::Here => return Ok(true),
                 StillTurn::Fault(fault) => return Err(fault_error(fault)),
                 StillTurn::Still | StillTurn::Wait => {

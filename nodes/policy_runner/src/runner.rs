@@ -1,7 +1,9 @@
 //! State machine of one episode.
 
+mod standing_target;
 mod still;
 
+use standing_target::StandingTarget;
 pub use still::{StillTurn, StillWait};
 
 use catenary_core::policy::Memory;
@@ -232,7 +234,7 @@ pub struct Runner {
     next_step: usize,
     due_s: Option<f64>,
     last_target_m: Option<[f64; 2]>,
-    last_seen_target: Option<[f64; 2]>,
+    target: StandingTarget,
     target_left_workspace: bool,
     rewards: Vec<f64>,
     end: Option<End>,
@@ -283,7 +285,7 @@ impl Runner {
             next_step: 0,
             due_s: None,
             last_target_m: None,
-            last_seen_target: None,
+            target: StandingTarget::default(),
             target_left_workspace: false,
             rewards: Vec::new(),
             end: None,
@@ -307,6 +309,7 @@ impl Runner {
 
     /// Decides the next action at `inputs.now_s`.
     pub fn turn(&mut self, inputs: &Inputs) -> Turn {
+        self.target.look(inputs, self.settings.max_age_s);
         // The first turn begins the episode: step 0 is due at once.
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
         // Checked in every turn, also between two steps: an arm that stopped must not wait for the next step.
@@ -340,11 +343,16 @@ impl Runner {
         }
     }
 
+    /// Looks at the target before the episode, so that the first step knows its place better than from one frame.
+    pub fn look_ahead(&mut self, inputs: &Inputs) {
+        self.target.look(inputs, self.settings.max_age_s);
+    }
+
     /// Assembles the observation. Data from before the due time count as fresh within the age limit.
     ///
     /// # Errors
     /// Kind of the missing data, and their state.
-    fn observe(&mut self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
+    fn observe(&self, inputs: &Inputs, due_s: f64) -> Result<(Observation, [f64; 2]), (&'static str, String)> {
         let oldest_s = inputs.now_s.max(due_s) - self.settings.max_age_s;
         let newest_s = inputs.now_s + self.settings.max_age_s;
         let fresh = |what: &'static str, stamp_s: f64| {
@@ -357,11 +365,7 @@ impl Runner {
         if !keypoints.dlo_seen() {
             return Err(("keypoints", NOT_SEEN.to_owned()));
         }
-        // The target does not move, so an occluded one keeps its last position.
-        if let Some(target) = keypoints.target_scaled() {
-            self.last_seen_target = Some(target);
-        }
-        let target = self.last_seen_target.ok_or(("target", "it was never seen".to_owned()))?;
+        let target = self.target.place().ok_or(("target", "it was never seen".to_owned()))?;
         Ok((Observation::new([pose.x_m, pose.z_m], &keypoints.dlo_scaled(), target), [keypoints_s, pose_s]))
     }
 

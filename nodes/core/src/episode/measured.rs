@@ -123,8 +123,10 @@ impl Episode {
         // The target stands still, in the simulator too: the median drops frames that mistake something else for it. A target that jumps is unlike
         // any simulation, and would count for more in the inference than the object does.
         let target = median_target(&frames);
-        warnings.extend(target.and_then(|target| target_warning(&frames, target)));
-        frames.iter_mut().for_each(|frame| frame.target = target.unwrap_or(frame.target));
+        if let Some(target) = target {
+            warnings.extend(target_warning(&frames, target));
+            frames.iter_mut().for_each(|frame| frame.target = target);
+        }
         // Ends by the user or by a fault have no name among the task's ends.
         let end = End::from_name(&self.end).unwrap_or(End::Complete);
         Ok(MeasuredTrack {
