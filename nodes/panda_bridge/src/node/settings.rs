@@ -63,9 +63,10 @@ impl Settings {
         let real = b.declare_bool("is_real", true, fixed(real))?.get();
         let tolerance = "Distance from the start pose up to which a move counts as arrived; soft arms need more.";
         let tolerance = b.declare_f64("start_tolerance_m", 0.03, fixed(tolerance).unit("m").range(0.001..=0.2))?;
+        let gate = gate(b, model.as_ref())?;
         let arm = ArmSettings {
-            gate: gate(b, model.as_ref())?,
-            start: start(b, model.as_ref())?,
+            start: start(b, model.as_ref(), &gate.workspace)?,
+            gate,
             real,
             start_tolerance_m: tolerance.get(),
         };
@@ -131,7 +132,7 @@ fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
     })
 }
 
-fn start(b: &NodeBuilder, model: Option<&Model>) -> Result<Option<ArmPose>> {
+fn start(b: &NodeBuilder, model: Option<&Model>, workspace: &Workspace) -> Result<Option<ArmPose>> {
     let text = "Start pose: x, y, z in m and the quaternion x, y, z, w; empty: the model file's.";
     let given = b.declare("start_pose", Vec::<f64>::new(), fixed(text))?.get();
     match given[..] {
@@ -141,6 +142,13 @@ fn start(b: &NodeBuilder, model: Option<&Model>) -> Result<Option<ArmPose>> {
         [x, y, z, qx, qy, qz, qw] => {
             let pose = ArmPose { position_m: [x, y, z], quaternion_xyzw: [qx, qy, qz, qw] };
             ensure!(pose.is_normalised(), "parameter start_pose: expected a unit quaternion, got {:?}", &given[3..]);
+            let Workspace { x_m, y_m, z_m } = workspace;
+            // Every request to move there would be refused.
+            ensure!(
+                workspace.contains(x, y, z),
+                "parameter start_pose: expected a place inside the workspace (x {x_m:?}, y {y_m:?}, z {z_m:?} m), got {:?}",
+                &given[..3]
+            );
             Ok(Some(pose))
         }
         _ => bail!("parameter start_pose: expected seven values, got {}", given.len()),

@@ -80,10 +80,12 @@ fn settings(b: &NodeBuilder, generation: Generation) -> Result<Settings> {
     let stop = "Refuse motions after the user stop was released until the errors are recovered from.";
     let manual = "Refuse the automatic recovery after a joint limit or a self-collision.";
     let delay = fixed("Delay of a torque command.").unit("cycles").integer_range(0..=10);
+    let mass = "Mass in the hand that the control box does not know.";
+    let mass = fixed(mass).unit("kg").range(0.0..=100.0);
     let settings = Settings {
         start_joints_rad: joints("start_joints_rad", d.start_joints_rad, "rad", "Joint angles at power-up.")?,
         true_load: Load {
-            mass_kg: number("load.mass_kg", 0.0, "kg", "Mass in the hand that the control box does not know.")?,
+            mass_kg: b.declare_f64("load.mass_kg", 0.0, mass)?.get(),
             centre_m: array(b, "load.centre_m", [0.0, 0.0, 0.1], "m", "Its centre in the frame of the flange.")?,
             inertia: d.true_load.inertia,
         },
@@ -120,7 +122,8 @@ fn settings(b: &NodeBuilder, generation: Generation) -> Result<Settings> {
 fn array<const N: usize>(b: &NodeBuilder, name: &str, default: [f64; N], unit: &str, text: &str) -> Result<[f64; N]> {
     let given = b.declare(name, default.to_vec(), fixed(text).unit(unit))?.get();
     match <[f64; N]>::try_from(given.as_slice()) {
-        Ok(values) => Ok(values),
+        Ok(values) if values.iter().all(|v| v.is_finite()) => Ok(values),
+        Ok(values) => bail!("parameter {name}: expected {N} finite numbers, got {values:?}"),
         Err(_) => bail!("parameter {name}: expected {N} values, got {}", given.len()),
     }
 }
