@@ -5,6 +5,7 @@
 //! middle.
 
 use crate::ModelError;
+use crate::model::within;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -80,17 +81,19 @@ fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
     p.map(|v| v * r / seen)
 }
 
-/// Rejects a roll that is not finite, and a lens that folds the image over within one focal length of its axis.
+/// Limits beyond which a number is taken for one in another unit. Chosen.
+const CAMERA_M: [f64; 2] = [-20.0, 20.0];
+const SIDE_M: [f64; 2] = [0.01, 20.0];
+const ROLL_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
+/// Focal lengths are 0.5 to 5 times the image's width. Those of most lenses in mm lie below.
+const FOCAL_PX: [f64; 2] = [30.0, 1e5];
+
+/// Rejects an impossible roll, and a lens that folds the image over within one focal length of its axis.
 fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
-    let refuse = |field: &str, expected: &str, got: f64| {
-        Err(ModelError::value(format!("camera.view.{kind}.{field}"), expected, got))
-    };
-    if !roll_rad.is_finite() {
-        return refuse("roll_rad", "a finite number", roll_rad);
-    }
+    within(&format!("camera.view.{kind}.roll_rad"), ROLL_RAD, "rad", roll_rad)?;
     // The derivative 1 + 3 k1 r^2 of the distorted radius is zero at r = 1 for k1 = -1/3.
     if !(k1.is_finite() && k1 > -1.0 / 3.0) {
-        return refuse("distortion_k1", "a number above -1/3", k1);
+        return Err(ModelError::value(format!("camera.view.{kind}.distortion_k1"), "a number above -1/3", k1));
     }
     Ok(())
 }
@@ -112,13 +115,11 @@ impl Camera {
     pub fn check(&self) -> Result<(), ModelError> {
         match self {
             Camera::Pinhole(p) => p.check(),
-            Camera::Plane(p) if !(p.side_m > 0.0 && p.side_m.is_finite()) => {
-                Err(ModelError::value("camera.view.plane.side_m", "a positive length", p.side_m))
+            Camera::Plane(p) => {
+                within("camera.view.plane.side_m", SIDE_M, "m", p.side_m)?;
+                p.centre_m.iter().try_for_each(|v| within("camera.view.plane.centre_m", CAMERA_M, "m", *v))?;
+                check_lens("plane", p.roll_rad, p.distortion_k1)
             }
-            Camera::Plane(p) if !p.centre_m.iter().all(|v| v.is_finite()) => {
-                Err(ModelError::value("camera.view.plane.centre_m", "finite numbers", format!("{:?}", p.centre_m)))
-            }
-            Camera::Plane(p) => check_lens("plane", p.roll_rad, p.distortion_k1),
         }
     }
 
@@ -221,9 +222,7 @@ impl Pinhole {
         let refuse = |field: &str, expected: &str, got: String| {
             Err(ModelError::value(format!("camera.view.pinhole.{field}"), expected, got))
         };
-        if !(self.focal_px > 0.0 && self.focal_px.is_finite()) {
-            return refuse("focal_px", "a positive number", self.focal_px.to_string());
-        }
+        within("camera.view.pinhole.focal_px", FOCAL_PX, "px", self.focal_px)?;
         check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
         for (field, side) in [("image_width_px", self.image_width_px), ("image_height_px", self.image_height_px)] {
             if side == 0 {
@@ -231,9 +230,7 @@ impl Pinhole {
             }
         }
         for (field, point) in [("position_m", self.position_m), ("look_at_m", self.look_at_m)] {
-            if !point.iter().all(|v| v.is_finite()) {
-                return refuse(field, "finite numbers", format!("{point:?}"));
-            }
+            point.iter().try_for_each(|v| within(&format!("camera.view.pinhole.{field}"), CAMERA_M, "m", *v))?;
         }
         let forward = self.forward();
         // A camera that looks straight up or down has no right direction: its cross product with z is zero.

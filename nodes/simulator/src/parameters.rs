@@ -61,7 +61,8 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         [0.0, 0.5],
         "Poisson's ratio, for the shear stiffness",
     ),
-    parameter("density_kg_m3", ["density", "kg/m^3"], None, [1.0, 1e5], "density"),
+    // 11.3 would be lead in g/cm^3; the lightest foams have about 15 kg/m^3.
+    parameter("density_kg_m3", ["density", "kg/m^3"], None, [12.0, 3e4], "density"),
     parameter(
         "sticking_stiffness_n_m2",
         ["sticking stiffness", "N m^2"],

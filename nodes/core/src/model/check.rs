@@ -6,6 +6,13 @@ use crate::task::MOST_STEPS;
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
+/// Limits beyond which a value is taken for one in another unit, such as mm or degrees. Chosen, wide of any cell with a Panda.
+const THICKNESS_M: [f64; 2] = [1e-5, 0.2];
+const HIDDEN_M: [f64; 2] = [0.0, 0.5];
+const PLACES_M: [f64; 2] = [-10.0, 10.0];
+const ANGLES_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
+const PERIODS_S: [f64; 2] = [1e-4, 20.0];
+
 /// Rejects a file of another version, with a hint for newer versions and for a missing field.
 pub(super) fn version(outline: Option<&Node>) -> Result<(), ModelError> {
     let Some(outline) = outline.filter(|o| matches!(o.content, Content::Map { .. })) else { return Ok(()) };
@@ -47,7 +54,7 @@ impl Model {
         if !(2..=10_000).contains(&o.frames) {
             return Err(ModelError::value("observation.frames", "2 to 10000", o.frames));
         }
-        positive("observation.frame_period_s", o.frame_period_s)?;
+        within("observation.frame_period_s", PERIODS_S, "s", o.frame_period_s)?;
         not_negative("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s)?;
         self.camera.view.check()?;
         positive("camera.rate_hz", self.camera.rate_hz)?;
@@ -124,25 +131,25 @@ impl Model {
 
     fn check_object(&self) -> Result<(), ModelError> {
         match self.object.section {
-            Section::Square { side_m } => positive("object.section.square.side_m", side_m)?,
-            Section::Round { diameter_m } => positive("object.section.round.diameter_m", diameter_m)?,
+            Section::Square { side_m } => within("object.section.square.side_m", THICKNESS_M, "m", side_m)?,
+            Section::Round { diameter_m } => within("object.section.round.diameter_m", THICKNESS_M, "m", diameter_m)?,
         }
         let f = self.object.keypoint_fractions;
         if !(f[0] >= 0.0 && f[3] <= 1.0 && f.windows(2).all(|w| w[0] < w[1])) {
             let expected = "four increasing numbers within 0 and 1";
             return Err(ModelError::value("object.keypoint_fractions", expected, format!("{f:?}")));
         }
-        not_negative("object.hidden_length_m", self.object.hidden_length_m)?;
-        finite("object.grip_angle_rad", self.object.grip_angle_rad)
+        within("object.hidden_length_m", HIDDEN_M, "m", self.object.hidden_length_m)?;
+        within("object.grip_angle_rad", ANGLES_RAD, "rad", self.object.grip_angle_rad)
     }
 
     fn check_arm(&self) -> Result<(), ModelError> {
         arm_law(&self.arm.law)?;
         not_negative("arm.pose_noise_m", self.arm.pose_noise_m)?;
         let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
-        finite("arm.start.x_m", x_m)?;
-        finite("arm.start.z_m", z_m)?;
-        finite("arm.start.pitch_rad", pitch_rad)
+        within("arm.start.x_m", PLACES_M, "m", x_m)?;
+        within("arm.start.z_m", PLACES_M, "m", z_m)?;
+        within("arm.start.pitch_rad", ANGLES_RAD, "rad", pitch_rad)
     }
 }
 
@@ -171,7 +178,7 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     if task.steps == 0 {
         return Err(ModelError::value("task.steps", "at least 1", task.steps));
     }
-    positive("task.step_period_s", task.step_period_s)?;
+    within("task.step_period_s", PERIODS_S, "s", task.step_period_s)?;
     if let Some(reward_range_m) = task.goal.reward_range_m() {
         // The steps before the end earn nothing, and are no successes.
         positive("task.success_reward", task.success_reward)?;
@@ -198,7 +205,7 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
         return Err(ModelError::value("task.ends_at_success", "false, or the goal `reach`", got));
     }
     not_negative("task.target_jitter_m", task.target_jitter_m)?;
-    task.target_m.into_iter().try_for_each(|v| finite("task.target_m", v))?;
+    task.target_m.into_iter().try_for_each(|v| within("task.target_m", PLACES_M, "m", v))?;
     finite("task.success_reward", task.success_reward)?;
     let w = &task.workspace;
     for (axis, [low, high]) in [("x_m", w.x_m), ("y_m", w.y_m), ("z_m", w.z_m)] {
@@ -206,12 +213,20 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
             let got = format!("[{low}, {high}]");
             return Err(ModelError::value(format!("task.workspace.{axis}"), "the least and then a greater value", got));
         }
+        [low, high].into_iter().try_for_each(|v| within(&format!("task.workspace.{axis}"), PLACES_M, "m", v))?;
     }
     Ok(())
 }
 
 fn refuse_unless(holds: bool, field: &str, expected: &str, v: f64) -> Result<(), ModelError> {
     if holds { Ok(()) } else { Err(ModelError::value(field, expected, v)) }
+}
+
+/// Rejects a value outside `[low, high]`, which also refuses NaN.
+pub(crate) fn within(field: &str, [low, high]: [f64; 2], unit: &str, v: f64) -> Result<(), ModelError> {
+    // Angles have no short limits in radians.
+    let [from, to] = [low, high].map(|limit| (limit * 1e5).round() / 1e5);
+    refuse_unless((low..=high).contains(&v), field, &format!("{from} to {to} {unit}"), v)
 }
 
 fn finite(field: &str, v: f64) -> Result<(), ModelError> {

@@ -49,6 +49,9 @@ pub enum ModelError {
     },
 }
 
+/// Maximum number of characters of a value that a message quotes. Chosen: a line of a message.
+const QUOTED: usize = 60;
+
 impl ModelError {
     /// Error about the value of a field.
     pub fn value(field: impl Into<String>, expected: impl Into<String>, got: impl fmt::Display) -> Self {
@@ -118,7 +121,11 @@ impl ModelError {
             return Self::Text { place, what };
         }
         let got = match value.map(|v| &v.content) {
-            Some(Content::Scalar(text)) => format!("`{text}`"),
+            Some(Content::Scalar(text)) => match text.char_indices().nth(QUOTED) {
+                None => format!("`{text}`"),
+                // A file of another kind may be one long text to the reader.
+                Some((end, _)) => format!("`{} ...`", &text[..end]),
+            },
             Some(Content::Map { .. }) => "fields".to_owned(),
             Some(Content::List { .. }) => "a list".to_owned(),
             None => "something else".to_owned(),

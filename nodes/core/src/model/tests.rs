@@ -100,15 +100,52 @@ fn a_value_that_is_no_finite_number_is_named() {
     let e = message("density_kg_m3: 1055.0", "density_kg_m3: 1055,0");
     assert_eq!(e, "line 11, `parameters.density_kg_m3`: expected a number, got `1055,0`");
     let e = message("side_m: 0.015", "side_m: -.inf");
-    assert_eq!(e, "line 5, `object.section.square.side_m`: expected a positive number, got -inf");
+    assert_eq!(e, "line 5, `object.section.square.side_m`: expected 0.00001 to 0.2 m, got -inf");
     let e = message("low: 0.195", "low: .nan");
     assert_eq!(e, "line 16, `theta.length_m.prior`: expected finite low < high, got low NaN, high 0.305");
     let e = message("[0.44, 0.0, 0.27]", "[0.44, .inf, 0.27]");
-    assert_eq!(e, "line 34, `camera.view.pinhole.look_at_m`: expected finite numbers, got [0.44, inf, 0.27]");
+    assert_eq!(e, "line 34, `camera.view.pinhole.look_at_m`: expected -20 to 20 m, got inf");
     let e = message("steps: 16", "steps: 16.5");
     assert_eq!(e, "line 43, `task.steps`: expected a whole number of at least 0, got `16.5`");
     let e = message("position_jitter_m: 0.005\narm:", "position_jitter_m: 0.005\narm: 3\nleft_over:");
     assert_eq!(e, "line 38, `arm`: expected fields of its own, got `3`");
+}
+
+#[test]
+fn a_value_in_another_unit_is_named_with_its_limits() {
+    for (from, to, expected) in [
+        ("side_m: 0.015", "side_m: 15", "line 5, `object.section.square.side_m`: expected 0.00001 to 0.2 m, got 15"),
+        ("hidden_length_m: 0.008", "hidden_length_m: 8", "`object.hidden_length_m`: expected 0 to 0.5 m, got 8"),
+        (
+            "grip_angle_rad: 0.0",
+            "grip_angle_rad: -90",
+            "`object.grip_angle_rad`: expected -6.28319 to 6.28319 rad, got -90",
+        ),
+        ("x_m: 0.40", "x_m: 400", "`arm.start.x_m`: expected -10 to 10 m, got 400"),
+        ("pitch_rad: 0.0", "pitch_rad: 45", "`arm.start.pitch_rad`: expected -6.28319 to 6.28319 rad, got 45"),
+        (
+            "frame_period_s: 0.25",
+            "frame_period_s: 250",
+            "`observation.frame_period_s`: expected 0.0001 to 20 s, got 250",
+        ),
+        ("step_period_s: 0.5", "step_period_s: 500", "`task.step_period_s`: expected 0.0001 to 20 s, got 500"),
+        ("target_m: [0.50", "target_m: [500", "`task.target_m`: expected -10 to 10 m, got 500"),
+        ("focal_px: 615.0", "focal_px: 1.93", "`camera.view.pinhole.focal_px`: expected 30 to 100000 px, got 1.93"),
+        ("[0.44, -1.15", "[440, -1150", "`camera.view.pinhole.position_m`: expected -20 to 20 m, got 440"),
+    ] {
+        let e = message(from, to);
+        assert!(e.ends_with(expected), "{e}");
+    }
+}
+
+#[test]
+fn a_file_of_another_kind_is_quoted_at_its_beginning_only() {
+    let e = Model::from_yaml(&"dx_m,dz_m\n0.06,0.0\n".repeat(1000)).unwrap_err().to_string();
+    assert!(
+        e.starts_with("line 1: expected fields of its own, got `dx_m,dz_m 0.06,0.0 dx_m") && e.ends_with(" ...`"),
+        "{e}"
+    );
+    assert!(e.len() < 120, "{e}");
 }
 
 #[test]
@@ -260,11 +297,11 @@ prop_compose! {
             version: MODEL_VERSION,
             name,
             object: Object {
-                section: if round { Section::Round { diameter_m: lengths[0] } } else { Section::Square { side_m: lengths[0] } },
+                section: if round { Section::Round { diameter_m: lengths[0].clamp(1e-5, 0.2) } } else { Section::Square { side_m: lengths[0].clamp(1e-5, 0.2) } },
                 axial_law: if round { AxialLaw::Linear } else { AxialLaw::NeoHookean },
                 keypoint_fractions: [f[0], f[1], f[2], f[3]],
-                hidden_length_m: lengths[1],
-                grip_angle_rad: angles[0],
+                hidden_length_m: lengths[1].min(0.5),
+                grip_angle_rad: angles[0].clamp(-6.0, 6.0),
             },
             parameters: names[4..].iter().cloned().zip(fixed).collect(),
             theta: ParameterSpace::new(theta).unwrap(),
@@ -274,17 +311,17 @@ prop_compose! {
                 drive: if round { DriveKind::Grip } else { DriveKind::Policy },
                 start: if round { StartKind::Measured } else { StartKind::HangingAtRest },
                 frames,
-                frame_period_s: lengths[2],
+                frame_period_s: lengths[2].clamp(1e-4, 20.0),
                 start_velocity_sd_m_s: lengths[3],
             },
             camera: CameraModel {
                 view: if round {
-                    Camera::Plane(Plane { centre_m: [angles[1], angles[2]], side_m: lengths[4], ..Plane::default() })
+                    Camera::Plane(Plane { centre_m: [angles[1], angles[2]].map(|v| v.clamp(-20.0, 20.0)), side_m: lengths[4].clamp(0.01, 20.0), ..Plane::default() })
                 } else {
                     Camera::Pinhole(Pinhole {
                         image_width_px: 640,
                         image_height_px: 480,
-                        focal_px: lengths[4],
+                        focal_px: lengths[4].clamp(30.0, 1e5),
                         position_m: [0.1, -1.0, lengths[5].min(1.0)],
                         look_at_m: [0.3, 1.0 / 3.0, 0.27],
                         ..Pinhole::default()
@@ -296,17 +333,17 @@ prop_compose! {
             },
             arm: Arm {
                 law: ArmLaw::Lag { time_constant_s: lengths[9], max_speed_m_s: lengths[10] },
-                start: GripPose { x_m: angles[3], z_m: angles[4], pitch_rad: angles[5] },
+                start: GripPose { x_m: angles[3].clamp(-10.0, 10.0), z_m: angles[4].clamp(-10.0, 10.0), pitch_rad: angles[5].clamp(-6.0, 6.0) },
                 pose_noise_m: lengths[3],
             },
             task: task.map(|(steps, measured)| Task {
                 goal: if measured { Goal::Settle { reward_range_m: lengths[6] } } else { Goal::Reach },
                 steps,
                 rest_steps: if measured { 2 } else { 0 },
-                step_period_s: lengths[11],
+                step_period_s: lengths[11].clamp(1e-4, 20.0),
                 delta_anchor: if measured { DeltaAnchor::Measured } else { DeltaAnchor::LastTarget },
                 workspace: Workspace::default(),
-                target_m: [angles[0], angles[1]],
+                target_m: [angles[0], angles[1]].map(|v| v.clamp(-10.0, 10.0)),
                 target_jitter_m: lengths[0],
                 success_reward: if measured { lengths[5] } else { angles[2] },
                 ends_at_success: !measured,
