@@ -117,6 +117,25 @@ def test_a_stop_in_the_wait_for_a_still_object_ends_the_episode(runner_and_arm):
     assert refused.message == "the arm refuses commands: the user stop is pressed" and arm.requests == []
 
 
+def test_a_target_that_appears_after_the_wait_is_seen(runner_and_arm):
+    ros, arm = runner_and_arm
+    arm.shows_target = lambda: arm.enabled
+    result = episode(ros).result()
+    assert result.success and len(result.rewards) == 3 and arm.requests == [True, False]
+
+
+def test_a_target_that_was_taken_away_in_the_wait_is_not_followed(runner_and_arm):
+    ros, arm = runner_and_arm
+    arm.swing_px = 30.0
+    run = episode(ros)
+    ros.spin(0.5)
+    arm.shows_target = lambda: False
+    ros.spin(2.5)
+    arm.swing_px = 0.0
+    refused = run.result(GoalStatus.STATUS_ABORTED)
+    assert "target within 1 s of step 0: it was not seen" in refused.message and arm.targets == []
+
+
 def test_an_episode_does_not_begin_for_a_client_that_was_killed_meanwhile(session, runner_and_arm):
     _, arm = runner_and_arm
     arm.swing_px = 30.0

@@ -85,7 +85,7 @@ class Arm(StandIn):
         self.enabled, self.requests, self.targets = False, [], []
         # Mode that it tells while it is not enabled; None tells no state, as between two messages of a slow topic.
         self.disabled_mode = ArmState.MODE_IDLE
-        self.swing_px = 0.0
+        self.swing_px, self.shows_target = 0.0, lambda: True
         self.state, self.told = self.publisher("/panda/arm_state"), self.publisher("/panda/current_pose")
         self.keypoints, self.answers = self.publisher("/dlo/keypoints"), self.publisher("/panda/accepted_target")
         self.serve("/panda/enable", self.enable)
@@ -110,7 +110,8 @@ class Arm(StandIn):
         self.told.publish(self.stamped(PoseStamped(pose=self.pose), BASE))
         u = IMAGE_PX * self.pose.position.x + self.swing_px * math.sin(6.0 * time.monotonic())
         seen = Keypoints(image_width=IMAGE_PX, image_height=IMAGE_PX, dlo_u=[u] * 4, dlo_v=[100.0, 120.0, 140.0, 160.0])
-        seen.dlo_scores, seen.target_seen, seen.target_u, seen.target_v, seen.target_score = [1.0] * 4, True, 200.0, 200.0, 1.0
+        seen.dlo_scores, seen.target_seen = [1.0] * 4, self.shows_target()
+        seen.target_u, seen.target_v, seen.target_score = 200.0, 200.0, float(seen.target_seen)
         self.keypoints.publish(self.stamped(seen, OPTICAL))
 
 

@@ -13,7 +13,8 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypo
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
     Attendance, CallError, Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node,
-    NodeBuilder, Outcome, Param, ParamSpec, Presence, Publisher, Queue, StampCheck, Time, contract, read_model, stamp,
+    NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, StampCheck, Time, contract, read_model,
+    stamp,
 };
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -160,7 +161,8 @@ impl Shell {
 
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
-        tracing::info!("episode {episode}: run_episode, asked for by {}", handle.requester().peer());
+        let tell = move |peer: &Peer| tracing::info!("episode {episode}: run_episode, asked for by {peer}");
+        self.node.identify(handle.requester().endpoint(), tell);
         match self.episode(handle, episode).inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
             // `End::Complete` marks a cancelled episode; see `episode`.
             Ok((End::Complete, result)) => Outcome::Canceled(result),
@@ -192,7 +194,9 @@ impl Shell {
         // Told at once, and not after the wait.
         self.enable.ensure_one_server()?;
         self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
-        if !self.still(handle, &mut runner, StillWait::new(own), client)? {
+        // One clock for the wait and the steps: the runner knows the target from both.
+        let origin = self.node.now();
+        if !self.still(handle, origin, &mut runner, StillWait::new(own), client)? {
             let message = "cancelled".to_owned();
             let end = message.clone();
             return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
@@ -200,7 +204,6 @@ impl Shell {
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
         self.enable_arm()?;
-        let origin = self.node.now();
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
         self.needed.iter().for_each(|intake| intake.need(true));
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
@@ -224,15 +227,15 @@ impl Shell {
         Ok((end.unwrap_or(End::Complete), result))
     }
 
-    /// Waits until the object hangs still. Returns false if the episode was cancelled meanwhile.
+    /// Waits until the object hangs still. `origin` is the time of the goal. Returns false if the episode was cancelled meanwhile.
     fn still(
         &self,
         handle: &GoalHandle<RunEpisode>,
+        origin: Time,
         runner: &mut Runner,
         mut wait: StillWait,
         mut client: Attendance,
     ) -> Result<bool> {
-        let origin = self.node.now();
         let mut told = false;
         while !handle.is_cancelled() {
             // The wait may take minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
@@ -246,7 +249,7 @@ impl Shell {
                 return Err(fault_error(Fault::Arm(why)));
             }
             let inputs = self.inputs(origin);
-            runner.look_ahead(&inputs);
+            runner.note_target(&inputs);
             match wait.turn(&inputs) {
                 StillTurn::Still if presence == Presence::Here => return Ok(true),
                 StillTurn::Fault(fault) => return Err(fault_error(fault)),

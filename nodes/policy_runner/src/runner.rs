@@ -309,7 +309,10 @@ impl Runner {
 
     /// Decides the next action at `inputs.now_s`.
     pub fn turn(&mut self, inputs: &Inputs) -> Turn {
-        self.target.look(inputs, self.settings.max_age_s);
+        if self.due_s.is_none() {
+            self.target.begin(inputs.now_s);
+        }
+        self.target.add_sighting(inputs, self.settings.max_age_s);
         // The first turn begins the episode: step 0 is due at once.
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
         // Checked in every turn, also between two steps: an arm that stopped must not wait for the next step.
@@ -343,9 +346,10 @@ impl Runner {
         }
     }
 
-    /// Looks at the target before the episode, so that the first step knows its place better than from one frame.
-    pub fn look_ahead(&mut self, inputs: &Inputs) {
-        self.target.look(inputs, self.settings.max_age_s);
+    /// Notes where the target is seen, in the wait before the first turn: the first step then knows its place better than from one frame. Times
+    /// must be of the same clock as those of the turns.
+    pub fn note_target(&mut self, inputs: &Inputs) {
+        self.target.add_sighting(inputs, self.settings.max_age_s);
     }
 
     /// Assembles the observation. Data from before the due time count as fresh within the age limit.
@@ -365,7 +369,7 @@ impl Runner {
         if !keypoints.dlo_seen() {
             return Err(("keypoints", NOT_SEEN.to_owned()));
         }
-        let target = self.target.place().ok_or(("target", "it was never seen".to_owned()))?;
+        let target = self.target.place().ok_or(("target", "it was not seen".to_owned()))?;
         Ok((Observation::new([pose.x_m, pose.z_m], &keypoints.dlo_scaled(), target), [keypoints_s, pose_s]))
     }
 
