@@ -74,25 +74,27 @@ fn run(builder: NodeBuilder) -> Result<()> {
 }
 
 fn serve(node: &Node, name: &str, handle: &Handle, what: &'static str, set: fn(&Handle, bool)) -> Result<Service> {
-    let handle = handle.clone();
+    let (inside, handle) = (node.clone(), handle.clone());
     Ok(node.serve_to::<SetBool>(name, move |request, requester| {
-        set(&handle, request.data);
-        tracing::info!("{what}: {}, asked for by {}", request.data, requester.peer());
+        let on = request.data;
+        set(&handle, on);
+        inside.identify(requester.endpoint(), move |peer| tracing::info!("{what}: {on}, asked for by {peer}"));
         SetBoolResponse { success: true, message: String::new() }
     })?)
 }
 
 /// Serves the buttons for guiding, which act only while the user stop is pressed.
 fn serve_guiding(node: &Node, handle: &Handle) -> Result<Service> {
-    let handle = handle.clone();
+    let (inside, handle) = (node.clone(), handle.clone());
     Ok(node.serve_to::<SetBool>("~/guiding", move |request, requester| {
         let mode = handle.snapshot().mode;
         let allowed = !request.data || matches!(mode, RobotMode::UserStopped | RobotMode::Guiding);
         if allowed {
             handle.set_guiding(request.data);
         }
-        let outcome = if allowed { "" } else { ": refused" };
-        tracing::info!("guiding: {}, asked for by {}{outcome}", request.data, requester.peer());
+        let (on, outcome) = (request.data, if allowed { "" } else { ": refused" });
+        inside
+            .identify(requester.endpoint(), move |peer| tracing::info!("guiding: {on}, asked for by {peer}{outcome}"));
         let message = if allowed { String::new() } else { format!("expected a pressed user stop, got mode {mode:?}") };
         SetBoolResponse { success: allowed, message }
     })?)

@@ -453,9 +453,11 @@ fn a_node_leaves_at_its_end_even_if_clones_and_endpoints_still_exist() {
 fn servers_publishers_and_requesters_are_named() {
     let (arm, asker) = (node("arm", 118), builder("asker", 118, &["-r", "__ns:=/lab"]).build().unwrap());
     let (told, tells) = channel();
+    let inside = arm.clone();
     let _enable = arm
         .serve_to::<SetBool>("panda/enable", move |request, requester| {
-            told.send(requester.peer().to_string()).unwrap();
+            let told = told.clone();
+            inside.identify(requester.endpoint(), move |peer| told.send(peer.to_string()).unwrap());
             SetBoolResponse { success: request.data, message: String::new() }
         })
         .unwrap();

@@ -200,14 +200,15 @@ impl<P: Plant> Front<P> {
         let front = Arc::clone(self);
         let enable = node.serve_to::<SetBool>(contract::ENABLE.name, move |request, requester| {
             let done = front.enable(request.data);
-            report(if request.data { "enable" } else { "disable" }, requester, &done);
+            front.log_request(if request.data { "enable" } else { "disable" }, requester, &done);
             let (success, message) = outcome(done);
             SetBoolResponse { success, message }
         })?;
+        let front = Arc::clone(self);
         let compliance = node.serve_to::<SetCompliance>(contract::SET_COMPLIANCE.name, move |request, requester| {
             let wanted = convert::compliance(&request);
             let done = wanted.check().map_err(|e| e.to_string()).and_then(|()| set_compliance(&wanted));
-            report("set_compliance", requester, &done);
+            front.log_request("set_compliance", requester, &done);
             match done {
                 Ok(message) => SetComplianceResponse { success: true, message },
                 Err(message) => SetComplianceResponse { success: false, message },
@@ -245,7 +246,7 @@ impl<P: Plant> Front<P> {
         let what = name.rsplit('/').next().unwrap_or(name).to_owned();
         Ok(self.node.serve_to::<Trigger>(name, move |_, requester| {
             let done = before().and_then(|()| act(&mut front.arm()).map_err(|e| e.to_string()));
-            report(&what, requester, &done);
+            front.log_request(&what, requester, &done);
             let (success, message) = outcome(done);
             TriggerResponse { success, message }
         })?)
@@ -264,7 +265,7 @@ impl<P: Plant> Front<P> {
         };
         accepted.send(answer);
         if is_first {
-            tracing::info!("following the targets of {}", self.node.peer(received.publisher));
+            self.node.identify(received.publisher, |peer| tracing::info!("following the targets of {peer}"));
         }
         match verdict {
             Verdict::Accepted { .. } => Ok(()),
@@ -288,7 +289,7 @@ impl<P: Plant> Front<P> {
             MoveToStartResult { success, message, pose }
         };
         let begun = self.begin_move(handle.goal());
-        report("move_to_start", handle.requester(), &begun);
+        self.log_request("move_to_start", handle.requester(), &begun);
         if let Err(why) = begun {
             return Outcome::Aborted(result(false, why));
         }
@@ -313,21 +314,20 @@ impl<P: Plant> Front<P> {
         }
     }
 
+    /// Logs a request that may move or stop the arm, with its sender and its outcome.
+    fn log_request<T>(&self, what: &str, requester: &Requester, done: &Result<T, String>) {
+        let outcome = done.as_ref().map_or_else(|why| format!("refused: {why}"), |_| "done".to_owned());
+        let what = what.to_owned();
+        let tell = move |peer: &Peer| tracing::info!("{what}, asked for by {peer}: {outcome}");
+        self.node.identify(requester.endpoint(), tell);
+    }
+
     fn begin_move(&self, goal: &MoveToStartGoal) -> Result<(), String> {
         let around = self.surroundings()?;
         let pose = goal.use_pose.then(|| convert::arm_pose(&goal.pose));
         let settle_s = if goal.settle_time > 0.0 { goal.settle_time } else { self.parameters.settle_time_s.get() };
         let (speed_m_s, is_simulated) = (self.parameters.speed_m_s.get(), self.node.clock().is_simulated());
         self.arm().begin_move(&around, pose, speed_m_s, settle_s, is_simulated).map_err(|e| e.to_string())
-    }
-}
-
-/// Logs a request that may move or stop the arm, with its sender and its outcome.
-fn report<T>(what: &str, requester: &Requester, done: &Result<T, String>) {
-    let requester = requester.peer();
-    match done {
-        Ok(_) => tracing::info!("{what}, asked for by {requester}: done"),
-        Err(why) => tracing::info!("{what}, asked for by {requester}: refused: {why}"),
     }
 }
 

@@ -40,11 +40,11 @@ pub(crate) struct ParticipantEntities {
 /// Listed nodes of each participant.
 type Nodes = BTreeMap<Prefix, Vec<NodeEntities>>;
 
-/// Nodes of each participant.
+/// Directory of the nodes of other participants.
 #[derive(Debug, Default)]
 pub(crate) struct Directory {
     nodes: Mutex<Nodes>,
-    /// Notified of every update.
+    /// Signal to threads that wait for a list.
     updated: Condvar,
 }
 

@@ -7,6 +7,7 @@ use super::participant::{data_port, data_ports_here};
 use super::qos::Qos;
 use super::socket_owner::{are_local, is_bound, is_local, process_at, socket_at};
 use crate::error::ShellError;
+use crate::process::threads::Threads;
 use futures::StreamExt;
 use ros2_client::builtin_topics::ros_discovery;
 use std::collections::BTreeMap;
@@ -15,6 +16,9 @@ use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Timeout for the node list of a new participant. Chosen: most lists come within 0.1 s. A DDS program without ROS sends none.
+const NODE_LIST_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Creates the reader of `ros_discovery_info`.
 pub(crate) fn reader(graph: &Graph) -> Result<Reader<ParticipantEntities>, ShellError> {
@@ -72,6 +76,23 @@ impl Graph {
     /// Returns the node of an endpoint, even if discovery does not know the endpoint: the addresses are those of its participant.
     pub(crate) fn peer_of(&self, gid: Gid) -> Peer {
         Peer { node: self.directory().name(&gid), gid, addresses: self.addresses_of_participant(gid) }
+    }
+
+    /// Passes the node of an endpoint to `tell`: at once if its name is known, else from a thread of `threads`, within a second. A message may come
+    /// before the list of its participant's nodes, and what stops an arm must not wait for a name.
+    pub(crate) fn identify(self: &Arc<Self>, gid: Gid, threads: &Threads, tell: impl FnOnce(&Peer) + Send + 'static) {
+        let peer = self.peer_of(gid);
+        if peer.node.is_some() {
+            return tell(&peer);
+        }
+        let graph = Arc::clone(self);
+        let started = threads.spawn("name of a node", move || {
+            let node = graph.directory().name_within(&gid, NODE_LIST_TIMEOUT);
+            tell(&Peer { node, ..graph.peer_of(gid) });
+        });
+        if let Err(error) = started {
+            tracing::error!("a request or target of {peer} is not logged: {error}");
+        }
     }
 
     /// Returns the addresses of an endpoint's participant; empty if discovery does not know it.
@@ -187,9 +208,6 @@ impl fmt::Display for Peer {
     }
 }
 
-/// Time in which a participant lists its nodes after its first request. A DDS program that is no ROS 2 node never does, so the time is short.
-const LISTED: Duration = Duration::from_secs(1);
-
 /// Sender of a request.
 #[derive(Clone)]
 pub struct Requester {
@@ -202,12 +220,10 @@ impl Requester {
         Self { gid: request.writer_gid.to_bytes16(), graph: Arc::clone(graph) }
     }
 
-    /// Looks up the node that sent the request. Waits up to a second for the name of a node that is new in the graph: its first request may come
-    /// before the list of its participant.
+    /// Returns the identifier of the endpoint that sent the request, for [`Node::identify`](crate::Node::identify).
     #[must_use]
-    pub fn peer(&self) -> Peer {
-        let node = self.graph.directory().name_within(&self.gid, LISTED);
-        Peer { node, gid: self.gid, addresses: self.addresses() }
+    pub fn endpoint(&self) -> [u8; 16] {
+        self.gid
     }
 
     fn addresses(&self) -> Vec<SocketAddr> {
@@ -255,7 +271,7 @@ impl Attendance {
     /// Time without the sender after which it is gone. Discovery may lose a busy node for a moment, and the kernel's table of sockets can leave out
     /// a row.
     const MOMENT: Duration = Duration::from_secs(1);
-    /// Time for which a look counts: each reads the kernel's table or the whole of discovery.
+    /// Least time between two looks: each reads the kernel's table or the whole of discovery.
     const PERIOD: Duration = Duration::from_millis(100);
 
     /// Looks for the sender. May be called as often as wanted.

@@ -70,6 +70,12 @@ impl Node {
         self.graph().peer_of(endpoint)
     }
 
+    /// Passes the node of an endpoint to `tell`, for a log: at once if its name is known. The first request or message of a node may come before
+    /// its name does; `tell` is then called from another thread, within a second.
+    pub fn identify(&self, endpoint: [u8; 16], tell: impl FnOnce(&Peer) + Send + 'static) {
+        self.graph().identify(endpoint, self.threads(), tell);
+    }
+
     /// Returns the publishers of other nodes on a topic, as [`GraphSnapshot::publishers`].
     ///
     /// # Errors

@@ -13,7 +13,7 @@ const AT_REST_M_S: f64 = 0.02;
 pub fn serve<H: Holder>(holder: &Arc<H>) -> Result<Service> {
     let of = Arc::clone(holder);
     Ok(holder.node().serve_to::<Trigger>("~/still_object", move |_, requester| {
-        tracing::info!("still_object, asked for by {}", requester.peer());
+        of.node().identify(requester.endpoint(), |peer| tracing::info!("still_object, asked for by {peer}"));
         of.with(|cell| {
             let [x, z] = cell.velocity_m_s();
             let speed_m_s = x.hypot(z);

@@ -8,7 +8,7 @@ use crate::dds::first_contact::FirstContact;
 use crate::dds::graph::Graph;
 use crate::dds::interface::{Act, action_type};
 use crate::dds::large_reply::ReplyWriter;
-use crate::dds::peers::Requester;
+use crate::dds::peers::{Peer, Requester};
 use crate::dds::service_server::SERVICE_QOS;
 use crate::error::ShellError;
 use crate::process::node::Node;
@@ -262,7 +262,9 @@ impl<A: Act> Driver<A> {
         let accepted = match decision {
             Decision::Accept => true,
             Decision::Reject(reason) => {
-                tracing::warn!("{}: goal of {} rejected: {reason}", self.name, requester.peer());
+                let name = self.name.clone();
+                let tell = move |peer: &Peer| tracing::warn!("{name}: goal of {peer} rejected: {reason}");
+                self.graph.identify(requester.endpoint(), &self.threads, tell);
                 false
             }
         };
