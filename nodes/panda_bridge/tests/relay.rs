@@ -388,13 +388,23 @@ fn compliance_becomes_the_controllers_parameters() {
     });
 }
 
+/// Starts a relay that must refuse a parameter, and returns what it says.
+fn refused(parameter: &str) -> String {
+    let Output { status, stderr, .. } = command(6, &[parameter]).output().unwrap();
+    assert!(!status.success());
+    String::from_utf8(stderr).unwrap()
+}
+
+#[test]
+fn a_start_pose_outside_the_workspace_is_refused() {
+    for place in ["3.0, 0.0, 0.3", ".nan, 0.0, 0.3"] {
+        let line = refused(&format!("start_pose:=[{place}, 1.0, 0.0, 0.0, 0.0]"));
+        assert!(line.contains("start_pose: expected a place inside the workspace (x ["), "{line}");
+    }
+}
+
 #[test]
 fn names_that_collide_are_refused() {
-    let refused = |parameter: &str| {
-        let Output { status, stderr, .. } = command(6, &[parameter]).output().unwrap();
-        assert!(!status.success());
-        String::from_utf8(stderr).unwrap()
-    };
     let line = refused("controller.target_pose_topic:=/panda/target_pose");
     assert!(line.contains("/panda/target_pose is the bridge's own topic"), "{line}");
     let line = refused("controller.current_pose_topic:=panda/current_pose");

@@ -135,20 +135,24 @@ fn gate(b: &NodeBuilder, model: Option<&Model>) -> Result<GateSettings> {
 fn start(b: &NodeBuilder, model: Option<&Model>, workspace: &Workspace) -> Result<Option<ArmPose>> {
     let text = "Start pose: x, y, z in m and the quaternion x, y, z, w; empty: the model file's.";
     let given = b.declare("start_pose", Vec::<f64>::new(), fixed(text))?.get();
+    let Workspace { x_m, y_m, z_m } = workspace;
+    let is_inside = |[x, y, z]: [f64; 3]| workspace.contains(x, y, z);
+    let expected = format!("a place inside the workspace (x {x_m:?}, y {y_m:?}, z {z_m:?} m)");
     match given[..] {
-        [] => Ok(model
-            .map(|m| m.arm.start)
-            .map(|s| ArmPose { position_m: [s.x_m, 0.0, s.z_m], quaternion_xyzw: s.quaternion_xyzw() })),
+        [] => {
+            let Some(start) = model.map(|model| model.arm.start) else { return Ok(None) };
+            let pose = ArmPose { position_m: [start.x_m, 0.0, start.z_m], quaternion_xyzw: start.quaternion_xyzw() };
+            // A warning only: who never asks for a move to the start needs none.
+            if !is_inside(pose.position_m) {
+                let got = pose.position_m;
+                tracing::warn!("model_file: arm.start: moves there will be refused: expected {expected}, got {got:?}");
+            }
+            Ok(Some(pose))
+        }
         [x, y, z, qx, qy, qz, qw] => {
             let pose = ArmPose { position_m: [x, y, z], quaternion_xyzw: [qx, qy, qz, qw] };
             ensure!(pose.is_normalised(), "parameter start_pose: expected a unit quaternion, got {:?}", &given[3..]);
-            let Workspace { x_m, y_m, z_m } = workspace;
-            // Every request to move there would be refused.
-            ensure!(
-                workspace.contains(x, y, z),
-                "parameter start_pose: expected a place inside the workspace (x {x_m:?}, y {y_m:?}, z {z_m:?} m), got {:?}",
-                &given[..3]
-            );
+            ensure!(is_inside(pose.position_m), "parameter start_pose: expected {expected}, got {:?}", &given[..3]);
             Ok(Some(pose))
         }
         _ => bail!("parameter start_pose: expected seven values, got {}", given.len()),
