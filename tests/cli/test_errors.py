@@ -200,7 +200,7 @@ def test_a_missing_topic_is_named_with_the_present_ones(refused, tmp_path):
         ("low: 0.195, high: 0.305", "low: 0.305, high: 0.195", ("`theta.length_m.prior`", "low < high", "low 0.305")),
         ("{name: length_m, prior: {uniform: {low: 0.195, high: 0.305}}}", "{name: length_m}", ("`theta.length_m`", "prior")),
         ("name: table_friction", "name: length_m", ("`effects.1`", "once", "length_m")),
-        ("side_m: 0.015", "side_m: -.inf", ("`object.section.square.side_m`", "positive", "-inf")),
+        ("side_m: 0.015", "side_m: -.inf", ("`object.section.square.side_m`", "0.00001 to 0.1 m", "-inf")),
         ("time_constant_s: 0.16", "time_constant_s: .nan", ("`arm.law.lag.time_constant_s`", "NaN")),
         ("step_period_s: 0.5", "step_period_s: 0", ("`task.step_period_s`", "0")),
         ("axial_law: neo_hookean", "axial_law: hooke", ("`object.axial_law`", "hooke", "linear, neo_hookean")),

@@ -81,14 +81,14 @@ fn undistorted(p: [f64; 2], k1: f64) -> [f64; 2] {
     p.map(|v| v * r / seen)
 }
 
-/// Limits beyond which a number is taken for one in another unit. Chosen.
-const CAMERA_M: [f64; 2] = [-20.0, 20.0];
+/// Plausible ranges, chosen. A value outside is probably in another unit.
+const POSITION_M: [f64; 2] = [-20.0, 20.0];
 const SIDE_M: [f64; 2] = [0.01, 20.0];
 const ROLL_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
-/// Focal lengths are 0.5 to 5 times the image's width. Those of most lenses in mm lie below.
-const FOCAL_PX: [f64; 2] = [30.0, 1e5];
+/// Focal length over the image's width: fish-eyes to long lenses. A focal length in mm, of usually 2 to 50, is less.
+const FOCAL_RATIO: [f64; 2] = [0.2, 20.0];
 
-/// Rejects an impossible roll, and a lens that folds the image over within one focal length of its axis.
+/// Rejects a roll beyond one turn, and a lens that folds the image over within one focal length of its axis.
 fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
     within(&format!("camera.view.{kind}.roll_rad"), ROLL_RAD, "rad", roll_rad)?;
     // The derivative 1 + 3 k1 r^2 of the distorted radius is zero at r = 1 for k1 = -1/3.
@@ -117,7 +117,7 @@ impl Camera {
             Camera::Pinhole(p) => p.check(),
             Camera::Plane(p) => {
                 within("camera.view.plane.side_m", SIDE_M, "m", p.side_m)?;
-                p.centre_m.iter().try_for_each(|v| within("camera.view.plane.centre_m", CAMERA_M, "m", *v))?;
+                p.centre_m.iter().try_for_each(|v| within("camera.view.plane.centre_m", POSITION_M, "m", *v))?;
                 check_lens("plane", p.roll_rad, p.distortion_k1)
             }
         }
@@ -222,15 +222,16 @@ impl Pinhole {
         let refuse = |field: &str, expected: &str, got: String| {
             Err(ModelError::value(format!("camera.view.pinhole.{field}"), expected, got))
         };
-        within("camera.view.pinhole.focal_px", FOCAL_PX, "px", self.focal_px)?;
-        check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
         for (field, side) in [("image_width_px", self.image_width_px), ("image_height_px", self.image_height_px)] {
             if side == 0 {
                 return refuse(field, "at least 1", side.to_string());
             }
         }
+        let range_px = FOCAL_RATIO.map(|ratio| ratio * f64::from(self.image_width_px));
+        within("camera.view.pinhole.focal_px", range_px, "px", self.focal_px)?;
+        check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
         for (field, point) in [("position_m", self.position_m), ("look_at_m", self.look_at_m)] {
-            point.iter().try_for_each(|v| within(&format!("camera.view.pinhole.{field}"), CAMERA_M, "m", *v))?;
+            point.iter().try_for_each(|v| within(&format!("camera.view.pinhole.{field}"), POSITION_M, "m", *v))?;
         }
         let forward = self.forward();
         // A camera that looks straight up or down has no right direction: its cross product with z is zero.

@@ -265,26 +265,21 @@ impl Default for Impedance {
 }
 
 impl ArmLaw {
-    /// Constants that must be positive, and constants that must be at least zero, each with its field name.
-    #[allow(clippy::type_complexity, reason = "two short lists of named numbers, read in one place")]
-    pub(super) fn constants(&self) -> (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>) {
+    /// Constants, each with its field name, value, plausible range and unit.
+    pub(super) fn constants(&self) -> Vec<(&'static str, f64, [f64; 2], &'static str)> {
         match self {
-            ArmLaw::Lag { time_constant_s, max_speed_m_s } => (
-                vec![("arm.law.lag.max_speed_m_s", *max_speed_m_s)],
-                vec![("arm.law.lag.time_constant_s", *time_constant_s)],
-            ),
-            ArmLaw::Impedance(i) => (
-                vec![
-                    ("arm.law.impedance.stiffness_n_m", i.stiffness_n_m),
-                    ("arm.law.impedance.clip_m", i.clip_m),
-                    ("arm.law.impedance.mass_kg", i.mass_kg),
-                ],
-                vec![
-                    ("arm.law.impedance.damping_n_s_m", i.damping_n_s_m),
-                    ("arm.law.impedance.reference_time_constant_s", i.reference_time_constant_s),
-                    ("arm.law.impedance.friction_n", i.friction_n),
-                ],
-            ),
+            ArmLaw::Lag { time_constant_s, max_speed_m_s } => vec![
+                ("arm.law.lag.max_speed_m_s", *max_speed_m_s, [1e-3, 5.0], "m/s"),
+                ("arm.law.lag.time_constant_s", *time_constant_s, [0.0, 5.0], "s"),
+            ],
+            ArmLaw::Impedance(i) => vec![
+                ("arm.law.impedance.stiffness_n_m", i.stiffness_n_m, [1.0, 1e5], "N/m"),
+                ("arm.law.impedance.clip_m", i.clip_m, [1e-4, 1.0], "m"),
+                ("arm.law.impedance.mass_kg", i.mass_kg, [0.01, 100.0], "kg"),
+                ("arm.law.impedance.damping_n_s_m", i.damping_n_s_m, [0.0, 1e4], "N s/m"),
+                ("arm.law.impedance.reference_time_constant_s", i.reference_time_constant_s, [0.0, 5.0], "s"),
+                ("arm.law.impedance.friction_n", i.friction_n, [0.0, 500.0], "N"),
+            ],
         }
     }
 }

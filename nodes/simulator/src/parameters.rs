@@ -43,7 +43,8 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         "youngs_modulus_pa",
         ["Young's modulus", "Pa"],
         None,
-        [1.0, 1e12],
+        // The softest gels have some ten Pa; soft bars in kPa lie below.
+        [10.0, 1e12],
         "Young's modulus; gives axial, shear and bending stiffness of a solid section",
     ),
     parameter(
@@ -61,8 +62,8 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         [0.0, 0.5],
         "Poisson's ratio, for the shear stiffness",
     ),
-    // 11.3 would be lead in g/cm^3; the lightest foams have about 15 kg/m^3.
-    parameter("density_kg_m3", ["density", "kg/m^3"], None, [12.0, 3e4], "density"),
+    // Foams begin at about 6 kg/m^3. Silicone, rubber and plastics in g/cm^3 lie below; metals in g/cm^3 do not.
+    parameter("density_kg_m3", ["density", "kg/m^3"], None, [5.0, 3e4], "density"),
     parameter(
         "sticking_stiffness_n_m2",
         ["sticking stiffness", "N m^2"],
@@ -82,7 +83,7 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         "table_height_m",
         ["table height", "m"],
         None,
-        [-10.0, 10.0],
+        [-2.0, 2.0],
         "height of the table; without it there is no table",
     ),
     parameter(

@@ -308,7 +308,7 @@ mod tests {
         };
         assert!(message(&request(), "youngs_modulus").contains("`youngs_modulus`"));
         assert!(message(&request(), "slip_moment_n_m").contains("slip_moment_n_m"));
-        let falling = SimulationRequest { thetas: vec![vec![10.0, 1.0]], ..request() };
+        let falling = SimulationRequest { thetas: vec![vec![10.0, 100.0]], ..request() };
         assert!(message(&falling, "length_m").contains("did not come to rest"));
         assert!(message(&SimulationRequest { thetas: Vec::new(), ..request() }, "length").contains("`length`"));
         let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: vec![0.0; 2] };

@@ -330,9 +330,11 @@ mod tests {
     fn a_shape_at_rest_that_is_not_found_is_counted() {
         let mut r = request(still(), 3);
         (r.noise, r.frame_times_s) = (false, vec![0.0]);
-        // A bar of 10 m and 1 Pa does not come to rest within the rounds of the descent.
-        r.thetas[1] = vec![10.0, 1.0];
-        let simulator = BeamSimulator::new(&soft_bar(), 1).unwrap();
+        // A bar of 10 m and 10 Pa, as heavy as lead, does not come to rest within the rounds of the descent.
+        let mut model = soft_bar();
+        model.parameters.insert("density_kg_m3".into(), 1.1e4);
+        r.thetas[1] = vec![10.0, 10.0];
+        let simulator = BeamSimulator::new(&model, 1).unwrap();
         simulator.simulate(&r).unwrap();
         assert_eq!(simulator.unconverged_equilibria(), 1, "one of the three is 10 m long and as soft as foam");
     }

@@ -6,12 +6,19 @@ use crate::task::MOST_STEPS;
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
-/// Limits beyond which a value is taken for one in another unit, such as mm or degrees. Chosen, wide of any cell with a Panda.
-const THICKNESS_M: [f64; 2] = [1e-5, 0.2];
-const HIDDEN_M: [f64; 2] = [0.0, 0.5];
-const PLACES_M: [f64; 2] = [-10.0, 10.0];
-const ANGLES_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
-const PERIODS_S: [f64; 2] = [1e-4, 20.0];
+/// Plausible ranges, chosen wide of any cell with a Panda, whose hand opens 80 mm. A value outside is probably in another unit: mm, degrees, ms.
+const THICKNESS_M: [f64; 2] = [1e-5, 0.1];
+const HIDDEN_LENGTH_M: [f64; 2] = [0.0, 0.1];
+const POSITION_M: [f64; 2] = [-10.0, 10.0];
+const JITTER_M: [f64; 2] = [0.0, 0.5];
+const POSE_NOISE_M: [f64; 2] = [0.0, 0.1];
+const REWARD_RANGE_M: [f64; 2] = [1e-3, 10.0];
+const ANGLE_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
+const FRAME_PERIOD_S: [f64; 2] = [1e-4, 5.0];
+const STEP_PERIOD_S: [f64; 2] = [1e-3, 10.0];
+const START_VELOCITY_SD_M_S: [f64; 2] = [0.0, 5.0];
+const RATE_HZ: [f64; 2] = [0.1, 1e4];
+const KEYPOINT_NOISE_PX: [f64; 2] = [0.0, 100.0];
 
 /// Rejects a file of another version, with a hint for newer versions and for a missing field.
 pub(super) fn version(outline: Option<&Node>) -> Result<(), ModelError> {
@@ -54,12 +61,12 @@ impl Model {
         if !(2..=10_000).contains(&o.frames) {
             return Err(ModelError::value("observation.frames", "2 to 10000", o.frames));
         }
-        within("observation.frame_period_s", PERIODS_S, "s", o.frame_period_s)?;
-        not_negative("observation.start_velocity_sd_m_s", o.start_velocity_sd_m_s)?;
+        within("observation.frame_period_s", FRAME_PERIOD_S, "s", o.frame_period_s)?;
+        within("observation.start_velocity_sd_m_s", START_VELOCITY_SD_M_S, "m/s", o.start_velocity_sd_m_s)?;
         self.camera.view.check()?;
-        positive("camera.rate_hz", self.camera.rate_hz)?;
-        not_negative("camera.keypoint_noise_px", self.camera.keypoint_noise_px)?;
-        not_negative("camera.position_jitter_m", self.camera.position_jitter_m)?;
+        within("camera.rate_hz", RATE_HZ, "Hz", self.camera.rate_hz)?;
+        within("camera.keypoint_noise_px", KEYPOINT_NOISE_PX, "px", self.camera.keypoint_noise_px)?;
+        within("camera.position_jitter_m", JITTER_M, "m", self.camera.position_jitter_m)?;
         self.check_arm()?;
         self.check_lacking()?;
         self.task.as_ref().map_or(Ok(()), task)
@@ -139,17 +146,17 @@ impl Model {
             let expected = "four increasing numbers within 0 and 1";
             return Err(ModelError::value("object.keypoint_fractions", expected, format!("{f:?}")));
         }
-        within("object.hidden_length_m", HIDDEN_M, "m", self.object.hidden_length_m)?;
-        within("object.grip_angle_rad", ANGLES_RAD, "rad", self.object.grip_angle_rad)
+        within("object.hidden_length_m", HIDDEN_LENGTH_M, "m", self.object.hidden_length_m)?;
+        within("object.grip_angle_rad", ANGLE_RAD, "rad", self.object.grip_angle_rad)
     }
 
     fn check_arm(&self) -> Result<(), ModelError> {
         arm_law(&self.arm.law)?;
-        not_negative("arm.pose_noise_m", self.arm.pose_noise_m)?;
+        within("arm.pose_noise_m", POSE_NOISE_M, "m", self.arm.pose_noise_m)?;
         let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
-        within("arm.start.x_m", PLACES_M, "m", x_m)?;
-        within("arm.start.z_m", PLACES_M, "m", z_m)?;
-        within("arm.start.pitch_rad", ANGLES_RAD, "rad", pitch_rad)
+        within("arm.start.x_m", POSITION_M, "m", x_m)?;
+        within("arm.start.z_m", POSITION_M, "m", z_m)?;
+        within("arm.start.pitch_rad", ANGLE_RAD, "rad", pitch_rad)
     }
 }
 
@@ -168,9 +175,7 @@ impl Model {
 
 /// Checks the constants of an arm's law.
 pub(super) fn arm_law(law: &ArmLaw) -> Result<(), ModelError> {
-    let (above_zero, at_least_zero) = law.constants();
-    above_zero.into_iter().try_for_each(|(field, v)| positive(field, v))?;
-    at_least_zero.into_iter().try_for_each(|(field, v)| not_negative(field, v))
+    law.constants().into_iter().try_for_each(|(field, v, range, unit)| within(field, range, unit, v))
 }
 
 /// Checks a task.
@@ -178,11 +183,11 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     if task.steps == 0 {
         return Err(ModelError::value("task.steps", "at least 1", task.steps));
     }
-    within("task.step_period_s", PERIODS_S, "s", task.step_period_s)?;
+    within("task.step_period_s", STEP_PERIOD_S, "s", task.step_period_s)?;
     if let Some(reward_range_m) = task.goal.reward_range_m() {
         // The steps before the end earn nothing, and are no successes.
         positive("task.success_reward", task.success_reward)?;
-        positive(&format!("task.goal.{}.reward_range_m", task.goal.name()), reward_range_m)?;
+        within(&format!("task.goal.{}.reward_range_m", task.goal.name()), REWARD_RANGE_M, "m", reward_range_m)?;
     }
     if task.steps.saturating_add(task.rest_steps) > MOST_STEPS {
         let is_alone = task.steps > MOST_STEPS;
@@ -196,7 +201,7 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
             task.rest_steps,
         ));
     }
-    // One place has no motion.
+    // A single rest step shows no motion.
     if matches!(task.goal, Goal::Settle { .. }) && task.rest_steps < 2 {
         return Err(ModelError::value("task.rest_steps", "at least 2 for the goal `settle`", task.rest_steps));
     }
@@ -204,16 +209,16 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
         let got = format!("true with `{}`, which is judged at its end", task.goal.name());
         return Err(ModelError::value("task.ends_at_success", "false, or the goal `reach`", got));
     }
-    not_negative("task.target_jitter_m", task.target_jitter_m)?;
-    task.target_m.into_iter().try_for_each(|v| within("task.target_m", PLACES_M, "m", v))?;
+    within("task.target_jitter_m", JITTER_M, "m", task.target_jitter_m)?;
+    task.target_m.into_iter().try_for_each(|v| within("task.target_m", POSITION_M, "m", v))?;
     finite("task.success_reward", task.success_reward)?;
     let w = &task.workspace;
     for (axis, [low, high]) in [("x_m", w.x_m), ("y_m", w.y_m), ("z_m", w.z_m)] {
         if !(low.is_finite() && high.is_finite() && low < high) {
             let got = format!("[{low}, {high}]");
-            return Err(ModelError::value(format!("task.workspace.{axis}"), "the least and then a greater value", got));
+            return Err(ModelError::value(format!("task.workspace.{axis}"), "[low, high] with low < high", got));
         }
-        [low, high].into_iter().try_for_each(|v| within(&format!("task.workspace.{axis}"), PLACES_M, "m", v))?;
+        [low, high].into_iter().try_for_each(|v| within(&format!("task.workspace.{axis}"), POSITION_M, "m", v))?;
     }
     Ok(())
 }
@@ -222,9 +227,9 @@ fn refuse_unless(holds: bool, field: &str, expected: &str, v: f64) -> Result<(),
     if holds { Ok(()) } else { Err(ModelError::value(field, expected, v)) }
 }
 
-/// Rejects a value outside `[low, high]`, which also refuses NaN.
+/// Rejects a value outside `[low, high]`. NaN counts as outside.
 pub(crate) fn within(field: &str, [low, high]: [f64; 2], unit: &str, v: f64) -> Result<(), ModelError> {
-    // Angles have no short limits in radians.
+    // Rounded for the message: 2 pi has too many digits.
     let [from, to] = [low, high].map(|limit| (limit * 1e5).round() / 1e5);
     refuse_unless((low..=high).contains(&v), field, &format!("{from} to {to} {unit}"), v)
 }
@@ -235,8 +240,4 @@ fn finite(field: &str, v: f64) -> Result<(), ModelError> {
 
 fn positive(field: &str, v: f64) -> Result<(), ModelError> {
     refuse_unless(v.is_finite() && v > 0.0, field, "a positive number", v)
-}
-
-fn not_negative(field: &str, v: f64) -> Result<(), ModelError> {
-    refuse_unless(v.is_finite() && v >= 0.0, field, "a number of at least zero", v)
 }

@@ -74,7 +74,7 @@ mod tests {
             (
                 "reward_range_m: 0.2",
                 "reward_range_m: 0",
-                "`task.goal.settle.reward_range_m`: expected a positive number, got 0",
+                "`task.goal.settle.reward_range_m`: expected 0.001 to 10 m, got 0",
             ),
             ("settle:", "setle:", "setle"),
             ("  steps: 4\n", "  steps: 200000\n", "`task.steps`: expected at most 100000 steps in all, got 200000"),

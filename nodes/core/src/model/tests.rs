@@ -88,7 +88,7 @@ fn swapped_bounds_are_named() {
     assert!(e.starts_with("line 21, `effects.table_friction.distribution`: expected finite low < high"), "{e}");
     let e =
         message("  steps: 16\n", "  steps: 16\n  workspace: {x_m: [0.6, 0.3], y_m: [-0.1, 0.1], z_m: [0.1, 0.5]}\n");
-    assert_eq!(e, "line 44, `task.workspace.x_m`: expected the least and then a greater value, got [0.6, 0.3]");
+    assert_eq!(e, "line 44, `task.workspace.x_m`: expected [low, high] with low < high, got [0.6, 0.3]");
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn a_value_that_is_no_finite_number_is_named() {
     let e = message("density_kg_m3: 1055.0", "density_kg_m3: 1055,0");
     assert_eq!(e, "line 11, `parameters.density_kg_m3`: expected a number, got `1055,0`");
     let e = message("side_m: 0.015", "side_m: -.inf");
-    assert_eq!(e, "line 5, `object.section.square.side_m`: expected 0.00001 to 0.2 m, got -inf");
+    assert_eq!(e, "line 5, `object.section.square.side_m`: expected 0.00001 to 0.1 m, got -inf");
     let e = message("low: 0.195", "low: .nan");
     assert_eq!(e, "line 16, `theta.length_m.prior`: expected finite low < high, got low NaN, high 0.305");
     let e = message("[0.44, 0.0, 0.27]", "[0.44, .inf, 0.27]");
@@ -114,8 +114,8 @@ fn a_value_that_is_no_finite_number_is_named() {
 #[test]
 fn a_value_in_another_unit_is_named_with_its_limits() {
     for (from, to, expected) in [
-        ("side_m: 0.015", "side_m: 15", "line 5, `object.section.square.side_m`: expected 0.00001 to 0.2 m, got 15"),
-        ("hidden_length_m: 0.008", "hidden_length_m: 8", "`object.hidden_length_m`: expected 0 to 0.5 m, got 8"),
+        ("side_m: 0.015", "side_m: 15", "line 5, `object.section.square.side_m`: expected 0.00001 to 0.1 m, got 15"),
+        ("hidden_length_m: 0.008", "hidden_length_m: 8", "`object.hidden_length_m`: expected 0 to 0.1 m, got 8"),
         (
             "grip_angle_rad: 0.0",
             "grip_angle_rad: -90",
@@ -126,11 +126,13 @@ fn a_value_in_another_unit_is_named_with_its_limits() {
         (
             "frame_period_s: 0.25",
             "frame_period_s: 250",
-            "`observation.frame_period_s`: expected 0.0001 to 20 s, got 250",
+            "`observation.frame_period_s`: expected 0.0001 to 5 s, got 250",
         ),
-        ("step_period_s: 0.5", "step_period_s: 500", "`task.step_period_s`: expected 0.0001 to 20 s, got 500"),
+        ("step_period_s: 0.5", "step_period_s: 500", "`task.step_period_s`: expected 0.001 to 10 s, got 500"),
         ("target_m: [0.50", "target_m: [500", "`task.target_m`: expected -10 to 10 m, got 500"),
-        ("focal_px: 615.0", "focal_px: 1.93", "`camera.view.pinhole.focal_px`: expected 30 to 100000 px, got 1.93"),
+        ("focal_px: 615.0", "focal_px: 1.93", "`camera.view.pinhole.focal_px`: expected 128 to 12800 px, got 1.93"),
+        ("time_constant_s: 0.16", "time_constant_s: 160", "`arm.law.lag.time_constant_s`: expected 0 to 5 s, got 160"),
+        ("target_jitter_m: 0.02", "target_jitter_m: 20", "`task.target_jitter_m`: expected 0 to 0.5 m, got 20"),
         ("[0.44, -1.15", "[440, -1150", "`camera.view.pinhole.position_m`: expected -20 to 20 m, got 440"),
     ] {
         let e = message(from, to);
@@ -249,9 +251,10 @@ fn a_text_with_anchors_is_written_anew() {
         .replace("time_constant_s: 0.16", "time_constant_s: &t 0.16")
         .replace("frame_period_s: 0.25", "frame_period_s: *t");
     assert!(Model::from_yaml(&text).is_err(), "the anchor stands after its use");
-    let text =
-        SOFT_BAR.replace("rate_hz: 60.0", "rate_hz: &t 60.0").replace("time_constant_s: 0.16", "time_constant_s: *t");
-    model.arm.law = ArmLaw::Lag { time_constant_s: 60.0, max_speed_m_s: 0.4 };
+    let text = SOFT_BAR
+        .replace("keypoint_noise_px: 0.7", "keypoint_noise_px: &t 0.7")
+        .replace("time_constant_s: 0.16", "time_constant_s: *t");
+    model.arm.law = ArmLaw::Lag { time_constant_s: 0.7, max_speed_m_s: 0.4 };
     let written = model.rewrite(&text).unwrap();
     assert_eq!(Model::from_yaml(&written).unwrap(), model);
     assert!(!written.contains('#'));
@@ -297,10 +300,10 @@ prop_compose! {
             version: MODEL_VERSION,
             name,
             object: Object {
-                section: if round { Section::Round { diameter_m: lengths[0].clamp(1e-5, 0.2) } } else { Section::Square { side_m: lengths[0].clamp(1e-5, 0.2) } },
+                section: if round { Section::Round { diameter_m: lengths[0].clamp(1e-5, 0.1) } } else { Section::Square { side_m: lengths[0].clamp(1e-5, 0.1) } },
                 axial_law: if round { AxialLaw::Linear } else { AxialLaw::NeoHookean },
                 keypoint_fractions: [f[0], f[1], f[2], f[3]],
-                hidden_length_m: lengths[1].min(0.5),
+                hidden_length_m: lengths[1].min(0.1),
                 grip_angle_rad: angles[0].clamp(-6.0, 6.0),
             },
             parameters: names[4..].iter().cloned().zip(fixed).collect(),
@@ -311,8 +314,8 @@ prop_compose! {
                 drive: if round { DriveKind::Grip } else { DriveKind::Policy },
                 start: if round { StartKind::Measured } else { StartKind::HangingAtRest },
                 frames,
-                frame_period_s: lengths[2].clamp(1e-4, 20.0),
-                start_velocity_sd_m_s: lengths[3],
+                frame_period_s: lengths[2].clamp(1e-4, 5.0),
+                start_velocity_sd_m_s: lengths[3].min(5.0),
             },
             camera: CameraModel {
                 view: if round {
@@ -321,30 +324,30 @@ prop_compose! {
                     Camera::Pinhole(Pinhole {
                         image_width_px: 640,
                         image_height_px: 480,
-                        focal_px: lengths[4].clamp(30.0, 1e5),
+                        focal_px: lengths[4].clamp(128.0, 12_800.0),
                         position_m: [0.1, -1.0, lengths[5].min(1.0)],
                         look_at_m: [0.3, 1.0 / 3.0, 0.27],
                         ..Pinhole::default()
                     })
                 },
-                rate_hz: lengths[6],
-                keypoint_noise_px: lengths[7],
-                position_jitter_m: lengths[8],
+                rate_hz: lengths[6].clamp(0.1, 1e4),
+                keypoint_noise_px: lengths[7].min(100.0),
+                position_jitter_m: lengths[8].min(0.5),
             },
             arm: Arm {
-                law: ArmLaw::Lag { time_constant_s: lengths[9], max_speed_m_s: lengths[10] },
+                law: ArmLaw::Lag { time_constant_s: lengths[9].min(5.0), max_speed_m_s: lengths[10].clamp(1e-3, 5.0) },
                 start: GripPose { x_m: angles[3].clamp(-10.0, 10.0), z_m: angles[4].clamp(-10.0, 10.0), pitch_rad: angles[5].clamp(-6.0, 6.0) },
-                pose_noise_m: lengths[3],
+                pose_noise_m: lengths[3].min(0.1),
             },
             task: task.map(|(steps, measured)| Task {
-                goal: if measured { Goal::Settle { reward_range_m: lengths[6] } } else { Goal::Reach },
+                goal: if measured { Goal::Settle { reward_range_m: lengths[6].clamp(1e-3, 10.0) } } else { Goal::Reach },
                 steps,
                 rest_steps: if measured { 2 } else { 0 },
-                step_period_s: lengths[11].clamp(1e-4, 20.0),
+                step_period_s: lengths[11].clamp(1e-3, 10.0),
                 delta_anchor: if measured { DeltaAnchor::Measured } else { DeltaAnchor::LastTarget },
                 workspace: Workspace::default(),
                 target_m: [angles[0], angles[1]].map(|v| v.clamp(-10.0, 10.0)),
-                target_jitter_m: lengths[0],
+                target_jitter_m: lengths[0].min(0.5),
                 success_reward: if measured { lengths[5] } else { angles[2] },
                 ends_at_success: !measured,
             }),
