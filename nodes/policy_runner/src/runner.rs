@@ -312,7 +312,7 @@ impl Runner {
         if self.due_s.is_none() {
             self.target.begin(inputs.now_s);
         }
-        self.target.add_sighting(inputs, self.settings.max_age_s);
+        self.note_target(inputs);
         // The first turn begins the episode: step 0 is due at once.
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
         // Checked in every turn, also between two steps: an arm that stopped must not wait for the next step.
@@ -346,10 +346,14 @@ impl Runner {
         }
     }
 
-    /// Notes where the target is seen, in the wait before the first turn: the first step then knows its place better than from one frame. Times
-    /// must be of the same clock as those of the turns.
+    /// Notes where fresh keypoints see the target. Called in the wait before the first turn, too: the first step then knows its place better than
+    /// from one frame. Times are of one clock.
     pub fn note_target(&mut self, inputs: &Inputs) {
-        self.target.add_sighting(inputs, self.settings.max_age_s);
+        let Some((stamp_s, keypoints)) = inputs.keypoints else { return };
+        let (now_s, max_age_s) = (inputs.now_s, self.settings.max_age_s);
+        if check_stamp(stamp_s, now_s, [now_s - max_age_s, now_s + max_age_s]).is_ok() {
+            self.target.add_sighting(stamp_s, keypoints.target_scaled());
+        }
     }
 
     /// Assembles the observation. Data from before the due time count as fresh within the age limit.
