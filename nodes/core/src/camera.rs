@@ -5,7 +5,6 @@
 //! middle.
 
 use crate::ModelError;
-use crate::model::within;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -90,7 +89,7 @@ const FOCAL_RATIO: [f64; 2] = [0.2, 20.0];
 
 /// Rejects a roll beyond one turn, and a lens that folds the image over within one focal length of its axis.
 fn check_lens(kind: &str, roll_rad: f64, k1: f64) -> Result<(), ModelError> {
-    within(&format!("camera.view.{kind}.roll_rad"), ROLL_RAD, "rad", roll_rad)?;
+    ModelError::within(&format!("camera.view.{kind}.roll_rad"), ROLL_RAD, "rad", roll_rad)?;
     // The derivative 1 + 3 k1 r^2 of the distorted radius is zero at r = 1 for k1 = -1/3.
     if !(k1.is_finite() && k1 > -1.0 / 3.0) {
         return Err(ModelError::value(format!("camera.view.{kind}.distortion_k1"), "a number above -1/3", k1));
@@ -116,8 +115,10 @@ impl Camera {
         match self {
             Camera::Pinhole(p) => p.check(),
             Camera::Plane(p) => {
-                within("camera.view.plane.side_m", SIDE_M, "m", p.side_m)?;
-                p.centre_m.iter().try_for_each(|v| within("camera.view.plane.centre_m", POSITION_M, "m", *v))?;
+                ModelError::within("camera.view.plane.side_m", SIDE_M, "m", p.side_m)?;
+                p.centre_m
+                    .iter()
+                    .try_for_each(|v| ModelError::within("camera.view.plane.centre_m", POSITION_M, "m", *v))?;
                 check_lens("plane", p.roll_rad, p.distortion_k1)
             }
         }
@@ -228,10 +229,12 @@ impl Pinhole {
             }
         }
         let range_px = FOCAL_RATIO.map(|ratio| ratio * f64::from(self.image_width_px));
-        within("camera.view.pinhole.focal_px", range_px, "px", self.focal_px)?;
+        ModelError::within("camera.view.pinhole.focal_px", range_px, "px", self.focal_px)?;
         check_lens("pinhole", self.roll_rad, self.distortion_k1)?;
         for (field, point) in [("position_m", self.position_m), ("look_at_m", self.look_at_m)] {
-            point.iter().try_for_each(|v| within(&format!("camera.view.pinhole.{field}"), POSITION_M, "m", *v))?;
+            point
+                .iter()
+                .try_for_each(|v| ModelError::within(&format!("camera.view.pinhole.{field}"), POSITION_M, "m", *v))?;
         }
         let forward = self.forward();
         // A camera that looks straight up or down has no right direction: its cross product with z is zero.

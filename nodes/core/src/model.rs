@@ -9,7 +9,6 @@ mod task_file;
 mod tests;
 mod yaml;
 
-pub(crate) use check::within;
 pub use error::{ModelError, Place};
 pub use task_file::TaskFile;
 

@@ -61,12 +61,12 @@ impl Model {
         if !(2..=10_000).contains(&o.frames) {
             return Err(ModelError::value("observation.frames", "2 to 10000", o.frames));
         }
-        within("observation.frame_period_s", FRAME_PERIOD_S, "s", o.frame_period_s)?;
-        within("observation.start_velocity_sd_m_s", START_VELOCITY_SD_M_S, "m/s", o.start_velocity_sd_m_s)?;
+        ModelError::within("observation.frame_period_s", FRAME_PERIOD_S, "s", o.frame_period_s)?;
+        ModelError::within("observation.start_velocity_sd_m_s", START_VELOCITY_SD_M_S, "m/s", o.start_velocity_sd_m_s)?;
         self.camera.view.check()?;
-        within("camera.rate_hz", RATE_HZ, "Hz", self.camera.rate_hz)?;
-        within("camera.keypoint_noise_px", KEYPOINT_NOISE_PX, "px", self.camera.keypoint_noise_px)?;
-        within("camera.position_jitter_m", JITTER_M, "m", self.camera.position_jitter_m)?;
+        ModelError::within("camera.rate_hz", RATE_HZ, "Hz", self.camera.rate_hz)?;
+        ModelError::within("camera.keypoint_noise_px", KEYPOINT_NOISE_PX, "px", self.camera.keypoint_noise_px)?;
+        ModelError::within("camera.position_jitter_m", JITTER_M, "m", self.camera.position_jitter_m)?;
         self.check_arm()?;
         self.check_lacking()?;
         self.task.as_ref().map_or(Ok(()), task)
@@ -138,25 +138,27 @@ impl Model {
 
     fn check_object(&self) -> Result<(), ModelError> {
         match self.object.section {
-            Section::Square { side_m } => within("object.section.square.side_m", THICKNESS_M, "m", side_m)?,
-            Section::Round { diameter_m } => within("object.section.round.diameter_m", THICKNESS_M, "m", diameter_m)?,
+            Section::Square { side_m } => ModelError::within("object.section.square.side_m", THICKNESS_M, "m", side_m)?,
+            Section::Round { diameter_m } => {
+                ModelError::within("object.section.round.diameter_m", THICKNESS_M, "m", diameter_m)?
+            }
         }
         let f = self.object.keypoint_fractions;
         if !(f[0] >= 0.0 && f[3] <= 1.0 && f.windows(2).all(|w| w[0] < w[1])) {
             let expected = "four increasing numbers within 0 and 1";
             return Err(ModelError::value("object.keypoint_fractions", expected, format!("{f:?}")));
         }
-        within("object.hidden_length_m", HIDDEN_LENGTH_M, "m", self.object.hidden_length_m)?;
-        within("object.grip_angle_rad", ANGLE_RAD, "rad", self.object.grip_angle_rad)
+        ModelError::within("object.hidden_length_m", HIDDEN_LENGTH_M, "m", self.object.hidden_length_m)?;
+        ModelError::within("object.grip_angle_rad", ANGLE_RAD, "rad", self.object.grip_angle_rad)
     }
 
     fn check_arm(&self) -> Result<(), ModelError> {
         arm_law(&self.arm.law)?;
-        within("arm.pose_noise_m", POSE_NOISE_M, "m", self.arm.pose_noise_m)?;
+        ModelError::within("arm.pose_noise_m", POSE_NOISE_M, "m", self.arm.pose_noise_m)?;
         let GripPose { x_m, z_m, pitch_rad } = self.arm.start;
-        within("arm.start.x_m", POSITION_M, "m", x_m)?;
-        within("arm.start.z_m", POSITION_M, "m", z_m)?;
-        within("arm.start.pitch_rad", ANGLE_RAD, "rad", pitch_rad)
+        ModelError::within("arm.start.x_m", POSITION_M, "m", x_m)?;
+        ModelError::within("arm.start.z_m", POSITION_M, "m", z_m)?;
+        ModelError::within("arm.start.pitch_rad", ANGLE_RAD, "rad", pitch_rad)
     }
 }
 
@@ -175,7 +177,7 @@ impl Model {
 
 /// Checks the constants of an arm's law.
 pub(super) fn arm_law(law: &ArmLaw) -> Result<(), ModelError> {
-    law.constants().into_iter().try_for_each(|(field, v, range, unit)| within(field, range, unit, v))
+    law.constants().into_iter().try_for_each(|(field, v, range, unit)| ModelError::within(field, range, unit, v))
 }
 
 /// Checks a task.
@@ -183,11 +185,16 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     if task.steps == 0 {
         return Err(ModelError::value("task.steps", "at least 1", task.steps));
     }
-    within("task.step_period_s", STEP_PERIOD_S, "s", task.step_period_s)?;
+    ModelError::within("task.step_period_s", STEP_PERIOD_S, "s", task.step_period_s)?;
     if let Some(reward_range_m) = task.goal.reward_range_m() {
         // The steps before the end earn nothing, and are no successes.
         positive("task.success_reward", task.success_reward)?;
-        within(&format!("task.goal.{}.reward_range_m", task.goal.name()), REWARD_RANGE_M, "m", reward_range_m)?;
+        ModelError::within(
+            &format!("task.goal.{}.reward_range_m", task.goal.name()),
+            REWARD_RANGE_M,
+            "m",
+            reward_range_m,
+        )?;
     }
     if task.steps.saturating_add(task.rest_steps) > MOST_STEPS {
         let is_alone = task.steps > MOST_STEPS;
@@ -209,8 +216,8 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
         let got = format!("true with `{}`, which is judged at its end", task.goal.name());
         return Err(ModelError::value("task.ends_at_success", "false, or the goal `reach`", got));
     }
-    within("task.target_jitter_m", JITTER_M, "m", task.target_jitter_m)?;
-    task.target_m.into_iter().try_for_each(|v| within("task.target_m", POSITION_M, "m", v))?;
+    ModelError::within("task.target_jitter_m", JITTER_M, "m", task.target_jitter_m)?;
+    task.target_m.into_iter().try_for_each(|v| ModelError::within("task.target_m", POSITION_M, "m", v))?;
     finite("task.success_reward", task.success_reward)?;
     let w = &task.workspace;
     for (axis, [low, high]) in [("x_m", w.x_m), ("y_m", w.y_m), ("z_m", w.z_m)] {
@@ -218,20 +225,15 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
             let got = format!("[{low}, {high}]");
             return Err(ModelError::value(format!("task.workspace.{axis}"), "[low, high] with low < high", got));
         }
-        [low, high].into_iter().try_for_each(|v| within(&format!("task.workspace.{axis}"), POSITION_M, "m", v))?;
+        [low, high]
+            .into_iter()
+            .try_for_each(|v| ModelError::within(&format!("task.workspace.{axis}"), POSITION_M, "m", v))?;
     }
     Ok(())
 }
 
 fn refuse_unless(holds: bool, field: &str, expected: &str, v: f64) -> Result<(), ModelError> {
     if holds { Ok(()) } else { Err(ModelError::value(field, expected, v)) }
-}
-
-/// Rejects a value outside `[low, high]`. NaN counts as outside.
-pub(crate) fn within(field: &str, [low, high]: [f64; 2], unit: &str, v: f64) -> Result<(), ModelError> {
-    // Rounded for the message: 2 pi has too many digits.
-    let [from, to] = [low, high].map(|limit| (limit * 1e5).round() / 1e5);
-    refuse_unless((low..=high).contains(&v), field, &format!("{from} to {to} {unit}"), v)
 }
 
 fn finite(field: &str, v: f64) -> Result<(), ModelError> {

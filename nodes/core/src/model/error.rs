@@ -64,6 +64,16 @@ impl ModelError {
         Self::Text { place: Place { line: None, field: field.into() }, what: what.to_string() }
     }
 
+    /// Rejects a value outside `[low, high]`. NaN counts as outside.
+    pub(crate) fn within(field: &str, [low, high]: [f64; 2], unit: &str, v: f64) -> Result<(), Self> {
+        if (low..=high).contains(&v) {
+            return Ok(());
+        }
+        // Rounded for the message: 2 pi has too many digits.
+        let [from, to] = [low, high].map(|limit| (limit * 1e5).round() / 1e5);
+        Err(Self::value(field, format!("{from} to {to} {unit}"), v))
+    }
+
     /// Changes the path of the field.
     #[must_use]
     pub(super) fn with_field(mut self, change: impl FnOnce(&str) -> String) -> Self {
