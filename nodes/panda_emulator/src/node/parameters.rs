@@ -122,8 +122,7 @@ fn settings(b: &NodeBuilder, generation: Generation) -> Result<Settings> {
 fn array<const N: usize>(b: &NodeBuilder, name: &str, default: [f64; N], unit: &str, text: &str) -> Result<[f64; N]> {
     let given = b.declare(name, default.to_vec(), fixed(text).unit(unit))?.get();
     match <[f64; N]>::try_from(given.as_slice()) {
-        Ok(values) if values.iter().all(|v| v.is_finite()) => Ok(values),
-        Ok(values) => bail!("parameter {name}: expected {N} finite numbers, got {values:?}"),
+        Ok(values) => Ok(values),
         Err(_) => bail!("parameter {name}: expected {N} values, got {}", given.len()),
     }
 }
