@@ -122,7 +122,7 @@ def test_two_bars_are_simulated_and_the_softer_one_hangs_lower(graph):
     frames, answer = simulate(graph)
     assert answer.success, answer.message
     soft, stiff = answer.tracks
-    assert list(answer.theta_low) == [0.01, 1.0] and list(answer.theta_high) == [10.0, 1e12], "the ranges of length and modulus"
+    assert list(answer.theta_low) == [0.01, 10.0] and list(answer.theta_high) == [10.0, 1e12], "the ranges of length and modulus"
     for track in answer.tracks:
         assert list(track.time) == frames and len(track.dlo) == len(frames) * 8
         assert all(math.isfinite(value) and -1.5 < value < 1.5 for value in track.dlo)
