@@ -88,26 +88,21 @@ impl Directory {
 
     /// Returns the name of the node of an endpoint. For an unlisted endpoint, returns the names of all nodes of its participant.
     pub(super) fn name(&self, gid: &Gid) -> Option<String> {
-        name_among(&self.nodes(), gid)
+        let nodes = self.nodes();
+        let of_participant = nodes.get(&prefix(gid))?;
+        let owner = of_participant.iter().find(|n| n.readers.contains(gid) || n.writers.contains(gid));
+        // An endpoint that is not listed yet belongs to one of the nodes, so all of them are named.
+        match (owner, &of_participant[..]) {
+            (Some(node), _) => Some(path(node)),
+            (None, []) => None,
+            (None, all) => Some(all.iter().map(path).collect::<Vec<_>>().join(" or ")),
+        }
     }
 
-    /// Returns the name of the node of an endpoint, as [`Directory::name`]. Waits up to `patience` for the list of its participant.
-    pub(super) fn name_within(&self, gid: &Gid, patience: Duration) -> Option<String> {
+    /// Waits up to `patience` until the participant of an endpoint has listed its nodes.
+    pub(super) fn wait_listed(&self, gid: &Gid, patience: Duration) {
         let is_unlisted = |nodes: &mut Nodes| !nodes.contains_key(&prefix(gid));
-        let waited = self.updated.wait_timeout_while(self.nodes(), patience, is_unlisted);
-        let (nodes, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        name_among(&nodes, gid)
-    }
-}
-
-fn name_among(nodes: &Nodes, gid: &Gid) -> Option<String> {
-    let of_participant = nodes.get(&prefix(gid))?;
-    let owner = of_participant.iter().find(|n| n.readers.contains(gid) || n.writers.contains(gid));
-    // An endpoint that is not listed yet belongs to one of the nodes, so all of them are named.
-    match (owner, &of_participant[..]) {
-        (Some(node), _) => Some(path(node)),
-        (None, []) => None,
-        (None, all) => Some(all.iter().map(path).collect::<Vec<_>>().join(" or ")),
+        drop(self.updated.wait_timeout_while(self.nodes(), patience, is_unlisted));
     }
 }
 
@@ -159,9 +154,13 @@ mod tests {
     #[test]
     fn the_name_of_an_endpoint_is_awaited_until_its_participant_lists_it() {
         let (directory, late) = (Directory::default(), gid_of(1, 7));
-        assert_eq!(directory.name_within(&late, Duration::from_millis(1)), None);
+        let named_within = |patience: Duration| {
+            directory.wait_listed(&late, patience);
+            directory.name(&late)
+        };
+        assert_eq!(named_within(Duration::from_millis(1)), None);
         std::thread::scope(|threads| {
-            let waiting = threads.spawn(|| directory.name_within(&late, Duration::from_secs(20)));
+            let waiting = threads.spawn(|| named_within(Duration::from_secs(20)));
             // The list of another participant comes first.
             for participant in [2, 1] {
                 let nodes = vec![node("/", &format!("of_{participant}"), &[gid_of(participant, 7)], &[])];

@@ -87,8 +87,8 @@ impl Graph {
         }
         let graph = Arc::clone(self);
         let started = threads.spawn("name of a node", move || {
-            let node = graph.directory().name_within(&gid, NODE_LIST_TIMEOUT);
-            tell(&Peer { node, ..graph.peer_of(gid) });
+            graph.directory().wait_listed(&gid, NODE_LIST_TIMEOUT);
+            tell(&graph.peer_of(gid));
         });
         if let Err(error) = started {
             tracing::error!("a request or target of {peer} is not logged: {error}");
