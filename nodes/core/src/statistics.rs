@@ -71,6 +71,12 @@ pub fn median_high(values: &mut [f64]) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
+/// High median of places, coordinate by coordinate. None for none.
+pub fn median_place(places: impl Iterator<Item = [f64; 2]> + Clone) -> Option<[f64; 2]> {
+    let median = |i: usize| median_high(&mut places.clone().map(|place| place[i]).collect::<Vec<f64>>());
+    Some([median(0)?, median(1)?])
+}
+
 /// 95 % interval `[low, high]` of a probability, after `hits` in `trials` (Wilson 1927).
 pub fn wilson_interval(hits: usize, trials: usize) -> [f64; 2] {
     let n = trials as f64;

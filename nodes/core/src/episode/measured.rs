@@ -9,7 +9,7 @@ use super::start::measured_start;
 use super::view::view_warning;
 use crate::model::{DriveKind, StartKind};
 use crate::simulator::StartShape;
-use crate::statistics::median_high;
+use crate::statistics::median_place;
 use crate::track::End;
 use crate::{Camera, Frame, GripTrajectory, Keypoints, Model, Observation, Track};
 use serde::Serialize;
@@ -122,7 +122,7 @@ impl Episode {
         warnings.extend(few_warning(&frames, model));
         // The target stands still, in the simulator too: the median drops frames that mistake something else for it. A target that jumps is unlike
         // any simulation, and would count for more in the inference than the object does.
-        let target = median_target(&frames);
+        let target = median_place(frames.iter().map(|frame| frame.target));
         if let Some(target) = target {
             warnings.extend(target_warning(&frames, target));
             frames.iter_mut().for_each(|frame| frame.target = target);
@@ -264,13 +264,4 @@ fn target_warning(frames: &[Frame], target: [f64; 2]) -> Option<String> {
             100.0 * share
         )
     })
-}
-
-/// Median of the target's position over the frames, coordinate by coordinate.
-fn median_target(frames: &[Frame]) -> Option<[f64; 2]> {
-    let median = |i: usize| {
-        let mut values: Vec<f64> = frames.iter().map(|f| f.target[i]).collect();
-        median_high(&mut values)
-    };
-    Some([median(0)?, median(1)?])
 }

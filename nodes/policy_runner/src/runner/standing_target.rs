@@ -1,6 +1,6 @@
 //! Place of the target, which stands still.
 
-use catenary_core::statistics::median_high;
+use catenary_core::statistics::median_place;
 use std::collections::VecDeque;
 
 /// Time over which sightings count, s. Chosen: longer than most mistakes of a segmenter, and short enough to follow a target that somebody moves.
@@ -39,8 +39,7 @@ impl StandingTarget {
 
     /// Returns the median place, coordinate by coordinate; `None` if the target was not seen.
     pub(super) fn place(&self) -> Option<[f64; 2]> {
-        let median = |i: usize| median_high(&mut self.seen.iter().map(|(_, place)| place[i]).collect::<Vec<_>>());
-        Some([median(0)?, median(1)?])
+        median_place(self.seen.iter().map(|(_, place)| *place))
     }
 }
 
