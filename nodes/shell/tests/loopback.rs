@@ -157,30 +157,6 @@ fn a_service_answers_and_its_absence_is_an_error_in_time() {
     assert!(start.elapsed() < Duration::from_secs(1));
 }
 
-/// Returns the resident memory of this process, kB.
-fn resident_kb() -> usize {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse().unwrap()
-}
-
-#[test]
-fn asking_a_service_often_takes_no_memory() {
-    let (server, caller) = (node("server", 113), node("caller", 113));
-    let _service = server
-        .serve::<SetBool>("enable", |request| SetBoolResponse { success: request.data, message: String::new() })
-        .unwrap();
-    let client = caller.client::<SetBool>("enable").unwrap();
-    let call = |times| (0..times).for_each(|_| drop(client.call(SetBoolRequest { data: true }, SOON).unwrap()));
-    // Buffers reach their final size in these calls.
-    call(200);
-    let before = resident_kb();
-    call(4000);
-    let grown = resident_kb().saturating_sub(before);
-    // The limit leaves room for the other tests of this process.
-    assert!(grown < 8000, "{grown} kB for 4000 calls");
-}
-
 #[test]
 fn every_new_client_of_a_process_gets_its_first_answer() {
     let (server, caller) = (node("server", 112), node("caller", 112));
