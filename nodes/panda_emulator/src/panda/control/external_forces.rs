@@ -7,9 +7,9 @@ use crate::panda::plant::sensors::Readings;
 use crate::panda::rigid_body::Terms;
 use nalgebra::{Matrix6, Vector3};
 
-/// Manipulability `sqrt(det(J J^T))` below which the wrench is reported as zero. A Panda has 0.08 at its ready pose. Chosen: above it,
-/// errors of 0.5 N m in every joint, of the worst signs, show as 36 N at most; below it they may show as thousands.
-const UNOBSERVABLE: f64 = 2e-2;
+/// Smallest singular value of the Jacobian at K below which the wrench is reported as zero: a user measured it on two Pandas
+/// (libfranka, issue 76).
+const UNOBSERVABLE: f64 = 0.08;
 /// Manipulability below which a Cartesian motion cannot start. Guess.
 const SINGULAR: f64 = 5e-3;
 
@@ -40,6 +40,11 @@ impl ExternalForces {
         }
     }
 
+    /// Forgets what it has estimated.
+    pub fn reset(&mut self) {
+        *self = Self { gain: self.gain, ..Self::new(1.0, self.inertial_ratio) };
+    }
+
     /// Updates the estimate. `terms`: the control box's model, which differs from the arm.
     pub fn update(&mut self, readings: &Readings, terms: &Terms, jacobian_k: &Jacobian, k: &Frame) {
         let acceleration = (readings.dq - self.last_speeds) / CYCLE_S;
@@ -62,7 +67,7 @@ pub fn is_singular(jacobian: &Jacobian) -> bool {
 /// Wrench that best explains joint torques: the pseudo-inverse of the transposed Jacobian. `None` near a singularity.
 fn wrench(torques: &Joints, jacobian: &Jacobian) -> Option<Six> {
     let square: Matrix6<f64> = jacobian * jacobian.transpose();
-    let cholesky = square.cholesky()?;
-    let manipulability: f64 = cholesky.l_dirty().diagonal().product();
-    (manipulability >= UNOBSERVABLE).then(|| cholesky.solve(&(jacobian * torques)))
+    // Positive definite exactly if every singular value of the Jacobian exceeds the bound.
+    let _observable = (square - Matrix6::from_diagonal_element(UNOBSERVABLE * UNOBSERVABLE)).cholesky()?;
+    square.cholesky().map(|cholesky| cholesky.solve(&(jacobian * torques)))
 }
