@@ -7,13 +7,14 @@ use chain::{Chain, Frame, Jacobian, Joints, Six};
 use checks::contact::Contact;
 use checks::limits::Limits;
 use checks::self_collision::SelfCollision;
+use checks::standing::Standing;
 use configuration::Configuration;
 use control::Hold;
 use control::external_forces::ExternalForces;
 use franka::model::{FER_URDF, FR3_URDF};
 use motion::{Ending, Motion};
 use plant::sensors::{Readings, Sensors};
-use plant::{MotorLaw, Plant};
+use plant::{Diverged, MotorLaw, Plant};
 use rigid_body::{RigidBody, Terms};
 
 mod chain;
@@ -79,6 +80,7 @@ pub struct Panda {
     external: ExternalForces,
     contact: Contact,
     self_collision: SelfCollision,
+    standing: Standing,
     measured: Measured,
     hold: Hold,
     motion: Option<Motion>,
@@ -92,6 +94,8 @@ pub struct Panda {
     recovery_due: bool,
     reflex_reason: Errors,
     errors: Errors,
+    /// The last cycle ended with numbers that no arm has, and the arm was put back.
+    was_restored: bool,
     answers: Vec<(u32, Answer)>,
     /// Wrench of the world on the hand, N and N m.
     pushed: Six,
@@ -142,6 +146,7 @@ impl Panda {
             external: ExternalForces::new(settings.external_torque_cutoff_hz, settings.inertial_torque_ratio),
             contact: Contact::default(),
             self_collision: SelfCollision::new(settings.end_effector.is_hand),
+            standing: Standing::default(),
             measured,
             hold: Hold::at_rest(q),
             motion: None,
@@ -154,6 +159,7 @@ impl Panda {
             recovery_due: false,
             reflex_reason: Errors::default(),
             errors: Errors::default(),
+            was_restored: false,
             answers: Vec::new(),
             pushed: Six::zeros(),
             internal_torque: Joints::zeros(),
@@ -183,14 +189,25 @@ impl Panda {
     }
 
     /// Sets the force (N) and moment (N m) that the world exerts on the hand, in the axes of O at the nominal end effector of the
-    /// settings. They hold until the next call.
+    /// settings. They hold until the next call. A wrench with a number that is not finite is ignored.
     pub fn push(&mut self, wrench: [f64; 6]) {
-        self.pushed = Six::from(wrench);
+        if wrench.iter().all(|v| v.is_finite()) {
+            self.pushed = Six::from(wrench);
+        }
     }
 
-    /// Puts a wall in the way of the hand, or takes it away.
+    /// Puts a wall in the way of the hand, or takes it away. A wall with a number that is not finite is ignored.
     pub fn set_wall(&mut self, wall: Option<Wall>) {
-        self.wall = wall;
+        if wall.is_none_or(|wall| wall.x_m.is_finite() && wall.stiffness_n_m.is_finite()) {
+            self.wall = wall;
+        }
+    }
+
+    /// Returns true if the simulation of the last cycle diverged. The arm was then put at rest where it was before, its motion ended
+    /// with `instability_detected`, and it waits for a recovery.
+    #[must_use]
+    pub fn was_restored(&self) -> bool {
+        self.was_restored
     }
 
     /// True pose (column-major, in O) and twist of the nominal end effector of the settings, which no client of the FCI sees.
@@ -222,11 +239,34 @@ impl Panda {
         if let Some(ending) = self.follow(command) {
             self.end_motion(ending);
         }
-        self.move_arm();
+        let moved = self.move_arm();
         self.measure();
-        self.check_arm();
+        self.was_restored = moved.is_err();
+        if self.was_restored {
+            self.rest_after_divergence();
+        } else {
+            self.check_arm();
+        }
         self.report();
+        if !self.state.is_finite() {
+            // No state with such a number leaves the control box, wherever it came from.
+            self.was_restored = true;
+            self.rest_after_divergence();
+            self.report();
+        }
         &self.state
+    }
+
+    /// Ends the motion of an arm whose simulation has diverged. The arm holds where the plant has put it.
+    fn rest_after_divergence(&mut self) {
+        // A load on closed brakes may be out of all bounds, too.
+        self.plant.rest();
+        let readings = self.sensors.read(self.plant.q(), self.plant.dq(), self.plant.link_torque());
+        self.measured = Measured::new(readings, &self.control_body, &self.configuration);
+        self.external.reset();
+        self.end_motion(Ending::Reflex(Errors::of(ErrorKind::InstabilityDetected)));
+        self.hold = Hold::at_rest(*self.plant.q());
+        self.internal_torque = Joints::zeros();
     }
 
     fn true_tool(&self) -> Frame {
@@ -248,6 +288,7 @@ impl Panda {
         (self.reflex, self.recovery_due) = (false, false);
         self.errors = Errors::default();
         self.contact.release();
+        self.standing.recovered();
     }
 
     /// Torques of the motors for this cycle.
@@ -296,7 +337,7 @@ impl Panda {
         }
     }
 
-    fn move_arm(&mut self) {
+    fn move_arm(&mut self) -> Result<(), Diverged> {
         let law = self.motor_law();
         let chain = Chain::at(self.plant.q());
         let point = chain.flange.then(&self.true_tool()).origin;
@@ -306,11 +347,12 @@ impl Panda {
         }
         if !self.brakes_open {
             self.plant.rest_on_brakes(&world, &chain, &point);
-            return;
+            return Ok(());
         }
         let pushed = chain.jacobian(&point).tr_mul(&world);
-        self.plant.step(&law, &self.measured.terms.gravity, &pushed);
+        let moved = self.plant.step(&law, &self.measured.terms.gravity, &pushed);
         self.internal_torque = law.torque_at(self.plant.q(), self.plant.dq(), 0.0);
+        moved
     }
 
     fn measure(&mut self) {
@@ -338,9 +380,12 @@ impl Panda {
         let thresholds = &self.configuration.collision;
         let collisions = self.contact.update(thresholds, accelerating, &self.external.torques, &self.external.wrench_k);
         errors = errors.union(collisions);
+        let begun = self.standing.begun(errors);
         let idle = self.brakes_open && !self.user_stop && !self.reflex && self.recovery.is_none();
-        let watched = self.motion.is_some() || (idle && self.hold.is_at_rest());
-        if watched && !errors.is_empty() {
+        if self.motion.is_none() {
+            errors = if idle && self.hold.is_at_rest() { begun } else { Errors::default() };
+        }
+        if !errors.is_empty() {
             self.hold = self.stop_here();
             self.end_motion(Ending::Reflex(errors));
         }

@@ -118,6 +118,12 @@ impl Errors {
         Self(self.0 | other.0)
     }
 
+    /// Set of the errors that are in this set and not in the other.
+    #[must_use]
+    pub fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
     /// Errors of the set that stay in the robot state after the arm has stopped: position limits and self-collision.
     #[must_use]
     pub fn lasting(self) -> Self {

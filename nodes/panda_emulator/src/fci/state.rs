@@ -104,6 +104,60 @@ pub struct RobotState {
     pub control_command_success_rate: f64,
 }
 
+impl RobotState {
+    /// Passes all numbers on, in the order that the versions of the FCI share.
+    pub fn for_each_field(&self, mut put: impl FnMut(&[f64])) {
+        for pose in [&self.o_t_ee, &self.o_t_ee_d, &self.f_t_ee, &self.ee_t_k, &self.f_t_ne, &self.ne_t_ee] {
+            put(pose);
+        }
+        put(&[self.m_ee]);
+        put(&self.i_ee);
+        put(&self.f_x_cee);
+        put(&[self.m_load]);
+        put(&self.i_load);
+        put(&self.f_x_cload);
+        put(&self.elbow);
+        put(&self.elbow_d);
+        for joints in [
+            &self.tau_j,
+            &self.tau_j_d,
+            &self.dtau_j,
+            &self.q,
+            &self.q_d,
+            &self.dq,
+            &self.dq_d,
+            &self.ddq_d,
+            &self.joint_contact,
+        ] {
+            put(joints);
+        }
+        put(&self.cartesian_contact);
+        put(&self.joint_collision);
+        put(&self.cartesian_collision);
+        put(&self.tau_ext_hat_filtered);
+        put(&self.o_f_ext_hat_k);
+        put(&self.k_f_ext_hat_k);
+        put(&self.o_dp_ee_d);
+        put(&self.o_ddp_o);
+        for elbow in [&self.elbow_c, &self.delbow_c, &self.ddelbow_c] {
+            put(elbow);
+        }
+        put(&self.o_t_ee_c);
+        put(&self.o_dp_ee_c);
+        put(&self.o_ddp_ee_c);
+        put(&self.theta);
+        put(&self.dtheta);
+    }
+
+    /// Returns true if no number is NaN or infinite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let mut finite = self.control_command_success_rate.is_finite();
+        self.for_each_field(|numbers| finite &= numbers.iter().all(|number| number.is_finite()));
+        finite
+    }
+}
+
 impl Default for RobotState {
     fn default() -> Self {
         Self {

@@ -4,3 +4,4 @@ pub mod arm;
 pub mod contact;
 pub mod limits;
 pub mod self_collision;
+pub mod standing;

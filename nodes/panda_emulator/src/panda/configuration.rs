@@ -1,6 +1,7 @@
 //! Configuration that a client sets: thresholds, impedances, frames, load, filters.
 
 use super::chain::Frame;
+use super::rigid_body::greatest_principal_inertia;
 use super::settings::Settings;
 use crate::fci::{CYCLE_S, CollisionThresholds, IDENTITY, Load, Request, SetterStatus};
 
@@ -12,6 +13,9 @@ const TRANSLATION_STIFFNESS: std::ops::RangeInclusive<f64> = 10.0..=3000.0;
 const ROTATION_STIFFNESS: std::ops::RangeInclusive<f64> = 1.0..=300.0;
 /// Range of the cut-off frequencies, Hz. The upper end turns a filter off.
 const CUTOFF_HZ: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
+
+/// Inertia that a load may have beyond that of its mass, kg m^2. Chosen: clients set a load back with a mass of 0 and a small inertia.
+const SPARE_INERTIA_KG_M2: f64 = 0.01;
 
 /// Configuration of the control box.
 #[derive(Debug, Clone)]
@@ -34,6 +38,10 @@ pub struct Configuration {
     pub load: Load,
     /// Cut-off frequencies, Hz: joint position, joint velocity, Cartesian position, Cartesian velocity, controller.
     pub filters_hz: [f64; 5],
+    /// Greatest mass of a load, kg.
+    payload_kg: f64,
+    /// Greatest distance of a frame or a load, m.
+    lever_m: f64,
 }
 
 impl Configuration {
@@ -49,6 +57,8 @@ impl Configuration {
             ee_t_k: IDENTITY,
             load: super::rigid_body::NO_LOAD,
             filters_hz: [1000.0; 5],
+            payload_kg: settings.payload_kg,
+            lever_m: settings.lever_m,
         }
     }
 
@@ -80,10 +90,10 @@ impl Configuration {
                 self.free_axes = *axes;
                 true
             }
-            Request::SetEeToK(frame) => set_frame(&mut self.ee_t_k, frame),
-            Request::SetNeToEe(frame) => set_frame(&mut self.ne_t_ee, frame),
+            Request::SetEeToK(frame) => set_frame(&mut self.ee_t_k, frame, self.lever_m),
+            Request::SetNeToEe(frame) => set_frame(&mut self.ne_t_ee, frame, self.lever_m),
             Request::SetLoad(load) => {
-                let valid = load_is_valid(load);
+                let valid = self.carries(load);
                 if valid {
                     self.load = *load;
                 }
@@ -93,6 +103,14 @@ impl Configuration {
             _ => false,
         };
         if valid { SetterStatus::Success } else { SetterStatus::InvalidArgumentRejected }
+    }
+
+    /// Returns true for a load that a body on the arm's flange can be. Comparisons with NaN are false.
+    fn carries(&self, load: &Load) -> bool {
+        let greatest = load.mass_kg * self.lever_m * self.lever_m + SPARE_INERTIA_KG_M2;
+        (0.0..=self.payload_kg).contains(&load.mass_kg)
+            && nalgebra::Vector3::from(load.centre_m).norm() <= self.lever_m
+            && greatest_principal_inertia(&load.inertia).is_some_and(|inertia| inertia <= greatest)
     }
 }
 
@@ -109,17 +127,12 @@ fn assign<const N: usize>(to: &mut [f64; N], from: &[f64; N], valid: impl Fn(usi
     all
 }
 
-fn set_frame(to: &mut [f64; 16], from: &[f64; 16]) -> bool {
-    let valid = Frame::is_valid(from);
+fn set_frame(to: &mut [f64; 16], from: &[f64; 16], lever_m: f64) -> bool {
+    let valid = Frame::is_valid(from) && Frame::from_array(from).origin.norm() <= lever_m;
     if valid {
         *to = *from;
     }
     valid
-}
-
-fn load_is_valid(load: &Load) -> bool {
-    let finite = load.centre_m.iter().chain(&load.inertia).all(|v| v.is_finite());
-    finite && load.mass_kg.is_finite() && load.mass_kg >= 0.0 && [0, 4, 8].iter().all(|i| load.inertia[*i] >= 0.0)
 }
 
 fn thresholds_are_valid(t: &CollisionThresholds) -> bool {

@@ -108,6 +108,6 @@ pub enum Ending {
     UserStop,
     /// Command that is not finite.
     InputError,
-    /// The client left, or the brakes closed.
+    /// The brakes closed.
     Aborted,
 }

@@ -1,7 +1,7 @@
 //! Simulated arm: rigid bodies, friction, rotors and end stops, which no client of the FCI sees directly.
 
 use super::chain::{Chain, JointMatrix, Joints, Six};
-use super::rigid_body::RigidBody;
+use super::rigid_body::{RigidBody, Terms};
 use super::settings::Settings;
 use crate::fci::{CYCLE_S, Generation};
 use franka::model::FR3_URDF;
@@ -22,6 +22,13 @@ const STOP_MARGIN_RAD: f64 = 0.05;
 const STOP_STIFFNESS_N_M: f64 = 5000.0;
 /// Damping of the mechanical end stops, N m s/rad. Chosen: about critical for the heaviest joint.
 const STOP_DAMPING_N_M_S: f64 = 100.0;
+
+/// Joint speed beyond which the simulation has diverged, rad/s. Chosen: twenty times what a joint may have.
+const DIVERGED_RAD_S: f64 = 50.0;
+
+/// Step that ended with numbers that no arm has. The arm rests where it was before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Diverged;
 
 /// Torque of the motors during one cycle: linear in angles and speeds, so that stiff controllers act on every substep.
 ///
@@ -129,16 +136,38 @@ impl Plant {
         self.link_torque = self.body.terms(&self.q, &self.dq).gravity - pushed;
     }
 
+    /// Puts the arm at rest where it is.
+    pub fn rest(&mut self) {
+        self.dq = Joints::zeros();
+        self.link_torque = self.body.terms(&self.q, &self.dq).gravity;
+    }
+
     /// Advances by a cycle. `law` and `gravity`: torques of the motors, N m. `pushed`: joint torques of the world, N m.
     ///
     /// Mass matrix, Coriolis and gravity torques hold for the cycle, in which a joint turns by at most 3 mrad. Friction, end stops
     /// and the motors' law follow every substep.
-    pub fn step(&mut self, law: &MotorLaw, gravity: &Joints, pushed: &Joints) {
+    ///
+    /// # Errors
+    /// [`Diverged`] if an angle, a speed or a torque is not finite or a speed is out of all bounds: the arm then rests where it was.
+    pub fn step(&mut self, law: &MotorLaw, gravity: &Joints, pushed: &Joints) -> Result<(), Diverged> {
+        let before = self.q;
         let terms = self.body.terms(&self.q, &self.dq);
+        self.integrate(&terms, law, gravity, pushed);
+        let numbers = self.q.iter().chain(&self.dq).chain(&self.link_torque);
+        let is_sane = numbers.into_iter().all(|v| v.is_finite()) && self.dq.amax() <= DIVERGED_RAD_S;
+        if is_sane {
+            return Ok(());
+        }
+        self.q = before;
+        self.rest();
+        Err(Diverged)
+    }
+
+    fn integrate(&mut self, terms: &Terms, law: &MotorLaw, gravity: &Joints, pushed: &Joints) {
         let inertia = terms.mass + JointMatrix::from_diagonal(&self.rotors);
         let Some(cholesky) = inertia.cholesky() else {
-            // Unreachable with physical inertias: a test checks the smallest eigenvalue. Holding still is the safe answer.
-            self.dq = Joints::zeros();
+            // Unreachable with physical inertias: a test checks the smallest eigenvalue.
+            self.dq = Joints::repeat(f64::NAN);
             return;
         };
         let inverse = cholesky.inverse();
@@ -186,7 +215,7 @@ mod tests {
         let law = MotorLaw::constant(Joints::zeros());
         for _ in 0..300 {
             let (gravity, before) = (plant.body.terms(&plant.q, &plant.dq).gravity, plant.dq);
-            plant.step(&law, &Joints::zeros(), &Joints::zeros());
+            plant.step(&law, &Joints::zeros(), &Joints::zeros()).unwrap();
             work -= gravity.dot(&(plant.dq + before)) * 0.5 * CYCLE_S;
         }
         assert!(height(&plant.q) < start_m - 0.02, "the arm falls");
@@ -204,7 +233,7 @@ mod tests {
             let start = plant.q;
             for _ in 0..500 {
                 let gravity = plant.body.terms(&plant.q, &plant.dq).gravity;
-                plant.step(&MotorLaw::constant(Joints::zeros()), &gravity, &pushed);
+                plant.step(&MotorLaw::constant(Joints::zeros()), &gravity, &pushed).unwrap();
             }
             let moved_rad = (plant.q - start).amax();
             assert_eq!(moved_rad > 1e-3, moves, "{push} N m moves by {moved_rad} rad");
@@ -219,8 +248,20 @@ mod tests {
         let terms = plant.body.terms(&plant.q, &plant.dq);
         let mut law = MotorLaw::constant(Joints::zeros());
         law.torque[6] = 1.0;
-        plant.step(&law, &terms.gravity, &Joints::zeros());
+        plant.step(&law, &terms.gravity, &Joints::zeros()).unwrap();
         let link = terms.mass * plant.dq / CYCLE_S + terms.gravity;
         assert!((plant.link_torque - link).amax() < 1e-9, "{}", plant.link_torque - link);
+    }
+
+    #[test]
+    fn step_that_diverges_leaves_the_arm_at_rest_where_it_was() {
+        let mut plant = Plant::new(&frictionless(), (&RANGE.0, &RANGE.1)).unwrap();
+        let start = plant.q;
+        for torque in [1e9, 1e300, f64::MAX, f64::INFINITY, f64::NAN] {
+            let law = MotorLaw::constant(Joints::repeat(torque));
+            assert_eq!(plant.step(&law, &Joints::zeros(), &Joints::zeros()), Err(Diverged), "{torque} N m");
+            assert_eq!((plant.q, plant.dq), (start, Joints::zeros()));
+            assert!(plant.link_torque.iter().all(|v| v.abs() < 100.0), "{}", plant.link_torque);
+        }
     }
 }

@@ -30,9 +30,12 @@ impl Panda {
         self.report();
     }
 
-    /// Ends the motion of a client that has gone: TCP closed or silent. The arm stops and holds. A recovery goes on without an answer.
+    /// Stops the arm whose client has gone: TCP closed or silent. A running motion ends in a reflex, as on a robot (franka_ros, issue
+    /// 33), so that the next client must recover; an idle arm stays idle. A recovery goes on without an answer.
     pub fn client_left(&mut self) {
-        self.end_motion(Ending::Aborted);
+        if self.motion.is_some() {
+            self.end_motion(Ending::Reflex(Errors::of(ErrorKind::CommunicationConstraintsViolation)));
+        }
         if let Some(recovery) = &mut self.recovery {
             recovery.id = None;
         }

@@ -11,6 +11,24 @@ pub const GRAVITY_M_S2: [f64; 3] = [0.0, 0.0, -9.81];
 /// Load without mass.
 pub const NO_LOAD: Load = Load { mass_kg: 0.0, centre_m: [0.0; 3], inertia: [0.0; 9] };
 
+/// Rounding that a symmetric inertia and its triangle inequality may have, kg m^2. Chosen: clients compute with 32 bits, too.
+const INERTIA_ROUNDING: f64 = 1e-7;
+
+/// Greatest principal inertia, kg m^2, of an inertia that a rigid body can have: finite, symmetric, with principal inertias of 0 or
+/// more of which none exceeds the sum of the two others. `None` for an inertia that no body has.
+pub fn greatest_principal_inertia(inertia: &[f64; 9]) -> Option<f64> {
+    let tensor = Matrix3::from_column_slice(inertia);
+    // Larger numbers overflow when they are squared, and no arm carries such a body.
+    let numbers_are_sane = inertia.iter().all(|v| v.abs() < 1e100);
+    if !numbers_are_sane || (tensor - tensor.transpose()).amax() > INERTIA_ROUNDING {
+        return None;
+    }
+    let principal = tensor.symmetric_eigenvalues();
+    let rounding = INERTIA_ROUNDING + principal.amax() * f64::EPSILON.sqrt();
+    let possible = principal.min() >= -rounding && 2.0 * principal.max() <= principal.sum() + rounding;
+    possible.then(|| principal.max())
+}
+
 /// Terms of the equation of motion at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms {

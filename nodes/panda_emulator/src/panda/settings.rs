@@ -1,12 +1,17 @@
 //! Settings of the emulator: everything that the documents of the FCI do not fix.
 
 use super::chain::Frame;
-use super::rigid_body::NO_LOAD;
+use super::rigid_body::{NO_LOAD, greatest_principal_inertia};
 use crate::fci::{CollisionThresholds, Generation, JOINTS, Load};
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4};
 
 /// Maximum delay of a torque command, cycles.
 pub const MAX_DELAY_CYCLES: usize = 10;
+
+/// Greatest distance of a body's centre from the flange, m. Chosen: far beyond what an arm holds.
+const GREATEST_LEVER_M: f64 = 10.0;
+/// Greatest principal inertia of a body on the flange, kg m^2. Chosen: 100 kg within a metre.
+const GREATEST_INERTIA_KG_M2: f64 = 100.0;
 
 /// Ready pose of Franka Emika, rad.
 pub const READY_RAD: [f64; JOINTS] = [0.0, -FRAC_PI_4, 0.0, -3.0 * FRAC_PI_4, 0.0, FRAC_PI_2, FRAC_PI_4];
@@ -129,6 +134,11 @@ pub struct Settings {
     pub joint_impedance_n_m_per_rad: [f64; JOINTS],
     /// Stiffness of the internal Cartesian impedance at power-up, N/m and N m/rad: that of libfranka's examples.
     pub cartesian_impedance: [f64; 6],
+    /// Greatest mass that `SetLoad` accepts, kg: the payload of the data sheet. Guess: no document states a range.
+    pub payload_kg: f64,
+    /// Greatest distance that `SetNEToEE`, `SetEEToK` and the centre of `SetLoad` accept, m; a load's radius of gyration has the same
+    /// bound. Guess: no document states a range; the arm reaches 0.855 m.
+    pub lever_m: f64,
     /// Cuboid that the end effector must not leave: size (m) and pose of its centre in O. The limit with identifier 0.
     pub workspace_box: Option<([f64; 3], [f64; 16])>,
     /// Steps of the simulated arm in a cycle.
@@ -170,6 +180,8 @@ impl Default for Settings {
             collision: power_up_thresholds(),
             joint_impedance_n_m_per_rad: [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0],
             cartesian_impedance: [3000.0, 3000.0, 3000.0, 300.0, 300.0, 300.0],
+            payload_kg: 3.0,
+            lever_m: 1.0,
             workspace_box: None,
             substeps: 4,
         }
@@ -258,6 +270,8 @@ impl Settings {
             ("recovery_time_s", self.recovery_time_s, 0.0, 60.0, "0 to 60"),
             ("rest_speed_rad_s", self.rest_speed_rad_s, 0.0, 10.0, "0 to 10"),
             ("start_tolerance", self.start_tolerance, 0.0, 10.0, "0 to 10"),
+            ("payload_kg", self.payload_kg, 0.0, 100.0, "0 to 100"),
+            ("lever_m", self.lever_m, 0.0, 10.0, "0 to 10"),
             ("acceleration_phase_rad_s2", self.acceleration_phase_rad_s2, 0.0, f64::MAX, zero_or_more),
             ("acceleration_phase_n_m_s", self.acceleration_phase_n_m_s, 0.0, f64::MAX, zero_or_more),
         ] {
@@ -276,9 +290,11 @@ impl Settings {
 }
 
 fn check_body(field: &'static str, load: &Load) -> Result<(), SettingsError> {
-    let finite = load.centre_m.iter().chain(&load.inertia).all(|v| v.is_finite());
-    let positive = (0.0..=100.0).contains(&load.mass_kg) && [0, 4, 8].iter().all(|i| load.inertia[*i] >= 0.0);
-    check(field, finite && positive, load, "0 to 100 kg, a finite centre and a non-negative inertia")
+    let holds = (0.0..=100.0).contains(&load.mass_kg)
+        && load.centre_m.iter().all(|v| v.abs() <= GREATEST_LEVER_M)
+        && greatest_principal_inertia(&load.inertia).is_some_and(|i| i <= GREATEST_INERTIA_KG_M2);
+    let expected = "0 to 100 kg, a centre within 10 m, and an inertia that a body can have, up to 100 kg m^2";
+    check(field, holds, load, expected)
 }
 
 fn check(

@@ -10,6 +10,7 @@ mod controllers;
 mod ends;
 mod generators;
 mod measured;
+mod requests;
 
 const MOVE: u32 = 7;
 

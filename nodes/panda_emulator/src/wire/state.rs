@@ -1,41 +1,7 @@
-//! Order of the fields of a robot state, which versions 5 and 10 share.
+//! Modes and errors of a robot state, whose layout versions 5 and 10 share.
 
 use super::bytes::Writer;
 use crate::fci::{ControllerMode, Generator, RobotMode, RobotState};
-
-/// Passes the numbers of a state on, in their order on the wire.
-pub fn for_each_field(s: &RobotState, mut put: impl FnMut(&[f64])) {
-    for pose in [&s.o_t_ee, &s.o_t_ee_d, &s.f_t_ee, &s.ee_t_k, &s.f_t_ne, &s.ne_t_ee] {
-        put(pose);
-    }
-    put(&[s.m_ee]);
-    put(&s.i_ee);
-    put(&s.f_x_cee);
-    put(&[s.m_load]);
-    put(&s.i_load);
-    put(&s.f_x_cload);
-    put(&s.elbow);
-    put(&s.elbow_d);
-    for joints in [&s.tau_j, &s.tau_j_d, &s.dtau_j, &s.q, &s.q_d, &s.dq, &s.dq_d, &s.ddq_d, &s.joint_contact] {
-        put(joints);
-    }
-    put(&s.cartesian_contact);
-    put(&s.joint_collision);
-    put(&s.cartesian_collision);
-    put(&s.tau_ext_hat_filtered);
-    put(&s.o_f_ext_hat_k);
-    put(&s.k_f_ext_hat_k);
-    put(&s.o_dp_ee_d);
-    put(&s.o_ddp_o);
-    for elbow in [&s.elbow_c, &s.delbow_c, &s.ddelbow_c] {
-        put(elbow);
-    }
-    put(&s.o_t_ee_c);
-    put(&s.o_dp_ee_c);
-    put(&s.o_ddp_ee_c);
-    put(&s.theta);
-    put(&s.dtheta);
-}
 
 /// Writes modes and errors: 85 bytes.
 pub fn put_modes(s: &RobotState, w: &mut Writer) {

@@ -4,7 +4,7 @@
 
 use super::bytes::Writer;
 use super::command::Command;
-use super::state::{for_each_field, put_modes};
+use super::state::put_modes;
 use crate::fci::{MoveStatus, RecoveryStatus, RobotState, StopStatus};
 
 /// Size of a robot state, bytes.
@@ -37,7 +37,7 @@ pub const COMMANDS: [Command; 12] = [
 pub fn encode_state(s: &RobotState, datagram: &mut [u8]) -> usize {
     let mut w = Writer::new(datagram);
     w.put(&s.message_id.to_le_bytes());
-    for_each_field(s, |numbers| numbers.iter().for_each(|number| w.put(&(*number as f32).to_le_bytes())));
+    s.for_each_field(|numbers| numbers.iter().for_each(|number| w.put(&(*number as f32).to_le_bytes())));
     (0..ACCELEROMETERS).for_each(|_| w.put(&0.0_f32.to_le_bytes()));
     put_modes(s, &mut w);
     w.put(&(s.control_command_success_rate as f32).to_le_bytes());

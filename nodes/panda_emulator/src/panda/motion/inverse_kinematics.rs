@@ -18,7 +18,7 @@ pub fn solve(pose: &Frame, tool: &Frame, start: &Joints, elbow_rad: f64) -> Opti
         let mut error = Joints::zeros();
         error.fixed_rows_mut::<6>(0).copy_from(&step);
         error[6] = elbow_rad - q[2];
-        if error.amax() < PRECISION {
+        if error.iter().all(|v| v.abs() < PRECISION) {
             return Some(q);
         }
         let mut matrix = JointMatrix::zeros();
@@ -28,7 +28,8 @@ pub fn solve(pose: &Frame, tool: &Frame, start: &Joints, elbow_rad: f64) -> Opti
     }
     // Rounding near the edge of the workspace may keep the error above the precision.
     let rest = Chain::at(&q).flange.then(tool).step_to(pose);
-    (rest.amax() < 1e-9).then_some(q)
+    // The greatest of several numbers may pass over NaN.
+    rest.iter().all(|v| v.abs() < 1e-9).then_some(q)
 }
 
 #[cfg(test)]

@@ -68,7 +68,7 @@ impl JointPath {
         let before = self.dq;
         self.dq = Joints::from_fn(|i, _| {
             let (low, high) = limits.speeds(i, self.q[i]);
-            (before[i] + self.ddq[i] * CYCLE_S).clamp(low, high)
+            (before[i] + self.ddq[i] * CYCLE_S).min(high).max(low)
         });
         self.ddq = (self.dq - before) / CYCLE_S;
         self.q += self.dq * CYCLE_S;

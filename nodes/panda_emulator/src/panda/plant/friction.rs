@@ -62,7 +62,8 @@ impl Friction {
         let (mut speed, mut impulse) = (free, Joints::zeros());
         for _ in 0..SWEEPS {
             for i in 0..7 {
-                let wanted = (impulse[i] - speed[i] / inverse[(i, i)]).clamp(-bound[i], bound[i]);
+                // Not `clamp`, which panics where a simulation has diverged: the plant checks its numbers after the step.
+                let wanted = (impulse[i] - speed[i] / inverse[(i, i)]).min(bound[i]).max(-bound[i]);
                 speed += inverse.column(i) * (wanted - impulse[i]);
                 impulse[i] = wanted;
             }

@@ -164,15 +164,25 @@ fn a_wall_stops_the_hand_where_it_pushes_as_hard() {
     assert!(session.panda.true_hand().0[12] - x_m > 0.01);
 }
 
+/// A robot whose client is killed ends up in reflex (franka_ros, issue 33).
 #[test]
-fn a_client_that_leaves_ends_its_motion_and_the_next_one_may_move() {
+fn a_client_that_leaves_in_a_motion_is_a_reflex_and_the_next_one_recovers() {
     let mut session = Session::torque(settings());
     session.command.tau_j_d[0] = 1.0;
     session.steps(300);
     session.panda.client_left();
-    assert_eq!(session.move_status(), Some(MoveStatus::Aborted));
     session.idle(300);
     assert!(session.panda.true_joints().1.iter().all(|v| v.abs() < 1e-4));
+    session.assert_reflex(ErrorKind::CommunicationConstraintsViolation);
+    assert_eq!(session.start(ControllerMode::External, Generator::JointVelocity), MoveStatus::MotionStarted);
+}
+
+#[test]
+fn a_client_that_leaves_without_a_motion_leaves_an_idle_arm() {
+    let mut session = Session::new(settings());
+    session.panda.client_left();
+    session.idle(100);
+    assert_eq!(session.state().robot_mode, RobotMode::Idle);
     assert_eq!(session.start(ControllerMode::External, Generator::JointVelocity), MoveStatus::MotionStarted);
 }
 

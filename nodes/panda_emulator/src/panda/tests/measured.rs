@@ -1,6 +1,7 @@
 //! Measured arm: pose, gravity, load, contact, limits of the arm, determinism.
 
 use super::*;
+use crate::Wall;
 use crate::panda::rigid_body::NO_LOAD;
 use franka::model::{FER_URDF, Frame, Model};
 
@@ -222,10 +223,11 @@ fn hand_that_leaves_the_cuboid_is_a_cartesian_position_violation() {
 
 #[test]
 fn setters_echo_in_the_state() {
+    const INERTIA: [f64; 9] = [0.003, 0.001, 0.0, 0.001, 0.003, 0.0, 0.0, 0.0, 0.003];
     let mut session = Session::new(settings());
     let mut frame = IDENTITY;
     frame[14] = 0.05;
-    let load = crate::fci::Load { mass_kg: 0.3, centre_m: [0.0, 0.01, 0.1], inertia: [0.001; 9] };
+    let load = crate::fci::Load { mass_kg: 0.3, centre_m: [0.0, 0.01, 0.1], inertia: INERTIA };
     for request in [Request::SetNeToEe(frame), Request::SetEeToK(frame), Request::SetLoad(load)] {
         session.panda.request(1, &request);
     }
@@ -233,7 +235,7 @@ fn setters_echo_in_the_state() {
     let before_m = session.state().o_t_ee[14];
     session.idle(1);
     let state = session.state();
-    assert_eq!((state.m_load, state.f_x_cload, state.i_load), (0.3, [0.0, 0.01, 0.1], [0.001; 9]));
+    assert_eq!((state.m_load, state.f_x_cload, state.i_load), (0.3, [0.0, 0.01, 0.1], INERTIA));
     assert_eq!((state.ne_t_ee, state.ee_t_k), (frame, frame));
     assert!((state.f_t_ee[14] - state.f_t_ne[14] - 0.05).abs() < 1e-15);
     assert!((before_m - state.o_t_ee[14] - 0.05).abs() < 1e-6, "the hand points down");
@@ -279,4 +281,66 @@ fn fr3_moves_under_torques_without_a_generator_and_a_panda_refuses_that() {
     assert_eq!(session.move_status(), Some(MoveStatus::Success));
     let refused = Session::new(settings()).start(ControllerMode::External, Generator::None);
     assert_eq!(refused, MoveStatus::InvalidArgumentRejected);
+}
+
+/// libfranka's issue 76: a Panda reports a wrench of zero where the smallest singular value of the Jacobian is below 0.08.
+#[test]
+fn wrench_is_zero_exactly_where_the_smallest_singular_value_is_below_0_08() {
+    let limits = crate::panda::checks::limits::Limits::of(&settings());
+    let (mut zeros, mut others) = (0, 0);
+    for k in 0..300_u32 {
+        // Golden-ratio steps cover the range of the joints evenly.
+        let start_joints_rad = std::array::from_fn(|i| {
+            let share = (f64::from(k + 1) * 0.618_034 * (1.0 + 0.37 * i as f64)).fract();
+            limits.lowest[i] + share * (limits.highest[i] - limits.lowest[i])
+        });
+        let mut session = Session::new(Settings { start_joints_rad, ..settings() });
+        session.panda.request(1, &Request::SetCollisionBehavior(thresholds(1e6, 1e6)));
+        session.idle(1);
+        let least = session.panda.measured.jacobian_k.svd(false, false).singular_values.min();
+        let is_zero = session.state().o_f_ext_hat_k == [0.0; 6];
+        assert_eq!(is_zero, least < 0.08, "smallest singular value {least}");
+        if is_zero { zeros += 1 } else { others += 1 }
+    }
+    assert!(zeros > 20 && others > 20, "{zeros} poses with a zero wrench, {others} without");
+}
+
+#[test]
+fn arm_whose_simulation_diverges_is_put_back_stands_and_moves_again() {
+    let mut session = Session::torque(settings());
+    session.steps(100);
+    let before = session.state().q;
+    session.panda.push([1e12, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    for _ in 0..50 {
+        session.step();
+        assert!(session.state().is_finite());
+    }
+    let moved = before.iter().zip(session.state().q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(moved < 0.1, "{moved} rad");
+    session.assert_reflex(ErrorKind::InstabilityDetected);
+    assert_eq!(session.start(ControllerMode::External, Generator::JointVelocity), MoveStatus::MotionStarted);
+    session.command.tau_j_d = [0.0; 7];
+    session.steps(100);
+    assert_eq!(session.state().robot_mode, RobotMode::Move);
+}
+
+#[test]
+fn state_with_a_number_that_is_not_finite_is_never_reported() {
+    let mut session = Session::torque(settings());
+    session.panda.external.torques[2] = f64::NAN;
+    session.step();
+    assert!(session.state().is_finite());
+    session.assert_reflex(ErrorKind::InstabilityDetected);
+}
+
+#[test]
+fn push_and_wall_that_are_not_finite_are_ignored() {
+    let mut session = Session::new(settings());
+    for number in [f64::NAN, f64::INFINITY] {
+        session.panda.push([0.0, number, 0.0, 0.0, 0.0, 0.0]);
+        session.panda.set_wall(Some(Wall { x_m: number, stiffness_n_m: 100.0 }));
+        session.panda.set_wall(Some(Wall { x_m: 0.1, stiffness_n_m: number }));
+        session.idle(50);
+        assert_eq!(session.state().robot_mode, RobotMode::Idle);
+    }
 }
