@@ -6,7 +6,7 @@ mod parameters;
 use crate::fci::RobotMode;
 use crate::panda::Wall;
 use crate::server::{Event, Fault, Handle, Server};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use catenary_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped, Quaternion, WrenchStamped};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
 use catenary_shell::{Clock, Flaw, Health, Misconfigured, Names, Node, NodeBuilder, Service, contract, stamp};
@@ -111,9 +111,12 @@ fn publish(
     let poses = node.publisher::<PoseStamped>("~/true_pose", contract::CURRENT_POSE.qos)?;
     let mut rate = Clock::new(node.shutdown()).rate(PERIOD);
     while rate.tick().is_some() {
+        if let Some(panic) = handle.failure() {
+            bail!("the FCI server's thread has ended: {panic}");
+        }
         for (id, event) in handle.take_events() {
             match event {
-                Event::Reflex(_) => tracing::warn!("{id} ms: {event}"),
+                Event::Reflex(_) | Event::Restored | Event::ClientTooSlow { .. } => tracing::warn!("{id} ms: {event}"),
                 _ => tracing::info!("{id} ms: {event}"),
             }
         }
@@ -156,4 +159,24 @@ fn wrench(message: &WrenchStamped) -> Result<[f64; 6], Flaw> {
         return Err(Flaw::new("not finite", format!("expected finite numbers, got {wrench:?}")));
     }
     Ok(wrench)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::server::ServerOptions;
+    use catenary_shell::{Discovery, DomainClaim, RosArgs};
+
+    #[test]
+    fn node_ends_with_an_error_when_its_server_has_died() {
+        let domain = DomainClaim::any(|_| Ok(true)).unwrap();
+        let builder = NodeBuilder::new("panda_emulator", &RosArgs::default()).unwrap();
+        let node = builder.domain(domain.id(), Discovery::Localhost).build().unwrap();
+        let server = Server::bind("127.0.0.1:0".parse().unwrap(), ServerOptions::default()).unwrap();
+        let handle = server.handle();
+        handle.crash();
+        // Without the look at the server it would publish until shutdown.
+        let error = publish(&node, &handle, &Mutex::default(), || None).unwrap_err();
+        assert!(error.to_string().contains("server's thread has ended: Handle::crash"), "{error}");
+    }
 }

@@ -2,10 +2,11 @@
 
 use crate::fci::{Generation, JOINTS, Load};
 use crate::panda::{Settings, Wall};
-use crate::server::{FCI_PORT, Network, Pace, ServerOptions};
+use crate::server::{FCI_PORT, Network, PATIENCE, Pace, ServerOptions};
 use anyhow::{Context, Result, anyhow, bail};
 use catenary_shell::{NodeBuilder, ParamSpec};
 use std::net::{IpAddr, SocketAddr};
+use std::time::Duration;
 
 fn fixed(text: &str) -> ParamSpec {
     ParamSpec::new(text).read_only()
@@ -28,12 +29,18 @@ pub fn declare(b: &NodeBuilder) -> Result<(SocketAddr, ServerOptions)> {
         "fr3" => Generation::Fr3,
         _ => Generation::Panda,
     };
-    let pace =
-        "Time of the arm: clock (1 kHz) or lock_step (while a motion runs, a state waits for the command before it).";
-    let pace = match b.declare_string("pace", "clock", fixed(pace).choices(&["clock", "lock_step"]))?.get().as_str() {
+    let pace = "Time of the arm: clock (1 kHz), elastic (1 kHz at most: while a motion runs, a state waits for the command before it) or \
+                lock_step (likewise, and as fast as the client answers).";
+    let pace = fixed(pace).choices(&["clock", "elastic", "lock_step"]);
+    let pace = match b.declare_string("pace", "clock", pace)?.get().as_str() {
         "lock_step" => Pace::LockStep,
+        "elastic" => Pace::Elastic,
         _ => Pace::Clock,
     };
+    let patience =
+        "Wait for a command in the paces elastic and lock_step. libfranka gives up a robot that is silent for 1 s.";
+    let patience = fixed(patience).unit("s").range(0.0..=60.0);
+    let patience = Duration::from_secs_f64(b.declare_f64("patience_s", PATIENCE.as_secs_f64(), patience)?.get());
     let network = "Losses and delays of states: none, or lab (as recorded on real arms).";
     let network = match b.declare_string("network", "none", fixed(network).choices(&["none", "lab"]))?.get().as_str() {
         "lab" => Network::Lab,
@@ -48,7 +55,7 @@ pub fn declare(b: &NodeBuilder) -> Result<(SocketAddr, ServerOptions)> {
     };
     let settings = settings(b, generation)?;
     settings.check().map_err(|e| anyhow!("parameter {}: expected {}, got {}", e.field, e.expected, e.value))?;
-    let options = ServerOptions { settings, seed: seed.cast_unsigned(), pace, network, model_library };
+    let options = ServerOptions { settings, seed: seed.cast_unsigned(), pace, patience, network, model_library };
     Ok((SocketAddr::new(ip, FCI_PORT), options))
 }
 

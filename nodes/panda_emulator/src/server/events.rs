@@ -23,6 +23,11 @@ pub enum Event {
         /// Version of the server.
         server: u16,
     },
+    /// The client was dropped: these bytes of answers wait for it.
+    ClientTooSlow {
+        /// Answers that it has not read, bytes.
+        bytes: usize,
+    },
     /// The client left.
     ClientLeft,
     /// A motion began.
@@ -33,6 +38,8 @@ pub enum Event {
     Reflex(Errors),
     /// The mode of the control box changed.
     Mode(RobotMode),
+    /// The simulation of the arm diverged, and the arm was put at rest where it was before.
+    Restored,
     /// A recovery was asked for, with this result.
     Recovery(RecoveryStatus),
     /// This setter was refused.
@@ -51,11 +58,15 @@ impl fmt::Display for Event {
             Self::VersionRefused { client, server } => {
                 write!(f, "client of FCI {client} refused: this robot has FCI {server}")
             }
+            Self::ClientTooSlow { bytes } => {
+                write!(f, "client dropped: it reads its answers too slowly, {bytes} bytes wait")
+            }
             Self::ClientLeft => write!(f, "client left"),
             Self::MotionStarted => write!(f, "motion started"),
             Self::MotionEnded(status) => write!(f, "motion ended: {status:?}"),
             Self::Reflex(errors) => write!(f, "reflex: {}", errors.names().collect::<Vec<_>>().join(", ")),
             Self::Mode(mode) => write!(f, "mode: {mode:?}"),
+            Self::Restored => write!(f, "simulation of the arm diverged: the arm was put at rest where it was before"),
             Self::Recovery(status) => write!(f, "recovery: {status:?}"),
             Self::SetterRefused(setter, status) => write!(f, "{setter} refused: {status:?}"),
             Self::SocketFailed(error) => write!(f, "no socket for states: {error}"),

@@ -19,6 +19,7 @@ pub(super) enum Input {
     Push([f64; 6]),
     Wall(Option<Wall>),
     Fault(Fault),
+    Crash,
 }
 
 /// Arm and session after a cycle.
@@ -65,6 +66,7 @@ pub(super) struct Shared {
     snapshot: Mutex<Snapshot>,
     responses: Mutex<Durations>,
     log: Mutex<EventLog>,
+    failure: Mutex<Option<String>>,
 }
 
 impl Shared {
@@ -84,6 +86,11 @@ impl Shared {
     /// Adds the time from a state to the command that answers it.
     pub fn respond(&self, time: Duration) {
         lock(&self.responses).add(time);
+    }
+
+    /// Records the panic that ended the server's thread.
+    pub fn fail(&self, panic: String) {
+        *lock(&self.failure) = Some(panic);
     }
 
     /// Moves events to the log that handles read.
@@ -147,6 +154,19 @@ impl Handle {
     /// Adds a fault of the network.
     pub fn inject(&self, fault: Fault) {
         self.input(Input::Fault(fault));
+    }
+
+    /// Has the server's thread panic, for tests of what supervises a server.
+    pub fn crash(&self) {
+        self.input(Input::Crash);
+    }
+
+    /// Panic that ended the server's thread; `None` while it runs. Its address is free again, and the snapshot is the last one.
+    ///
+    /// A process that serves an arm must end then, so that what supervises it starts another one.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        lock(&self.shared.failure).clone()
     }
 
     /// Arm and session after the last cycle.

@@ -7,6 +7,9 @@ use crate::fci::{
 };
 use crate::wire::{self, ClientMessage, Header, Refusal, WireError};
 
+/// Bytes of answers that may wait for a client beside its model. Chosen: 5000 statuses.
+const BACKLOG_BYTES: usize = 1 << 16;
+
 /// Result of received bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reception {
@@ -37,6 +40,8 @@ pub struct Session {
     motion_has_command: bool,
     mode: RobotMode,
     reflex_reason: Errors,
+    /// The arm was put back in the last cycle.
+    was_restored: bool,
 }
 
 impl Session {
@@ -57,6 +62,7 @@ impl Session {
             motion_has_command: false,
             mode,
             reflex_reason: Errors::default(),
+            was_restored: false,
         }
     }
 
@@ -79,13 +85,25 @@ impl Session {
         }
     }
 
-    /// Takes bytes from TCP. Answers are appended to `out`.
+    /// Bytes of answers that may wait for a client: a second model may be asked for before the first is read.
+    fn most_waiting_bytes(&self) -> usize {
+        let model = self.model_library.as_ref().map_or(0, Vec::len).max(franka::model::FR3_URDF.len());
+        BACKLOG_BYTES + 2 * model
+    }
+
+    /// Takes bytes from TCP. Answers are appended to `out`, which holds those that the client has not taken yet. A client that lets more
+    /// wait than two models and some statuses is dropped.
     pub fn receive(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> Reception {
         self.inbox.extend_from_slice(bytes);
         let mut reception = Reception::Continue;
         loop {
             match self.next_message(out) {
                 Ok(None) => return reception,
+                // After each request: a few bytes may ask for megabytes.
+                Ok(Some(_)) if out.len() > self.most_waiting_bytes() => {
+                    self.log_event(Event::ClientTooSlow { bytes: out.len() });
+                    return Reception::Close;
+                }
                 Ok(Some(Reception::Continue)) => {}
                 Ok(Some(Reception::Close)) => return Reception::Close,
                 Ok(Some(connected)) => reception = connected,
@@ -227,6 +245,12 @@ impl Session {
         if reason != std::mem::replace(&mut self.reflex_reason, reason) && !reason.is_empty() {
             self.log_event(Event::Reflex(reason));
         }
+        let restored = self.panda.was_restored();
+        // Once: a cause that lasts has the simulation diverge in every cycle.
+        if restored && !std::mem::replace(&mut self.was_restored, restored) {
+            self.log_event(Event::Restored);
+        }
+        self.was_restored = restored;
         self.panda.state()
     }
 

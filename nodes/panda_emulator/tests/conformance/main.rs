@@ -6,7 +6,8 @@
     clippy::disallowed_methods,
     clippy::unwrap_used,
     clippy::print_stdout,
-    reason = "tests have clocks, threads, sockets and rows; a failure is a panic"
+    dead_code,
+    reason = "tests have clocks, threads, sockets and rows; a failure is a panic; other tests have this rig, too"
 )]
 
 mod contact;

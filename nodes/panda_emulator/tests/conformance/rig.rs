@@ -30,7 +30,12 @@ impl Rig {
 
     /// Server with options, in lock step.
     pub fn with(options: ServerOptions) -> Self {
-        let options = ServerOptions { pace: Pace::LockStep, ..options };
+        Self::at(Pace::LockStep, options)
+    }
+
+    /// Server with a pace and options.
+    pub fn at(pace: Pace, options: ServerOptions) -> Self {
+        let options = ServerOptions { pace, ..options };
         let server = Server::bind("127.0.0.1:0".parse().unwrap(), options).unwrap();
         let handle = server.handle();
         Self { server, handle, events: RefCell::default() }
@@ -112,6 +117,20 @@ impl RawClient {
         Self { stream, datagrams, next_id: 0 }
     }
 
+    /// Client with a running motion that has answered so many states, with torques of zero.
+    pub fn in_motion(rig: &Rig, answered: u32) -> Self {
+        let mut client = Self::new(rig);
+        assert_eq!(client.connect(5), (0, 5));
+        let mut motion = [0; 56];
+        (motion[0], motion[4]) = (2, 1);
+        client.send(1, &motion);
+        assert_eq!(client.receive(), (1, vec![1]));
+        for _ in 0..answered {
+            client.answer();
+        }
+        client
+    }
+
     /// Sends a request.
     pub fn send(&mut self, command: u32, payload: &[u8]) {
         let size = u32::try_from(payload.len()).unwrap() + 12;
@@ -144,6 +163,16 @@ impl RawClient {
         let mut datagram = [0; 4096];
         let size = self.datagrams.recv(&mut datagram).unwrap();
         (u64::from_le_bytes(datagram[..8].try_into().unwrap()), size)
+    }
+
+    /// Receives a state and answers it with torques of zero. Returns its identifier.
+    pub fn answer(&self) -> u64 {
+        let mut datagram = [0; 4096];
+        let (_, server) = self.datagrams.recv_from(&mut datagram).unwrap();
+        let mut command = [0; 370];
+        command[..8].copy_from_slice(&datagram[..8]);
+        self.datagrams.send_to(&command, server).unwrap();
+        u64::from_le_bytes(datagram[..8].try_into().unwrap())
     }
 
     /// Returns true if the server closed the connection.
