@@ -59,6 +59,11 @@ CHECKS = {
 _addresses = (f"127.{64 + os.getpid() % 128}.{i // 250}.{1 + i % 250}" for i in itertools.count())
 
 
+def next_address():
+    """Loopback address that no other server has."""
+    return next(_addresses)
+
+
 def cells():
     """All cells of the table that have a check: its number, client and function."""
     for client, (script, _, _) in CLIENTS.items():
@@ -85,11 +90,11 @@ def without_real_time():
 
 
 class Server:
-    """Server of the Franka Control Interface in lock step, with its events. Arguments: those of the example `serve`."""
+    """Server of the Franka Control Interface with its events. Arguments: those of the example `serve`."""
 
-    def __init__(self, *arguments):
-        self.address = next(_addresses)
-        command = [SERVER, f"{self.address}:1337", "pace=lock_step", *arguments]
+    def __init__(self, *arguments, pace="lock_step"):
+        self.address = next_address()
+        command = [SERVER, f"{self.address}:1337", f"pace={pace}", *arguments]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, bufsize=1)
         self.events, self._answers = [], queue.Queue()

@@ -274,8 +274,10 @@ def silent(address):
 def check_13(address):
     subprocess.run([sys.executable, __file__, "silent", address], check=False, timeout=20)
     client = connected(address)
-    if client.state().mode != IDLE_MODE:
-        recover(client)
+    state = client.state()
+    assert (state.mode, state.reasons) == (REFLEX_MODE, [COMMUNICATION]), (state.mode, state.reasons)
+    assert client.request(MOVE, struct.pack("<II6d", 2, 1, *[10] * 6)) == bytes([NOT_POSSIBLE])
+    recover(client)
     _, state = client.start()
     for _ in range(50):
         client.command(state.id)
@@ -286,7 +288,7 @@ def check_13(address):
         pass
     seconds = time.monotonic() - began
     assert state.reasons == [COMMUNICATION] and seconds < 2, (state.reasons, seconds)
-    return f"killed in a motion: the next client connects; silent in a motion: error 25 after {seconds:.1f} s"
+    return f"killed in a motion: reflex, the next client recovers; silent in a motion: error 25 after {seconds:.1f} s"
 
 
 def check_16(address):

@@ -303,10 +303,12 @@ def check_13(address):
     done = subprocess.run([sys.executable, __file__, "dies", address], check=False, timeout=20)
     assert done.returncode == -signal.SIGKILL
     robot = connect(address)
-    wait_until("rest", lambda: max(map(abs, robot.read_once().dq)) < 0.01)
+    state = wait_for_mode(robot, libfranka.RobotMode.kReflex)
+    assert "communication_constraints_violation" in str(state.last_motion_errors), state.last_motion_errors
+    assert "Reflex" in failure(lambda: torques(robot, 10))
     recover(robot)
     torques(robot, 50)
-    return "killed in a motion: the arm rests, the next client moves it"
+    return "killed in a motion: reflex, the next client recovers and moves the arm"
 
 
 def check_14_library(address):
