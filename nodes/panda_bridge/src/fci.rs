@@ -13,9 +13,12 @@ mod cycle;
 mod explain;
 mod figures;
 mod hangup;
+mod own_sockets;
+mod plausible;
 mod session;
 mod settings;
 mod shared;
+mod state_socket;
 mod watchdog;
 
 pub use cycle::isometry;

@@ -3,8 +3,10 @@
 use super::cycle::{Cycle, Step};
 use super::explain::explain;
 use super::hangup::HangUp;
+use super::plausible::StateCheck;
 use super::settings::{FciSettings, Generation};
 use super::shared::{End, Orders, Phase, Shared};
+use super::state_socket::hear_robot_alone;
 use franka::realtime::set_current_thread_scheduler_priority;
 use franka::{
     FciVersion, FrankaError, FrankaResult, MoveStatus, RealtimeConfig, Robot, RobotMode, RobotOptions, Torques,
@@ -51,10 +53,11 @@ pub fn run(shared: &Shared, settings: &FciSettings) {
     }
 }
 
-/// Returns the address of the robot; `None` if the name is not known.
+/// Returns the address of the robot; `None` if the name is not known. States come by IPv4 alone.
 fn address_of(host: &str) -> Option<SocketAddr> {
     let with_port = if host.rsplit_once(':').is_some() { host.to_owned() } else { format!("{host}:{PORT}") };
-    with_port.to_socket_addrs().ok()?.next()
+    let all: Vec<SocketAddr> = with_port.to_socket_addrs().ok()?.collect();
+    all.iter().find(|address| address.is_ipv4()).or(all.first()).copied()
 }
 
 fn connect(shared: &Shared, settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
@@ -62,24 +65,29 @@ fn connect(shared: &Shared, settings: &FciSettings) -> FrankaResult<Arc<Robot>> 
     shared.connecting(address);
     // The library waits without a timeout for the answer to its first request.
     shared.asking(Some(Instant::now()));
-    let connected = open(settings);
+    let connected = open(settings, address);
     shared.asking(None);
     let robot = connected?;
     shared.connected(&robot, address.and_then(HangUp::find));
     Ok(robot)
 }
 
-fn open(settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
+fn open(settings: &FciSettings, address: Option<SocketAddr>) -> FrankaResult<Arc<Robot>> {
     let version = match settings.generation {
         Generation::Panda => FciVersion::V5,
         Generation::Fr3 => FciVersion::V10,
     };
     let options = RobotOptions::new(RealtimeConfig::Ignore).with_version(VersionPolicy::Exact(version));
-    let robot = Arc::new(Robot::with_options(&settings.host, options)?);
+    // A name may have several addresses: the library gets the one whose states are listened to.
+    let host = address.map_or_else(|| settings.host.clone(), |address| address.to_string());
+    let robot = Arc::new(Robot::with_options(&host, options)?);
     // The client library has already tried for the highest priority, which leaves none for the kernel's own threads.
     match set_current_thread_scheduler_priority(settings.priority) {
         Ok(()) => tracing::info!("control thread: real-time priority {}", settings.priority),
         Err(why) => tracing::warn!("control thread without real-time priority, cycles may be lost: {why}"),
+    }
+    if let Some(address) = address {
+        hear_robot_alone(&robot, address).map_err(FrankaError::Network)?;
     }
     tracing::info!("{}: connected; the robot speaks FCI version {}", settings.host, robot.server_version());
     Ok(robot)
@@ -88,14 +96,16 @@ fn open(settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
 /// Serves a connection until it is lost, or until the link ends.
 fn serve(shared: &Shared, settings: &FciSettings, robot: &Robot) -> FrankaResult<()> {
     let model = robot.load_model()?;
+    let mut check = StateCheck::new();
     while !shared.ending.load(Ordering::Relaxed) {
         let state = robot.read_once()?;
+        check.check(&state, Instant::now())?;
         shared.record(&state, Phase::Monitoring);
         let orders = *shared.orders();
         if state.robot_mode != RobotMode::Idle || !may_begin(shared, &orders) {
             continue;
         }
-        match follow(shared, robot, Cycle::new(settings, &model, &orders), orders) {
+        match follow(shared, robot, &mut check, Cycle::new(settings, &model, &orders), orders) {
             Ok(()) => {}
             Err(error @ FrankaError::Network(_)) => return Err(error),
             Err(error) => {
@@ -130,11 +140,18 @@ fn end_of(error: &FrankaError) -> End {
 }
 
 /// Runs a motion until it is no longer wanted and the arm is at rest.
-fn follow(shared: &Shared, robot: &Robot, mut cycle: Cycle<'_>, mut orders: Orders) -> FrankaResult<()> {
+fn follow(
+    shared: &Shared,
+    robot: &Robot,
+    check: &mut StateCheck,
+    mut cycle: Cycle<'_>,
+    mut orders: Orders,
+) -> FrankaResult<()> {
     let mut control = robot.start_torque_control()?;
     loop {
         let (state, period) = control.read_once()?;
         let begun = Instant::now();
+        check.check(&state, begun)?;
         shared.read_orders(&mut orders);
         let wanted =
             orders.follow && orders.refreshed.elapsed() < Cycle::PATIENCE && !shared.ending.load(Ordering::Relaxed);

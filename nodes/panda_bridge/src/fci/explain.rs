@@ -30,7 +30,9 @@ pub fn explain(error: &FrankaError) -> String {
         FrankaError::Network(_) if ["route", "unreachable", "lookup"].iter().any(|text| plain.contains(text)) => {
             format!("fci.host cannot be reached ({plain}): check the address and the network settings")
         }
-        FrankaError::Protocol(_) => format!("unexpected data from the robot ({plain}): check fci.generation"),
+        FrankaError::Protocol(_) => {
+            format!("unexpected data ({plain}), of the robot or of another program: check fci.generation")
+        }
         FrankaError::Command(_) if plain.contains("current mode (") => {
             format!("{plain}: open the brakes in Desk, release the user stop, or recover from the reflex")
         }

@@ -1,29 +1,22 @@
 //! End of a connection from outside of the thread that waits on it.
 
+use super::own_sockets::own_sockets;
 use rustix::io::Errno;
 use rustix::net::{Shutdown, getpeername, shutdown};
-use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
 use std::net::SocketAddr;
 use std::os::fd::OwnedFd;
 
-/// Second handle of the connection's TCP socket. franka-rs keeps its own one to itself.
+/// Second handle of the connection's TCP socket.
 pub struct HangUp(OwnedFd);
 
 impl HangUp {
-    /// Finds the socket that this process has connected to `address`, the newest one first. Returns `None` if there is none, or if the
-    /// system does not give a process its own descriptors.
+    /// Finds the socket that this process has connected to `address`, the newest one first. Returns `None` if there is none.
     pub fn find(address: SocketAddr) -> Option<Self> {
-        let own = pidfd_open(getpid(), PidfdFlags::empty()).ok()?;
-        let entries = std::fs::read_dir("/proc/self/fd").ok()?;
-        let mut numbers: Vec<i32> =
-            entries.flatten().filter_map(|e| e.file_name().to_str().and_then(|n| n.parse().ok())).collect();
-        numbers.sort_unstable();
         let is_connected = |fd: &OwnedFd| {
             let peer = getpeername(fd).ok().flatten().and_then(|p| SocketAddr::try_from(p).ok());
             peer == Some(address)
         };
-        let open = |number| pidfd_getfd(&own, number, PidfdGetfdFlags::empty()).ok();
-        numbers.into_iter().rev().filter_map(open).find(is_connected).map(Self)
+        own_sockets().find(is_connected).map(Self)
     }
 
     /// Shuts the socket down: whoever waits on it gets an error. Returns false if that was not possible.
