@@ -15,6 +15,7 @@ mod figures;
 mod hangup;
 mod own_sockets;
 mod plausible;
+pub mod realtime;
 mod session;
 mod settings;
 mod shared;
@@ -23,7 +24,7 @@ mod watchdog;
 
 pub use cycle::isometry;
 pub use figures::LoopFigures;
-pub use settings::{Collision, FciSettings, Generation, Load};
+pub use settings::{Collision, DEFAULT_PRIORITY, FciSettings, Generation, Load};
 pub use shared::{End, Measured, Phase};
 
 use crate::compliance::Compliance;
@@ -59,6 +60,7 @@ impl FciLink {
     /// # Errors
     /// A thread that the system refuses.
     pub fn start(settings: FciSettings, end_process: fn()) -> std::io::Result<Self> {
+        realtime::lock_memory();
         let shared = Arc::new(Shared::new(settings.compliance));
         let (session, requests) = session::channel();
         let limits = settings.generation.limits();
@@ -71,8 +73,8 @@ impl FciLink {
         // The control thread comes last: franka-rs makes it real-time, and threads inherit that from their parent.
         let (own, of) = (Arc::clone(&shared), settings.clone());
         spawn("fci session", Box::new(move || session::run(&own, &of, &requests)))?;
-        let own = Arc::clone(&shared);
-        spawn("fci watchdog", Box::new(move || watchdog::run(&own, end_process)))?;
+        let (own, priority) = (Arc::clone(&shared), settings.priority);
+        spawn("fci watchdog", Box::new(move || watchdog::run(&own, priority, end_process)))?;
         spawn("fci control", Box::new(move || control::run(&shared, &settings)))?;
         Ok(link)
     }

@@ -4,10 +4,10 @@ use super::cycle::{Cycle, Step};
 use super::explain::explain;
 use super::hangup::HangUp;
 use super::plausible::StateCheck;
+use super::realtime::{self, PRIORITY_REMEDY};
 use super::settings::{FciSettings, Generation};
 use super::shared::{End, Orders, Phase, Shared};
 use super::state_socket::hear_robot_alone;
-use franka::realtime::set_current_thread_scheduler_priority;
 use franka::{
     FciVersion, FrankaError, FrankaResult, MoveStatus, RealtimeConfig, Robot, RobotMode, RobotOptions, Torques,
     VersionPolicy,
@@ -24,9 +24,11 @@ const PORT: u16 = 1337;
 
 /// Connects, and connects again after a failure, until the link ends.
 pub fn run(shared: &Shared, settings: &FciSettings) {
+    realtime::prepare_thread(settings.cpu);
     let mut last = String::new();
+    let mut priority = None;
     while !shared.ending.load(Ordering::Relaxed) {
-        let why = match connect(shared, settings) {
+        let why = match connect(shared, settings, &mut priority) {
             Ok(robot) => {
                 last.clear();
                 match serve(shared, settings, &robot) {
@@ -60,13 +62,29 @@ fn address_of(host: &str) -> Option<SocketAddr> {
     all.iter().find(|address| address.is_ipv4()).or(all.first()).copied()
 }
 
-fn connect(shared: &Shared, settings: &FciSettings) -> FrankaResult<Arc<Robot>> {
+/// Connects. `priority` is the last answer to the wish for a real-time priority, which is logged when it changes.
+fn connect(
+    shared: &Shared,
+    settings: &FciSettings,
+    priority: &mut Option<Result<(), String>>,
+) -> FrankaResult<Arc<Robot>> {
     let address = address_of(&settings.host);
     shared.connecting(address);
     // The library waits without a timeout for the answer to its first request.
     shared.asking(Some(Instant::now()));
     let connected = open(settings, address);
     shared.asking(None);
+    // The client library has already tried for the highest priority, which leaves none for the kernel's own threads.
+    let granted = realtime::set_priority(settings.priority);
+    if priority.as_ref() != Some(&granted) {
+        match &granted {
+            Ok(()) => tracing::info!("control thread: real-time priority {}", settings.priority),
+            Err(why) => tracing::warn!(
+                "control thread without real-time priority, cycles may be lost ({why}): {PRIORITY_REMEDY}"
+            ),
+        }
+        *priority = Some(granted);
+    }
     let robot = connected?;
     shared.connected(&robot, address.and_then(HangUp::find));
     Ok(robot)
@@ -81,11 +99,6 @@ fn open(settings: &FciSettings, address: Option<SocketAddr>) -> FrankaResult<Arc
     // A name may have several addresses: the library gets the one whose states are listened to.
     let host = address.map_or_else(|| settings.host.clone(), |address| address.to_string());
     let robot = Arc::new(Robot::with_options(&host, options)?);
-    // The client library has already tried for the highest priority, which leaves none for the kernel's own threads.
-    match set_current_thread_scheduler_priority(settings.priority) {
-        Ok(()) => tracing::info!("control thread: real-time priority {}", settings.priority),
-        Err(why) => tracing::warn!("control thread without real-time priority, cycles may be lost: {why}"),
-    }
     if let Some(address) = address {
         hear_robot_alone(&robot, address).map_err(FrankaError::Network)?;
     }

@@ -3,6 +3,10 @@
 use crate::compliance::Compliance;
 use crate::law::{JointLimits, LawSettings};
 
+/// Real-time priority of the control thread unless another one is set: above the kernel's threads for interrupts, which have 50, and
+/// below its own watchdogs, which have 99.
+pub const DEFAULT_PRIORITY: i32 = 80;
+
 /// Generation of the arm, which decides the version of its protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Generation {
@@ -63,6 +67,8 @@ pub struct FciSettings {
     pub generation: Generation,
     /// Real-time priority (SCHED_FIFO) of the control thread, 1 to 99.
     pub priority: i32,
+    /// Processor that the control thread is bound to, from 0; `None`: any.
+    pub cpu: Option<usize>,
     /// Cut-off frequency of the torques' low-pass, Hz; 1000 and more switch it off.
     pub cutoff_hz: f64,
     /// Gains beside the compliance.
@@ -82,7 +88,8 @@ impl FciSettings {
         Self {
             host: host.to_owned(),
             generation,
-            priority: 80,
+            priority: DEFAULT_PRIORITY,
+            cpu: None,
             cutoff_hz: 100.0,
             law: LawSettings::default(),
             compliance: Compliance::default(),

@@ -1,5 +1,6 @@
 //! Watchdog of a connection: franka-rs waits for answers over TCP without a timeout.
 
+use super::realtime::{set_priority, supervisor_priority};
 use super::shared::Shared;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -11,8 +12,12 @@ const SILENT: Duration = Duration::from_millis(1800);
 /// Time for an answer to a request. Recovery takes about a second.
 const ANSWER: Duration = Duration::from_secs(4);
 
-/// Watches until the link ends. `end_process` ends the process, if nothing else ends the connection.
-pub fn run(shared: &Shared, end_process: fn()) {
+/// Watches a control thread with this priority until the link ends. `end_process` ends the process, if nothing else ends the connection.
+pub fn run(shared: &Shared, control_priority: i32, end_process: fn()) {
+    // A refusal is logged by the control thread, which has the same one.
+    if set_priority(supervisor_priority(control_priority)).is_ok() {
+        tracing::info!("watchdog: real-time priority {}", supervisor_priority(control_priority));
+    }
     let (mut beats, mut since) = (shared.beats.load(Ordering::Relaxed), Instant::now());
     while !shared.ending.load(Ordering::Relaxed) {
         std::thread::sleep(PERIOD);

@@ -2,7 +2,7 @@
 
 use super::settings::fixed;
 use crate::compliance::Compliance;
-use crate::fci::{Collision, FciSettings, Generation, Load};
+use crate::fci::{Collision, DEFAULT_PRIORITY, FciSettings, Generation, Load};
 use crate::law::LawSettings;
 use anyhow::{Result, bail, ensure};
 use catenary_shell::NodeBuilder;
@@ -39,8 +39,13 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
     let host = b.declare_string("fci.host", "", fixed("Name or address of the robot, optionally with :port."))?.get();
     let generation = "Generation of the arm: panda (FCI version 5) or fr3 (version 10).";
     let generation = b.declare_string("fci.generation", "panda", fixed(generation).choices(&["panda", "fr3"]))?.get();
-    let priority = fixed("Real-time priority of the control thread, if the system grants one.").integer_range(1..=99);
-    let priority = i32::try_from(b.declare_i64("fci.priority", 80, priority)?.get()).unwrap_or(80);
+    let priority =
+        "Real-time priority of the control thread, if the system grants one; its supervisor gets the next higher one.";
+    let priority = fixed(priority).integer_range(1..=99);
+    let priority = b.declare_i64("fci.priority", i64::from(DEFAULT_PRIORITY), priority)?.get();
+    let priority = i32::try_from(priority).unwrap_or(DEFAULT_PRIORITY);
+    let cpu = "Processor that the control thread is bound to, from 0; -1: any. Keep other work off it (isolcpus).";
+    let cpu = usize::try_from(b.declare_i64("fci.cpu", -1, fixed(cpu).integer_range(-1..=1023))?.get()).ok();
     let d = LawSettings::default();
     let law = LawSettings {
         integral: number(
@@ -76,6 +81,7 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
         host,
         generation: if generation == "fr3" { Generation::Fr3 } else { Generation::Panda },
         priority,
+        cpu,
         cutoff_hz,
         law,
         compliance: compliance(b)?,
