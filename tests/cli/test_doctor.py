@@ -1,13 +1,19 @@
 """`catenary doctor` finds every setting of the machine that keeps nodes apart and says what to do, as text and as JSON."""
 
 import json
+import os
+import subprocess
 
 import pytest
+from support.program import PROGRAM
 
 NAMES = {
-    "cores", "loopback", "receive buffer", "send buffer", "disk", "logs", "ffmpeg", "Python", "domain", "other graphs",
-    "discovery range", "localhost only", "middleware", "Fast DDS profile",
+    "cores", "loopback", "receive buffer", "default buffer", "send buffer", "disk", "logs", "ffmpeg", "Python", "kernel", "rtprio",
+    "memlock", "CPU governor", "robot network", "domain", "other graphs", "discovery range", "localhost only", "middleware",
+    "Fast DDS profile",
 }  # fmt: skip
+# Checks that matter to a real arm alone.
+REAL_TIME = ("kernel", "rtprio", "memlock", "CPU governor")
 
 
 # Variables of the environment that change what nodes hear; None leaves them out.
@@ -27,6 +33,37 @@ def test_every_check_has_a_verdict_and_a_remedy_where_it_is_not_good(doctor):
         assert check["verdict"] in ("good", "warning", "bad") and check["detail"]
         assert ("remedy" in check) == (check["verdict"] != "good"), check
     assert found["model"]["verdict"] == "good"
+
+
+def test_needs_of_a_real_arm_are_warnings_where_a_robot_is_named(doctor):
+    # TEST-NET-1 of RFC 5737: no machine has this address, and no robot is straight beside this one.
+    runs = {robot: doctor("--json", *(["--robot", robot] if robot else [])) for robot in (None, "127.0.0.1", "192.0.2.7")}
+    found = {robot: {check["name"]: check for check in json.loads(done.stdout)} for robot, done in runs.items()}
+    for name in REAL_TIME:
+        named, unnamed = found["127.0.0.1"][name], found[None][name]
+        assert unnamed["verdict"] == "good", unnamed
+        assert ("see --robot" in unnamed["detail"]) == (named["verdict"] == "warning"), (named, unnamed)
+    # A kernel says itself whether it is a real-time one.
+    is_realtime = any(words in os.uname().version for words in ("PREEMPT_RT", "PREEMPT RT"))
+    assert (found["127.0.0.1"]["kernel"]["verdict"] == "good") == is_realtime
+    network = {robot: checks["robot network"] for robot, checks in found.items()}
+    assert "--robot" in network[None]["detail"] and "this machine" in network["127.0.0.1"]["detail"]
+    # Its way leads by some interface, or there is none.
+    far = network["192.0.2.7"]
+    assert far["detail"].startswith("there is no route" if far["verdict"] == "bad" else "by "), far
+    assert runs["192.0.2.7"].returncode == (1 if far["verdict"] == "bad" else 0)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give up the rights of root")
+def test_a_refused_priority_and_a_limit_of_locked_memory_are_named(program, tmp_path):
+    without = ["setpriv", "--bounding-set=-sys_nice,-ipc_lock", "--inh-caps=-sys_nice,-ipc_lock"]
+    command = ["prlimit", "--rtprio=0", "--memlock=8388608", *without, PROGRAM, "doctor", "--json", "--robot", "127.0.0.1"]
+    environment = program.environment(**UNSET)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=True)
+    found = {check["name"]: check for check in json.loads(done.stdout)}
+    for name, says in (("rtprio", "refused"), ("memlock", "8192 KiB")):
+        check = found[name]
+        assert check["verdict"] == "warning" and says in check["detail"] and "limits.conf" in check["remedy"], check
 
 
 def test_lines_of_a_check_up_fit_80_columns(doctor):

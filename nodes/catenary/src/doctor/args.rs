@@ -10,6 +10,9 @@ pub struct DoctorArgs {
     /// Model (file or name) to check too
     #[arg(long)]
     pub model: Option<PathBuf>,
+    /// Address of a real arm: check its network too, and warn of what its control at 1 kHz lacks
+    #[arg(long, value_name = "ADDRESS")]
+    pub robot: Option<String>,
     /// Machine-readable output
     #[command(flatten)]
     pub output: Output,

@@ -9,6 +9,8 @@ use std::time::Duration;
 
 /// Socket buffer below which camera images are lost between our nodes and other vendors', bytes.
 const WANTED_BUFFER: u64 = 4 * 1024 * 1024;
+/// Bytes of a camera image of 640 x 480 pixels. A socket whose program asks for no size must hold one at least.
+const IMAGE: u64 = 640 * 480 * 3;
 /// Free disk space below which a session may fill the disk, bytes. Camera images take 28 MB/s, so that this lasts three
 /// minutes.
 const WANTED_SPACE: u64 = 5_000_000_000;
@@ -21,6 +23,7 @@ const PYTHONS: [&str; 2] = ["3.11", "3.12"];
 pub fn checks() -> Vec<Check> {
     let mut checks = vec![cores(), loopback()];
     checks.push(buffer("receive buffer", "rmem_max"));
+    checks.push(default_buffer(&setting("rmem_default")));
     checks.push(buffer("send buffer", "wmem_max"));
     checks.push(disk("disk", Path::new(".")));
     checks.push(match catenary_shell::ros_log_dir() {
@@ -54,8 +57,30 @@ pub fn loopback() -> Check {
     }
 }
 
+/// Text of a setting of the kernel's network; empty if it cannot be read.
+fn setting(variable: &str) -> String {
+    std::fs::read_to_string(format!("/proc/sys/net/core/{variable}")).unwrap_or_default()
+}
+
+/// Check of the receive buffer of sockets whose program asks for no size. Our nodes ask for one.
+fn default_buffer(text: &str) -> Check {
+    let name = "default buffer";
+    let remedy = format!(
+        "for ROS 2's own nodes, set a Fast DDS profile of launch_configs, or: sudo sysctl -w net.core.rmem_default={WANTED_BUFFER}"
+    );
+    match text.trim().parse::<u64>() {
+        Ok(bytes) if bytes >= IMAGE => Check::good(name, format!("net.core.rmem_default is {bytes} bytes")),
+        Ok(bytes) => Check::warning(
+            name,
+            format!("net.core.rmem_default is {bytes} bytes: programs that ask for no buffer lose images of {IMAGE}"),
+            remedy,
+        ),
+        Err(_) => Check::warning(name, "net.core.rmem_default could not be read, as in a container", remedy),
+    }
+}
+
 fn buffer(name: &'static str, variable: &str) -> Check {
-    let text = std::fs::read_to_string(format!("/proc/sys/net/core/{variable}")).unwrap_or_default();
+    let text = setting(variable);
     let variable = format!("net.core.{variable}");
     match text.trim().parse::<u64>() {
         Ok(bytes) if bytes >= WANTED_BUFFER => Check::good(name, format!("{variable} is {bytes} bytes")),
@@ -150,6 +175,12 @@ mod tests {
     #[test]
     fn the_loopback_interface_is_there() {
         assert_eq!(loopback().verdict, Good);
+    }
+
+    #[test]
+    fn a_buffer_that_holds_no_image_is_a_warning() {
+        let of = |text| default_buffer(text).verdict;
+        assert_eq!([of("4194304\n"), of("212992\n"), of("")], [Good, Warning, Warning]);
     }
 
     #[test]

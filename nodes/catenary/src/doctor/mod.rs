@@ -1,8 +1,10 @@
-//! `catenary doctor`: checks of this machine and of its ROS 2 settings.
+//! `catenary doctor`: checks of this machine, of its way to a real arm, and of its ROS 2 settings.
 
 pub mod args;
 mod check;
 mod machine;
+mod network;
+mod realtime;
 mod ros;
 
 use crate::inputs::{model_file, shipped};
@@ -17,6 +19,8 @@ pub fn run(arguments: &DoctorArgs) -> Result<()> {
     // Read first: a wrong path is an error of the command line and no finding about the machine.
     let model = arguments.model.as_deref().map(model).transpose()?;
     let mut checks = machine::checks();
+    checks.extend(realtime::checks(arguments.robot.is_some()));
+    checks.push(network::check(arguments.robot.as_deref()));
     checks.extend(ros::checks());
     checks.extend(model);
     output::result(&arguments.output, &checks, |checks| {
