@@ -31,7 +31,7 @@ ARGUMENTS = {
         {"controller": "/arm", "record": "1", "images": "true"},
     ],
     "replay.launch.xml": [{}, {"vision": "false"}, {"learning": "0", "respawn": "false"}],
-    "train.launch.xml": [{}, {"workers": "3", "namespace": "/lab"}, {"inference": "false", "respawn": "no"}],
+    "train.launch.xml": [{}, {"workers": "3", "namespace": "/lab", "memory_limit_mib": "9000"}, {"inference": "false", "respawn": "no"}],
     "find_effects.launch.xml": [{}],
 }
 

@@ -137,10 +137,8 @@ class Session:
     def text(self, name):
         return (self.folder / name).read_text()
 
-    def end(self):
-        running.remove(self)
-        if self.ros:
-            self.ros.close()
+    def end_children(self):
+        """Interrupts the processes that were started, and kills those that stay."""
         for child in self.children:
             if child.poll() is None:
                 child.send_signal(signal.SIGINT)
@@ -150,6 +148,12 @@ class Session:
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()
+
+    def end(self):
+        running.remove(self)
+        if self.ros:
+            self.ros.close()
+        self.end_children()
         for pid in self.processes():
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)

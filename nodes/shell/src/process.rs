@@ -4,6 +4,7 @@ pub(crate) mod builder;
 pub(crate) mod ending;
 pub(crate) mod health;
 pub(crate) mod logging;
+mod memory_limit;
 pub(crate) mod network_loss;
 pub(crate) mod node;
 mod parameter_services;

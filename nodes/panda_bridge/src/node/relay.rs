@@ -27,6 +27,8 @@ const SLOW: u64 = 4;
 const STAMP_LIMIT: Duration = Duration::from_secs(1);
 /// Weight of one cycle in the share of cycles in time: an exponential average over about a second (200 cycles).
 const SHARE_WEIGHT: f64 = 0.005;
+/// Time without a cycle after which a motion ends. Chosen: far beyond what a busy machine takes, and shorter than anyone stops a process.
+const STANDSTILL: Duration = Duration::from_secs(1);
 
 /// State of the controller's stream of poses.
 struct Link {
@@ -160,6 +162,9 @@ impl Relay {
             let late = (tick.missed - missed).min(1000) as i32;
             share = (share * (1.0 - SHARE_WEIGHT).powi(late)) * (1.0 - SHARE_WEIGHT) + SHARE_WEIGHT;
             missed = tick.missed;
+            if CYCLE * late.unsigned_abs() > STANDSTILL {
+                self.end_after_standstill();
+            }
             let slow = tick.index.is_multiple_of(SLOW);
             if tick.index.is_multiple_of(recheck) {
                 self.front.recheck();
@@ -185,6 +190,15 @@ impl Relay {
         }
         drop(arm);
         node.wait_for_shutdown()
+    }
+
+    /// Ends a motion that this process has not supervised, because it was stopped and continues. It cannot know what it has missed.
+    fn end_after_standstill(&self) {
+        let mut arm = self.front.arm();
+        if is_enabled(arm.mode()) {
+            tracing::error!("the bridge stood still for more than {} s: disabled", STANDSTILL.as_secs());
+            arm.disable();
+        }
     }
 
     /// Runs one cycle; in a `slow` one targets are sent.

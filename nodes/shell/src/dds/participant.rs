@@ -1,9 +1,11 @@
 //! DDS participant, configured by the environment variables of ROS 2.
 
 use super::socket_owner::bound_ports;
+use super::{own_machine, system_calls};
 use crate::error::ShellError;
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
+use std::sync::{Mutex, PoisonError};
 
 /// Range of automatic discovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,8 +164,40 @@ impl Participation {
         )
     }
 
-    /// Joins the domain.
+    /// Joins the domain. With [`Discovery::Localhost`] no datagram of another machine is heard from here on.
     pub(crate) fn join(self) -> Result<DomainParticipant, ShellError> {
+        // One at a time, because a participant's sockets are known by being new.
+        static JOINING: Mutex<()> = Mutex::new(());
+        let _joining = JOINING.lock().unwrap_or_else(PoisonError::into_inner);
+        system_calls::link();
+        match self.discovery {
+            Discovery::Subnet => self.build(),
+            Discovery::Localhost => self.build_for_own_machine(),
+        }
+    }
+
+    /// Joins the domain, and restricts the participant's sockets to this machine. RustDDS gives no access to them.
+    fn build_for_own_machine(self) -> Result<DomainParticipant, ShellError> {
+        let failed = |error: &dyn std::fmt::Display| {
+            ShellError::create(
+                format!("DDS domain {}", self.domain),
+                format!("not restricted to this machine: {error}"),
+            )
+        };
+        let before = own_machine::listeners().map_err(|error| failed(&error))?;
+        let participant = self.build()?;
+        let mut new = own_machine::listeners().map_err(|error| failed(&error))?;
+        new.retain(|name, _| !before.contains_key(name));
+        let port = discovery_port(self.domain, participant.participant_id());
+        // Without this check another way of RustDDS to open its sockets would leave them open to everyone.
+        if !new.values().any(|listener| u32::from(listener.port) == port) {
+            return Err(failed(&format!("expected a socket of this process at UDP port {port}")));
+        }
+        own_machine::restrict(new.values()).map_err(|error| failed(&error))?;
+        Ok(participant)
+    }
+
+    fn build(self) -> Result<DomainParticipant, ShellError> {
         let builder = DomainParticipantBuilder::new(self.domain);
         let builder = match self.discovery {
             Discovery::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),

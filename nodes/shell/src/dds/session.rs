@@ -144,7 +144,7 @@ impl Session {
 
     /// Returns true if a thread of RustDDS has ended by itself, so that the participant no longer hears the graph.
     ///
-    /// RustDDS 0.15.1 runs two threads for a participant, and ends each of them with a log line when its wait is interrupted. No event
+    /// RustDDS 0.15.1 runs two threads for a participant, and ends each of them with a log line when its wait fails. No event
     /// tells of it: the status channel has a further sender in the discovery database, so it stays open. The ends of both threads
     /// have other traces. The event loop owns the UDP sockets, which are closed with it. The discovery thread owns the receiver of
     /// commands, so that a command fails after its end. An assertion of manual liveliness is such a command, and has no effect on

@@ -2,6 +2,7 @@
 //! memory.
 
 use crate::contract;
+use crate::dds::sample_claims;
 use crate::error::ShellError;
 use crate::process::health::{Health, Report};
 use crate::process::node::Node;
@@ -38,6 +39,7 @@ impl Node {
             // Wall time: a node whose simulated time stands still must report that.
             let mut next = Instant::now() + PERIOD;
             let mut log = HealthLog::default();
+            let mut refused = Recent::default();
             while !shutdown.wait_timeout(next.saturating_duration_since(Instant::now())) {
                 // From the planned time, so that the period does not drift.
                 next += PERIOD;
@@ -50,6 +52,14 @@ impl Node {
                 if let Some(problem) = clock_problem(clock.silence(), &clock_topic, clocks) {
                     report.problem(Health::Error, &problem);
                 }
+                let now = Instant::now();
+                let refused = refused.count(sample_claims::refused(), now);
+                report_recent(
+                    &mut report,
+                    "messages_over_memory_limit",
+                    "messages that claimed too much memory were dropped",
+                    refused,
+                );
                 sources.report(&publishers, &mut report);
                 fill(&mut report);
                 log.tell(&report, wall_now());
@@ -57,6 +67,33 @@ impl Node {
                 publisher.send(DiagnosticArray { header, status: vec![status(&name, report)] });
             }
         })
+    }
+}
+
+/// Count of an event that is a problem for a while after it: a reader of single reports would miss one of a second.
+#[derive(Default)]
+struct Recent {
+    seen: u64,
+    last: Option<Instant>,
+}
+
+impl Recent {
+    /// Returns the count, and true if it grew less than [`REMIND`] ago.
+    fn count(&mut self, count: u64, now: Instant) -> (u64, bool) {
+        if count > self.seen {
+            (self.seen, self.last) = (count, Some(now));
+        }
+        (count, self.last.is_some_and(|last| now.duration_since(last) < REMIND))
+    }
+}
+
+/// Adds the count of an event to a report once it has happened, and a warning while it is recent.
+fn report_recent(report: &mut Report, key: &str, what: &str, (count, is_recent): (u64, bool)) {
+    if count > 0 {
+        report.value(key, count);
+    }
+    if is_recent {
+        report.problem(Health::Warn, &format!("{count} {what}: see the log"));
     }
 }
 
@@ -139,6 +176,22 @@ mod tests {
         assert_eq!((status.level, status.message.as_str()), (2, "no images; drops"));
         assert_eq!(status.values[0].key, "image_rate_hz");
         assert_eq!(status.values[0].value, "59.9");
+    }
+
+    #[test]
+    fn an_event_is_a_problem_for_a_while_and_its_count_stays() {
+        let (mut recent, start) = (Recent::default(), Instant::now());
+        assert_eq!(recent.count(0, start), (0, false));
+        assert_eq!(recent.count(2, start), (2, true));
+        assert_eq!(recent.count(2, start + REMIND / 2), (2, true));
+        assert_eq!(recent.count(2, start + REMIND), (2, false));
+        let mut report = Report::new();
+        report_recent(&mut report, "answers_too_large", "answers were too large for their clients", (2, false));
+        assert_eq!((report.health, report.values[0].1.as_str()), (Health::Ok, "2"));
+        report_recent(&mut report, "answers_too_large", "answers were too large for their clients", (3, true));
+        assert_eq!(report.health, Health::Warn);
+        report_recent(&mut report, "none", "none", (0, false));
+        assert_eq!(report.values.len(), 2);
     }
 
     #[test]

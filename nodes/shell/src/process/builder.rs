@@ -6,6 +6,7 @@ use super::spinner;
 use super::threads::Threads;
 use crate::dds::graph::Graph;
 use crate::dds::participant::{Discovery, Participation};
+use crate::dds::sample_claims;
 use crate::dds::session::Session;
 use crate::dds::settle::settle;
 use crate::error::ShellError;
@@ -140,6 +141,7 @@ impl NodeBuilder {
             Some(participation) => (participation, Vec::new()),
             None => Participation::from_environment(&|name| std::env::var(name).ok())?,
         };
+        sample_claims::set_limit(&|name| std::env::var(name).ok())?;
         let participant = participation.join()?;
         // Before the first endpoint: see `settle`.
         settle(&participant);

@@ -1,7 +1,7 @@
 //! Loss of the network: the end of a process whose middleware no longer listens.
 //!
-//! RustDDS ends its threads when their wait is interrupted: when the process is stopped and continues (Ctrl-Z and `fg`), or when the
-//! machine wakes up. The process would live on without hearing the graph. It ends instead, and says why.
+//! A thread of RustDDS may end by itself, by a panic or a failed wait. The process would live on without hearing the graph. It ends
+//! instead, and says why. Waits that are interrupted, as when a stopped process continues, are no loss: see `dds::system_calls`.
 
 use crate::dds::graph::Graph;
 use crate::dds::log_noise;
@@ -11,9 +11,9 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// Message of a process that lost the network.
-pub const LOST: &str = "the network was lost, as after Ctrl-Z and fg or when the machine was suspended; start anew";
+pub const LOST: &str = "the network was lost: a thread of the middleware ended by itself; start anew";
 
-/// Time between two checks. Chosen: a check reads one file of /proc, and nobody resumes a process faster.
+/// Time between two checks. Chosen: a check reads one file of /proc.
 const PERIOD: Duration = Duration::from_millis(500);
 
 static IS_LOST: AtomicBool = AtomicBool::new(false);

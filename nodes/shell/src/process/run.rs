@@ -2,7 +2,7 @@
 
 use super::builder::NodeBuilder;
 use super::ending::{self, LeaveAtEnd};
-use super::{logging, network_loss};
+use super::{logging, memory_limit, network_loss};
 use crate::error::ShellError;
 use crate::parameters::args::RosArgs;
 use crate::time::shutdown::Shutdown;
@@ -122,6 +122,7 @@ fn start<S: Into<String>>(name: &str, args: impl IntoIterator<Item = S>) -> anyh
     }
     // Not for `--help`, which only prints.
     end_on_signals(builder.shutdown())?;
+    memory_limit::apply(&|name| std::env::var(name).ok())?;
     Ok(builder)
 }
 
