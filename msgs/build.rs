@@ -220,7 +220,10 @@ fn interface(i: &Interface, all: &[Interface], catalogue: &Catalogue) -> Result<
     if i.kind != "msg" {
         let trait_name = if i.kind == "srv" { "ServiceInterface" } else { "ActionInterface" };
         let parts: Vec<(&str, String)> = suffixes.iter().map(|s| (*s, format!("{}{s}", i.name))).collect();
-        out.push_str(&rust::marker(&i.name, trait_name, &full_name, &catalogue.hash(&full_name)?, comment, &parts));
+        // Response of a service or result of an action.
+        let refusal = rust::refusal(&parts[1].1, &i.sections[1].fields);
+        let hash = catalogue.hash(&full_name)?;
+        out.push_str(&rust::marker(&i.name, trait_name, &full_name, &hash, comment, &parts, &refusal));
     }
     Ok(out)
 }

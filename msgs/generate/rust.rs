@@ -52,7 +52,29 @@ pub fn structure(emitted: &Emitted<'_>, section: &Section) -> String {
     out
 }
 
-/// Returns the source of the marker type of a service or an action. `parts` are its associated types (`Request = XRequest`, ...).
+/// Returns the source of the method `refusal` of a service or an action whose answer is `answer`; empty where the answer has no fields for a
+/// failure and its reason.
+pub fn refusal(answer: &str, fields: &[Field]) -> String {
+    let field = |type_name: &str, names: &[&str]| {
+        let is_it = |f: &&Field| {
+            matches!(&f.base, Base::Primitive(p) if p == type_name)
+                && matches!(f.count, Count::One)
+                && names.contains(&f.name.as_str())
+        };
+        fields.iter().find(is_it).map(|f| rust_name(&f.name))
+    };
+    let flag = field("bool", &["success", "successful"]);
+    let Some((flag, text)) = flag.zip(field("string", &["message", "reason", "failure_reason"])) else {
+        return String::new();
+    };
+    let rest = if fields.len() > 2 { ", ..Default::default()" } else { "" };
+    format!(
+        "    fn refusal(reason: ::std::string::String) -> ::std::option::Option<{answer}> {{\n        Some({answer} {{ {flag}: false, {text}: reason{rest} }})\n    }}\n"
+    )
+}
+
+/// Returns the source of the marker type of a service or an action. `parts` are its associated types (`Request = XRequest`, ...),
+/// `refusal` comes from [`refusal`].
 pub fn marker(
     name: &str,
     interface: &str,
@@ -60,6 +82,7 @@ pub fn marker(
     hash: &str,
     comment: &[String],
     parts: &[(&str, String)],
+    refusal: &str,
 ) -> String {
     let mut out = String::new();
     doc(&mut out, "", comment, &format!("`{type_name}`."));
@@ -67,7 +90,7 @@ pub fn marker(
     let associated: String = parts.iter().map(|(part, ty)| format!("    type {part} = {ty};\n")).collect();
     let _ = writeln!(
         out,
-        "impl crate::{interface} for {name} {{\n{associated}    const TYPE_NAME: &'static str = {type_name:?};\n    const TYPE_HASH: &'static str = {hash:?};\n}}"
+        "impl crate::{interface} for {name} {{\n{associated}    const TYPE_NAME: &'static str = {type_name:?};\n    const TYPE_HASH: &'static str = {hash:?};\n{refusal}}}"
     );
     out
 }

@@ -27,6 +27,12 @@ pub trait ServiceInterface {
     const TYPE_NAME: &'static str;
     /// RIHS01 hash of the type description.
     const TYPE_HASH: &'static str;
+
+    /// Returns a response that reports a failure and its reason; `None` for a response without fields for both: `bool success` and
+    /// `string message`, or the names that services of ROS 2 have for them.
+    fn refusal(_reason: String) -> Option<Self::Response> {
+        None
+    }
 }
 
 /// Action type.
@@ -41,6 +47,11 @@ pub trait ActionInterface {
     const TYPE_NAME: &'static str;
     /// RIHS01 hash of the type description.
     const TYPE_HASH: &'static str;
+
+    /// Returns a result that reports a failure and its reason, as [`ServiceInterface::refusal`].
+    fn refusal(_reason: String) -> Option<Self::Result> {
+        None
+    }
 }
 
 /// Name, hash and text of a message type.

@@ -1,12 +1,14 @@
 //! Invariants of the generated types, and hashes that rosidl computed.
 
+use crate::action_msgs::srv::CancelGoal;
 use crate::catenary_msgs::action::Infer;
 use crate::catenary_msgs::msg::{ArmState, Keypoints};
-use crate::catenary_msgs::srv::{SimulateRequest, StepEnvsResponse};
+use crate::catenary_msgs::srv::{CloseEnvs, Simulate, SimulateRequest, StepEnvsResponse};
 use crate::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use crate::geometry_msgs::msg::{Quaternion, TransformStamped, Vector3};
 use crate::sensor_msgs::msg::{CameraInfo, Image, JointState};
 use crate::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse, TriggerRequest};
+use crate::type_description_interfaces::srv::GetTypeDescription;
 use crate::{
     ActionInterface, Interface, ServiceInterface, described, find, from_cdr, messages, services_and_actions,
     structures, to_cdr,
@@ -14,6 +16,19 @@ use crate::{
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
+
+#[test]
+fn an_answer_with_fields_for_it_reports_a_failure_and_its_reason() {
+    let reason = || "too large".to_owned();
+    let simulated = Simulate::refusal(reason()).unwrap();
+    assert_eq!((simulated.success, simulated.message, simulated.tracks.len()), (false, reason(), 0));
+    assert_eq!(CloseEnvs::refusal(reason()).unwrap().message, reason());
+    let inferred = Infer::refusal(reason()).unwrap();
+    assert_eq!((inferred.success, inferred.message), (false, reason()));
+    let described = GetTypeDescription::refusal(reason()).unwrap();
+    assert_eq!((described.successful, described.failure_reason), (false, reason()));
+    assert!(CancelGoal::refusal(reason()).is_none());
+}
 
 #[test]
 fn hashes_equal_those_of_the_jazzy_packages() {

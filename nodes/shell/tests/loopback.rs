@@ -376,6 +376,31 @@ fn answers_of_any_size_reach_every_client_also_the_second_of_a_process_whose_fir
 }
 
 #[test]
+fn an_answer_that_would_not_arrive_is_refused_and_those_after_it_arrive() {
+    let (server, asker) = (node("server", 121), node("asker", 121));
+    // A type without a topic for large replies.
+    let answer = |request: SetBoolRequest| {
+        let length = if request.data { 70_000 } else { 60_000 };
+        SetBoolResponse { success: true, message: "a".repeat(length) }
+    };
+    let _service = server.serve::<SetBool>("tell", answer).unwrap();
+    let client = asker.client::<SetBool>("tell").unwrap();
+    for data in [true, false, true, false] {
+        let got = client.call(SetBoolRequest { data }, SOON).unwrap();
+        assert_eq!(got.success, !data);
+        match data {
+            // The message, its length, the flag and the header of the encoding.
+            true => assert!(
+                got.message.starts_with("the answer has 70013 bytes, and one of more than 65347"),
+                "{}",
+                got.message
+            ),
+            false => assert_eq!(got.message.len(), 60_000),
+        }
+    }
+}
+
+#[test]
 fn a_call_ends_when_it_is_stopped_and_the_next_one_is_answered() {
     let (server, asker) = (node("server", 116), node("asker", 116));
     let (begun, begins) = channel();

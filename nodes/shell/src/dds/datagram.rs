@@ -14,7 +14,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 pub(super) const WHOLE: usize = 1024;
 
 /// Maximum size of an answer in one datagram, bytes: the limit of UDP over IPv4 minus the RTPS headers.
-const MOST: usize = 65_507 - 160;
+pub(super) const MOST: usize = 65_507 - 160;
 
 /// RTPS header (RTPS 2.5, section 9.4): version 2.4, vendor id of RustDDS.
 const HEADER: [u8; 8] = [b'R', b'T', b'P', b'S', 2, 4, 0x01, 0x12];

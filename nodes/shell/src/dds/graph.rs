@@ -39,6 +39,8 @@ pub(crate) struct Graph {
     since: Instant,
     /// Time of the last write of any endpoint, nanoseconds after `since`.
     written: AtomicU64,
+    /// Number of answers that were too large for their clients.
+    too_large: AtomicU64,
 }
 
 /// Number of sessions in this process.
@@ -67,7 +69,18 @@ impl Graph {
             types: Mutex::default(),
             since: Instant::now(),
             written: AtomicU64::new(0),
+            too_large: AtomicU64::new(0),
         }
+    }
+
+    /// Counts an answer that was too large for its client.
+    pub(crate) fn count_too_large(&self) {
+        self.too_large.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Returns the number of answers that were too large for their clients.
+    pub(crate) fn too_large(&self) -> u64 {
+        self.too_large.load(Ordering::Relaxed)
     }
 
     /// Ends the session: other nodes see the node and its endpoints leave. Later creations and writes fail.

@@ -1,7 +1,7 @@
 //! Endpoints of services: two topics, as rmw_fastrtps maps them. An answer names its request in the inline QoS (DDS-RPC 1.0,
 //! section 7.2.4, enhanced service mapping).
 
-use super::datagram::Answer;
+use super::datagram::{Answer, MOST};
 use super::endpoint::{Reader, Writer};
 use super::graph::Graph;
 use super::matches::Matches;
@@ -66,19 +66,47 @@ impl<Req: 'static + DeserializeOwned, Resp: Serialize> ServerEndpoints<Req, Resp
     }
 
     /// Answers a request. Only one thread of a server may call it: the sequence number of the next answer must be known.
-    pub(crate) fn answer(&self, graph: &Graph, to: RmwRequestId, answer: Resp) -> Result<(), String> {
-        self.answer_in_one_datagram(graph, to, &answer);
+    ///
+    /// An answer of more than one datagram would not arrive. Then `refusal` makes the answer from the reason, and the log says it.
+    pub(crate) fn answer(
+        &self,
+        graph: &Graph,
+        to: RmwRequestId,
+        answer: Resp,
+        refusal: impl FnOnce(String) -> Option<Resp>,
+    ) -> Result<(), String> {
+        let mut answer = answer;
+        let mut cdr = to_cdr(&answer).unwrap_or_default();
+        if cdr.len() > MOST {
+            let reason = self.too_large(graph, to, cdr.len());
+            if let Some(refused) = refusal(reason) {
+                answer = refused;
+                cdr = to_cdr(&answer).unwrap_or_default();
+            }
+        }
+        self.answer_in_one_datagram(graph, to, &cdr);
         // Sent in any case: the client ignores the second copy, and it may be the only one that arrives.
         let sequence = self.answers.write_answer(to, answer)?;
         self.next.store(sequence + 1, Ordering::Relaxed);
         Ok(())
     }
 
+    /// Logs and counts an answer that is too large. Returns the reason for the caller.
+    fn too_large(&self, graph: &Graph, to: RmwRequestId, bytes: usize) -> String {
+        graph.count_too_large();
+        let service = self.answer_topic.trim_start_matches("rr").trim_end_matches("Reply");
+        let reason = format!(
+            "the answer has {bytes} bytes, and one of more than {MOST} does not reach this program: ask for less at once, or use a \
+             program of catenary, which gets answers of any size"
+        );
+        tracing::warn!("{service}: asked by {}: {reason}", graph.peer_of(to.writer_gid.to_bytes16()));
+        reason
+    }
+
     /// Sends a large answer as one datagram: see [`super::datagram`].
-    fn answer_in_one_datagram(&self, graph: &Graph, to: RmwRequestId, answer: &Resp) {
-        let Ok(cdr) = to_cdr(answer) else { return };
+    fn answer_in_one_datagram(&self, graph: &Graph, to: RmwRequestId, cdr: &[u8]) {
         let sequence = self.next.load(Ordering::Relaxed);
-        let answer = Answer { writer: self.answers.guid(), sequence, to, cdr: &cdr };
+        let answer = Answer { writer: self.answers.guid(), sequence, to, cdr };
         if !answer.is_due() {
             return;
         }

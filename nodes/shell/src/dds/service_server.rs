@@ -37,6 +37,8 @@ pub(crate) struct ServiceServer<Req: Message + 'static, Resp: Message> {
     // Declared before the graph: fields drop in this order, and endpoints must go before their participant.
     server: ServerEndpoints<Req, Resp>,
     large: Option<ReplyWriter>,
+    /// Makes an answer of the reason why the real one cannot be sent.
+    refusal: fn(String) -> Option<Resp>,
     path: String,
     graph: Arc<Graph>,
 }
@@ -52,7 +54,12 @@ where
         let of = ServiceSpec { name: &path, dds_type: &dds_type, requests: &requests, answers: &answers };
         let server =
             graph.make(type_name, || format!("service {path}"), |session| ServerEndpoints::new(session, &of))?;
-        Ok(Self { server, large: None, path, graph: Arc::clone(graph) })
+        Ok(Self { server, large: None, refusal: |_| None, path, graph: Arc::clone(graph) })
+    }
+
+    /// Answers with a refusal where the answer is too large for the client.
+    pub(crate) fn refusing(self, refusal: fn(String) -> Option<Resp>) -> Self {
+        Self { refusal, ..self }
     }
 
     /// Adds the topic for large replies.
@@ -80,7 +87,7 @@ where
                         Ok(())
                     } else {
                         contact.wait(&id);
-                        self.server.answer(&self.graph, id, response)
+                        self.server.answer(&self.graph, id, response, self.refusal)
                     }
                 }
                 Err(error) => {

@@ -39,7 +39,7 @@ impl Node {
             // Wall time: a node whose simulated time stands still must report that.
             let mut next = Instant::now() + PERIOD;
             let mut log = HealthLog::default();
-            let mut refused = Recent::default();
+            let (mut refused, mut too_large) = (Recent::default(), Recent::default());
             while !shutdown.wait_timeout(next.saturating_duration_since(Instant::now())) {
                 // From the planned time, so that the period does not drift.
                 next += PERIOD;
@@ -60,6 +60,8 @@ impl Node {
                     "messages that claimed too much memory were dropped",
                     refused,
                 );
+                let too_large = too_large.count(graph.too_large(), now);
+                report_recent(&mut report, "answers_too_large", "answers were too large for their clients", too_large);
                 sources.report(&publishers, &mut report);
                 fill(&mut report);
                 log.tell(&report, wall_now());

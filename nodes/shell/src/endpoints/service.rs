@@ -105,7 +105,8 @@ impl Node {
         handler: impl FnMut(S::Request, &Requester) -> S::Response + Send + 'static,
     ) -> Result<Service, ShellError> {
         let name = self.resolve(name)?;
-        let mut server = ServiceServer::<S::Request, S::Response>::new(self.graph(), name.clone(), S::TYPE_NAME)?;
+        let mut server = ServiceServer::<S::Request, S::Response>::new(self.graph(), name.clone(), S::TYPE_NAME)?
+            .refusing(S::refusal);
         if large_reply::is_for(S::TYPE_NAME) {
             server = server.with_large_replies()?;
         }

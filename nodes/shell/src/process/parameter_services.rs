@@ -46,7 +46,8 @@ impl Servers {
                 graph,
                 format!("{node_path}/get_type_description"),
                 GetTypeDescription::TYPE_NAME,
-            )?,
+            )?
+            .refusing(GetTypeDescription::refusal),
         })
     }
 

@@ -268,7 +268,7 @@ impl<A: Act> Driver<A> {
                 false
             }
         };
-        self.report(self.server.goals.answer(&self.graph, request, SendGoalResponse { accepted, stamp }));
+        self.report(self.server.goals.answer(&self.graph, request, SendGoalResponse { accepted, stamp }, |_| None));
         if accepted {
             self.start(id, goal_id, goal, stamp, requester);
         }
@@ -307,7 +307,7 @@ impl<A: Act> Driver<A> {
         };
         self.publish_status();
         // Before the handlers are woken: a client must learn of the cancellation before it gets the result.
-        self.report(self.server.cancels.answer(&self.graph, request, response));
+        self.report(self.server.cancels.answer(&self.graph, request, response, |_| None));
         for id in cancelled {
             if let Some((_, cancelled)) = self.ids.get(&id) {
                 cancelled.trigger();
@@ -358,7 +358,9 @@ impl<A: Act> Driver<A> {
         if self.large.send(&request, &response, &mut self.contacts.large_result) {
             self.graph.touch();
         } else {
-            self.report(self.server.results.answer(&self.graph, request, response));
+            // The goal keeps its status: it was carried out, and only its result cannot be sent.
+            let refusal = |reason| Some(GetResultResponse { status, result: A::refusal(reason)? });
+            self.report(self.server.results.answer(&self.graph, request, response, refusal));
         }
     }
 
