@@ -36,6 +36,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
+    let builder = builder.declare_lock_step()?;
     let params = declare(&builder)?;
     let (segmenter, needs_colour) = (build(&params)?, params.backend.needs_colour());
     let compressed =

@@ -22,6 +22,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
+    let builder = builder.declare_lock_step()?;
     let mut tracker = declare(&builder)?.build()?;
     let node = builder.build()?;
     let keypoints = node.publisher::<Keypoints>(contract::KEYPOINTS.name, contract::KEYPOINTS.qos)?;

@@ -337,6 +337,12 @@ impl<P: Plant> Arm<P> {
         Ok(())
     }
 
+    /// Returns true while a move to the start needs time to pass: it has neither ended nor come to the end of its path and its rest, which only
+    /// [`Arm::move_progress`] turns into an end.
+    pub fn is_moving_on(&self) -> bool {
+        self.running_move.is_some_and(|m| m.reached_s < m.path.duration_s() + m.settle_s)
+    }
+
     /// Returns the state of the move, and ends it when it is over. The arm then stays where it is.
     pub fn move_progress(&mut self) -> Progress {
         let (Some(running), Some(measured)) = (self.running_move, self.plant.measured()) else {

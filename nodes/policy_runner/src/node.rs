@@ -1,6 +1,8 @@
 //! Node with an action that runs one episode at a time.
 #![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
 
+mod lock_step;
+
 use crate::convert;
 use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, StillTurn, StillWait, Turn};
 use anyhow::{Context, Result, anyhow};
@@ -12,10 +14,11 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Attendance, CallError, Client, Concurrency, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node,
+    Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node,
     NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, StampCheck, Time, contract, read_model,
     stamp,
 };
+use lock_step::{Cancelled, LockStep};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, SystemTime};
@@ -23,6 +26,8 @@ use std::time::{Duration, SystemTime};
 /// Timeout of the answer to an enable request. The wait for the enabled state afterwards has the same timeout. It is longer
 /// than the discovery of a new server takes.
 const ENABLE: Duration = Duration::from_secs(3);
+/// Longest wait for the delivery of an episode's last messages in lock step.
+const DELIVERY: Duration = Duration::from_secs(5);
 /// Capacity of the queue of answers to targets: far more than one step needs.
 const ANSWERS: usize = 100;
 /// Silence of a topic, within an episode, that is reported as an error. Shorter than the default patience of 1 s, after which
@@ -55,12 +60,15 @@ struct Shell {
     observation: Publisher<Observation>,
     event: Publisher<EpisodeEvent>,
     enable: Client<SetBool>,
+    /// Set if simulated time waits for the episode.
+    lock_step: Option<LockStep>,
     /// Intakes of the topics that an episode needs.
     needed: [Intake; 4],
     episodes: AtomicU32,
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
+    let builder = builder.declare_lock_step()?;
     let defaults = Settings::default();
     let model_file = builder.declare_string(
         "model_file",
@@ -93,15 +101,19 @@ fn run(builder: NodeBuilder) -> Result<()> {
         doubts(&message.header.stamp, limit_s.get());
         Ok(())
     };
+    let (keypoints, pose) = (node.take_latest(keypoints, check_keypoints)?, node.take_latest(pose, check_pose)?);
+    let arm = node.take_latest(arm, |_| Ok(()))?;
+    let lock_step = node.is_in_lock_step().then(|| LockStep::new(&node, &keypoints, &pose, &arm));
     let shell = Shell {
+        lock_step: lock_step.transpose().map_err(Misconfigured::new)?,
         model_file,
         max_age_s,
         patience_s,
         still_patience_s,
         still_px,
-        keypoints: node.take_latest(keypoints, check_keypoints)?,
-        pose: node.take_latest(pose, check_pose)?,
-        arm: node.take_latest(arm, |_| Ok(()))?,
+        keypoints,
+        pose,
+        arm,
         target: node.publisher(contract::TARGET_POSE.name, contract::TARGET_POSE.qos)?,
         answers: node.take_queue(answers, ANSWERS)?,
         action: node.publisher(contract::ACTION.name, contract::ACTION.qos)?,
@@ -109,7 +121,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
         enable: node.client(contract::ENABLE.name)?,
         needed,
-        episodes: AtomicU32::new(crate::numbering::first_episode(SystemTime::now())),
+        episodes: AtomicU32::new(first_episode(&node)),
         node: node.clone(),
     };
     // Read once at the start, so that a wrong model file fails at once and not with the first episode.
@@ -122,6 +134,11 @@ fn run(builder: NodeBuilder) -> Result<()> {
         move |handle| shell.serve(&handle),
     )?;
     node.wait_for_shutdown()
+}
+
+/// Returns the number of the first episode. In lock step time begins at zero, and the same run gives the same bits.
+fn first_episode(node: &Node) -> u32 {
+    if node.is_in_lock_step() { 1 } else { crate::numbering::first_episode(SystemTime::now()) }
 }
 
 /// Creates the intakes of keypoints, pose, arm state and answers to targets.
@@ -195,15 +212,16 @@ impl Shell {
         self.enable.ensure_one_server()?;
         self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?;
         // One clock for the wait and the steps: the runner knows the target from both.
+        if self.begin(handle)?.is_err() {
+            return Ok(cancelled(episode));
+        }
         let origin = self.node.now();
         if !self.still(handle, origin, &mut runner, StillWait::new(own), client)? {
-            let message = "cancelled".to_owned();
-            let end = message.clone();
-            return Ok((End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() }));
+            return Ok(cancelled(episode));
         }
         // Before the arm is enabled: without a pose nothing must move.
         let held = self.pose.get().with_context(|| format!("no pose on {}", self.pose.topic()))?.message.pose.clone();
-        self.enable_arm()?;
+        self.enable_arm(handle)?;
         self.announce(&runner, goal, episode, EpisodeEvent::STARTED, String::new());
         self.needed.iter().for_each(|intake| intake.need(true));
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
@@ -215,6 +233,10 @@ impl Shell {
             Err(error) => format!("fault: {error:#}"),
         };
         self.announce(&runner, goal, episode, EpisodeEvent::ENDED, reason.clone());
+        if self.lock_step.is_some() {
+            // Time stands still after the result, and a recorder that is ended then must have everything.
+            let _in_time = [self.event.wait_acknowledged(DELIVERY), self.observation.wait_acknowledged(DELIVERY)];
+        }
         let end = outcome?;
         let result = RunEpisodeResult {
             success: end.is_some(),
@@ -239,7 +261,7 @@ impl Shell {
         let mut told = false;
         while !handle.is_cancelled() {
             // The wait may take minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
-            let presence = client.look();
+            let Some(presence) = self.presence(handle, &mut client) else { return Ok(false) };
             anyhow::ensure!(presence != Presence::Gone, "the client that asked for the episode has left the graph");
             // An arm that was stopped meanwhile must not start once somebody has released it. States from before the goal tell of the motion to
             // the start.
@@ -259,7 +281,7 @@ impl Shell {
                             "the episode begins when the object hangs still: stay clear; its keypoints move by {px:.1} px in a second"
                         );
                     }
-                    if handle.wait_cancelled(POLL) {
+                    if self.go_on(handle, POLL)?.is_err() {
                         return Ok(false);
                     }
                 }
@@ -277,15 +299,16 @@ impl Shell {
         origin: Time,
         held: &Pose,
     ) -> Result<Option<End>> {
-        let mut sent = None;
+        let (mut sent, mut answered) = (None, None);
         while !handle.is_cancelled() {
-            let inputs = Inputs { objection: self.objection(sent.as_ref()), ..self.inputs(origin) };
+            let objection = answered.take().or_else(|| self.objection(sent.as_ref()));
+            let inputs = Inputs { objection, ..self.inputs(origin) };
             match runner.turn(&inputs) {
                 Turn::Wait(until_s) => {
                     let until = origin + Duration::from_secs_f64(until_s.max(0.0));
                     // The wait is limited to `NAP`, because the node's clock may be simulated and faster than the wall
                     // clock.
-                    if handle.wait_cancelled(until.saturating_since(self.node.now()).min(NAP)) {
+                    if self.go_on(handle, until.saturating_since(self.node.now()).min(NAP))?.is_err() {
                         return Ok(None);
                     }
                 }
@@ -297,11 +320,49 @@ impl Shell {
                     if step.end.is_some() {
                         return Ok(step.end);
                     }
+                    if let (Some(lock_step), Some(sent)) = (&self.lock_step, &sent) {
+                        match lock_step.answer(&self.answers, sent, &|nap| handle.wait_cancelled(nap))? {
+                            Ok(answer) => answered = convert::objection(&answer),
+                            Err(Cancelled) => return Ok(None),
+                        }
+                    }
                 }
                 Turn::Fault(fault) => return Err(fault_error(fault)),
             }
         }
         Ok(None)
+    }
+
+    /// Begins an episode in lock step at a frame; in real time it begins at once.
+    fn begin(&self, handle: &GoalHandle<RunEpisode>) -> Result<Result<(), Cancelled>> {
+        match &self.lock_step {
+            Some(lock_step) => lock_step.begin(&|nap| handle.wait_cancelled(nap)),
+            None => Ok(Ok(())),
+        }
+    }
+
+    /// Waits for new data: for `nap` in real time, for the next frame in lock step.
+    fn go_on(&self, handle: &GoalHandle<RunEpisode>, nap: Duration) -> Result<Result<(), Cancelled>> {
+        match &self.lock_step {
+            Some(lock_step) => lock_step.next_frame(&|nap| handle.wait_cancelled(nap)),
+            None if handle.wait_cancelled(nap) => Ok(Err(Cancelled)),
+            None => Ok(Ok(())),
+        }
+    }
+
+    /// Returns the presence of the episode's client; `None` if the episode was cancelled.
+    fn presence(&self, handle: &GoalHandle<RunEpisode>, client: &mut Attendance) -> Option<Presence> {
+        loop {
+            match client.look() {
+                // Discovery takes wall time, and simulated time must not pass meanwhile.
+                Presence::Missing if self.lock_step.is_some() => {
+                    if handle.wait_cancelled(POLL) {
+                        return None;
+                    }
+                }
+                presence => return Some(presence),
+            }
+        }
     }
 
     fn inputs(&self, origin: Time) -> Inputs {
@@ -349,36 +410,45 @@ impl Shell {
     }
 
     /// Enables the arm, and waits until its state says that it can be commanded.
-    fn enable_arm(&self) -> Result<()> {
+    fn enable_arm(&self, handle: &GoalHandle<RunEpisode>) -> Result<()> {
         // Exactly one server is required to enable an arm. Disabling does not check this: it may reach several arms.
         self.enable.ensure_one_server()?;
         let asked = self.node.now();
-        let answer = self.enable.call(SetBoolRequest { data: true }, ENABLE).inspect_err(|error| {
+        let answer = self.enable.call(SetBoolRequest { data: true }, self.patience()).inspect_err(|error| {
             // A request that timed out may still be carried out later.
             if !matches!(error, CallError::NoServer { .. } | CallError::Ambiguous { .. }) {
                 self.disable_arm();
             }
         })?;
         anyhow::ensure!(answer.success, "the arm refuses to be enabled: {}", answer.message);
-        self.wait_enabled(asked).inspect_err(|_| self.disable_arm())
+        self.wait_enabled(handle, asked).inspect_err(|_| self.disable_arm())
     }
 
     /// Stops the arm where it is. The last target of an episode may still be ahead of the arm, however the episode ended.
     /// An arm that stays enabled after the episode would follow the next publisher of targets, until its idle timeout.
     fn disable_arm(&self) {
-        match self.enable.call(SetBoolRequest { data: false }, ENABLE) {
+        match self.enable.call(SetBoolRequest { data: false }, self.patience()) {
             Ok(answer) if answer.success => {}
             Ok(answer) => tracing::error!("the arm refuses to be disabled: {}", answer.message),
             Err(error) => tracing::error!("the arm may still be enabled: {error}"),
         }
     }
 
+    /// Returns the time in which the arm must answer.
+    fn patience(&self) -> Duration {
+        if self.lock_step.is_some() { DEAD_NODE } else { ENABLE }
+    }
+
     /// Waits for a state of the arm that was measured after `asked` and says that the arm can be commanded.
-    fn wait_enabled(&self, asked: Time) -> Result<()> {
+    fn wait_enabled(&self, handle: &GoalHandle<RunEpisode>, asked: Time) -> Result<()> {
         let mut seen = 0;
         let start = self.node.now();
         loop {
-            let newest = self.arm.wait_newer(seen, ENABLE);
+            // In lock step the next frame brings a state. A cancelled episode ends at its first step.
+            if self.lock_step.is_some() && self.go_on(handle, NAP)?.is_err() {
+                return Ok(());
+            }
+            let newest = self.arm.wait_newer(seen, self.patience());
             let newest = newest.with_context(|| format!("no message on {}", self.arm.topic()))?;
             // A state from before the request may still tell of an earlier episode, in which the arm was enabled.
             let why = match convert::measured_after(Some(&newest.message), asked) {
@@ -397,6 +467,13 @@ impl Shell {
             }
         }
     }
+}
+
+/// Returns the outcome of an episode that was cancelled before its first step.
+fn cancelled(episode: u32) -> (End, RunEpisodeResult) {
+    let message = "cancelled".to_owned();
+    let end = message.clone();
+    (End::Complete, RunEpisodeResult { message, episode, end, ..RunEpisodeResult::default() })
 }
 
 fn fault_error(fault: Fault) -> anyhow::Error {

@@ -1,4 +1,4 @@
-//! Node of the simulated cell: the robot's and the camera's side of the contract, in real time or faster.
+//! Node of the simulated cell: the robot's and the camera's side of the contract, in real time, faster, or in lock step.
 #![allow(
     clippy::disallowed_methods,
     reason = "the ROS side reads the model file that a parameter names, and paces itself"
@@ -7,16 +7,18 @@
 mod arm;
 mod camera;
 mod elsewhere;
+mod lock_step;
 mod measuring;
 mod setup;
 mod still;
 
 use anyhow::{Context, Result, ensure};
-use camera::Pictures;
+use camera::{Frames, Pictures};
 use catenary_core::{Camera, Fidelity, Model, seed};
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_shell::{Misconfigured, NodeBuilder, Param, ParamSpec, Time, contract, read_model};
 use catenary_simulator::model_text;
+use lock_step::LockStep;
 use measuring::Measuring;
 use panda_bridge::Arm;
 use panda_bridge::node::front::{Front, MoveParameters, meet_others};
@@ -65,12 +67,13 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
         publish_clock: b.declare_bool(
             "publish_clock",
             false,
-            text("Stamp with a simulated time that begins at zero, and publish it on /clock."),
+            text("Stamp with a simulated time that begins at zero, and publish it on /clock. In lock step always."),
         )?,
         real_time_factor: b.declare_f64(
             "real_time_factor",
             1.0,
-            text("Simulated seconds per second, where the cell publishes /clock.").range(0.01..=1000.0),
+            text("Simulated seconds per second, where the cell publishes /clock; in lock step the most.")
+                .range(0.01..=1000.0),
         )?,
         image_noise: b.declare_f64(
             "image_noise",
@@ -96,6 +99,7 @@ fn declare(b: &NodeBuilder) -> Result<Parameters> {
 }
 
 fn run(builder: NodeBuilder) -> Result<()> {
+    let builder = builder.declare_lock_step()?;
     let p = declare(&builder)?;
     let node = builder.build()?;
     let setup = setup(&p).map_err(Misconfigured::new)?;
@@ -115,13 +119,18 @@ fn run(builder: NodeBuilder) -> Result<()> {
             !p.publish_clock.get(),
             "parameter publish_clock: expected false for hand elsewhere, whose time is real"
         );
+        ensure!(
+            !node.is_in_lock_step(),
+            "parameter lock_step: expected false for hand elsewhere, whose time is real"
+        );
         return elsewhere::run(&node, setup, pictures);
     }
     let Setup { model, .. } = setup;
     // Discovery takes time. It comes before the arm's time begins, or the loop would have to catch up.
     meet_others(&node);
-    let factor = if p.publish_clock.get() { p.real_time_factor.get() } else { 1.0 };
-    let origin = if p.publish_clock.get() { Time::ZERO } else { node.now() };
+    let is_simulated = p.publish_clock.get() || node.is_in_lock_step();
+    let factor = if is_simulated { p.real_time_factor.get() } else { 1.0 };
+    let origin = if is_simulated { Time::ZERO } else { node.now() };
     let started = Instant::now();
     let arm = Arm::new(cell, arm::settings(&model));
     let front = Front::new(&node, origin, p.moves, arm)?;
@@ -129,7 +138,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     // arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
-    camera::start(&front, &calibrated, model.camera.rate_hz, pictures)?;
+    let clock = is_simulated.then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
+    let measuring = Measuring::new(&front, clock.transpose()?)?;
     let _still = still::serve(&front)?;
     let reported = Arc::clone(&front);
     node.report_diagnostics(move |report| {
@@ -139,8 +149,12 @@ fn run(builder: NodeBuilder) -> Result<()> {
         report.value("unconverged_steps", counters.unconverged_steps);
         report.value("unconverged_equilibria", counters.unconverged_equilibria);
     })?;
-    let clock = p.publish_clock.get().then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));
-    Measuring::new(&node, clock.transpose()?)?.run(&front, started, factor)
+    if node.is_in_lock_step() {
+        let frames = Frames::new(&*front, &calibrated, model.camera.rate_hz, pictures)?;
+        return LockStep::new(&front, measuring, frames, factor)?.run();
+    }
+    camera::start(&front, &calibrated, model.camera.rate_hz, pictures)?;
+    measuring.run(&front, started, factor)
 }
 
 fn setup(p: &Parameters) -> Result<Setup> {

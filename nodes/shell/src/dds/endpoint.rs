@@ -34,6 +34,11 @@ impl<M: Serialize> Writer<M> {
         self.writer.write(message, Some(Timestamp::now())).map_err(|error| reason(WriteError::from(error)))
     }
 
+    /// Waits until every matched reliable reader has acknowledged all messages so far. Returns false on timeout.
+    pub(crate) fn wait_acknowledged(&self, timeout: std::time::Duration) -> bool {
+        self.writer.wait_for_acknowledgments(timeout.into()).unwrap_or(false)
+    }
+
     /// Writes a request, and returns the identity that its answer will name. Waits while the window is full.
     pub(super) async fn write_request(&self, request: M) -> Result<RmwRequestId, String> {
         let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();

@@ -90,6 +90,15 @@ impl Qos {
         }
     }
 
+    /// Returns the profile in lock step: lost messages are repeated.
+    #[must_use]
+    pub(crate) const fn repeated(self) -> Self {
+        match self {
+            Self::BestEffort { depth } => Self::Reliable { depth },
+            other => other,
+        }
+    }
+
     /// Returns the profile that a publisher announces, with the depth of [`Qos::DEFAULT`]: depths are not announced.
     pub(crate) fn offered(reliability: Option<Reliability>, durability: Option<Durability>) -> Self {
         let depth = Self::DEFAULT.depth();

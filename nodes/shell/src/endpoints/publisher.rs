@@ -50,7 +50,7 @@ impl Node {
     /// # Errors
     /// [`ShellError`]: the name, a type other than the contract's, the middleware.
     pub fn publisher<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Publisher<M>, ShellError> {
-        let qos = qos.of_writer();
+        let qos = self.profile(qos).of_writer();
         // A second publisher on one of these topics prevents the arm from moving, so a dead one must be noticed soon.
         let decides = contract::topic(topic)
             .is_some_and(|topic| *topic == contract::TARGET_POSE || contract::ARM_TOPICS.contains(&topic.name));
@@ -105,6 +105,12 @@ impl<M: Payload> Publisher<M> {
                 tracing::warn!("{error} (and {before} before)");
             }
         }
+    }
+
+    /// Waits until every reliable subscription has acknowledged all messages so far. Returns false on timeout.
+    #[must_use]
+    pub fn wait_acknowledged(&self, timeout: Duration) -> bool {
+        self.inner.writer.wait_acknowledged(timeout)
     }
 
     /// Returns the absolute name of the topic.

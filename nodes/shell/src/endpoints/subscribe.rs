@@ -42,7 +42,7 @@ impl Node {
         intake: Option<Intake>,
         callback: impl FnMut(Received<M>) + Send + 'static,
     ) -> Result<Subscription, ShellError> {
-        let name = self.topic::<M>(topic)?;
+        let (name, qos) = (self.topic::<M>(topic)?, self.profile(qos));
         let reader = self.graph().reader(&name, M::TYPE_NAME, &qos.policies())?;
         Subscription::start(self, name, qos, reader, intake, callback)
     }
@@ -90,7 +90,7 @@ impl Node {
         names: Option<Names>,
         patience: Duration,
     ) -> Result<Intake, ShellError> {
-        let intake = Intake::new::<M>(topic, self.resolve(topic)?, qos, names, patience, self.clock());
+        let intake = Intake::new::<M>(topic, self.resolve(topic)?, self.profile(qos), names, patience, self.clock());
         self.health_sources().add(intake.source());
         Ok(intake)
     }

@@ -27,6 +27,7 @@ pub struct NodeBuilder {
     params: Params,
     use_sim_time: Param<bool>,
     participation: Option<Participation>,
+    lock_step: bool,
     shutdown: Shutdown,
     help: Option<String>,
 }
@@ -50,6 +51,7 @@ impl NodeBuilder {
             params,
             use_sim_time,
             participation: None,
+            lock_step: false,
             shutdown: Shutdown::new(),
             help: None,
         })
@@ -59,6 +61,24 @@ impl NodeBuilder {
     #[must_use]
     pub fn domain(mut self, domain: u16, discovery: Discovery) -> Self {
         self.participation = Some(Participation { domain, discovery });
+        self
+    }
+
+    /// Declares the parameter `lock_step`, and takes part in lock step if it is set: see [`NodeBuilder::in_lock_step`].
+    ///
+    /// # Errors
+    /// [`ShellError::Params`].
+    pub fn declare_lock_step(self) -> Result<Self, ShellError> {
+        let spec = "Take part in lock step: simulated time waits for every answer, and no message is lost (needs use_sim_time).";
+        let on = self.params.declare("lock_step", false, ParamSpec::new(spec).read_only())?.get();
+        Ok(self.in_lock_step(on))
+    }
+
+    /// Makes best-effort streams reliable if `on` is true, on both sides: in lock step a lost message would change the result, and time waits
+    /// for its repetition.
+    #[must_use]
+    pub fn in_lock_step(mut self, on: bool) -> Self {
+        self.lock_step = on;
         self
     }
 
@@ -164,6 +184,7 @@ impl NodeBuilder {
             path,
             args: self.args,
             params: self.params,
+            lock_step: self.lock_step,
             health_sources: Arc::default(),
             clock,
             shutdown: self.shutdown,

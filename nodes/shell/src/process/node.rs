@@ -6,6 +6,7 @@ use super::threads::Threads;
 use crate::contract;
 use crate::dds::graph::Graph;
 use crate::dds::interface::{Msg, Srv, request_type};
+use crate::dds::qos::Qos;
 use crate::error::ShellError;
 use crate::parameters::args::RosArgs;
 use crate::parameters::store::Params;
@@ -26,6 +27,7 @@ pub(crate) struct Inner {
     pub(crate) path: String,
     pub(crate) args: RosArgs,
     pub(crate) params: Params,
+    pub(crate) lock_step: bool,
     pub(crate) health_sources: Arc<Sources>,
     pub(crate) clock: Clock,
     pub(crate) shutdown: Shutdown,
@@ -101,6 +103,17 @@ impl Node {
     #[must_use]
     pub fn clock(&self) -> &Clock {
         &self.inner.clock
+    }
+
+    /// Returns true if the node takes part in lock step: see [`NodeBuilder::in_lock_step`](crate::NodeBuilder::in_lock_step).
+    #[must_use]
+    pub fn is_in_lock_step(&self) -> bool {
+        self.inner.lock_step
+    }
+
+    /// Returns the profile that an endpoint of this node has in place of `qos`.
+    pub(crate) fn profile(&self, qos: Qos) -> Qos {
+        if self.inner.lock_step { qos.repeated() } else { qos }
     }
 
     /// Returns the present time of the clock.

@@ -40,7 +40,7 @@ pub(crate) fn start(
     let (clock, shutdown) = (node.clock().clone(), node.shutdown().clone());
     clock.set_simulated(use_sim_time.get());
     let (switched, switches) = smol::channel::bounded(1);
-    let clock_topic = node.resolve("/clock")?;
+    let clock_topic = (node.resolve("/clock")?, node.profile(Qos::CLOCK));
     let rosout = if has_rosout { Some(rosout(&graph)?) } else { None };
     let servers = parameter_services::Servers::new(&graph, node.path())?;
     let nodes = peers::reader(&graph)?;
@@ -123,10 +123,10 @@ fn publish_event(events: &Events, clock: &Clock, path: &str, declared: Vec<Chang
 }
 
 /// Subscribes `/clock` while time is simulated.
-async fn follow_clock(graph: Arc<Graph>, clock: Clock, topic: String, switches: smol::channel::Receiver<()>) {
+async fn follow_clock(graph: Arc<Graph>, clock: Clock, (topic, qos): (String, Qos), switches: smol::channel::Receiver<()>) {
     loop {
         if clock.is_simulated() {
-            let reader = graph.reader::<ClockMsg>(&topic, ClockMsg::TYPE_NAME, &Qos::CLOCK.policies());
+            let reader = graph.reader::<ClockMsg>(&topic, ClockMsg::TYPE_NAME, &qos.policies());
             let reader = match reader {
                 Ok(reader) => reader,
                 Err(error) => {

@@ -23,6 +23,8 @@ struct Source {
     since: Instant,
     /// Arrival of the newest message.
     heard: Option<Instant>,
+    /// Number of messages since the last one with another time.
+    repeated: u32,
 }
 
 /// Clock of a node. Clones share it.
@@ -54,7 +56,7 @@ impl Clock {
             inner: Arc::new(Inner {
                 simulated: AtomicBool::new(false),
                 simulated_nanos: AtomicI64::new(0),
-                source: Mutex::new(Source { since: Instant::now(), heard: None }),
+                source: Mutex::new(Source { since: Instant::now(), heard: None, repeated: 0 }),
                 signal,
                 shutdown: shutdown.clone(),
             }),
@@ -81,15 +83,24 @@ impl Clock {
     pub(crate) fn set_simulated(&self, simulated: bool) {
         self.inner.simulated.store(simulated, Ordering::Release);
         // The silence of an earlier /clock says nothing about the new one.
-        *self.source() = Source { since: Instant::now(), heard: None };
+        *self.source() = Source { since: Instant::now(), heard: None, repeated: 0 };
         self.inner.signal.wake();
     }
 
     /// Sets the time of a `/clock` message.
     pub(crate) fn set_simulated_time(&self, now: Time) {
-        self.inner.simulated_nanos.store(now.nanos(), Ordering::Release);
-        self.source().heard = Some(Instant::now());
+        let before = self.inner.simulated_nanos.swap(now.nanos(), Ordering::AcqRel);
+        let mut source = self.source();
+        source.heard = Some(Instant::now());
+        source.repeated = if before == now.nanos() { source.repeated.saturating_add(1) } else { 0 };
+        drop(source);
         self.inner.signal.wake();
+    }
+
+    /// Returns true if simulated time stands still: the newest messages on `/clock` have the time of those before. False on the wall clock.
+    #[must_use]
+    pub fn stands_still(&self) -> bool {
+        self.is_simulated() && self.source().repeated >= 2
     }
 
     fn source(&self) -> MutexGuard<'_, Source> {
@@ -206,6 +217,19 @@ mod tests {
         clock.set_simulated_time(Time::from_nanos(1_400));
         let tick = rate.tick().unwrap();
         assert_eq!((tick.index, tick.missed), (2, 2));
+    }
+
+    #[test]
+    fn time_stands_still_when_the_clock_topic_repeats_itself() {
+        let clock = Clock::new(&Shutdown::new());
+        let mut tell = |nanos| {
+            clock.set_simulated_time(Time::from_nanos(nanos));
+            clock.stands_still()
+        };
+        // On the wall clock nothing stands still.
+        assert_eq!([5, 5, 5].map(&mut tell), [false; 3]);
+        clock.set_simulated(true);
+        assert_eq!([6, 6, 6, 7, 7, 7].map(&mut tell), [false, false, true, false, false, true]);
     }
 
     #[test]

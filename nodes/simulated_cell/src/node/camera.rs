@@ -1,4 +1,4 @@
-//! Simulated camera: draws a picture at every frame, on its own thread, so that the arm's loop keeps its pace.
+//! Simulated camera: draws a picture at every frame. In real time it has its own thread, so that the arm's loop keeps its pace.
 
 use crate::cell::{Cell, Exposure};
 use crate::convert;
@@ -9,7 +9,7 @@ use catenary_core::RgbImage;
 use catenary_core::camera::Pinhole;
 use catenary_msgs::sensor_msgs::msg::{CameraInfo, Image};
 use catenary_msgs::tf2_msgs::msg::TFMessage;
-use catenary_shell::{Node, Time, contract, stamp};
+use catenary_shell::{Node, Publisher, Time, contract, stamp};
 use panda_bridge::gate::BASE_FRAME;
 use panda_bridge::node::front::Front;
 use std::sync::Arc;
@@ -63,41 +63,96 @@ impl Pictures {
     }
 }
 
-/// Starts the camera at `rate_hz`. `calibrated` is the nominal camera: camera_info and tf report it, while the pictures come from the
-/// cell's jittered one.
+/// Camera of a cell: draws the frames that are due, and publishes them.
+pub struct Frames {
+    images: Publisher<Image>,
+    infos: Publisher<CameraInfo>,
+    // The latched transform lives as long as its publisher.
+    _latched: Publisher<TFMessage>,
+    calibrated: Pinhole,
+    camera: Pinhole,
+    scene: Scene,
+    renderer: Renderer,
+    rate_hz: f64,
+    /// Number of the next frame, from 0.
+    next: u64,
+    /// Stamp of the newest frame.
+    newest: Time,
+}
+
+impl Frames {
+    /// Creates the camera with `rate_hz`. `calibrated` is the nominal camera: camera_info and tf report it, while the pictures come from the
+    /// cell's jittered one.
+    ///
+    /// # Errors
+    /// The names after remapping, the middleware.
+    pub fn new<H: Holder>(holder: &H, calibrated: &Pinhole, rate_hz: f64, pictures: Pictures) -> Result<Self> {
+        let node = holder.node();
+        let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
+        let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
+        let tf = node.publisher::<TFMessage>(contract::TF_STATIC.name, contract::TF_STATIC.qos)?;
+        let (camera, scene) = holder.with(|cell| (*cell.camera(), cell.scene()));
+        let header = stamp::header(holder.stamp(0.0), BASE_FRAME);
+        tf.send(TFMessage { transforms: vec![convert::camera_transform(calibrated, header, OPTICAL_FRAME)] });
+        let renderer = pictures.renderer(&camera);
+        let calibrated = *calibrated;
+        Ok(Self {
+            images,
+            infos,
+            _latched: tf,
+            calibrated,
+            camera,
+            scene,
+            renderer,
+            rate_hz,
+            next: 0,
+            newest: Time::ZERO,
+        })
+    }
+
+    /// Returns true if a frame is due at `time_s` of the cell.
+    pub fn is_due(&self, time_s: f64) -> bool {
+        time_s * self.rate_hz >= self.next as f64
+    }
+
+    /// Publishes the frame of the cell's present time, if one is due. Returns its stamp.
+    pub fn take<H: Holder>(&mut self, holder: &H) -> Option<Time> {
+        let (time_s, exposure) = holder.with(|cell| {
+            let time_s = cell.time_s();
+            (time_s, self.is_due(time_s).then(|| cell.exposure()))
+        });
+        let exposure = exposure?;
+        // A dropped frame publishes the picture before; the first frame has none.
+        if self.next == 0 || !exposure.dropped {
+            expose(&mut self.renderer, &mut self.scene, &self.camera, &exposure, self.next);
+        }
+        self.next = (time_s * self.rate_hz).floor() as u64 + 1;
+        self.newest = holder.stamp(time_s);
+        self.send();
+        Some(self.newest)
+    }
+
+    /// Publishes the newest frame, for the first time or again.
+    pub fn send(&self) {
+        let header = stamp::header(self.newest, OPTICAL_FRAME);
+        self.infos.send(convert::camera_info(&self.calibrated, header.clone()));
+        self.images.send(convert::image(&self.renderer.image, header));
+    }
+}
+
+/// Starts a camera on a thread of its own: see [`Frames::new`].
+///
+/// # Errors
+/// As [`Frames::new`].
 pub fn start<H: Holder>(holder: &Arc<H>, calibrated: &Pinhole, rate_hz: f64, pictures: Pictures) -> Result<()> {
-    let node = holder.node();
-    let images = node.publisher::<Image>(contract::IMAGE.name, contract::IMAGE.qos)?;
-    let infos = node.publisher::<CameraInfo>(contract::CAMERA_INFO.name, contract::CAMERA_INFO.qos)?;
-    let tf = node.publisher::<TFMessage>(contract::TF_STATIC.name, contract::TF_STATIC.qos)?;
-    let (camera, mut scene) = holder.with(|cell| (*cell.camera(), cell.scene()));
-    let header = stamp::header(holder.stamp(0.0), BASE_FRAME);
-    let calibrated = *calibrated;
-    tf.send(TFMessage { transforms: vec![convert::camera_transform(&calibrated, header, OPTICAL_FRAME)] });
-    let holder = Arc::clone(holder);
-    node.spawn("camera", move || {
-        // The latched transform lives as long as its publisher.
-        let _latched = tf;
-        let mut renderer = pictures.renderer(&camera);
-        let mut next: u64 = 0;
-        while !holder.node().is_shutdown() {
-            let (time_s, exposure) = holder.with(|cell| {
-                let time_s = cell.time_s();
-                (time_s, (time_s * rate_hz >= next as f64).then(|| cell.exposure()))
-            });
-            let Some(exposure) = exposure else {
+    let mut frames = Frames::new(&**holder, calibrated, rate_hz, pictures)?;
+    let taken_from = Arc::clone(holder);
+    holder.node().spawn("camera", move || {
+        while !taken_from.node().is_shutdown() {
+            if frames.take(&*taken_from).is_none() {
                 #[allow(clippy::disallowed_methods, reason = "the camera's pace is that of the cell")]
                 std::thread::sleep(POLL_PERIOD);
-                continue;
-            };
-            // A dropped frame publishes the picture before; the first frame has none.
-            if next == 0 || !exposure.dropped {
-                expose(&mut renderer, &mut scene, &camera, &exposure, next);
             }
-            next = (time_s * rate_hz).floor() as u64 + 1;
-            let header = stamp::header(holder.stamp(time_s), OPTICAL_FRAME);
-            infos.send(convert::camera_info(&calibrated, header.clone()));
-            images.send(convert::image(&renderer.image, header));
         }
     })?;
     Ok(())

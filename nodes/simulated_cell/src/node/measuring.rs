@@ -3,10 +3,10 @@
 
 use super::arm::arm_pose;
 use crate::cell::{Cell, collisions};
-use crate::scene::Contact;
+use crate::scene::{Contact, Scene};
 use anyhow::Result;
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
-use catenary_shell::{Node, Publisher, Time, stamp};
+use catenary_shell::{Publisher, Time, stamp};
 use nalgebra::Vector6;
 use panda_bridge::node::front::{Front, RECHECK_S};
 use panda_bridge::node::topics::{ArmTopics, Measurement};
@@ -17,67 +17,90 @@ use std::time::{Duration, Instant};
 const MEASURE_PERIOD_S: f64 = 0.005;
 /// Number of measurements between two messages on arm_state, and between two collision checks.
 const SLOW_EVERY: u64 = 4;
-/// Fast loop: advances time and publishes the arm's measurements.
+/// Advances the cell by periods, and publishes the arm's measurements.
 pub(super) struct Measuring {
     topics: ArmTopics,
     clock: Option<Publisher<ClockMsg>>,
     angles_rad: [f64; kinematics::JOINTS],
+    scene: Scene,
+    /// Number of the newest measurement; time of the cell in periods.
+    count: u64,
+    last_mode: Option<u8>,
 }
 
 impl Measuring {
-    pub fn new(node: &Node, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
-        Ok(Self { topics: ArmTopics::new(node)?, clock, angles_rad: kinematics::READY_RAD })
+    pub fn new(front: &Front<Cell>, clock: Option<Publisher<ClockMsg>>) -> Result<Self> {
+        let scene = front.arm().plant().scene();
+        let topics = ArmTopics::new(front.node())?;
+        Ok(Self { topics, clock, angles_rad: kinematics::READY_RAD, scene, count: 0, last_mode: None })
     }
 
     /// Runs until shutdown. Time follows the wall clock times `factor`. If the machine is too slow, several steps are
     /// made at once and only the newest is published.
     pub fn run(mut self, front: &Front<Cell>, started: Instant, factor: f64) -> Result<()> {
         let node = front.node();
-        let mut scene = front.arm().plant().scene();
-        let mut count: u64 = 0;
-        let mut last_mode = None;
         let recheck = (RECHECK_S / MEASURE_PERIOD_S).round() as u64;
         let mut next_check = recheck;
         while !node.is_shutdown() {
             let wanted_s = started.elapsed().as_secs_f64() * factor;
             let next_s =
-                ((wanted_s / MEASURE_PERIOD_S).floor() * MEASURE_PERIOD_S).max((count + 1) as f64 * MEASURE_PERIOD_S);
+                ((wanted_s / MEASURE_PERIOD_S).floor() * MEASURE_PERIOD_S).max((self.count + 1) as f64 * MEASURE_PERIOD_S);
             let early_s = (next_s - wanted_s) / factor;
             if early_s > 0.0 {
                 std::thread::sleep(Duration::from_secs_f64(early_s));
             }
-            let last = count;
-            count = (next_s / MEASURE_PERIOD_S).round() as u64;
-            let elapsed_s = (count - last) as f64 * MEASURE_PERIOD_S;
-            let time = front.stamp(next_s);
-            let (state, snapshot) = {
-                let mut arm = front.arm();
-                arm.steer();
-                arm.plant_mut().advance(next_s);
-                arm.watch();
-                self.publish(arm.plant(), time, elapsed_s);
-                (front.state(&arm, 1.0, time), count.is_multiple_of(SLOW_EVERY).then(|| arm.plant().snapshot()))
-            };
-            if let Some(snapshot) = snapshot {
-                scene.update(snapshot.grip, &snapshot.nodes);
-                if let Some(contact) = collisions(&scene.contacts(0.0)).next() {
-                    collide(&mut front.arm(), contact);
-                }
-            }
-            // A change of mode is published at once, without waiting for the slower period.
-            if count.is_multiple_of(SLOW_EVERY) || last_mode != Some(state.mode) {
-                last_mode = Some(state.mode);
-                self.topics.state(state);
-            }
-            if count >= next_check {
-                next_check = count + recheck;
+            self.advance(front, (next_s / MEASURE_PERIOD_S).round() as u64, false);
+            if self.count >= next_check {
+                next_check = self.count + recheck;
                 front.recheck();
-            }
-            if let Some(clock) = &self.clock {
-                clock.send(ClockMsg { clock: stamp::to_msg(time) });
             }
         }
         node.wait_for_shutdown()
+    }
+
+    /// Number of the newest measurement, from 0 before the first.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Time of a measurement, s.
+    pub fn time_s(count: u64) -> f64 {
+        count as f64 * MEASURE_PERIOD_S
+    }
+
+    /// Advances the cell to measurement `count`, and publishes it, with the state of the arm if it is due or `tells_state`.
+    pub fn advance(&mut self, front: &Front<Cell>, count: u64, tells_state: bool) {
+        let elapsed_s = Self::time_s(count - self.count);
+        self.count = count;
+        let next_s = Self::time_s(count);
+        let time = front.stamp(next_s);
+        let (state, snapshot) = {
+            let mut arm = front.arm();
+            arm.steer();
+            arm.plant_mut().advance(next_s);
+            arm.watch();
+            self.publish(arm.plant(), time, elapsed_s);
+            (front.state(&arm, 1.0, time), count.is_multiple_of(SLOW_EVERY).then(|| arm.plant().snapshot()))
+        };
+        if let Some(snapshot) = snapshot {
+            self.scene.update(snapshot.grip, &snapshot.nodes);
+            if let Some(contact) = collisions(&self.scene.contacts(0.0)).next() {
+                collide(&mut front.arm(), contact);
+            }
+        }
+        // A change of mode is published at once, without waiting for the slower period.
+        if tells_state || count.is_multiple_of(SLOW_EVERY) || self.last_mode != Some(state.mode) {
+            self.last_mode = Some(state.mode);
+            self.topics.state(state);
+        }
+        self.tell_time(front);
+    }
+
+    /// Publishes the time of the newest measurement on `/clock`, if the cell publishes it.
+    pub fn tell_time(&self, front: &Front<Cell>) {
+        if let Some(clock) = &self.clock {
+            clock.send(ClockMsg { clock: stamp::to_msg(front.stamp(Self::time_s(self.count))) });
+        }
     }
 
     /// Publishes the cell, `elapsed_s` after the last time.
