@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from support.program import BAG, MODEL
 from support.ros import Goal
+from support.stamps import stamp_s
 from support.stand_ins import Stranger
 
 
@@ -97,25 +98,58 @@ def test_an_interrupted_launch_ends_in_order(session):
     assert found["/panda/current_pose"] > 50 and found["/dlo/keypoints"] > 15
 
 
-def test_an_interrupted_demo_says_so_and_keeps_its_bag(session):
+def interrupted_demo(session, name):
+    """Runs the demo into its inference and interrupts it; returns the lines that it wrote to stderr."""
+    demo = session.start("demo", "--out", "demo", name=name)
+    is_inferring = lambda: demo.poll() is not None or "run pi0 on the cell: " in session.text(f"{name}.err")
+    session.wait_for(is_inferring, 400, "the episode of pi0")
+    demo.send_signal(signal.SIGINT)
+    assert demo.wait(30) == 130
+    assert session.text(f"{name}.out") == ""
+    session.wait_until_empty(1)
+    return session.text(f"{name}.err").splitlines()
+
+
+def test_an_interrupted_demo_keeps_what_is_finished_and_goes_on(session):
+    folder = session.folder / "demo"
     # A laboratory in the domain of the environment, to which the demo must send nothing.
     with Stranger(session.domain) as lab:
-        demo = session.start("demo", "--out", "demo")
-        frames = session.folder / "demo/frames"
-        session.wait_for(lambda: demo.poll() is not None or len(list(frames.glob("*.png"))) >= 4, 240, "four steps of pi0 on the cell")
-        demo.send_signal(signal.SIGINT)
-        assert demo.wait(20) == 130
+        where, own, how, *rest = interrupted_demo(session, "first")
     assert lab.received == []
-    assert session.text("demo.out") == ""
-    where, own, how, *rest = session.text("demo.err").splitlines()
+    assert where == f"catenary demo: results go to {folder}"
     assert (
         own.startswith("catenary demo: runs in its own DDS domain ")
         and "ROS_DOMAIN_ID=" in how
         and f"ROS_DOMAIN_ID={session.domain} " not in how
     )
-    assert where == f"catenary demo: results go to {session.folder / 'demo'}"
-    stages, last = [line.split(": ")[0] for line in rest[:-1]], rest[-1]
-    assert stages == ["start the graph", "train pi0 over the prior"] and last == "catenary: run pi0 on the cell: interrupted"
-    session.wait_until_empty(1)
-    found = counts(session.folder / "demo/bags/pi0")
-    assert found["/policy/action"] >= 3 and found["/dlo/keypoints"] > 20 and found["/episode/event"] >= 1
+    names = lambda lines: [line.split(": ")[0] for line in lines]
+    stages = ["start the graph", "train pi0 over the prior", "run pi0 on the cell"]
+    *done, report, last = rest
+    assert names(done) == stages and report == f"report so far: {folder / 'report/index.html'}"
+    assert last == "catenary: infer the parameters: interrupted; the same command goes on from here"
+    page = (folder / "report/index.html").read_text()
+    assert "Stopped: infer the parameters: interrupted" in page and "Camera frames: pi0" in page
+    found = counts(folder / "bags/pi0")
+    assert found["/policy/action"] == 6 and found["/policy/observation"] == 7 and found["/dlo/keypoints"] > 90
+    # The same command does not train again, and gives the same recording.
+    episode = messages_of(folder / "bags/pi0")
+    where, _, _, *rest = interrupted_demo(session, "second")
+    assert where == f"catenary demo: results go to {folder}, where an interrupted demo is taken up again"
+    assert names(rest[:-2]) == stages and rest[1].startswith("train pi0 over the prior: kept, ")
+    again = messages_of(folder / "bags/pi0")
+    assert len(episode["/panda/current_pose"]) > 250
+    for topic in ("/dlo/keypoints", "/panda/current_pose", "/policy/observation", "/policy/action"):
+        assert episode[topic] == again[topic], topic
+
+
+def messages_of(bag):
+    """Bytes of the messages between start and end of the bag's episode, by topic and stamp."""
+    found, ends = {}, []
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic == "/episode/event":
+                ends.append(stamp_s(reader.deserialize(data, connection.msgtype).header.stamp))
+            elif connection.topic.startswith(("/dlo/", "/panda/current_pose", "/policy/")):
+                stamp = stamp_s(reader.deserialize(data, connection.msgtype).header.stamp)
+                found.setdefault(connection.topic, {})[stamp] = bytes(data)
+    return {topic: {s: d for s, d in all_.items() if ends[-2] <= s <= ends[-1]} for topic, all_ in found.items()}

@@ -109,6 +109,70 @@ def test_nothing_is_cut_and_every_text_is_legible(page, width, browser):
     assert not fields, f"names of fields in the text: {fields}"
 
 
+# Least contrast of a text in a picture with the ground of the page (WCAG 2.1), for the ground as it is computed now.
+CONTRAST = """(() => {
+  const numbers = c => c.match(/[\\d.]+/g).slice(0, 3).map(Number);
+  const light = c => {
+    const [r, g, b] = numbers(c).map(v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const ground = getComputedStyle(document.body).backgroundColor, paper = light(ground);
+  const of = e => light(getComputedStyle(e)[e.closest('svg') ? 'fill' : 'color']);
+  const all = [...document.querySelectorAll('svg text, p, td, th, li, h1, h2, figcaption')];
+  const contrast = all.map(of).map(v => (Math.max(v, paper) + 0.05) / (Math.min(v, paper) + 0.05));
+  return {ground: numbers(ground), least: Math.min(...contrast), texts: all.length};
+})()"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_are_legible_in_both_schemes(page, scheme, browser):
+    name, path = page
+    try:
+        browser.prefer(scheme)
+        browser.open(path)
+        seen = browser.evaluate(CONTRAST)
+    finally:
+        browser.prefer("light")
+    assert all(part > 200 for part in seen["ground"]) if scheme == "light" else all(part < 60 for part in seen["ground"]), seen
+    assert seen["texts"] > 20 and seen["least"] >= 4.5, f"{name}: {seen}"
+
+
+SHOWN = "[...document.querySelectorAll('.replay g[data-t]')].filter(g => getComputedStyle(g).display != 'none' && getComputedStyle(g).opacity == 1)"
+
+
+@pytest.mark.parametrize("name", ["infer", "find_effects"])
+def test_a_slider_chooses_the_moment_and_the_page_is_whole_without_scripts(name, browser, request):
+    path = request.getfixturevalue(name)
+    browser.open(path)
+    replays = browser.evaluate("document.querySelectorAll('.replay.live').length")
+    assert replays > 0 and browser.evaluate(f"{SHOWN}.length") == replays
+    slide = "(() => {const r = document.querySelector('.replay'), s = r.querySelector('input'); s.value = %d; s.oninput();"
+    told = "return [r.querySelector('g.now').dataset.t, r.querySelector('output').textContent]})()"
+    first, last = (browser.evaluate(slide % k + told) for k in (0, 999))
+    assert first == ["0.00", "0.00 s"] and float(last[0]) > 1 and last[1] == f"{last[0]} s"
+    assert not browser.complaints()
+    browser.open(path, scripts=False)
+    try:
+        # Several moments over one another, and nothing to press.
+        assert browser.evaluate(f"{SHOWN}.length") > 2 * replays
+        assert browser.evaluate("[...document.querySelectorAll('.controls')].every(c => getComputedStyle(c).display == 'none')")
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+
+
+def test_a_page_has_at_most_one_box_of_doubts(page, browser):
+    name, path = page
+    browser.open(path)
+    assert browser.evaluate("document.querySelectorAll('.warning').length") <= 1, name
+
+
+def test_every_pair_of_parameters_stands_in_one_picture(infer, browser):
+    browser.open(infer)
+    pictures = browser.evaluate("[...document.querySelectorAll('figure.fixed svg[role=img]')].map(s => s.querySelectorAll('image').length)")
+    assert pictures == [1], "two parameters have one pair"
+    assert "whole prior" not in browser.evaluate("document.body.innerText")
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

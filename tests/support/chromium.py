@@ -2,7 +2,7 @@
 
 CHROME: path of the browser; by default chromium, chromium-browser or google-chrome on the PATH.
 
-    python tests/support/chromium.py FOLDER PAGE...    # screenshots at 1400 and at 420 px
+    python tests/support/chromium.py FOLDER PAGE...    # screenshots in both schemes at 1400 and at 420 px
 """
 
 import base64
@@ -83,15 +83,24 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
+    def prefer(self, scheme):
+        """Opens pages from now on for a reader who prefers the `light` or the `dark` scheme."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+
+    def open(self, page, width=1400, scripts=True):
+        """Opens a page at a width, with or without its scripts."""
+        self.events.clear()
+        self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        self.call("Page.navigate", url=pathlib.Path(page).resolve().as_uri())
+        self.wait("Page.loadEventFired")
+
     def faults_of(self, page, width, picture=None):
         """Opens a page at a width, folded and unfolded; returns its faults, its text and the number of texts in pictures.
 
         `picture`: path of a screenshot.
         """
-        self.events.clear()
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        self.call("Page.navigate", url=pathlib.Path(page).resolve().as_uri())
-        self.wait("Page.loadEventFired")
+        self.open(page, width)
         if picture:
             self.save(picture)
         found = self.evaluate(FAULTS)
@@ -139,10 +148,13 @@ class Chromium:
 def main():
     """Saves screenshots of the pages on the command line and prints their faults."""
     browser, folder = Chromium(program()), pathlib.Path(sys.argv[1])
-    for page in sys.argv[2:]:
-        name = "_".join(pathlib.Path(page).with_suffix("").parts[-3:]).strip("/")
-        for width in (1400, 420):
-            print(page, width, *browser.faults_of(page, width, folder / f"{name}_{width}.png")["faults"], sep="\n  ")
+    for scheme in ("light", "dark"):
+        browser.prefer(scheme)
+        for page in sys.argv[2:]:
+            name = "_".join(pathlib.Path(page).with_suffix("").parts[-3:]).strip("/")
+            for width in (1400, 420):
+                found = browser.faults_of(page, width, folder / f"{name}_{scheme}_{width}.png")
+                print(page, scheme, width, *found["faults"], sep="\n  ")
     browser.close()
 
 

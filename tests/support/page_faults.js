@@ -17,7 +17,9 @@
     const own = svg.getBoundingClientRect();
     for (const text of svg.querySelectorAll('text')) {
       const box = text.getBoundingClientRect();
-      const size = parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a;
+      const scale = text.getScreenCTM();
+      // A text may stand upright.
+      const size = parseFloat(getComputedStyle(text).fontSize) * Math.hypot(scale.a, scale.b);
       if (own.width && size < 11) found.push(`text of ${size.toFixed(1)} px: ${text.textContent}`);
       const beside = box.left < own.left - 1 || box.right > own.right + 1;
       const beyond = box.top < own.top - 1 || box.bottom > own.bottom + 1;

@@ -14,9 +14,9 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, GoalHandle, Intake, Latest, Misconfigured, Names, Node,
-    NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, StampCheck, Time, contract, read_model,
-    stamp,
+    Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, GoalHandle, Intake, Latest, Misconfigured, Names,
+    Node, NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, StampCheck, Time, contract,
+    read_model, stamp,
 };
 use lock_step::{Cancelled, LockStep};
 use std::process::ExitCode;

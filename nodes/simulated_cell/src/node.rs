@@ -119,10 +119,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
             !p.publish_clock.get(),
             "parameter publish_clock: expected false for hand elsewhere, whose time is real"
         );
-        ensure!(
-            !node.is_in_lock_step(),
-            "parameter lock_step: expected false for hand elsewhere, whose time is real"
-        );
+        ensure!(!node.is_in_lock_step(), "parameter lock_step: expected false for hand elsewhere, whose time is real");
         return elsewhere::run(&node, setup, pictures);
     }
     let Setup { model, .. } = setup;

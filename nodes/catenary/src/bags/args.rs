@@ -44,6 +44,9 @@ pub struct RecordArgs {
     /// YAML file with QoS profiles for subscriptions, by topic
     #[arg(long, value_name = "FILE")]
     qos_profile_overrides_path: Option<PathBuf>,
+    /// Log times from /clock instead of the wall clock
+    #[arg(long)]
+    pub use_sim_time: bool,
     /// Start a new file after this many bytes; 0: never
     #[arg(short = 'b', long, default_value_t = 0, value_name = "BYTES")]
     max_bag_size: u64,

@@ -23,7 +23,9 @@ struct Recorded {
 pub fn run(arguments: &RecordArgs) -> Result<()> {
     // Checked before the middleware starts: its warnings would hide the one line that explains the error.
     let settings = arguments.settings().given()?;
-    let summary = record(&node("recorder", &RosArgs::default())?, &settings)?;
+    let simulated = ["--ros-args", "-p", "use_sim_time:=true"].map(str::to_owned);
+    let (ros, _) = RosArgs::parse(simulated.into_iter().filter(|_| arguments.use_sim_time))?;
+    let summary = record(&node("recorder", &ros)?, &settings)?;
     let recorded =
         Recorded { bag: summary.path, messages: summary.messages, topics: summary.topics, files: summary.files };
     output::result(&arguments.output, &recorded, |r| {

@@ -3,9 +3,10 @@
 use super::config::MODEL;
 use super::film::{self, Film};
 use super::observe::{Observer, Seen};
+use super::recording;
 use super::setup::{Demo, stream};
 use super::stage::Stages;
-use super::summary::{Episode, Inference, Summary, Training};
+use super::summary::{Episode, Inference, Progress, Summary, Training};
 use crate::infer::on_graph::show_inference;
 use crate::launch::{Process, Supervisor};
 use crate::terminal::progress;
@@ -18,9 +19,9 @@ use catenary_msgs::action::{
     Infer, InferGoal, InferResult, MoveToStart, RunEpisode, RunEpisodeGoal, Train, TrainGoal, TrainResult,
 };
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{ActionClient, Node, convert};
+use catenary_shell::{ActionClient, DEAD_NODE, Node, Qos, contract, convert};
 use ppo_trainer::convert as convert_training;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Result of one training.
 struct Trained {
@@ -42,8 +43,8 @@ struct Clients {
 }
 
 impl Demo {
-    /// Runs all stages, and returns their results.
-    pub fn algorithm(&self, node: &Node, stages: &mut Stages<'_>) -> Result<Summary> {
+    /// Runs all stages, and returns their results. `progress` gets each as soon as it is there.
+    pub fn algorithm(&self, node: &Node, stages: &mut Stages<'_>, progress: &mut Progress) -> Result<Summary> {
         let clients = stages.run("start the graph", 4, |stages, bar| {
             let clients = Clients {
                 train: node.action_client("ppo_trainer/train")?,
@@ -62,11 +63,16 @@ impl Demo {
             Ok(clients)
         })?;
         let pi0 = self.train(stages, &clients, "pi0", None)?;
+        progress.training.push(pi0.training.clone());
         let (episode0, film0) = self.episode(stages, &clients, &pi0.bytes, "pi0")?;
+        progress.episodes.push(episode0.clone());
         let inferred = self.infer(stages, &clients, &episode0, &pi0.bytes)?;
         let posterior = convert::posterior_from_msg(&inferred.posterior)?;
+        progress.inference = Some(self.inference(posterior.clone(), &inferred, &[])?);
         let pi1 = self.train(stages, &clients, "pi1", Some(&inferred))?;
+        progress.training.push(pi1.training.clone());
         let (episode1, film1) = self.episode(stages, &clients, &pi1.bytes, "pi1")?;
+        progress.episodes.push(episode1.clone());
         let evaluation = self.score(stages, [("pi0", &pi0.policy), ("pi1", &pi1.policy)])?;
         let film = self.film(&film0, &film1)?;
         Ok(Summary {
@@ -108,12 +114,15 @@ impl Demo {
             seed: seed::derive(self.seed, stream::TRAINING),
             ..TrainGoal::default()
         };
-        let result: TrainResult = stages.run(&format!("train {name} over {over}"), 1, |stages, bar| {
-            let shown = bar.clone();
-            let result = stages.graph.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
-            ensure!(result.success, "{}", result.message);
-            Ok(result)
-        })?;
+        let inputs = catenary_msgs::to_cdr(&goal)?;
+        let result: TrainResult =
+            stages.run_or_keep(&format!("train {name} over {over}"), &inputs, 1, |stages, bar| {
+                let shown = bar.clone();
+                let result =
+                    stages.graph.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
+                ensure!(result.success, "{}", result.message);
+                Ok(result)
+            })?;
         let policy = Policy::from_bytes(&result.policy).context("the trained policy")?;
         let path = self.folder.join(format!("{name}.safetensors"));
         std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
@@ -137,6 +146,11 @@ impl Demo {
         stages.run(&format!("run {name} on the cell"), steps, |stages, bar| {
             stages.graph.move_to_start(&clients.move_to_start)?;
             let bag = format!("bags/{name}");
+            // Only an interrupted run leaves one: its episode is run again.
+            match std::fs::remove_dir_all(self.folder.join(&bag)) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(e).context(bag),
+                _ => {}
+            }
             let mut recorder = self.start_recorder(stages, &bag)?;
             // Recorder and observer need time to discover the publishers.
             let mut observer = Observer::start(stages.graph.node, &self.folder, name, &self.model)?;
@@ -169,6 +183,7 @@ impl Demo {
             recorder.shut_down();
             let result = result?;
             ensure!(result.success, "{}", result.message);
+            let recording = recording::fingerprint(&self.folder.join(&bag), self.cell.is_in_lock_step())?;
             let Seen { observations, frames, latency_ms, film } = seen;
             let (task, mut referee) = (self.judge.task(), self.judge.referee());
             for (step, observation) in observations.iter().enumerate().skip(1) {
@@ -183,6 +198,7 @@ impl Demo {
                 distance_m: referee.distance_m(),
                 path_m: observations.iter().map(catenary_core::Observation::eef_m).collect(),
                 bag,
+                recording,
                 frames,
                 keypoint_latency_ms: latency_ms,
             };
@@ -202,12 +218,19 @@ impl Demo {
     fn start_recorder(&self, stages: &mut Stages<'_>, bag: &str) -> Result<Supervisor> {
         let path = self.folder.join(bag);
         let own = std::env::current_exe().context("path of this program")?;
-        let words = [own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
+        let mut words = vec![own.as_os_str(), "record".as_ref(), "--out".as_ref(), path.as_os_str()];
+        let profiles = self.folder.join("config/recorder_qos.yaml");
+        if self.cell.is_in_lock_step() {
+            std::fs::write(&profiles, lossless()).with_context(|| profiles.display().to_string())?;
+            let option = "--qos-profile-overrides-path".as_ref();
+            words.extend(["--use-sim-time".as_ref(), option, profiles.as_os_str()]);
+        }
         let name = format!("recorder_{}", bag.replace('/', "_"));
         let mut process = Process::new(name, words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
         process.environment.extend(self.domain.environment());
         let mut recorder = Supervisor::start(vec![process], &self.folder.join("log"), false)?;
-        for _ in 0..100 {
+        let deadline = Instant::now() + DEAD_NODE;
+        while Instant::now() < deadline {
             stages.graph.pause(Duration::from_millis(100))?;
             if let Some(event) = recorder.poll()?.first() {
                 bail!("{}", event.describe());
@@ -216,7 +239,7 @@ impl Demo {
                 return Ok(recorder);
             }
         }
-        bail!("the recorder did not start its bag within 10 s: {}", path.display())
+        bail!("the recorder did not start its bag within {} s: {}", DEAD_NODE.as_secs(), path.display())
     }
 
     fn infer(
@@ -238,7 +261,8 @@ impl Demo {
             seed: seed::derive(self.seed, stream::INFERENCE),
             ..InferGoal::default()
         };
-        stages.run("infer the parameters", 1, |stages, bar| {
+        let inputs = (&episode.recording, catenary_msgs::to_cdr(&InferGoal { bags: Vec::new(), ..goal.clone() })?);
+        stages.run_or_keep("infer the parameters", &inputs, 1, |stages, bar| {
             let shown = bar.clone();
             let result = stages.graph.goal(&clients.infer, goal, move |feedback| {
                 show_inference(&shown, &feedback);
@@ -264,4 +288,17 @@ impl Demo {
             misfit: (!result.message.is_empty()).then(|| result.message.clone()),
         })
     }
+}
+
+/// Profiles of a recorder in lock step: no message of the cell or of the perception is lost, however busy the machine is.
+fn lossless() -> String {
+    /// An episode of 20 s at 200 Hz.
+    const DEPTH: u16 = 4096;
+    let lossy = contract::TOPICS.iter().filter(|topic| matches!(topic.qos, Qos::BestEffort { .. }));
+    let taken = lossy.filter(|topic| **topic != contract::IMAGE && **topic != contract::CLOCK);
+    let profile = |topic: &contract::Topic| {
+        let name = topic.name.trim_start_matches('/');
+        format!("/{name}: {{reliability: reliable, history: keep_last, depth: {DEPTH}}}\n")
+    };
+    taken.map(profile).collect()
 }

@@ -1,4 +1,4 @@
-//! Observer of an episode: camera frames at the observations, pictures for the film, and the age of the keypoints.
+//! Observer of an episode: camera frames of the observations, pictures for the film, and the age of the keypoints.
 
 use super::film::{Film, Shot, Window, image_px};
 use super::summary::Frame;
@@ -8,10 +8,11 @@ use catenary_core::statistics::{QuantileMethod, quantile};
 use catenary_core::{Camera, Model, Observation};
 use catenary_msgs::msg::{Keypoints as KeypointsMsg, Observation as ObservationMsg};
 use catenary_msgs::sensor_msgs::msg::Image;
-use catenary_shell::{Latest, Node, Queue, Subscription, Time, contract, wall_now};
+use catenary_shell::{DEAD_NODE, Node, Queue, Subscription, Time, contract, stamp, wall_now};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Least time between two pictures of the film, s.
 const SHOT_PERIOD_S: f64 = 0.015;
@@ -19,10 +20,18 @@ const SHOT_PERIOD_S: f64 = 0.015;
 const MOST_SHOTS: usize = 1_000;
 /// Capacity of the queue of observations.
 const QUEUE: usize = 64;
+/// Number of newest images from which that of an observation is chosen: half a second at 60 Hz, 28 MB.
+const RECENT: usize = 30;
+/// Period of looks for the image of an observation.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Image with the wall time of its arrival.
+type Arrived = (Time, Instant, Arc<Image>);
 
 /// Observer of one episode.
 pub struct Observer {
-    images: Latest<Image>,
+    recent: Arc<Mutex<VecDeque<Arrived>>>,
+    in_lock_step: bool,
     observations: Queue<ObservationMsg>,
     ages_ms: Arc<Mutex<Vec<f64>>>,
     shots: Arc<Mutex<Vec<Shot>>>,
@@ -59,18 +68,32 @@ impl Observer {
         let frames = folder.join("frames");
         std::fs::create_dir_all(&frames).with_context(|| frames.display().to_string())?;
         let ages_ms = Arc::new(Mutex::new(Vec::new()));
-        let sink = Arc::clone(&ages_ms);
+        let recent = Arc::new(Mutex::new(VecDeque::<Arrived>::new()));
+        let (sink, images, in_lock_step) = (Arc::clone(&ages_ms), Arc::clone(&recent), node.is_in_lock_step());
         let topic = contract::KEYPOINTS;
         let keypoints = node.subscription::<KeypointsMsg>(topic.name, topic.qos, move |received| {
-            let stamp = catenary_shell::stamp::from_msg(&received.message.header.stamp);
-            // Against wall time: the stamps of the simulated camera are wall time, too.
-            let age_ms = 1e3 * wall_now().secs_since(stamp);
+            let of_image = stamp::from_msg(&received.message.header.stamp);
+            let age_ms = match in_lock_step {
+                // Simulated time stands still meanwhile.
+                true => {
+                    let images = images.lock().unwrap_or_else(PoisonError::into_inner);
+                    let Some((_, came, _)) = images.iter().find(|(of, _, _)| *of == of_image) else { return };
+                    1e3 * came.elapsed().as_secs_f64()
+                }
+                false => 1e3 * wall_now().secs_since(of_image),
+            };
             sink.lock().unwrap_or_else(PoisonError::into_inner).push(age_ms);
         })?;
         let shots = Arc::new(Mutex::new(Vec::<Shot>::new()));
-        let sink = Arc::clone(&shots);
+        let (sink, kept) = (Arc::clone(&shots), Arc::clone(&recent));
         let pictures = node.subscription::<Image>(contract::IMAGE.name, contract::IMAGE.qos, move |received| {
-            let time_s = catenary_shell::stamp::from_msg(&received.message.header.stamp).secs_since(since);
+            let at = stamp::from_msg(&received.message.header.stamp);
+            {
+                let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+                kept.truncate(RECENT - 1);
+                kept.push_front((at, Instant::now(), Arc::clone(&received.message)));
+            }
+            let time_s = at.secs_since(since);
             let mut shots = sink.lock().unwrap_or_else(PoisonError::into_inner);
             let is_due = shots.last().is_none_or(|last| time_s >= last.time_s + SHOT_PERIOD_S);
             if is_due
@@ -81,7 +104,8 @@ impl Observer {
             }
         })?;
         Ok(Self {
-            images: node.latest(contract::IMAGE.name, contract::IMAGE.qos)?,
+            recent,
+            in_lock_step,
             observations: node.queue(contract::OBSERVATION.name, contract::OBSERVATION.qos, QUEUE)?,
             ages_ms,
             shots,
@@ -118,22 +142,38 @@ impl Observer {
         Ok(Seen { frames, latency_ms, film: Film { window: self.window, shots, observations: observed }, observations })
     }
 
+    /// Image with this stamp, or the newest one before it.
+    fn image(&self, at: Time) -> Option<Arc<Image>> {
+        let began = Instant::now();
+        loop {
+            {
+                let recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+                let found = recent.iter().find(|(stamp, _, _)| *stamp <= at);
+                let is_exact = found.is_some_and(|(stamp, _, _)| *stamp == at);
+                // In real time images may be lost, and the first observations may precede the first image.
+                if is_exact || !self.in_lock_step || began.elapsed() >= DEAD_NODE {
+                    return found.map(|(_, _, image)| Arc::clone(image));
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
     fn keep(&mut self, message: &ObservationMsg) -> Result<()> {
         // A writer with transient-local durability may deliver samples of an earlier episode.
-        if catenary_shell::stamp::from_msg(&message.header.stamp) < self.since {
+        if stamp::from_msg(&message.header.stamp) < self.since {
             return Ok(());
         }
         let observation = Observation(message.values);
-        // The first observations may precede the first image on this subscription.
-        let Some(received) = self.images.get() else { return Ok(()) };
-        let image = received.message;
+        let seen_at = stamp::from_msg(&message.keypoints_stamp);
+        let Some(image) = self.image(seen_at) else { return Ok(()) };
         let file = format!("frames/{}_{:02}.png", self.policy, message.step);
         let path = self.folder.join(&file);
         image::save_buffer(&path, &image.data, image.width, image.height, image::ExtendedColorType::Rgb8)
             .with_context(|| path.display().to_string())?;
         let marks = observation.dlo().into_iter().chain([observation.target()]);
         let marks_px = marks.map(|p| image_px(&self.camera, p)).collect();
-        self.times_s.push(catenary_shell::stamp::from_msg(&message.keypoints_stamp).secs_since(self.since));
+        self.times_s.push(stamp::from_msg(&message.keypoints_stamp).secs_since(self.since));
         self.seen.push((observation, Frame { file, marks_px, step: message.step }));
         Ok(())
     }

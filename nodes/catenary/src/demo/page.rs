@@ -1,15 +1,18 @@
 //! HTML report of the demo.
 
-use super::story::{REPEATS, training_words};
-use super::summary::{Episode, Summary};
+use super::config::MODEL;
+use super::story::{repeats, training_words};
+use super::summary::{Episode, Inference, Progress, Stage, Summary, Training};
 use crate::evaluate::score::Evaluated;
 use crate::exit::Misfit;
 use crate::report::Estimate;
 use crate::report::plots::Series;
 use crate::report::quantity::Quantity;
-use crate::report::{Mark, Page, Picture, plots, posterior};
+use crate::report::{Mark, Page, Picture, RecordedFit, plots, posterior};
 use anyhow::{Context, Result};
 use base64::Engine;
+use catenary_bag::read_measured;
+use catenary_core::Model;
 use catenary_core::posterior::Marginal;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -21,19 +24,47 @@ const FRAMES: usize = 8;
 /// Width of a still in the page, pixels: twice its displayed width, for high-density displays.
 const STILL_WIDTH_PX: u32 = 400;
 const STILL_QUALITY: u8 = 75;
-/// Style of the answer at the top: two columns, which stay side by side on a telephone.
-const STYLE: &str = "<style>.film{width:100%;height:auto;border-radius:4px}.answer{display:grid;grid-template-columns:1fr 1fr;\
-gap:8px;margin:.3em 0 1em}.answer b{font-size:1.5em;display:block}.answer small{color:#555}</style>";
-
 /// Writes `report/index.html` into the demo's folder and returns its path.
 pub fn write(folder: &Path, summary: &Summary) -> Result<PathBuf> {
     let mut page = Page::new(&summary.headline());
     answer(&mut page, folder, summary)?;
     method(&mut page, summary);
-    inferred(&mut page, summary)?;
-    training(&mut page, summary)?;
+    let is_known = summary.truth.len() == summary.inference.marginals.len();
+    over_one_another(&mut page, folder, &summary.inference, summary.episodes.first());
+    inferred(&mut page, &summary.inference, is_known.then_some(summary.truth.as_slice()))?;
+    training(&mut page, &summary.training)?;
+    if summary.task.ends_at_success {
+        page.paragraph(
+            "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
+        );
+    }
     episodes(&mut page, folder, summary)?;
-    stages(&mut page, summary);
+    stages(&mut page, &summary.stages, &summary.training);
+    save(folder, page)
+}
+
+/// Writes the report of a demo that stopped before its end: the error, and the stages so far. Returns its path.
+pub fn write_stopped(folder: &Path, progress: &Progress, done: &[Stage], error: &str) -> Result<PathBuf> {
+    let mut page = Page::new("Demo, not finished");
+    let how = "Finished stages are kept: the same command goes on from here.".to_owned();
+    page.answer(&[format!("Stopped: {error}"), how], true);
+    if let Some(inference) = &progress.inference {
+        // The hidden values are told with the whole answer alone.
+        over_one_another(&mut page, folder, inference, progress.episodes.first());
+        inferred(&mut page, inference, None)?;
+    }
+    if !progress.training.is_empty() {
+        training(&mut page, &progress.training)?;
+    }
+    for episode in &progress.episodes {
+        page.heading(&format!("Camera frames: {}", episode.policy));
+        page.strip(&timelapse(folder, episode)?);
+    }
+    stages(&mut page, done, &progress.training);
+    save(folder, page)
+}
+
+fn save(folder: &Path, page: Page) -> Result<PathBuf> {
     let report = folder.join("report");
     std::fs::create_dir_all(&report).with_context(|| report.display().to_string())?;
     let path = report.join("index.html");
@@ -60,8 +91,8 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
         )
     };
     let columns: String = summary.episodes.iter().zip(&summary.evaluation.policies).map(column).collect();
-    page.svg(&format!(
-        "<div>{STYLE}<img class=\"film\" alt=\"{alt}\" src=\"data:image/gif;base64,{data}\"><div class=\"answer\">{columns}</div></div>"
+    page.wide(&format!(
+        "<div><img class=\"film\" alt=\"{alt}\" src=\"data:image/gif;base64,{data}\"><div class=\"pair\">{columns}</div></div>"
     ));
     page.paragraph(&summary.aim());
     let row = |(m, truth): (&Marginal, &f64)| {
@@ -72,10 +103,8 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     let rows: Vec<Vec<String>> = summary.inference.marginals.iter().zip(&summary.truth).map(row).collect();
     page.table(&["", "hidden", "found", "with 90 %"], &rows);
     summary.of_the_arm().iter().for_each(|text| page.paragraph(text));
-    summary.inference.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
-    for warning in &summary.inference.warnings {
-        page.warning(warning);
-    }
+    let misfit = summary.inference.misfit.iter().map(|reason| Misfit::headline(reason));
+    page.warnings(&misfit.chain(summary.inference.warnings.iter().cloned()).collect::<Vec<String>>());
     Ok(())
 }
 
@@ -115,17 +144,28 @@ fn method(page: &mut Page, summary: &Summary) {
     };
     let rows: Vec<Vec<String>> = evaluation.policies.iter().map(row).collect();
     page.table(&["policy", "success", "return", "median distance"], &rows);
-    page.paragraph(&format!("Preset {}, seed {}. {REPEATS}", summary.preset.name(), summary.seed));
+    page.paragraph(&format!("Preset {}, seed {}. {}", summary.preset.name(), summary.seed, repeats(summary.cell)));
 }
 
-fn inferred(page: &mut Page, summary: &Summary) -> Result<()> {
-    let inference = &summary.inference;
+/// Recording of the first episode, and the model at what was found from it. Without the bag the section is left out.
+fn over_one_another(page: &mut Page, folder: &Path, inference: &Inference, episode: Option<&Episode>) {
+    let (Ok(model), Some(episode)) = (Model::from_yaml(MODEL), episode) else { return };
+    let Ok(measured) = read_measured(&[folder.join(&episode.bag)], &[], &model) else { return };
+    let fits = RecordedFit::at_medians(&model, &measured, None, &inference.marginals);
+    if fits.is_empty() {
+        return;
+    }
+    page.heading("Recording and fit");
+    page.note(
+        "Keypoints of the bar in the picture of the camera: recorded, and simulated with what was found. The slider begins where they differ most.",
+    );
+    fits.iter().for_each(|fit| page.svg(&fit.figure()));
+}
+
+fn inferred(page: &mut Page, inference: &Inference, truth: Option<&[f64]>) -> Result<()> {
     page.heading("Posterior");
-    let truth = (summary.truth.len() == inference.marginals.len()).then_some(summary.truth.as_slice());
     if inference.posterior.parameters.dimension() >= 2 {
-        for extent in [plots::Extent::Prior, plots::Extent::Posterior] {
-            page.svg(&plots::heatmap(&inference.posterior, [0, 1], extent, &inference.domains, truth)?);
-        }
+        page.wide(&plots::corner(&inference.posterior, &inference.domains, truth)?);
     }
     let head = &posterior::HEAD[..if truth.is_some() { 5 } else { 4 }];
     page.table(head, &posterior::rows(&inference.posterior, &inference.marginals, truth));
@@ -137,23 +177,17 @@ fn inferred(page: &mut Page, summary: &Summary) -> Result<()> {
     ));
     let losses = inference.losses.iter().enumerate().map(|(i, l)| (i as f64 + 1.0, *l)).collect();
     let series = [Series { name: "held-out loss".into(), points: losses }];
-    page.svg(&plots::lines("held-out loss of inference", "iteration", "nat", &series)?);
+    page.svg(&plots::lines("Held-out loss of inference", "iteration", "nat", &series)?);
     Ok(())
 }
 
-fn training(page: &mut Page, summary: &Summary) -> Result<()> {
+fn training(page: &mut Page, trainings: &[Training]) -> Result<()> {
     page.heading("Training");
-    let series: Vec<Series> = summary
-        .training
+    let series: Vec<Series> = trainings
         .iter()
         .map(|t| Series { name: t.policy.clone(), points: t.curve.iter().map(|(s, r)| (*s as f64, *r)).collect() })
         .collect();
-    page.svg(&plots::lines("learning curves", "environment steps", "mean return", &series)?);
-    if summary.task.ends_at_success {
-        page.paragraph(
-            "A success ends an episode, and its rewards with it: where successes come sooner, returns are smaller.",
-        );
-    }
+    page.svg(&plots::lines("Learning curves", "environment steps", "mean return", &series)?);
     Ok(())
 }
 
@@ -164,7 +198,7 @@ fn episodes(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
         let [p50, p99] = e.keypoint_latency_ms;
         vec![
             e.policy.clone(),
-            e.end.clone(),
+            e.end.replace('_', " "),
             e.rewards.len().to_string(),
             format!("{:.3}", e.episode_return),
             format!("{best:.3}"),
@@ -219,14 +253,14 @@ fn still(picture: &image::RgbImage) -> Result<Vec<u8>> {
     Ok(jpeg)
 }
 
-fn stages(page: &mut Page, summary: &Summary) {
+fn stages(page: &mut Page, done: &[Stage], trainings: &[Training]) {
     page.heading("Time by stage");
-    let row = |s: &super::summary::Stage| vec![s.name.clone(), format!("{:.1}", s.wall_s), format!("{:.1}", s.cpu_s)];
-    let mut rows: Vec<Vec<String>> = summary.stages.iter().map(row).collect();
-    let total = |f: fn(&super::summary::Stage) -> f64| summary.stages.iter().map(f).sum::<f64>();
+    let row = |s: &Stage| vec![s.name.clone(), format!("{:.1}", s.wall_s), format!("{:.1}", s.cpu_s)];
+    let mut rows: Vec<Vec<String>> = done.iter().map(row).collect();
+    let total = |f: fn(&Stage) -> f64| done.iter().map(f).sum::<f64>();
     rows.push(vec!["in all".into(), format!("{:.1}", total(|s| s.wall_s)), format!("{:.1}", total(|s| s.cpu_s))]);
     page.table(&["stage", "wall, s", "processor, s"], &rows);
-    for t in &summary.training {
+    for t in trainings {
         page.paragraph(&format!("{}: {:.0} environment steps per second.", t.policy, t.steps_per_second));
     }
 }

@@ -21,8 +21,9 @@ impl Demo {
     pub(super) fn score(&self, stages: &mut Stages<'_>, policies: [(&str, &Policy); 2]) -> Result<Evaluation> {
         let score_seed = seed::derive(self.seed, stream::SCORE);
         let requested = episodes(vec![self.truth.clone(); EPISODES], FIDELITY, score_seed);
+        let inputs = (score_seed, &self.truth, policies.map(|(_, policy)| policy.to_bytes()));
         let named = policies.map(|(name, p)| (PathBuf::from(format!("{name}.safetensors")), p.clone()));
-        stages.run("evaluate both on the hidden object", (2 * EPISODES) as u64, |stages, bar| {
+        stages.run_or_keep("evaluate both on the hidden object", &inputs, (2 * EPISODES) as u64, |stages, bar| {
             let policies = score(&self.model, &self.judge, named.to_vec(), &requested, &mut |_, done| {
                 bar.set_position(done as u64);
                 match stages.graph.node.is_shutdown() {

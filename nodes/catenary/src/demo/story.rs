@@ -9,9 +9,16 @@ use crate::report::quantity::Quantity;
 use catenary_core::posterior::Marginal;
 use catenary_core::track::End;
 
-/// Explanation for the report: figures differ slightly between runs with one seed.
-pub const REPEATS: &str = "The same seed hides the same object and trains the same pi0, to the bit. The recording differs from run \
-    to run, since camera, arm and policy are separate processes that keep real time; posterior, pi1 and their figures differ with it.";
+/// Explanation for the report: whether a run with the same seed gives the same figures.
+pub fn repeats(cell: Cell) -> &'static str {
+    if cell.is_in_lock_step() {
+        "The same seed gives the same figures on this machine, to the bit and whatever its load: the simulated cell waits for camera, tracker \
+         and policy. Processors and mathematical libraries may differ in the last place."
+    } else {
+        "The same seed hides the same object and trains the same pi0, to the bit. The recording differs from run to run, since camera, arm \
+         and policy are separate processes that keep real time; posterior, pi1 and their figures differ with it."
+    }
+}
 
 /// True if an episode on the cell ended with success.
 pub fn succeeded(episode: &Episode) -> bool {

@@ -12,6 +12,17 @@ use std::path::Path;
 /// Name of the file in the demo's folder.
 pub const FILE: &str = "summary.json";
 
+/// Results so far, for the report of a demo that did not come to its end.
+#[derive(Debug, Default)]
+pub struct Progress {
+    /// Trainings.
+    pub training: Vec<Training>,
+    /// Episodes on the cell.
+    pub episodes: Vec<Episode>,
+    /// Result of the inference.
+    pub inference: Option<Inference>,
+}
+
 /// Results of a whole demo.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Summary {
@@ -109,9 +120,12 @@ pub struct Episode {
     pub path_m: Vec<[f64; 2]>,
     /// Path of the bag, relative to the demo's folder.
     pub bag: String,
+    /// Fingerprint of the recorded episode, stamps included; empty if an older program wrote the file.
+    #[serde(default)]
+    pub recording: String,
     /// Camera frames, one per observation.
     pub frames: Vec<Frame>,
-    /// Delay from an image's stamp to the arrival of its keypoints, ms: median and 99 % quantile over the episode.
+    /// Delay from an image's stamp, in lock step from its arrival, to the arrival of its keypoints, ms: median and 99 % quantile over the episode.
     pub keypoint_latency_ms: [f64; 2],
 }
 

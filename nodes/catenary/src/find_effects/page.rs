@@ -7,6 +7,7 @@ use crate::report::Page;
 use crate::report::number::{millimetres, percent, plain};
 use crate::report::palette::Role;
 use crate::report::plots::densities::null_histogram;
+use crate::report::plots::replay::{Fit, Plane, replay};
 use crate::report::plots::search::{Bar, Entry, Interval, Panel, Ribbon, Shape, bars, intervals, panel};
 use crate::report::quantity::Quantity;
 use anyhow::Result;
@@ -39,13 +40,17 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
         &answer(finding, report.episodes.len()),
         matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
     );
-    finding.misfit.iter().for_each(|reason| page.warning(&Misfit::headline(reason)));
-    report.warnings.iter().for_each(|w| page.warning(w));
-    doubts(&mut page, finding);
+    let mut all: Vec<String> = finding.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
+    all.extend(report.warnings.iter().cloned());
+    all.extend(doubts(finding));
+    page.warnings(&all);
     page.heading("The model and its parameters");
     models(&mut page, finding, model);
     page.heading("Measured and predicted");
-    page.note("Keypoint at the tip; bands hold 90 % of a model's predictions.");
+    page.note("The slider begins where model and recording differ most. Curves: keypoint at the tip; bands hold 90 % of a model's predictions.");
+    for (title, episode) in chosen(shown, report).into_iter().take(2) {
+        page.svg(&over_one_another(&title, episode));
+    }
     for (title, episode) in chosen(shown, report).into_iter().take(2) {
         (0..2).for_each(|axis| page.svg(&overlay(&title, episode, 3, axis)));
     }
@@ -63,8 +68,9 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
     Ok(page.finish())
 }
 
-/// Warnings: alternatives, trade-offs, and parameters at the edge of their priors.
-fn doubts(page: &mut Page, finding: &Finding) {
+/// Reasons for doubt: alternatives, trade-offs, and parameters at the edge of their priors.
+fn doubts(finding: &Finding) -> Vec<String> {
+    let mut doubts = Vec::new();
     if finding.found.iter().any(|alike| alike.len() > 1) {
         let groups: Vec<String> = finding
             .found
@@ -74,19 +80,17 @@ fn doubts(page: &mut Page, finding: &Finding) {
         // Only a motion that does separate them is worth a hint.
         let motion = finding.separation.as_ref().filter(|s| s.separates());
         let hint = motion.map_or("", |_| " The motion in separating_motion.csv would separate them.");
-        page.warning(&format!("These cannot be told apart in the recordings: {}.{hint}", groups.join("; ")));
+        doubts.push(format!("These cannot be told apart in the recordings: {}.{hint}", groups.join("; ")));
     }
     for t in &finding.trade_offs {
         let [a, b] = [&t.between[0], &t.between[1]].map(|name| Quantity::of(name).title);
-        page.warning(&format!(
-            "The {a} and the {b} trade off (correlation {:.2}): measure one of them.",
-            t.correlation
-        ));
+        doubts.push(format!("The {a} and the {b} trade off (correlation {:.2}): measure one of them.", t.correlation));
     }
     if finding.verdict != Verdict::PriorTooNarrow && !finding.pressing.is_empty() {
         let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
-        page.warning(&format!("At the edge of the prior: {}.", names.join(", ")));
+        doubts.push(format!("At the edge of the prior: {}.", names.join(", ")));
     }
+    doubts
 }
 
 /// Titles of the effects in a joined name.
@@ -213,6 +217,17 @@ fn overlay(title: &str, episode: &EpisodeBands, k: usize, axis: usize) -> String
     )
 }
 
+/// Recording and both models over one another.
+fn over_one_another(title: &str, episode: &EpisodeBands) -> String {
+    let fit = |name: &str, role, band: &Band| Fit { name: name.into(), role, points: band.median.clone() };
+    let before = episode.before.as_ref().map(|band| fit(PRESENT, Role::Before, band));
+    let after = episode.after.as_ref().map(|band| fit(REPAIRED, Role::After, band));
+    // The last one decides with which moment the slider begins: what the present model lacks is asked for.
+    let fits: Vec<Fit> = after.into_iter().chain(before).collect();
+    let plane = Plane { x: "x, m", y: "z, m", is_down: false };
+    replay(title, &episode.times_s, &episode.measured, &fits, &plane)
+}
+
 /// Name of a keypoint.
 fn keypoint(k: usize) -> String {
     match k {
@@ -236,12 +251,10 @@ fn places(title: &str, report: &Report) -> String {
         }
     };
     let all: Vec<Bar> = places.iter().map(bar).collect();
-    let entry = |name: &str, opacity: &str| Entry {
-        name: name.into(),
-        shape: Shape::Area,
-        colour: format!("{}{opacity}", Role::Before.css()),
-    };
-    let legend = [entry("more than noise", ""), entry("consistent with noise", "66")];
+    let legend = [
+        Entry::new("more than noise", Shape::Area, Role::Before),
+        Entry::pale("consistent with noise", Shape::Area, Role::Before),
+    ];
     bars(title, "times the noise", &all, Some(("noise", 1.0, Role::Noise)), &legend)
 }
 
@@ -266,12 +279,10 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
         Role::Other,
     ));
     ranked.push(bar("nothing is missing".into(), [finding.probability_of_none, 0.0], Role::Other));
-    let entry = |name: &str, opacity: &str| Entry {
-        name: name.into(),
-        shape: Shape::Area,
-        colour: format!("{}{opacity}", Role::After.css()),
-    };
-    let legend = [entry("explains all", ""), entry("explains a part", "66")];
+    let legend = [
+        Entry::new("explains all", Shape::Area, Role::After),
+        Entry::pale("explains a part", Shape::Area, Role::After),
+    ];
     page.svg(&bars("Probability of each explanation", "probability", &ranked, None, &legend));
     let rows: Vec<Vec<String>> = finding
         .explanations

@@ -7,6 +7,7 @@ use crate::exit::{Interrupted, Misfit};
 use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
 use crate::options::PriorSupportName;
+use crate::report::RecordedFit;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
 use bayes_sim::fingerprint;
@@ -108,7 +109,8 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
         fits: result.misfit.is_none(),
         result,
     };
-    write(&arguments.out, &report)?;
+    let fits = RecordedFit::at_medians(model, &measured, policy.as_ref(), &report.result.marginals);
+    write(&arguments.out, &report, &fits)?;
     // Removed last: until then, a repeated command resumes instead of starting again.
     file.remove();
     output::result(&arguments.output, &report, |r| words(r, &arguments.out))?;
@@ -158,16 +160,16 @@ pub fn infer(
     }
 }
 
-fn write(folder: &Path, report: &Report) -> Result<()> {
+fn write(folder: &Path, report: &Report, fits: &[RecordedFit]) -> Result<()> {
     let posterior = PosteriorFile::new(&report.result.posterior, report.result.support_moves()).text()?;
-    for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, html(report)?]) {
+    for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, html(report, fits)?]) {
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| path.display().to_string())?;
     }
     Ok(())
 }
 
-fn html(report: &Report) -> Result<String> {
+fn html(report: &Report, fits: &[RecordedFit]) -> Result<String> {
     let result = &report.result;
     let episodes =
         if report.episodes == 1 { "one episode".to_owned() } else { format!("{} episodes", report.episodes) };
@@ -182,6 +184,7 @@ fn html(report: &Report) -> Result<String> {
         warnings: &result.warnings,
         losses: result.losses(),
         simulations: result.simulations(),
+        fits,
     })
 }
 

@@ -7,9 +7,11 @@ use crate::exit::{Given, Misfit};
 use crate::graph::request::{Answer, Request, absolute};
 use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
+use crate::report::RecordedFit;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
 use bayes_sim::sequential::SupportMove;
+use catenary_bag::read_measured;
 use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Posterior};
 use catenary_msgs::action::{Infer, InferFeedback, InferGoal};
@@ -93,6 +95,9 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         // In a successful result, the message gives the reason why the posterior does not fit.
         misfit: (!result.message.is_empty()).then_some(result.message),
     };
+    // The bags may lie on the node's computer alone; without them the page has no picture of the fit.
+    let measured = read_measured(arguments.bags.all(), &arguments.episode, model).unwrap_or_default();
+    let fits = RecordedFit::at_medians(model, &measured, None, &inferred.marginals);
     let page = page(&Contents {
         model: &inferred.model,
         bags: &inferred.bags,
@@ -104,6 +109,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         warnings: &inferred.warnings,
         losses: inferred.losses.clone(),
         simulations: inferred.simulations as usize,
+        fits: &fits,
     })?;
     std::fs::write(&report, page).with_context(|| report.display().to_string())?;
     output::result(&arguments.output, &inferred, |i| {

@@ -1,9 +1,9 @@
 //! HTML page of an inference: values with their intervals, and the fit of the model to the recordings.
 
 use crate::report::number::{millimetres, percent, plain};
-use crate::report::plots::{Extent, Series};
+use crate::report::plots::Series;
 use crate::report::quantity::Quantity;
-use crate::report::{Page, plots, posterior};
+use crate::report::{Page, RecordedFit, plots, posterior};
 use anyhow::Result;
 use bayes_sim::Predictive;
 use bayes_sim::diagnostics::Part;
@@ -38,30 +38,31 @@ pub struct Contents<'a> {
     pub losses: Vec<f64>,
     /// Total number of simulations.
     pub simulations: usize,
+    /// Recordings with the model's keypoints at the medians; empty if there are none.
+    pub fits: &'a [RecordedFit],
 }
 
 /// Renders the whole page.
 pub fn page(inferred: &Contents<'_>) -> Result<String> {
     let mut page = Page::new(&format!("Parameters of {} from the recording", inferred.model));
     page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive.ok()));
-    inferred.warnings.iter().for_each(|w| page.warning(w));
+    page.warnings(inferred.warnings);
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
     page.heading("Parameters");
     let posterior = inferred.posterior;
     page.table(&posterior::HEAD[..4], &posterior::rows(posterior, inferred.marginals, None));
     plots::marginals(posterior, None)?.iter().for_each(|svg| page.svg(svg));
-    let d = posterior.parameters.dimension();
-    if d > 1 {
+    if !inferred.fits.is_empty() {
+        page.heading("Recording and fit");
+        page.note("Keypoints in the picture of the camera, at the medians of the posterior. The slider begins where they differ most.");
+        inferred.fits.iter().for_each(|fit| page.svg(&fit.figure()));
+    }
+    if posterior.parameters.dimension() > 1 {
         page.heading("Pairs of parameters");
         page.note("A slanted shape means that the recording determines a combination of the two better than either.");
         let samples = posterior.sample_low_variance(SAMPLES, 0)?;
-        for (i, j) in (0..d).flat_map(|i| (i + 1..d).map(move |j| (i, j))) {
-            page.svg(&plots::heatmap(posterior, [i, j], Extent::Prior, &samples, None)?);
-            if d == 2 {
-                page.svg(&plots::heatmap(posterior, [i, j], Extent::Posterior, &samples, None)?);
-            }
-        }
+        page.wide(&plots::corner(posterior, &samples, None)?);
     }
     page.heading("Inference");
     page.paragraph(&format!("{} simulations.", plain(inferred.simulations as f64, 0)));
@@ -226,6 +227,7 @@ mod tests {
             warnings: &["doubtful".into()],
             losses: vec![3.0, 2.0],
             simulations: 12_000,
+            fits: &[],
         });
         check(&page.unwrap());
     }

@@ -2,6 +2,7 @@
 
 pub mod aim;
 mod estimate;
+mod fit;
 mod html;
 pub mod number;
 pub mod palette;
@@ -12,4 +13,5 @@ mod svg;
 mod ticks;
 
 pub use estimate::Estimate;
+pub use fit::RecordedFit;
 pub use html::{Mark, Page, Picture};

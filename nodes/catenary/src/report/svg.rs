@@ -12,8 +12,8 @@ pub const WIDTH: f64 = 380.0;
 pub const FONT: f64 = 12.0;
 /// Average width of a character of DejaVu Sans, the widest of the usual system fonts.
 const CHARACTER: f64 = 7.4;
-const INK: &str = "#333333";
-const GRID: &str = "#e4e4e4";
+const INK: &str = Role::INK;
+const GRID: &str = Role::GRID;
 
 /// Alignment of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +60,11 @@ impl Entry {
     /// Entry in the colour of a role.
     pub fn new(name: impl Into<String>, shape: Shape, role: Role) -> Self {
         Self { name: name.into(), shape, colour: role.css().to_owned() }
+    }
+
+    /// Entry in a paler colour of a role.
+    pub fn pale(name: impl Into<String>, shape: Shape, role: Role) -> Self {
+        Self { name: name.into(), shape, colour: role.tint(0.4) }
     }
 }
 
@@ -110,9 +115,9 @@ impl Svg {
         );
     }
 
-    /// Draws a ring with a white edge, visible on any background.
+    /// Draws a ring with an edge of the ground, visible on any background.
     pub fn ring(&mut self, [x, y]: [f64; 2], radius: f64, colour: &str) {
-        for (stroke, width) in [("#ffffff", 3.5), (colour, 1.5)] {
+        for (stroke, width) in [(Role::PAPER, 3.5), (colour, 1.5)] {
             let _ = write!(
                 self.body,
                 "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\"/>"
@@ -120,9 +125,9 @@ impl Svg {
         }
     }
 
-    /// Draws a cross with a white edge, visible on any background.
+    /// Draws a cross with an edge of the ground, visible on any background.
     pub fn cross(&mut self, [x, y]: [f64; 2], size: f64, colour: &str) {
-        for (stroke, width) in [("#ffffff", 6.0), (colour, 3.0)] {
+        for (stroke, width) in [(Role::PAPER, 6.0), (colour, 3.0)] {
             self.line([x - size, y - size], [x + size, y + size], stroke, width);
             self.line([x - size, y + size], [x + size, y - size], stroke, width);
         }
@@ -142,8 +147,8 @@ impl Svg {
         );
     }
 
-    /// Draws a text with its base line at the point. The page's style adds a white edge, which separates it from the
-    /// ground.
+    /// Draws a text with its base line at the point. The page's style adds an edge of the ground's colour, which separates it
+    /// from lines.
     pub fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, colour: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
@@ -155,6 +160,36 @@ impl Svg {
             self.body,
             "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" fill=\"{colour}\">{text}</text>"
         );
+    }
+
+    /// Draws a text from below to above, centred at the point.
+    pub fn text_up(&mut self, [x, y]: [f64; 2], colour: &str, text: &str) {
+        let text = escape(text);
+        let _ = write!(
+            self.body,
+            "<text transform=\"translate({x:.1} {y:.1}) rotate(-90)\" text-anchor=\"middle\" fill=\"{colour}\">{text}</text>"
+        );
+    }
+
+    /// Opens a group with these attributes. [`Svg::close`] closes it.
+    pub fn open(&mut self, attributes: &str) {
+        let _ = write!(self.body, "<g{attributes}>");
+    }
+
+    /// Closes the newest group.
+    pub fn close(&mut self) {
+        self.body.push_str("</g>");
+    }
+
+    /// Figure of a fixed size, which a narrow page scrolls, with a title above and a legend below.
+    pub fn fixed_figure(self, [width, height]: [f64; 2], title: &str, legend: &[Entry]) -> String {
+        let (title, body) = (escape(title), self.body);
+        let legend: String = legend.iter().map(entry).collect();
+        format!(
+            "<figure class=\"fixed\"><figcaption>{title}</figcaption><div class=\"scroll\"><svg width=\"{width:.0}\" height=\"{height:.0}\" \
+             viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{title}\" font-size=\"{FONT}\">{body}</svg></div>\
+             <ul class=\"legend\">{legend}</ul></figure>"
+        )
     }
 
     /// Figure with a title above and a legend below.

@@ -1,4 +1,5 @@
-//! Deployments of a study on the whole graph, in a robot cell that holds the hidden object. In real time.
+//! Deployments of a study on the whole graph, in a robot cell that holds the hidden object: in lock step if it is simulated, in real time if it is
+//! emulated.
 
 use super::deployment::{Deployment, Planned};
 use super::files;

@@ -10,7 +10,7 @@ use crate::report::number::plain;
 use crate::report::palette::Role;
 use crate::report::plots::policies::{MeanPath, Timelapse, grid, mean_paths, timelapses};
 use crate::report::plots::search::{Interval as Row, intervals};
-use crate::report::plots::{self, Extent, Series};
+use crate::report::plots::{self, Series};
 use crate::report::{Page, posterior};
 use anyhow::{Context, Result};
 use catenary_core::comparison::{Decision, Interval};
@@ -437,12 +437,10 @@ fn posteriors(page: &mut Page, study: &Study, data: &Data<'_>) -> Result<()> {
         for (evidence, inferred) in study.plan.evidence.iter().zip(inferred) {
             let posterior = inferred.posterior();
             page.heading(&format!("{}: {}", object.object, evidence.words()));
-            inferred.misfit.iter().for_each(|reason| page.warning(reason));
+            page.warnings(inferred.misfit.as_slice());
             if posterior.parameters.dimension() >= 2 {
                 let domains = posterior.sample_low_variance(DOMAINS, study.plan.seed)?;
-                for extent in [Extent::Prior, Extent::Posterior] {
-                    page.svg(&plots::heatmap(&posterior, [0, 1], extent, &domains, Some(&object.truth))?);
-                }
+                page.wide(&plots::corner(&posterior, &domains, Some(&object.truth))?);
             }
             page.table(&posterior::HEAD, &posterior::rows(&posterior, &inferred.marginals, Some(&object.truth)));
         }

@@ -83,6 +83,29 @@ fn a_move_arrives_and_settles_at_the_start_pose() {
 }
 
 #[test]
+fn a_move_needs_no_time_once_only_its_end_is_to_be_told() {
+    let mut a = arm(0.2);
+    assert!(!a.is_moving_on());
+    a.begin_move(&alone(), None, 0.15, 0.5, false).unwrap();
+    assert!(a.is_moving_on());
+    while a.is_moving_on() {
+        a.steer();
+        let lag = a.plant_mut();
+        lag.time_s += 0.02;
+        if let Some(target) = lag.target {
+            lag.at = target;
+        }
+        a.watch();
+        assert!(a.plant().time_s < 60.0);
+    }
+    // Path and rest are over, and the move ends with the next look at it, without any further time.
+    assert_eq!((a.mode(), a.move_progress(), a.mode()), (Mode::Moving, Progress::Arrived, Mode::Idle));
+    a.begin_move(&alone(), None, 0.15, 0.5, false).unwrap();
+    a.disable();
+    assert!(!a.is_moving_on());
+}
+
+#[test]
 fn the_path_waits_for_an_arm_that_lags_and_never_runs_ahead_of_it() {
     // 1 % of the distance in 20 ms: far too slow for the 0.5 m/s of the path.
     let mut a = arm(0.01);

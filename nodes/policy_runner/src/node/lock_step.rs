@@ -73,7 +73,8 @@ impl LockStep {
                 self.done.send(ClockMsg { clock: stamp::to_msg(after) });
             }
             let newest = self.keypoints.get();
-            let frame = newest.as_ref().map(|k| stamp::from_msg(&k.message.header.stamp)).filter(|frame| *frame > after);
+            let frame =
+                newest.as_ref().map(|k| stamp::from_msg(&k.message.header.stamp)).filter(|frame| *frame > after);
             if frame.is_some_and(|frame| self.has_all_of(frame)) {
                 return Ok(Ok(()));
             }

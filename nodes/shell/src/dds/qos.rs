@@ -175,6 +175,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn in_lock_step_every_stream_repeats_what_was_lost() {
+        for (qos, repeated) in [
+            (Qos::BestEffort { depth: 5 }, Qos::Reliable { depth: 5 }),
+            (Qos::DEFAULT, Qos::DEFAULT),
+            (Qos::TF_STATIC, Qos::TF_STATIC),
+        ] {
+            assert_eq!(qos.repeated(), repeated);
+        }
+    }
+
+    #[test]
     fn policies_say_what_the_profile_says() {
         let image = Qos::BestEffort { depth: 5 }.policies();
         assert_eq!(image.reliability(), Some(Reliability::BestEffort));

@@ -123,7 +123,12 @@ fn publish_event(events: &Events, clock: &Clock, path: &str, declared: Vec<Chang
 }
 
 /// Subscribes `/clock` while time is simulated.
-async fn follow_clock(graph: Arc<Graph>, clock: Clock, (topic, qos): (String, Qos), switches: smol::channel::Receiver<()>) {
+async fn follow_clock(
+    graph: Arc<Graph>,
+    clock: Clock,
+    (topic, qos): (String, Qos),
+    switches: smol::channel::Receiver<()>,
+) {
     loop {
         if clock.is_simulated() {
             let reader = graph.reader::<ClockMsg>(&topic, ClockMsg::TYPE_NAME, &qos.policies());

@@ -98,7 +98,8 @@ impl<'a> LockStep<'a> {
         let mut sent = began;
         loop {
             let newest = self.keypoints.get();
-            if newest.as_ref().is_some_and(|k| stamp::from_msg(&k.message.header.stamp) >= frame) || node.is_shutdown() {
+            if newest.as_ref().is_some_and(|k| stamp::from_msg(&k.message.header.stamp) >= frame) || node.is_shutdown()
+            {
                 return Ok(());
             }
             ensure!(

@@ -43,8 +43,8 @@ impl Measuring {
         let mut next_check = recheck;
         while !node.is_shutdown() {
             let wanted_s = started.elapsed().as_secs_f64() * factor;
-            let next_s =
-                ((wanted_s / MEASURE_PERIOD_S).floor() * MEASURE_PERIOD_S).max((self.count + 1) as f64 * MEASURE_PERIOD_S);
+            let next_s = ((wanted_s / MEASURE_PERIOD_S).floor() * MEASURE_PERIOD_S)
+                .max((self.count + 1) as f64 * MEASURE_PERIOD_S);
             let early_s = (next_s - wanted_s) / factor;
             if early_s > 0.0 {
                 std::thread::sleep(Duration::from_secs_f64(early_s));

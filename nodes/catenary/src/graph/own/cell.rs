@@ -26,6 +26,11 @@ impl Cell {
         }
     }
 
+    /// True if the cell's time waits for the graph: the same seed then gives the same bits. An emulated arm keeps real time.
+    pub fn is_in_lock_step(self) -> bool {
+        self == Self::Sim
+    }
+
     /// Writes the cell's launch file, its parameters and a model into `folder`, with the layout of `launch_configs`. Returns the paths of the
     /// launch file and of the model.
     pub fn write(self, folder: &Path, model: &str, model_yaml: &str) -> Result<[PathBuf; 2]> {

@@ -8,16 +8,14 @@ use anyhow::{Result, anyhow, bail, ensure};
 use catenary_core::Fidelity;
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal};
 use catenary_msgs::std_srvs::srv::{Trigger, TriggerRequest};
-use catenary_shell::{Act, ActionClient, CallError, Client, Node, Status};
+use catenary_shell::{Act, ActionClient, CallError, Client, DEAD_NODE, Node, Status, contract};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Time in which a server must accept a goal.
-const ACCEPT: Duration = Duration::from_secs(20);
-/// Time in which a server must appear.
-const SERVER: Duration = Duration::from_secs(20);
-/// Service of a cell that stills the object, and the time in which it must answer.
-const STILL_OBJECT: (&str, Duration) = ("simulated_cell/still_object", Duration::from_secs(10));
+/// Service of a cell that stills the object.
+const STILL_OBJECT: &str = "simulated_cell/still_object";
+/// Simulated time per real time in lock step: as fast as the machine allows.
+const LOCK_STEP_FACTOR: &str = "1000.0";
 /// Period of the checks on the processes while a goal runs.
 const WATCH: Duration = Duration::from_millis(200);
 
@@ -47,7 +45,7 @@ pub struct OwnGraph<'a> {
 }
 
 impl<'a> OwnGraph<'a> {
-    /// Starts the processes of a graph in `domain`, with a cell at reference fidelity. Its files go to `folder/config`, its logs to `folder/log`. It
+    /// Starts the processes of a graph in `domain`, with a cell at reference fidelity, in lock step if the cell can. Its files go to `folder/config`, its logs to `folder/log`. It
     /// does not wait for the nodes: see [`OwnGraph::wait_for`].
     pub fn start(node: &'a Node, domain: &OwnDomain, folder: &Path, conditions: &Conditions<'_>) -> Result<Self> {
         let Conditions { cell, model, model_yaml, truth, seed, learning } = conditions;
@@ -63,6 +61,9 @@ impl<'a> OwnGraph<'a> {
             // A node that ends by itself is an error here, and a restart would hide it.
             ("respawn", "false".to_owned()),
         ];
+        if cell.is_in_lock_step() {
+            given.extend([("lock_step", "true".to_owned()), ("real_time_factor", LOCK_STEP_FACTOR.to_owned())]);
+        }
         if *cell == Cell::Emulated {
             // Every domain of this machine has a loopback address of its own, so that two graphs have two arms.
             given.push(("address", format!("127.42.{}.1", domain.id())));
@@ -70,7 +71,7 @@ impl<'a> OwnGraph<'a> {
         let given: Vec<_> = given.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
         let mut description = read(&launch_file, &given, &|name| std::env::var(name).ok())?;
         description.processes.iter_mut().for_each(|p| p.environment.extend(domain.environment()));
-        let still_object = node.client(STILL_OBJECT.0)?;
+        let still_object = node.client(STILL_OBJECT)?;
         Ok(Self {
             node,
             supervisor: Supervisor::start(description.processes, &folder.join("log"), false)?,
@@ -83,23 +84,34 @@ impl<'a> OwnGraph<'a> {
     /// # Errors
     /// An arm of another process, a motion that failed, a cell that does not answer, or those of [`OwnGraph::goal`].
     pub fn move_to_start(&mut self, client: &ActionClient<MoveToStart>) -> Result<()> {
+        self.wait_for_arm()?;
         ensure_own_arm(self.node, &self.supervisor)?;
         let moved = self.goal(client, MoveToStartGoal::default(), |_| {})?;
         ensure!(moved.success, "move to start: {}", moved.message);
-        let (name, timeout) = STILL_OBJECT;
-        match self.still_object.call(TriggerRequest::default(), timeout) {
+        match self.still_object.call(TriggerRequest::default(), DEAD_NODE) {
             Ok(answer) if answer.success => Ok(()),
-            Ok(answer) => bail!("{name}: {}", answer.message),
+            Ok(answer) => bail!("{STILL_OBJECT}: {}", answer.message),
             Err(CallError::Shutdown { .. }) => Err(Interrupted(String::new()).into()),
             Err(e) => Err(e.into()),
         }
+    }
+
+    /// Waits until every name of the arm has been found: a busy machine may be slow at it.
+    fn wait_for_arm(&mut self) -> Result<()> {
+        let deadline = Instant::now() + DEAD_NODE;
+        for name in contract::ARM.into_iter().chain([contract::RUN_EPISODE.name]) {
+            while self.node.servers(&[name])?.is_empty() && Instant::now() < deadline {
+                self.pause(Duration::from_millis(50))?;
+            }
+        }
+        Ok(())
     }
 
     /// Runs a goal to its end, without a time limit. Feedback goes to `on_feedback`. The result of an aborted goal is returned, too: it tells by
     /// itself whether it is one.
     ///
     /// # Errors
-    /// No acceptance within 20 s; a cancelled goal; Ctrl-C, at which the caller ends the whole graph; the end of a process of the graph, with its
+    /// No acceptance within [`DEAD_NODE`]; a cancelled goal; Ctrl-C, at which the caller ends the whole graph; the end of a process of the graph, with its
     /// last log lines.
     pub fn goal<A: Act>(
         &mut self,
@@ -107,7 +119,7 @@ impl<'a> OwnGraph<'a> {
         goal: A::Goal,
         on_feedback: impl FnMut(A::Feedback) + Send + 'static,
     ) -> Result<A::Result> {
-        let running = match client.send(goal, ACCEPT, on_feedback) {
+        let running = match client.send(goal, DEAD_NODE, on_feedback) {
             Err(CallError::Shutdown { .. }) => return Err(Interrupted(String::new()).into()),
             sent => sent?,
         };
@@ -132,12 +144,12 @@ impl<'a> OwnGraph<'a> {
         }
     }
 
-    /// Waits up to 20 s for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
+    /// Waits up to [`DEAD_NODE`] for a server. Ctrl-C and the end of a process of the graph interrupt the wait.
     pub fn wait_for<A: Act>(&mut self, client: &ActionClient<A>) -> Result<()> {
-        let deadline = Instant::now() + SERVER;
+        let deadline = Instant::now() + DEAD_NODE;
         while !client.wait_for_server(WATCH) {
             self.pause(Duration::from_millis(10))?;
-            ensure!(Instant::now() < deadline, "{}: no server after {} s", client.name(), SERVER.as_secs());
+            ensure!(Instant::now() < deadline, "{}: no server after {} s", client.name(), DEAD_NODE.as_secs());
         }
         Ok(())
     }

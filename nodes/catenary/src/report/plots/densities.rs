@@ -2,8 +2,8 @@
 
 use super::{HEIGHT, range, thinned};
 use crate::report::number::plain;
-use crate::report::palette::{Role, shade};
-use crate::report::quantity::{Quantity, capital};
+use crate::report::palette::{DENSITY, Role, opacity};
+use crate::report::quantity::Quantity;
 use crate::report::svg::{Axis, Chart, Entry, Shape};
 use crate::report::ticks;
 use anyhow::{Context, Result};
@@ -13,60 +13,11 @@ use catenary_core::{Parameter, Posterior};
 use std::io::Cursor;
 
 /// Cells of a density along each axis.
-const CELLS: usize = 80;
+pub(super) const CELLS: usize = 80;
 /// Draws for a density without closed form.
-const DRAWS: usize = 40_000;
+pub(super) const DRAWS: usize = 40_000;
 /// Draws for the window around a posterior.
 const WINDOW_DRAWS: usize = 2_000;
-
-/// Part of the parameter space in a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Extent {
-    /// Whole support of the prior.
-    Prior,
-    /// Window around the posterior.
-    Posterior,
-}
-
-/// Density of a posterior over two of its parameters, with the low-variance samples `domains` and, if known, the truth.
-/// The axes follow the prior: logarithmic for a prior uniform in the logarithm.
-pub fn heatmap(
-    posterior: &Posterior,
-    axes: [usize; 2],
-    extent: Extent,
-    domains: &[Vec<f64>],
-    truth: Option<&[f64]>,
-) -> Result<String> {
-    let [i, j] = axes;
-    let window = window(posterior, axes, extent, domains, truth)?;
-    let parameters = posterior.parameters.parameters();
-    let (pi, pj) = (&parameters[i], &parameters[j]);
-    let density = marginal_density(posterior, axes, window)?;
-    let mut chart = Chart::new(prior_axis(pi, window[0]), prior_axis(pj, window[1]), 260.0);
-    let (corner, size) = chart.field();
-    chart.svg.image(corner, size, &raster(&density)?);
-    let place = |theta: &[f64]| [pi.prior.to_unit(theta[i]), pj.prior.to_unit(theta[j])];
-    let mut legend = vec![Entry::new("posterior density", Shape::Area, Role::Posterior)];
-    for theta in domains {
-        let at = chart.at(place(theta));
-        chart.svg.ring(at, 4.5, Role::Measured.css());
-    }
-    if !domains.is_empty() {
-        legend.push(Entry::new("samples of it", Shape::Rings, Role::Measured));
-    }
-    if let Some(theta) = truth {
-        let at = chart.at(place(theta));
-        chart.svg.cross(at, 7.0, Role::Truth.css());
-        legend.push(Entry::new("hidden truth", Shape::Cross, Role::Truth));
-    }
-    let titles = [pi, pj].map(|p| Quantity::of(&p.name).title);
-    let what = match extent {
-        Extent::Prior => "the whole prior",
-        Extent::Posterior => "around the posterior",
-    };
-    let [first, second] = titles;
-    Ok(chart.figure(&format!("{}: {what}", capital(&format!("{first} and {second}"))), &legend))
-}
 
 /// Ratio of posterior to prior density for each parameter, with the truth if known. The prior has the constant ratio 1.
 pub fn marginals(posterior: &Posterior, truth: Option<&[f64]>) -> Result<Vec<String>> {
@@ -163,40 +114,35 @@ fn prior_axis(parameter: &Parameter, (low, high): (f64, f64)) -> Axis {
     Axis { low, high, ticks, label: quantity.axis(&scale) }
 }
 
-/// Smallest and largest unit coordinate on each axis.
-type Window = [(f64, f64); 2];
+/// Smallest and largest unit coordinate on an axis.
+pub(super) type Window = (f64, f64);
 
 /// Coordinate at a distance of `cells` cells from the low end of an axis of [`CELLS`].
-fn along((low, high): (f64, f64), cells: f64) -> f64 {
+fn along((low, high): Window, cells: f64) -> f64 {
     low + (high - low) * cells / CELLS as f64
 }
 
-/// Window of an extent. For the posterior, it holds the domains, the truth and the draws without the outermost 0.5 % on
-/// each side.
-fn window(
-    posterior: &Posterior,
-    axes: [usize; 2],
-    extent: Extent,
-    domains: &[Vec<f64>],
-    truth: Option<&[f64]>,
-) -> Result<Window> {
-    if extent == Extent::Prior {
-        return Ok([(0.0, 1.0); 2]);
-    }
+/// Window of each axis: it holds the domains, the truth and the draws without the outermost 0.5 % on each side.
+pub(super) fn windows(posterior: &Posterior, domains: &[Vec<f64>], truth: Option<&[f64]>) -> Result<Vec<Window>> {
     let unit = |theta: &[f64]| posterior.parameters.to_unit(theta);
     let draws: Vec<Vec<f64>> = posterior.sample(WINDOW_DRAWS, 0)?.iter().map(|t| unit(t)).collect();
     let marks: Vec<Vec<f64>> = domains.iter().map(Vec::as_slice).chain(truth).map(unit).collect();
-    Ok(axes.map(|axis| {
+    let of = |axis: usize| {
         let mut values: Vec<f64> = draws.iter().map(|u| u[axis]).collect();
         values.sort_by(f64::total_cmp);
         let inner = values[WINDOW_DRAWS / 200..WINDOW_DRAWS - WINDOW_DRAWS / 200].iter().copied();
         let (low, high) = range(inner.chain(marks.iter().map(|u| u[axis])));
         (low.max(0.0), high.min(1.0))
-    }))
+    };
+    Ok((0..posterior.parameters.dimension()).map(of).collect())
 }
 
 /// Marginal density over two coordinates on a grid, not normalised. Row-major, with the second axis as rows.
-fn marginal_density(posterior: &Posterior, [i, j]: [usize; 2], [along_i, along_j]: Window) -> Result<Vec<f64>> {
+pub(super) fn marginal_density(
+    posterior: &Posterior,
+    [i, j]: [usize; 2],
+    [along_i, along_j]: [Window; 2],
+) -> Result<Vec<f64>> {
     // The mixture itself is the marginal: its density needs no draws.
     if posterior.parameters.dimension() == 2 {
         let at = |index: usize| {
@@ -239,12 +185,14 @@ fn smoothed(counts: &[f64]) -> Vec<f64> {
 }
 
 /// PNG picture of all cells in base 64, with the first row at the bottom.
-fn raster(density: &[f64]) -> Result<String> {
+pub(super) fn raster(density: &[f64]) -> Result<String> {
     let peak = density.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let side = CELLS as u32;
-    let picture = image::RgbImage::from_fn(side, side, |x, y| {
+    // Transparent where there is no density, so that the ground of either scheme shows.
+    let picture = image::RgbaImage::from_fn(side, side, |x, y| {
         let cell = (side - 1 - y) as usize * CELLS + x as usize;
-        image::Rgb(shade(density[cell] / peak))
+        let [r, g, b] = DENSITY;
+        image::Rgba([r, g, b, opacity(density[cell] / peak)])
     });
     let mut png = Cursor::new(Vec::new());
     picture.write_to(&mut png, image::ImageFormat::Png).context("cannot draw a density")?;
@@ -259,23 +207,6 @@ mod tests {
     fn prior(names: &[&str]) -> Posterior {
         let p = |name: &&str| Parameter { name: (*name).into(), prior: Prior::LogUniform { low: 1.0, high: 10.0 } };
         Posterior::prior(ParameterSpace::new(names.iter().map(p).collect()).unwrap())
-    }
-
-    #[test]
-    fn a_density_is_one_picture_with_every_sample_and_the_truth() {
-        for names in [["length_m", "youngs_modulus_pa", "density_kg_m3"].as_slice(), &["length_m", "youngs_modulus_pa"]]
-        {
-            let posterior = prior(names);
-            let domains = [vec![2.0; names.len()], vec![4.0; names.len()]];
-            let truth = vec![2.0; names.len()];
-            for extent in [Extent::Prior, Extent::Posterior] {
-                let svg = heatmap(&posterior, [0, 1], extent, &domains, Some(&truth)).unwrap();
-                assert_eq!((svg.matches("<image").count(), svg.matches(">hidden truth<").count()), (1, 1));
-                // Each ring consists of two circles, and the legend contains one ring.
-                assert_eq!(svg.matches("<circle").count(), 2 * (domains.len() + 1));
-                assert!(svg.contains("length, m<") && svg.contains("Young's modulus, Pa<"), "{svg}");
-            }
-        }
     }
 
     #[test]

@@ -1,10 +1,13 @@
 //! Pictures of the reports.
 
+pub mod corner;
 pub mod densities;
 pub mod policies;
+pub mod replay;
 pub mod search;
 
-pub use densities::{Extent, calibration, heatmap, marginals};
+pub use corner::corner;
+pub use densities::{calibration, marginals};
 
 use super::palette::Role;
 use super::svg::{Axis, Chart, Entry, Shape};

@@ -2,7 +2,7 @@
 
 use super::axis;
 use crate::report::number::plain;
-use crate::report::palette::{Role, shade};
+use crate::report::palette::Role;
 use crate::report::svg::{Anchor, Chart, Entry, FONT, Shape, Svg, WIDTH, text_width};
 use anyhow::Result;
 
@@ -20,7 +20,7 @@ pub struct MeanPath {
     pub distances_m: Vec<f64>,
 }
 
-/// Picture of mean paths in the plane. The disc of a step has the deviation of the paths as its radius; the darker it is, the
+/// Picture of mean paths in the plane. The disc of a step has the deviation of the paths as its radius; the fuller its colour, the
 /// nearer the object is to its goal. `farthest_m` is the distance of the palest disc.
 pub fn mean_paths(title: &str, paths: &[MeanPath], target_m: [f64; 2], farthest_m: f64) -> Result<String> {
     let points = || paths.iter().flat_map(|p| p.points_m.iter()).chain([&target_m]);
@@ -32,8 +32,8 @@ pub fn mean_paths(title: &str, paths: &[MeanPath], target_m: [f64; 2], farthest_
         let places: Vec<[f64; 2]> = path.points_m.iter().map(|p| chart.at(*p)).collect();
         chart.svg.path(&places, path.role.css(), 2.0, false);
         for ((place, deviation), distance) in places.iter().zip(&path.deviations_m).zip(&path.distances_m) {
-            let [r, g, b] = shade(1.0 - (distance / farthest_m).min(1.0));
-            chart.svg.disc(*place, (scale * deviation).clamp(3.0, 40.0), &format!("#{r:02x}{g:02x}{b:02x}"), 0.75);
+            let colour = Role::Posterior.tint(1.0 - (distance / farthest_m).min(1.0));
+            chart.svg.disc(*place, (scale * deviation).clamp(3.0, 40.0), &colour, 0.75);
         }
         legend.push(Entry::new(&path.name, Shape::Line, path.role));
     }
@@ -77,7 +77,7 @@ pub fn timelapses(title: &str, episodes: &[Timelapse], target_m: [f64; 2]) -> Re
     Ok(chart.figure(title, &legend))
 }
 
-/// Picture of a square table of values, from white at zero to dark at the largest.
+/// Picture of a square table of values, from the ground's colour at zero to full colour at the largest.
 pub fn grid(title: &str, names: &[String], values: &[Vec<f64>], decimals: usize) -> String {
     let left = names.iter().map(|n| text_width(n)).fold(0.0, f64::max) + 8.0;
     let cell = (WIDTH - left - 4.0) / names.len().max(1) as f64;
@@ -91,8 +91,7 @@ pub fn grid(title: &str, names: &[String], values: &[Vec<f64>], decimals: usize)
         for (j, value) in row.iter().enumerate() {
             let x = left + j as f64 * cell;
             let share = if largest > 0.0 { value / largest } else { 0.0 };
-            let [r, g, b] = shade(0.8 * share);
-            svg.rectangle([x, top], [cell - 1.0, height - 1.0], &format!("#{r:02x}{g:02x}{b:02x}"), 1.0);
+            svg.rectangle([x, top], [cell - 1.0, height - 1.0], &Role::Posterior.tint(0.6 * share), 1.0);
             svg.text([x + 0.5 * cell, middle], Anchor::Middle, Role::Measured.css(), &plain(*value, decimals));
         }
         let above = [left + (i as f64 + 0.5) * cell, FONT + 2.0];
@@ -120,7 +119,10 @@ mod tests {
             distances_m: vec![0.2, 0.0],
         };
         let svg = mean_paths("t", &[path], [0.6, 0.2], 0.2).unwrap();
-        assert!(svg.matches("<circle").count() == 2 && svg.contains(">target<") && svg.contains("#ffffff"), "{svg}");
+        assert!(
+            svg.matches("<circle").count() == 2 && svg.contains(">target<") && svg.contains(&Role::Posterior.tint(0.0)),
+            "{svg}"
+        );
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::report::ticks;
 /// Height of a bar, and of a bar with its label.
 const BAR: f64 = 12.0;
 const ROW: f64 = 36.0;
-const INK: &str = "#333333";
+const INK: &str = Role::INK;
 
 /// Bar made of consecutive parts.
 pub struct Bar {
@@ -32,7 +32,7 @@ pub fn bars(title: &str, x_label: &str, bars: &[Bar], line: Option<(&str, f64, R
     let bottom = ROW * bars.len().max(1) as f64 + 4.0;
     let mut svg = Svg::default();
     for (value, label) in ticks::linear(0.0, high, 5) {
-        svg.line([x(value), 2.0], [x(value), bottom], "#e4e4e4", 1.0);
+        svg.line([x(value), 2.0], [x(value), bottom], Role::GRID, 1.0);
         let half = 0.5 * text_width(&label);
         svg.text([x(value).max(half), bottom + FONT + 3.0], Anchor::Middle, INK, &label);
     }
