@@ -10,11 +10,11 @@ from catenary_msgs.action import Infer, RunEpisode, Train
 from catenary_msgs.msg import ArmState
 from diagnostic_msgs.msg import DiagnosticArray
 
-from support.contract import ACTIONS, BY_NAME, SERVICES
+from support.contract import ACTIONS, BASE, BY_NAME, SERVICES
 from support.policy import BIAS, policy_file
 from support.program import BAG, MODEL
 from support.ros import Goal
-from support.stand_ins import Arm, Learner, Pool, Runner
+from support.stand_ins import Arm, Learner, Pool, Runner, StandIn
 
 
 def test_every_caller_of_the_table_is_tested_here():
@@ -106,6 +106,33 @@ def test_an_episode_takes_no_notice_of_a_state_from_before_its_goal(runner_and_a
     assert not run.ends_within(0.5), run.answer.result().result
     arm.disabled_mode, arm.swing_px = ArmState.MODE_IDLE, 0.0
     assert run.result().success and arm.requests == [True, False]
+
+
+@pytest.mark.parametrize("name", ["/dlo/keypoints", "/panda/current_pose", "/panda/arm_state", "/panda/accepted_target"])
+def test_a_second_writer_of_what_an_episode_hears_ends_it_and_both_are_named(session, runner_and_arm, name):
+    ros, arm = runner_and_arm
+    (session.folder / "policy").write_bytes(policy_file())
+    goal = RunEpisode.Goal(policy=array.array("B", policy_file()), run_all_steps=True)
+    run = Goal(ros, BY_NAME["/policy_runner/run_episode"].kind, "/policy_runner/run_episode", goal)
+    run.wait_feedback()
+    row = BY_NAME[name]
+    with StandIn(session.domain, "lab_double") as lab:
+        publisher = lab.publisher(name)
+        ros.wait_for(publisher.get_subscription_count, 20, "the runner's subscription")
+        message = row.kind()
+        if name != "/panda/accepted_target":
+            message.header.frame_id = BASE
+        if name == "/panda/current_pose":
+            message.pose.orientation.w = 1.0
+        # Each message is covered at once by the next of the arm's. The runner may know the publisher a little later than the reverse.
+        for _ in range(50):
+            publisher.publish(lab.stamped(message, message.header.frame_id))
+            if run.ends_within(0.1):
+                break
+        refused = run.result(GoalStatus.STATUS_ABORTED)
+        assert "came from /lab_double (process " in refused.message and "before from /lab_arm (process " in refused.message, refused.message
+        # Nothing of the stranger is used, and the arm is disabled.
+        assert arm.requests == [True, False]
 
 
 def test_a_stop_in_the_wait_for_a_still_object_ends_the_episode(runner_and_arm):

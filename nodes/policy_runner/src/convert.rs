@@ -24,7 +24,14 @@ pub fn inputs(
     let since = |header: &catenary_msgs::std_msgs::msg::Header| stamp::from_msg(&header.stamp).secs_since(origin);
     let keypoints = keypoints.and_then(|k| Some((since(&k.header), placed(k)?)));
     let pose = pose.map(|p| (since(&p.header), convert::grip_pose_from_msg(&p.pose)));
-    Inputs { now_s: now.secs_since(origin), keypoints, pose, arm_fault: arm_fault(arm), objection: None }
+    Inputs {
+        now_s: now.secs_since(origin),
+        keypoints,
+        pose,
+        arm_fault: arm_fault(arm),
+        objection: None,
+        stranger: None,
+    }
 }
 
 /// Checks keypoints.

@@ -6,5 +6,7 @@ pub mod convert;
 pub mod node;
 pub mod numbering;
 pub mod runner;
+pub mod writers;
 
 pub use runner::{Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, StillTurn, StillWait, Turn};
+pub use writers::{Source, Stranger, Writer, Writers};

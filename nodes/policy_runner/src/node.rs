@@ -1,10 +1,14 @@
 //! Node with an action that runs one episode at a time.
-#![allow(clippy::disallowed_methods, reason = "the ROS side reads the model file that a parameter names")]
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the ROS side reads the model file that a parameter names, and waits for names on a clock that does not step"
+)]
 
 mod lock_step;
 
 use crate::convert;
 use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, StillTurn, StillWait, Turn};
+use crate::writers::{Source, Writer, Writers};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
@@ -14,14 +18,15 @@ use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
-    Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, GoalHandle, Intake, Latest, Misconfigured, Names,
-    Node, NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, StampCheck, Time, contract,
-    read_model, stamp,
+    Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, Flaw, GoalHandle, Intake, Latest, Misconfigured,
+    Msg, Names, Node, NodeBuilder, Outcome, Param, ParamSpec, Peer, Presence, Publisher, Queue, Received, StampCheck,
+    Time, contract, read_model, stamp,
 };
 use lock_step::{Cancelled, LockStep};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::{Duration, SystemTime};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Timeout of the answer to an enable request. The wait for the enabled state afterwards has the same timeout. It is longer
 /// than the discovery of a new server takes.
@@ -35,6 +40,8 @@ const ANSWERS: usize = 100;
 const SILENCE: Duration = Duration::from_millis(500);
 /// Maximum uninterrupted wait within a step: a cancelled episode, or one whose arm refuses, ends within it.
 const NAP: Duration = Duration::from_millis(20);
+/// Longest wait for the name of a node, after the end of an episode. A node tells it within a second.
+const NAME: Duration = Duration::from_secs(1);
 /// Period of looks at the keypoints before an episode: shorter than that of a camera's frames.
 const POLL: Duration = Duration::from_millis(10);
 
@@ -64,6 +71,8 @@ struct Shell {
     lock_step: Option<LockStep>,
     /// Intakes of the topics that an episode needs.
     needed: [Intake; 4],
+    /// Writers that the running episode is bound to.
+    writers: Arc<Mutex<Writers>>,
     episodes: AtomicU32,
 }
 
@@ -90,19 +99,21 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let needed = intakes(&node)?;
     let [keypoints, pose, arm, answers] = &needed;
     let (mut doubts, limit_s) = (doubter(keypoints), max_age_s.clone());
-    let check_keypoints = move |message: &Keypoints| {
+    let writers = Arc::new(Mutex::new(Writers::default()));
+    let check_keypoints = of_one_writer(&writers, Source::Keypoints, move |message: &Keypoints| {
         convert::check_keypoints(message)?;
         doubts(&message.header.stamp, limit_s.get());
         Ok(())
-    };
+    });
     let (mut doubts, limit_s) = (doubter(pose), max_age_s.clone());
-    let check_pose = move |message: &PoseStamped| {
+    let check_pose = of_one_writer(&writers, Source::Pose, move |message: &PoseStamped| {
         convert::check_pose(message)?;
         doubts(&message.header.stamp, limit_s.get());
         Ok(())
-    };
+    });
+    let check_arm = of_one_writer(&writers, Source::ArmState, |_: &ArmState| Ok(()));
     let (keypoints, pose) = (node.take_latest(keypoints, check_keypoints)?, node.take_latest(pose, check_pose)?);
-    let arm = node.take_latest(arm, |_| Ok(()))?;
+    let arm = node.take_latest(arm, check_arm)?;
     let lock_step = node.is_in_lock_step().then(|| LockStep::new(&node, &keypoints, &pose, &arm));
     let shell = Shell {
         lock_step: lock_step.transpose().map_err(Misconfigured::new)?,
@@ -121,6 +132,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         event: node.publisher(contract::EPISODE_EVENT.name, contract::EPISODE_EVENT.qos)?,
         enable: node.client(contract::ENABLE.name)?,
         needed,
+        writers,
         episodes: AtomicU32::new(first_episode(&node)),
         node: node.clone(),
     };
@@ -155,6 +167,24 @@ fn intakes(node: &Node) -> Result<[Intake; 4]> {
     ])
 }
 
+fn lock(writers: &Mutex<Writers>) -> MutexGuard<'_, Writers> {
+    writers.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Returns a check that drops the messages of a second writer within an episode, and passes the others to `check`. It runs for every
+/// message: a later one may cover that of a stranger before the episode looks.
+fn of_one_writer<M: Msg, F: FnMut(&M) -> Result<(), Flaw> + Send>(
+    writers: &Arc<Mutex<Writers>>,
+    source: Source,
+    mut check: F,
+) -> impl FnMut(&Received<M>) -> Result<(), Flaw> + Send + use<M, F> {
+    let writers = Arc::clone(writers);
+    move |received| {
+        lock(&writers).hear(source, received.publisher).map_err(|stranger| Flaw::new("stranger", stranger))?;
+        check(&received.message)
+    }
+}
+
 /// Returns a function that reports stamps too old for an observation. Its second argument is the age limit, s.
 fn doubter(intake: &Intake) -> impl FnMut(&Stamp, f64) + Send + use<> {
     let (intake, mut check) = (intake.clone(), StampCheck::new(Duration::ZERO));
@@ -180,7 +210,12 @@ impl Shell {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
         let tell = move |peer: &Peer| tracing::info!("episode {episode}: run_episode, asked for by {peer}");
         self.node.identify(handle.requester().endpoint(), tell);
-        match self.episode(handle, episode).inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
+        lock(&self.writers).begin();
+        // Answers to targets of others are not about this episode.
+        while self.answers.try_next().is_some() {}
+        let outcome = self.episode(handle, episode).map_err(|error| self.with_names(error));
+        lock(&self.writers).end();
+        match outcome.inspect(|(_, result)| tracing::info!("episode {episode}: {}", result.end)) {
             // `End::Complete` marks a cancelled episode; see `episode`.
             Ok((End::Complete, result)) => Outcome::Canceled(result),
             Ok((_, result)) => Outcome::Succeeded(result),
@@ -227,6 +262,8 @@ impl Shell {
         let outcome = self.steps(handle, &mut runner, episode, origin, &held);
         self.needed.iter().for_each(|intake| intake.need(false));
         self.disable_arm();
+        // Names take time, and the arm must not wait for them.
+        let outcome = outcome.map_err(|error| self.with_names(error));
         let reason = match &outcome {
             Ok(Some(end)) => end.name().to_owned(),
             Ok(None) => "cancelled".to_owned(),
@@ -271,6 +308,9 @@ impl Shell {
                 return Err(fault_error(Fault::Arm(why)));
             }
             let inputs = self.inputs(origin);
+            if let Some(stranger) = inputs.stranger {
+                return Err(fault_error(Fault::Stranger(stranger)));
+            }
             runner.note_target(&inputs);
             match wait.turn(&inputs) {
                 StillTurn::Still if presence == Presence::Here => return Ok(true),
@@ -301,7 +341,9 @@ impl Shell {
     ) -> Result<Option<End>> {
         let (mut sent, mut answered) = (None, None);
         while !handle.is_cancelled() {
-            let objection = answered.take().or_else(|| self.objection(sent.as_ref()));
+            // Before the inputs: an answer may come from a stranger.
+            let heard = self.objection(sent.as_ref());
+            let objection = answered.take().or(heard);
             let inputs = Inputs { objection, ..self.inputs(origin) };
             match runner.turn(&inputs) {
                 Turn::Wait(until_s) => {
@@ -321,7 +363,12 @@ impl Shell {
                         return Ok(step.end);
                     }
                     if let (Some(lock_step), Some(sent)) = (&self.lock_step, &sent) {
-                        match lock_step.answer(&self.answers, sent, &|nap| handle.wait_cancelled(nap))? {
+                        match lock_step.answer(
+                            &self.answers,
+                            sent,
+                            |writer| lock(&self.writers).hear(Source::AcceptedTarget, writer).is_ok(),
+                            &|nap| handle.wait_cancelled(nap),
+                        )? {
                             Ok(answer) => answered = convert::objection(&answer),
                             Err(Cancelled) => return Ok(None),
                         }
@@ -367,20 +414,40 @@ impl Shell {
 
     fn inputs(&self, origin: Time) -> Inputs {
         let (keypoints, pose, arm) = (self.keypoints.get(), self.pose.get(), self.arm.get());
-        convert::inputs(
+        let inputs = convert::inputs(
             origin,
             self.node.now(),
             keypoints.as_ref().map(|k| &*k.message),
             pose.as_ref().map(|p| &*p.message),
             arm.as_ref().map(|a| &*a.message),
-        )
+        );
+        Inputs { stranger: lock(&self.writers).stranger(), ..inputs }
+    }
+
+    /// Puts the names of both nodes into the fault of an episode that a stranger ended.
+    fn with_names(&self, error: anyhow::Error) -> anyhow::Error {
+        let Some(Fault::Stranger(stranger)) = error.downcast_ref::<Fault>() else { return error };
+        anyhow!(stranger.text(&self.name_of(stranger.writer), &self.name_of(stranger.bound)))
+    }
+
+    /// Returns the node of a writer in words. A node that was discovered just now tells its name within a second.
+    fn name_of(&self, writer: Writer) -> String {
+        let start = Instant::now();
+        loop {
+            let peer = self.node.peer(writer);
+            if peer.name().is_some() || start.elapsed() > NAME || self.node.shutdown().wait_timeout(POLL) {
+                return peer.to_string();
+            }
+        }
     }
 
     /// Returns the gate's objection to the target with this stamp; `None` if it has none or has not answered yet.
     fn objection(&self, sent: Option<&Stamp>) -> Option<Objection> {
         let answers = std::iter::from_fn(|| self.answers.try_next());
+        let of_the_arm =
+            answers.filter(|answer| lock(&self.writers).hear(Source::AcceptedTarget, answer.publisher).is_ok());
         // Answers to targets of earlier steps, or of other publishers, are not about this step.
-        let own = answers.filter(|answer| Some(&answer.message.header.stamp) == sent);
+        let own = of_the_arm.filter(|answer| Some(&answer.message.header.stamp) == sent);
         own.filter_map(|answer| convert::objection(&answer.message)).last()
     }
 

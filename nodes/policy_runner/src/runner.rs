@@ -6,6 +6,7 @@ mod still;
 use standing_target::StandingTarget;
 pub use still::{StillTurn, StillWait};
 
+use crate::writers::Stranger;
 use catenary_core::policy::Memory;
 use catenary_core::task::{Judge, Moment, Phase, Referee};
 use catenary_core::track::End;
@@ -108,6 +109,9 @@ pub enum Fault {
         /// Reason of the arm.
         why: String,
     },
+    /// Message of a second writer on a topic of the episode.
+    #[error("{0}")]
+    Stranger(Stranger),
     /// Missing fresh data.
     #[error("no fresh {what} within {patience_s} s of step {step}: {detail}")]
     Stale {
@@ -167,6 +171,8 @@ pub struct Inputs {
     pub arm_fault: Option<String>,
     /// Objection to the last target, if one is known.
     pub objection: Option<Objection>,
+    /// Second writer on one of the topics, if one was heard.
+    pub stranger: Option<Stranger>,
 }
 
 /// Step: an observation and, unless the step ends the episode or belongs to its rest, the action that follows the observation.
@@ -315,6 +321,9 @@ impl Runner {
         self.note_target(inputs);
         // The first turn begins the episode: step 0 is due at once.
         let due_s = *self.due_s.get_or_insert(inputs.now_s);
+        if let Some(stranger) = inputs.stranger {
+            return Turn::Fault(Fault::Stranger(stranger));
+        }
         // Checked in every turn, also between two steps: an arm that stopped must not wait for the next step.
         if let Some(fault) = &inputs.arm_fault {
             return Turn::Fault(Fault::Arm(fault.clone()));

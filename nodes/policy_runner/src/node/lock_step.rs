@@ -1,6 +1,7 @@
 //! Lock step: an episode acts on every frame with all data of its time, and simulated time waits for it.
 #![allow(clippy::disallowed_methods, reason = "waits for dead nodes are limited in wall time")]
 
+use crate::writers::Writer;
 use anyhow::{Result, ensure};
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -101,7 +102,7 @@ impl LockStep {
         [pose, arm, Some(self.node.now())].iter().all(|time| time.is_some_and(|time| time >= frame))
     }
 
-    /// Waits for the gate's answer to the target with this stamp.
+    /// Waits for the gate's answer to the target with this stamp. `is_of_the_arm` refuses answers of other writers than the arm's.
     ///
     /// # Errors
     /// No answer within [`DEAD_NODE`].
@@ -109,13 +110,16 @@ impl LockStep {
         &self,
         answers: &Queue<AcceptedTarget>,
         sent: &Stamp,
+        is_of_the_arm: impl Fn(Writer) -> bool,
         cancelled: &impl Fn(Duration) -> bool,
     ) -> Result<Result<AcceptedTarget, Cancelled>> {
         let began = Instant::now();
         loop {
             match answers.next(NAP) {
-                Some(answer) if answer.message.header.stamp == *sent => return Ok(Ok((*answer.message).clone())),
-                // An answer to another publisher, or to a step that was given up.
+                Some(answer) if is_of_the_arm(answer.publisher) && answer.message.header.stamp == *sent => {
+                    return Ok(Ok((*answer.message).clone()));
+                }
+                // An answer of a stranger, to another publisher, or to a step that was given up.
                 Some(_) => {}
                 None if cancelled(Duration::ZERO) => return Ok(Err(Cancelled)),
                 None => ensure!(

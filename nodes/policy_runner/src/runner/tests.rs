@@ -1,6 +1,7 @@
 //! Tests of an episode, one per rule.
 
 use super::*;
+use crate::writers::Source;
 use catenary_core::camera::Plane;
 use catenary_core::mlp::Layer;
 use catenary_core::task::{Task, Workspace};
@@ -61,6 +62,7 @@ fn inputs(now_s: f64, dlo_px: f64, x_m: f64) -> Inputs {
         pose: Some((now_s - 0.005, GripPose { x_m, z_m: 0.4, pitch_rad: 0.0 })),
         arm_fault: None,
         objection: None,
+        stranger: None,
     }
 }
 
@@ -239,6 +241,15 @@ fn an_arm_that_refuses_ends_the_episode() {
     let mut r = runner([0.0, 0.0], Settings::default());
     let refusing = Inputs { arm_fault: Some("reflex".into()), ..inputs(10.0, 20.0, 0.4) };
     assert_eq!(r.turn(&refusing), Turn::Fault(Fault::Arm("reflex".into())));
+}
+
+#[test]
+fn a_second_writer_ends_the_episode_between_two_steps_too() {
+    let mut r = runner([0.0, 0.0], Settings::default());
+    assert!(matches!(r.turn(&inputs(10.0, 20.0, 0.4)), Turn::Step(_)));
+    let stranger = Stranger { source: Source::Pose, writer: [2; 16], bound: [1; 16] };
+    let heard = Inputs { stranger: Some(stranger), ..inputs(10.1, 20.0, 0.4) };
+    assert_eq!(r.turn(&heard), Turn::Fault(Fault::Stranger(stranger)));
 }
 
 #[test]

@@ -179,6 +179,12 @@ impl Peer {
         process_at(&self.addresses)
     }
 
+    /// Returns the identifier of the endpoint by which the node was found, as [`Received::publisher`](crate::Received::publisher).
+    #[must_use]
+    pub fn endpoint(&self) -> [u8; 16] {
+        self.gid
+    }
+
     /// Returns true if both nodes are in one DDS participant, and therefore in one process.
     #[must_use]
     pub fn shares_participant(&self, other: &Self) -> bool {

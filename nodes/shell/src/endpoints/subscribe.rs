@@ -111,21 +111,21 @@ impl Node {
         })
     }
 
-    /// Keeps the newest message of an intake's topic that passes `check`.
+    /// Keeps the newest message of an intake's topic that passes `check`, which also learns its writer.
     ///
     /// # Errors
     /// As [`Node::publisher`].
     pub fn take_latest<M: Msg>(
         &self,
         intake: &Intake,
-        mut check: impl FnMut(&M) -> Result<(), Flaw> + Send + 'static,
+        mut check: impl FnMut(&Received<M>) -> Result<(), Flaw> + Send + 'static,
     ) -> Result<Latest<M>, ShellError> {
         let slot = Arc::new(Signal::new(None));
         let wake: Arc<dyn Wake> = Arc::<Signal<Option<Received<M>>>>::clone(&slot);
         self.shutdown().register(Arc::downgrade(&wake));
         let filled = Arc::clone(&slot);
         let subscription = self.take(intake, move |received: Received<M>| {
-            check(&received.message)?;
+            check(&received)?;
             *filled.lock() = Some(received);
             filled.notify();
             Ok(())
