@@ -5,7 +5,9 @@ use catenary_core::episode::{EpisodeError, is_base_frame};
 use catenary_core::{Episode, EpisodeLog};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
-use catenary_shell::{Act, Flaw, GoalHandle, Intake, Msg, Names, Node, ShellError, Subscription, contract, stamp};
+use catenary_shell::{
+    Act, Flaw, GoalHandle, Intake, Msg, Names, Node, Received, ShellError, Subscription, contract, stamp,
+};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -43,16 +45,19 @@ impl LiveEpisodes {
         let events = intake::<EpisodeEvent>(node, &contract::EPISODE_EVENT, events)?;
         let needed = [keypoints.clone(), poses.clone()];
         let (watching, clock) = (needed.clone(), node.clock().clone());
-        let doubted = poses.clone();
+        let (doubted, asked) = (poses.clone(), node.clone());
+        let mut runner = None;
         let subscriptions = [
             follow::<Keypoints>(node, &log, &keypoints, |_| Ok(()))?,
-            follow::<PoseStamped>(node, &log, &poses, move |pose| {
-                doubt_frame(&doubted, pose);
+            follow::<PoseStamped>(node, &log, &poses, move |received| {
+                doubt_frame(&doubted, &received.message);
                 Ok(())
             })?,
             follow::<EefDelta>(node, &log, &actions, |_| Ok(()))?,
             follow::<Observation>(node, &log, &observations, |_| Ok(()))?,
-            follow::<EpisodeEvent>(node, &log, &events, move |event| {
+            follow::<EpisodeEvent>(node, &log, &events, move |received| {
+                let (event, writer) = (&received.message, received.publisher);
+                check_runner(&asked, &mut runner, writer, event)?;
                 // Events are latched: an old one reports an episode that is over.
                 let age = clock.now().saturating_since(stamp::from_msg(&event.header.stamp));
                 let begins = event.event == EpisodeEvent::STARTED && age < LONGEST;
@@ -124,13 +129,34 @@ fn follow<M: Msg + Feed>(
     node: &Node,
     log: &Arc<Mutex<EpisodeLog>>,
     intake: &Intake,
-    mut check: impl FnMut(&M) -> Result<(), Flaw> + Send + 'static,
+    mut check: impl FnMut(&Received<M>) -> Result<(), Flaw> + Send + 'static,
 ) -> Result<Subscription, ShellError> {
     let log = Arc::clone(log);
     node.take::<M>(intake, move |received| {
-        check(&received.message)?;
+        check(&received)?;
         received.message.feed(&mut lock(&log)).map_err(|error| Flaw::new(error.field, error))
     })
+}
+
+/// Checks that an event comes from the writer that began the running episode, as long as that one is in the graph. `runner` is this writer.
+///
+/// # Errors
+/// [`Flaw`] with both nodes.
+fn check_runner(
+    node: &Node,
+    runner: &mut Option<[u8; 16]>,
+    writer: [u8; 16],
+    event: &EpisodeEvent,
+) -> Result<(), Flaw> {
+    if let Some(bound) = runner.filter(|bound| *bound != writer) {
+        let publishers = node.publishers(contract::EPISODE_EVENT.name).unwrap_or_default();
+        if let Some(other) = publishers.iter().find(|peer| peer.endpoint() == bound) {
+            let from = node.peer(writer);
+            return Err(Flaw::new("stranger", format!("event of {from} within an episode of {other}: not used")));
+        }
+    }
+    *runner = (event.event == EpisodeEvent::STARTED).then_some(writer);
+    Ok(())
 }
 
 /// Reports a pose in a frame other than the arm's base. The log notes it and uses the pose, as for a bag.
