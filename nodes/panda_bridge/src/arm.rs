@@ -1,12 +1,16 @@
 //! Arm behind the safety gate: applies commands, requests and the move to the start pose to a [`Plant`].
 
 use crate::gate::{Command, GateSettings, Mode, Order, Refusal, Rivals, SafetyGate, StepPeriod, Verdict};
+use crate::kinematics::JOINTS;
 use crate::path::StartPath;
 use crate::pose::ArmPose;
+use crate::speed::SpeedLimit;
 use thiserror::Error;
 
 /// Maximum angular speed of a move to the start pose, rad/s. Chosen; a Panda's Cartesian limit is 2.5 rad/s.
 const MAX_TURN_RAD_S: f64 = 0.5;
+/// Maximum speed of a joint on the way to its posture at the start, rad/s. Chosen: a sixth of a Panda's limit.
+const MAX_JOINT_RAD_S: f64 = 0.35;
 /// Largest turn of the hand in a move, rad. Chosen: a quarter turn, with a margin. An orientation that nobody set is the identity, half a
 /// turn from a hand that points down.
 const MAX_MOVE_TURN_RAD: f64 = 1.7;
@@ -31,6 +35,25 @@ pub trait Plant: Send + 'static {
     }
     /// Executes an order. After [`Order::End`] nothing moves the arm until the next order.
     fn obey(&mut self, order: &Order);
+    /// Returns the greatest speed at which the plant follows a target. A move to the start is no faster.
+    fn speed_limit(&self) -> SpeedLimit {
+        SpeedLimit::NONE
+    }
+    /// Returns true once the motion of the last order has really begun.
+    fn has_begun(&self) -> bool {
+        true
+    }
+    /// Returns true if a motion can begin at once.
+    fn can_begin(&self) -> bool {
+        true
+    }
+    /// Returns the measured joint angles and those with which the arm should reach `target`, rad; `None` for a plant whose posture
+    /// cannot be chosen.
+    fn postures(&self, _target: &ArmPose) -> Option<[[f64; JOINTS]; 2]> {
+        None
+    }
+    /// Makes these joint angles the arm's posture. The hand keeps its target.
+    fn set_posture(&mut self, _joints_rad: [f64; JOINTS]) {}
 }
 
 /// Settings of an arm.
@@ -107,6 +130,8 @@ pub enum Progress {
 struct RunningMove {
     path: StartPath,
     target: ArmPose,
+    /// Joint angles at the begin and at the end of the path, rad, if the posture can be chosen.
+    postures: Option<[[f64; JOINTS]; 2]>,
     /// Path time reached, s.
     reached_s: f64,
     /// Plant time of the last call of [`Arm::steer`], s.
@@ -194,6 +219,11 @@ impl<P: Plant> Arm<P> {
             if next.distance_m(&measured) <= limits.max_jump_m && next.angle_rad(&measured) <= limits.max_turn_rad {
                 running.reached_s += step_s;
                 running.progressed_s = now_s;
+                if let Some([from, to]) = running.postures {
+                    // The elbow goes on along with the hand, so that the arm ends in the same joint angles each time.
+                    let share = running.path.share(running.reached_s);
+                    self.plant.set_posture(std::array::from_fn(|i| from[i] + share * (to[i] - from[i])));
+                }
                 self.plant.obey(&Order::Target(next));
                 return;
             }
@@ -331,9 +361,24 @@ impl<P: Plant> Arm<P> {
         }
         self.gate.on_move_begins(&around.rivals, simulated_time)?;
         let now_s = self.plant.time_s();
-        let path = StartPath::new(from, target, speed_m_s, MAX_TURN_RAD_S);
-        self.running_move =
-            Some(RunningMove { path, target, reached_s: 0.0, steered_s: now_s, progressed_s: now_s, settle_s });
+        // A path that is faster than the plant's own limit would only leave the hand behind.
+        let limit = self.plant.speed_limit();
+        let mut path =
+            StartPath::new(from, target, speed_m_s.min(limit.linear_m_s), MAX_TURN_RAD_S.min(limit.angular_rad_s));
+        let postures = self.plant.postures(&target);
+        if let Some([from, to]) = postures {
+            let farthest_rad = from.iter().zip(to).map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+            path = path.lasting_for(farthest_rad, MAX_JOINT_RAD_S);
+        }
+        self.running_move = Some(RunningMove {
+            path,
+            target,
+            postures,
+            reached_s: 0.0,
+            steered_s: now_s,
+            progressed_s: now_s,
+            settle_s,
+        });
         Ok(())
     }
 

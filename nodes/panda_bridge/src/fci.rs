@@ -29,7 +29,7 @@ pub use shared::{End, Measured, Phase};
 
 use crate::compliance::Compliance;
 use crate::kinematics;
-use crate::law::JointLimits;
+use crate::law::{JointLimits, Joints};
 use franka::{RobotMode, RobotState};
 use nalgebra::Isometry3;
 use shared::Shared;
@@ -106,13 +106,17 @@ impl FciLink {
             RobotMode::AutomaticErrorRecovery => "the robot is recovering: try again in a second",
             // The gate latches them and says what to do.
             RobotMode::UserStopped | RobotMode::Reflex => return None,
-            _ if !self.shared.configured.load(Ordering::Relaxed) || !has_tool(state) => {
+            _ if !self.is_configured(state) => {
                 "the robot has not taken its end effector and its collision thresholds yet: try again in a second"
             }
             RobotMode::Idle => return self.pressed(state),
             _ => return None,
         };
         Some(why.to_owned())
+    }
+
+    fn is_configured(&self, state: &RobotState) -> bool {
+        self.shared.configured.load(Ordering::Relaxed) && has_tool(state)
     }
 
     fn pressed(&self, state: &RobotState) -> Option<String> {
@@ -149,6 +153,17 @@ impl FciLink {
         self.shared.orders().target = Some(pose);
     }
 
+    /// Makes these joint angles (rad) the posture of this and of later motions. The hand keeps its target.
+    pub fn set_posture(&self, joints_rad: Joints) {
+        self.shared.orders().posture = Some(joints_rad);
+    }
+
+    /// Returns true if every joint is farther from its limits than the barriers' margin.
+    #[must_use]
+    pub fn is_clear_of_limits(&self, joints_rad: &Joints) -> bool {
+        self.limits.pressed(joints_rad).is_none()
+    }
+
     /// Brakes the arm where it is, and holds it there.
     pub fn hold(&self) {
         let mut orders = self.shared.orders();
@@ -161,7 +176,7 @@ impl FciLink {
         self.shared.orders().compliance = compliance;
     }
 
-    /// Asks the robot to recover from its errors, and waits until it is idle.
+    /// Asks the robot to recover from its errors, and waits until it is idle and has its settings, so that a motion can begin.
     ///
     /// # Errors
     /// The robot's refusal, a missing connection, or no answer in time.
@@ -170,13 +185,17 @@ impl FciLink {
         // The answer overtakes the states: an older one would latch the reflex again.
         let start = Instant::now();
         while start.elapsed() < ANSWER {
-            match self.measured().map(|m| m.state.robot_mode) {
-                None => return Err("the connection was lost".to_owned()),
-                Some(RobotMode::Idle) => return Ok(()),
-                Some(_) => std::thread::sleep(Duration::from_millis(2)),
+            let Some(Measured { state, .. }) = self.measured() else {
+                return Err("the connection was lost".to_owned());
+            };
+            // A robot that was stopped when the connection was made gets its settings only now.
+            if state.robot_mode == RobotMode::Idle && self.is_configured(&state) {
+                return Ok(());
             }
+            std::thread::sleep(Duration::from_millis(2));
         }
-        Err("the robot has answered and is not idle: look at Desk".to_owned())
+        let why = self.unready().unwrap_or_else(|| "it is not idle: look at Desk".to_owned());
+        Err(format!("the robot has answered, and cannot move yet: {why}"))
     }
 }
 

@@ -8,14 +8,20 @@
 //!
 //! The error e is clipped per axis, so that the steady force is at most stiffness times clip. The target and the gains are low-passed
 //! after each cycle: a step of the target reaches the law within some 0.2 s.
+//!
+//! It differs from SERL's in three points. The target follows no faster than a speed limit, and a force that drives the hand beyond that
+//! limit fades out. The posture q0 is kept from motion to motion, and its spring is stiff enough for stiction: SERL takes the measured
+//! joints anew, so that the elbow creeps with every loop of the hand. The pseudo-inverse is damped a tenth as much, so that this spring
+//! does not pull at the hand.
 
 mod barriers;
 
 pub use barriers::{Barriers, JointLimits};
 
-use crate::compliance::Compliance;
+use crate::compliance::{Compliance, ROTATION_CLIP};
 use crate::kinematics::JOINTS;
-use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3, Vector6};
+use crate::speed::SpeedLimit;
+use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Vector3, Vector6};
 
 /// Vector of joint values.
 pub type Joints = SVector<f64, JOINTS>;
@@ -24,12 +30,21 @@ pub type Jacobian = SMatrix<f64, 6, JOINTS>;
 
 /// Share of a new target and of new gains that a cycle of 1 ms takes over (SERL's `filter_params`).
 const FILTER: f64 = 0.005;
-/// Damping of the pseudo-inverse (SERL).
-const PSEUDO_INVERSE_DAMPING: f64 = 0.2;
+/// Period of a cycle, s.
+const CYCLE_S: f64 = 1e-3;
+/// Damping of the pseudo-inverse. Chosen: SERL's 0.2 lets 30 % of the posture's torque through to the hand where the smallest singular value
+/// is 0.3, this lets 0.4 %.
+const PSEUDO_INVERSE_DAMPING: f64 = 0.02;
+/// Speed at which the posture in force approaches the wanted one, rad/s. Chosen, above that of a move to the start.
+const POSTURE_RAD_S: f64 = 0.5;
+/// Greatest torque of the posture's spring (norm over the joints), N m. Chosen: an elbow that is pushed or far from its posture is pulled
+/// with less than the lowest default threshold of a joint.
+const MAX_POSTURE_N_M: f64 = 6.0;
+/// Distance in the null space up to which a motion keeps the posture of the last one, rad. Chosen: stiction leaves less than 0.05 rad, and
+/// an arm that was guided by hand since must not swing its elbow back.
+const MAX_KEPT_RAD: f64 = 0.25;
 /// Limits of the summed error: translation in m, rotation as the sine of half the angle (SERL).
 const MAX_SUM: [f64; 2] = [0.1, 0.3];
-/// Limit of the rotation error: the sine of half the angle, so that 0.05 is 0.1 rad (SERL).
-const ROTATION_CLIP: f64 = 0.05;
 
 /// Measured state that the law needs.
 #[derive(Debug, Clone)]
@@ -51,16 +66,19 @@ pub struct ArmMotion {
 pub struct LawSettings {
     /// Integral gain, N/m and N m per cycle; 0 leaves the standing error of friction.
     pub integral: f64,
-    /// Stiffness of the null space, N m/rad. A larger one keeps the elbow nearer to its rest posture.
+    /// Stiffness of the null space, N m/rad. A larger one keeps the elbow nearer to its posture, against more stiction.
     pub nullspace_stiffness: f64,
     /// Factor of the null-space stiffness of joint 1.
     pub joint1_factor: f64,
+    /// Greatest speed of the hand on the way to a target.
+    pub speed: SpeedLimit,
 }
 
 impl Default for LawSettings {
     fn default() -> Self {
-        // The defaults of SERL's controller.
-        Self { integral: 0.0, nullspace_stiffness: 0.2, joint1_factor: 100.0 }
+        // Integral gain of SERL's controller. SERL's null space has 0.2 N m/rad, and 100 times that for joint 1. Stiction of 0.2 N m a joint
+        // holds about 0.4 N m along the null space, so that 20 N m/rad keep the elbow to some 0.02 rad.
+        Self { integral: 0.0, nullspace_stiffness: 20.0, joint1_factor: 1.0, speed: SpeedLimit::default() }
     }
 }
 
@@ -68,8 +86,10 @@ impl Default for LawSettings {
 #[derive(Debug, Clone)]
 pub struct ImpedanceLaw {
     settings: LawSettings,
-    /// Posture that the null space pulls to, rad.
+    /// Posture that the null space pulls to now, rad.
     rest_rad: Joints,
+    /// Posture that it approaches, rad.
+    posture_rad: Joints,
     goal: Isometry3<f64>,
     target: Isometry3<f64>,
     wanted: Compliance,
@@ -84,6 +104,7 @@ impl ImpedanceLaw {
         Self {
             settings,
             rest_rad: motion.q,
+            posture_rad: motion.q,
             goal: motion.pose,
             target: motion.pose,
             wanted: compliance,
@@ -104,6 +125,11 @@ impl ImpedanceLaw {
     pub fn hold(&mut self, pose: Isometry3<f64>) {
         (self.goal, self.target) = (pose, pose);
         self.sum = Vector6::zeros();
+    }
+
+    /// Makes these joint angles the posture. The law approaches them by 0.5 rad/s, so that an elbow far from its posture is not jerked.
+    pub fn set_posture(&mut self, joints_rad: Joints) {
+        self.posture_rad = joints_rad;
     }
 
     /// Makes these the gains.
@@ -133,25 +159,22 @@ impl ImpedanceLaw {
         let (k, d) = (Vector6::from(self.gains.stiffness), Vector6::from(self.gains.damping));
         let twist = motion.jacobian * motion.dq;
         let force = -k.component_mul(&error) - d.component_mul(&twist) - self.sum * self.settings.integral;
+        let force = self.settings.speed.brake(&force, &twist);
         let torques = motion.jacobian.transpose() * force + self.nullspace(motion) + motion.coriolis;
         self.advance_filters();
         torques
     }
 
-    /// Torques that pull to the rest posture and move the end effector little.
+    /// Torques that pull to the posture in force and do not move the end effector.
     fn nullspace(&self, motion: &ArmMotion) -> Joints {
         let kn = self.settings.nullspace_stiffness;
         let mut error = self.rest_rad - motion.q;
         let mut velocity = motion.dq;
         error[0] *= self.settings.joint1_factor;
         velocity[0] *= 2.0 * self.settings.joint1_factor.sqrt();
-        let posture = error * kn - velocity * (2.0 * kn.sqrt());
-        // pinv(J^T) = (J J^T + d^2 I)^-1 J, the damped pseudo-inverse that SERL takes from the singular values s / (s^2 + d^2).
-        let square = motion.jacobian * motion.jacobian.transpose()
-            + Matrix6::identity() * (PSEUDO_INVERSE_DAMPING * PSEUDO_INVERSE_DAMPING);
-        // The damping makes the square positive definite, so the decomposition fails for NaN alone.
-        let Some(square) = square.cholesky() else { return Joints::zeros() };
-        posture - motion.jacobian.transpose() * square.solve(&(motion.jacobian * posture))
+        // The whole torque is made smaller, and not that of one joint: the rest of it would move the hand.
+        let spring = in_nullspace(&motion.jacobian, &(error * kn)).cap_magnitude(MAX_POSTURE_N_M);
+        spring - in_nullspace(&motion.jacobian, &(velocity * (2.0 * kn.sqrt())))
     }
 
     fn advance_filters(&mut self) {
@@ -161,12 +184,27 @@ impl ImpedanceLaw {
             self.gains.damping[i] = blend(self.gains.damping[i], self.wanted.damping[i]);
         }
         self.gains.error_clip_m = blend(self.gains.error_clip_m, self.wanted.error_clip_m);
-        let translation = self.target.translation.vector.lerp(&self.goal.translation.vector, FILTER);
-        // A slerp of orientations half a turn apart has no shortest way: the orientation then stays.
-        let rotation: UnitQuaternion<f64> =
-            self.target.rotation.try_slerp(&self.goal.rotation, FILTER, 1e-9).unwrap_or(self.target.rotation);
-        self.target = Isometry3::from_parts(Translation3::from(translation), rotation);
+        self.target = self.settings.speed.advance(&self.target, &self.goal, FILTER, CYCLE_S);
+        self.rest_rad += (self.posture_rad - self.rest_rad).cap_magnitude(POSTURE_RAD_S * CYCLE_S);
     }
+}
+
+/// Returns the posture of a motion that begins: that of the last motion, or the measured joints of an arm that has none or whose elbow was
+/// moved since.
+#[must_use]
+pub fn posture_at_begin(kept: Option<Joints>, motion: &ArmMotion) -> Joints {
+    let is_near = |kept: &Joints| in_nullspace(&motion.jacobian, &(kept - motion.q)).norm() <= MAX_KEPT_RAD;
+    kept.filter(is_near).unwrap_or(motion.q)
+}
+
+/// Part of joint torques or joint angles that does not act on the end effector.
+fn in_nullspace(jacobian: &Jacobian, joints: &Joints) -> Joints {
+    // pinv(J^T) = (J J^T + d^2 I)^-1 J, the damped pseudo-inverse with the singular values s / (s^2 + d^2).
+    let square =
+        jacobian * jacobian.transpose() + Matrix6::identity() * (PSEUDO_INVERSE_DAMPING * PSEUDO_INVERSE_DAMPING);
+    // The damping makes the square positive definite, so the decomposition fails for NaN alone.
+    let Some(square) = square.cholesky() else { return Joints::zeros() };
+    joints - jacobian.transpose() * square.solve(&(jacobian * joints))
 }
 
 #[cfg(test)]

@@ -13,9 +13,11 @@ pub mod law;
 pub mod node;
 pub mod path;
 pub mod pose;
+pub mod speed;
 
 pub use arm::{Arm, ArmError, ArmSettings, Plant, Progress, Surroundings};
 pub use compliance::Compliance;
 pub use gate::{Clip, Command, GateSettings, Mode, Order, Refusal, Rejection, Rivals, SafetyGate, StepPeriod, Verdict};
 pub use path::StartPath;
 pub use pose::ArmPose;
+pub use speed::SpeedLimit;

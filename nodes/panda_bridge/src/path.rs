@@ -27,11 +27,22 @@ impl StartPath {
         self.duration_s
     }
 
-    /// Returns the pose after `elapsed_s`; before the start and after the end, the pose of that end.
-    pub fn at(&self, elapsed_s: f64) -> ArmPose {
+    /// Makes the path last long enough for a distance of its own, at no more than this speed; both in one unit, e.g. rad and rad/s.
+    #[must_use]
+    pub fn lasting_for(self, distance: f64, max_speed: f64) -> Self {
+        Self { duration_s: self.duration_s.max(PEAK_OVER_MEAN * distance / max_speed), ..self }
+    }
+
+    /// Returns the share of the way after `elapsed_s`, 0 to 1.
+    pub fn share(&self, elapsed_s: f64) -> f64 {
         let s = (elapsed_s / self.duration_s).clamp(0.0, 1.0);
         // Minimum-jerk polynomial 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
-        let share = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+        s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+    }
+
+    /// Returns the pose after `elapsed_s`; before the start and after the end, the pose of that end.
+    pub fn at(&self, elapsed_s: f64) -> ArmPose {
+        let share = self.share(elapsed_s);
         let position = std::array::from_fn(|i| {
             self.from.position_m[i] + share * (self.to.position_m[i] - self.from.position_m[i])
         });

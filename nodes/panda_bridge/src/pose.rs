@@ -1,6 +1,6 @@
 //! Poses of the end effector.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Tolerated deviation of a quaternion's norm from 1: single precision and rounding to a few digits pass.
 const NORM_TOLERANCE: f64 = 1e-2;
@@ -40,6 +40,11 @@ impl ArmPose {
     pub fn rotation(&self) -> UnitQuaternion<f64> {
         let [x, y, z, w] = self.quaternion_xyzw;
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+    }
+
+    /// Returns the pose as a transform.
+    pub fn isometry(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::from(self.position_m), self.rotation())
     }
 
     /// Creates a pose from position (m) and orientation.

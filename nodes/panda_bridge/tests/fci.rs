@@ -257,3 +257,19 @@ fn a_joint_near_its_limit_is_named_before_a_motion() {
     let link = start(settings(address)).unwrap();
     wait_for(&link, "the joint", |link| link.unready().unwrap_or_default().contains("joint 4 is 0.0"));
 }
+
+#[test]
+fn a_robot_that_was_stopped_at_the_connection_can_move_when_its_recovery_has_answered() {
+    for _ in 0..3 {
+        let address = address();
+        let server = serve(address, Settings::default());
+        server.handle().set_user_stop(true);
+        let link = start(settings(address)).unwrap();
+        let mode = |link: &FciLink| link.measured().map(|m| format!("{:?}", m.state.robot_mode)).unwrap_or_default();
+        wait_for(&link, "the user stop", |link| mode(link) == "UserStopped");
+        server.handle().set_user_stop(false);
+        wait_for(&link, "the release", |link| mode(link) != "UserStopped");
+        link.recover().unwrap();
+        assert_eq!((mode(&link).as_str(), link.unready()), ("Idle", None));
+    }
+}

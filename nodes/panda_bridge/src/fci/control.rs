@@ -1,6 +1,6 @@
 //! Control thread: connects, reads states, and drives the arm by torques while a motion runs.
 
-use super::cycle::{Cycle, Step};
+use super::cycle::{self, Cycle, Step};
 use super::explain::explain;
 use super::hangup::HangUp;
 use super::plausible::StateCheck;
@@ -114,10 +114,16 @@ fn serve(shared: &Shared, settings: &FciSettings, robot: &Robot) -> FrankaResult
         let state = robot.read_once()?;
         check.check(&state, Instant::now())?;
         shared.record(&state, Phase::Monitoring);
-        let orders = *shared.orders();
+        if matches!(state.robot_mode, RobotMode::Guiding | RobotMode::Other) {
+            // Whoever guides the arm, or moves it by Desk, chooses its posture.
+            shared.orders().posture = None;
+        }
+        let mut orders = *shared.orders();
         if state.robot_mode != RobotMode::Idle || !may_begin(shared, &orders) {
             continue;
         }
+        orders.posture = Some(cycle::posture_at_begin(orders.posture, &model, &state));
+        shared.orders().posture.clone_from(&orders.posture);
         match follow(shared, robot, &mut check, Cycle::new(settings, &model, &orders), orders) {
             Ok(()) => {}
             Err(error @ FrankaError::Network(_)) => return Err(error),

@@ -2,7 +2,7 @@
 
 use super::settings::FciSettings;
 use super::shared::Orders;
-use crate::law::{ArmMotion, Barriers, ImpedanceLaw, Jacobian, Joints};
+use crate::law::{self, ArmMotion, Barriers, ImpedanceLaw, Jacobian, Joints};
 use franka::{Frame, Model, RobotState};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use std::time::Duration;
@@ -47,9 +47,12 @@ impl<'a> Cycle<'a> {
 
     /// Returns the torques that answer a state. `wanted`: the motion goes on; otherwise it comes to rest and ends.
     pub fn step(&mut self, state: &RobotState, orders: &Orders, wanted: bool) -> Step {
-        let motion = self.motion(state);
+        let motion = motion(self.model, state);
         let law = self.law.get_or_insert_with(|| ImpedanceLaw::new(self.settings.law, orders.compliance, &motion));
         law.set_compliance(orders.compliance);
+        if let Some(posture) = orders.posture {
+            law.set_posture(posture);
+        }
         match (wanted, self.stopping, orders.target) {
             // The filtered target may lead the arm: a hold brakes where the arm is.
             (true, ..) if orders.holds != self.holds => law.hold(motion.pose),
@@ -68,15 +71,20 @@ impl<'a> Cycle<'a> {
         let ends = self.stopping > 0 && (self.resting >= REST_CYCLES || self.stopping >= MOST_CYCLES);
         if ends { Step::Finish(shaped) } else { Step::Go(shaped) }
     }
+}
 
-    fn motion(&self, state: &RobotState) -> ArmMotion {
-        ArmMotion {
-            q: state.q.into(),
-            dq: state.dq.into(),
-            pose: isometry(&state.O_T_EE),
-            jacobian: Jacobian::from_column_slice(&self.model.zero_jacobian(Frame::EndEffector, state)),
-            coriolis: self.model.coriolis(state).into(),
-        }
+/// Returns the posture of a motion that begins at this state; `kept` is that of the last motion.
+pub fn posture_at_begin(kept: Option<Joints>, model: &Model, state: &RobotState) -> Joints {
+    law::posture_at_begin(kept, &motion(model, state))
+}
+
+fn motion(model: &Model, state: &RobotState) -> ArmMotion {
+    ArmMotion {
+        q: state.q.into(),
+        dq: state.dq.into(),
+        pose: isometry(&state.O_T_EE),
+        jacobian: Jacobian::from_column_slice(&model.zero_jacobian(Frame::EndEffector, state)),
+        coriolis: model.coriolis(state).into(),
     }
 }
 

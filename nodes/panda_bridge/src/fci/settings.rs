@@ -1,6 +1,7 @@
 //! Settings of the direct transport.
 
 use crate::compliance::Compliance;
+use crate::kinematics::{JOINTS, READY_RAD};
 use crate::law::{JointLimits, LawSettings};
 
 /// Real-time priority of the control thread unless another one is set: above the kernel's threads for interrupts, which have 50, and
@@ -73,6 +74,8 @@ pub struct FciSettings {
     pub cutoff_hz: f64,
     /// Gains beside the compliance.
     pub law: LawSettings,
+    /// Posture that a move to the start brings the arm near to, rad.
+    pub rest_joints_rad: [f64; JOINTS],
     /// Compliance at the start.
     pub compliance: Compliance,
     /// Collision thresholds.
@@ -92,6 +95,7 @@ impl FciSettings {
             cpu: None,
             cutoff_hz: 100.0,
             law: LawSettings::default(),
+            rest_joints_rad: READY_RAD,
             compliance: Compliance::default(),
             collision: Collision::default(),
             load: Load::default(),

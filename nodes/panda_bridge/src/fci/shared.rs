@@ -3,6 +3,7 @@
 use super::figures::LoopFigures;
 use super::hangup::HangUp;
 use crate::compliance::Compliance;
+use crate::law::Joints;
 use franka::{Robot, RobotState};
 use nalgebra::Isometry3;
 use std::net::SocketAddr;
@@ -39,6 +40,8 @@ pub struct Orders {
     pub follow: bool,
     /// Target of the end effector; `None` holds the pose at the start of the motion.
     pub target: Option<Isometry3<f64>>,
+    /// Posture of the arm, kept from motion to motion, rad; `None` before the first motion.
+    pub posture: Option<Joints>,
     /// Number of holds so far. A new one makes the arm brake where it is.
     pub holds: u64,
     /// Stiffness, damping and error clip.
@@ -84,7 +87,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Shared {
     /// Creates the data of a link without a connection.
     pub fn new(compliance: Compliance) -> Self {
-        let orders = Orders { follow: false, target: None, holds: 0, compliance, refreshed: Instant::now() };
+        let orders =
+            Orders { follow: false, target: None, posture: None, holds: 0, compliance, refreshed: Instant::now() };
         Self {
             orders: Mutex::new(orders),
             measured: Mutex::new(None),

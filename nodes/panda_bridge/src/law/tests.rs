@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::kinematics::{READY_RAD, forward, jacobian};
+use nalgebra::{Translation3, UnitQuaternion};
 
 fn motion(q: [f64; JOINTS], dq: [f64; JOINTS]) -> ArmMotion {
     let pose = forward(&q);
@@ -134,4 +135,63 @@ fn gains_change_by_the_low_pass() {
     law.torques(&m);
     let got = force(&law.torques(&m), &m.jacobian)[0];
     assert!((got - 0.004 * (2000.0 - 0.005 * 1500.0)).abs() < 1e-9, "{got}");
+}
+
+#[test]
+fn a_far_target_is_followed_no_faster_than_the_limit() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let speed = SpeedLimit { linear_m_s: 0.1, angular_rad_s: 0.2 };
+    let settings = LawSettings { speed, ..LawSettings::default() };
+    let mut law = ImpedanceLaw::new(settings, Compliance { error_clip_m: 0.1, ..Compliance::default() }, &m);
+    let mut far = shifted(&m, 0.3);
+    far.rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.4) * far.rotation;
+    law.set_target(far);
+    let (mut before, mut fastest) = (m.pose, [0.0_f64; 2]);
+    for _ in 0..1000 {
+        law.torques(&m);
+        let way = (law.target.translation.vector - before.translation.vector).norm();
+        fastest =
+            [fastest[0].max(way / CYCLE_S), fastest[1].max(law.target.rotation.angle_to(&before.rotation) / CYCLE_S)];
+        before = law.target;
+    }
+    // The low-pass alone begins with 0.005 of 0.3 m in a millisecond: 1.5 m/s.
+    assert!((fastest[0] - 0.1).abs() < 1e-9 && (fastest[1] - 0.2).abs() < 1e-6, "{fastest:?}");
+    assert!((before.translation.x - m.pose.translation.x - 0.1).abs() < 1e-3, "0.1 m in a second: {before}");
+}
+
+#[test]
+fn the_posture_is_approached_slowly_and_its_spring_has_a_limit() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    let mut law = ImpedanceLaw::new(LawSettings::default(), Compliance::default(), &m);
+    // A direction in the null space of the ready pose.
+    let mut way = Joints::zeros();
+    (way[0], way[2]) = (1.0, -1.0);
+    let way = in_nullspace(&m.jacobian, &way).normalize();
+    law.set_posture(m.q + way * 1.5);
+    assert!(law.torques(&m).amax() < 1e-9, "a posture far away does not jerk the elbow");
+    let mut torques = law.torques(&m);
+    // 20 N m/rad times 0.5 rad/s times 1 ms.
+    assert!((torques.norm() - 0.01).abs() < 1e-3, "{torques}");
+    for _ in 0..5000 {
+        let next = law.torques(&m);
+        assert!((next - torques).amax() < 0.02, "{next}");
+        torques = next;
+    }
+    assert!((torques.norm() - MAX_POSTURE_N_M).abs() < 1e-6, "{torques}");
+    assert!(force(&torques, &m.jacobian).amax() < 0.3, "the hand feels nothing of it: {torques}");
+}
+
+#[test]
+fn a_motion_keeps_the_posture_of_the_last_one_unless_the_elbow_was_moved_since() {
+    let m = motion(READY_RAD, [0.0; JOINTS]);
+    assert_eq!(posture_at_begin(None, &m), m.q);
+    let mut way = Joints::zeros();
+    (way[0], way[2]) = (1.0, -1.0);
+    let way = in_nullspace(&m.jacobian, &way).normalize();
+    let near = m.q + way * 0.1;
+    assert_eq!(posture_at_begin(Some(near), &m), near);
+    assert_eq!(posture_at_begin(Some(m.q + way * 0.5), &m), m.q);
+    // Joints of the hand elsewhere differ as well, and are no other posture.
+    let hand = m.jacobian.transpose() * Vector6::new(0.0, 0.0, 0.4, 0.0, 0.0, 0.0);
+    assert_eq!(posture_at_begin(Some(m.q + hand), &m), m.q + hand);
 }

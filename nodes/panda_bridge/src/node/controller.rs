@@ -6,6 +6,7 @@ use crate::arm::Plant;
 use crate::convert;
 use crate::gate::Order;
 use crate::pose::ArmPose;
+use crate::speed::SpeedLimit;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_shell::{GraphSnapshot, Node, Publisher, Time, list_peers};
 use std::time::Instant;
@@ -22,14 +23,29 @@ pub struct Controller {
     measured: Option<ArmPose>,
     /// Arrival of the newest measured pose.
     measured_at: Instant,
+    /// Target of the arm; the controller gets it by and by.
+    goal: Option<ArmPose>,
+    /// Target that the controller has: it moves to the goal no faster than the limit.
     target: Option<ArmPose>,
+    speed: SpeedLimit,
+    /// Time of the last step of the target.
+    stepped: Instant,
     /// True if the target was sent since the last call of [`Controller::repeat`].
     fresh: bool,
 }
 
+/// Longest time that a step of the target makes good, s: three periods of the relay. A stalled relay does not jump.
+const LONGEST_STEP_S: f64 = 0.06;
+
 impl Controller {
     /// Creates a controller without a measured pose. It receives `targets` in the frame that `names` gives.
-    pub fn new(node: &Node, origin: Time, targets: Publisher<PoseStamped>, names: &ControllerNames) -> Self {
+    pub fn new(
+        node: &Node,
+        origin: Time,
+        targets: Publisher<PoseStamped>,
+        names: &ControllerNames,
+        speed: SpeedLimit,
+    ) -> Self {
         Self {
             node: node.clone(),
             origin,
@@ -38,7 +54,10 @@ impl Controller {
             frame_id: names.frame_id.clone(),
             targets,
             measured: None,
+            goal: None,
             target: None,
+            speed,
+            stepped: Instant::now(),
             fresh: false,
         }
     }
@@ -52,16 +71,26 @@ impl Controller {
     /// Forgets pose and target of a silent controller.
     pub fn lose(&mut self) {
         self.measured = None;
-        self.target = None;
+        (self.goal, self.target) = (None, None);
     }
 
-    /// Sends the target in force again, unless it was sent since the last call.
+    /// Sends the target in force again, nearer to the goal, unless it was sent since the last call.
     pub fn repeat(&mut self) {
-        if let Some(target) = self.target
-            && !std::mem::take(&mut self.fresh)
-        {
-            self.send(&target);
+        if !std::mem::take(&mut self.fresh) {
+            self.step();
         }
+    }
+
+    /// Moves the target toward the goal, and sends it.
+    fn step(&mut self) {
+        let Some(goal) = self.goal else { return };
+        let period_s = self.stepped.elapsed().as_secs_f64().min(LONGEST_STEP_S);
+        self.stepped = Instant::now();
+        // The first target of a motion leads on from the arm, wherever the last motion ended.
+        let from = self.target.or(self.measured).unwrap_or(goal);
+        let next = self.speed.toward(&from, &goal, period_s);
+        self.target = Some(next);
+        self.send(&next);
     }
 
     fn send(&self, target: &ArmPose) {
@@ -87,14 +116,25 @@ impl Plant for Controller {
         self.measured_at.elapsed().as_secs_f64()
     }
 
+    fn speed_limit(&self) -> SpeedLimit {
+        self.speed
+    }
+
     fn obey(&mut self, order: &Order) {
         match order {
-            Order::Target(pose) | Order::Hold(pose) => {
+            Order::Target(pose) => {
+                self.goal = Some(*pose);
+                self.step();
+                self.fresh = true;
+            }
+            Order::Hold(pose) => {
+                (self.goal, self.target) = (Some(*pose), Some(*pose));
+                self.stepped = Instant::now();
                 self.send(pose);
-                self.target = Some(*pose);
                 self.fresh = true;
             }
             Order::End => {
+                self.goal = None;
                 // A controller keeps its last target. Without this message the arm would continue to it.
                 if let (Some(measured), Some(_)) = (self.measured, self.target.take()) {
                     self.send(&measured);

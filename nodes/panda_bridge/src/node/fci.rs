@@ -5,11 +5,12 @@ use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::settings::Settings;
 use super::topics::{ArmTopics, Measurement};
 use crate::arm::{Arm, Plant};
-use crate::fci::{End, FciLink, FciSettings, Measured, tool_pose};
+use crate::fci::{End, FciLink, FciSettings, Measured, Phase, tool_pose};
 use crate::gate::{Mode, Order};
-use crate::kinematics;
+use crate::kinematics::{self, JOINTS};
 use crate::law::Joints;
 use crate::pose::ArmPose;
+use crate::speed::SpeedLimit;
 use anyhow::{Context, Result};
 use catenary_shell::{Clock, Health, Node, Report, Time};
 use franka::RobotMode;
@@ -32,6 +33,11 @@ struct Panda {
     origin: Time,
     started: Instant,
     measured: Option<(ArmPose, Instant)>,
+    /// Posture that a move to the start brings the arm near to, rad.
+    rest_joints_rad: [f64; JOINTS],
+    speed: SpeedLimit,
+    /// Time of the first order of the motion; `None` without a motion.
+    ordered: Option<Instant>,
 }
 
 impl Plant for Panda {
@@ -51,7 +57,35 @@ impl Plant for Panda {
         self.measured.map_or(f64::INFINITY, |(_, at)| at.elapsed().as_secs_f64())
     }
 
+    fn speed_limit(&self) -> SpeedLimit {
+        self.speed
+    }
+
+    fn has_begun(&self) -> bool {
+        let newest = self.link.measured();
+        newest.is_some_and(|m| m.phase == Phase::Following && self.ordered.is_some_and(|ordered| m.at > ordered))
+    }
+
+    fn can_begin(&self) -> bool {
+        let is_idle = self.link.measured().is_some_and(|m| m.state.robot_mode == RobotMode::Idle);
+        is_idle && self.link.unready().is_none()
+    }
+
+    fn postures(&self, target: &ArmPose) -> Option<[[f64; JOINTS]; 2]> {
+        let measured = self.link.measured()?.state.q;
+        let to = kinematics::inverse(target, &self.rest_joints_rad)?;
+        self.link.is_clear_of_limits(&to.into()).then_some([measured, to])
+    }
+
+    fn set_posture(&mut self, joints_rad: [f64; JOINTS]) {
+        self.link.set_posture(joints_rad.into());
+    }
+
     fn obey(&mut self, order: &Order) {
+        match order {
+            Order::End => self.ordered = None,
+            Order::Target(_) | Order::Hold(_) => self.ordered = self.ordered.or(Some(Instant::now())),
+        }
         match order {
             Order::Target(pose) => {
                 self.link.set_target(Isometry3::from_parts(Translation3::from(pose.position_m), pose.rotation()));
@@ -65,10 +99,27 @@ impl Plant for Panda {
 /// Runs the node until shutdown. The arm then comes to rest.
 pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveParameters) -> Result<()> {
     meet_others(node);
+    let (compliance, collision) = (transport.compliance, transport.collision);
+    let (rest_joints_rad, speed) = (transport.rest_joints_rad, transport.law.speed);
+    tracing::info!(
+        "targets are followed at up to {} m/s and {} rad/s; steady force up to {:.0} N",
+        speed.linear_m_s,
+        speed.angular_rad_s,
+        compliance.stiffness[..3].iter().fold(0.0, |most: f64, k| most.max(*k)) * compliance.error_clip_m
+    );
     let link =
         Arc::new(FciLink::start(transport, || catenary_shell::exit(1)).context("the threads of the connection")?);
     let origin = node.now();
-    let panda = Panda { link: Arc::clone(&link), node: node.clone(), origin, started: Instant::now(), measured: None };
+    let panda = Panda {
+        link: Arc::clone(&link),
+        node: node.clone(),
+        origin,
+        started: Instant::now(),
+        measured: None,
+        rest_joints_rad,
+        speed,
+        ordered: None,
+    };
     let mut arm = Arm::new(panda, settings.arm);
     arm.connection(false);
     let asked = Arc::clone(&link);
@@ -77,6 +128,7 @@ pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveP
     let gate = Arc::clone(&front);
     let _served = front.serve(
         move |compliance| {
+            compliance.check_thresholds(&collision.wrench, &collision.torque_n_m).map_err(|e| e.to_string())?;
             set.set_compliance(*compliance);
             Ok(String::new())
         },
@@ -140,13 +192,14 @@ fn publish(node: &Node, front: &Front<Panda>, link: &FciLink) -> Result<()> {
         if tick.index.is_multiple_of(recheck) {
             front.recheck();
         }
-        let measured = link.measured();
-        let time = measured.map_or(node.now(), |m| node.now() - m.at.elapsed());
-        let state = {
+        let (state, measured, time) = {
             let mut arm = front.arm();
+            // Read while the arm is locked: a state from before a recovery would latch its reflex again.
+            let measured = link.measured();
+            let time = measured.map_or(node.now(), |m| node.now() - m.at.elapsed());
             supervise(&mut arm, link, measured.as_ref());
             let success = measured.map_or(0.0, |m| m.state.control_command_success_rate);
-            front.state(&arm, success, time)
+            (front.state(&arm, success, time), measured, time)
         };
         // A state is published once, even if the next one is late.
         let id = measured.map(|m| m.state.time);

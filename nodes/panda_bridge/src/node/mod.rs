@@ -27,6 +27,9 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let node = builder.build()?;
     match transport {
         None => relay::run(&node, settings, moves),
-        Some(transport) => fci::run(&node, settings, transport, moves),
+        Some(mut transport) => {
+            transport.law.speed = settings.speed;
+            fci::run(&node, settings, transport, moves)
+        }
     }
 }

@@ -62,7 +62,7 @@ pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()>
     meet_others(node);
     let origin = node.now();
     let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
-    let controller = Controller::new(node, origin, targets.clone(), &names);
+    let controller = Controller::new(node, origin, targets.clone(), &names, settings.speed);
     // Disconnected until the controller's first pose.
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);

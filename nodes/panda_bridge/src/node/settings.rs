@@ -4,6 +4,7 @@
 use crate::arm::ArmSettings;
 use crate::gate::{BASE_FRAME, GateSettings};
 use crate::pose::ArmPose;
+use crate::speed::SpeedLimit;
 use anyhow::{Result, bail, ensure};
 use catenary_core::Model;
 use catenary_core::task::Workspace;
@@ -32,6 +33,8 @@ pub struct Settings {
     pub silence: Duration,
     /// Gate, start pose and kind of the arm.
     pub arm: ArmSettings,
+    /// Greatest speed of followed targets.
+    pub speed: SpeedLimit,
 }
 
 impl Settings {
@@ -70,8 +73,21 @@ impl Settings {
             real,
             start_tolerance_m: tolerance.get(),
         };
-        Ok(Self { controller, silence: Duration::from_secs_f64(silence), arm })
+        Ok(Self { controller, silence: Duration::from_secs_f64(silence), arm, speed: speed(b)? })
     }
+}
+
+fn speed(b: &NodeBuilder) -> Result<SpeedLimit> {
+    let d = SpeedLimit::default();
+    let linear = "Greatest speed of the hand on the way to a target: a farther target is followed at this speed.";
+    let angular = "Greatest angular speed of the hand on the way to a target.";
+    Ok(SpeedLimit {
+        // At most the limits of a Panda.
+        linear_m_s: b.declare_f64("follow_speed_m_s", d.linear_m_s, fixed(linear).unit("m/s").range(0.01..=1.7))?.get(),
+        angular_rad_s: b
+            .declare_f64("follow_turn_rad_s", d.angular_rad_s, fixed(angular).unit("rad/s").range(0.05..=2.5))?
+            .get(),
+    })
 }
 
 pub(super) fn fixed(text: &str) -> ParamSpec {

@@ -3,6 +3,7 @@
 use super::settings::fixed;
 use crate::compliance::Compliance;
 use crate::fci::{Collision, DEFAULT_PRIORITY, FciSettings, Generation, Load};
+use crate::kinematics::{JOINTS, LIMITS_RAD, READY_RAD};
 use crate::law::LawSettings;
 use anyhow::{Result, bail, ensure};
 use catenary_shell::NodeBuilder;
@@ -60,7 +61,7 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
             d.nullspace_stiffness,
             "N m/rad",
             0.0..=50.0,
-            "Stiffness that keeps the posture of the start.",
+            "Stiffness that keeps the posture; larger keeps the elbow nearer to it, against more stiction.",
         )?,
         joint1_factor: number(
             "fci.nullspace_joint1_factor",
@@ -69,6 +70,7 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
             1.0..=1000.0,
             "Factor of that stiffness for joint 1.",
         )?,
+        ..d
     };
     let cutoff_hz = number(
         "fci.cutoff_hz",
@@ -77,6 +79,10 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
         1.0..=1000.0,
         "Cut-off frequency of the torques' low-pass; 1000 switches it off.",
     )?;
+    let (compliance, collision) = (compliance(b)?, collision(b)?);
+    if let Err(error) = compliance.check_thresholds(&collision.wrench, &collision.torque_n_m) {
+        bail!("parameters fci.stiffness and fci.error_clip_m: {error}");
+    }
     Ok(FciSettings {
         host,
         generation: if generation == "fr3" { Generation::Fr3 } else { Generation::Panda },
@@ -84,10 +90,25 @@ fn fci(b: &NodeBuilder) -> Result<FciSettings> {
         cpu,
         cutoff_hz,
         law,
-        compliance: compliance(b)?,
-        collision: collision(b)?,
+        rest_joints_rad: rest(b)?,
+        compliance,
+        collision,
         load: load(b)?,
     })
+}
+
+fn rest(b: &NodeBuilder) -> Result<[f64; JOINTS]> {
+    let text =
+        "Posture of the arm at the start: move_to_start brings the joints near to it, and the elbow returns to it.";
+    let rest = array(b, "fci.rest_joints_rad", READY_RAD, "rad", text)?;
+    for (i, (angle, [low, high])) in rest.iter().zip(LIMITS_RAD).enumerate() {
+        ensure!(
+            (low..=high).contains(angle),
+            "parameter fci.rest_joints_rad: joint {}: expected {low} to {high} rad, got {angle}",
+            i + 1
+        );
+    }
+    Ok(rest)
 }
 
 /// Declares an array of fixed length with finite values.
