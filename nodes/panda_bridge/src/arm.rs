@@ -1,6 +1,8 @@
 //! Arm behind the safety gate: applies commands, requests and the move to the start pose to a [`Plant`].
 
-use crate::gate::{Command, GateSettings, Mode, Order, Refusal, Rivals, SafetyGate, StepPeriod, Verdict};
+use crate::gate::{
+    Command, GateSettings, Mode, Order, Refusal, Rejection, Rivals, SafetyGate, StepPeriod, Stranger, Verdict, Writer,
+};
 use crate::kinematics::JOINTS;
 use crate::path::StartPath;
 use crate::pose::ArmPose;
@@ -247,10 +249,50 @@ impl<P: Plant> Arm<P> {
     /// Judges a command, and executes it if it is accepted.
     pub fn command(&mut self, command: &Command) -> Verdict {
         let verdict = self.gate.on_command(command, self.plant.time_s());
-        if let Verdict::Accepted { pose, .. } = verdict {
-            self.plant.obey(&Order::Target(pose));
+        match &verdict {
+            Verdict::Accepted { pose, .. } => self.plant.obey(&Order::Target(*pose)),
+            Verdict::Rejected(Rejection::Stranger(_)) => self.end_at_once(),
+            Verdict::Rejected(_) => {}
         }
         verdict
+    }
+
+    /// Admits an event of an episode by its writer; see [`SafetyGate::admit_event`].
+    ///
+    /// # Errors
+    /// [`Stranger`]: the event must not be acted on, and ends a motion; see [`Arm::stranger`].
+    pub fn admit_event(&mut self, writer: Writer, starts: bool) -> Result<(), Stranger> {
+        self.gate.admit_event(writer, starts)
+    }
+
+    /// Ends a motion because of a message of a stranger. Returns true if there was a motion.
+    pub fn stranger(&mut self, stranger: &Stranger) -> bool {
+        let order = self.gate.on_stranger(stranger);
+        let ended = order.is_some();
+        if ended {
+            self.end_at_once();
+        }
+        ended
+    }
+
+    /// Gives the fault of a motion that a stranger ended the names of both nodes.
+    pub fn name_stranger(&mut self, stranger: &Stranger, text: &str) {
+        self.gate.name_stranger(stranger, text);
+    }
+
+    /// Returns the writer whose targets the arm follows; `None` for an arm that still waits for its first target.
+    pub fn writer(&self) -> Option<Writer> {
+        self.gate.writer()
+    }
+
+    /// Returns true for an enabled arm that the next acceptable target binds to its writer.
+    pub fn awaits_writer(&self) -> bool {
+        self.gate.awaits_writer()
+    }
+
+    fn end_at_once(&mut self) {
+        self.running_move = None;
+        self.plant.obey(&Order::End);
     }
 
     /// Enables the arm; see [`SafetyGate::on_enable`].

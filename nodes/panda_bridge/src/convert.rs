@@ -2,7 +2,7 @@
 
 use crate::arm::{Arm, Plant};
 use crate::compliance::Compliance;
-use crate::gate::{Command, Mode, Verdict};
+use crate::gate::{Command, Mode, Verdict, Writer};
 use crate::pose::ArmPose;
 use catenary_msgs::geometry_msgs::msg::{
     Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped, Twist, Vector3, Wrench,
@@ -53,10 +53,11 @@ pub fn hand_transform(pose: &ArmPose, header: Header) -> TransformStamped {
     }
 }
 
-/// Makes a command of a target with this age, s. `simulated_time`: the age was measured with `/clock`.
+/// Makes a command of a target of this writer and this age, s. `simulated_time`: the age was measured with `/clock`.
 #[must_use]
-pub fn command(message: &PoseStamped, age_s: f64, simulated_time: bool) -> Command {
-    Command { age_s, simulated_time, frame_id: message.header.frame_id.clone(), pose: arm_pose(&message.pose) }
+pub fn command(message: &PoseStamped, writer: Writer, age_s: f64, simulated_time: bool) -> Command {
+    let (frame_id, pose) = (message.header.frame_id.clone(), arm_pose(&message.pose));
+    Command { writer, age_s, simulated_time, frame_id, pose }
 }
 
 /// Converts the settings of a request.

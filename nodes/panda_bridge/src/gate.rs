@@ -6,8 +6,10 @@ use crate::pose::ArmPose;
 use catenary_core::task::Workspace;
 
 mod verdict;
+mod writer;
 
 pub use verdict::{BASE_FRAME, Clip, Command, Mode, Order, Refusal, Rejection, Rivals, StepPeriod, Verdict};
+pub use writer::{Heard, Stranger, Writer};
 
 /// Silence timeout in policy steps, used if it is longer than `hold_after_s`. Chosen: a step may be half a period late, and a
 /// policy that acts twice a second is not silent between two steps.
@@ -68,6 +70,12 @@ pub struct SafetyGate {
     real_arm: bool,
     measured: Option<ArmPose>,
     target: Option<ArmPose>,
+    /// Writer whose targets the arm follows. `None`: that of the first accepted target.
+    writer: Option<Writer>,
+    /// Writer of the events of the running episode; `None` outside an episode.
+    episode_writer: Option<Writer>,
+    /// True for an episode that was announced before the arm was enabled: its runner may have died since, and another may begin anew.
+    episode_is_old: bool,
     /// Step period of the running episode, s; 0 for an invalid one, `None` outside an episode.
     episode_step_s: Option<f64>,
     episode_over: Option<String>,
@@ -94,6 +102,9 @@ impl SafetyGate {
             real_arm,
             measured: None,
             target: None,
+            writer: None,
+            episode_writer: None,
+            episode_is_old: false,
             episode_step_s: None,
             episode_over: None,
             heard_s: None,
@@ -124,6 +135,16 @@ impl SafetyGate {
         self.target
     }
 
+    /// Returns the writer whose targets the arm follows; `None` for an arm that still waits for its first target.
+    pub fn writer(&self) -> Option<Writer> {
+        self.writer
+    }
+
+    /// Returns true for an enabled arm without a writer: the next acceptable target binds it to its own.
+    pub fn awaits_writer(&self) -> bool {
+        self.is_enabled() && self.writer.is_none()
+    }
+
     /// Returns the numbers of commands accepted and rejected since the arm was enabled.
     pub fn counts(&self) -> (u64, u64) {
         (self.accepted, self.rejected)
@@ -146,7 +167,8 @@ impl SafetyGate {
         }
     }
 
-    /// Enables the arm with the measured pose as its target. `simulated_time`: time comes from `/clock`.
+    /// Enables the arm with the measured pose as its target, and binds it to the only publisher of targets, or else to the writer of
+    /// the first acceptable target. `simulated_time`: time comes from `/clock`.
     ///
     /// # Errors
     /// [`Refusal`]: a latched stop, a move to the start pose, rivals, a replay before a real arm, no measured pose.
@@ -161,6 +183,9 @@ impl SafetyGate {
         let already = self.is_enabled();
         self.episode_over = None;
         self.fault.clear();
+        // A request to an enabled arm binds anew, too: publisher and runner may have been started again.
+        self.writer = rivals.writer;
+        self.episode_is_old = true;
         // A second request must not stop an arm that follows an episode.
         if already && let Some(target) = self.target {
             return Ok(Order::Target(target));
@@ -180,7 +205,7 @@ impl SafetyGate {
 
     /// Ends a motion because the plant is not ready any more.
     pub fn on_unready(&mut self, why: &str) -> Option<Order> {
-        if !self.is_enabled() && self.activity != Mode::Moving {
+        if !self.may_move() {
             return None;
         }
         self.end(why.to_owned())
@@ -229,6 +254,9 @@ impl SafetyGate {
         // A second goal during a move must not forget that the arm was enabled before the first.
         if self.activity != Mode::Moving {
             self.enabled_before_move = self.is_enabled();
+            if !self.enabled_before_move {
+                self.writer = rivals.writer;
+            }
         }
         self.activity = Mode::Moving;
         self.fault.clear();
@@ -294,6 +322,34 @@ impl SafetyGate {
         Ok(Some(Order::Hold(pose)))
     }
 
+    /// Admits an event of an episode by its writer. While the arm may move, an event of another writer than the running episode's is that
+    /// of a stranger. An idle arm takes the begin of any episode, and nobody's end of another.
+    ///
+    /// # Errors
+    /// [`Stranger`]: the event must not be acted on; see [`SafetyGate::on_stranger`].
+    pub fn admit_event(&mut self, writer: Writer, starts: bool) -> Result<(), Stranger> {
+        let may_move = self.may_move();
+        let begins_anew = starts && (self.episode_is_old || !may_move);
+        if let Some(bound) = self.episode_writer.filter(|bound| *bound != writer && !begins_anew) {
+            return Err(Stranger { heard: Heard::EpisodeEvent, writer, bound });
+        }
+        self.episode_writer = starts.then_some(writer);
+        self.episode_is_old = false;
+        Ok(())
+    }
+
+    /// Ends a motion because of a message of a stranger.
+    pub fn on_stranger(&mut self, stranger: &Stranger) -> Option<Order> {
+        self.on_unready(&stranger.to_string())
+    }
+
+    /// Replaces the identifiers in the fault of a motion that a stranger ended by names.
+    pub fn name_stranger(&mut self, stranger: &Stranger, text: &str) {
+        if self.fault == stranger.to_string() {
+            text.clone_into(&mut self.fault);
+        }
+    }
+
     /// Begins an episode with this time between two actions, s. Silence of the targets counts from now on.
     ///
     /// # Errors
@@ -313,11 +369,13 @@ impl SafetyGate {
         self.heard_s = None;
     }
 
-    /// Judges a command. A rejected command changes nothing but its count.
+    /// Judges a command. A rejected command changes nothing but its count, unless it comes from a stranger: it then ends the motion.
     pub fn on_command(&mut self, command: &Command, now_s: f64) -> Verdict {
         match self.judge(command) {
             Ok((pose, clip)) => {
                 self.accepted += 1;
+                self.writer = Some(command.writer);
+                self.episode_is_old = false;
                 self.target = Some(pose);
                 self.activity = Mode::Tracking;
                 self.heard_s = Some(now_s);
@@ -329,12 +387,19 @@ impl SafetyGate {
             }
             Err(rejection) => {
                 self.rejected += 1;
+                if let Rejection::Stranger(stranger) = &rejection {
+                    self.on_stranger(stranger);
+                }
                 Verdict::Rejected(rejection)
             }
         }
     }
 
     fn judge(&self, command: &Command) -> Result<(ArmPose, Clip), Rejection> {
+        // First of all: of a stranger not even a wrong message is normal.
+        if let Some(bound) = self.writer.filter(|bound| self.may_move() && *bound != command.writer) {
+            return Err(Rejection::Stranger(Stranger { heard: Heard::Target, writer: command.writer, bound }));
+        }
         if !self.is_enabled() {
             let why = if self.fault().is_empty() { format!("{:?}", self.mode()) } else { self.fault().to_owned() };
             return Err(Rejection::NotEnabled(why));
@@ -458,6 +523,11 @@ impl SafetyGate {
     /// Returns true if targets may move the arm. Latched stops and lost connections make it idle, so they need no check here.
     fn is_enabled(&self) -> bool {
         matches!(self.activity, Mode::Tracking | Mode::Hold)
+    }
+
+    /// Returns true if targets or a move to the start pose may move the arm.
+    fn may_move(&self) -> bool {
+        self.is_enabled() || self.activity == Mode::Moving
     }
 
     /// Makes the measured pose the target, so that enabling never moves the arm.

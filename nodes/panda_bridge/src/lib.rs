@@ -17,7 +17,10 @@ pub mod speed;
 
 pub use arm::{Arm, ArmError, ArmSettings, Plant, Progress, Surroundings};
 pub use compliance::Compliance;
-pub use gate::{Clip, Command, GateSettings, Mode, Order, Refusal, Rejection, Rivals, SafetyGate, StepPeriod, Verdict};
+pub use gate::{
+    Clip, Command, GateSettings, Heard, Mode, Order, Refusal, Rejection, Rivals, SafetyGate, StepPeriod, Stranger,
+    Verdict, Writer,
+};
 pub use path::StartPath;
 pub use pose::ArmPose;
 pub use speed::SpeedLimit;

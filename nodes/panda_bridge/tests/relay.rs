@@ -360,6 +360,41 @@ fn another_publisher_on_the_controllers_topic_ends_the_motion_and_prevents_enabl
 }
 
 #[test]
+fn a_pose_of_a_second_controller_is_not_used_and_ends_the_motion() {
+    let controller = Controller::start(9);
+    let _process = relay(9, &[]);
+    let client = Client::join(9, ArmState::MODE_IDLE);
+    assert!(client.enable(true).success);
+    client.wait_mode(ArmState::MODE_HOLD);
+    let other = client.node.publisher::<PoseStamped>("current_pose", Qos::Reliable { depth: 1 }).unwrap();
+    assert!(other.wait_for_subscriber(SOON));
+    let fault = || client.state.get().map(|s| s.message.fault.clone()).unwrap_or_default();
+    // 0.05 m from the arm: a target from there would be no jump.
+    wait_for("the end of the motion", || {
+        other.send(PoseStamped { header: client.node.header(BASE), pose: pose(0.35, 0.4) });
+        fault().contains("a pose of the controller came from /client")
+    });
+    client.wait_mode(ArmState::MODE_IDLE);
+    assert!(fault().contains("the controller is /cartesian_impedance_controller"), "{}", fault());
+    assert!((client.pose.get().unwrap().message.pose.position.x - 0.4).abs() < 1e-3, "it is not told on");
+    assert!(controller.state.lock().unwrap().1.iter().all(|target| (target.position.x - 0.4).abs() < 1e-3));
+}
+
+#[test]
+fn a_target_reaches_the_controller_no_faster_than_the_speed_limit() {
+    let controller = Controller::start(10);
+    let _process = relay(10, &["follow_speed_m_s:=0.1"]);
+    let client = Client::join(10, ArmState::MODE_IDLE);
+    assert!(client.enable(true).success);
+    assert!(client.ask(0.46, 0.4).accepted);
+    wait_for("the target", || controller.last_target() == Some(pose(0.46, 0.4)));
+    let targets = controller.state.lock().unwrap().1.clone();
+    let largest = targets.windows(2).map(|w| (w[1].position.x - w[0].position.x).abs()).fold(0.0, f64::max);
+    // A step makes good for at most 60 ms. A message that was lost doubles it.
+    assert!(largest <= 2.0 * 0.1 * 0.06 + 1e-9, "a step of {largest} m");
+}
+
+#[test]
 fn compliance_becomes_the_controllers_parameters() {
     let controller = Controller::start(5);
     let process = relay(5, &[]);

@@ -8,6 +8,10 @@ struct Lag {
     follows: f64,
     orders: Vec<Order>,
     age_s: f64,
+    /// Joint angles now and at the start, if the arm has any, and the newest posture.
+    postures: Option<[[f64; JOINTS]; 2]>,
+    posture: Option<[f64; JOINTS]>,
+    speed: SpeedLimit,
 }
 
 impl Plant for Lag {
@@ -30,6 +34,18 @@ impl Plant for Lag {
         };
         self.orders.push(order.clone());
     }
+
+    fn speed_limit(&self) -> SpeedLimit {
+        self.speed
+    }
+
+    fn postures(&self, _target: &ArmPose) -> Option<[[f64; JOINTS]; 2]> {
+        self.postures
+    }
+
+    fn set_posture(&mut self, joints_rad: [f64; JOINTS]) {
+        self.posture = Some(joints_rad);
+    }
 }
 
 fn pose(x_m: f64) -> ArmPose {
@@ -37,7 +53,17 @@ fn pose(x_m: f64) -> ArmPose {
 }
 
 fn arm(follows: f64) -> Arm<Lag> {
-    let plant = Lag { time_s: 10.0, at: pose(0.3), target: None, follows, orders: Vec::new(), age_s: 0.0 };
+    let plant = Lag {
+        time_s: 10.0,
+        at: pose(0.3),
+        target: None,
+        follows,
+        orders: Vec::new(),
+        age_s: 0.0,
+        postures: None,
+        posture: None,
+        speed: SpeedLimit::NONE,
+    };
     let settings =
         ArmSettings { gate: GateSettings::default(), start: Some(pose(0.55)), real: true, start_tolerance_m: 0.03 };
     Arm::new(plant, settings)
@@ -203,4 +229,65 @@ fn invalid_moves_are_refused() {
     a.settings.start = None;
     assert_eq!(a.begin_move(&alone(), None, 0.15, 1.0, false), Err(ArmError::NoStart));
     assert_eq!(a.mode(), Mode::Idle);
+}
+
+#[test]
+fn a_move_takes_the_elbow_along_and_lasts_long_enough_for_it() {
+    let mut a = arm(0.2);
+    let (mut from, mut to) = ([0.1; JOINTS], [0.2; JOINTS]);
+    (from[2], to[2]) = (0.0, 1.4);
+    a.plant_mut().postures = Some([from, to]);
+    a.begin_move(&alone(), None, 0.15, 1.0, false).unwrap();
+    let mut last = from;
+    while run(&mut a, 0.02) != Progress::Arrived {
+        let Some(posture) = a.plant().posture else { continue };
+        // 0.35 rad/s and a cycle of 20 ms, twice as long for a test that skips one.
+        assert!((posture[2] - last[2]).abs() <= 2.0 * 0.35 * 0.02, "{posture:?} after {last:?}");
+        last = posture;
+    }
+    assert!(last.iter().zip(to).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{last:?}");
+    // 1.4 rad at a peak of 0.35 rad/s take 7.5 s, longer than the hand's 3.1 s.
+    assert!((a.plant().time_s - 10.0 - 7.5 - 1.0).abs() < 0.2, "{} s", a.plant().time_s - 10.0);
+}
+
+#[test]
+fn a_move_is_no_faster_than_the_plant_follows() {
+    let mut a = arm(0.9);
+    a.plant_mut().speed = SpeedLimit { linear_m_s: 0.05, angular_rad_s: 0.1 };
+    a.begin_move(&alone(), None, 0.5, 0.5, false).unwrap();
+    let mut before = a.plant().at;
+    while run(&mut a, 0.02) != Progress::Arrived {
+        let at = a.plant().at;
+        assert!(at.distance_m(&before) <= 2.0 * 0.05 * 0.02 + 1e-9, "{at:?} after {before:?}");
+        before = at;
+    }
+}
+
+#[test]
+fn a_stranger_ends_a_move_and_an_episode_at_once() {
+    let command = |writer| Command {
+        writer,
+        age_s: 0.0,
+        simulated_time: false,
+        frame_id: "panda_link0".into(),
+        pose: pose(0.31),
+    };
+    let around = Surroundings { rivals: Rivals { writer: Some([1; 16]), ..alone().rivals }, unready: None };
+    let mut a = arm(0.2);
+    a.begin_move(&around, None, 0.15, 1.0, false).unwrap();
+    run(&mut a, 0.5);
+    a.command(&command([2; 16]));
+    assert_eq!((a.mode(), a.plant().orders.last()), (Mode::Idle, Some(&Order::End)));
+    assert!(matches!(run(&mut a, 0.5), Progress::Stopped(why) if why.contains("a target came from")));
+    let mut a = arm(0.2);
+    a.enable(&around, false).unwrap();
+    assert!(matches!(a.command(&command([1; 16])), Verdict::Accepted { .. }));
+    a.command(&command([2; 16]));
+    assert_eq!((a.mode(), a.plant().orders.last()), (Mode::Idle, Some(&Order::End)));
+    let mut a = arm(0.2);
+    a.enable(&around, false).unwrap();
+    a.admit_event([1; 16], true).unwrap();
+    let stranger = a.admit_event([2; 16], false).unwrap_err();
+    assert!(a.stranger(&stranger) && !a.stranger(&stranger), "a motion ends once");
+    assert_eq!((a.mode(), a.plant().orders.last()), (Mode::Idle, Some(&Order::End)));
 }

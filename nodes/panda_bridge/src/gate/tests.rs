@@ -2,18 +2,25 @@
 
 use super::*;
 
+const RUNNER: Writer = [1; 16];
+const STRANGER: Writer = [2; 16];
+
 fn pose(x: f64) -> ArmPose {
     ArmPose { position_m: [x, 0.0, 0.3], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] }
 }
 
 fn command(x: f64) -> Command {
-    Command { age_s: 0.01, simulated_time: false, frame_id: BASE_FRAME.into(), pose: pose(x) }
+    Command { writer: RUNNER, age_s: 0.01, simulated_time: false, frame_id: BASE_FRAME.into(), pose: pose(x) }
 }
 
 /// Graph with this number of publishers of targets.
-fn rivals(publishers: usize) -> Rivals {
-    let publishers = ["/policy_runner", "/stranger"].into_iter().take(publishers).map(str::to_owned).collect();
-    Rivals { publishers, ..Rivals::default() }
+fn rivals(count: usize) -> Rivals {
+    let publishers = ["/policy_runner", "/stranger"].into_iter().take(count).map(str::to_owned).collect();
+    Rivals { publishers, writer: (count == 1).then_some(RUNNER), ..Rivals::default() }
+}
+
+fn of_stranger(x: f64) -> Command {
+    Command { writer: STRANGER, ..command(x) }
 }
 
 /// Gate in an episode, enabled, with the arm measured at x = 0.4 m.
@@ -417,4 +424,110 @@ fn a_hold_ends_the_episode() {
     g.on_episode_ended();
     g.on_enable(&rivals(1), false).unwrap();
     assert!(matches!(g.on_command(&command(0.45), 11.0), Verdict::Accepted { .. }), "enabling begins anew");
+}
+
+#[test]
+fn not_one_target_of_a_stranger_is_accepted_and_the_first_ends_the_motion() {
+    for wrong in [of_stranger(0.41), of_stranger(f64::NAN), of_stranger(0.9)] {
+        let mut g = gate();
+        g.on_command(&command(0.45), 10.0);
+        let verdict = g.on_command(&wrong, 10.01);
+        let stranger = Stranger { heard: Heard::Target, writer: STRANGER, bound: RUNNER };
+        assert_eq!(verdict, Verdict::Rejected(Rejection::Stranger(stranger)), "also one that is wrong besides");
+        assert_eq!((g.mode(), g.target(), g.counts()), (Mode::Idle, Some(pose(0.45)), (1, 1)));
+        for digits in ["0101", "0202"] {
+            assert!(g.fault().contains(digits), "both are named: {}", g.fault());
+        }
+        let next = g.on_command(&command(0.45), 10.02);
+        assert!(matches!(next, Verdict::Rejected(Rejection::NotEnabled(_))), "the motion has ended for both");
+    }
+}
+
+#[test]
+fn a_stranger_is_heard_while_the_arm_holds_and_while_it_moves_to_its_start() {
+    let mut g = gate();
+    g.on_hold().unwrap();
+    assert!(matches!(g.on_command(&of_stranger(0.4), 10.0), Verdict::Rejected(Rejection::Stranger(_))));
+    assert_eq!(g.mode(), Mode::Idle);
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    g.on_move_begins(&rivals(1), false).unwrap();
+    assert!(matches!(g.on_command(&command(0.4), 10.0), Verdict::Rejected(Rejection::NotEnabled(_))));
+    assert_eq!(g.mode(), Mode::Moving, "its own publisher is refused, and the move goes on");
+    assert!(matches!(g.on_command(&of_stranger(0.4), 10.0), Verdict::Rejected(Rejection::Stranger(_))));
+    assert_eq!(g.mode(), Mode::Idle);
+}
+
+#[test]
+fn an_arm_that_was_enabled_before_anybody_published_follows_the_first_acceptable_writer_alone() {
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    g.on_enable(&rivals(0), false).unwrap();
+    assert!(g.awaits_writer());
+    assert!(matches!(g.on_command(&of_stranger(f64::NAN), 10.0), Verdict::Rejected(Rejection::NotFinite)));
+    assert!(g.awaits_writer(), "a wrong target binds nothing");
+    assert!(matches!(g.on_command(&command(0.41), 10.0), Verdict::Accepted { .. }));
+    assert_eq!(g.writer(), Some(RUNNER));
+    assert!(matches!(g.on_command(&of_stranger(0.41), 10.0), Verdict::Rejected(Rejection::Stranger(_))));
+}
+
+#[test]
+fn a_publisher_that_was_started_again_is_a_stranger_until_the_arm_is_enabled_again() {
+    let again = Command { writer: [3; 16], ..command(0.41) };
+    let mut g = gate();
+    g.on_command(&command(0.41), 10.0);
+    assert!(matches!(g.on_command(&again, 10.1), Verdict::Rejected(Rejection::Stranger(_))));
+    g.on_enable(&Rivals { writer: Some([3; 16]), ..rivals(1) }, false).unwrap();
+    assert!(matches!(g.on_command(&again, 10.2), Verdict::Accepted { .. }));
+    // A request to an arm that is enabled binds it anew, too.
+    g.on_enable(&rivals(1), false).unwrap();
+    assert!(matches!(g.on_command(&command(0.41), 10.3), Verdict::Accepted { .. }));
+}
+
+#[test]
+fn an_event_of_another_writer_within_an_episode_ends_the_motion() {
+    for starts in [true, false] {
+        let mut g = gate();
+        g.admit_event(RUNNER, true).unwrap();
+        g.on_command(&command(0.41), 10.0);
+        let stranger = g.admit_event(STRANGER, starts).unwrap_err();
+        assert_eq!(stranger, Stranger { heard: Heard::EpisodeEvent, writer: STRANGER, bound: RUNNER });
+        assert_eq!((g.on_stranger(&stranger), g.mode()), (Some(Order::End), Mode::Idle));
+        assert!(g.fault().contains("an episode event came from"), "{}", g.fault());
+        assert!(g.admit_event(RUNNER, false).is_ok(), "its own runner may end it");
+    }
+}
+
+#[test]
+fn an_idle_arm_takes_the_begin_of_any_episode_and_nobodys_end_of_another() {
+    let mut g = gate();
+    g.admit_event(RUNNER, true).unwrap();
+    g.on_disable();
+    assert!(g.admit_event(STRANGER, false).is_err());
+    assert_eq!(g.on_stranger(&g.clone().admit_event(STRANGER, false).unwrap_err()), None, "nothing moves");
+    // The runner has died, and was started again: it enables the arm, and announces its episode.
+    g.on_enable(&rivals(1), false).unwrap();
+    assert!(g.admit_event(STRANGER, false).is_err());
+    assert!(g.admit_event([3; 16], true).is_ok());
+    assert!(g.admit_event(RUNNER, true).is_err());
+    // An episode that was announced before the arm was enabled is nobody else's once its targets come.
+    let mut g = SafetyGate::new(GateSettings::default(), true);
+    g.on_measured(pose(0.4));
+    g.admit_event(RUNNER, true).unwrap();
+    g.on_enable(&rivals(1), false).unwrap();
+    g.on_command(&command(0.41), 10.0);
+    assert!(g.admit_event(STRANGER, true).is_err());
+}
+
+#[test]
+fn names_replace_the_identifiers_of_the_fault_that_they_belong_to_alone() {
+    let mut g = gate();
+    let Verdict::Rejected(Rejection::Stranger(stranger)) = g.on_command(&of_stranger(0.4), 10.0) else {
+        panic!("accepted")
+    };
+    g.name_stranger(&stranger, "/lab came");
+    assert_eq!(g.fault(), "/lab came");
+    g.on_enable(&rivals(1), false).unwrap();
+    g.name_stranger(&stranger, "late");
+    assert_eq!(g.fault(), "", "the arm was enabled again meanwhile");
 }

@@ -1,5 +1,6 @@
 //! Inputs and outputs of the gate.
 
+use super::writer::{Stranger, Writer};
 use crate::pose::ArmPose;
 use thiserror::Error;
 
@@ -28,6 +29,8 @@ pub enum Mode {
 /// Command with a target pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Command {
+    /// Writer of the message.
+    pub writer: Writer,
     /// Time since the stamp of the command, s; negative for a stamp in the future, NaN without a stamp.
     pub age_s: f64,
     /// True if the age was measured with `/clock`, as in a replay or a simulation.
@@ -123,6 +126,9 @@ pub enum Rejection {
     /// Arm that is not enabled, with the reason.
     #[error("the arm is not enabled: {0}")]
     NotEnabled(String),
+    /// Command of another writer than the one that the arm follows. It ends the motion.
+    #[error(transparent)]
+    Stranger(Stranger),
     /// Episode that the gate has ended: the arm must be enabled again.
     #[error("the episode has ended: {0}; enable the arm to begin another")]
     EpisodeOver(String),
@@ -142,6 +148,7 @@ impl Rejection {
             Self::NoPose => "no pose",
             Self::Replay => "replay",
             Self::NotEnabled(_) => "not enabled",
+            Self::Stranger(_) => "stranger",
             Self::EpisodeOver(_) => "episode over",
         }
     }
@@ -152,6 +159,8 @@ impl Rejection {
 pub struct Rivals {
     /// Publishers of targets; one is allowed.
     pub publishers: Vec<String>,
+    /// Writer of the only publisher of targets; `None` if nobody publishes targets.
+    pub writer: Option<Writer>,
     /// Other nodes that serve the arm's own services or its action.
     pub servers: Vec<String>,
     /// Other nodes that publish an arm's pose or state under the arm's own names.

@@ -1,10 +1,11 @@
 //! ROS 2 front end of an arm: targets, episode events, services and the move to the start pose. The simulated cell and the
 //! relay to a controller share it.
+#![allow(clippy::disallowed_methods, reason = "the begin of a motion is waited for on a clock that does not step")]
 
-use crate::arm::{Arm, ArmError, Plant, Progress, Surroundings};
+use crate::arm::{Arm, Plant, Progress, Surroundings};
 use crate::compliance::Compliance;
 use crate::convert;
-use crate::gate::{Mode, Rivals, Verdict};
+use crate::gate::{Mode, Rejection, Rivals, Stranger, Verdict, Writer};
 use anyhow::Result;
 use catenary_msgs::action::{MoveToStart, MoveToStartFeedback, MoveToStartGoal, MoveToStartResult};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -17,7 +18,7 @@ use catenary_shell::{
     contract, stamp,
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Polling period of a running move, 50 Hz as the rate of targets.
 const MOVE_POLL: Duration = Duration::from_millis(20);
@@ -29,6 +30,10 @@ pub const RECHECK_S: f64 = 0.5;
 /// Maximum settling time of a goal, s.
 const MAX_SETTLE_S: f64 = 60.0;
 
+/// Longest wait for the begin of a motion, and for an arm that can move again after a recovery. Chosen: a robot begins within 0.1 s.
+const BEGINNING: Duration = Duration::from_secs(2);
+/// Polling period of that wait.
+const BEGIN_POLL: Duration = Duration::from_millis(2);
 /// Time for the discovery of all other nodes, which takes less than half a second.
 const DISCOVERY_TIME: Duration = Duration::from_millis(700);
 
@@ -71,6 +76,8 @@ pub struct Front<P> {
     targets: Intake,
     readiness: Readiness,
     arm: Mutex<Arm<P>>,
+    /// Writer that the arm follows, with the name that its node had then: a node that has died has none any more.
+    followed: Mutex<Option<(Writer, String)>>,
 }
 
 /// Endpoints of an arm. They end when this is dropped.
@@ -105,7 +112,8 @@ impl<P: Plant> Front<P> {
         let topic = contract::TARGET_POSE;
         let targets = node.intake::<PoseStamped>(topic.name, topic.qos, names, SILENCE)?;
         let readiness: Readiness = Box::new(readiness);
-        Ok(Arc::new(Self { node: node.clone(), origin, parameters, targets, readiness, arm: Mutex::new(arm) }))
+        let (arm, followed) = (Mutex::new(arm), Mutex::new(None));
+        Ok(Arc::new(Self { node: node.clone(), origin, parameters, targets, readiness, arm, followed }))
     }
 
     /// Returns the node.
@@ -140,13 +148,15 @@ impl<P: Plant> Front<P> {
         let graph = self.node.graph_snapshot();
         let publishers = graph.publishers(contract::TARGET_POSE.name).map_err(|e| e.to_string())?;
         let servers = graph.servers(&contract::ARM).map_err(|e| e.to_string())?;
+        // With several, the arm does not move.
+        let writer = publishers.first().filter(|_| publishers.len() == 1).map(Peer::endpoint);
         // One publisher is allowed, so its name is not needed. Looking it up reads /proc, and this runs twice a second.
         let publishers = match publishers.len() {
             0 | 1 => vec![String::new(); publishers.len()],
             _ => words(publishers),
         };
         let arms = graph.publishing(&contract::ARM_TOPICS).map_err(|e| e.to_string())?;
-        let rivals = Rivals { publishers, servers: words(servers), arms: words(arms) };
+        let rivals = Rivals { publishers, writer, servers: words(servers), arms: words(arms) };
         Ok(Surroundings { rivals, unready: (self.readiness)(&graph) })
     }
 
@@ -187,19 +197,11 @@ impl<P: Plant> Front<P> {
         let events = node.subscription::<EpisodeEvent>(
             contract::EPISODE_EVENT.name,
             contract::EPISODE_EVENT.qos,
-            move |received| match received.message.event {
-                EpisodeEvent::STARTED => {
-                    if let Err(why) = front.arm().episode_started(received.message.step_period) {
-                        tracing::error!("episode {}: {why}", received.message.episode);
-                    }
-                }
-                // Any other event ends the supervision of silence; an unknown one must not start it.
-                _ => front.arm().episode_ended(),
-            },
+            move |received| front.on_event(&received),
         )?;
         let front = Arc::clone(self);
         let enable = node.serve_to::<SetBool>(contract::ENABLE.name, move |request, requester| {
-            let done = front.enable(request.data);
+            let done = if request.data { front.enable() } else { front.disable() };
             front.log_request(if request.data { "enable" } else { "disable" }, requester, &done);
             let (success, message) = outcome(done);
             SetBoolResponse { success, message }
@@ -214,8 +216,13 @@ impl<P: Plant> Front<P> {
                 Err(message) => SetComplianceResponse { success: false, message },
             }
         })?;
-        let hold = self.serve_trigger(contract::HOLD.name, || Ok(()), Arm::hold)?;
-        let recover = self.serve_trigger(contract::ERROR_RECOVERY.name, recover, Arm::recover)?;
+        let hold = self.serve_trigger(contract::HOLD.name, |front| front.arm().hold().map_err(|e| e.to_string()))?;
+        let recover = self.serve_trigger(contract::ERROR_RECOVERY.name, move |front| {
+            // The arm is not locked while the robot recovers.
+            recover()?;
+            front.arm().recover().map_err(|e| e.to_string())?;
+            front.wait_until_it_can_move()
+        })?;
         let front = Arc::clone(self);
         let moving = node.serve_action::<MoveToStart>(
             contract::MOVE_TO_START.name,
@@ -235,37 +242,97 @@ impl<P: Plant> Front<P> {
         convert::arm_state(arm, success_rate, stamp::header(measured, crate::gate::BASE_FRAME))
     }
 
-    /// Serves a request. `before` runs while the arm is not locked.
+    /// Serves a request by `act`, which may block.
     fn serve_trigger(
         self: &Arc<Self>,
         name: &str,
-        before: impl Fn() -> Result<(), String> + Send + 'static,
-        act: impl Fn(&mut Arm<P>) -> Result<(), ArmError> + Send + 'static,
+        act: impl Fn(&Self) -> Result<(), String> + Send + 'static,
     ) -> Result<Service> {
         let front = Arc::clone(self);
         let what = name.rsplit('/').next().unwrap_or(name).to_owned();
         Ok(self.node.serve_to::<Trigger>(name, move |_, requester| {
-            let done = before().and_then(|()| act(&mut front.arm()).map_err(|e| e.to_string()));
+            let done = act(&front);
             front.log_request(&what, requester, &done);
             let (success, message) = outcome(done);
             TriggerResponse { success, message }
         })?)
     }
 
-    fn on_target(&self, accepted: &Publisher<AcceptedTarget>, received: &Received<PoseStamped>) -> Result<(), Flaw> {
+    fn on_event(self: &Arc<Self>, received: &Received<EpisodeEvent>) {
+        let (event, mut arm) = (&received.message, self.arm());
+        let starts = event.event == EpisodeEvent::STARTED;
+        if let Err(stranger) = arm.admit_event(received.publisher, starts) {
+            drop(arm);
+            self.on_stranger(stranger);
+        } else if starts {
+            if let Err(why) = arm.episode_started(event.step_period) {
+                tracing::error!("episode {}: {why}", event.episode);
+            }
+        } else {
+            // Any other event ends the supervision of silence; an unknown one must not start it.
+            arm.episode_ended();
+        }
+    }
+
+    /// Ends a motion because of a message of a stranger, and names both nodes.
+    pub fn on_stranger(self: &Arc<Self>, stranger: Stranger) {
+        if self.arm().stranger(&stranger) {
+            self.name(stranger);
+        }
+    }
+
+    /// Logs a stranger that ended a motion, and writes both names into the fault. The motion has ended before: names take time.
+    fn name(self: &Arc<Self>, stranger: Stranger) {
+        let followed = self.followed().clone();
+        let bound = followed.filter(|(writer, _)| *writer == stranger.bound).map(|(_, name)| name);
+        let bound = bound.unwrap_or_else(|| self.node.peer(stranger.bound).to_string());
+        let front = Arc::clone(self);
+        self.node.identify(stranger.writer, move |peer| {
+            let text = stranger.text(&peer.to_string(), &bound);
+            tracing::error!("{text}");
+            front.arm().name_stranger(&stranger, &text);
+        });
+    }
+
+    fn followed(&self) -> MutexGuard<'_, Option<(Writer, String)>> {
+        self.followed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Keeps the name of the writer that the arm follows.
+    fn keep_name(self: &Arc<Self>, writer: Writer, told: &'static str) {
+        let front = Arc::clone(self);
+        self.node.identify(writer, move |peer| {
+            tracing::info!("{told} {peer}");
+            *front.followed() = Some((writer, peer.to_string()));
+        });
+    }
+
+    fn on_target(
+        self: &Arc<Self>,
+        accepted: &Publisher<AcceptedTarget>,
+        received: &Received<PoseStamped>,
+    ) -> Result<(), Flaw> {
         let message = &received.message;
+        // The first target binds the arm to its writer, which must be the only one. Looking at the graph takes too long for each target.
+        if self.arm().awaits_writer() {
+            self.recheck();
+        }
         let (answer, verdict, is_first) = {
             let mut arm = self.arm();
             let was_tracking = arm.mode() == Mode::Tracking;
             let stamp_s = stamp::from_msg(&message.header.stamp).secs_since(self.origin);
             let age_s = arm.plant().stamp_time_s() - stamp_s;
-            let verdict = arm.command(&convert::command(message, age_s, self.node.clock().is_simulated()));
+            let is_simulated = self.node.clock().is_simulated();
+            let verdict = arm.command(&convert::command(message, received.publisher, age_s, is_simulated));
             let is_first = !was_tracking && arm.mode() == Mode::Tracking;
             (convert::accepted_target(&arm, &verdict, message.header.clone()), verdict, is_first)
         };
         accepted.send(answer);
         if is_first {
-            self.node.identify(received.publisher, |peer| tracing::info!("following the targets of {peer}"));
+            self.keep_name(received.publisher, "following the targets of");
+        }
+        if let Verdict::Rejected(Rejection::Stranger(stranger)) = &verdict {
+            self.name(*stranger);
         }
         match verdict {
             Verdict::Accepted { .. } => Ok(()),
@@ -274,13 +341,63 @@ impl<P: Plant> Front<P> {
         }
     }
 
-    fn enable(&self, on: bool) -> Result<(), String> {
-        if !on {
-            self.arm().disable();
-            return Ok(());
-        }
+    fn disable(&self) -> Result<(), String> {
+        self.arm().disable();
+        Ok(())
+    }
+
+    /// Enables the arm, and waits until its motion has begun.
+    fn enable(self: &Arc<Self>) -> Result<(), String> {
         let around = self.surroundings()?;
-        self.arm().enable(&around, self.node.clock().is_simulated()).map_err(|e| e.to_string())
+        self.arm().enable(&around, self.node.clock().is_simulated()).map_err(|e| e.to_string())?;
+        if let Some(writer) = around.rivals.writer {
+            self.keep_name(writer, "enabled for the targets of");
+        }
+        let start = Instant::now();
+        loop {
+            {
+                let mut arm = self.arm();
+                if !matches!(arm.mode(), Mode::Tracking | Mode::Hold) {
+                    let why = if arm.fault().is_empty() { format!("{:?}", arm.mode()) } else { arm.fault().to_owned() };
+                    return Err(format!("the motion ended before it had begun: {why}"));
+                }
+                if arm.plant().has_begun() {
+                    return Ok(());
+                }
+                if start.elapsed() > BEGINNING {
+                    arm.disable();
+                    drop(arm);
+                    return Err(self.late("the motion has not begun"));
+                }
+            }
+            self.node.shutdown().wait_timeout(BEGIN_POLL);
+        }
+    }
+
+    /// Waits until an arm that has recovered takes a motion. An arm in a motion, which had nothing to recover from, need not wait.
+    fn wait_until_it_can_move(&self) -> Result<(), String> {
+        let start = Instant::now();
+        loop {
+            {
+                let arm = self.arm();
+                match arm.mode() {
+                    Mode::Tracking | Mode::Hold | Mode::Moving => return Ok(()),
+                    Mode::Idle if arm.plant().can_begin() => return Ok(()),
+                    Mode::Idle => {}
+                    _ => return Err(format!("stopped again: {}", arm.fault())),
+                }
+            }
+            if start.elapsed() > BEGINNING {
+                return Err(self.late("the arm has recovered, and cannot move yet"));
+            }
+            self.node.shutdown().wait_timeout(BEGIN_POLL);
+        }
+    }
+
+    fn late(&self, what: &str) -> String {
+        let why = (self.readiness)(&self.node.graph_snapshot());
+        let why = why.unwrap_or_else(|| "the robot gives no reason".to_owned());
+        format!("{what} within {} s: {why}", BEGINNING.as_secs())
     }
 
     fn move_to_start(&self, handle: &GoalHandle<MoveToStart>) -> Outcome<MoveToStartResult> {

@@ -7,7 +7,7 @@ use super::parameters;
 use super::settings::{ControllerNames, Settings};
 use crate::arm::Arm;
 use crate::convert;
-use crate::gate::{BASE_FRAME, Mode};
+use crate::gate::{BASE_FRAME, Heard, Mode, Stranger, Writer};
 use crate::pose::ArmPose;
 use anyhow::{Result, bail};
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -37,11 +37,27 @@ struct Link {
     poses: Deadline,
     /// Stamp of the newest measurement.
     measured: Time,
+    /// Writer of the poses, as long as they come.
+    writer: Option<Writer>,
 }
 
 impl Link {
     fn now(&self) -> Time {
         Time::ZERO + self.started.elapsed()
+    }
+
+    /// Binds to the writer of a pose, unless another one is heard.
+    ///
+    /// # Errors
+    /// [`Stranger`]: the pose must not be used.
+    fn bind(&mut self, writer: Writer) -> Result<(), Stranger> {
+        match self.writer.filter(|bound| self.is_alive() && *bound != writer) {
+            Some(bound) => Err(Stranger { heard: Heard::ControllerPose, writer, bound }),
+            None => {
+                self.writer = Some(writer);
+                Ok(())
+            }
+        }
     }
 
     fn is_alive(&self) -> bool {
@@ -66,7 +82,7 @@ pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()>
     // Disconnected until the controller's first pose.
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
-    let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin };
+    let link = Link { started: Instant::now(), poses: Deadline::new(settings.silence), measured: origin, writer: None };
     let topic = names.target_pose.clone();
     let readiness = move |graph: &GraphSnapshot<'_>| controller::unready(&targets, &topic, graph);
     let front = Front::with_readiness(node, origin, moves, arm, readiness)?;
@@ -118,6 +134,11 @@ impl Relay {
         let (doubted, mut stamps) = (intake.clone(), StampCheck::new(STAMP_LIMIT));
         let poses = node.take::<PoseStamped>(&intake, move |received| {
             let message = &received.message;
+            let bound = relay.link().bind(received.publisher);
+            if let Err(stranger) = bound {
+                relay.front.on_stranger(stranger);
+                return Err(Flaw::new("stranger", stranger));
+            }
             let pose = measurement(message, &frame_id)?;
             let time = stamp::from_msg(&message.header.stamp);
             doubted.check_stamp(&mut stamps, time);
