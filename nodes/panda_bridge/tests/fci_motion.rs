@@ -85,10 +85,10 @@ fn two_hundred_motions_leave_the_elbow_where_it_was() {
     for number in 1..=MOVES {
         let [x, y, z] = corners[(number as usize - 1) % corners.len()];
         cell.go(&(Translation3::new(x, y, z) * home));
-        if number as usize % corners.len() == 0 {
+        if (number as usize).is_multiple_of(corners.len()) {
             let (off, hand) = (cell.joints() - first, cell.pose().translation.vector - home.translation.vector);
             worst_rad = worst_rad.max(off.amax());
-            if number % 20 == 0 {
+            if number.is_multiple_of(20) {
                 let mrad: Vec<String> = off.iter().map(|v| format!("{:+.1}", 1e3 * v)).collect();
                 println!(
                     "{number} motions: joints off by {} mrad, hand by {:.2} mm",
@@ -109,7 +109,7 @@ fn an_elbow_that_was_moved_returns_to_its_posture_and_the_hand_stays() {
     cell.go(&home);
     let first = cell.joints();
     let place = panda_bridge::ArmPose::from_parts(home.translation.vector.into(), &home.rotation);
-    // The same hand with joint 1 half a radian further: inverse kinematics from there change the other joints, too.
+    // Joint 1 half a radian further with the hand at its place: inverse kinematics change the other joints, too.
     let mut aside: [f64; 7] = first.into();
     (aside[0], aside[2]) = (aside[0] + 0.5, aside[2] - 0.5);
     let aside = Joints::from(kinematics::inverse(&place, &aside).unwrap());

@@ -27,7 +27,10 @@ THETA = [0.25, 1.0e4]
 SOFT = ["fci.stiffness:=[150.0, 150.0, 150.0, 30.0, 30.0, 30.0]", "fci.damping:=[25.0, 25.0, 25.0, 4.0, 4.0, 4.0]"]
 # Parameters of the bridge, and of the emulated arm.
 # 2000 N/m times 0.03 m: 60 N and 0.67 m/s, which thresholds and speed limit have to allow.
-THRESHOLDS = ["fci.collision_wrench:=[90.0, 90.0, 90.0, 30.0, 30.0, 30.0]", "fci.collision_torque:=[70.0, 70.0, 70.0, 70.0, 24.0, 24.0, 18.0]"]
+THRESHOLDS = [
+    "fci.collision_wrench:=[90.0, 90.0, 90.0, 30.0, 30.0, 30.0]",
+    "fci.collision_torque:=[70.0, 70.0, 70.0, 70.0, 24.0, 24.0, 18.0]",
+]
 FAST = ["fci.error_clip_m:=0.03", "gate.max_jump_m:=0.3", "follow_speed_m_s:=1.0", *THRESHOLDS]
 CASES = {
     "default gains": (FAST, []),

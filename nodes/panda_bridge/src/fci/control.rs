@@ -115,7 +115,7 @@ fn serve(shared: &Shared, settings: &FciSettings, robot: &Robot) -> FrankaResult
         check.check(&state, Instant::now())?;
         shared.record(&state, Phase::Monitoring);
         if matches!(state.robot_mode, RobotMode::Guiding | RobotMode::Other) {
-            // Whoever guides the arm, or moves it by Desk, chooses its posture.
+            // A person who guides the arm, or moves it by Desk, chooses its posture.
             shared.orders().posture = None;
         }
         let mut orders = *shared.orders();
