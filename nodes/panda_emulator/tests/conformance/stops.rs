@@ -3,10 +3,20 @@
 use crate::rig::{NO_FILTER, Rig, assert_reflex, recover, row, wait_for_mode};
 use franka::{ControllerMode, FrankaError, JointVelocities, MoveStatus, RobotMode, Torques, motion_finished};
 use panda_emulator::fci::MoveStatus as End;
-use panda_emulator::server::Event;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-fn endless(robot: &franka::Robot) -> franka::FrankaResult<()> {
-    robot.control_torques(|_, _| Torques::new([0.0; 7]), false, NO_FILTER)
+/// Motion that another thread ends. Counts its commands.
+fn endless(robot: &franka::Robot, commands: &AtomicU32) -> franka::FrankaResult<()> {
+    let torques = |_: &franka::RobotState, _| {
+        commands.fetch_add(1, Ordering::Relaxed);
+        Torques::new([0.0; 7])
+    };
+    robot.control_torques(torques, false, NO_FILTER)
+}
+
+/// Waits until the client commands. One that has not read a state of its motion yet takes a stop for a motion that never began.
+fn wait_for_commands(rig: &Rig, commands: &AtomicU32) {
+    rig.wait_for("the first commands", |_| commands.load(Ordering::Relaxed) > 1);
 }
 
 /// Status with which a motion ended that is no success.
@@ -21,9 +31,10 @@ fn status(result: franka::FrankaResult<()>) -> Option<MoveStatus> {
 fn check_09_stop_from_another_thread() {
     let rig = Rig::new();
     let robot = rig.robot();
+    let commands = AtomicU32::new(0);
     let motion = std::thread::scope(|scope| {
-        let motion = scope.spawn(|| endless(&robot));
-        rig.wait_for("the motion", |events| events.contains(&Event::MotionStarted));
+        let motion = scope.spawn(|| endless(&robot, &commands));
+        wait_for_commands(&rig, &commands);
         robot.stop().unwrap();
         motion.join().unwrap()
     });
@@ -39,16 +50,17 @@ fn check_09_stop_from_another_thread() {
 fn check_10_user_stop() {
     let rig = Rig::new();
     let robot = rig.robot();
+    let commands = AtomicU32::new(0);
     let motion = std::thread::scope(|scope| {
-        let motion = scope.spawn(|| endless(&robot));
-        rig.wait_for("the motion", |events| events.contains(&Event::MotionStarted));
+        let motion = scope.spawn(|| endless(&robot, &commands));
+        wait_for_commands(&rig, &commands);
         rig.handle.set_user_stop(true);
         motion.join().unwrap()
     });
     assert_eq!(status(motion), Some(MoveStatus::EmergencyAborted));
     let state = wait_for_mode(&robot, RobotMode::UserStopped);
     assert!(!state.current_errors.any(), "no error while stopped");
-    assert!(matches!(endless(&robot), Err(FrankaError::Command(_))), "a motion while stopped is refused");
+    assert!(matches!(endless(&robot, &commands), Err(FrankaError::Command(_))), "a motion while stopped is refused");
     rig.handle.set_user_stop(false);
     wait_for_mode(&robot, RobotMode::Idle);
     recover(&robot);
