@@ -49,7 +49,7 @@ pub use process::logging::init as init_logging;
 pub use process::network_loss::{LOST, is_network_lost};
 pub use process::node::Node;
 pub use process::ros_home::{ros_home, ros_log_dir};
-pub use process::run::{Misconfigured, end_on_signals, in_one_line, in_unicode, main};
+pub use process::run::{Misconfigured, end_on_signals, in_one_line, in_unicode, is_signalled, main};
 pub use process::states::{remove_old_states, remove_state, state_file, state_folder};
 pub use time::clock::{Clock, Rate, Tick, wall_now};
 pub use time::point::Time;

@@ -12,6 +12,7 @@ use std::ffi::OsString;
 use std::io::{Read, Write as _};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Exit code of a wrong command line, parameter or environment variable.
@@ -25,6 +26,16 @@ const SUPERVISED: &str = "CATENARY_SUPERVISED";
 
 /// Time for a process to end in order after its supervisor has died. Then it ends itself: no other process would kill it.
 const ORPHAN_GRACE: Duration = Duration::from_secs(5);
+
+/// True once a signal that [`end_on_signals`] waits for has come.
+static SIGNALLED: AtomicBool = AtomicBool::new(false);
+
+/// Returns true once a signal that [`end_on_signals`] waits for told this process to end. Long work without a [`Shutdown`] of its own
+/// looks at it.
+#[must_use]
+pub fn is_signalled() -> bool {
+    SIGNALLED.load(Ordering::Acquire)
+}
 
 /// Runs a node from the arguments after the program's name.
 ///
@@ -151,6 +162,7 @@ pub fn end_on_signals(shutdown: &Shutdown) -> Result<(), ShellError> {
                 None => {
                     tracing::info!("signal {signal}: shutting down");
                     first = Some(Instant::now());
+                    SIGNALLED.store(true, Ordering::Release);
                     on_signal.trigger();
                 }
                 Some(first) if first.elapsed() < IMPATIENCE => {}
