@@ -8,7 +8,7 @@ mod live;
 use crate::error::BagError;
 use crate::reader::{BagMessage, BagReader};
 use catenary_core::episode::MeasuredTrack;
-use catenary_core::{EpisodeLog, Model};
+use catenary_core::{Episode, EpisodeLog, Model};
 use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
@@ -57,14 +57,20 @@ impl EpisodeTopics {
     }
 }
 
-/// Reads all messages of a bag that concern episodes into a log.
-///
-/// Unreadable and meaningless messages are left out, with a note for each topic. Clocks that step or differ, and frames
-/// other than the contract's, are noted, too.
+/// Greatest number of events of a bag: hours of episodes of a second. A longer list is no recording of episodes.
+const MOST_EVENTS: usize = 100_000;
+/// Number of records that are held in memory before episodes that are over are taken out.
+const MOST_HELD: usize = 500_000;
+/// Time in ns from the end of an episode after which its records are complete, by the stamps of the streams.
+const SETTLED_NS: i64 = 10_000_000_000;
+/// Share of the time between a start and an end within which both are logged if a late recorder received them together.
+const TOGETHER: f64 = 0.2;
+
+/// Checks the types of the topics that a bag has of `topics`.
 ///
 /// # Errors
 /// [`BagError::NoTopic`] if the bag has none of the topics, [`BagError::Type`] if a topic has another type.
-pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
+fn check_topics(bag: &BagReader, topics: &EpisodeTopics) -> Result<(), BagError> {
     // Types are checked once for each topic: a wrong type concerns all of its messages.
     let present = topics.names().into_iter().filter_map(|name| bag.topic(name));
     if present.clone().next().is_none() {
@@ -84,12 +90,27 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
             _ => topic.check::<EpisodeEvent>(),
         }?;
     }
+    Ok(())
+}
+
+/// First of two readings of a bag: starts and ends of its episodes, numbers of all records, and doubts. No record of a
+/// stream is kept, so memory does not grow with the bag.
+fn survey(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
+    check_topics(bag, topics)?;
     let mut log = EpisodeLog::default();
-    let mut clocks = Clocks::default();
+    log.survey();
+    let mut clocks = Clocks::new(&topics.pose);
+    let mut events = Events::default();
     let mut left_out: BTreeMap<String, (u64, String)> = BTreeMap::new();
     for message in bag.messages_of(&topics.names()) {
         let (place, outcome) = match message {
-            Ok(message) => (message.topic.name.clone(), record(&mut log, &mut clocks, topics, &message)),
+            Ok(message) => {
+                // A far log time tells nothing about a clock.
+                let clocks = Some(&mut clocks).filter(|_| bag.is_usual_time(message.log_time_ns));
+                let outcome = record(&mut log, topics, &message, clocks, &mut events);
+                (message.topic.name.clone(), outcome)
+            }
+            Err(error @ BagError::Interrupted { .. }) => return Err(error),
             Err(error) => (bag.path().display().to_string(), Err(error.to_string())),
         };
         if let Err(reason) = outcome {
@@ -104,8 +125,87 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
             _ => format!("{place}: {count} messages left out, the first: {first}"),
         });
     }
-    clocks.notes(&topics.pose).into_iter().for_each(|note| log.note(note));
+    clocks.notes().into_iter().for_each(|note| log.note(note));
+    events.forget_latched(&mut log);
     Ok(log)
+}
+
+/// Second reading of a bag: the records of the episodes that `log` keeps. Episodes that are over are passed to `visit` as
+/// soon as memory demands it.
+fn fill(
+    bag: &BagReader,
+    topics: &EpisodeTopics,
+    log: &mut EpisodeLog,
+    mut visit: impl FnMut(Episode),
+) -> Result<(), BagError> {
+    let streams = [&topics.keypoints, &topics.pose, &topics.observation, &topics.action];
+    let mut newest_ns: BTreeMap<String, i64> = BTreeMap::new();
+    let mut most = MOST_HELD;
+    let mut events = Events::default();
+    for message in bag.messages_of(&streams) {
+        let Some(message) = intact(message)? else { continue };
+        let Ok(stamp_ns) = record(log, topics, &message, None, &mut events) else { continue };
+        match newest_ns.get_mut(&message.topic.name) {
+            Some(newest) => *newest = stamp_ns.max(*newest),
+            None => _ = newest_ns.insert(message.topic.name.clone(), stamp_ns),
+        }
+        if log.held() > most {
+            let streams = [&topics.keypoints, &topics.pose].into_iter().filter_map(|name| newest_ns.get(name));
+            let before_ns = streams.min().map_or(i64::MIN, |newest| newest.saturating_sub(SETTLED_NS));
+            log.take_ended(before_ns).into_iter().for_each(&mut visit);
+            most = log.held() + MOST_HELD;
+        }
+    }
+    Ok(())
+}
+
+/// Message of the second reading; none for one whose damage was noted in the first reading.
+fn intact(message: Result<BagMessage, BagError>) -> Result<Option<BagMessage>, BagError> {
+    match message {
+        Ok(message) => Ok(Some(message)),
+        Err(error @ BagError::Interrupted { .. }) => Err(error),
+        Err(_noted) => Ok(None),
+    }
+}
+
+/// Reads all messages of a bag that concern complete episodes into a log.
+///
+/// Unreadable and meaningless messages are left out, with a note for each topic. Clocks that step or differ, and frames
+/// other than the contract's, are noted, too. Episodes that were over when the recording began, and of which it holds the
+/// latched events alone, are passed over.
+///
+/// # Errors
+/// [`BagError::NoTopic`] if the bag has none of the topics, [`BagError::Type`] if a topic has another type.
+pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
+    let mut log = survey(bag, topics)?;
+    log.keep_all();
+    read_kept(bag, topics, &mut log)?;
+    Ok(log)
+}
+
+/// Reads the records of the episodes that `log` keeps, all of them at once.
+fn read_kept(bag: &BagReader, topics: &EpisodeTopics, log: &mut EpisodeLog) -> Result<(), BagError> {
+    let streams = [&topics.keypoints, &topics.pose, &topics.observation, &topics.action];
+    for message in bag.messages_of(&streams) {
+        if let Some(message) = intact(message)? {
+            let _noted = record(log, topics, &message, None, &mut Events::default());
+        }
+    }
+    Ok(())
+}
+
+/// Calls `visit` with each complete episode of a bag, about in order of their starts. Memory holds a few of them at a time,
+/// whatever the length of the bag.
+///
+/// # Errors
+/// [`BagError::Episode`] if there is no complete episode, and those of [`read_episodes`].
+pub fn visit_episodes(bag: &BagReader, topics: &EpisodeTopics, mut visit: impl FnMut(Episode)) -> Result<(), BagError> {
+    let mut log = survey(bag, topics)?;
+    log.last().map_err(|reason| BagError::Episode { path: bag.path().to_owned(), reason })?;
+    log.keep_all();
+    fill(bag, topics, &mut log, &mut visit)?;
+    log.take_ended(i64::MAX).into_iter().for_each(visit);
+    Ok(())
 }
 
 /// Doubts about the episodes of a bag: stamps, clocks, frames, meaningless messages, and ends by a fault. Empty for a
@@ -114,16 +214,22 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
 pub fn episode_notes(bag: &BagReader) -> Vec<String> {
     let topics = EpisodeTopics::default();
     // A bag of other topics, or of other types on them, is a valid bag without episodes.
-    let Ok(log) = read_episodes(bag, &topics) else { return Vec::new() };
-    let episodes = log.episodes();
+    let Ok(mut log) = survey(bag, &topics) else { return Vec::new() };
     // Events without a complete episode are a defect; a bag without events was recorded for another purpose.
-    if episodes.is_empty() && bag.topic(&topics.event).is_some_and(|t| t.messages > 0) {
+    if log.complete().is_empty() && bag.topic(&topics.event).is_some_and(|t| t.messages > 0) {
         return log.episode(None).err().map(|error| error.to_string()).into_iter().collect();
     }
-    let doubts = episodes.iter().flat_map(|episode| {
-        episode.doubts().into_iter().map(move |doubt| format!("episode {}: {doubt}", episode.number))
-    });
-    log.notes().into_iter().chain(doubts).collect()
+    let mut notes = log.notes();
+    log.keep_all();
+    let mut doubt = |episode: Episode| {
+        notes.extend(episode.doubts().into_iter().map(|doubt| format!("episode {}: {doubt}", episode.number)));
+    };
+    // The caller of an interrupted program wants no notes.
+    if fill(bag, &topics, &mut log, &mut doubt).is_err() {
+        return Vec::new();
+    }
+    log.take_ended(i64::MAX).into_iter().for_each(doubt);
+    notes
 }
 
 /// Reads the measured tracks of episodes of one object, for the frames and the camera of `model`.
@@ -146,15 +252,22 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
             return Err(setting("episodes", "one for each bag, or none", got));
         }
     };
+    let wanted = |number: u32| (number > 0).then_some(number);
     let mut logs: BTreeMap<&PathBuf, EpisodeLog> = BTreeMap::new();
     let mut measured = Vec::new();
     let mut known = BTreeSet::new();
-    for (bag, number) in chosen {
+    for (bag, number) in &chosen {
+        let failed = |reason| BagError::Episode { path: (*bag).clone(), reason };
         if !logs.contains_key(bag) {
-            logs.insert(bag, read_episodes(&BagReader::open(bag)?, &EpisodeTopics::default())?);
+            let (reader, topics) = (BagReader::open(bag)?, EpisodeTopics::default());
+            let mut log = survey(&reader, &topics)?;
+            let numbers: Vec<Option<u32>> =
+                chosen.iter().filter(|(of, _)| of == bag).map(|(_, number)| wanted(*number)).collect();
+            log.keep(&numbers).map_err(failed)?;
+            read_kept(&reader, &topics, &mut log)?;
+            logs.insert(bag, log);
         }
-        let failed = |reason| BagError::Episode { path: bag.clone(), reason };
-        let episode = logs[bag].episode((number > 0).then_some(number)).map_err(failed)?;
+        let episode = logs[bag].episode(wanted(*number)).map_err(failed)?;
         if !known.insert((bag, episode.number)) {
             let got = format!("episode {} of {} twice", episode.number, bag.display());
             return Err(setting("episodes", "each episode once", got));
@@ -164,34 +277,93 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
     Ok(measured)
 }
 
-/// Feeds a message to the log and its times to the clocks. The error has the stamp of a message that was left out.
+/// Events of a bag with their log times, in order of these.
+#[derive(Debug, Default)]
+struct Events(Vec<Event>);
+
+#[derive(Debug, Clone, Copy)]
+struct Event {
+    number: u32,
+    is_start: bool,
+    log_ns: i64,
+    stamp_ns: i64,
+}
+
+impl Events {
+    /// Fails if a bag has more events than a recording of episodes.
+    fn check(&self) -> Result<(), String> {
+        match self.0.len() < MOST_EVENTS {
+            true => Ok(()),
+            false => Err(format!("expected at most {MOST_EVENTS} events, got more")),
+        }
+    }
+
+    fn push(&mut self, message: &BagMessage, event: &EpisodeEvent) {
+        let (number, is_start) = (event.episode, event.event == EpisodeEvent::STARTED);
+        self.0.push(Event { number, is_start, log_ns: message.log_time_ns, stamp_ns: event.stamp_ns() });
+    }
+
+    /// Forgets the episodes of which the bag holds the latched events alone: a recorder that begins after them receives
+    /// these together, and nothing else of them.
+    fn forget_latched(&self, log: &mut EpisodeLog) {
+        let mut logged: BTreeMap<(u32, bool, i64), i64> = BTreeMap::new();
+        self.0.iter().for_each(|e| _ = logged.entry((e.number, e.is_start, e.stamp_ns)).or_insert(e.log_ns));
+        log.forget_latched(|number, [start_ns, end_ns]| {
+            let times = logged.get(&(number, true, start_ns)).zip(logged.get(&(number, false, end_ns)));
+            let lasted = end_ns.saturating_sub(start_ns) as f64;
+            times.is_some_and(|(start, end)| (end.saturating_sub(*start) as f64).abs() <= TOGETHER * lasted)
+        });
+        // The oldest latched event may be an end. The later start with its number, of a runner that counts anew, is another
+        // episode's.
+        let mut starts: BTreeMap<u32, (usize, i64)> = BTreeMap::new();
+        for (i, start) in self.0.iter().enumerate().filter(|(_, e)| e.is_start) {
+            let (_first, earliest_ns) = starts.entry(start.number).or_insert((i, start.stamp_ns));
+            *earliest_ns = start.stamp_ns.min(*earliest_ns);
+        }
+        for (i, end) in self.0.iter().enumerate().filter(|(_, e)| !e.is_start) {
+            if starts.get(&end.number).is_some_and(|(first, earliest_ns)| *first > i && *earliest_ns >= end.stamp_ns) {
+                log.forget_end(end.number, end.stamp_ns);
+            }
+        }
+    }
+}
+
+/// Feeds a message to the log, and its times to the clocks. Returns its stamp in ns. The error has the stamp of a message that
+/// was left out.
 fn record(
     log: &mut EpisodeLog,
-    clocks: &mut Clocks,
     topics: &EpisodeTopics,
     message: &BagMessage,
-) -> Result<(), String> {
+    clocks: Option<&mut Clocks>,
+    events: &mut Events,
+) -> Result<i64, String> {
     fn feed<T: Feed + DeserializeOwned>(
         log: &mut EpisodeLog,
-        clocks: &mut Clocks,
         message: &BagMessage,
-    ) -> Result<(), String> {
+        clocks: Option<&mut Clocks>,
+    ) -> Result<(i64, T), String> {
         let record = message.decode::<T>().map_err(|e| e.to_string())?;
         let stamp_ns = record.stamp_ns();
         // A recorder that starts late receives old messages of latched topics, such as events. Their log times are its
         // own.
-        if !is_latched(message) {
+        if let Some(clocks) = clocks.filter(|_| !is_latched(message)) {
             clocks.push(&message.topic.name, message.log_time_ns, stamp_ns);
         }
-        record.feed(log).map_err(|e| format!("stamp {:.6} s: {e}", stamp_ns as f64 * 1e-9))
+        record.feed(log).map_err(|e| format!("stamp {:.6} s: {e}", stamp_ns as f64 * 1e-9))?;
+        Ok((stamp_ns, record))
     }
-    match &message.topic.name {
-        name if *name == topics.keypoints => feed::<Keypoints>(log, clocks, message),
-        name if *name == topics.pose => feed::<PoseStamped>(log, clocks, message),
-        name if *name == topics.observation => feed::<Observation>(log, clocks, message),
-        name if *name == topics.action => feed::<EefDelta>(log, clocks, message),
-        _ => feed::<EpisodeEvent>(log, clocks, message),
-    }
+    Ok(match &message.topic.name {
+        name if *name == topics.keypoints => feed::<Keypoints>(log, message, clocks)?.0,
+        name if *name == topics.pose => feed::<PoseStamped>(log, message, clocks)?.0,
+        name if *name == topics.observation => feed::<Observation>(log, message, clocks)?.0,
+        name if *name == topics.action => feed::<EefDelta>(log, message, clocks)?.0,
+        _ => {
+            events.check()?;
+            let (stamp_ns, event) = feed::<EpisodeEvent>(log, message, clocks)?;
+            events.push(message, &event);
+            stamp_ns
+        }
+    })
 }
 
 /// True if a message may have been published long before it was logged. Events are latched by contract, even if a

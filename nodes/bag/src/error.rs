@@ -75,6 +75,34 @@ pub enum BagError {
         /// Damage, or size and limit.
         reason: String,
     },
+    /// File whose decompressed size is above the limit of a scratch file.
+    #[error("{}: expected at most {limit} bytes after decompression ({reason}), got {got}; where there is space, `zstd -d` makes a file that is read without a copy", path.display())]
+    Scratch {
+        /// Compressed file.
+        path: PathBuf,
+        /// Limit in bytes.
+        limit: u64,
+        /// Source of the limit.
+        reason: String,
+        /// Size in bytes, or `more` if the file does not state it.
+        got: String,
+        /// True if the free space sets the limit: with more of it, the same file can be read.
+        is_of_disk: bool,
+    },
+    /// End of a long reading by Ctrl-C.
+    #[error("{}: interrupted while it was read", path.display())]
+    Interrupted {
+        /// Bag or file.
+        path: PathBuf,
+    },
+    /// Chunks that overlap in log time, and hold more messages together than memory may.
+    #[error("{}: expected chunks that overlap in log time to hold at most {limit} bytes together, got more: later messages are not in order of their log times", path.display())]
+    Overlap {
+        /// Bag.
+        path: PathBuf,
+        /// Limit in bytes.
+        limit: usize,
+    },
     /// Database of sqlite3 that is damaged or cannot be opened.
     #[error("{}: {reason}", path.display())]
     Database {

@@ -3,12 +3,15 @@
 
 pub(crate) mod chunk;
 mod contents;
+mod far;
 mod file;
 pub(crate) mod folder;
 pub(crate) mod index;
 mod messages;
 pub(crate) mod scan;
+mod scratch;
 mod sqlite;
+mod usual;
 mod zstd_data;
 
 use crate::error::BagError;
@@ -17,7 +20,9 @@ pub use contents::{BagMessage, Topic, TopicCount};
 use folder::files_of;
 use index::IndexedFile;
 pub use messages::Messages;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use usual::Usual;
 
 /// Open bag.
 ///
@@ -29,6 +34,26 @@ pub struct BagReader {
     files: Vec<IndexedFile>,
     topics: Vec<TopicCount>,
     notes: Vec<String>,
+    /// Range of the log times that are not far from the others.
+    usual: Usual,
+    far_notes: Vec<String>,
+    custom_data: BTreeMap<String, String>,
+}
+
+/// Result of reading every message of a bag.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Verified {
+    /// Number of readable messages.
+    pub readable: u64,
+    /// Number of damaged places.
+    pub damaged: u64,
+    /// One sentence for each of the first damaged places, at most [`Verified::LISTED`].
+    pub damage: Vec<String>,
+}
+
+impl Verified {
+    /// Greatest number of damaged places that are described.
+    pub const LISTED: usize = 100;
 }
 
 impl BagReader {
@@ -53,11 +78,12 @@ impl BagReader {
         };
         let alone = paths.len() == 1;
         let mut files = Vec::new();
-        for path in paths {
-            match file::open(&path) {
+        for file_path in paths {
+            match file::open(&file_path) {
                 Ok(file) => files.push(file),
                 // One bad file of several costs its own messages alone.
                 Err(error) if alone => return Err(error),
+                Err(error @ BagError::Interrupted { .. }) => return Err(error),
                 Err(error) => notes.push(error.to_string()),
             }
         }
@@ -66,7 +92,11 @@ impl BagReader {
         }
         notes.extend(files.iter().flat_map(|f| f.notes.iter().cloned()));
         let topics = merged(files.iter().flat_map(IndexedFile::topics));
-        Ok(Self { path: path.to_owned(), files, topics, notes })
+        let (usual, far_notes) = far::set_apart(path, &mut files);
+        // An unreadable metadata.yaml was noted with the files.
+        let layout = if path.is_dir() { folder::layout_of(path).ok().flatten() } else { None };
+        let custom_data = layout.map(|layout| layout.added_data()).unwrap_or_default();
+        Ok(Self { path: path.to_owned(), files, topics, notes, usual, far_notes, custom_data })
     }
 
     /// Path that was opened.
@@ -93,7 +123,7 @@ impl BagReader {
         self.topics.iter().map(|t| t.messages).sum()
     }
 
-    /// First and last log time in ns; none without messages.
+    /// First and last log time in ns, without those far from the rest; none without messages.
     #[must_use]
     pub fn span_ns(&self) -> Option<(i64, i64)> {
         joined(self.files.iter().map(IndexedFile::span_ns))
@@ -115,18 +145,41 @@ impl BagReader {
         &self.notes
     }
 
-    /// Reads every message, which finds damage that the index of a file does not show. Returns the number of readable
-    /// messages and one sentence for each defect.
+    /// Sentences about messages whose log times lie decades away from the rest, one for each topic: topic, number and
+    /// times. They are no damage, and [`BagReader::messages`] has them.
     #[must_use]
-    pub fn verify(&self) -> (u64, Vec<String>) {
-        let (mut readable, mut damage) = (0, Vec::new());
+    pub fn far_notes(&self) -> &[String] {
+        &self.far_notes
+    }
+
+    /// Entries about the recording as a whole that users or programs added to a bag folder, by name.
+    #[must_use]
+    pub fn custom_data(&self) -> &BTreeMap<String, String> {
+        &self.custom_data
+    }
+
+    /// True if a log time is not decades away from the rest of the bag.
+    #[must_use]
+    pub fn is_usual_time(&self, log_time_ns: i64) -> bool {
+        self.usual.holds(log_time_ns)
+    }
+
+    /// Reads every message, which finds damage that the index of a file does not show.
+    #[must_use]
+    pub fn verify(&self) -> Verified {
+        let mut found = Verified::default();
         for message in self.messages() {
             match message {
-                Ok(_) => readable += 1,
-                Err(error) => damage.push(error.to_string()),
+                Ok(_) => found.readable += 1,
+                Err(error) => {
+                    found.damaged += 1;
+                    if found.damage.len() < Verified::LISTED {
+                        found.damage.push(error.to_string());
+                    }
+                }
             }
         }
-        (readable, damage)
+        found
     }
 
     /// Topics with types and counts, in one line.
@@ -140,13 +193,14 @@ impl BagReader {
     /// All messages in order of log time.
     #[must_use]
     pub fn messages(&self) -> Messages<'_> {
-        Messages::new(&self.files, None)
+        Messages::new(&self.path, &self.files, self.usual, None)
     }
 
     /// Messages of the given topics in order of log time.
     #[must_use]
     pub fn messages_of<S: AsRef<str>>(&self, topics: &[S]) -> Messages<'_> {
-        Messages::new(&self.files, Some(topics.iter().map(|t| t.as_ref().to_owned()).collect()))
+        let wanted = topics.iter().map(|t| t.as_ref().to_owned()).collect();
+        Messages::new(&self.path, &self.files, self.usual, Some(wanted))
     }
 }
 

@@ -68,6 +68,8 @@ pub struct BagWriter {
     /// Open file; none after the end of the bag.
     file: Option<McapFile<File>>,
     reserve: Reserve,
+    /// Entries about the recording as a whole.
+    origin: Origin,
     /// True if an error was returned to the caller, so dropping the bag does not log it again.
     failed: bool,
 }
@@ -99,11 +101,18 @@ impl BagWriter {
             ended: Vec::new(),
             file,
             reserve,
+            origin: Origin::default(),
             failed: false,
         };
         // A killed recorder must leave a folder that other tools recognise as a bag.
         writer.write_metadata()?;
         Ok(writer)
+    }
+
+    /// Adds an entry about the recording to the `custom_data` of the bag, which readers show. It is written with the next
+    /// topic, and at the end.
+    pub fn describe(&mut self, key: &str, text: &str) {
+        self.origin.custom_data.insert(key.to_owned(), text.to_owned());
     }
 
     /// Folder of the bag.
@@ -225,7 +234,7 @@ impl BagWriter {
 
     fn write_metadata(&self) -> Result<(), BagError> {
         let (topics, files) = self.facts();
-        metadata::write(&self.folder, &topics, &files, &Origin::default())
+        metadata::write(&self.folder, &topics, &files, &self.origin)
     }
 
     /// Reserves disk space for the end of the bag.

@@ -1,7 +1,9 @@
 //! Recordings with bad data: each defect is named with topic, time, value and expectation, and nothing else is lost.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
-use catenary_bag::{BagMessage, BagReader, BagWriter, WriterOptions, episode_notes, read_measured};
+use catenary_bag::{
+    BagMessage, BagReader, BagWriter, EpisodeTopics, WriterOptions, episode_notes, read_measured, visit_episodes,
+};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -223,6 +225,65 @@ fn latched_events_of_an_earlier_episode_are_no_clock_that_was_set() {
     assert_eq!(episode_notes(&BagReader::open(&path).unwrap()), [] as [String; 0]);
     let measured = read_measured(&[path], &[], &model()).unwrap().remove(0);
     assert_eq!(measured, whole());
+}
+
+/// Copy of the sample bag behind the 16 newest latched events of earlier episodes, which a late recorder receives at once. `own`
+/// chooses the sample's own events.
+fn after_earlier_episodes(folder: &Path, restarted: bool, own: impl Fn(&EpisodeEvent) -> bool) -> BagReader {
+    let path = folder.join("late");
+    let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
+    let messages: Vec<BagMessage> = sample().messages_of(&[POSE, KEYPOINTS, EVENT]).map(Result::unwrap).collect();
+    let logged_ns = messages[0].log_time_ns;
+    let events: Vec<&BagMessage> = messages.iter().filter(|m| m.topic.name == EVENT).collect();
+    let topic = bag.add_topic_of::<EpisodeEvent>(EVENT, events[0].topic.qos[0]).unwrap();
+    // Nine episodes; the start of the oldest one was pushed out, and the last one was left open by a node that died.
+    for i in 0..17_u32 {
+        let mut event = decoded::<EpisodeEvent>(events[usize::from(i % 2 == 0)]);
+        Change::Event(&mut event).shift((i64::from(i.div_ceil(2)) - 20) * 60_000_000_000);
+        // A node that was started anew counts from the sample's own number on.
+        event.episode = if restarted { 7 } else { 0 } + i.div_ceil(2);
+        bag.write(topic, logged_ns + i64::from(i), logged_ns + i64::from(i), &event).unwrap();
+    }
+    fn copy<T: Interface + Serialize + DeserializeOwned>(bag: &mut BagWriter, message: &BagMessage) {
+        let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
+        bag.write(topic, message.log_time_ns, message.publish_time_ns, &decoded::<T>(message)).unwrap();
+    }
+    for message in &messages {
+        match message.topic.name.as_str() {
+            POSE => copy::<PoseStamped>(&mut bag, message),
+            KEYPOINTS => copy::<Keypoints>(&mut bag, message),
+            _ if own(&decoded(message)) => copy::<EpisodeEvent>(&mut bag, message),
+            _ => {}
+        }
+    }
+    bag.finish().unwrap();
+    BagReader::open(&path).unwrap()
+}
+
+#[test]
+fn latched_events_of_many_earlier_episodes_are_passed_over() {
+    for restarted in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = after_earlier_episodes(folder.path(), restarted, |_| true);
+        assert_eq!(episode_notes(&bag), [] as [String; 0]);
+        let measured = read_measured(&[bag.path().to_owned()], &[], &model()).unwrap().remove(0);
+        assert_eq!(measured, whole());
+        let mut visited = Vec::new();
+        visit_episodes(&bag, &EpisodeTopics::default(), |episode| visited.push(episode)).unwrap();
+        assert_eq!(visited.iter().map(|e| (e.number, e.notes.len())).collect::<Vec<_>>(), [(7, 0)]);
+    }
+}
+
+#[test]
+fn an_open_episode_behind_latched_events_is_named_and_not_a_clock() {
+    for restarted in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = after_earlier_episodes(folder.path(), restarted, |event| event.event == EpisodeEvent::STARTED);
+        let error = read_measured(&[bag.path().to_owned()], &[], &model()).unwrap_err().to_string();
+        assert!(error.contains("episode 7 has no end: the recording, or the node") || restarted, "{error}");
+        assert!(error.contains("the latched events of 8 episodes before the recording"), "{error}");
+        assert!(!error.contains("clock"), "{error}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! a panic. A failure here would lose the data of a recorder that is killed in the middle of an episode.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
-use catenary_bag::{BagReader, BagWriter, Compression, WriterOptions, reindex};
+use catenary_bag::{BagReader, BagWriter, Compression, Verified, WriterOptions, reindex};
 use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_shell::Qos;
@@ -105,8 +105,8 @@ fn one_damaged_chunk_costs_its_own_messages_alone() {
         bytes[ends[2].0 + 120] ^= 0x55;
         let (x, errors, notes) = read(&path, &bytes).unwrap();
         assert_eq!((x.len(), errors, notes.len()), (54, 1, 0), "{compression:?}");
-        let (readable, damage) = BagReader::open(&path).unwrap().verify();
-        assert_eq!((readable, damage.len()), (54, 1), "{damage:?}");
+        let Verified { readable, damaged, damage } = BagReader::open(&path).unwrap().verify();
+        assert_eq!((readable, damaged, damage.len()), (54, 1, 1), "{damage:?}");
         assert!(damage[0].contains("damaged.mcap: damaged at byte"), "{damage:?}");
         assert_eq!((x[11], x[12]), (11.0, 18.0));
         let (x, errors, notes) = read(&path, &bytes[..ends[9].0]).unwrap();

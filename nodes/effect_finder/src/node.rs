@@ -11,7 +11,7 @@ use crate::error::FinderError;
 use crate::settings::Settings;
 use crate::{Question, find};
 use anyhow::{Context, Result, anyhow, bail};
-use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, read_episodes};
+use catenary_bag::{BagReader, EpisodeTopics, LiveEpisodes, visit_episodes};
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
 use catenary_msgs::action::{FindEffects, FindEffectsResult};
@@ -186,16 +186,14 @@ fn measured(
 pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)>> {
     let named = || bag.display().to_string();
     let reader = BagReader::open(bag)?;
-    let log = read_episodes(&reader, &EpisodeTopics::default())?;
-    // Fails with the missing topics if the bag has no episode.
-    log.last().with_context(named)?;
     let mut episodes = Vec::new();
     let mut refused = Vec::new();
     let mut said = BTreeSet::new();
-    for episode in log.episodes() {
+    // Fails with the missing topics if the bag has no episode.
+    visit_episodes(&reader, &EpisodeTopics::default(), |episode| {
         if let Some(fault) = episode.fault_warning() {
             refused.push(anyhow!(fault));
-            continue;
+            return;
         }
         match episode.measured(model) {
             Ok(measured) => {
@@ -207,7 +205,7 @@ pub fn episodes_of(bag: &Path, model: &Model) -> Result<Vec<(u32, MeasuredTrack)
             }
             Err(error) => refused.push(error.into()),
         }
-    }
+    })?;
     // Without another episode the last reason becomes the error, so that it is not logged as well.
     if episodes.is_empty()
         && let Some(error) = refused.pop()

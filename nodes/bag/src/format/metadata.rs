@@ -246,6 +246,12 @@ impl Layout {
         Origin { custom_data, ros_distro: self.ros_distro.clone().unwrap_or_default() }
     }
 
+    /// Entries about the recording that users or programs added.
+    pub(crate) fn added_data(&self) -> BTreeMap<String, String> {
+        let all = self.custom_data.iter().flatten().filter(|(key, _)| !key.starts_with(MISSING));
+        all.map(|(key, text)| (key.clone(), text.clone())).collect()
+    }
+
     /// Files that were missing when the bag was finished, each with the number of its messages as text.
     pub(crate) fn missing_before(&self) -> impl Iterator<Item = (&str, &str)> {
         self.custom_data.iter().flatten().filter_map(|(key, known)| Some((key.strip_prefix(MISSING)?, known.as_str())))

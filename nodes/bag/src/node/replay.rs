@@ -30,7 +30,7 @@ const LINGER: Duration = Duration::from_millis(500);
 /// [`BagError`]: settings, a path without a bag, a bag with nothing to replay, the graph, [`BagError::Refused`].
 pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, BagError> {
     let bag = settings.open()?;
-    for note in bag.notes() {
+    for note in bag.notes().iter().chain(bag.far_notes()) {
         tracing::warn!("{note}");
     }
     let mut summary = ReplaySummary::default();

@@ -3,8 +3,9 @@
 use super::chunk::{LARGEST, RECORD_HEADER};
 use super::index::{Definitions, IndexedFile, Piece, PieceKind, nanoseconds};
 use super::scan::scan;
+use super::scratch::unpack;
 use super::sqlite;
-use super::zstd_data::{ZSTD_MAGIC, unpack};
+use super::zstd_data::ZSTD_MAGIC;
 use crate::error::BagError;
 use mcap::MAGIC;
 use mcap::records::{ChunkIndex, Record, Statistics, op};
@@ -14,17 +15,18 @@ use std::path::Path;
 
 /// Indexes a file.
 pub(super) fn open(path: &Path) -> Result<IndexedFile, BagError> {
-    match kind_of(path)? {
+    match kind_of(path, path)? {
         Kind::Mcap => open_mcap(path, path),
-        Kind::Sqlite => sqlite::index(path, path),
+        Kind::Sqlite => sqlite::index(path, sqlite::connect(path)?),
         Kind::Zstd => {
-            let unpacked = unpack(path).map_err(BagError::io("unpack", path))?;
-            let file = match kind_of(&unpacked)? {
-                Kind::Mcap => open_mcap(path, &unpacked)?,
-                Kind::Sqlite => sqlite::index(path, &unpacked)?,
+            let unpacked = unpack(path)?;
+            let source = unpacked.path();
+            let file = match kind_of(path, &source)? {
+                Kind::Mcap => open_mcap(path, &source)?,
+                Kind::Sqlite => sqlite::index(path, unpacked.named(path, sqlite::connect)?)?,
                 Kind::Zstd => return Err(BagError::NotABag { path: path.to_owned(), found: TWICE.to_owned() }),
             };
-            // The decompressed copy is temporary: finishing it would not change the file.
+            // The decompressed copy is a scratch file: finishing it would not change the file.
             Ok(IndexedFile { _unpacked: Some(unpacked), is_finished: true, ..file })
         }
     }
@@ -55,7 +57,7 @@ fn open_mcap(path: &Path, source: &Path) -> Result<IndexedFile, BagError> {
         counts: definitions.counts,
         notes: definitions.notes.into_iter().map(|n| format!("{}: {n}", path.display())).collect(),
         is_finished: definitions.is_finished,
-        rows: Vec::new(),
+        database: None,
     })
 }
 
@@ -70,9 +72,9 @@ enum Kind {
 /// Description of a file that was compressed twice.
 const TWICE: &str = "a compressed file within a compressed file";
 
-/// Determines the kind of a bag file. The error describes a file that is none.
-fn kind_of(path: &Path) -> Result<Kind, BagError> {
-    let file = File::open(path).map_err(BagError::io("open", path))?;
+/// Determines the kind of the bag file at `source`, which errors name `path`. The error describes a file that is none.
+fn kind_of(path: &Path, source: &Path) -> Result<Kind, BagError> {
+    let file = File::open(source).map_err(BagError::io("open", path))?;
     let len = file.metadata().map_err(BagError::io("open", path))?.len();
     let mut start = Vec::new();
     file.take(16).read_to_end(&mut start).map_err(BagError::io("read", path))?;
@@ -158,5 +160,8 @@ fn chunk_piece(index: &ChunkIndex, data_end: u64) -> Option<Piece> {
     let end = index.chunk_start_offset.checked_add(index.chunk_length)?;
     let len = index.chunk_length.checked_sub(RECORD_HEADER)?;
     let span = (nanoseconds(index.message_start_time), nanoseconds(index.message_end_time));
-    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, kind: PieceKind::Chunk })
+    // A writer may leave the message indexes out.
+    let channels =
+        (!index.message_index_offsets.is_empty()).then(|| index.message_index_offsets.keys().copied().collect());
+    (end <= data_end).then_some(Piece { span, offset: index.chunk_start_offset, len, kind: PieceKind::Chunk, channels })
 }

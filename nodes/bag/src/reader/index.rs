@@ -2,45 +2,49 @@
 
 use super::chunk::{LARGEST, RECORD_HEADER};
 use super::contents::{Topic, TopicCount};
+use super::scratch::Scratch;
 use crate::format::metadata::joined;
 use crate::format::profile::{self, Profile};
 use mcap::records::{Channel, Record};
+use rusqlite::Connection;
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
-use std::sync::Arc;
-use tempfile::TempPath;
+use std::sync::{Arc, Mutex};
 
 /// Kind of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PieceKind {
     Chunk,
-    /// Message outside of chunks.
-    Message,
+    /// Messages outside of chunks, one behind the other.
+    Run,
     /// Rows of a database.
     Rows,
 }
 
 /// Part of a file whose messages are read together.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Piece {
-    /// Earliest and latest log time in ns.
+    /// Earliest and latest log time in ns, without those far from the recording.
     pub(crate) span: (i64, i64),
-    /// Byte offset of its record; for a database, the index of its first message.
+    /// Byte offset of its first record; for a database, the key of its first row.
     pub(crate) offset: u64,
-    /// Length in bytes of the record's body; for a database, the number of messages.
+    /// Length in bytes of a chunk's body, or of all records of a run; for a database, the distance from the first key to the
+    /// last one.
     pub(crate) len: u64,
     pub(crate) kind: PieceKind,
+    /// Channels of its messages; none if the index does not say them.
+    pub(crate) channels: Option<Arc<[u16]>>,
 }
 
 /// Indexed file.
 #[derive(Debug)]
 pub(crate) struct IndexedFile {
     pub(crate) path: PathBuf,
-    /// File that is read: the file itself, or the temporary file with its decompressed content.
+    /// File that is read: the file itself, or the scratch file with its decompressed content.
     pub(crate) source: PathBuf,
-    /// Deletes the temporary file when it is dropped.
-    pub(crate) _unpacked: Option<TempPath>,
+    /// Keeps the scratch file open.
+    pub(crate) _unpacked: Option<Scratch>,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) channels: BTreeMap<u16, Arc<Topic>>,
     pub(crate) counts: BTreeMap<u16, u64>,
@@ -48,8 +52,8 @@ pub(crate) struct IndexedFile {
     pub(crate) notes: Vec<String>,
     /// True if nothing is missing at its end.
     pub(crate) is_finished: bool,
-    /// Places of the messages of a database, sorted by time; empty for MCAP.
-    pub(crate) rows: Vec<MessageRow>,
+    /// Open database; none for MCAP.
+    pub(crate) database: Option<Mutex<Connection>>,
 }
 
 impl IndexedFile {
@@ -67,16 +71,6 @@ impl IndexedFile {
         let count = |id: &u16| self.counts.get(id).copied().unwrap_or(0);
         self.channels.iter().map(move |(id, topic)| TopicCount { topic: Arc::clone(topic), messages: count(id) })
     }
-}
-
-/// Place of a message in a database.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct MessageRow {
-    /// Log time in ns; negative before 1970, as of a clock that was never set.
-    pub(crate) time: i64,
-    /// Primary key.
-    pub(crate) id: i64,
-    pub(crate) channel: u16,
 }
 
 /// Definitions and pieces that the records of a file give.
@@ -132,6 +126,14 @@ fn topic(mut channel: Channel, type_name: String) -> Topic {
 /// Converts an MCAP log time, which is unsigned, to ns; times after the year 2262 become the greatest i64.
 pub(crate) fn nanoseconds(time: u64) -> i64 {
     i64::try_from(time).unwrap_or(i64::MAX)
+}
+
+/// Reads the records of a run of messages. Its length must lie within the file.
+pub(crate) fn read_run(mut file: impl Read + Seek, run: &Piece) -> std::io::Result<Vec<u8>> {
+    file.seek(SeekFrom::Start(run.offset))?;
+    let mut records = vec![0; usize::try_from(run.len).unwrap_or(usize::MAX)];
+    file.read_exact(&mut records)?;
+    Ok(records)
 }
 
 /// Reads the body of the record at `offset`. Its length must lie within the file.

@@ -4,6 +4,7 @@ use super::chunk::{RECORD_HEADER, visit_records};
 use super::index::{Definitions, Piece, PieceKind, nanoseconds, read_body};
 use mcap::MAGIC;
 use mcap::records::{Record, op};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
@@ -85,6 +86,25 @@ fn conclude(definitions: &mut Definitions, ended: bool, has_footer: bool) {
     definitions.notes.insert(0, format!("{state}: {messages} messages were found {places}{remedy}"));
 }
 
+/// Length in bytes from which on a run of messages outside of chunks ends: as many as a chunk has.
+const RUN: u64 = 1 << 20;
+
+/// Adds a message outside of chunks to the run before it, or begins another run.
+fn take_loose(definitions: &mut Definitions, channel: u16, time: i64, offset: u64, len: u64) {
+    let end = |run: &Piece| run.offset + run.len;
+    match definitions.pieces.last_mut().filter(|p| p.kind == PieceKind::Run && end(p) == offset && p.len + len <= RUN) {
+        Some(run) => {
+            run.len += len;
+            run.span = (run.span.0.min(time), run.span.1.max(time));
+        }
+        None => {
+            let piece = Piece { span: (time, time), offset, len, kind: PieceKind::Run, channels: None };
+            definitions.pieces.push(piece);
+        }
+    }
+    *definitions.counts.entry(channel).or_default() += 1;
+}
+
 /// Adds the definitions of one record, or its chunk or message as a piece.
 fn take_record(
     definitions: &mut Definitions,
@@ -94,10 +114,9 @@ fn take_record(
     len: u64,
 ) -> Result<(), String> {
     let body = read_body(input, offset, len).map_err(|e| e.to_string())?;
-    let piece = |span, kind| Piece { span, offset, len, kind };
     match opcode {
         op::CHUNK => {
-            let mut found = Vec::new();
+            let (mut found, mut span) = (BTreeMap::<u16, u64>::new(), None::<(i64, i64)>);
             let read = visit_records(&body, |opcode, body| match opcode {
                 op::SCHEMA | op::CHANNEL => {
                     definitions.define(mcap::parse_record(opcode, body).map_err(|e| e.to_string())?);
@@ -105,7 +124,9 @@ fn take_record(
                 }
                 op::MESSAGE => {
                     let (channel, time) = message_key(body)?;
-                    found.push((channel, nanoseconds(time)));
+                    let time = nanoseconds(time);
+                    *found.entry(channel).or_default() += 1;
+                    span = Some(span.map_or((time, time), |(first, last)| (first.min(time), last.max(time))));
                     Ok(())
                 }
                 _ => Ok(()),
@@ -116,18 +137,15 @@ fn take_record(
                 definitions.check_compression(&header.compression);
             }
             read?;
-            let times = found.iter().map(|(_, time)| Some((*time, *time)));
-            let span = times.flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            for (channel, _) in &found {
-                *definitions.counts.entry(*channel).or_default() += 1;
+            for (channel, count) in &found {
+                *definitions.counts.entry(*channel).or_default() += count;
             }
-            definitions.pieces.extend(span.map(|s| piece(s, PieceKind::Chunk)));
+            let channels = Some(found.keys().copied().collect());
+            definitions.pieces.extend(span.map(|span| Piece { span, offset, len, kind: PieceKind::Chunk, channels }));
         }
         op::MESSAGE => {
             let (channel, time) = message_key(&body)?;
-            *definitions.counts.entry(channel).or_default() += 1;
-            let time = nanoseconds(time);
-            definitions.pieces.push(piece((time, time), PieceKind::Message));
+            take_loose(definitions, channel, nanoseconds(time), offset, RECORD_HEADER + len);
         }
         _ => definitions.define(mcap::parse_record(opcode, &body).map_err(|e| e.to_string())?),
     }

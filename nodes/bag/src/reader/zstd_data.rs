@@ -1,9 +1,6 @@
-//! Decompression of files and messages that a recorder compressed by zstd.
+//! Decompression of messages that a recorder compressed by zstd, one by one.
 
-use std::fs::File;
 use std::io::Read;
-use std::path::Path;
-use tempfile::TempPath;
 
 /// First bytes of a zstd frame. No message in CDR begins with them.
 pub(super) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
@@ -31,19 +28,6 @@ pub(super) fn unpacked(data: Vec<u8>, limit: u64) -> Result<Vec<u8>, String> {
         return Err(too_large("more".to_owned()));
     }
     Ok(out)
-}
-
-/// Decompresses a file into a temporary one. A truncated file is decompressed up to its cut.
-pub(super) fn unpack(path: &Path) -> std::io::Result<TempPath> {
-    let mut packed = zstd::Decoder::new(File::open(path)?)?;
-    let mut unpacked = tempfile::NamedTempFile::new()?;
-    let copied = std::io::copy(&mut packed, &mut unpacked);
-    match copied {
-        Err(error) if unpacked.as_file().metadata()?.len() == 0 => Err(error),
-        // Without this line, a full temporary folder would look like a truncated file.
-        Err(error) if error.kind() == std::io::ErrorKind::StorageFull => Err(error),
-        _ => Ok(unpacked.into_temp_path()),
-    }
 }
 
 #[cfg(test)]

@@ -22,14 +22,17 @@ struct Chunk {
     index: BTreeMap<u16, u64>,
     /// Length in bytes of all its message indexes.
     index_len: u64,
-    /// Log time and byte offset in the chunk of the messages of each channel.
-    messages: BTreeMap<u16, Vec<(u64, u64)>>,
+    /// First and last log time of its messages; none without messages. The times in its header are not used, because they have
+    /// no checksum.
+    span: Option<(u64, u64)>,
 }
 
 /// Contents of a file, read from the front.
 #[derive(Default)]
 struct Contents {
     chunks: Vec<Chunk>,
+    /// Log time and byte offset of the messages of each channel in the last chunk.
+    last: BTreeMap<u16, Vec<(u64, u64)>>,
     /// Bodies of schemas and channels.
     schemas: BTreeMap<u16, Vec<u8>>,
     channels: BTreeMap<u16, Vec<u8>>,
@@ -139,7 +142,10 @@ impl Contents {
             for (channel, of_channel) in &messages {
                 *self.counts.entry(*channel).or_default() += of_channel.len() as u64;
             }
-            self.chunks.push(Chunk { header, start, len, index: BTreeMap::new(), index_len: 0, messages });
+            let times = || messages.values().flatten().map(|(time, _)| *time);
+            let span = times().min().zip(times().max());
+            self.chunks.push(Chunk { header, start, len, index: BTreeMap::new(), index_len: 0, span });
+            self.last = messages;
         }
     }
 
@@ -172,7 +178,7 @@ impl Contents {
         // Only the last chunk can lack its message indexes: the writer puts them right behind each chunk.
         if let Some(chunk) = self.chunks.last_mut().filter(|chunk| chunk.start + chunk.len == start) {
             chunk.index.clear();
-            for (channel, messages) in &mut chunk.messages {
+            for (channel, messages) in &mut self.last {
                 messages.sort_unstable();
                 chunk.index.insert(*channel, start + out.len() as u64);
                 let entries = messages.iter().flat_map(|(time, place)| [time.to_le_bytes(), place.to_le_bytes()]);
@@ -211,7 +217,7 @@ impl Contents {
 
     fn statistics(&self) -> Vec<u8> {
         let messages: u64 = self.counts.values().sum();
-        let spans = || self.chunks.iter().filter_map(Chunk::span);
+        let spans = || self.chunks.iter().filter_map(|chunk| chunk.span);
         let first = spans().map(|(first, _)| first).min().unwrap_or(0);
         let last = spans().map(|(_, last)| last).max().unwrap_or(0);
         let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes();
@@ -233,16 +239,10 @@ impl Contents {
 }
 
 impl Chunk {
-    /// First and last log time of its messages. The times in its header are not used, because they have no checksum.
-    fn span(&self) -> Option<(u64, u64)> {
-        let times = || self.messages.values().flatten().map(|(time, _)| *time);
-        Some((times().min()?, times().max()?))
-    }
-
     /// Body of its chunk index in the summary.
     fn index(&self) -> Vec<u8> {
         let offsets = self.index.iter().flat_map(|(id, at)| [&id.to_le_bytes()[..], &at.to_le_bytes()].concat());
-        let (first, last) = self.span().unwrap_or_default();
+        let (first, last) = self.span.unwrap_or_default();
         [
             &first.to_le_bytes()[..],
             &last.to_le_bytes(),

@@ -1,11 +1,13 @@
 //! `catenary info`: contents and damage of a bag.
 
 use super::args::InfoArgs;
-use crate::exit::Given;
+use crate::exit::{Given, Interrupted};
 use crate::terminal::output;
 use anyhow::Result;
-use catenary_bag::{BagReader, TopicCount, episode_notes};
+use catenary_bag::{BagReader, TopicCount, Verified, episode_notes};
+use catenary_shell::Shutdown;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// One topic of a bag.
@@ -30,6 +32,8 @@ struct BagInfo {
     duration_s: f64,
     files: Vec<PathBuf>,
     topics: Vec<TopicInfo>,
+    /// Entries about the recording as a whole, from its metadata.
+    custom_data: BTreeMap<String, String>,
     /// Missing, damaged or doubtful parts of the bag, one sentence each.
     notes: Vec<String>,
 }
@@ -39,15 +43,15 @@ const LISTED: usize = 10;
 
 impl BagInfo {
     fn new(bag: &BagReader, index_only: bool) -> Self {
-        let mut notes = bag.notes().to_vec();
+        let mut notes = [bag.notes(), bag.far_notes()].concat();
         let verified = (!index_only).then(|| bag.verify());
-        if let Some((readable, damage)) = &verified {
+        if let Some(Verified { readable, damaged, damage }) = &verified {
             if *readable != bag.message_count() {
                 let (path, all) = (bag.path().display(), bag.message_count());
                 notes.push(format!("{path}: {readable} of {all} messages can be read"));
             }
             notes.extend(damage.iter().take(LISTED).cloned());
-            let more = damage.len().saturating_sub(LISTED);
+            let more = damaged.saturating_sub(LISTED as u64);
             notes.extend((more > 0).then(|| format!("and {more} more damaged places")));
             let is_new = |note: &String| !repeats(note, damage, bag.path());
             notes.extend(episode_notes(bag).into_iter().filter(is_new));
@@ -62,11 +66,12 @@ impl BagInfo {
         Self {
             bag: bag.path().to_owned(),
             messages: bag.message_count(),
-            readable: verified.map(|(readable, _)| readable),
+            readable: verified.map(|verified| verified.readable),
             start_ns: bag.span_ns().map(|(first, _)| first),
             duration_s: bag.span_ns().map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 * 1e-9),
             files: bag.files().map(Path::to_owned).collect(),
             topics: bag.topics().iter().map(topic).collect(),
+            custom_data: bag.custom_data().clone(),
             notes,
         }
     }
@@ -86,7 +91,8 @@ impl BagInfo {
             }
         };
         let rows = self.topics.iter().map(row);
-        std::iter::once(head).chain(rows).chain(self.notes.iter().cloned()).collect::<Vec<_>>().join("\n")
+        let data = self.custom_data.iter().map(|(key, text)| format!("{key}: {text}"));
+        std::iter::once(head).chain(rows).chain(data).chain(self.notes.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
 }
 
@@ -99,8 +105,13 @@ fn repeats(note: &str, damage: &[String], path: &Path) -> bool {
 
 /// Prints the contents of each bag, and which parts are missing or damaged.
 pub fn run(arguments: &InfoArgs) -> Result<()> {
+    // A long reading looks at the signal.
+    catenary_shell::end_on_signals(&Shutdown::new())?;
     let bags = arguments.bags.all().iter().map(|bag| BagReader::open(bag)).collect::<Result<Vec<_>, _>>().given()?;
     let infos: Vec<BagInfo> = bags.iter().map(|bag| BagInfo::new(bag, arguments.index_only)).collect();
+    if catenary_shell::is_signalled() {
+        return Err(Interrupted(String::new()).into());
+    }
     output::one_or_several(&arguments.output, &infos, BagInfo::text)
 }
 
@@ -124,7 +135,7 @@ mod tests {
         }
         for place in [folder.path().to_owned(), folder.path().join("swing_0.mcap")] {
             let bag = BagReader::open(&place).unwrap();
-            let (_, damage) = bag.verify();
+            let damage = bag.verify().damage;
             let notes = BagInfo::new(&bag, false).notes;
             assert!(!damage.is_empty(), "{notes:?}");
             for place in damage {

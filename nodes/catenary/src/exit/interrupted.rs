@@ -1,5 +1,6 @@
 //! Error of a command that Ctrl-C ended.
 
+use catenary_bag::BagError;
 use thiserror::Error;
 
 /// End of a command by Ctrl-C. The program's exit code is then [`Interrupted::EXIT_CODE`].
@@ -13,4 +14,9 @@ pub struct Interrupted(
 impl Interrupted {
     /// Exit code of a program that SIGINT ended, as shells define it: 128 + 2.
     pub const EXIT_CODE: u8 = 130;
+
+    /// True if Ctrl-C caused an error, of this crate or of the reader of bags.
+    pub fn is(error: &anyhow::Error) -> bool {
+        error.is::<Self>() || matches!(error.downcast_ref(), Some(BagError::Interrupted { .. }))
+    }
 }

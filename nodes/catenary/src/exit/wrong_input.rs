@@ -38,7 +38,8 @@ fn is_of_bag(error: &BagError) -> bool {
         BagError::Io { reason, .. } => !is_of_machine(reason),
         BagError::Shell(error) => error.is_usage(),
         // A full disk, and a refusal because of the state of the graph.
-        BagError::Write { .. } | BagError::Refused(_) => false,
+        BagError::Write { .. } | BagError::Refused(_) | BagError::Interrupted { .. } => false,
+        BagError::Scratch { is_of_disk, .. } => !is_of_disk,
         _ => true,
     }
 }
@@ -77,7 +78,7 @@ impl<T, E: Into<anyhow::Error>> Given<T> for Result<T, E> {
     fn given_if(self, is_given: impl FnOnce(&anyhow::Error) -> bool) -> anyhow::Result<T> {
         self.map_err(|error| match error.into() {
             // Ctrl-C keeps its own exit code, whatever step it interrupts.
-            error if error.is::<Interrupted>() || !is_given(&error) => error,
+            error if Interrupted::is(&error) || !is_given(&error) => error,
             error => WrongInput::error(format!("{error:#}")),
         })
     }

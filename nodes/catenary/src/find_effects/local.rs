@@ -33,6 +33,8 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     settings.check().context("--null-sets").given()?;
     let further = arguments.validate.iter().chain(&arguments.verify);
     let all: Vec<PathBuf> = arguments.bags.all().iter().chain(further).cloned().collect();
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
     let mut fitted = episodes(arguments.bags.all(), &all, model).given()?;
     let given = |bags: &[PathBuf]| if bags.is_empty() { Ok(Vec::new()) } else { episodes(bags, &all, model).given() };
     let (validation, held_out) = match (given(&arguments.validate)?, given(&arguments.verify)?) {
@@ -47,8 +49,6 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
     }
-    let shutdown = Shutdown::new();
-    catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     let tracks = |list: &[(UsedEpisode, MeasuredTrack)]| list.iter().map(|(_, m)| m.clone()).collect::<Vec<_>>();
     let (measured, selecting, unseen) = (tracks(&fitted), tracks(&validation), tracks(&held_out));

@@ -80,6 +80,8 @@ pub struct Inferred {
 
 /// Infers, and writes posterior.json, inference.json and report.html. Ctrl-C ends it, and the same command resumes it.
 pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
     let measured = read_measured(arguments.bags.all(), &arguments.episode, model)?;
     let policy = arguments.policy.as_deref().map(policy_file::read).transpose()?.map(|(policy, _)| policy);
     let mut settings = arguments.sizes.settings();
@@ -89,8 +91,6 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
     for name in FILES {
         output::prepare(&arguments.out.join(name))?;
     }
-    let shutdown = Shutdown::new();
-    catenary_shell::end_on_signals(&shutdown)?;
     let started = Instant::now();
     // A state file with another fingerprint is ignored.
     let asked = fingerprint(model, &measured, policy.as_ref(), &settings);

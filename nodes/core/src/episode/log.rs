@@ -79,8 +79,66 @@ pub struct EpisodeLog {
     counts: BTreeMap<RecordKind, (usize, usize)>,
     /// Frames of poses that differ from the arm's base, by stamp.
     foreign_frames: BTreeMap<i64, String>,
+    /// Episodes whose records are kept; none to keep all records.
+    only: Option<Kept>,
+    /// Records that were not kept, by kind.
+    passed: BTreeMap<RecordKind, Passed>,
+    /// Number of poses in a foreign frame that were not kept, by frame.
+    passed_frames: BTreeMap<String, usize>,
+    /// Number of episodes of which only the latched events were received.
+    latched: usize,
     /// Doubts about the recording, one sentence each.
     notes: Vec<String>,
+}
+
+/// Greatest number of foreign frames that are told apart.
+const MOST_FRAMES: usize = 16;
+
+/// Records that a log counts without keeping them.
+#[derive(Debug, Clone, Copy)]
+struct Passed {
+    count: usize,
+    /// First and last stamp in ns.
+    span_ns: [i64; 2],
+}
+
+/// Choice of the records that a log keeps: those of some complete episodes.
+#[derive(Debug, Clone, Default)]
+struct Kept {
+    /// Spans of the episodes, in order of their starts.
+    spans: Vec<Span>,
+    /// Ranges of the stamps in ns, in order and apart from one another.
+    ranges_ns: Vec<(i64, i64)>,
+    /// True while records are counted, too: in the first reading of a recording.
+    counts: bool,
+}
+
+impl Kept {
+    fn new(spans: Vec<Span>, counts: bool) -> Self {
+        let mut ranges_ns: Vec<(i64, i64)> = Vec::new();
+        for span in &spans {
+            let (from, to) = (span.start_ns.saturating_sub(LEAD_NS), span.end_ns);
+            match ranges_ns.last_mut().filter(|last| last.1 >= from) {
+                Some(last) => last.1 = last.1.max(to),
+                None => ranges_ns.push((from, to)),
+            }
+        }
+        Self { spans, ranges_ns, counts }
+    }
+
+    /// True if a record of a stream lies in one of the episodes.
+    fn holds(&self, stamp_ns: i64) -> bool {
+        let next = self.ranges_ns.partition_point(|(from, _)| *from <= stamp_ns);
+        next.checked_sub(1).is_some_and(|i| stamp_ns <= self.ranges_ns[i].1)
+    }
+
+    /// True if a step is one of the episodes' own.
+    fn holds_step(&self, episode: u32, stamp_ns: i64) -> bool {
+        let own = |s: &&Span| s.number == episode;
+        self.spans.iter().filter(own).any(|s| {
+            (s.start_ns.saturating_sub(LEAD_NS)..=s.until_ns.saturating_sub(LEAD_NS).max(s.end_ns)).contains(&stamp_ns)
+        })
+    }
 }
 
 /// Complete episode: its number and the stamps in ns of its start and end.
@@ -106,7 +164,7 @@ impl EpisodeLog {
                 "{POSES}: header.frame_id: expected \"{BASE_FRAME}\", got \"{frame}\" in {count} poses, which are used as if they were in panda_link0: if the frames differ, transform the poses and record again"
             )
         };
-        let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
+        let mut counts: BTreeMap<&String, usize> = self.passed_frames.iter().map(|(f, count)| (f, *count)).collect();
         self.foreign_frames.values().for_each(|frame| *counts.entry(frame).or_default() += 1);
         let frames = counts.iter().map(frame);
         self.unstamped_note().into_iter().chain(frames).chain(self.notes.iter().cloned()).collect()
@@ -134,40 +192,149 @@ impl EpisodeLog {
     /// Counts the stamp of a record.
     fn stamped(&mut self, kind: RecordKind, stamp_ns: i64) {
         self.newest_ns = Some(stamp_ns);
+        if !self.is_counting() {
+            return;
+        }
         let (none, all) = self.counts.entry(kind).or_default();
         *none += usize::from(stamp_ns == 0);
         *all += 1;
     }
 
+    fn is_counting(&self) -> bool {
+        self.only.as_ref().is_none_or(|only| only.counts)
+    }
+
+    /// Counts a record of a stream. Returns true if it is to be kept.
+    fn takes(&mut self, kind: RecordKind, stamp_ns: i64, is_kept: impl Fn(&Kept) -> bool) -> bool {
+        self.stamped(kind, stamp_ns);
+        let Some(only) = &self.only else { return true };
+        if only.counts {
+            let passed = self.passed.entry(kind).or_insert(Passed { count: 0, span_ns: [stamp_ns; 2] });
+            passed.count += 1;
+            passed.span_ns = [passed.span_ns[0].min(stamp_ns), passed.span_ns[1].max(stamp_ns)];
+        }
+        is_kept(only)
+    }
+
+    /// Begins the first of two readings of a recording: starts, ends and notes are kept, and all other records are only
+    /// counted. [`Self::keep`] begins the second reading. A long recording needs little memory then.
+    pub fn survey(&mut self) {
+        self.only = Some(Kept::new(Vec::new(), true));
+    }
+
+    /// Begins the second reading of a recording, and keeps the records of the episodes that [`Self::episode`] chooses for
+    /// these numbers.
+    ///
+    /// # Errors
+    /// Errors of [`Self::episode`].
+    pub fn keep(&mut self, numbers: &[Option<u32>]) -> Result<(), EpisodeError> {
+        let all = self.spans();
+        let chosen = numbers.iter().map(|number| Ok(self.chosen(*number, &all)?.0));
+        let mut spans = chosen.collect::<Result<Vec<Span>, EpisodeError>>()?;
+        spans.sort_unstable();
+        spans.dedup();
+        self.only = Some(Kept::new(spans, false));
+        Ok(())
+    }
+
+    /// Begins the second reading of a recording, and keeps the records of all complete episodes.
+    pub fn keep_all(&mut self) {
+        self.only = Some(Kept::new(self.spans(), false));
+    }
+
+    /// Number of the records of streams that are held in memory.
+    pub fn held(&self) -> usize {
+        self.keypoints.len() + self.poses.len() + self.actions.len() + self.observations.len()
+    }
+
+    /// Takes the kept episodes out of the log that ended before `before_ns`, with all their records. Later records of
+    /// these episodes are not kept.
+    pub fn take_ended(&mut self, before_ns: i64) -> Vec<Episode> {
+        let all = self.spans();
+        let Some(only) = &mut self.only else { return Vec::new() };
+        let (ended, left) = std::mem::take(&mut only.spans).into_iter().partition(|s| s.end_ns < before_ns);
+        self.only = Some(Kept::new(left, false));
+        let ended: Vec<Span> = ended;
+        let episodes = ended.iter().map(|span| self.gather(*span, &all)).collect();
+        // Episodes may overlap, and steps may be stamped after the end: what an open one needs stays.
+        let only = self.only.take().unwrap_or_default();
+        self.keypoints.retain(|stamp_ns, _| only.holds(*stamp_ns));
+        self.poses.retain(|stamp_ns, _| only.holds(*stamp_ns));
+        self.actions.retain(|(number, stamp_ns, _), _| only.holds_step(*number, *stamp_ns));
+        self.observations.retain(|(number, stamp_ns, _), _| only.holds_step(*number, *stamp_ns));
+        self.only = Some(only);
+        episodes
+    }
+
+    /// Forgets complete episodes of which a recorder that started later received the latched events alone. `is_latched`
+    /// tells for number, start and end in ns if the events came together; an episode during which a pose or keypoints were
+    /// stamped is kept.
+    pub fn forget_latched(&mut self, is_latched: impl Fn(u32, [i64; 2]) -> bool) {
+        let recorded = |s: &Span| {
+            [RecordKind::Keypoints, RecordKind::Pose].iter().any(|kind| {
+                let span = self.passed.get(kind).map(|passed| passed.span_ns);
+                span.is_some_and(|[first, last]| first <= s.end_ns && s.start_ns <= last)
+            })
+        };
+        let is_over = |s: &Span| is_latched(s.number, [s.start_ns, s.end_ns]) && !recorded(s);
+        let over: Vec<Span> = self.spans().into_iter().filter(is_over).collect();
+        for span in &over {
+            self.starts.remove(&(span.number, span.start_ns));
+            self.ends.remove(&(span.number, span.end_ns));
+        }
+        self.latched += over.len();
+    }
+
+    /// Forgets an end whose start was not received.
+    pub fn forget_end(&mut self, number: u32, end_ns: i64) {
+        self.ends.remove(&(number, end_ns));
+    }
+
     /// Records the frame of the pose at `stamp_ns`, if it is not the arm's base.
     pub fn push_frame(&mut self, stamp_ns: i64, frame: &str) {
-        if !is_base_frame(frame) {
-            self.foreign_frames.insert(stamp_ns, frame.to_owned());
+        if is_base_frame(frame) {
+            return;
+        }
+        match &self.only {
+            None => _ = self.foreign_frames.insert(stamp_ns, frame.to_owned()),
+            Some(only) if only.counts => {
+                if let Some(count) = self.passed_frames.get_mut(frame) {
+                    *count += 1;
+                } else if self.passed_frames.len() < MOST_FRAMES {
+                    self.passed_frames.insert(frame.to_owned(), 1);
+                }
+            }
+            // The frame was counted in the first reading.
+            Some(_) => {}
         }
     }
 
     /// Records the keypoints of the image stamped `stamp_ns`.
     pub fn push_keypoints(&mut self, stamp_ns: i64, keypoints: Keypoints) {
-        self.stamped(RecordKind::Keypoints, stamp_ns);
-        self.keypoints.insert(stamp_ns, keypoints);
+        if self.takes(RecordKind::Keypoints, stamp_ns, |only| only.holds(stamp_ns)) {
+            self.keypoints.insert(stamp_ns, keypoints);
+        }
     }
 
     /// Records the pose of the hand at `stamp_ns`.
     pub fn push_pose(&mut self, stamp_ns: i64, pose: impl Into<MeasuredPose>) {
-        self.stamped(RecordKind::Pose, stamp_ns);
-        self.poses.insert(stamp_ns, pose.into());
+        if self.takes(RecordKind::Pose, stamp_ns, |only| only.holds(stamp_ns)) {
+            self.poses.insert(stamp_ns, pose.into());
+        }
     }
 
     /// Records action `step` (dx, dz in m) of an episode.
     pub fn push_action(&mut self, stamp_ns: i64, episode: u32, step: u32, delta_m: [f64; 2]) {
-        self.stamped(RecordKind::Action, stamp_ns);
-        self.actions.insert((episode, stamp_ns, step), delta_m);
+        if self.takes(RecordKind::Action, stamp_ns, |only| only.holds_step(episode, stamp_ns)) {
+            self.actions.insert((episode, stamp_ns, step), delta_m);
+        }
     }
 
     /// Records observation `step` of an episode.
     pub fn push_observation(&mut self, stamp_ns: i64, episode: u32, step: u32, observation: Observation) {
-        self.stamped(RecordKind::Observation, stamp_ns);
-        self.observations.insert((episode, stamp_ns, step), observation);
+        if self.takes(RecordKind::Observation, stamp_ns, |only| only.holds_step(episode, stamp_ns)) {
+            self.observations.insert((episode, stamp_ns, step), observation);
+        }
     }
 
     /// Records the start of an episode.
@@ -231,12 +398,18 @@ impl EpisodeLog {
 
     /// Numbers of the records by kind, as text.
     pub fn summary(&self) -> String {
+        let all = |kind, kept: usize| self.passed.get(&kind).map_or(kept, |passed| passed.count);
+        let latched = match self.latched {
+            0 => String::new(),
+            1 => ", and the latched events of 1 episode before the recording".to_owned(),
+            many => format!(", and the latched events of {many} episodes before the recording"),
+        };
         format!(
-            "{} keypoints, {} poses, {} observations, {} actions, {} episode starts, {} episode ends",
-            self.keypoints.len(),
-            self.poses.len(),
-            self.observations.len(),
-            self.actions.len(),
+            "{} keypoints, {} poses, {} observations, {} actions, {} episode starts, {} episode ends{latched}",
+            all(RecordKind::Keypoints, self.keypoints.len()),
+            all(RecordKind::Pose, self.poses.len()),
+            all(RecordKind::Observation, self.observations.len()),
+            all(RecordKind::Action, self.actions.len()),
             self.starts.len(),
             self.ends.len()
         )
@@ -281,26 +454,31 @@ impl EpisodeLog {
     /// [`EpisodeError::NoEpisode`], [`EpisodeError::NoSuchEpisode`] or [`EpisodeError::Fault`].
     pub fn episode(&self, number: Option<u32>) -> Result<Episode, EpisodeError> {
         let spans = self.spans();
+        let (span, note) = self.chosen(number, &spans)?;
+        let mut episode = self.gather(span, &spans);
+        episode.notes.extend(note);
+        Ok(episode)
+    }
+
+    /// Chooses one of the complete episodes `spans`, as [`Self::episode`] says, with a note about one that is passed over.
+    fn chosen(&self, number: Option<u32>, spans: &[Span]) -> Result<(Span, Option<String>), EpisodeError> {
         let last = *spans.last().ok_or_else(|| self.no_episode())?;
-        let Some(number) = number else { return self.last_in_order(last, &spans) };
+        let Some(number) = number else { return self.last_in_order(last, spans) };
         let complete = || spans.iter().map(|s| s.number).collect();
         let found = spans.iter().rfind(|s| s.number == number);
         let span = *found.ok_or_else(|| EpisodeError::NoSuchEpisode { number, complete: complete() })?;
-        Ok(self.gather(span, &spans))
+        Ok((span, None))
     }
 
     /// Returns the last episode that no fault ended, with a note if `last`, the last complete episode, is another one.
-    fn last_in_order(&self, last: Span, spans: &[Span]) -> Result<Episode, EpisodeError> {
+    fn last_in_order(&self, last: Span, spans: &[Span]) -> Result<(Span, Option<String>), EpisodeError> {
         let reason = |s: &Span| self.ends[&(s.number, s.end_ns)].as_str();
         let fault = format!("/episode/event: episode {} ended with \"{}\"", last.number, reason(&last));
         // An episode with a fault is used only if its number is given.
         let in_order = spans.iter().rfind(|s| !is_fault(reason(s)));
-        let span = in_order.ok_or_else(|| EpisodeError::Fault(fault.clone()))?;
-        let mut episode = self.gather(*span, spans);
-        if *span != last {
-            episode.notes.push(format!("{fault} and is passed over: episode {} is used instead", span.number));
-        }
-        Ok(episode)
+        let span = *in_order.ok_or_else(|| EpisodeError::Fault(fault.clone()))?;
+        let passed_over = || format!("{fault} and is passed over: episode {} is used instead", span.number);
+        Ok((span, (span != last).then(passed_over)))
     }
 
     /// Returns the last complete episode, also if a fault ended it.
@@ -343,12 +521,16 @@ impl EpisodeLog {
 
     /// Notes on streams that have records, but none between two stamps: another clock stamps them than the events.
     fn elsewhere(&self, from_ns: i64, end_ns: i64) -> Vec<String> {
-        fn span<T>(records: &BTreeMap<i64, T>, from_ns: i64, end_ns: i64) -> Option<[i64; 2]> {
-            let (first, last) = (records.first_key_value()?, records.last_key_value()?);
-            records.range(from_ns..=end_ns).next().is_none().then_some([*first.0, *last.0])
+        fn span<T>(records: &BTreeMap<i64, T>, passed: Option<&Passed>, range_ns: [i64; 2]) -> Option<[i64; 2]> {
+            let kept = records.first_key_value().zip(records.last_key_value());
+            let all = passed.map(|p| p.span_ns).or_else(|| kept.map(|(first, last)| [*first.0, *last.0]))?;
+            records.range(range_ns[0]..=range_ns[1]).next().is_none().then_some(all)
         }
-        let streams =
-            [(KEYPOINTS, span(&self.keypoints, from_ns, end_ns)), (POSES, span(&self.poses, from_ns, end_ns))];
+        let (range_ns, passed) = ([from_ns, end_ns], |kind| self.passed.get(&kind));
+        let streams = [
+            (KEYPOINTS, span(&self.keypoints, passed(RecordKind::Keypoints), range_ns)),
+            (POSES, span(&self.poses, passed(RecordKind::Pose), range_ns)),
+        ];
         let note = |(topic, [first, last]): (&str, [i64; 2])| {
             format!(
                 "{topic}: header.stamp: expected stamps of the episode, {} to {}, got {} to {}: it is stamped by another clock, or was not published then; use one clock for all nodes and record again",

@@ -3,7 +3,7 @@
 use crate::error::BagError;
 use catenary_msgs::msg::ArmState;
 use catenary_shell::{Node, Peer, Received, Subscription, contract, list_peers, stamp};
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -22,9 +22,15 @@ struct Heard {
     real: Option<String>,
     /// Time at which each publisher last stated that its arm is simulated.
     simulated: HashMap<[u8; 16], Instant>,
-    /// Stamps of replayed states. A received state with such a stamp comes from the bag, and not from an arm.
+    /// Stamps of the newest replayed states. A received state with such a stamp comes from the bag, and not from an arm.
     replayed: HashSet<i64>,
+    /// These stamps in order of their replay.
+    in_order: VecDeque<i64>,
 }
+
+/// Number of stamps of replayed states that are kept: 20 s at the greatest rate of a replay, and a state comes back in
+/// milliseconds.
+const REPLAYED: usize = 100_000;
 
 /// Subscription to states of arms, apart from replayed ones.
 pub(super) struct ArmWatch {
@@ -140,7 +146,16 @@ impl ArmWatch {
 
     /// Notes a state that is about to be replayed.
     pub(super) fn expect(&self, state: &ArmState) {
-        lock(&self.heard).replayed.insert(stamp::from_msg(&state.header.stamp).nanos());
+        let stamp_ns = stamp::from_msg(&state.header.stamp).nanos();
+        let heard = &mut *lock(&self.heard);
+        if heard.replayed.insert(stamp_ns) {
+            heard.in_order.push_back(stamp_ns);
+        }
+        if heard.in_order.len() > REPLAYED
+            && let Some(oldest) = heard.in_order.pop_front()
+        {
+            heard.replayed.remove(&oldest);
+        }
     }
 }
 

@@ -121,6 +121,7 @@ impl<'a> Player<'a> {
         for message in bag.messages_of(names) {
             let message = match message {
                 Ok(message) => message,
+                Err(BagError::Interrupted { .. }) => return Ok(false),
                 Err(error) => {
                     tracing::warn!("{error}");
                     summary.failed += 1;
@@ -128,9 +129,8 @@ impl<'a> Player<'a> {
                 }
             };
             let at_ns = message.log_time_ns;
-            // The reader clips later times to this one.
-            if at_ns == i64::MAX {
-                tracing::warn!("{}: a message that was logged after the year 2262 is left out", message.topic.name);
+            // Its time in the replay is not known; it was named before the start.
+            if !bag.is_usual_time(at_ns) {
                 summary.failed += 1;
                 continue;
             }
