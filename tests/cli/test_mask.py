@@ -1,5 +1,7 @@
 """`catenary mask` shows what camera and tracker see and fits colours; `label` and `train-segmenter` teach the learned segmenter."""
 
+import json
+
 import numpy
 import pytest
 import yaml
@@ -9,11 +11,15 @@ BLUE, GREY, GREEN, WALL = (48, 92, 200), (120, 118, 121), (40, 160, 70), (214, 2
 LINE = [(320 + 110 * t, 130 + 190 * t - 60 * t * t) for t in numpy.linspace(0, 1, 30)]
 
 
-def draw(path, colour=BLUE, size=(640, 480)):
+# Exit code of pictures without an object, and of colours that are hardly those of one.
+UNSEEN = 3
+
+
+def draw(path, colour=BLUE, size=(640, 480), width=11, wall=WALL):
     """A picture with a bar and a target, with the noise of a camera."""
-    image = Image.new("RGB", size, WALL)
+    image = Image.new("RGB", size, wall)
     pen = ImageDraw.Draw(image)
-    pen.line(LINE, fill=colour, width=11, joint="curve")
+    pen.line(LINE, fill=colour, width=width, joint="curve")
     pen.ellipse((455, 355, 485, 385), fill=GREEN)
     noise = numpy.random.default_rng(1).normal(0, 4, (*size[::-1], 3))
     Image.fromarray((numpy.asarray(image) + noise).clip(0, 255).astype("uint8")).save(path)
@@ -39,6 +45,13 @@ def refused(program, tmp_path):
     return run
 
 
+def unseen(program, *arguments, folder):
+    """Document that `--json` prints in a run that has to end with the exit code of an object that was not seen."""
+    done = program(*arguments, "--json", folder=folder)
+    assert done.returncode == UNSEEN, (done.returncode, done.stderr)
+    return json.loads(done.stdout)
+
+
 def farthest(image):
     """Greatest distance of a keypoint from its place, px."""
     line = numpy.array(LINE)
@@ -61,8 +74,8 @@ def test_the_object_is_seen_and_drawn_over_the_picture(program, picture, tmp_pat
 def test_a_click_gives_parameters_that_find_another_object(program, tmp_path, segmenter):
     red = draw(tmp_path / "red.png", (200, 60, 50))
     click = "{:.0f},{:.0f}".format(*LINE[14])
-    blind = program.json("mask", red, "--segmenter", "colour", folder=tmp_path)
-    assert not blind["images"][0]["object_found"]
+    blind = unseen(program, "mask", red, "--segmenter", "colour", folder=tmp_path)
+    assert not blind["images"][0]["object_found"] and "nothing has its colours" in blind["images"][0]["reason"]
     fitted = program.json("mask", red, "--segmenter", segmenter, "--click", click, "--out", "fit", folder=tmp_path)
     assert [fit["label"] for fit in fitted["fits"]] == ["dlo"]
     file = yaml.safe_load((tmp_path / fitted["params"]).read_text())
@@ -85,6 +98,33 @@ def test_fitted_colours_hold_in_other_light(program, tmp_path, segmenter):
     Image.fromarray(lamp.clip(0, 255).astype("uint8")).save(tmp_path / "lamp.png")
     seen = program.json("mask", "lamp.png", "--params", fit["params"], folder=tmp_path)
     assert farthest(seen["images"][0]) < 12, seen
+
+
+def test_a_setting_that_finds_a_thin_cable_is_tried_and_written(program, tmp_path):
+    thin = [draw(tmp_path / f"thin_{width}.png", width=width) for width in (3, 2)]
+    said = unseen(program, "mask", *thin, "--out", "seen", folder=tmp_path)
+    for image in said["images"]:
+        assert not image["object_found"] and "open_radius_px: 1" in image["reason"], image
+    other = said["other"]
+    assert other["parameters"] == ["open_radius_px: 0"] and other["images"] == [str(p) for p in thin] and other["tried"] == 2
+    seen = program.json("mask", *thin, "--params", said["params"], folder=tmp_path)
+    assert all(farthest(image) < 12 for image in seen["images"]) and seen["other"] is None, seen
+    words = program("mask", *thin, folder=tmp_path)
+    assert words.returncode == UNSEEN and "open_radius_px: 0" in words.stdout, words
+    assert words.stderr == "catenary: no object in 2 of 2 images\n"
+
+
+@pytest.mark.parametrize("segmenter", ["colour", "learned"])
+def test_a_click_on_a_wall_is_doubted(program, tmp_path, segmenter):
+    walled = draw(tmp_path / "wall.png", wall=(206, 150, 120))
+    for click in ("150,60", "560,440"):
+        said = unseen(program, "mask", walled, "--segmenter", segmenter, "--click", click, "--out", "fit", folder=tmp_path)
+        doubts = "; ".join(said["fits"][0]["doubts"])
+        assert "of the mask" in doubts or not said["images"][0]["object_found"], said
+        if segmenter == "colour":
+            assert "covers" in doubts and "borders" in doubts, said
+    words = program("mask", walled, "--click", "150,60", folder=tmp_path)
+    assert words.returncode == UNSEEN and "DOUBTFUL" in words.stdout and "hardly it" in words.stderr, words
 
 
 def test_a_grey_object_needs_the_learned_segmenter(program, refused, tmp_path):

@@ -30,7 +30,8 @@ Exit codes of every command and node:
        failed check of `doctor` or `bench`
   2    given something wrong, so that the same command fails again: the
        command line, a file that it names, or an environment variable
-  3    done and written, but the result does not fit the data
+  3    done and written, but the result does not fit the data, or `mask` has seen
+       no object
   130  command interrupted by Ctrl-C; a node that is told to end ends with 0";
 
 /// Real2Sim2Real of deformable linear objects held by a Panda: from one recording to a posterior over the object's

@@ -1,7 +1,7 @@
 //! Entry point: the program acts as the node that it is called as, or runs a command.
 
 use crate::cli::{Cli, Command};
-use crate::exit::{Interrupted, Misfit, WrongInput};
+use crate::exit::{Interrupted, Misfit, Unseen, WrongInput};
 use crate::{
     bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
     node, segmenter, simulate, study, train, train_tracker,
@@ -45,8 +45,9 @@ pub fn main() -> ExitCode {
         Err(error) => {
             let _closed = writeln!(std::io::stderr(), "catenary: {}", catenary_shell::in_one_line(&error));
             match &error {
-                error if error.is::<Interrupted>() => ExitCode::from(Interrupted::EXIT_CODE),
+                error if Interrupted::is(error) => ExitCode::from(Interrupted::EXIT_CODE),
                 error if error.is::<Misfit>() => ExitCode::from(Misfit::EXIT_CODE),
+                error if error.is::<Unseen>() => ExitCode::from(Unseen::EXIT_CODE),
                 error if WrongInput::is(error) => ExitCode::from(WrongInput::EXIT_CODE),
                 _ => ExitCode::FAILURE,
             }

@@ -247,7 +247,8 @@ VARIANTS = {
 
 def seen(arguments):
     done = subprocess.run([PROGRAM, "mask", *map(str, arguments), "--json"], capture_output=True, text=True, check=False)
-    return json.loads(done.stdout) if done.returncode == 0 else done.stderr.strip().splitlines()[-1]
+    # An object that was not seen, code 3, is a result.
+    return json.loads(done.stdout) if done.returncode in (0, 3) else done.stderr.strip().splitlines()[-1]
 
 
 def rows_of(picture, pair, weights, folder):

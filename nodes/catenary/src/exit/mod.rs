@@ -2,8 +2,10 @@
 
 mod interrupted;
 mod misfit;
+mod unseen;
 mod wrong_input;
 
 pub use interrupted::Interrupted;
 pub use misfit::Misfit;
+pub use unseen::Unseen;
 pub use wrong_input::{Given, WrongInput, is_of_machine};

@@ -2,6 +2,7 @@
 
 use super::args::MaskArgs;
 use super::frames::{self, Frame};
+use super::plausible::{Shape, is_on};
 use crate::exit::{Given, WrongInput};
 use crate::report::number::percent;
 use crate::terminal::output;
@@ -10,7 +11,8 @@ use camera::{
     Backend, ColourFit, ColourParams, ColourRange, LightReference, SegmenterParams, colour_of_clicks, colour_of_labels,
     fit_colours, pixels_of_clicks,
 };
-use catenary_core::RgbImage;
+use catenary_core::image::label;
+use catenary_core::{LabelMask, RgbImage};
 use catenary_shell::Yaml;
 use serde::Serialize;
 use std::path::Path;
@@ -24,13 +26,15 @@ pub struct Fitted {
     /// Label, `dlo` or `target`.
     label: &'static str,
     #[serde(flatten)]
-    look: Look,
+    look: Colours,
+    /// Reasons for which what has this look is no object or target.
+    doubts: Vec<String>,
 }
 
 /// Look of the object or of the target, as a segmenter takes it.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
-enum Look {
+enum Colours {
     /// Limits of the colour segmenter.
     Limits {
         hue_deg: [f64; 2],
@@ -48,14 +52,41 @@ enum Look {
 impl Fitted {
     /// A line for the terminal.
     pub fn words(&self) -> String {
-        let name = if self.label == "dlo" { "object" } else { "target" };
-        match &self.look {
-            Look::Limits { hue_deg: [from, to], min_saturation, min_chroma, found, false_share } => format!(
+        let name = self.name();
+        let said = match &self.look {
+            Colours::Limits { hue_deg: [from, to], min_saturation, min_chroma, found, false_share } => format!(
                 "{name}: hue {from:.0} to {to:.0} degrees, saturation from {min_saturation:.2}, chroma from {min_chroma}; {} of it has these colours, {} of what has them is something else",
                 percent(*found),
                 percent(*false_share)
             ),
-            Look::Clicked { clicked_rgb: [r, g, b] } => format!("{name}: red {r}, green {g}, blue {b} of 255"),
+            Colours::Clicked { clicked_rgb: [r, g, b] } => format!("{name}: red {r}, green {g}, blue {b} of 255"),
+        };
+        match self.doubts.as_slice() {
+            [] => said,
+            doubts => format!("{said}\n{name}: DOUBTFUL, what has this look is hardly it: {}", doubts.join("; ")),
+        }
+    }
+
+    /// Word for the label.
+    fn name(&self) -> &'static str {
+        if self.label == "dlo" { "object" } else { "target" }
+    }
+
+    /// Sentence about what has the look and is hardly the object or target; none without doubts.
+    pub fn doubt(&self) -> Option<String> {
+        let say = || format!("what has the look of the {} is hardly it: {}", self.name(), self.doubts.join("; "));
+        (!self.doubts.is_empty()).then(say)
+    }
+
+    /// Judges the look by the mask of the image that it was fitted to. `square` is the part of the image that the mask shows.
+    pub fn judge(&mut self, arguments: &MaskArgs, mask: &LabelMask, square: [f64; 3]) {
+        let (shape, clicks, label) = match self.label {
+            "dlo" => (Shape::of_object(mask), &arguments.click, label::DLO),
+            _ => (Shape::of_target(mask), &arguments.click_target, label::TARGET),
+        };
+        self.doubts = shape.doubts();
+        if shape.is_there() && !clicks.is_empty() && !clicks.iter().any(|click| is_on(*click, mask, square, label)) {
+            self.doubts.push("it is not at the click".to_owned());
         }
     }
 }
@@ -81,7 +112,7 @@ pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) ->
                     marked.limits(&first.image).with_context(named).given()?;
                 *[&mut params.colours.dlo, &mut params.colours.target][index] = range;
                 let ColourRange { hue_deg, min_saturation, min_chroma } = range;
-                Look::Limits { hue_deg, min_saturation, min_chroma, found, false_share }
+                Colours::Limits { hue_deg, min_saturation, min_chroma, found, false_share }
             }
             // A network of the user needs no colour.
             Backend::Yolo => {
@@ -90,10 +121,10 @@ pub fn fit(arguments: &MaskArgs, first: &Frame, params: &mut SegmenterParams) ->
             Backend::Learned => {
                 let colour = marked.colour(&first.image).with_context(named).given()?;
                 params.clicked[index] = colour;
-                Look::Clicked { clicked_rgb: rgb(colour) }
+                Colours::Clicked { clicked_rgb: rgb(colour) }
             }
         };
-        fits.push(Fitted { label, look });
+        fits.push(Fitted { label, look, doubts: Vec::new() });
     }
     if !fits.is_empty() {
         let light = LightReference::of(first.image.view(), params.colours.crop);
@@ -223,7 +254,7 @@ pub fn parameter_file(params: &SegmenterParams, tracker: keypoint_tracker::Backe
 }
 
 /// Value as a parameter file has it.
-fn words_of(value: &Yaml) -> String {
+pub fn words_of(value: &Yaml) -> String {
     match value {
         Yaml::Bool(value) => value.to_string(),
         Yaml::Integer(value) => value.to_string(),

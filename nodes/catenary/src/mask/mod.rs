@@ -3,26 +3,28 @@
 pub mod args;
 mod fit;
 pub mod frames;
+mod other_settings;
 mod overlay;
+mod plausible;
 
-use crate::exit::{Given, WrongInput};
+use crate::exit::{Given, Unseen, WrongInput};
 use crate::simulate::video::Video;
 use crate::terminal::output;
 use anyhow::{Context, Result};
 use args::MaskArgs;
-use camera::{Backend, Segmenter, SegmenterParams};
-use catenary_core::{LabelMask, RgbImage};
+use camera::{Backend, SegmentationReport, Segmenter, SegmenterParams};
+use catenary_core::{Keypoints, LabelMask, RgbImage};
 use catenary_shell::{NodeBuilder, RosArgs};
 use fit::{Fitted, Kept, fit, parameter_file};
 use frames::Frame;
 use keypoint_tracker::{KeypointTracker, TrackingParams};
+use other_settings::Found;
+use plausible::is_sure;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Frames per second of the video.
 const VIDEO_RATE_HZ: f64 = 10.0;
-/// Score above which keypoints are usually right.
-const GOOD_SCORE: f32 = 0.5;
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
@@ -30,6 +32,8 @@ struct Answer {
     images: Vec<Seen>,
     /// Fitted colours by label, `dlo` or `target`.
     fits: Vec<Fitted>,
+    /// Other parameters that find the object in images without a sure one.
+    other: Option<Found>,
     /// Parameter file that was written.
     params: Option<PathBuf>,
 }
@@ -39,6 +43,8 @@ struct Answer {
 struct Seen {
     image: String,
     object_found: bool,
+    /// Reason for which no object was found.
+    reason: Option<String>,
     target_found: bool,
     pieces: usize,
     area_px: usize,
@@ -53,9 +59,15 @@ struct Seen {
     picture: Option<PathBuf>,
 }
 
+impl Seen {
+    fn is_sure(&self) -> bool {
+        is_sure(&self.scores)
+    }
+}
+
 /// Segments, tracks and draws the images.
 pub fn run(arguments: &MaskArgs) -> Result<()> {
-    let (mut params, mut tracking, kept) = parameters(arguments.params.as_deref())?;
+    let (mut params, mut tracking, mut kept) = parameters(arguments.params.as_deref())?;
     if let Some(backend) = &arguments.segmenter {
         params.backend = Backend::from_name(backend).context("--segmenter")?;
     }
@@ -64,7 +76,7 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
     }
     let frames = frames::read(&arguments.source)?;
     let first = frames.first().context("no image")?;
-    let fits = fit(arguments, first, &mut params)?;
+    let mut fits = fit(arguments, first, &mut params)?;
     let (mut segmenter, mut tracker) = build(arguments.params.as_deref(), &params, &tracking)?;
     if let Some(folder) = &arguments.out {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string()).given()?;
@@ -79,48 +91,90 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
         let keypoints = tracker.track(&mask)?;
         let square =
             params.colours.crop.square(frame.image.width, frame.image.height).with_context(in_frame).given()?;
+        if number == 0 {
+            fits.iter_mut().for_each(|fit| fit.judge(arguments, &mask, square));
+        }
         let drawn = overlay::draw(&frame.image, square, &mask, &keypoints);
         let picture = arguments.out.as_deref().map(|folder| write(&drawn, folder, number, frame)).transpose()?;
         if let Some(video) = &mut video {
-            if [drawn.width, drawn.height] != size {
-                let ([w, h], name) = (size, &frame.name);
-                return Err(WrongInput::error(format!(
-                    "--video: expected images of {w} x {h} pixels as the first, got another in {name}"
-                )));
-            }
-            video.push(&drawn)?;
+            push(video, &drawn, size, &frame.name)?;
         }
-        let scale = square[2] / f64::from(mask.width);
-        images.push(Seen {
-            image: frame.name.clone(),
-            object_found: report.dlo_area_px > 0,
-            target_found: report.target_area_px > 0,
-            pieces: report.dlo_pieces,
-            area_px: report.dlo_area_px,
-            dropped_px: report.dropped_px,
-            certainty: report.certainty,
-            scores: keypoints.scores,
-            keypoints_px: keypoints
-                .dlo_seen()
-                .then(|| keypoints.dlo_px.map(|[u, v]| [square[0] + scale * u, square[1] + scale * v])),
-            picture,
-        });
+        let seen = seen(frame, &report, &keypoints, square, mask.width);
+        images.push(Seen { picture, ..seen });
     }
     if let Some(video) = video {
         video.finish()?;
     }
+    let other_build = |params: &SegmenterParams| {
+        build(arguments.params.as_deref(), params, &tracking).map(|(segmenter, _)| segmenter)
+    };
+    for (image, frame) in images.iter_mut().zip(&frames).filter(|(image, _)| !image.object_found) {
+        image.reason = Some(other_settings::reason(frame, &params, other_build));
+    }
+    let unsure: Vec<&Frame> =
+        images.iter().zip(&frames).filter(|(image, _)| !image.is_sure()).map(|(_, frame)| frame).collect();
+    let other = other_settings::search(&unsure, &params, other_build, &mut *tracker);
+    // A setting that finds the object surely in some images stays.
+    let replaces = unsure.len() == frames.len();
+    if let Some(other) = other.as_ref().filter(|_| replaces) {
+        other.apply(&mut params, &mut kept);
+    }
+    let written = parameter_file(&params, tracking.backend, &kept);
     let file = match &arguments.out {
-        Some(folder) if !fits.is_empty() => {
+        Some(folder) if !fits.is_empty() || (other.is_some() && replaces) => {
             let file = folder.join("params.yaml");
-            std::fs::write(&file, parameter_file(&params, tracking.backend, &kept))
-                .with_context(|| file.display().to_string())?;
+            std::fs::write(&file, &written).with_context(|| file.display().to_string())?;
             Some(file)
         }
         _ => None,
     };
-    output::result(&arguments.output, &Answer { images, fits, params: file }, |answer| {
-        words(answer, &parameter_file(&params, tracking.backend, &kept))
-    })
+    let answer = Answer { images, fits, other, params: file };
+    output::result(&arguments.output, &answer, |answer| words(answer, &written))?;
+    answer.verdict()
+}
+
+/// Adds a drawn image to the video.
+fn push(video: &mut Video, drawn: &RgbImage, size: [u32; 2], name: &str) -> Result<()> {
+    if [drawn.width, drawn.height] != size {
+        let [w, h] = size;
+        return Err(WrongInput::error(format!(
+            "--video: expected images of {w} x {h} pixels as the first, got another in {name}"
+        )));
+    }
+    video.push(drawn)
+}
+
+/// Contents of an image, without a picture.
+fn seen(frame: &Frame, report: &SegmentationReport, keypoints: &Keypoints, square: [f64; 3], mask_px: u32) -> Seen {
+    let scale = square[2] / f64::from(mask_px);
+    Seen {
+        image: frame.name.clone(),
+        object_found: report.dlo_area_px > 0,
+        reason: None,
+        target_found: report.target_area_px > 0,
+        pieces: report.dlo_pieces,
+        area_px: report.dlo_area_px,
+        dropped_px: report.dropped_px,
+        certainty: report.certainty,
+        scores: keypoints.scores,
+        keypoints_px: keypoints
+            .dlo_seen()
+            .then(|| keypoints.dlo_px.map(|[u, v]| [square[0] + scale * u, square[1] + scale * v])),
+        picture: None,
+    }
+}
+
+impl Answer {
+    /// Fails if the object was found in no image, or if the fitted colours are hardly those of an object.
+    fn verdict(&self) -> Result<()> {
+        let doubt = self.fits.iter().find_map(Fitted::doubt);
+        let reason = if self.images.iter().any(|image| image.object_found) {
+            doubt
+        } else {
+            Some(format!("no object in {} of {} images", self.images.len(), self.images.len()))
+        };
+        reason.map_or(Ok(()), |reason| Err(Unseen(reason).into()))
+    }
 }
 
 /// Values of the two nodes' parameters in a file, or their defaults. Also returns what the file itself gives.
@@ -173,16 +227,18 @@ fn words(answer: &Answer, params: &str) -> String {
     match &answer.params {
         Some(file) => lines.push(format!("parameters: {}", file.display())),
         // Without a folder, the file is shown.
-        None if !answer.fits.is_empty() => lines.push(params.trim_end().to_owned()),
+        None if !answer.fits.is_empty() || answer.images.iter().all(|s| !s.is_sure()) && answer.other.is_some() => {
+            lines.push(params.trim_end().to_owned())
+        }
         None => {}
     }
     for seen in &answer.images {
         let found = match seen.object_found {
-            false => "NO OBJECT".to_owned(),
+            false => format!("NO OBJECT: {}", seen.reason.as_deref().unwrap_or("no reason is known")),
             true => {
                 let pieces = if seen.pieces == 1 { "1 piece".to_owned() } else { format!("{} pieces", seen.pieces) };
                 let scores: Vec<String> = seen.scores.iter().map(|s| format!("{s:.2}")).collect();
-                let doubt = if seen.scores.iter().any(|&s| s < GOOD_SCORE) { ", DOUBTFUL" } else { "" };
+                let doubt = if seen.is_sure() { "" } else { ", DOUBTFUL" };
                 format!("object in {pieces}, {} px, scores {}{doubt}", seen.area_px, scores.join(" "))
             }
         };
@@ -194,9 +250,10 @@ fn words(answer: &Answer, params: &str) -> String {
         ));
     }
     let found = answer.images.iter().filter(|s| s.object_found).count();
-    let sure = answer.images.iter().filter(|s| s.scores.iter().all(|&x| x >= GOOD_SCORE)).count();
+    let sure = answer.images.iter().filter(|s| s.is_sure()).count();
     if answer.images.len() > 1 {
         lines.push(format!("object in {found} of {} images, keypoints sure in {sure}", answer.images.len()));
     }
+    lines.extend(answer.other.as_ref().map(Found::words));
     lines.join("\n")
 }
