@@ -17,7 +17,7 @@ pub struct SimulateArgs {
     #[arg(long)]
     pub track: Option<PathBuf>,
     /// Folder of the bag to make, with the topics of arm, keypoints, tf and episode; no node runs, so that it holds no
-    /// mask, no diagnostics and no rosout
+    /// mask, no diagnostics and no rosout, and its keypoints are those of the object, which perception may not find: see --eyes
     #[arg(long)]
     pub out: Option<PathBuf>,
     /// Add the camera's images to the bag

@@ -193,7 +193,8 @@ fn open(arguments: &SimulateArgs, model: &Model, motion: &Motion, player: &Playe
                 let expected = "expected a folder that does not exist yet";
                 return Err(WrongInput::error(format!("--out {}: {expected}", path.display())));
             }
-            let facts = Facts::of(model, matches!(motion, Motion::Actions { .. }), arguments.seed, arguments.noise);
+            let acts = matches!(motion, Motion::Actions { .. });
+            let facts = Facts::of(model, acts, arguments.seed, arguments.noise, arguments.eyes.is_some());
             let staged = Staged::new(path)?;
             let recording = Recording::create(&staged.path(), facts, arguments.images)?;
             Some((staged, recording))

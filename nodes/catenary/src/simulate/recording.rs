@@ -51,11 +51,18 @@ pub struct Facts {
     pub camera: Pinhole,
     /// Standard deviation of the noise of measured poses, m; 0 without noise.
     pub pose_noise_m: f64,
+    /// Source of the keypoints, which a reader of the bag cannot see.
+    pub keypoints: &'static str,
 }
 
+/// Sources of keypoints.
+const EXACT: &str = "those of the simulated object: this bag does not show what camera and tracker find";
+const OF_PICTURES: &str = "by camera and tracker from simulated pictures";
+
 impl Facts {
-    /// Facts of an episode: `acts` for actions, else for a measured motion. `noise` enables the model's pose noise.
-    pub fn of(model: &Model, acts: bool, seed: u64, noise: bool) -> Self {
+    /// Facts of an episode: `acts` for actions, else for a measured motion. `noise` enables the model's pose noise, `by_eyes`
+    /// says that keypoints come from pictures.
+    pub fn of(model: &Model, acts: bool, seed: u64, noise: bool, by_eyes: bool) -> Self {
         // The model has pose noise only where it predicts the pose: a drive by grip takes the recorded pose as exact.
         let is_predicted = acts && model.observation.drive != DriveKind::Grip;
         let period_s = model.task.filter(|_| acts).map(|t| t.step_period_s);
@@ -65,6 +72,7 @@ impl Facts {
             step_period_s: period_s.unwrap_or(model.observation.frame_period_s),
             anchor: model.delta_anchor(),
             camera: side_view(&model.camera.view),
+            keypoints: if by_eyes { OF_PICTURES } else { EXACT },
             pose_noise_m: if noise && is_predicted { model.arm.pose_noise_m } else { 0.0 },
         }
     }
@@ -107,6 +115,7 @@ impl Recording {
     /// camera.
     pub fn create(folder: &Path, facts: Facts, pictures: bool) -> Result<Self> {
         let mut bag = BagWriter::create(folder, &WriterOptions::default())?;
+        bag.describe("keypoints", facts.keypoints);
         fn add<T: Interface>(bag: &mut BagWriter, topic: contract::Topic) -> Result<TopicId> {
             Ok(bag.add_topic_of::<T>(&format!("/{}", topic.name.trim_start_matches('/')), topic.qos)?)
         }

@@ -151,6 +151,9 @@ impl Report {
     pub fn words(&self) -> String {
         let mut lines: Vec<String> = self.episodes.iter().map(Episode::words).collect();
         lines.extend(self.bag.as_ref().map(|p| format!("bag {}: {} messages", p.display(), self.messages)));
+        if self.bag.is_some() && self.episodes.iter().any(|episode| episode.sight.is_none()) {
+            lines.push("its keypoints are those of the object: --eyes takes them from pictures, as camera and tracker find them".into());
+        }
         lines.extend(self.video.as_ref().map(|p| format!("video {}", p.display())));
         lines.extend(self.picture.as_ref().map(|p| format!("picture {}", p.display())));
         lines.join("\n")
