@@ -10,7 +10,7 @@ from ruamel.yaml.error import YAMLError
 from . import database, mcap_file
 from .definitions import Definitions, Undecodable
 from .message_log import Channel, Endpoint, InspectError, MessageLog
-from .packed import is_packed, unpack, unpack_file
+from .packed import TooLarge, is_packed, unpack, unpack_file
 
 EXPECTED = "expected a bag folder or an .mcap or .db3 file"
 
@@ -61,7 +61,10 @@ class Reading:
             self.is_plain_mcap = False
             with tempfile.TemporaryDirectory() as folder:
                 unpacked = pathlib.Path(folder, path.stem)
-                self.log.notes += unpack_file(path, unpacked)
+                try:
+                    self.log.notes += unpack_file(path, unpacked)
+                except TooLarge as error:
+                    raise NoBag(f"a file of another kind: {error}") from error
                 self.read_unpacked(path, unpacked)
         else:
             self.read_unpacked(path, path)
