@@ -1,6 +1,6 @@
 //! Conversion between ROS images and the segmenter's images.
 
-use crate::{EncodedView, Encoding, Error};
+use crate::{EncodedView, Encoding, Error, picture};
 use catenary_core::{LabelMask, RgbImage};
 use catenary_msgs::sensor_msgs::msg::{CompressedImage, Image};
 use catenary_msgs::std_msgs::msg::Header;
@@ -22,11 +22,11 @@ pub fn view(message: &Image, needs_colour: bool) -> Result<EncodedView<'_>, Erro
 /// Pixels of a compressed message, JPEG or PNG.
 ///
 /// # Errors
-/// [`Error::Image`] for data that are neither, are damaged, or hold no colours if these are needed.
+/// [`Error::Image`] for data that are neither, are damaged or cut short, or hold no colours if these are needed.
 pub fn decompressed(message: &CompressedImage, needs_colour: bool) -> Result<RgbImage, Error> {
     let expected = if needs_colour { "a JPEG or PNG image with colours" } else { "a JPEG or PNG image" };
     let bad = |got: String| Error::Image { field: "data", expected, got };
-    let decoded = image::load_from_memory(&message.data).map_err(|e| bad(format!("{}: {e}", message.format)))?;
+    let decoded = picture::decode(&message.data).map_err(|e| bad(format!("{}: {e}", message.format)))?;
     if needs_colour && !decoded.color().has_color() {
         return Err(bad(format!("{}: brightness alone", message.format)));
     }

@@ -4,6 +4,8 @@
 pub mod convert;
 #[cfg(feature = "node")]
 pub mod node;
+#[cfg(feature = "node")]
+pub mod picture;
 
 mod backend;
 mod colour_fit;

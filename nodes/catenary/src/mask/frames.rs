@@ -3,6 +3,7 @@
 use super::args::SourceArgs;
 use crate::exit::{Given, WrongInput};
 use anyhow::{Context, Result, ensure};
+use camera::picture::{LONGEST_SIDE_PX, decode};
 use camera::{Converter, convert};
 use catenary_bag::{BagMessage, BagReader};
 use catenary_core::RgbImage;
@@ -11,9 +12,6 @@ use catenary_msgs::sensor_msgs::msg::{CompressedImage, Image};
 use catenary_shell::{NodeBuilder, RosArgs, Shutdown, contract};
 use std::path::Path;
 use std::time::Duration;
-
-/// Longest side of a picture in pixels; a larger one is no camera's image.
-const LONGEST_SIDE_PX: u32 = 8192;
 
 /// Image and where it is from.
 pub struct Frame {
@@ -41,7 +39,7 @@ pub fn read(arguments: &SourceArgs) -> Result<Vec<Frame>> {
 pub fn picture(path: &Path) -> Result<Frame> {
     let bytes = catenary_shell::files::read_bytes("picture", path).given()?;
     let named = || format!("picture {}: expected a PNG or JPEG image", path.display());
-    let pixels = image::load_from_memory(&bytes).with_context(named).given()?.into_rgb8();
+    let pixels = decode(&bytes).map_err(anyhow::Error::msg).with_context(named).given()?.into_rgb8();
     let (width, height) = pixels.dimensions();
     if width.max(height) > LONGEST_SIDE_PX || width == 0 || height == 0 {
         let name = path.display();
