@@ -91,22 +91,29 @@ impl Converter {
     /// Image in RGB. YUV is that of ITU-R BT.601 with brightness from 16 to 235, as cameras and OpenCV have it.
     ///
     /// # Errors
-    /// [`Error::Image`] if there are fewer bytes than width, height and step ask for.
+    /// [`Error::Image`] for an image without pixels, a step that is shorter than a row, and fewer bytes than these ask for.
     pub fn rgb<'a>(&'a mut self, from: EncodedView<'a>) -> Result<RgbView<'a>, Error> {
         let size = |got: String| Error::Image {
             field: "data",
             expected: "as many bytes as width, height and step ask for",
             got,
         };
+        let (w, h, row) = (from.width, from.height, from.encoding.bytes_of_row(from.width as usize));
+        if w == 0 || h == 0 {
+            let got = format!("{w} x {h} pixels");
+            return Err(Error::Image { field: "size", expected: "a width and a height of at least one pixel", got });
+        }
+        if from.step < row {
+            let got = format!("{} for a row of {w} pixels, which has {row} bytes", from.step);
+            return Err(Error::Image { field: "step", expected: "at least the bytes of a row", got });
+        }
         if from.encoding == Encoding::Rgb8 {
             return RgbView::new(from.width, from.height, from.step, from.data).map_err(|e| size(e.to_string()));
         }
         let (width, height) = (from.width as usize, from.height as usize);
-        let row = from.encoding.bytes_of_row(width);
-        let needed = height.saturating_sub(1) * from.step + row;
-        if width == 0 || height == 0 || from.step < row || from.data.len() < needed {
-            let got = from.data.len();
-            let (w, h, step) = (from.width, from.height, from.step);
+        let needed = (height - 1).saturating_mul(from.step).saturating_add(row);
+        if from.data.len() < needed {
+            let (got, step) = (from.data.len(), from.step);
             return Err(size(format!("{got} bytes for {w} x {h} pixels with a row step of {step}")));
         }
         (self.image.width, self.image.height) = (from.width, from.height);
@@ -192,9 +199,16 @@ mod tests {
     fn an_unknown_encoding_and_a_short_image_are_refused() {
         let message = rgb("bayer_rggb8", 2, 2, &[0; 2]).unwrap_err().to_string();
         assert_eq!(message, format!("encoding: expected {TAKEN}, got bayer_rggb8"));
-        for (name, step, bytes) in [("bgr8", 6, 5), ("bgr8", 5, 6), ("uyvy", 4, 3), ("mono8", 2, 1), ("rgb8", 6, 5)] {
+        for (name, step, bytes) in [("bgr8", 6, 5), ("uyvy", 4, 3), ("mono8", 2, 1), ("rgb8", 6, 5)] {
             let message = rgb(name, 2, step, &vec![0; bytes]).unwrap_err().to_string();
             assert!(message.starts_with("data: expected as many bytes"), "{message}");
         }
+        for (name, step) in [("bgr8", 5), ("rgb8", 0), ("rgb8", 2)] {
+            let message = rgb(name, 2, step, &[0; 6]).unwrap_err().to_string();
+            let got = format!("got {step} for a row of 2 pixels, which has 6 bytes");
+            assert_eq!(message, format!("step: expected at least the bytes of a row, {got}"));
+        }
+        let message = rgb("rgb8", 0, 0, &[]).unwrap_err().to_string();
+        assert_eq!(message, "size: expected a width and a height of at least one pixel, got 0 x 1 pixels");
     }
 }
