@@ -13,6 +13,7 @@ pub use overrides::ParamOverride;
 
 mod error;
 mod file;
+mod missed;
 mod overrides;
 
 #[cfg(test)]

@@ -25,6 +25,8 @@ pub struct NodeBuilder {
     namespace: String,
     args: RosArgs,
     params: Params,
+    /// Warnings about values for nodes of the same name.
+    missed: Vec<String>,
     use_sim_time: Param<bool>,
     participation: Option<Participation>,
     lock_step: bool,
@@ -39,7 +41,9 @@ impl NodeBuilder {
     /// [`ShellError`] for an invalid name, or a value of `use_sim_time` that is not a boolean.
     pub fn new(name: &str, args: &RosArgs) -> Result<Self, ShellError> {
         names::check_node_name(name).map_err(|reason| ShellError::Name { what: "node".to_owned(), reason })?;
+        let default_name = name;
         let (name, namespace) = args.node_identity(name, "/")?;
+        let missed = args.missed_values(&namespace, &name, &[&name, default_name]);
         let overrides = args.params_for(&namespace, &name).into_iter().cloned();
         let params = Params::new(names::node_path(&namespace, &name), overrides);
         let spec = ParamSpec::new("Follow /clock instead of the wall clock.");
@@ -49,6 +53,7 @@ impl NodeBuilder {
             namespace,
             args: args.clone(),
             params,
+            missed,
             use_sim_time,
             participation: None,
             lock_step: false,
@@ -175,7 +180,7 @@ impl NodeBuilder {
         rosout.adopt_process();
         let clock = Clock::new(&self.shutdown);
         let (without_effect, has_rosout) = (self.args.without_effect.clone(), self.args.rosout_logs);
-        let passed_over = self.params.passed_over();
+        let (passed_over, missed) = (self.params.passed_over(), self.missed);
         let node = Node::new(Inner {
             threads: Arc::new(Threads::new(rosout, self.shutdown.clone())),
             graph: Arc::new(Graph::new(session)),
@@ -197,7 +202,7 @@ impl NodeBuilder {
         for origin in unused {
             tracing::warn!("{origin}: this node has no such parameter");
         }
-        for value in passed_over {
+        for value in passed_over.into_iter().chain(missed) {
             tracing::warn!("{value}");
         }
         for option in without_effect {

@@ -85,6 +85,29 @@ fn parameter_files_reach_the_nodes_they_name() {
 }
 
 #[test]
+fn values_for_a_node_of_the_same_name_are_named() {
+    let missed = |text: &str, namespace: &str, node: &str| {
+        let read = |_: &std::path::Path| Ok(text.to_owned());
+        let (args, _) = RosArgs::parse_with(["--ros-args", "--params-file", "f.yaml", "-p", "rate:=1"], &read).unwrap();
+        args.missed_values(namespace, node, &[node, "camera"])
+    };
+    let of = |section: &str| format!("{section}: {{ros__parameters: {{a: 1, b: 2}}}}\n");
+    // Sections that a node in /left does not read, although they have its name.
+    for section in ["camera", "/camera", "/right/camera", "/left/left/camera"] {
+        let [told] = &missed(&of(section), "/left", "camera")[..] else { panic!("one warning for {section}") };
+        assert!(
+            told.starts_with(&format!("f.yaml:1: {section}.ros__parameters.a: the values there are for `{section}`"))
+        );
+        assert!(told.ends_with("this node is /left/camera: write `/left/camera` or `/**/camera`"), "{told}");
+    }
+    assert_eq!(missed(&of("camera"), "/", "late_camera").len(), 1, "the section of the name before the remapping");
+    let both = of("/right/camera") + &of("/left/camera");
+    for text in [&of("/left/camera"), &of("/*/camera"), &of("/**/camera"), &of("tracker"), &of("/**"), &both, ""] {
+        assert_eq!(missed(text, "/left", "camera"), [] as [String; 0], "{text}");
+    }
+}
+
+#[test]
 fn parameters_can_be_for_one_node() {
     let (args, _) = parse(&["--ros-args", "-p", "camera:gain:=2", "-p", "rate:=fast"]).unwrap();
     let names = |namespace: &str, node: &str| -> Vec<String> {
