@@ -97,7 +97,7 @@ fn check_topics(bag: &BagReader, topics: &EpisodeTopics) -> Result<(), BagError>
 /// stream is kept, so memory does not grow with the bag.
 fn survey(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagError> {
     check_topics(bag, topics)?;
-    let mut log = EpisodeLog::default();
+    let mut log = EpisodeLog::of_recording();
     log.survey();
     let mut clocks = Clocks::new(&topics.pose);
     let mut events = Events::default();

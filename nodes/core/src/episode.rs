@@ -1,7 +1,7 @@
 //! Episodes, assembled from the stamped records of the topics.
 //!
 //! A bag reader and a live subscription feed the same [`EpisodeLog`]. Its episodes depend on the records alone, and not
-//! on the order in which they arrive.
+//! on the order in which they arrive. The order only shows whether a recording passes through a time twice.
 
 mod complete;
 mod coverage;
@@ -12,6 +12,7 @@ mod order;
 mod plausible;
 mod rate;
 mod start;
+mod stream;
 #[cfg(test)]
 mod tests;
 mod view;

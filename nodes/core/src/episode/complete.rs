@@ -41,6 +41,8 @@ pub struct Episode {
     /// Observations with the numbers of their steps, in order of steps. A regular end adds one observation after the
     /// last action.
     pub observations: Vec<(u32, Observation)>,
+    /// Reason why keypoints and poses are those of several episodes; none if they are not.
+    pub mixed: Option<String>,
     /// Doubts about the recording, one sentence each.
     pub notes: Vec<String>,
 }
@@ -52,14 +54,15 @@ pub(super) fn is_fault(reason: &str) -> bool {
 }
 
 impl Episode {
-    /// Doubts that need no model: an end by a fault, poses that no Panda reaches, and zeros in place of keypoints.
+    /// Doubts that need no model: records of several episodes, an end by a fault, poses that no Panda reaches, and zeros
+    /// in place of keypoints.
     pub fn doubts(&self) -> Vec<String> {
         let poses = plausible::poses(&self.poses, &HandLimits::default(), self.start_ns);
         // A stream that is refused is the greatest doubt.
         let poses = poses.map_or_else(|reason| vec![reason], |plausible| plausible.warnings);
         let seen: Vec<_> = self.keypoints.iter().filter(|(_, k)| k.dlo_seen()).copied().collect();
         let zeros = plausible::zero_warning(&seen, self.start_ns).unwrap_or_else(Some);
-        self.fault_warning().into_iter().chain(poses).chain(zeros).collect()
+        self.mixed.iter().cloned().chain(self.fault_warning()).chain(poses).chain(zeros).collect()
     }
 
     /// True if a fault ended the episode, instead of the task or the user.

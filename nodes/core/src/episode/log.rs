@@ -2,7 +2,8 @@
 
 use super::complete::{Episode, EpisodeStart, is_fault};
 use super::error::EpisodeError;
-use super::plausible::{KEYPOINTS, MeasuredPose, POSES, seconds};
+use super::plausible::{KEYPOINTS, MOST_LEFT_OUT, MeasuredPose, POSES, seconds};
+use super::stream::Stream;
 use crate::{Keypoints, Observation};
 use std::collections::BTreeMap;
 
@@ -65,8 +66,8 @@ type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 /// start event; the records with its number belong to it until the next start with that number.
 #[derive(Debug, Clone, Default)]
 pub struct EpisodeLog {
-    keypoints: BTreeMap<i64, Keypoints>,
-    poses: BTreeMap<i64, MeasuredPose>,
+    keypoints: Stream<Keypoints>,
+    poses: Stream<MeasuredPose>,
     actions: Steps<[f64; 2]>,
     observations: Steps<Observation>,
     /// Starts, by number of the episode and stamp.
@@ -152,6 +153,15 @@ struct Span {
 }
 
 impl EpisodeLog {
+    /// Log of a recording, whose records arrive once and in order. An episode is refused if the recording runs through its time
+    /// again with other records. A live log takes the newest records instead.
+    pub fn of_recording() -> Self {
+        let mut log = Self::default();
+        log.keypoints.watch_passes();
+        log.poses.watch_passes();
+        log
+    }
+
     /// Adds a doubt about the recording. Every episode carries it in [`Episode::notes`].
     pub fn note(&mut self, note: String) {
         self.notes.push(note);
@@ -515,8 +525,22 @@ impl EpisodeLog {
             poses: self.poses.range(from_ns..=end_ns).map(|(t, p)| (since_s(*t), *p)).collect(),
             actions: in_order(self.actions.range(steps.clone())),
             observations: in_order(self.observations.range(steps)),
+            mixed: self.mixed(from_ns, end_ns),
             notes: self.notes().into_iter().chain(self.elsewhere(from_ns, end_ns)).collect(),
         }
+    }
+
+    /// Reason why the records between two stamps cannot be told from others of the recording; none if they can.
+    fn mixed(&self, from_ns: i64, end_ns: i64) -> Option<String> {
+        let range_ns = || from_ns..=end_ns;
+        let shares = [(KEYPOINTS, self.keypoints.mixed_share(range_ns())), (POSES, self.poses.mixed_share(range_ns()))];
+        let (topic, share) = shares.into_iter().find(|(_, share)| *share > MOST_LEFT_OUT)?;
+        Some(format!(
+            "{topic}: header.stamp: expected that a recording passes through a time once, got {:.0} % of the frames between {} and {} in a second pass: the clock was set back, or recordings were joined whose clocks begin anew, and records of two episodes cannot be told apart; put each episode into a bag of its own",
+            100.0 * share,
+            seconds(from_ns),
+            seconds(end_ns)
+        ))
     }
 
     /// Notes on streams that have records, but none between two stamps: another clock stamps them than the events.

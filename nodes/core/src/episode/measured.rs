@@ -50,6 +50,9 @@ impl Episode {
             return Err(missing("poses on /panda/current_pose"));
         }
         let impossible = |reason| EpisodeError::Impossible { episode: self.number, reason };
+        if let Some(reason) = &self.mixed {
+            return Err(impossible(reason.clone()));
+        }
         // A path with such gaps drives no simulation: its unit is the cause, and lost poses are not.
         if let Some(doubt) = slow_doubt(&sample_times_s(&self.poses), model) {
             return Err(impossible(format!("{POSES}: header.stamp: {doubt}")));

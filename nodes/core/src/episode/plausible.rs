@@ -11,7 +11,7 @@ mod spikes;
 #[cfg(test)]
 mod tests;
 
-pub(super) use chain::{at, seconds};
+pub(super) use chain::{MOST_LEFT_OUT, at, seconds};
 pub use hand::MeasuredPose;
 pub(super) use hand::{HandLimits, POSES, observations, poses};
 pub(super) use held::without_held;

@@ -3,7 +3,7 @@
 use crate::{Camera, Keypoints};
 
 /// Greatest share of the poses or frames that is left out. With more faults it is unknown which samples are right.
-pub(super) const MOST_LEFT_OUT: f64 = 0.2;
+pub(in crate::episode) const MOST_LEFT_OUT: f64 = 0.2;
 /// Number of runs that a chain may skip. Data with more faults in a row are refused in any case.
 const MOST_SKIPPED_RUNS: usize = 512;
 
