@@ -2,14 +2,16 @@
 #![allow(clippy::disallowed_methods, reason = "recording follows the wall clock")]
 
 mod discovery;
+mod log_clock;
 mod settings;
 
 use crate::error::BagError;
 use crate::node::backlog::Backlog;
 use crate::reindex::reindex;
 use crate::writer::{BagSummary, BagWriter};
-use catenary_shell::{Health, Node, Time};
+use catenary_shell::{Health, Node, Throttle, Time, wall_now};
 use discovery::Topics;
+use log_clock::LogClock;
 pub use settings::RecordSettings;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,6 +25,8 @@ const LOOK_PERIOD: Duration = Duration::from_millis(100);
 const LINGER: Duration = Duration::from_millis(200);
 /// Time without any message after which a warning is given.
 const EMPTY: Duration = Duration::from_secs(5);
+/// Least time between two log lines about a clock that was set back.
+const COMPLAIN: Duration = Duration::from_secs(5);
 /// Greatest number of bytes that wait for the disk: 256 MiB, about 10 s of RGB images of 640 x 480 at 30 Hz.
 const BACKLOG_BYTES: usize = 256 << 20;
 
@@ -42,14 +46,15 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     settings.check()?;
     let backlog = Arc::new(Backlog::new(BACKLOG_BYTES));
     let left_out = Arc::<Mutex<BTreeSet<String>>>::default();
-    report(node, &backlog, &left_out)?;
+    let clock = Arc::<Mutex<LogClock>>::default();
+    report(node, &backlog, &left_out, &clock)?;
     wait_for_clock(node);
     let unbound = node.unbound();
     let mut topics = Topics::subscribe(&unbound, settings, Arc::clone(&backlog), left_out)?;
     let mut bag = BagWriter::create(&settings.out, &settings.writer_options())?;
     let written = topics.add_pending(&mut bag).and_then(|count| {
         tracing::info!("recording {count} topics into {}", settings.out.display());
-        write_until_shutdown(node, &mut bag, &mut topics, &backlog)
+        write_until_shutdown(node, &mut bag, &mut topics, &backlog, &clock)
     });
     drop(topics);
     if let Err(error) = written {
@@ -64,12 +69,20 @@ pub fn record(node: &Node, settings: &RecordSettings) -> Result<BagSummary, BagE
     if lost > 0 {
         tracing::error!("{lost} messages were lost because the disk is too slow");
     }
+    if let Some(steps) = clock.lock().unwrap_or_else(PoisonError::into_inner).summary() {
+        tracing::warn!("{}: {steps}", settings.out.display());
+    }
     bag.finish()
 }
 
 /// Reports the gaps of a recording: an error while messages are being lost, and a warning afterwards.
-fn report(node: &Node, backlog: &Arc<Backlog>, left_out: &Arc<Mutex<BTreeSet<String>>>) -> Result<(), BagError> {
-    let (backlog, left_out) = (Arc::clone(backlog), Arc::clone(left_out));
+fn report(
+    node: &Node,
+    backlog: &Arc<Backlog>,
+    left_out: &Arc<Mutex<BTreeSet<String>>>,
+    clock: &Arc<Mutex<LogClock>>,
+) -> Result<(), BagError> {
+    let (backlog, left_out, clock) = (Arc::clone(backlog), Arc::clone(left_out), Arc::clone(clock));
     let (mut lost_before, started) = (0, Instant::now());
     node.report_diagnostics(move |report| {
         let (messages, lost) = backlog.counts();
@@ -82,6 +95,9 @@ fn report(node: &Node, backlog: &Arc<Backlog>, left_out: &Arc<Mutex<BTreeSet<Str
         }
         if messages == 0 && started.elapsed() > EMPTY {
             report.problem(Health::Warn, "nothing was recorded yet: no recorded topic has a message");
+        }
+        if let Some(steps) = clock.lock().unwrap_or_else(PoisonError::into_inner).summary() {
+            report.problem(Health::Warn, &steps);
         }
         for why in left_out.lock().unwrap_or_else(PoisonError::into_inner).iter() {
             report.problem(Health::Warn, why);
@@ -104,7 +120,9 @@ fn write_until_shutdown(
     bag: &mut BagWriter,
     topics: &mut Topics<'_>,
     backlog: &Backlog,
+    clock: &Mutex<LogClock>,
 ) -> Result<(), BagError> {
+    let mut complaint = Throttle::new(COMPLAIN);
     let mut flush_at = Instant::now() + FLUSH_PERIOD;
     let mut look_at = Instant::now();
     // New topics are no longer accepted after the shutdown request; known ones are drained for LINGER.
@@ -126,6 +144,11 @@ fn write_until_shutdown(
             Some((number, arrival)) => {
                 // Some publishers send no source timestamp.
                 let sent = arrival.sent.unwrap_or(arrival.received);
+                if let Some(step) = clock.lock().unwrap_or_else(PoisonError::into_inner).take(arrival.received.nanos())
+                    && complaint.pass(wall_now()).is_some()
+                {
+                    tracing::warn!("{step}");
+                }
                 bag.write_cdr(topics.id(number), arrival.received.nanos(), sent.nanos(), &arrival.cdr)?;
             }
             None if is_over => return Ok(()),
