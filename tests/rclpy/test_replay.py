@@ -203,6 +203,16 @@ def notes_at(session, *times_ns):
     bag_of(session.folder / "bag", lambda types: [("/a", "std_msgs/msg/String", t, text(types)) for t in times_ns])
 
 
+def test_an_override_of_a_topic_that_is_not_played_or_recorded_is_named(session):
+    notes_at(session, 10**9)
+    (session.folder / "q.yaml").write_text("/elsewhere: {reliability: reliable}\n")
+    done = session.run("replay", "bag", "--rate", "inf", "--qos-profile-overrides-path", "q.yaml")
+    assert done.returncode == 0 and "/elsewhere: its QoS override has no effect" in done.stderr, done.stderr
+    recorder = session.start("record", "--out", "new", "--qos-profile-overrides-path", "q.yaml")
+    session.wait_for(lambda: "/elsewhere: its QoS override has no effect so far" in session.text("record.err"), 20, "the warning")
+    session.stop(recorder)
+
+
 def test_a_negative_duration_is_no_limit(session):
     notes_at(session, 10**9, 2 * 10**9)
     done = session.run("replay", "bag", "--playback-duration", -1, "--json")

@@ -39,6 +39,9 @@ pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, B
     for left_out in &summary.left_out {
         tracing::warn!("not replayed: {left_out}");
     }
+    for name in settings.overrides.topics().filter(|name| chosen.iter().all(|topic| topic.name != *name)) {
+        tracing::warn!("{name}: its QoS override has no effect, because the topic is not replayed");
+    }
     let states = chosen.iter().filter(|t| t.type_name == ArmState::TYPE_NAME).map(|t| t.name.clone());
     let watch = ArmWatch::start(node, states.collect())?;
     watch.wait_until_safe(node)?;

@@ -227,6 +227,13 @@ impl<'a> Topics<'a> {
             let near = nearest(&name).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
             self.warn_once(&name, &format!("nobody publishes it yet{near}"));
         }
+        let overridden = self.settings.overrides.topics().filter(|name| !self.taken.contains_key(*name));
+        let unused: Vec<String> = overridden.map(str::to_owned).collect();
+        for name in unused {
+            let near = nearest(&name).filter(|near| *near != name).map(|n| format!("; did you mean {n}?"));
+            let why = "its QoS override has no effect so far, because the topic is not recorded";
+            self.warn_once(&name, &format!("{why}{}", near.unwrap_or_default()));
+        }
     }
 }
 
