@@ -5,6 +5,7 @@ mod error;
 mod filter;
 mod format;
 mod import;
+mod latched;
 #[cfg(feature = "node")]
 pub mod node;
 mod reader;
@@ -17,6 +18,7 @@ pub use episodes::{EpisodeTopics, Feed, episode_notes, read_episodes, read_measu
 pub use error::BagError;
 pub use filter::{Pattern, TopicFilter};
 pub use import::{Imported, import_track};
+pub use latched::latched_elsewhere;
 #[cfg(feature = "node")]
 pub use node::{QosOverrides, RecordSettings, ReplaySettings, ReplaySummary, record, replay};
 pub use reader::{BagMessage, BagReader, Messages, Topic, TopicCount, Verified};

@@ -1,7 +1,7 @@
 //! Messages, order, topics and metadata of a written bag are read back, and errors name things that are no bags.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
-use catenary_bag::{BagError, BagReader, BagWriter, Compression, Split, WriterOptions, reindex};
+use catenary_bag::{BagError, BagReader, BagWriter, Compression, Split, WriterOptions, latched_elsewhere, reindex};
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped};
 use catenary_msgs::sensor_msgs::msg::Image;
 use catenary_shell::Qos;
@@ -231,6 +231,27 @@ fn split_files_are_read_as_one_bag() {
     assert_eq!((bag.message_count(), bag.topics().len()), (440, 2));
     let times: Vec<i64> = bag.messages().map(|m| m.unwrap().log_time_ns).collect();
     assert!(times.len() == 440 && times.is_sorted());
+}
+
+#[test]
+fn a_part_of_a_split_recording_names_the_latched_topics_that_it_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, part) = (folder.path().join("whole"), folder.path().join("part"));
+    let split = Split { duration: Some(Duration::from_secs(1)), ..Split::default() };
+    let mut bag = BagWriter::create(&whole, &WriterOptions { split, ..WriterOptions::default() }).unwrap();
+    let latched = Qos::ReliableTransientLocal { depth: 1 };
+    let [once, often] = ["/once", "/often"].map(|name| bag.add_topic_of::<PoseStamped>(name, latched).unwrap());
+    bag.write(once, 0, 0, &pose(0.0)).unwrap();
+    for i in 0..30 {
+        let time_ns = 100_000_000 * i;
+        bag.write(often, time_ns, time_ns, &pose(1.0)).unwrap();
+    }
+    assert_eq!(bag.finish().unwrap().files.len(), 3);
+    std::fs::create_dir(&part).unwrap();
+    std::fs::copy(whole.join("whole_2.mcap"), part.join("whole_2.mcap")).unwrap();
+    assert_eq!(latched_elsewhere(&BagReader::open(&whole).unwrap()), None);
+    let told = latched_elsewhere(&BagReader::open(&part).unwrap()).unwrap();
+    assert!(told.contains("before number 2: no message of the latched topics /once; they come once"), "{told}");
 }
 
 #[test]

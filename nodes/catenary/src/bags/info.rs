@@ -4,7 +4,7 @@ use super::args::InfoArgs;
 use crate::exit::{Given, Interrupted};
 use crate::terminal::output;
 use anyhow::Result;
-use catenary_bag::{BagReader, TopicCount, Verified, episode_notes};
+use catenary_bag::{BagReader, TopicCount, Verified, episode_notes, latched_elsewhere};
 use catenary_shell::Shutdown;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -44,6 +44,7 @@ const LISTED: usize = 10;
 impl BagInfo {
     fn new(bag: &BagReader, index_only: bool) -> Self {
         let mut notes = [bag.notes(), bag.far_notes()].concat();
+        notes.extend(latched_elsewhere(bag));
         let verified = (!index_only).then(|| bag.verify());
         if let Some(Verified { readable, damaged, damage }) = &verified {
             if *readable != bag.message_count() {
