@@ -13,6 +13,9 @@ from support.program import BAG, MODEL, PROGRAM, ROOT
 LAUNCH = ROOT / "launch_configs/sim.launch.xml"
 # Exit code of a wrong command line, and of a wrong file that it names.
 USAGE = 2
+# Words about topics without their option, and about an option that takes the bag.
+TOPICS = ("topics follow --topics", "the bag's folder -o")
+TAKEN = ("takes the words after it", "give BAG before it, or as --bag BAG")
 
 
 @pytest.fixture
@@ -73,8 +76,17 @@ def test_a_wrong_path_is_named(refused, arguments, says):
         (("bench", "inference", "--seeds", 0), ("0", "--seeds", "1..")),
         (("train", "--model", MODEL, "--out", "p", "--preset", "big"), ("--preset", "default, sb3", "big")),
         (("simulate", "--model", MODEL, "--actions", "x", "--fidelity", "fine-mesh"), ("--fidelity", FIDELITIES)),
+        (("record", "-o", "x", "/a", "/b"), ("/b", *TOPICS)),
+        (("record", "-o", "x", "/a"), TOPICS),
+        (("record", "/nowhere/keypoints"), ("/nowhere/keypoints", "a topic's name", *TOPICS)),
+        (("record", "--topics", "/a", "/b", "x"), ("--topics", *TAKEN)),
+        (("replay", "--topics", "/dlo/keypoints", BAG), ("--topics", *TAKEN)),
+        (("replay", "--rate", 2, "-m", "/a:=/b", BAG), ("-m", *TAKEN)),
     ],
-    ids=["command", "missing", "value", "option", "node", "negative", "no seeds", "preset", "fidelity"],
+    ids=[
+        "command", "missing", "value", "option", "node", "negative", "no seeds", "preset", "fidelity", "topics without option",
+        "topic and bag", "topic as bag", "bag as topic to record", "bag as topic", "bag as name",
+    ],  # fmt: skip
 )
 def test_a_wrong_command_line_is_named(refused, arguments, says):
     refused(*arguments, says=says, code=USAGE)

@@ -67,7 +67,9 @@ fn refuse(error: &clap::Error) -> ExitCode {
     let words: Vec<&str> = said.split_whitespace().collect();
     let words = words.join(" ");
     let words = words.strip_prefix("error: ").unwrap_or(&words);
-    let _closed = writeln!(std::io::stderr(), "catenary: {words}; see --help");
+    let given: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let hint = bags::order::hint(error, &given).map_or_else(String::new, |hint| format!(": {hint}"));
+    let _closed = writeln!(std::io::stderr(), "catenary: {words}{hint}; see --help");
     ExitCode::from(WrongInput::EXIT_CODE)
 }
 

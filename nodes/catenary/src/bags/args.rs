@@ -1,7 +1,8 @@
 //! Arguments of `record`, `replay`, `info` and `reindex`. Their names are those of `ros2 bag`.
 
+use super::order::{TOPICS_AND_BAG, is_like_topic};
 use crate::options::{Bags, Output};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use catenary_bag::{BagError, Compression, Pattern, QosOverrides, RecordSettings, ReplaySettings, Split, TopicFilter};
 use clap::Args;
 use std::path::PathBuf;
@@ -161,6 +162,13 @@ impl RecordArgs {
     /// combination.
     pub fn settings(&self) -> Result<RecordSettings> {
         let folder = self.bag.as_ref().or(self.out.as_ref()).context("no folder for the bag: give BAG or --out BAG")?;
+        if let Some(bag) = &self.bag {
+            let path = bag.display();
+            ensure!(
+                !is_like_topic(bag),
+                "BAG: expected a folder for the bag, got {path}, a topic's name: {TOPICS_AND_BAG}"
+            );
+        }
         let pattern = |name, text: &Option<String>| text.as_ref().map(|t| Pattern::within(name, t)).transpose();
         let filter = TopicFilter {
             all: self.all,

@@ -3,6 +3,7 @@
 pub mod args;
 pub mod info;
 mod node;
+pub mod order;
 pub mod record;
 pub mod reindex;
 pub mod replay;
