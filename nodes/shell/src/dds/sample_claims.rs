@@ -105,7 +105,7 @@ struct Sample {
 impl Sample {
     fn new(total: u32, bytes: u64, now: Instant) -> Self {
         let mut missing = vec![u64::MAX; total.div_ceil(u64::BITS) as usize];
-        if let Some(last) = missing.last_mut().filter(|_| total % u64::BITS != 0) {
+        if let Some(last) = missing.last_mut().filter(|_| !total.is_multiple_of(u64::BITS)) {
             *last = (1 << (total % u64::BITS)) - 1;
         }
         Self { bytes, readers: BTreeSet::new(), missing, left: total, last: now }
