@@ -10,12 +10,14 @@ use std::process::Command;
 fn rustdds() -> PathBuf {
     let cargo = std::env::var_os("CARGO").expect("cargo sets it");
     let arguments = ["metadata", "--format-version", "1", "--offline", "--filter-platform", "x86_64-unknown-linux-gnu"];
-    let output = Command::new(cargo).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    let output =
+        Command::new(cargo).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("cargo runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let packages = metadata["packages"].as_array().unwrap();
-    let package = packages.iter().find(|package| package["name"] == "rustdds").unwrap();
-    Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap().to_owned()
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("cargo prints JSON");
+    let packages = metadata["packages"].as_array().expect("the packages of the workspace");
+    let package = packages.iter().find(|package| package["name"] == "rustdds").expect("rustdds is a dependency");
+    let manifest = Path::new(package["manifest_path"].as_str().expect("each package has a manifest"));
+    manifest.parent().expect("a manifest is in a folder").to_owned()
 }
 
 #[test]
