@@ -31,7 +31,7 @@ def claim(sample_bytes, number=1, entities=DISCOVERY, sender=b"\x01\x0fclaims4gi
 
 
 def claims(sample_bytes=4 * GIB - 1):
-    """The same claim in every form in which a datagram may hold it."""
+    """One claim in every form in which a datagram may hold it."""
     many = submessage(INFO_TS, b"") * 3 + submessage(PAD, b"") * 5000 + submessage(0x80, bytes(3000))
     yield claim(sample_bytes)
     yield claim(sample_bytes, little=False)

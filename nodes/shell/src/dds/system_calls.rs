@@ -30,7 +30,7 @@ const SIGNAL_SET_BYTES: usize = 8;
 /// Waits for events as epoll_wait(2), also after an interruption.
 ///
 /// # Safety
-/// As epoll_wait(2): `events` points to `capacity` events.
+/// `events` points to `capacity` events.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn epoll_wait(
     descriptor: c_int,
@@ -62,7 +62,7 @@ unsafe extern "C" fn epoll_wait(
 /// Receives a message as recvmsg(2), and passes over refused RTPS messages.
 ///
 /// # Safety
-/// As recvmsg(2): `message` points to a header whose buffers are valid.
+/// `message` points to a header whose buffers are valid.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn recvmsg(descriptor: c_int, message: *mut msghdr, flags: c_int) -> ssize_t {
     // SAFETY: the caller's pointer. The kernel overwrites these two lengths, and a second call needs them as they were.
