@@ -5,6 +5,7 @@ import os
 import subprocess
 
 import pytest
+
 from support.program import PROGRAM
 
 NAMES = {
