@@ -370,7 +370,9 @@ impl<P: Plant> Front<P> {
                     return Err(self.late("the motion has not begun"));
                 }
             }
-            self.node.shutdown().wait_timeout(BEGIN_POLL);
+            if self.node.shutdown().wait_timeout(BEGIN_POLL) {
+                return Err("the node is ending".to_owned());
+            }
         }
     }
 
@@ -390,7 +392,9 @@ impl<P: Plant> Front<P> {
             if start.elapsed() > BEGINNING {
                 return Err(self.late("the arm has recovered, and cannot move yet"));
             }
-            self.node.shutdown().wait_timeout(BEGIN_POLL);
+            if self.node.shutdown().wait_timeout(BEGIN_POLL) {
+                return Err("the node is ending".to_owned());
+            }
         }
     }
 
