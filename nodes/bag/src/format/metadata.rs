@@ -181,12 +181,7 @@ pub(crate) fn write(
         path: path.clone(),
         reason: std::io::Error::other(e),
     })?;
-    // A rename within a folder is atomic: a reader finds the old or the new file, and never half of one.
-    let draft = folder.join(".metadata.yaml.part");
-    std::fs::write(&draft, text).and_then(|()| std::fs::rename(&draft, &path)).map_err(|reason| {
-        let _there_is_none = std::fs::remove_file(&draft);
-        BagError::io("write", &path)(reason)
-    })
+    catenary_shell::files::replace(&path, text.as_bytes()).map_err(BagError::io("write", &path))
 }
 
 /// Parts of the file, of any version, that reading and finishing a bag need.

@@ -1,7 +1,7 @@
 //! File with the state of an inference, for a process that may be killed.
 
 use crate::sequential::State;
-use catenary_shell::{remove_state, state_file};
+use catenary_shell::{files, remove_state, state_file};
 use std::path::{Path, PathBuf};
 
 /// Extension of the files in a folder of states.
@@ -57,14 +57,11 @@ impl StateFile {
     /// Replaces the file's contents by `state`. A process that is killed meanwhile leaves the old or the new contents. A failure
     /// is a warning: the inference continues without a saved state.
     pub fn write(&self, state: &State) {
-        // Written beside and renamed: a rename is atomic. The process id keeps two processes apart.
-        let draft = self.path.with_extension(format!("{}.draft", std::process::id()));
         let write = || -> std::io::Result<()> {
             if let Some(folder) = self.path.parent() {
                 std::fs::create_dir_all(folder)?;
             }
-            std::fs::write(&draft, serde_json::to_vec(state)?)?;
-            std::fs::rename(&draft, &self.path)
+            files::replace(&self.path, &serde_json::to_vec(state)?)
         };
         if let Err(error) = write() {
             tracing::warn!(

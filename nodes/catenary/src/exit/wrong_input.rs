@@ -51,6 +51,20 @@ pub fn is_of_machine(error: &IoError) -> bool {
     !of_path.contains(&error.kind())
 }
 
+/// True if an error comes from a machine that has no room left: a full disk, a quota, a limit on the size of files, or no memory. No step makes
+/// it a wrong input, whatever it reads or checks.
+fn is_full(error: &anyhow::Error) -> bool {
+    use ErrorKind::{FileTooLarge, OutOfMemory, QuotaExceeded, StorageFull};
+    let full = |kind: ErrorKind| [FileTooLarge, OutOfMemory, QuotaExceeded, StorageFull].contains(&kind);
+    let of_cause = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref::<BagError>() {
+        Some(BagError::Io { reason, .. }) => full(reason.kind()),
+        Some(BagError::Write { .. }) => true,
+        Some(BagError::Scratch { is_of_disk, .. }) => *is_of_disk,
+        _ => cause.downcast_ref::<IoError>().is_some_and(|error| full(error.kind())),
+    };
+    error.chain().any(of_cause)
+}
+
 fn is_of_inference(error: &InferenceError) -> bool {
     use InferenceError::{Drive, Observation, OutOfView, Setting};
     matches!(error, Drive { .. } | Observation(_) | OutOfView { .. } | Setting { .. })
@@ -63,7 +77,7 @@ fn is_of_search(error: &FinderError) -> bool {
 
 /// Marks errors of steps that read or check a command's input.
 pub trait Given<T> {
-    /// Marks any error as [`WrongInput`].
+    /// Marks any error as [`WrongInput`], except that of a full machine.
     fn given(self) -> anyhow::Result<T>;
 
     /// Marks an error as [`WrongInput`] if `is_given` returns true for it.
@@ -78,7 +92,7 @@ impl<T, E: Into<anyhow::Error>> Given<T> for Result<T, E> {
     fn given_if(self, is_given: impl FnOnce(&anyhow::Error) -> bool) -> anyhow::Result<T> {
         self.map_err(|error| match error.into() {
             // Ctrl-C keeps its own exit code, whatever step it interrupts.
-            error if Interrupted::is(&error) || !is_given(&error) => error,
+            error if Interrupted::is(&error) || is_full(&error) || !is_given(&error) => error,
             error => WrongInput::error(format!("{error:#}")),
         })
     }
@@ -95,6 +109,20 @@ mod tests {
         assert!(WrongInput::is(&error));
         assert_eq!(format!("{error:#}"), "infer: model nope: no such file");
         assert!(!WrongInput::is(&anyhow!("the disk is full")));
+    }
+
+    #[test]
+    fn a_full_disk_is_no_mistake_in_whatever_step_it_shows() {
+        let full = |raw: i32| IoError::from_raw_os_error(raw);
+        let bag = BagError::Io { action: "make the file", path: "out/bag_0.mcap".into(), reason: full(28) };
+        // ENOSPC, EDQUOT and EFBIG.
+        let errors = [full(28).into(), full(122).into(), full(27).into(), bag.into()];
+        for error in errors.map(|e: anyhow::Error| e.context("--out out")) {
+            let error = Err::<(), _>(error).given().unwrap_err();
+            assert!(is_full(&error) && !WrongInput::is(&error), "{error:#}");
+        }
+        let missing = Err::<(), _>(full(2)).given().unwrap_err();
+        assert!(WrongInput::is(&missing) && !is_full(&missing));
     }
 
     #[test]

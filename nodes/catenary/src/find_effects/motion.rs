@@ -2,6 +2,7 @@
 
 use crate::inputs::actions_file;
 use anyhow::{Context, Result};
+use catenary_shell::files;
 use std::path::Path;
 
 /// Name of the file.
@@ -11,10 +12,13 @@ const FILE: &str = "separating_motion.csv";
 /// there are none.
 pub fn write(folder: &Path, of_steps: &[[f64; 2]]) -> Result<()> {
     let path = folder.join(FILE);
-    let done = match std::fs::remove_file(&path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
-        _ if of_steps.is_empty() => Ok(()),
-        _ => std::fs::write(&path, actions_file::written(of_steps)),
-    };
-    done.with_context(|| path.display().to_string())
+    if !of_steps.is_empty() {
+        return files::write(&path, actions_file::written(of_steps));
+    }
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| path.display().to_string())
+        }
+        _ => Ok(()),
+    }
 }

@@ -5,8 +5,9 @@ use super::motion;
 use crate::exit::Misfit;
 use crate::graph::request::{Answer, Request, absolute};
 use crate::terminal::{output, progress};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use catenary_msgs::action::{FindEffects, FindEffectsGoal};
+use catenary_shell::files;
 use effect_finder::report::MISFIT;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -45,7 +46,7 @@ pub fn run(arguments: &FindEffectsArgs, model_yaml: String, namespace: &str) -> 
         bar.set_message(feedback.stage);
     })?;
     ensure!(result.success, "{name}: {}", result.message);
-    std::fs::write(&path, &result.model_yaml).with_context(|| path.display().to_string())?;
+    files::write(&path, &result.model_yaml)?;
     // The message holds (dx, dz) of all steps as one list.
     let (actions, _) = result.separating_actions.as_chunks();
     motion::write(&arguments.out, actions)?;

@@ -78,7 +78,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
     let posterior = convert::posterior_from_msg(&result.posterior)?;
     let support_moves = bayes_sim::convert::support_moves(&result);
     let text = PosteriorFile::new(&posterior, support_moves.clone()).text()?;
-    std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    catenary_shell::files::write(&path, text)?;
     let inferred = Inferred {
         bags: arguments.bags.all().to_vec(),
         model: model.name.clone(),
@@ -111,7 +111,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         simulations: inferred.simulations as usize,
         fits: &fits,
     })?;
-    std::fs::write(&report, page).with_context(|| report.display().to_string())?;
+    catenary_shell::files::write(&report, page)?;
     output::result(&arguments.output, &inferred, |i| {
         let mut lines: Vec<String> = i.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
         lines.extend(marginal_words(&i.marginals));

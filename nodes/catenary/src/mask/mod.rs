@@ -14,7 +14,7 @@ use anyhow::{Context, Result};
 use args::MaskArgs;
 use camera::{Backend, SegmentationReport, Segmenter, SegmenterParams};
 use catenary_core::{Keypoints, LabelMask, RgbImage};
-use catenary_shell::{NodeBuilder, RosArgs};
+use catenary_shell::{NodeBuilder, RosArgs, files};
 use fit::{Fitted, Kept, fit, parameter_file};
 use frames::Frame;
 use keypoint_tracker::{KeypointTracker, TrackingParams};
@@ -123,7 +123,7 @@ pub fn run(arguments: &MaskArgs) -> Result<()> {
     let file = match &arguments.out {
         Some(folder) if !fits.is_empty() || (other.is_some() && replaces) => {
             let file = folder.join("params.yaml");
-            std::fs::write(&file, &written).with_context(|| file.display().to_string())?;
+            files::write(&file, &written)?;
             Some(file)
         }
         _ => None,

@@ -1,9 +1,10 @@
 //! Option `--report`: a page of the results.
 
-use crate::exit::{Given, WrongInput};
+use crate::exit::WrongInput;
 use crate::report::Page;
 use crate::terminal::output;
-use anyhow::{Context, Result};
+use anyhow::Result;
+use catenary_shell::files;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -27,13 +28,13 @@ impl ReportPage {
                 "--report {shown}: expected a file of its own, got another file of the command"
             )));
         }
-        output::prepare_file("report", path).given()
+        output::prepare_file("report", path)
     }
 
     /// Writes the page, if one was asked for.
     pub fn write(&self, page: impl FnOnce() -> Result<Page>) -> Result<()> {
         let Some(path) = &self.report else { return Ok(()) };
-        std::fs::write(path, page()?.finish()).with_context(|| path.display().to_string())?;
+        files::write(path, page()?.finish())?;
         output::tell(&format!("report: {}", path.display()));
         Ok(())
     }

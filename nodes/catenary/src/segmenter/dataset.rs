@@ -90,7 +90,7 @@ fn changed(frame: &image::RgbImage, rng: &mut impl Rng) -> image::RgbImage {
 }
 
 fn write(file: PathBuf, bytes: &[u8]) -> Result<()> {
-    std::fs::write(&file, bytes).with_context(|| file.display().to_string())
+    catenary_shell::files::write(&file, bytes)
 }
 
 #[cfg(test)]

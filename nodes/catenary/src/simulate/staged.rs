@@ -28,6 +28,10 @@ impl Staged {
     /// Moves the file or folder to its final place.
     pub fn commit(self) -> Result<PathBuf> {
         let last = self.last.clone();
+        // Some file systems notice a full disk only now, and a loss of power after the rename must not leave an empty file.
+        if self.path().is_file() {
+            std::fs::File::open(self.path()).and_then(|f| f.sync_all()).with_context(|| last.display().to_string())?;
+        }
         std::fs::rename(self.path(), &last).with_context(|| last.display().to_string())?;
         Ok(last)
     }

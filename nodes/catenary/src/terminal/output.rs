@@ -4,8 +4,9 @@
 use crate::exit::{Given, WrongInput, is_of_machine};
 use crate::options::Output;
 use anyhow::{Context, Result};
+use catenary_shell::files;
 use serde::Serialize;
-use std::fs::{self, OpenOptions};
+use std::fs;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 
@@ -71,14 +72,7 @@ fn try_out(file: &Path) -> Result<()> {
     if let Some(folder) = file.parent().filter(|f| !f.as_os_str().is_empty()) {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
-    let is_new = !file.exists();
-    let opened = OpenOptions::new().create(true).append(true).open(file);
-    opened.with_context(|| format!("{}: it cannot be written", file.display()))?;
-    // The test must not leave an empty file behind if the work fails later.
-    if is_new {
-        fs::remove_file(file).with_context(|| file.display().to_string())?;
-    }
-    Ok(())
+    files::check_writable(file).with_context(|| format!("{}: it cannot be written", file.display()))
 }
 
 /// Width of a terminal, columns.

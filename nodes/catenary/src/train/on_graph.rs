@@ -40,7 +40,7 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
         request.send::<Train>(goal, &bar, |bar, feedback| show_training(bar, &feedback))?;
     ensure!(result.success, "{name}: {}", result.message);
     Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
-    std::fs::write(&arguments.out, &result.policy).with_context(|| arguments.out.display().to_string())?;
+    catenary_shell::files::write(&arguments.out, &result.policy)?;
     let curve = convert_training::curve(&result).with_context(|| name.clone())?;
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     let steps = curve.last().map_or(0, |p| p.steps);

@@ -92,7 +92,7 @@ pub fn run(arguments: &CalibrationArgs) -> Result<()> {
         });
     }
     let report = report(&model, &lines);
-    std::fs::write(arguments.out.join("report.html"), page(&report))?;
+    catenary_shell::files::write(&arguments.out.join("report.html"), page(&report))?;
     output::result(&arguments.output, &report, words)
 }
 

@@ -92,10 +92,7 @@ impl Table {
 
     /// Writes the table atomically, so that a reader finds the old or the new one.
     pub fn write(&self) -> Result<()> {
-        let (path, draft) = (self.log.join(FILE), self.log.join(format!("{FILE}.part")));
-        std::fs::write(&draft, serde_json::to_vec_pretty(self)?)
-            .and_then(|()| std::fs::rename(&draft, &path))
-            .with_context(|| path.display().to_string())
+        catenary_shell::files::write(&self.log.join(FILE), serde_json::to_vec_pretty(self)?)
     }
 
     /// Reads the table of the launch with this log folder.

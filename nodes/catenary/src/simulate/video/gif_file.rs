@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Colours of a frame. The last of the 256 indices marks unchanged pixels.
 const MOST_COLOURS: usize = 255;
@@ -15,6 +15,8 @@ const RATES_HZ: Range<f64> = 0.1..50.1;
 
 /// GIF that is being written.
 pub struct GifFile {
+    /// Path, for messages.
+    file: PathBuf,
     encoder: Encoder<BufWriter<File>>,
     size: [u32; 2],
     rate_hz: f64,
@@ -35,9 +37,13 @@ impl GifFile {
         );
         let [width, height] = [u16::try_from(size[0])?, u16::try_from(size[1])?];
         let out = BufWriter::new(File::create(file).with_context(|| file.display().to_string())?);
-        let mut encoder = Encoder::new(out, width, height, &[])?;
-        encoder.set_repeat(Repeat::Infinite)?;
-        Ok(Self { encoder, size, rate_hz, frames: 0, waiting: None, shown: Vec::new() })
+        let begin = || {
+            let mut encoder = Encoder::new(out, width, height, &[])?;
+            encoder.set_repeat(Repeat::Infinite)?;
+            Ok::<_, gif::EncodingError>(encoder)
+        };
+        let encoder = begin().with_context(|| file.display().to_string())?;
+        Ok(Self { file: file.to_owned(), encoder, size, rate_hz, frames: 0, waiting: None, shown: Vec::new() })
     }
 
     /// Adds a picture of RGB bytes.
@@ -56,15 +62,16 @@ impl GifFile {
     pub fn finish(mut self) -> Result<()> {
         let end_cs = (100.0 * self.frames as f64 / self.rate_hz).round() as u64;
         self.write_waiting(end_cs)?;
-        std::io::Write::flush(&mut self.encoder.into_inner()?)?;
-        Ok(())
+        let Self { file, encoder, .. } = self;
+        let mut out = encoder.into_inner().with_context(|| file.display().to_string())?;
+        std::io::Write::flush(&mut out).with_context(|| file.display().to_string())
     }
 
     fn write_waiting(&mut self, until_cs: u64) -> Result<()> {
         if let Some((mut frame, since_cs)) = self.waiting.take() {
             // A still of eleven minutes and more is cut to the longest delay of the format.
             frame.delay = u16::try_from(until_cs - since_cs).unwrap_or(u16::MAX);
-            self.encoder.write_frame(&frame)?;
+            self.encoder.write_frame(&frame).with_context(|| self.file.display().to_string())?;
         }
         Ok(())
     }
