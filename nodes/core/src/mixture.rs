@@ -6,6 +6,11 @@ use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+/// Most components, and most coordinates, of a mixture in a file. They bound the memory and the time that a damaged file can claim.
+const MOST_COMPONENTS: usize = 10_000;
+const MOST_COORDINATES: usize = 256;
+/// Greatest distance of a mean from 0, and greatest standard deviation, in a file, in unit coordinates: a million times the support.
+const GREATEST: f64 = 1e6;
 /// Number of rejected draws after which the mixture counts as lying outside the unit cube.
 const MAX_REJECTIONS: usize = 100_000;
 
@@ -62,6 +67,16 @@ pub enum MixtureError {
     /// Component whose covariance is not symmetric positive definite, or whose mean is not finite.
     #[error("mixture: component {0}: expected a finite mean and a symmetric positive definite covariance")]
     Component(usize),
+    /// Component of a file that is too far from the support, or too wide, to be a posterior.
+    #[error(
+        "mixture: component {component}: expected means within 1e6 and variances of at most 1e12, in unit coordinates, got {got:e}"
+    )]
+    Size {
+        /// Index of the component.
+        component: usize,
+        /// Value out of range.
+        got: f64,
+    },
     /// Mixture with (nearly) no mass in the unit cube.
     #[error("mixture: no draw fell inside the support of the prior")]
     OutsideSupport,
@@ -250,12 +265,26 @@ impl TryFrom<Written> for Mixture {
 
     fn try_from(w: Written) -> Result<Self, MixtureError> {
         let d = w.means.first().map_or(0, Vec::len);
+        let (k, components) = (w.weights.len(), w.means.len().max(w.covariances.len()));
+        if k.max(components) > MOST_COMPONENTS || d > MOST_COORDINATES {
+            return Err(MixtureError::Shape {
+                expected: format!("at most {MOST_COMPONENTS} components of at most {MOST_COORDINATES} coordinates"),
+                got: format!("{} of {d}", k.max(components)),
+            });
+        }
         let ragged = w.covariances.iter().any(|c| c.len() != d || c.iter().any(|row| row.len() != d));
         if ragged {
             return Err(MixtureError::Shape {
                 expected: format!("covariances of {d} x {d}"),
                 got: "other sizes".into(),
             });
+        }
+        for (i, (mean, covariance)) in w.means.iter().zip(&w.covariances).enumerate() {
+            let far = |v: &&f64| v.abs() > GREATEST;
+            let wide = |v: &&f64| v.abs() > GREATEST * GREATEST;
+            if let Some(&got) = mean.iter().find(far).or_else(|| covariance.iter().flatten().find(wide)) {
+                return Err(MixtureError::Size { component: i, got });
+            }
         }
         let covariances =
             w.covariances.iter().map(|c| DMatrix::from_row_iterator(d, d, c.iter().flatten().copied())).collect();

@@ -34,6 +34,7 @@ pub struct Model {
     /// Fixed parameters: one value for each name, which ends with the unit.
     pub parameters: BTreeMap<String, f64>,
     /// Inferred parameters with their priors.
+    #[serde(deserialize_with = "crate::parameter::unchecked")]
     pub theta: ParameterSpace,
     /// Known true values of parameters in `theta` and `effects`. A simulated cell and `catenary simulate` use them.
     /// Inference and training do not read them.

@@ -5,8 +5,11 @@ mod prior;
 pub use prior::{Prior, Weighted};
 
 use rand::{Rng, RngExt};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
+
+/// Most parameters of a space. It bounds the memory that a damaged file can claim.
+const MOST_PARAMETERS: usize = 256;
 
 /// Inferred parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,10 +25,17 @@ pub struct Parameter {
 ///
 /// Unit coordinate `i` of a theta is the prior's cumulative distribution function of parameter `i`. The prior is
 /// therefore uniform on the unit cube.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct ParameterSpace {
     parameters: Vec<Parameter>,
+}
+
+/// Reads the parameters and checks them as [`ParameterSpace::new`] does.
+impl<'de> Deserialize<'de> for ParameterSpace {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::new(Vec::deserialize(deserializer)?).map_err(de::Error::custom)
+    }
 }
 
 /// Reason for which a list of parameters or a theta is refused.
@@ -42,6 +52,9 @@ pub enum ParameterError {
     /// Name that is listed twice.
     #[error("theta `{0}` is listed twice")]
     Duplicate(String),
+    /// More parameters than any model has.
+    #[error("theta: expected at most {MOST_PARAMETERS} parameters, got {0}")]
+    Many(usize),
     /// Theta of the wrong length.
     #[error("expected {expected} values of theta ({names}), got {got}")]
     Length {
@@ -54,12 +67,23 @@ pub enum ParameterError {
     },
 }
 
+/// Reads parameters without a check, for a model: its own check names line and field.
+///
+/// # Errors
+/// Those of the format.
+pub(crate) fn unchecked<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ParameterSpace, D::Error> {
+    Ok(ParameterSpace { parameters: Vec::deserialize(deserializer)? })
+}
+
 impl ParameterSpace {
     /// Builds a space from parameters in order.
     ///
     /// # Errors
-    /// [`ParameterError`] if a prior makes no distribution or a name comes twice.
+    /// [`ParameterError`] if a prior makes no distribution, a name comes twice, or there are more than 256 parameters.
     pub fn new(parameters: Vec<Parameter>) -> Result<Self, ParameterError> {
+        if parameters.len() > MOST_PARAMETERS {
+            return Err(ParameterError::Many(parameters.len()));
+        }
         for (i, p) in parameters.iter().enumerate() {
             p.prior.check().map_err(|what| ParameterError::Prior { name: p.name.clone(), what })?;
             if parameters[..i].iter().any(|other| other.name == p.name) {

@@ -2,7 +2,7 @@
 
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
-use crate::task::{DeltaAnchor, Goal, MAX_DELTA_M, MOST_STEPS};
+use crate::task::{DeltaAnchor, Goal, MAX_DELTA_M, MOST_STEPS, REWARD_RANGE_M, STEP_PERIOD_S};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::Serialize;
@@ -13,6 +13,14 @@ use thiserror::Error;
 const FORMAT: &str = "catenary policy 1";
 /// Greatest standard deviation of an action in a file, in units of the action limit.
 const GREATEST_ACTION_SCALE: f32 = 100.0;
+
+/// Greatest weight, bias and mean of an observation in a file: with larger ones an action could overflow to NaN.
+const GREATEST_NUMBER: f32 = 1e6;
+/// Most layers, and greatest width of one. They bound the time that a damaged file can claim of a step.
+const MOST_LAYERS: usize = 16;
+const GREATEST_WIDTH: usize = 8192;
+/// Longest name, bytes.
+const LONGEST_NAME: usize = 256;
 
 /// Most observations before the newest that a policy may take.
 pub const MOST_HISTORY: usize = 64;
@@ -153,6 +161,9 @@ impl Policy {
         // Layers are numbered from 0; the first number without a tensor ends them.
         while file.tensor(&format!("actor.{}.weight", layers.len())).is_ok() {
             layers.push(layer(&file, layers.len())?);
+            if layers.len() > MOST_LAYERS {
+                return Err(bad("actor", &format!("at most {MOST_LAYERS} layers"), "more"));
+            }
         }
         let actor = Mlp::new(layers)?;
         let history = metadata.get("history").map_or("0", String::as_str);
@@ -167,18 +178,35 @@ impl Policy {
             return Err(bad("actor", &format!("{inputs} inputs and 2 outputs"), &got));
         }
         let period = text("step_period_s")?;
-        let step_period_s = period.parse().ok().filter(|p: &f64| p.is_finite() && *p > 0.0);
+        let [shortest, longest] = STEP_PERIOD_S;
+        let step_period_s = period.parse().ok().filter(|p: &f64| (shortest..=longest).contains(p));
         let steps = text("steps")?;
         let anchor = text("delta_anchor")?;
         let goal = metadata.get("goal").map(|text| {
-            serde_json::from_str(text)
-                .map_err(|error| bad("goal", "a goal as a model file has it", &format!("{text}: {error}")))
+            let goal: Goal = serde_json::from_str(text)
+                .map_err(|error| bad("goal", "a goal as a model file has it", &format!("{text}: {error}")))?;
+            let [least, most] = REWARD_RANGE_M;
+            match goal.reward_range_m().filter(|range_m| !(least..=most).contains(range_m)) {
+                Some(got) => Err(bad("goal", &format!("a reward_range_m of {least} to {most} m"), &got.to_string())),
+                None => Ok(goal),
+            }
         });
+        let name = text("name")?;
+        // Events, logs and pages show it.
+        if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
+            let got = format!("{} bytes: {:?}", name.len(), name.chars().take(40).collect::<String>());
+            return Err(bad("name", &format!("at most {LONGEST_NAME} bytes of text in one line"), &got));
+        }
         Ok(Self {
-            name: text("name")?,
+            name,
             actor,
             history,
-            observation_mean: fixed(&file, "observation_mean")?,
+            observation_mean: within(
+                fixed(&file, "observation_mean")?,
+                "observation_mean",
+                &format!("numbers of -{GREATEST_NUMBER} to {GREATEST_NUMBER}"),
+                |v| v.abs() <= GREATEST_NUMBER,
+            )?,
             observation_scale: within(
                 fixed(&file, "observation_scale")?,
                 "observation_scale",
@@ -188,7 +216,8 @@ impl Policy {
             action_scale: within(fixed(&file, "action_scale")?, "action_scale", "numbers from 0 to 100", |v| {
                 (0.0..=GREATEST_ACTION_SCALE).contains(&v)
             })?,
-            step_period_s: step_period_s.ok_or_else(|| bad("step_period_s", "a positive number", &period))?,
+            step_period_s: step_period_s
+                .ok_or_else(|| bad("step_period_s", &format!("{shortest} to {longest} s"), &period))?,
             delta_anchor: match anchor.as_str() {
                 "measured" => DeltaAnchor::Measured,
                 "last_target" => DeltaAnchor::LastTarget,
@@ -304,7 +333,16 @@ fn layer(file: &SafeTensors<'_>, index: usize) -> Result<Layer, PolicyError> {
     let [outputs, inputs] = shape[..] else {
         return Err(bad(&name, "a matrix", &format!("{shape:?}")));
     };
-    let (_, bias) = values(file, &format!("actor.{index}.bias"))?;
+    if inputs.max(outputs) > GREATEST_WIDTH {
+        return Err(bad(&name, &format!("at most {GREATEST_WIDTH} rows and columns"), &format!("{shape:?}")));
+    }
+    let bias_name = format!("actor.{index}.bias");
+    let (_, bias) = values(file, &bias_name)?;
+    for (name, numbers) in [(&name, &weight), (&bias_name, &bias)] {
+        if let Some(got) = numbers.iter().find(|v| v.abs() > GREATEST_NUMBER) {
+            return Err(bad(name, &format!("numbers of -{GREATEST_NUMBER} to {GREATEST_NUMBER}"), &got.to_string()));
+        }
+    }
     Ok(Layer { inputs, outputs, weight, bias })
 }
 
@@ -352,14 +390,31 @@ mod tests {
     #[test]
     fn every_field_of_a_file_is_checked() {
         type Change = fn(&mut Policy);
-        let cases: [(Change, &str); 7] = [
+        let cases: [(Change, &str); 12] = [
+            (|p| p.step_period_s = 1e9, "`step_period_s`: expected 0.001 to 10 s, got 1000000000"),
+            (
+                |p| p.goal = Some(Goal::PlaceTip { reward_range_m: 0.0 }),
+                "`goal`: expected a reward_range_m of 0.001 to 10 m, got 0",
+            ),
+            (
+                |p| p.actor.layers_mut()[1].weight[0] = 1e38,
+                "`actor.1.weight`: expected numbers of -1000000 to 1000000, got 100000000000000000000000000000000000000",
+            ),
+            (
+                |p| p.observation_mean[2] = -2e6,
+                "`observation_mean`: expected numbers of -1000000 to 1000000, got -2000000",
+            ),
+            (
+                |p| p.name = "a\nb".into(),
+                "`name`: expected at most 256 bytes of text in one line, got 3 bytes: \"a\\nb\"",
+            ),
             (|p| p.steps = 0, "`steps`: expected a whole number from 1 to 100000, got 0"),
             (|p| p.steps = 1_000_000, "`steps`: expected a whole number from 1 to 100000, got 1000000"),
             (|p| p.observation_scale = [0.0; 12], "`observation_scale`: expected positive numbers, got 0"),
             (|p| p.observation_scale[3] = -1.0, "`observation_scale`: expected positive numbers, got -1"),
             (|p| p.action_scale = [1e9, 0.1], "`action_scale`: expected numbers from 0 to 100, got 1000000000"),
             (|p| p.action_scale[1] = -0.5, "`action_scale`: expected numbers from 0 to 100, got -0.5"),
-            (|p| p.step_period_s = 0.0, "`step_period_s`: expected a positive number, got 0"),
+            (|p| p.step_period_s = 0.0, "`step_period_s`: expected 0.001 to 10 s, got 0"),
         ];
         for (change, words) in cases {
             let mut p = policy();

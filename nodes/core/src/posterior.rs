@@ -11,12 +11,28 @@ const SUMMARY_DRAWS: usize = 4_000;
 
 /// Distribution over theta that is zero outside the prior's support.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "Written")]
 pub struct Posterior {
     /// Parameters with their priors.
     pub parameters: ParameterSpace,
     /// Mixture over the unit coordinates. The posterior is its truncation to the unit cube.
     pub mixture: Mixture,
+}
+
+/// File format of a posterior.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    parameters: ParameterSpace,
+    mixture: Mixture,
+}
+
+impl TryFrom<Written> for Posterior {
+    type Error = MixtureError;
+
+    fn try_from(Written { parameters, mixture }: Written) -> Result<Self, MixtureError> {
+        Self::new(parameters, mixture)
+    }
 }
 
 /// Summary of one parameter under a posterior, in the parameter's unit.
@@ -37,6 +53,21 @@ pub struct Marginal {
 }
 
 impl Posterior {
+    /// Builds a posterior from parameters and a mixture over their unit coordinates.
+    ///
+    /// # Errors
+    /// [`MixtureError::Shape`] if the mixture has another number of coordinates than there are parameters.
+    pub fn new(parameters: ParameterSpace, mixture: Mixture) -> Result<Self, MixtureError> {
+        let (expected, got) = (parameters.dimension(), mixture.dimension());
+        if expected != got {
+            return Err(MixtureError::Shape {
+                expected: format!("a coordinate for each of {expected} parameters"),
+                got: format!("{got} coordinates"),
+            });
+        }
+        Ok(Self { parameters, mixture })
+    }
+
     /// Prior in the form of a posterior: one component that is far wider than the unit cube, so nearly flat on it.
     pub fn prior(parameters: ParameterSpace) -> Self {
         let d = parameters.dimension();
@@ -114,6 +145,32 @@ mod tests {
         assert_eq!(prior.log_density_unit(&[1.9]), f64::NEG_INFINITY);
         // Four fifths of the mixture lie outside: the standard error is 0.03.
         assert!(prior.information_nat().unwrap().abs() < 0.1);
+    }
+
+    #[test]
+    fn a_file_of_a_posterior_is_checked_where_it_is_read() {
+        let good = r#"{"parameters": [{"name": "length_m", "prior": {"log_uniform": {"low": 1.0, "high": 4.0}}}],
+                       "mixture": {"weights": [1.0], "means": [[0.5]], "covariances": [[[0.01]]]}}"#;
+        let read = |text: &str| serde_json::from_str::<Posterior>(text).map_err(|e| e.to_string());
+        let posterior = read(good).unwrap();
+        assert_eq!(read(&serde_json::to_string(&posterior).unwrap()), Ok(posterior));
+        for (from, to, words) in [
+            ("1.0, \"high", "0, \"high", "theta `length_m`: log_uniform needs low > 0, got 0"),
+            ("1.0, \"high", "-1, \"high", "theta `length_m`: log_uniform needs low > 0, got -1"),
+            ("1.0, \"high", "1e-320, \"high", "log_uniform needs a finite high / low"),
+            ("4.0", "0.5", "expected finite low < high, got low 1.0, high 0.5"),
+            ("[[0.5]]", "[[0.5, 0.5]]", "mixture: expected covariances of 2 x 2"),
+            ("[[0.5]]", "[[1e7]]", "component 0: expected means within 1e6"),
+            ("[[[0.01]]]", "[[[1e13]]]", "variances of at most 1e12, in unit coordinates, got 1e13"),
+            ("[[[0.01]]]", "[[[-0.01]]]", "component 0: expected a finite mean and a symmetric positive definite"),
+            ("[1.0]", "[-1.0]", "weights must be finite, not negative"),
+            ("\"mixture\"", "\"extra\": 1, \"mixture\"", "unknown field `extra`"),
+        ] {
+            let error = read(&good.replacen(from, to, 1)).unwrap_err();
+            assert!(error.contains(words), "{to}: {error}");
+        }
+        let two = good.replace("[[0.5]]", "[[0.5, 0.5]]").replace("[[[0.01]]]", "[[[0.01, 0.0], [0.0, 0.01]]]");
+        assert!(read(&two).unwrap_err().contains("expected a coordinate for each of 1 parameters, got 2 coordinates"));
     }
 
     #[test]

@@ -23,6 +23,12 @@ pub(super) const COLUMNS: [&str; 12] = [
 const WRENCH: [&str; 3] = ["grip_fx_n", "grip_fz_n", "grip_ty_nm"];
 /// Longest track in s: 11 days, far below the 68 years that stamps of messages hold.
 const LONGEST_S: f64 = 1e6;
+/// Most rows of a track: an hour at 1 kHz would have 3.6 million. They bound the memory that a damaged file can claim.
+const MOST_ROWS: usize = 10_000_000;
+/// Greatest coordinate, m. It is far from any cell, and leaves points in millimetres to the check of units, which explains them.
+const FARTHEST_M: f64 = 1e5;
+/// Greatest force in N, and torque in N m: a thousand times what a Panda bears.
+const GREATEST_WRENCH: f64 = 1e5;
 
 /// Row of a track: the state at one time.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +105,26 @@ impl Table<'_> {
     }
 }
 
+impl Table<'_> {
+    /// Numbers of at most `greatest`, in `unit`, on either side of zero.
+    fn within<const N: usize>(
+        &self,
+        line: u64,
+        record: &StringRecord,
+        columns: [&str; N],
+        greatest: f64,
+        unit: &str,
+    ) -> Result<[f64; N], BagError> {
+        let numbers = self.numbers(line, record, columns)?;
+        match columns.into_iter().zip(numbers).find(|(_, v)| v.abs() > greatest) {
+            Some((column, got)) => {
+                Err(self.error(line, column, format!("a number of -{greatest} to {greatest} {unit}"), got.to_string()))
+            }
+            None => Ok(numbers),
+        }
+    }
+}
+
 /// Reads the rows of a track. `file` is the name of the track in messages.
 pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
     if csv.trim().is_empty() {
@@ -138,18 +164,26 @@ pub(super) fn read_rows(file: &str, csv: &str) -> Result<Vec<Row>, BagError> {
         if rows.last().is_some_and(|r| time_ns <= r.time_ns) {
             return Err(table.error(line, "t_s", "a later time than in the row before", time_s.to_string()));
         }
-        let [x_m, z_m, pitch_rad] = table.numbers(line, &record, ["grip_x_m", "grip_z_m", "grip_pitch_rad"])?;
+        if rows.len() == MOST_ROWS {
+            return Err(table.error(line, "any", format!("at most {MOST_ROWS} rows"), "more"));
+        }
+        let [x_m, z_m] = table.within(line, &record, ["grip_x_m", "grip_z_m"], FARTHEST_M, "m")?;
+        let [pitch_rad] = table.numbers(line, &record, ["grip_pitch_rad"])?;
         if pitch_rad.abs() > std::f64::consts::TAU {
             let expected = "an angle in rad, at most 2 pi from zero";
             return Err(table.error(line, "grip_pitch_rad", expected, format!("{pitch_rad}, as if in degrees")));
         }
-        let p: [f64; 8] = table.numbers(line, &record, std::array::from_fn(|i| COLUMNS[4 + i]))?;
+        let p: [f64; 8] = table.within(line, &record, std::array::from_fn(|i| COLUMNS[4 + i]), FARTHEST_M, "m")?;
         rows.push(Row {
             line,
             time_ns,
             grip: GripPose { x_m, z_m, pitch_rad },
             points_m: std::array::from_fn(|i| [p[2 * i], p[2 * i + 1]]),
-            wrench: if has_wrench { Some(table.numbers(line, &record, WRENCH)?) } else { None },
+            wrench: if has_wrench {
+                Some(table.within(line, &record, WRENCH, GREATEST_WRENCH, "N or N m")?)
+            } else {
+                None
+            },
         });
     }
     if rows.len() < 2 {
@@ -222,6 +256,14 @@ mod tests {
             (good.replace(",p4_z_m\n", ",p4_z_m,grip_fx_n\n"), "column grip_fz_n: expected all columns of the wrench"),
             (format!("{}\n{}\n", header(), row("0.0")), "expected at least two rows, got 1"),
             (good.replace("\n0.1,", "\n1e300,"), "column t_s: expected times in s, at most"),
+            (
+                good.replacen("0.1,0.7", "0.1,1e300", 1),
+                "line 2, column grip_z_m: expected a number of -100000 to 100000 m",
+            ),
+            (
+                good.replacen(",7,8\n", ",7,-1e9\n", 1),
+                "line 2, column p4_z_m: expected a number of -100000 to 100000 m",
+            ),
             (" \n".to_owned(), "line 1, column t_s: expected a header line and rows of numbers, got an empty file"),
         ];
         for (csv, part) in expected {

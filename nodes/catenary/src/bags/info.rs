@@ -1,7 +1,7 @@
 //! `catenary info`: contents and damage of a bag.
 
 use super::args::InfoArgs;
-use crate::exit::{Given, Interrupted};
+use crate::exit::{Given, Interrupted, WrongInput};
 use crate::terminal::output;
 use anyhow::Result;
 use catenary_bag::{BagReader, TopicCount, Verified, episode_notes, latched_elsewhere};
@@ -77,6 +77,16 @@ impl BagInfo {
         }
     }
 
+    /// Error text for a bag that had messages, or whose files are damaged, and of which nothing can be read. `missing` are the notes of its files.
+    fn unreadable(&self, missing: &[String]) -> Option<String> {
+        let had_some = self.messages > 0 || !missing.is_empty();
+        (self.readable == Some(0) && had_some).then(|| {
+            let reason = self.notes.first().map_or("no message is whole", String::as_str);
+            let reason = reason.strip_prefix(&format!("{}: ", self.bag.display())).unwrap_or(reason);
+            format!("{}: nothing in it can be read: {reason}", self.bag.display())
+        })
+    }
+
     fn text(&self) -> String {
         let files = if self.files.len() == 1 { String::new() } else { format!(" in {} files", self.files.len()) };
         let index = if self.readable.is_none() { ", by the index alone" } else { "" };
@@ -113,12 +123,37 @@ pub fn run(arguments: &InfoArgs) -> Result<()> {
     if catenary_shell::is_signalled() {
         return Err(Interrupted(String::new()).into());
     }
-    output::one_or_several(&arguments.output, &infos, BagInfo::text)
+    output::one_or_several(&arguments.output, &infos, BagInfo::text)?;
+    match bags.iter().zip(&infos).find_map(|(bag, info)| info.unreadable(bag.notes())) {
+        Some(what) => Err(WrongInput::error(what)),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_bag_without_a_readable_message_is_an_error_and_an_empty_one_is_not() {
+        let info = |messages, readable, notes: &[&str]| BagInfo {
+            bag: "b".into(),
+            messages,
+            readable,
+            start_ns: None,
+            duration_s: 0.0,
+            files: Vec::new(),
+            topics: Vec::new(),
+            notes: notes.iter().map(|note| (*note).to_owned()).collect(),
+        };
+        let notes = ["b: 0 of 7 messages can be read".to_owned()];
+        let words = info(7, Some(0), &[&notes[0]]).unreadable(&[]).unwrap();
+        assert_eq!(words, "b: nothing in it can be read: 0 of 7 messages can be read");
+        assert!(info(0, Some(0), &["b/b_0.mcap: damaged"]).unreadable(&["b/b_0.mcap: damaged".into()]).is_some());
+        assert_eq!(info(0, Some(0), &["b: 0 episodes"]).unreadable(&[]), None);
+        assert_eq!(info(7, Some(1), &[]).unreadable(&notes), None);
+        assert_eq!(info(7, None, &[]).unreadable(&notes), None, "by the index alone nothing is known");
+    }
 
     #[test]
     fn a_damaged_place_is_named_once() {

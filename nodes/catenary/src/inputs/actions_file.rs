@@ -1,7 +1,7 @@
 //! Actions of an episode as a CSV file.
 
 use catenary_bag::BagError;
-use catenary_core::task::MAX_DELTA_M;
+use catenary_core::task::{MAX_DELTA_M, MOST_STEPS};
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 
 /// Columns of the file.
@@ -58,6 +58,9 @@ pub fn read(file: &str, csv: &str) -> Result<Vec<[f64; 2]>, BagError> {
                 record.len().to_string(),
             ));
         }
+        if actions.len() == MOST_STEPS {
+            return Err(error(line, "any", format!("at most {MOST_STEPS} actions"), "more".into()));
+        }
         actions.push([number(line, &record, COLUMNS[0])?, number(line, &record, COLUMNS[1])?]);
     }
     if actions.is_empty() {
@@ -79,6 +82,14 @@ mod tests {
     #[test]
     fn columns_may_come_in_any_order() {
         assert_eq!(read("a.csv", "dz_m,dx_m\n -0.01 , 0.06\n0,0\n").unwrap(), [[0.06, -0.01], [0.0, 0.0]]);
+    }
+
+    #[test]
+    fn a_file_of_more_actions_than_an_episode_has_is_refused() {
+        let long = |rows| format!("dx_m,dz_m\n{}", "0,0\n".repeat(rows));
+        assert_eq!(read("a.csv", &long(MOST_STEPS)).unwrap().len(), MOST_STEPS);
+        let error = read("a.csv", &long(MOST_STEPS + 1)).unwrap_err().to_string();
+        assert_eq!(error, "a.csv: line 100002, column any: expected at most 100000 actions, got more");
     }
 
     #[test]

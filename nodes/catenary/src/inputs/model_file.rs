@@ -25,6 +25,11 @@ pub fn read_with_text(path: &Path) -> Result<(Model, String)> {
     read().given()
 }
 
+/// Error text for a model without a task, in a command that trains or runs policies.
+pub fn no_task(path: &Path) -> String {
+    format!("model {}: it has no task: no policy runs on it", path.display())
+}
+
 /// Model that `--model` names, or the soft bar.
 pub fn read_or_soft_bar(path: Option<&Path>) -> Result<Model> {
     path.map_or_else(|| Ok(model_text::read(SOFT_BAR)?), read)

@@ -4,13 +4,23 @@ use crate::exit::Given;
 use anyhow::{Context, Result, ensure};
 use bayes_sim::sequential::SupportMove;
 use catenary_core::{Mixture, Model, ParameterSpace, Posterior};
+use catenary_simulator::Registry;
+use catenary_simulator::parameters::range_of;
 use ppo_trainer::Domains;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Contents of a posterior file.
+/// Size limit of a posterior file, bytes. A thousand components over ten parameters take 3 MB.
+const MOST_BYTES: u64 = 64 << 20;
+/// Draws that a posterior must give inside its support. Each tries often, so that one that is next to impossible to draw from is refused here, by
+/// the name of its file, and not in a later draw.
+const DRAWS: usize = 32;
+/// Most moves of a support: one for each bound of each parameter in each iteration.
+const MOST_MOVES: usize = 100_000;
+
+/// Contents of a posterior file. Reading checks it: values of the parameters' priors, of the mixture and of the moves, and their numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "Written")]
 pub struct PosteriorFile {
     /// Parameters with the support that was used.
     pub parameters: ParameterSpace,
@@ -19,6 +29,41 @@ pub struct PosteriorFile {
     /// Moves from the model's support to the used one, in order; absent in the file if the support did not move.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub support_moves: Vec<SupportMove>,
+}
+
+/// Contents as they stand in the file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    parameters: ParameterSpace,
+    mixture: Mixture,
+    #[serde(default)]
+    support_moves: Vec<SupportMove>,
+}
+
+impl TryFrom<Written> for PosteriorFile {
+    type Error = anyhow::Error;
+
+    fn try_from(Written { parameters, mixture, support_moves }: Written) -> Result<Self> {
+        let Posterior { parameters, mixture } = Posterior::new(parameters, mixture)?;
+        ensure!(
+            support_moves.len() <= MOST_MOVES,
+            "support_moves: expected at most {MOST_MOVES}, got {}",
+            support_moves.len()
+        );
+        for (i, step) in support_moves.iter().enumerate() {
+            let name = &step.parameter;
+            ensure!(
+                parameters.index_of(name).is_some(),
+                "support_moves: {i}: `parameter`: expected one of the parameters, got `{name}`"
+            );
+            for (field, [low, high]) in [("from", step.from), ("to", step.to)] {
+                let is_range = low < high && (high - low).is_finite();
+                ensure!(is_range, "support_moves: {i}: `{field}`: expected finite low < high, got [{low:?}, {high:?}]");
+            }
+        }
+        Ok(Self { parameters, mixture, support_moves })
+    }
 }
 
 impl PosteriorFile {
@@ -37,21 +82,35 @@ impl PosteriorFile {
     }
 }
 
-/// Posterior of a file. Returns an error unless its parameters are those of the model. Their priors may have other bounds:
-/// an inference with `--prior-support adaptive` moves them.
+/// Posterior of a file. Returns an error unless its parameters are those of the model, with values that the simulator takes, and draws fall inside
+/// their support. The priors may have other bounds than the model's: an inference with `--prior-support adaptive` moves them.
 pub fn read(path: &Path, model: &Model) -> Result<Posterior> {
     let parse = || {
-        let text = catenary_shell::files::read_text("posterior", path)?;
-        let file: PosteriorFile = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-        let posterior = Posterior { parameters: file.parameters, mixture: file.mixture };
-        ensure!(
-            posterior.parameters.equals_up_to_bounds(&model.theta),
-            "{}: its parameters are not those of the model",
-            path.display()
-        );
-        Ok::<_, anyhow::Error>(posterior)
+        let bytes = catenary_shell::files::read_at_most("posterior", path, MOST_BYTES)?;
+        checked(&bytes, model).with_context(|| format!("posterior {}", path.display()))
     };
     parse().given()
+}
+
+fn checked(bytes: &[u8], model: &Model) -> Result<Posterior> {
+    let file: PosteriorFile = serde_json::from_slice(bytes)?;
+    let posterior = Posterior { parameters: file.parameters, mixture: file.mixture };
+    ensure!(
+        posterior.parameters.equals_up_to_bounds(&model.theta),
+        "its parameters are not those of model `{}`",
+        model.name
+    );
+    for p in posterior.parameters.parameters() {
+        let [least, most] = range_of(Registry::shipped(), &p.name)?;
+        let (low, high) = p.prior.bounds();
+        ensure!(
+            least <= low && high <= most,
+            "theta `{}`: expected a prior within {least} and {most}, got {low:?} to {high:?}",
+            p.name
+        );
+    }
+    posterior.sample(DRAWS, 0)?;
+    Ok(posterior)
 }
 
 /// Distribution of the object's parameters: the posterior in a file, or the model's prior.

@@ -21,7 +21,7 @@ use args::SimulateArgs;
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::Effect;
-use catenary_shell::Shutdown;
+use catenary_shell::{Shutdown, files};
 use catenary_simulator::Registry;
 use eyes::Eyes;
 use indicatif::ProgressBar;
@@ -69,12 +69,15 @@ fn play(arguments: &SimulateArgs) -> Result<Report> {
     }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let motions = models.iter().map(|model| motion(arguments, model)).collect::<Result<Vec<Motion>>>().given()?;
+    let motion = |(path, model): (&PathBuf, &Model)| motion(arguments, path, model);
+    let motions = arguments.model.iter().zip(&models).map(motion).collect::<Result<Vec<Motion>>>().given()?;
     let settings = models.iter().map(|model| setting(arguments, model)).collect::<Result<Vec<Setting>>>().given()?;
     let bar = ProgressBar::new(motions.iter().map(|m| (1e3 * m.duration_s()) as u64).sum());
     bar.set_style(progress::style("simulation [{bar:24}]", 0.0)?);
     let mut sheet = arguments.picture.as_ref().map(|_| Sheet::default());
     let mut report = Report::default();
+    let source = [&arguments.track, &arguments.actions].into_iter().flatten().next();
+    let source = source.map_or_else(String::new, |path| path.display().to_string());
     for ((model, motion), setting) in models.iter().zip(&motions).zip(&settings) {
         bar.set_message(model.name.clone());
         let player = Player::new(model, motion, setting, fidelity).with_context(|| format!("model `{}`", model.name));
@@ -84,9 +87,9 @@ fn play(arguments: &SimulateArgs) -> Result<Report> {
         let episode = Episode::new(model, setting, fidelity);
         let mut show = Show::new(model, motion, player, sinks, episode, arguments.laboratory);
         let mut passed_ms = 0;
-        for (at_ns, tick) in timeline::ticks(motion, &show.rates(arguments))? {
+        for (at_ns, tick) in timeline::ticks(motion, &show.rates(arguments)).context(source.clone()).given()? {
             if shutdown.is_triggered() {
-                return Err(Interrupted(format!(" after {passed_ms} of {} ms", bar.length().unwrap_or(0))).into());
+                return Err(Interrupted::lost(format!("{passed_ms} of {} ms", bar.length().unwrap_or(0))).into());
             }
             show.tick(at_ns, tick)?;
             let now_ms = (at_ns / 1_000_000) as u64;
@@ -108,26 +111,24 @@ fn play(arguments: &SimulateArgs) -> Result<Report> {
     bar.finish_and_clear();
     if let (Some(path), Some(sheet)) = (&arguments.picture, sheet) {
         let staged = Staged::new(path)?;
-        std::fs::write(staged.path(), sheet.png()?).with_context(|| path.display().to_string())?;
+        files::write(&staged.path(), sheet.png()?)?;
         report.picture = Some(staged.commit()?);
     }
     Ok(report)
 }
 
 /// Motion of the clamped end, from `--actions` or `--track`.
-fn motion(arguments: &SimulateArgs, model: &Model) -> Result<Motion> {
+fn motion(arguments: &SimulateArgs, file: &Path, model: &Model) -> Result<Motion> {
     if let Some(path) = &arguments.track {
         return Ok(Motion::Measured(Box::new(measured(path, model)?)));
     }
     let path = arguments.actions.as_ref().context("no motion of the object: give --actions or --track")?;
     let task = model.task.with_context(|| {
-        format!(
-            "model `{}` has no task, which says how long an action lasts: expected --track in place of --actions",
-            model.name
-        )
+        let what = "it has no task, which says how long an action lasts: expected --track in place of --actions";
+        format!("model {}: {what}", file.display())
     })?;
     let name = path.display().to_string();
-    let text = catenary_shell::files::read_text("actions", path)?;
+    let text = files::read_text("actions", path)?;
     Ok(Motion::Actions { task, actions: actions_file::read(&name, &text)? })
 }
 
@@ -137,7 +138,7 @@ fn measured(path: &Path, model: &Model) -> Result<MeasuredTrack> {
         return last_measured(path.to_owned(), model);
     }
     let name = path.display().to_string();
-    let text = catenary_shell::files::read_text("track", path)?;
+    let text = files::read_text("track", path)?;
     // A CSV track becomes a bag first, so that both kinds are read by the same code.
     let place = std::env::temp_dir().join("catenary_track");
     let staged = Staged::new(&place)?;

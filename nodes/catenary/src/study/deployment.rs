@@ -4,7 +4,7 @@ use super::files;
 use super::plan::{Chain, Place, Plan};
 use super::work::{Work, stream};
 use crate::evaluate::episodes::episodes;
-use anyhow::Result;
+use anyhow::{Result, bail, ensure};
 use catenary_core::{Fidelity, Track};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -16,6 +16,25 @@ pub struct Deployment {
     pub track: Track,
     /// Reward of each step.
     pub rewards: Vec<f64>,
+}
+
+/// Greatest number of a frame and of a reward in a file: coordinates are metres and shares of the image.
+const GREATEST: f64 = 1e6;
+
+impl Deployment {
+    /// Returns an error unless there is a reward for each step, and the numbers are those of a cell.
+    pub fn check(&self) -> Result<()> {
+        let (steps, frames) = (self.rewards.len(), self.track.frames.len());
+        ensure!(steps > 0 && frames == steps + 1, "expected a frame more than rewards, got {frames} and {steps}");
+        let numbers = self.track.frames.iter().flat_map(|f| {
+            let keypoints = f.dlo.iter().flatten();
+            keypoints.chain(&f.target).chain(&f.eef).chain(&f.action).chain(std::iter::once(&f.time_s))
+        });
+        match numbers.chain(&self.rewards).find(|v| v.abs() > GREATEST) {
+            Some(got) => bail!("`track`, `rewards`: expected numbers within {GREATEST}, got {got:e}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Deployments of a policy at one place.
@@ -82,7 +101,7 @@ impl Work<'_> {
 
     /// A deployment in this process. Made if it is missing.
     pub fn simulated(&self, planned: &Planned) -> Result<Deployment> {
-        files::kept(&self.deployment_file(planned), || {
+        files::kept(&self.deployment_file(planned), Deployment::check, || {
             let Planned { chain, place, number } = planned;
             let (policy, _) = self.training(chain)?;
             // Every policy meets the same conditions: deployments on an object are compared in pairs.

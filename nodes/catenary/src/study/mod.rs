@@ -22,7 +22,7 @@ use anyhow::{Context, Result};
 use args::StudyArgs;
 use catenary_core::Judge;
 use catenary_shell::{NodeBuilder, RosArgs, Shutdown};
-use deployment::{Deployments, Planned};
+use deployment::{Deployment, Deployments, Planned};
 use indicatif::ProgressBar;
 use plan::{Chain, Knowledge, Place, Plan};
 use results::{Study, study};
@@ -103,7 +103,8 @@ fn deployments(work: &Work<'_>, builder: Option<NodeBuilder>) -> Result<Vec<Vec<
         bar.finish_and_clear();
     }
     // Only read: the end of the cell's node looks to other work like Ctrl-C.
-    let made = planned.iter().map(|p| files::read_json(&work.deployment_file(p))).collect::<Result<_>>()?;
+    let made =
+        planned.iter().map(|p| files::read_json(&work.deployment_file(p), Deployment::check)).collect::<Result<_>>()?;
     Ok(deployment::in_groups(work.plan, made))
 }
 

@@ -2,7 +2,7 @@
 
 use super::outline::{Content, Node};
 use super::{ArmLaw, MODEL_VERSION, Model, ModelError, Place, Section};
-use crate::task::MOST_STEPS;
+use crate::task::{MOST_STEPS, REWARD_RANGE_M, STEP_PERIOD_S};
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
 
@@ -12,10 +12,8 @@ const HIDDEN_LENGTH_M: [f64; 2] = [0.0, 0.1];
 const POSITION_M: [f64; 2] = [-10.0, 10.0];
 const JITTER_M: [f64; 2] = [0.0, 0.5];
 const POSE_NOISE_M: [f64; 2] = [0.0, 0.1];
-const REWARD_RANGE_M: [f64; 2] = [1e-3, 10.0];
 const ANGLE_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
 const FRAME_PERIOD_S: [f64; 2] = [1e-4, 5.0];
-const STEP_PERIOD_S: [f64; 2] = [1e-3, 10.0];
 const START_VELOCITY_SD_M_S: [f64; 2] = [0.0, 5.0];
 const RATE_HZ: [f64; 2] = [0.1, 1e4];
 const KEYPOINT_NOISE_PX: [f64; 2] = [0.0, 100.0];
@@ -219,6 +217,12 @@ pub(super) fn task(task: &Task) -> Result<(), ModelError> {
     ModelError::within("task.target_jitter_m", JITTER_M, "m", task.target_jitter_m)?;
     task.target_m.into_iter().try_for_each(|v| ModelError::within("task.target_m", POSITION_M, "m", v))?;
     finite("task.success_reward", task.success_reward)?;
+    refuse_unless(
+        task.success_reward <= 1.0,
+        "task.success_reward",
+        "at most 1, the greatest reward",
+        task.success_reward,
+    )?;
     let w = &task.workspace;
     for (axis, [low, high]) in [("x_m", w.x_m), ("y_m", w.y_m), ("z_m", w.z_m)] {
         if !(low.is_finite() && high.is_finite() && low < high) {

@@ -8,6 +8,8 @@ use std::fmt;
 const HALVINGS: usize = 80;
 /// Least mass of a Gaussian inside its bounds. Below it the bounds are taken for a mistake.
 const LEAST_INSIDE: f64 = 1e-6;
+/// Most parts of a mixture. It bounds the memory and the time that a damaged file can claim.
+const MOST_PARTS: usize = 1000;
 
 /// Prior distribution of one parameter. Every prior has bounds; values outside them are impossible, whatever the data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -170,11 +172,15 @@ impl Prior {
             return check_parts(parts);
         }
         let (low, high) = self.bounds();
-        if !(low.is_finite() && high.is_finite() && low < high) {
-            return Err(format!("expected finite low < high, got low {low}, high {high}"));
+        // The range, too: values are computed from it.
+        if !((high - low).is_finite() && low < high) {
+            return Err(format!("expected finite low < high, got low {low:?}, high {high:?}"));
         }
         match self {
             Prior::LogUniform { .. } if low <= 0.0 => Err(format!("log_uniform needs low > 0, got {low}")),
+            Prior::LogUniform { .. } if !(high / low).is_finite() => {
+                Err(format!("log_uniform needs a finite high / low, got low {low:?}, high {high:?}"))
+            }
             Prior::Normal { mean, sd, .. } => {
                 if !(mean.is_finite() && sd.is_finite() && *sd > 0.0) {
                     return Err(format!("normal needs a finite mean and sd > 0, got mean {mean}, sd {sd}"));
@@ -195,6 +201,9 @@ impl Prior {
 fn check_parts(parts: &[Weighted]) -> Result<(), String> {
     if parts.is_empty() {
         return Err("mixture: expected at least one part, got none".into());
+    }
+    if parts.len() > MOST_PARTS {
+        return Err(format!("mixture: expected at most {MOST_PARTS} parts, got {}", parts.len()));
     }
     for (i, part) in parts.iter().enumerate() {
         if !(part.weight.is_finite() && part.weight > 0.0) {

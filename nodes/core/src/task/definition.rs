@@ -8,6 +8,12 @@ pub const MAX_DELTA_M: f64 = 0.06;
 /// Greatest number of steps of an episode in a file. It bounds the memory that a damaged file can claim.
 pub const MOST_STEPS: usize = 100_000;
 
+/// Range of the distance at which a goal's reward is zero, m. A value outside is probably in another unit.
+pub const REWARD_RANGE_M: [f64; 2] = [1e-3, 10.0];
+
+/// Range of the time between two actions, s. A value outside is probably in another unit.
+pub const STEP_PERIOD_S: [f64; 2] = [1e-3, 10.0];
+
 /// Pose that an action, a delta of the end effector, is added to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
