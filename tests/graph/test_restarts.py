@@ -4,8 +4,9 @@ import os
 import signal
 import time
 
-from catenary_msgs.action import Infer
+from catenary_msgs.action import Infer, Train
 from catenary_msgs.msg import EefDelta, Keypoints
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 
 from support.policy import policy_file
@@ -42,6 +43,42 @@ def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
     assert session.text("deploy.out") == ""
     assert "run_episode: its server went away while the goal ran" in session.text("deploy.err").splitlines()[-1]
     session.wait_for(lambda: session.pid_of("policy_runner"), 10, "the runner that is started again")
+
+
+STOPPED = {
+    "policy_runner": ("deploy", "--policy", "policy"),
+    "ppo_trainer": ("train", "--node", "--model", MODEL, "--out", "p", "--steps", 50_000_000),
+}
+
+
+def test_a_command_ends_soon_when_the_node_that_it_waits_for_is_stopped(session):
+    """Discovery keeps a stopped process for up to a minute: the silence of its diagnostics tells of it. It takes the cancellation when it goes on."""
+    session.launch()
+    (session.folder / "policy").write_bytes(policy_file())
+    reports = session.ros.listen(DiagnosticArray, "/diagnostics")
+    heard = lambda name: sum(status.name == name for message in reports for status in message.status)
+    feedback = session.ros.listen(Train.Impl.FeedbackMessage, "/ppo_trainer/train/_action/feedback")
+    begun = {
+        # While it waits for an object that hangs still.
+        "policy_runner": lambda: "run_episode, asked for by /deploy" in session.text("launch.err"),
+        # Seven seconds of a training: a node that computes sends its diagnostics, and is not given up.
+        "ppo_trainer": lambda: feedback and heard("/ppo_trainer") >= before + 7,
+    }
+    for node, command in STOPPED.items():
+        before = heard(f"/{node}")
+        child = session.start(*command, name=node)
+        session.ros.wait_for(lambda: child.poll() is not None or begun[node](), 60, "the work")
+        pid = session.pid_of(node)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            # Discovery would need 50 s.
+            code = child.wait(30)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        last = session.text(f"{node}.err").splitlines()[-1]
+        assert (code, session.text(f"{node}.out")) == (1, ""), last
+        assert f": /{node} (process {pid}) has been silent for 5 s while its result was awaited; it was asked to cancel the goal" in last
+        assert last.endswith("; the arm was disabled") == (node == "policy_runner"), last
 
 
 def infer(session, simulations, seconds=120):

@@ -2,15 +2,17 @@
 
 pub mod args;
 
-use crate::graph::goal::{self, follow};
+use crate::graph::goal::{self, SilentServer, follow};
 use crate::graph::one_arm::ensure_one_arm;
 use crate::inputs::policy_file;
 use crate::terminal::{output, progress};
-use anyhow::{Result, ensure};
+use anyhow::{Error, Result, anyhow, ensure};
 use args::DeployArgs;
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
-use catenary_shell::{ActionClient, NodeBuilder, RosArgs, Shutdown, contract};
+use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
+use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, contract};
 use serde::Serialize;
+use std::time::Duration;
 
 /// Result of the episode.
 #[derive(Debug, Serialize)]
@@ -19,6 +21,24 @@ struct Deployed {
     end: String,
     rewards: Vec<f64>,
     episode_return: f64,
+}
+
+/// Time in which the arm must answer that it is disabled.
+const DISABLE: Duration = Duration::from_secs(2);
+
+/// Disables the arm if the node that commands it fell silent: it may go on later, when nobody watches the episode any more.
+fn stopped(node: &Node, error: Error) -> Error {
+    if !error.is::<SilentServer>() {
+        return error;
+    }
+    let client = node.client::<SetBool>(contract::ENABLE.name);
+    let answer =
+        client.map_err(Error::from).and_then(|client| Ok(client.call(SetBoolRequest { data: false }, DISABLE)?));
+    match answer {
+        Ok(answer) if answer.success => anyhow!("{error:#}; the arm was disabled"),
+        Ok(answer) => anyhow!("{error:#}; the arm refused to be disabled: {}", answer.message),
+        Err(other) => anyhow!("{error:#}; the arm did not say that it is disabled: {other:#}"),
+    }
 }
 
 /// Runs the episode. Ctrl-C cancels it, which stops the arm.
@@ -35,7 +55,8 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     ensure_one_arm(&node, &needed, wait, &interrupted)?;
     if !arguments.from_here {
         let client: ActionClient<MoveToStart> = node.action_client(start)?;
-        let moved = follow(&client, MoveToStartGoal::default(), wait, &interrupted, |_| {})?;
+        let moved = follow(&node, &client, MoveToStartGoal::default(), wait, &interrupted, |_| {});
+        let moved = moved.map_err(|error| stopped(&node, error))?;
         ensure!(moved.success, "move to start: {}", moved.message);
     }
     let client: ActionClient<RunEpisode> = node.action_client(episode)?;
@@ -48,11 +69,12 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     let bar = progress::bar("episode", 0.0)?;
     bar.set_message("begins when the object hangs still: stay clear");
     let (shown, steps) = (bar.clone(), policy.steps);
-    let result = follow(&client, goal, wait, &interrupted, move |feedback| {
+    let result = follow(&node, &client, goal, wait, &interrupted, move |feedback| {
         progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
         shown.set_message(format!("reward {:.3}", feedback.reward));
-    })?;
+    });
     bar.finish_and_clear();
+    let result = result.map_err(|error| stopped(&node, error))?;
     ensure!(result.success, "{}", result.message);
     let deployed = Deployed {
         episode: result.episode,

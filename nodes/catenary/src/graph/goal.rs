@@ -1,9 +1,12 @@
 //! Client side of the running graph's actions: a goal is sent and followed to its end.
 
+use super::pulse::{Pulse, SILENT};
 use crate::exit::{Given, Interrupted};
 use anyhow::{Context, Error, Result, anyhow, ensure};
-use catenary_shell::{Act, ActionClient, CallError, RunningGoal, Shutdown, Status};
+use catenary_shell::{Act, ActionClient, CallError, Node, Peer, RunningGoal, Shutdown, Status, list_peers};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+use thiserror::Error;
 
 /// Period of the checks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(100);
@@ -11,8 +14,22 @@ const LOOK: Duration = Duration::from_millis(100);
 const GONE: Duration = Duration::from_secs(5);
 /// Time in which a goal must confirm its cancellation, and then end.
 const CANCEL: Duration = Duration::from_secs(5);
+/// Time in which a silent node may confirm a cancellation. Its request waits in the node's sockets even after the end of this process.
+const CANCEL_SILENT: Duration = Duration::from_secs(1);
 /// Period of the requests whether the server still runs the goal.
 const ASK: Duration = Duration::from_secs(2);
+
+/// Node that fell silent while it worked on a goal: stopped, or its machine.
+#[derive(Debug, Error)]
+#[error("{name}: {server} has been silent for {} s while its result was awaited; {cancelled}", SILENT.as_secs())]
+pub struct SilentServer {
+    /// Name of the action.
+    name: String,
+    /// Node in words.
+    server: String,
+    /// Outcome of the cancellation.
+    cancelled: &'static str,
+}
 
 /// Time to wait for a server, from `--wait-s`.
 pub fn wait(seconds: f64) -> Result<Duration> {
@@ -22,14 +39,19 @@ pub fn wait(seconds: f64) -> Result<Duration> {
 
 /// Sends a goal and waits for its result without a time limit. When `interrupted` is triggered, the goal is cancelled
 /// and its end awaited.
+///
+/// # Errors
+/// No server, or no acceptance, within `wait`; Ctrl-C; a server that went away, or fell silent ([`SilentServer`]).
 pub fn follow<A: Act>(
+    node: &Node,
     client: &ActionClient<A>,
     goal: A::Goal,
     wait: Duration,
     interrupted: &Shutdown,
-    on_feedback: impl FnMut(A::Feedback) + Send + 'static,
+    mut on_feedback: impl FnMut(A::Feedback) + Send + 'static,
 ) -> Result<A::Result> {
     let name = client.name();
+    let mut pulse = Pulse::new(node)?;
     let deadline = Instant::now() + wait;
     while !client.wait_for_server(LOOK) {
         if interrupted.is_triggered() {
@@ -39,7 +61,19 @@ pub fn follow<A: Act>(
             return Err(CallError::NoServer { name: name.to_owned(), waited: wait }.into());
         }
     }
-    let mut running = client.send(goal, wait, on_feedback)?;
+    let told = pulse.feedback();
+    let sent = client.send(goal, wait, move |feedback| {
+        told.fetch_add(1, Ordering::Relaxed);
+        on_feedback(feedback);
+    });
+    let mut running = match sent {
+        // A stopped node stays in discovery, and takes no goal.
+        Err(error @ CallError::Timeout { .. }) => {
+            let server = list_peers(&node.servers(&[name])?);
+            return Err(anyhow!("{error}: {server} did not take the goal, which may still reach it: is it stopped?"));
+        }
+        sent => sent?,
+    };
     let (mut seen, mut asked) = (Instant::now(), Instant::now());
     loop {
         if interrupted.is_triggered() {
@@ -55,12 +89,24 @@ pub fn follow<A: Act>(
         }
         // Discovery may lose a busy server for a moment.
         ensure!(seen.elapsed() < GONE, "{name}: its server went away while the goal ran");
+        if let Some(server) = pulse.silent(node, name)? {
+            return Err(give_up(name, &server, &running).into());
+        }
         // Discovery cannot tell a restarted server from the one that runs the goal; the server's own answer can.
         if asked.elapsed() > ASK {
             running.ask_again()?;
             asked = Instant::now();
         }
     }
+}
+
+/// Cancels the goal of a silent server.
+fn give_up<A: Act>(name: &str, server: &Peer, running: &RunningGoal<A>) -> SilentServer {
+    let cancelled = match running.cancel(CANCEL_SILENT) {
+        Ok(_) => "the goal was cancelled",
+        Err(_) => "it was asked to cancel the goal, and does so when it goes on",
+    };
+    SilentServer { name: name.to_owned(), server: server.to_string(), cancelled }
 }
 
 /// Cancels a goal and returns the error that tells the outcome.

@@ -3,6 +3,7 @@
 pub mod goal;
 pub mod one_arm;
 pub mod own;
+mod pulse;
 pub mod request;
 
 use std::time::Duration;

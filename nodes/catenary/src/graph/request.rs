@@ -47,7 +47,7 @@ impl Request<'_> {
         let node = NodeBuilder::new(self.who, &arguments)?.build()?;
         let client: ActionClient<A> = node.action_client(self.action)?;
         let (started, shown) = (Instant::now(), bar.clone());
-        let result = follow(&client, goal, wait, &interrupted, move |feedback| show(&shown, feedback))?;
+        let result = follow(&node, &client, goal, wait, &interrupted, move |feedback| show(&shown, feedback))?;
         bar.finish_and_clear();
         Ok(Answer { name: client.name().to_owned(), result, wall_s: started.elapsed().as_secs_f64() })
     }
