@@ -115,7 +115,7 @@ def test_ctrl_c_ends_a_search(program, bag, tmp_path):
     child, journal = started(program, bag, tmp_path / "found")
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    assert child.returncode == 130 and "the same command resumes from there" in err and out == ""
+    assert child.returncode == 130 and "to go on: the same command" in err and out == ""
     assert journal.exists() and not (tmp_path / "found/verdict.json").exists()
 
 

@@ -1,7 +1,7 @@
 //! Trains the learned segmenter: `train_segmenter STEPS OUT`. Writes weights (little-endian f32) and some pictures.
 #![allow(clippy::print_stdout, clippy::disallowed_methods, clippy::unwrap_used, reason = "an example")]
 
-use camera::learned::{SHIPPED_TRAINING, TrainingSettings, train};
+use camera::learned::{SHIPPED_TRAINING, Start, TrainingSettings, train};
 use std::time::Instant;
 
 fn main() {
@@ -11,7 +11,7 @@ fn main() {
     let began = Instant::now();
     let (mut sum, mut count) = (0.0, 0);
     let settings = TrainingSettings { steps, ..SHIPPED_TRAINING };
-    let weights = train(&settings, None, &[], |p| {
+    let weights = train(&settings, Start::Random, &[], |p| {
         sum += p.loss;
         count += 1;
         if p.step % 100 == 0 {

@@ -7,9 +7,9 @@ mod segmenter;
 mod size;
 mod training;
 
-pub use convnet::{Progress, Stopped, TrainingSettings, bytes_of};
+pub use convnet::{Descent, Progress, Stopped, TrainingSettings, bytes_of};
 pub use frame::LabelledFrame;
 pub use network::{Clicked, Weights, network, shipped_weights, weights_of};
 pub use segmenter::{LearnedParams, LearnedSegmenter};
 pub use size::SIDE;
-pub use training::{SHIPPED_TRAINING, train};
+pub use training::{SHIPPED_TRAINING, Start, train};

@@ -20,6 +20,7 @@ mod import_track;
 mod infer;
 mod inputs;
 mod install;
+mod kept;
 mod launch;
 mod mask;
 mod node;

@@ -1,7 +1,9 @@
 //! Steps of a training.
 
+use serde::{Deserialize, Serialize};
+
 /// Adam (Kingma and Ba 2015, algorithm 1) with decay of the weights apart from the gradient (Loshchilov and Hutter 2019).
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -15,6 +17,12 @@ impl Adam {
     #[must_use]
     pub fn new(weights: usize) -> Self {
         Self { mean: vec![0.0; weights], square: vec![0.0; weights], steps: 0, decay: 0.0 }
+    }
+
+    /// True if it has the moments of `weights` weights.
+    #[must_use]
+    pub fn is_of(&self, weights: usize) -> bool {
+        self.mean.len() == weights && self.square.len() == weights && self.steps >= 0
     }
 
     /// Moves the weights against the gradient.

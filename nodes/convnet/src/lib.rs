@@ -12,7 +12,7 @@ mod weights;
 
 pub use adam::Adam;
 pub use builder::Builder;
-pub use descent::{Progress, Stopped, TrainingSettings, descend};
+pub use descent::{Descent, Progress, Stopped, TrainingSettings, descend};
 pub use net::{Layer, Net, NetError, Shape};
 pub use pass::Pass;
 pub use train::{Sample, batch_gradient, mean_gradient};

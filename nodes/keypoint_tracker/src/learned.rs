@@ -11,7 +11,7 @@ pub mod view;
 
 mod transporter;
 
-pub use convnet::{Progress, Stopped, TrainingSettings, bytes_of};
+pub use convnet::{Descent, Progress, Stopped, TrainingSettings, bytes_of};
 pub use network::{NetworkKind, Weights, shipped_weights, weights_of};
 pub use tracker::LearnedTracker;
 pub use training::train;

@@ -1,5 +1,7 @@
 //! Adam (Kingma and Ba 2015) over blocks of parameters, with clipping of the gradient's global norm.
 
+use serde::{Deserialize, Serialize};
+
 /// Decay of the first moment (Kingma and Ba 2015).
 const BETA1: f32 = 0.9;
 /// Decay of the second moment (Kingma and Ba 2015).
@@ -12,7 +14,7 @@ const EPSILON: f32 = 1e-5;
 pub type Block<'a> = (&'a mut [f32], &'a [f32]);
 
 /// Optimiser with the moments of all blocks.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
     steps: i32,
     /// First and second moment of each block.
@@ -20,6 +22,18 @@ pub struct Adam {
 }
 
 impl Adam {
+    /// Numbers of parameters of the blocks; empty before the first step.
+    pub fn sizes(&self) -> Vec<usize> {
+        let sizes = |(first, second): &(Vec<f32>, Vec<f32>)| first.len().max(second.len());
+        self.moments.iter().map(sizes).collect()
+    }
+
+    /// True if all moments are whole and finite, as those of a training are that has not diverged.
+    pub fn is_whole(&self) -> bool {
+        let finite = |v: &Vec<f32>| v.iter().all(|m| m.is_finite());
+        self.steps >= 0 && self.moments.iter().all(|(a, b)| a.len() == b.len() && finite(a) && finite(b))
+    }
+
     /// Takes a step of size `learning_rate` against the gradients. If their norm over all blocks exceeds `max_norm`, they are
     /// scaled down to it. Every call must have the same blocks. Returns the norm before scaling.
     pub fn step(&mut self, blocks: &mut [Block<'_>], learning_rate: f32, max_norm: f32) -> f32 {

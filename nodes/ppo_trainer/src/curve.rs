@@ -1,6 +1,6 @@
 //! Learning curve of a training.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Share of the whole rise of the mean return after which a training has stopped improving. Chosen.
 const RISEN: f64 = 0.95;
@@ -8,7 +8,7 @@ const RISEN: f64 = 0.95;
 const END: f64 = 0.1;
 
 /// Point of the learning curve, after an update.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     /// Environment steps so far.
     pub steps: u64,

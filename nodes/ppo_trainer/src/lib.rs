@@ -12,9 +12,11 @@ pub mod node;
 pub mod normaliser;
 pub mod rollout;
 pub mod settings;
+pub mod state;
 pub mod trainer;
 
 pub use curve::{CurvePoint, Rise};
 pub use domains::Domains;
 pub use settings::{Settings, SettingsError};
-pub use trainer::{Progress, TrainError, Trained, train};
+pub use state::{State, StateError};
+pub use trainer::{Progress, TrainError, Trained, train, train_from};

@@ -1,12 +1,13 @@
 //! Normalisation of observations by their running mean and standard deviation.
 
 use catenary_core::Observation;
+use serde::{Deserialize, Serialize};
 
 /// Least standard deviation by which an observation is divided: a component that hardly varies is not amplified.
 const MIN_SCALE: f64 = 1e-3;
 
 /// Running moments of each component (Chan, Golub and LeVeque 1983).
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Normaliser {
     count: f64,
     mean: [f64; Observation::LEN],

@@ -7,6 +7,7 @@ use crate::network::Network;
 use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
 use crate::settings::{Settings, SettingsError};
+use crate::state::{Random, State, StateError, Weights};
 use catenary_core::policy::{Memory, normalised};
 use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
@@ -44,6 +45,9 @@ pub enum TrainError {
         /// Number of environments.
         got: usize,
     },
+    /// The state is not that of a training with these settings.
+    #[error(transparent)]
+    State(#[from] StateError),
     /// A weight, an observation or a reward is not finite.
     #[error("training failed after {steps} steps: {what} is not finite")]
     Diverged {
@@ -89,13 +93,31 @@ pub fn train(
     training_seed: u64,
     on_progress: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<Trained, TrainError> {
+    train_from(None, env, task, settings, training_seed, on_progress).map(|(trained, _)| trained)
+}
+
+/// Trains as [`train`], from the beginning or from the state of a training with the same task, settings and seed, and returns the state at its end,
+/// too. With a state, the environments must be where they were: they are not reset. The whole then gives the bits of an uninterrupted training.
+///
+/// # Errors
+/// As [`train`]; [`TrainError::State`] if the state is that of another training.
+pub fn train_from(
+    state: Option<State>,
+    env: &mut dyn Env,
+    task: &Task,
+    settings: &Settings,
+    training_seed: u64,
+    on_progress: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+) -> Result<(Trained, State), TrainError> {
     settings.check()?;
     if env.count() != settings.environments {
         return Err(TrainError::Environments { expected: settings.environments, got: env.count() });
     }
     let mut trainer = Trainer::new(task, settings, training_seed);
-    let mut observations = env.reset()?;
-    let mut curve = Vec::new();
+    let (mut observations, mut curve) = match state {
+        Some(state) => trainer.resume(state)?,
+        None => (env.reset()?, Vec::new()),
+    };
     while trainer.steps < settings.total_steps {
         let rollout = trainer.collect(env, &mut observations)?;
         let value_loss = trainer.update(&rollout)?;
@@ -107,12 +129,14 @@ pub fn train(
             break;
         }
     }
-    Ok(Trained {
+    let state = trainer.state(&observations, &curve);
+    let trained = Trained {
         policy: trainer.policy(),
         curve,
         recent: trainer.recent.iter().copied().collect(),
         steps: trainer.steps,
-    })
+    };
+    Ok((trained, state))
 }
 
 /// State of a training.
@@ -152,6 +176,61 @@ impl<'a> Trainer<'a> {
             recent: VecDeque::new(),
             settings,
         }
+    }
+
+    /// State between two updates. The next rollout begins with `observations`.
+    fn state(&self, observations: &[Observation], curve: &[CurvePoint]) -> State {
+        let seen = self.memories.iter().cloned().zip(observations);
+        State {
+            actor: Weights::of(&self.actor),
+            critic: Weights::of(&self.critic),
+            log_std: self.log_std,
+            adam: self.adam.clone(),
+            normaliser: self.normaliser.clone(),
+            seen: seen.map(|(mut memory, newest)| memory.push(newest, self.settings.history).to_vec()).collect(),
+            random: Random::of(&self.rng),
+            steps: self.steps,
+            running: self.running.clone(),
+            recent: self.recent.iter().copied().collect(),
+            curve: curve.to_vec(),
+        }
+    }
+
+    /// Continues from a state. Returns the observations with which the next rollout begins, and the learning curve so far.
+    fn resume(&mut self, state: State) -> Result<(Vec<Observation>, Vec<CurvePoint>), StateError> {
+        let broken = |part, expected: String, got: String| Err(StateError { part, expected, got });
+        let (n, width) = (self.settings.environments, 1 + self.settings.history);
+        let counts = [state.seen.len(), state.running.len()];
+        if counts != [n; 2] || state.seen.iter().any(|seen| seen.len() != width) {
+            return broken("seen", format!("{width} observations of each of {n} environments"), format!("{counts:?}"));
+        }
+        let finite = state.seen.iter().flatten().all(|o| o.0.iter().all(|v| v.is_finite()));
+        if !(finite && state.log_std.iter().all(|l| (LOG_STD_RANGE.0..=LOG_STD_RANGE.1).contains(l))) {
+            return broken("seen, log_std", "finite numbers".to_owned(), "others".to_owned());
+        }
+        if state.steps > self.settings.total_steps.next_multiple_of((n * self.settings.n_steps) as u64) {
+            return broken("steps", format!("at most {}", self.settings.total_steps), state.steps.to_string());
+        }
+        let (actor, critic) = (
+            Weights::network("actor", &state.actor, &self.actor)?,
+            Weights::network("critic", &state.critic, &self.critic)?,
+        );
+        let layers = actor.mlp.layers().iter().chain(critic.mlp.layers());
+        let blocks: Vec<usize> = [2].into_iter().chain(layers.flat_map(|l| [l.weight.len(), l.bias.len()])).collect();
+        let sizes = state.adam.sizes();
+        if !state.adam.is_whole() || !(sizes == blocks || (sizes.is_empty() && state.steps == 0)) {
+            return broken("adam", format!("whole moments of {blocks:?}"), format!("{sizes:?}"));
+        }
+        for (memory, seen) in self.memories.iter_mut().zip(&state.seen) {
+            // The newest is pushed by the next rollout.
+            for o in seen[1..].iter().rev() {
+                memory.push(o, self.settings.history);
+            }
+        }
+        (self.actor, self.critic, self.log_std) = (actor, critic, state.log_std);
+        (self.adam, self.normaliser, self.rng) = (state.adam, state.normaliser, state.random.rng());
+        (self.steps, self.running, self.recent) = (state.steps, state.running, state.recent.into());
+        Ok((state.seen.iter().map(|seen| seen[0]).collect(), state.curve))
     }
 
     /// Current policy. It normalises observations as the training does.

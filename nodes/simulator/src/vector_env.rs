@@ -10,6 +10,7 @@ use catenary_core::task::{Referee, Verdict};
 use catenary_core::track::End;
 use catenary_core::{Env, Fidelity, Goal, Judge, Model, Observation, Transition, seed};
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Random stream that selects the domain of an episode.
@@ -36,6 +37,17 @@ struct Member {
     episodes: u64,
     /// Domain of the present episode.
     domain: Option<usize>,
+    /// Actions of the present episode.
+    actions: Vec<[f64; 2]>,
+}
+
+/// Present episode of an environment. An environment that repeats it is in the same state, to the bit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ongoing {
+    /// Number of the episode, from 0.
+    pub episode: u64,
+    /// Actions so far, (dx, dz) in m.
+    pub actions: Vec<[f64; 2]>,
 }
 
 /// N environments of one model, each with its own object.
@@ -84,10 +96,39 @@ impl VectorEnv {
                 seed: seed::derive(env_seed, i as u64),
                 episodes: 0,
                 domain: None,
+                actions: Vec::new(),
             })
         };
         let members = (0..count).map(member).collect::<Result<_, _>>()?;
         Ok(Self { model: model.clone(), judge, domains, members, workers })
+    }
+
+    /// Present episode of each environment; none before the first reset.
+    pub fn ongoing(&self) -> Option<Vec<Ongoing>> {
+        let of = |m: &Member| Some(Ongoing { episode: m.episodes.checked_sub(1)?, actions: m.actions.clone() });
+        self.members.iter().map(of).collect()
+    }
+
+    /// Repeats the present episodes of environments that were opened alike, in place of a reset. The environments then go on as those did.
+    ///
+    /// # Errors
+    /// [`EnvError::Input`]: another number of episodes, an action that is not finite, or more actions than an episode has.
+    pub fn resume(&mut self, ongoing: Vec<Ongoing>) -> Result<(), EnvError> {
+        if ongoing.len() != self.members.len() {
+            return Err(EnvError::Input(format!("expected {} episodes, got {}", self.members.len(), ongoing.len())));
+        }
+        let again = |shared: &Shared<'_>, i: usize, member: &mut Member, Ongoing { episode, actions }: Ongoing| {
+            member.episodes = episode;
+            member.reset(shared, i)?;
+            for action in actions {
+                let is_over = |t: &Transition| t.terminated || t.truncated;
+                if !action.iter().all(|v| v.is_finite()) || is_over(&member.step(shared, i, action)?) {
+                    return Err(EnvError::Input(format!("episode {episode} of environment {i} cannot be repeated")));
+                }
+            }
+            Ok(())
+        };
+        self.each(ongoing, again).into_iter().collect()
     }
 
     /// Runs `work` on every environment with an item of its own, on the workers.
@@ -123,6 +164,7 @@ impl Member {
         self.domain = Some(domain);
         self.episodes += 1;
         self.step = 0;
+        self.actions.clear();
         let conditions = Conditions {
             theta: &shared.domains[domain],
             effects: &[],
@@ -145,6 +187,7 @@ impl Member {
 
     fn step(&mut self, shared: &Shared<'_>, index: usize, action: [f64; 2]) -> Result<Transition, EnvError> {
         let task = shared.judge.task();
+        self.actions.push(action);
         self.arm.set_delta(self.step as f64 * task.step_period_s, action);
         let (mut observation, mut verdict) = self.go_on(shared);
         // The rest belongs to the last action: a policy does not act in it.
@@ -226,6 +269,29 @@ mod tests {
         let one = roll(open(3, 8, 1), &actions, 3);
         assert_eq!(one, roll(open(3, 8, 2), &actions, 3));
         assert_eq!(one, roll(open(3, 8, 8), &actions, 3));
+    }
+
+    #[test]
+    fn environments_that_repeat_their_episodes_go_on_with_the_same_bits() {
+        // Three environments and eight domains: each reset draws one. The second leaves the workspace, and begins anew.
+        let actions = [[0.01, -0.02], [-0.05, 0.0], [0.0, -0.03]];
+        let mut whole = open(3, 8, 2);
+        assert_eq!(whole.ongoing(), None);
+        whole.reset().unwrap();
+        (0..21).for_each(|_| drop(whole.step(&actions).unwrap()));
+        let ongoing = whole.ongoing().unwrap();
+        assert!(ongoing[1].episode > ongoing[0].episode && ongoing[0].episode == 1, "{ongoing:?}");
+        let mut resumed = open(3, 8, 1);
+        resumed.resume(ongoing.clone()).unwrap();
+        assert_eq!(resumed.ongoing(), Some(ongoing.clone()));
+        for _ in 0..20 {
+            assert_eq!(resumed.step(&actions).unwrap(), whole.step(&actions).unwrap());
+        }
+        assert!(open(2, 8, 1).resume(ongoing.clone()).is_err());
+        let long = vec![Ongoing { episode: 0, actions: vec![[0.0; 2]; 100] }; 3];
+        assert!(open(3, 8, 1).resume(long).unwrap_err().to_string().contains("cannot be repeated"));
+        let wrong = vec![Ongoing { episode: 0, actions: vec![[f64::NAN; 2]] }; 3];
+        assert!(open(3, 8, 1).resume(wrong).is_err());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use catenary_core::RgbView;
 use catenary_core::image::label;
 use rand::{Rng, RngExt};
+use serde::Serialize;
 
 use super::generator::{Picture, seen_in_other_light};
 use super::segmenter::{edges, shrink};
@@ -10,7 +11,7 @@ use super::size::SIDE;
 use crate::{Crop, Error, colour_of_labels};
 
 /// Frame with a label for each pixel, in the size of the network's input.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct LabelledFrame {
     pixels: Vec<[f32; 3]>,
     labels: Vec<u8>,

@@ -2,7 +2,7 @@
 
 use catenary_core::image::label;
 use catenary_core::seed;
-use convnet::{Net, Pass, Progress, Sample, TrainingSettings, WeightsError, batch_gradient, descend};
+use convnet::{Descent, Net, Pass, Progress, Sample, TrainingSettings, WeightsError, batch_gradient, descend};
 
 use super::frame::LabelledFrame;
 use super::generator::Picture;
@@ -21,24 +21,39 @@ const LABELLED: f32 = 3.0;
 pub const SHIPPED_TRAINING: TrainingSettings =
     TrainingSettings { steps: 8_000, batch: 8, rate: 3e-3, threads: 2, seed: 1 };
 
-/// Trains a network on generated pictures, from weights `start` if they are given. If there are labelled frames, every other picture is
+/// Start of a training.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Start {
+    /// Random weights, drawn with the seed.
+    Random,
+    /// Weights of an earlier training.
+    Weights(Weights),
+    /// State of an interrupted training with the same settings, start and frames.
+    Begun(Box<Descent>),
+}
+
+/// Trains a network on generated pictures. If there are labelled frames, every other picture is
 /// one of them. `tell` is called after each step, and ends the training with an error if it returns false.
 ///
 /// # Errors
 /// [`Error::Training`]; [`Error::Weights`] for a start of another network.
 pub fn train(
     settings: &TrainingSettings,
-    start: Option<Weights>,
+    start: Start,
     frames: &[LabelledFrame],
     tell: impl FnMut(Progress) -> bool,
 ) -> Result<Weights, Error> {
     let net = network();
-    let weights = start.unwrap_or_else(|| net.initial(&mut seed::rng(settings.seed, START)));
-    if weights.len() != net.weights() {
-        return Err(WeightsError { expected: net.weights(), got: weights.len().to_string() }.into());
+    let begun = match start {
+        Start::Random => Descent::new(net.initial(&mut seed::rng(settings.seed, START))),
+        Start::Weights(weights) => Descent::new(weights),
+        Start::Begun(begun) => *begun,
+    };
+    if !begun.is_of(net.weights()) {
+        return Err(WeightsError { expected: net.weights(), got: begun.weights().len().to_string() }.into());
     }
     let mut passes: Vec<Pass> = (0..settings.threads.max(1)).map(|_| Pass::new(&net)).collect();
-    let trained = descend(settings, weights, tell, |streams, weights, gradient| {
+    let trained = descend(settings, begun, tell, |streams, weights, gradient| {
         let drawn = |&stream: &u64| Drawn { seed: settings.seed, stream, frames };
         let samples: Vec<Drawn<'_>> = streams.iter().map(drawn).collect();
         batch_gradient(&net, weights, &samples, &mut passes, gradient)

@@ -8,7 +8,7 @@ use super::episodes::batch;
 use crate::exit::Interrupted;
 use crate::inputs::model_file;
 use crate::terminal::{output, progress};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use bayes_sim::Settings;
 use bayes_sim::embedding::{Fourier, TrackInput};
 use bayes_sim::network::{Ensemble, Outcome, Samples, Shape, Training, TrainingError};
@@ -135,7 +135,7 @@ pub fn run(arguments: &NetworksArgs) -> Result<()> {
         let train_s = started.elapsed().as_secs_f64();
         let scores = Corruption::ALL
             .map(|c| match shutdown.is_triggered() {
-                true => bail!(Interrupted(format!(" while {} was shown tracks", entrant.name))),
+                true => bail!(Interrupted::lost(format!("a part: {} was shown tracks", entrant.name))),
                 false => entrant.score(&ensemble, shown, &thetas[tracks..], frames, c),
             })
             .into_iter()
@@ -157,7 +157,7 @@ fn simulate(model: &Model, request: &SimulationRequest, shutdown: &Shutdown) -> 
         tracks.extend(simulator.simulate(&part)?);
         bar.set_position(tracks.len() as u64);
         if shutdown.is_triggered() {
-            bail!(Interrupted(format!(" after {} tracks", tracks.len())));
+            bail!(Interrupted::lost(format!("{} tracks", tracks.len())));
         }
     }
     bar.finish_and_clear();
@@ -174,7 +174,7 @@ fn export(path: &Path, model: &Model, learnt: Tracks<'_>, shown: Tracks<'_>) -> 
         "truths": shown.1,
         "observations": rows(shown.0),
     });
-    std::fs::write(path, serde_json::to_string(&document)?).with_context(|| path.display().to_string())
+    catenary_shell::files::write(path, serde_json::to_string(&document)?)
 }
 
 /// Tracks and their thetas in unit coordinates.
@@ -221,7 +221,7 @@ impl Entrant {
         });
         bar.finish_and_clear();
         match trained {
-            Err(TrainingError::Stopped) => bail!(Interrupted(format!(" while {} learnt", self.name))),
+            Err(TrainingError::Stopped) => bail!(Interrupted::lost(format!("a part: {} learnt", self.name))),
             other => Ok(other?),
         }
     }

@@ -1,7 +1,7 @@
 //! Many inferences of one benchmark: on all cores, in order, kept in a file from which an interrupted benchmark resumes.
 
 use crate::all_cores;
-use crate::exit::Interrupted;
+use crate::exit::{Given, Interrupted};
 use crate::options::Part;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
@@ -15,7 +15,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -57,24 +57,31 @@ impl Runs<'_> {
         bar.set_style(progress::style(&format!("{} [{{bar:24}}] {{pos}}/{{len}}", self.name), began)?);
         // Each line is appended as soon as it is known: an interrupted benchmark loses one inference of each core.
         let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
+        // A killed process may have left part of a line.
+        file.set_len(whole_lines(&std::fs::read(&path)?).len() as u64)?;
         let known = Mutex::new(known);
         let taken = |number: u64| known.lock().unwrap_or_else(PoisonError::into_inner).remove(&number);
-        all_cores::in_order(
+        let outcome = all_cores::in_order(
             made..count,
             |place| {
                 let number = self.part.item(place as usize) as u64;
                 taken(number).map_or_else(|| work(number, &shutdown), Ok)
             },
             |line| {
-                let text = serde_json::to_string(&line)?;
-                writeln!(file, "{text}").with_context(|| path.display().to_string())?;
+                append(&mut file, &serde_json::to_string(&line)?).with_context(|| path.display().to_string())?;
                 lines.push(line);
                 bar.inc(1);
                 Ok(())
             },
-        )?;
+        );
         bar.finish_and_clear();
-        Ok(lines)
+        let done = || format!("{} of {count} {}", lines.len(), self.name);
+        match outcome {
+            Ok(()) => Ok(lines),
+            Err(error) if error.is::<Interrupted>() && lines.is_empty() => Err(Interrupted::lost(done()).into()),
+            Err(error) if error.is::<Interrupted>() => Err(Interrupted::kept(done(), path.display(), "").into()),
+            Err(error) => Err(error),
+        }
     }
 
     /// File of a part.
@@ -110,19 +117,35 @@ impl Runs<'_> {
     }
 }
 
-/// Lines of a file; none if it does not exist.
+/// Appends a line. A write that fails, as on a full disk, leaves no part of it.
+fn append(file: &mut File, line: &str) -> std::io::Result<()> {
+    let before = file.metadata()?.len();
+    file.write_all(format!("{line}\n").as_bytes()).inspect_err(|_| {
+        // The first error is the one that counts.
+        let _ = file.set_len(before);
+    })
+}
+
+/// The lines of a file that are whole.
+fn whole_lines(bytes: &[u8]) -> &[u8] {
+    let end = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |last| last + 1);
+    &bytes[..end]
+}
+
+/// Whole lines of a file; none if it does not exist.
 fn read<L: DeserializeOwned>(path: &Path, check: impl Fn(&L) -> Result<()>) -> Result<Vec<L>> {
     if !path.exists() {
         return Ok(Vec::new());
     }
     let shown = path.display();
-    let text = std::fs::read_to_string(path).with_context(|| shown.to_string())?;
+    let bytes = catenary_shell::files::read_bytes("runs", path).given()?;
+    let text = std::str::from_utf8(whole_lines(&bytes)).with_context(|| shown.to_string()).given()?;
     let parse = |(i, line): (usize, &str)| {
         let parse = || {
             let line: L = serde_json::from_str(line)?;
             check(&line).map(|()| line)
         };
-        parse().with_context(|| format!("{shown}: line {}", i + 1))
+        parse().with_context(|| format!("{shown}: line {}", i + 1)).given()
     };
     text.lines().enumerate().map(parse).collect()
 }
@@ -154,7 +177,7 @@ pub fn infer_on_one_core(
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     match bayes_sim::infer(model, &[measured], None, &settings, None, &simulator, &mut listen) {
-        Err(InferenceError::Cancelled { .. }) => Err(Interrupted(format!(" after {number} runs")).into()),
+        Err(InferenceError::Cancelled { .. }) => Err(Interrupted(format!(" in run {number}")).into()),
         other => Ok(Inferred { result: other?, narrow }),
     }
 }
@@ -183,6 +206,15 @@ mod tests {
         assert_eq!(all, [200, 101, 102, 203, 104, 105, 206, 107, 108, 209, 110]);
         let again = runs(&path, Part::WHOLE).complete(fine, |number, _| Ok(300 + number)).unwrap();
         assert_eq!(again, all);
+        // A killed process left part of a line, and an interrupted one says what is kept.
+        std::fs::write(&path, "100\n101\n10").unwrap();
+        let stop =
+            |number: u64, _: &Shutdown| if number == 4 { Err(Interrupted(String::new()).into()) } else { Ok(number) };
+        let error = runs(&path, "1/1".parse().unwrap()).complete(fine, stop).unwrap_err();
+        let words = format!("interrupted after 4 of 11 runs; kept: {}; to go on: the same command", path.display());
+        assert!(error.is::<Interrupted>() && error.to_string() == words, "{error}");
+        assert!(std::fs::read_to_string(&path).unwrap().starts_with("100\n101\n"));
+        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 4);
         std::fs::write(&path, "1\n".repeat(12)).unwrap();
         let error = runs(&path, Part::WHOLE).complete(fine, |number, _| Ok(number)).unwrap_err().to_string();
         assert!(error.contains("expected at most 11 lines, got 12"), "{error}");

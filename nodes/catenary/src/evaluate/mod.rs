@@ -6,16 +6,18 @@ mod page;
 pub mod score;
 
 use crate::exit::{Given, Interrupted};
+use crate::inputs::model_file::no_task;
 use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
+use crate::kept::Kept;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
 use args::EvaluateArgs;
-use catenary_core::{Judge, Model, Policy, SimulationRequest, seed};
+use catenary_core::{Judge, Model, Policy, SimulationRequest, identity, seed};
 use catenary_shell::Shutdown;
 use catenary_simulator::Registry;
 use episodes::episodes;
 use policy_runner::Runner;
-use score::{Evaluated, score};
+use score::{Evaluated, Finished, score_from};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -33,11 +35,10 @@ struct Report {
     policies: Vec<Evaluated>,
 }
 
-/// Runs every policy on the same episodes. Ctrl-C ends the run.
+/// Runs every policy on the same episodes. Ctrl-C ends the run and keeps the finished episodes, from which the same command goes on.
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
-    let judge = Judge::of(&model).with_context(|| format!("model `{}` has no task: no policy runs on it", model.name));
-    let judge = judge.given()?;
+    let judge = Judge::of(&model).with_context(|| no_task(&arguments.model)).given()?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;
@@ -49,15 +50,31 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let n = requested.thetas.len();
     let all = policies.len() * n;
     let bar = progress::bar("episodes", 0.0)?;
-    let evaluated = score(&model, &judge, policies, &requested, &mut |path, done| {
+    let kept = Kept::of_command("evaluate", fingerprint(&model, &policies, &requested)?);
+    let mut finished: Finished = match &kept {
+        Some(kept) => kept.read()?.unwrap_or_default(),
+        None => Finished::default(),
+    };
+    let known: usize = finished.iter().map(Vec::len).sum();
+    if let (Some(kept), true) = (&kept, known > 0) {
+        output::tell(&format!("resumes after {known} of {all} episodes, from {}", kept.path().display()));
+    }
+    let mut stopped_after = None;
+    let scored = score_from(&mut finished, &model, &judge, policies, &requested, &mut |path, done| {
         bar.set_message(path.display().to_string());
         progress::advance(&bar, progress::share(done as f64, all as f64));
-        if shutdown.is_triggered() {
-            return Err(Interrupted(format!(" after {done} of {all} episodes")).into());
+        if shutdown.is_triggered() && done < all {
+            stopped_after = Some(done);
+            return Err(Interrupted(String::new()).into());
         }
         Ok(())
-    })?;
+    });
     bar.finish_and_clear();
+    if let Some(done) = stopped_after {
+        return Err(interrupted(kept.as_ref(), &finished, &format!("{done} of {all} episodes")).into());
+    }
+    let evaluated = scored?;
+    kept.iter().for_each(Kept::remove);
     let report = Report {
         model: model.name.clone(),
         fidelity: requested.fidelity.name(),
@@ -69,6 +86,28 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
         Ok(page::page(&words(&report).lines().map(str::to_owned).collect::<Vec<String>>(), &report.policies))
     })?;
     output::result(&arguments.output, &report, words)
+}
+
+/// Keeps the finished episodes, and returns the error that says where.
+fn interrupted(kept: Option<&Kept>, finished: &Finished, done: &str) -> Interrupted {
+    if finished.iter().all(Vec::is_empty) {
+        return Interrupted::lost(done);
+    }
+    let Some(kept) = kept else { return Interrupted::lost(done) };
+    match kept.write(finished) {
+        Ok(()) => Interrupted::kept(done, kept.path().display(), ""),
+        Err(error) => {
+            output::warn(&format!("the finished episodes cannot be kept: {error:#}"));
+            Interrupted::lost(done)
+        }
+    }
+}
+
+/// Fingerprint of everything that the scores depend on.
+fn fingerprint(model: &Model, policies: &[(PathBuf, Policy)], requested: &SimulationRequest) -> Result<u64> {
+    let policies: Vec<Vec<u8>> = policies.iter().map(|(_, policy)| policy.to_bytes()).collect();
+    let program = (env!("CARGO_PKG_VERSION"), catenary_simulator::fingerprint(model));
+    Ok(identity::fingerprint(&(program, model.to_yaml()?, policies, requested)))
 }
 
 /// Reads a policy, and returns an error unless it was trained for this task.

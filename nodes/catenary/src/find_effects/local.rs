@@ -9,7 +9,7 @@ use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
-use catenary_shell::Shutdown;
+use catenary_shell::{Shutdown, files};
 use catenary_simulator::{BeamSimulator, Registry, workers};
 use effect_finder::node::journal::{self, Journal};
 use effect_finder::node::names::named_apart;
@@ -67,8 +67,16 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     let journal = Journal::open(arguments.out.join(JOURNAL), number, &simulator);
     let outcome = match search(question, &journal, &settings, &shutdown) {
         Err(FinderError::Cancelled(stage)) => {
-            let rest = if journal.is_kept() { "; the same command resumes from there" } else { "" };
-            return Err(Interrupted(format!(" in the stage `{stage}`{rest}")).into());
+            let done = format!("a part of the stage `{stage}`");
+            return Err(match journal.is_kept() {
+                true => {
+                    let path = arguments.out.join(JOURNAL);
+                    let answers = format!("{} ({} answers of the simulator)", path.display(), journal.len());
+                    Interrupted::kept(done, answers, "")
+                }
+                false => Interrupted::lost(done),
+            }
+            .into());
         }
         Err(error) => {
             // A failed search is deterministic: its journal would only repeat the failure.
@@ -154,8 +162,7 @@ fn search(
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {
     for (name, text) in FILES.into_iter().zip(texts) {
-        let path = folder.join(name);
-        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+        files::write(&folder.join(name), text)?;
     }
     Ok(())
 }

@@ -9,7 +9,7 @@ use crate::inputs::posterior_file::PosteriorFile;
 use crate::options::PriorSupportName;
 use crate::report::RecordedFit;
 use crate::terminal::{output, progress};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bayes_sim::fingerprint;
 use bayes_sim::node::StateFile;
 use bayes_sim::sequential::Progress;
@@ -17,7 +17,7 @@ use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::read_measured;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{Model, Policy, SimulationRequest, Simulator, SimulatorError, Track};
-use catenary_shell::Shutdown;
+use catenary_shell::{Shutdown, files};
 use catenary_simulator::{BeamSimulator, workers};
 use serde::Serialize;
 use std::ops::ControlFlow;
@@ -138,12 +138,14 @@ pub fn infer(
         let (of, path) = (settings.iterations, file.path().display());
         output::tell(&format!("resumes after {made} of {of} iterations, from {path}"));
     }
+    let mut kept = made;
     let result = bayes_sim::infer(model, measured, policy, settings, state, &simulator, &mut |progress| {
         match progress {
             Progress::Working { simulations, .. } => bar.set_message(format!("{simulations} simulations")),
             Progress::Epoch { .. } => {}
             Progress::Iteration { iteration, state, .. } => {
                 file.iter().for_each(|file| file.write(state));
+                kept = iteration.iteration;
                 progress::advance(&bar, share(iteration.iteration));
                 let effective = iteration.effective_sample_size;
                 bar.set_message(iteration_words(iteration.simulations, iteration.loss, effective));
@@ -154,7 +156,16 @@ pub fn infer(
     bar.finish_and_clear();
     match result {
         Err(InferenceError::Cancelled { simulations }) => {
-            Err(Interrupted(format!(" after {simulations} simulations")).into())
+            let done = format!("{simulations} simulations");
+            let file = file.filter(|file| kept > 0 && file.path().exists());
+            Err(match file {
+                Some(file) => {
+                    let iterations = format!("{kept} of {} iterations", settings.iterations);
+                    Interrupted::kept(done, format!("{} ({iterations})", file.path().display()), "")
+                }
+                None => Interrupted::lost(done),
+            }
+            .into())
         }
         other => Ok(Inferred { result: other?, simulation_s: simulator.spent_s() }),
     }
@@ -163,8 +174,7 @@ pub fn infer(
 fn write(folder: &Path, report: &Report, fits: &[RecordedFit]) -> Result<()> {
     let posterior = PosteriorFile::new(&report.result.posterior, report.result.support_moves()).text()?;
     for (name, text) in FILES.into_iter().zip([posterior, serde_json::to_string_pretty(report)?, html(report, fits)?]) {
-        let path = folder.join(name);
-        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+        files::write(&folder.join(name), text)?;
     }
     Ok(())
 }

@@ -37,6 +37,10 @@ pub struct TrainSegmenterArgs {
     /// Weights to begin with; default: the shipped ones with --frames, otherwise none
     #[arg(long)]
     pub start: Option<PathBuf>,
+    /// Go on with the training that Ctrl-C ended, from its state in OUT.state; the other options must be the same, and the weights then are those of
+    /// a training that was not interrupted, to the bit
+    #[arg(long)]
+    pub resume: bool,
     /// Number of steps; default: 400 with --frames, otherwise those of the shipped weights
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub steps: Option<u32>,

@@ -6,18 +6,21 @@ mod frames;
 mod outline;
 
 use crate::exit::Given;
+use crate::kept::Kept;
 use crate::mask;
 use crate::terminal::{output, training};
 use anyhow::{Context, Result};
 use args::{LabelArgs, TrainSegmenterArgs};
-use camera::learned::{SHIPPED_TRAINING, Stopped, TrainingSettings, bytes_of, shipped_weights};
+use camera::learned::{SHIPPED_TRAINING, Start, Stopped, TrainingSettings, bytes_of, shipped_weights};
 use camera::{Crop, Error};
-use catenary_core::{LabelMask, RgbImage};
+use catenary_core::{LabelMask, RgbImage, identity};
 use catenary_shell::Shutdown;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Version of the training method. A change of it invalidates saved states.
+const METHOD: u32 = 1;
 /// Steps and greatest rate of a further training.
 const FURTHER_STEPS: u32 = 400;
 const FURTHER_RATE: f32 = 5e-4;
@@ -92,7 +95,7 @@ struct Trained {
     wall_s: f64,
 }
 
-/// Trains the segmenter. Ctrl-C ends the training without a file.
+/// Trains the segmenter. Ctrl-C ends the training, and keeps the state from which `--resume` goes on.
 pub fn train(arguments: &TrainSegmenterArgs) -> Result<()> {
     let began = Instant::now();
     let frames = arguments.frames.as_deref().map(frames::read).transpose()?.unwrap_or_default();
@@ -109,13 +112,22 @@ pub fn train(arguments: &TrainSegmenterArgs) -> Result<()> {
     output::prepare(&arguments.out)?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let (weights, loss) = training::watch(settings.steps, &shutdown, |tell| {
+    // The number of threads changes no bit.
+    let asked = (env!("CARGO_PKG_VERSION"), METHOD, format!("{:?}", TrainingSettings { threads: 0, ..settings }));
+    let kept = Kept::beside(&arguments.out, identity::fingerprint(&(asked, &start, &frames)));
+    let start = match (training::begun(arguments.resume, &kept, settings.steps)?, start) {
+        (Some(begun), _) => Start::Begun(begun),
+        (None, Some(weights)) => Start::Weights(weights),
+        (None, None) => Start::Random,
+    };
+    let (weights, loss) = training::watch(settings.steps, &kept, &shutdown, |tell| {
         match camera::learned::train(&settings, start, &frames, tell) {
-            Err(Error::Training(Stopped::Interrupted)) => Ok(None),
-            other => other.given().map(Some),
+            Err(Error::Training(Stopped::Interrupted(begun))) => Ok(Err(begun)),
+            other => other.given().map(Ok),
         }
     })?;
-    std::fs::write(&arguments.out, bytes_of(&weights)).with_context(|| arguments.out.display().to_string())?;
+    catenary_shell::files::write(&arguments.out, bytes_of(&weights))?;
+    kept.remove();
     let trained = Trained {
         weights: arguments.out.clone(),
         steps: settings.steps,

@@ -5,10 +5,11 @@
 use super::files;
 use super::plan::{Chain, Knowledge, Models, Object, Plan};
 use crate::evaluate::episodes::{as_measured, episodes, without_early_success};
-use crate::exit::Interrupted;
+use crate::exit::{Given, Interrupted};
 use crate::graph::own::Cell;
+use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::InferenceError;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::posterior::Marginal;
@@ -49,6 +50,25 @@ pub struct Inferred {
 }
 
 impl Inferred {
+    /// Returns an error unless posterior and marginals are of the parameters of the study's model.
+    fn check(&self, model: &Model) -> Result<()> {
+        ensure!(
+            self.posterior.parameters.equals_up_to_bounds(&model.theta),
+            "`posterior`: its parameters are not those of model `{}`",
+            model.name
+        );
+        let names = self.marginals.iter().map(|m| m.name.as_str());
+        ensure!(
+            names.eq(model.theta.parameters().iter().map(|p| p.name.as_str())),
+            "`marginals`: expected one of each parameter, in their order"
+        );
+        for m in &self.marginals {
+            let is_range = m.sd >= 0.0 && m.q05 <= m.median && m.median <= m.q95;
+            ensure!(is_range, "`marginals`: {}: expected a sd from 0, and q05 <= median <= q95", m.name);
+        }
+        Ok(())
+    }
+
     /// The posterior.
     pub fn posterior(&self) -> Posterior {
         Posterior { parameters: self.posterior.parameters.clone(), mixture: self.posterior.mixture.clone() }
@@ -57,6 +77,44 @@ impl Inferred {
 
 /// Learning curve: environment steps, mean return and share of successes.
 pub type Curve = Vec<(u64, f64, f64)>;
+
+/// Greatest return and success distance (m) of a file: far beyond any, since a step earns at most 1 and loses at most 1.
+const GREATEST_RETURN: f64 = 1e6;
+
+/// Returns an error unless the numbers of a curve are those of returns and shares.
+fn check_curve(curve: &Curve) -> Result<()> {
+    let is_point = |(_, mean, share): &(u64, f64, f64)| mean.abs() <= GREATEST_RETURN && (0.0..=1.0).contains(share);
+    match curve.iter().find(|point| !is_point(point)) {
+        Some((steps, mean, share)) => bail!(
+            "`curve`: expected returns within {GREATEST_RETURN} and shares of 0 to 1, got {mean} and {share} after {steps} steps"
+        ),
+        None => Ok(()),
+    }
+}
+
+impl Scored {
+    /// Returns an error unless the scores are those of each object and episode of the plan.
+    fn check(&self, plan: &Plan) -> Result<()> {
+        let (objects, episodes) = (plan.objects.len(), plan.episodes as usize);
+        ensure!(self.objects.len() == objects, "`objects`: expected {objects}, got {}", self.objects.len());
+        check_curve(&self.curve)?;
+        for scores in &self.objects {
+            let ObjectScores { returns, successes, distances_m } = scores;
+            let counts = [returns.len(), successes.len(), distances_m.len()];
+            ensure!(
+                counts == [episodes; 3],
+                "`objects`: expected returns, successes and distances_m of {episodes} episodes, got {counts:?}"
+            );
+            let wrong_return = returns.iter().find(|v| v.abs() > GREATEST_RETURN);
+            if let Some(got) =
+                wrong_return.or_else(|| distances_m.iter().find(|v| !(0.0..=GREATEST_RETURN).contains(*v)))
+            {
+                bail!("`objects`: expected returns within {GREATEST_RETURN} and distances from 0, got {got:e}");
+            }
+        }
+        Ok(())
+    }
+}
 
 /// Scores of a training on each object, and how it was trained.
 #[derive(Debug, Serialize, Deserialize)]
@@ -108,7 +166,8 @@ impl Work<'_> {
 
     /// Posterior of an object from recordings of it; `evidence` is the index of their number and of the simulations. Made if it is missing.
     pub fn posterior(&self, object: usize, evidence: usize) -> Result<Inferred> {
-        files::kept(&self.folder.join(self.plan.posterior_file(object, evidence)), || {
+        let check = |inferred: &Inferred| inferred.check(&self.models.model);
+        files::kept(&self.folder.join(self.plan.posterior_file(object, evidence)), check, || {
             let measured = self.recordings(object, self.plan.evidence[evidence].recordings)?;
             self.infer(&measured, object, evidence).with_context(|| self.plan.objects[object].name.clone())
         })
@@ -116,7 +175,8 @@ impl Work<'_> {
 
     /// Scores of a chain. Made if they are missing, with the training.
     pub fn scores(&self, chain: &Chain) -> Result<Scored> {
-        files::kept(&self.folder.join(self.plan.scores_file(chain)), || {
+        let check = |scored: &Scored| scored.check(self.plan);
+        files::kept(&self.folder.join(self.plan.scores_file(chain)), check, || {
             let (policy, curve) = self.training(chain)?;
             let score = |(i, object): (usize, &Object)| {
                 let number = chain.training * self.plan.objects.len() as u64 + i as u64;
@@ -153,7 +213,7 @@ impl Work<'_> {
             // Last, because it tells that the training is done.
             files::write(&path, &trained.policy.to_bytes())?;
         }
-        Ok((read_policy(&path)?, files::read_json(&curve)?))
+        Ok((read_policy(&path)?, files::read_json(&curve, check_curve)?))
     }
 
     /// Parameters of the environments of a training.
@@ -252,10 +312,10 @@ pub fn acted<'a>(task: &Task, track: &'a Track) -> &'a [Frame] {
 }
 
 fn interrupted() -> anyhow::Error {
-    Interrupted("; the same command goes on from here".to_owned()).into()
+    Interrupted::kept("a part of the study", "each finished training, posterior and deployment in --out", "").into()
 }
 
 fn read_policy(path: &Path) -> Result<Policy> {
-    let bytes = catenary_shell::files::read_bytes("policy", path)?;
-    Policy::from_bytes(&bytes).with_context(|| format!("{}: remove it, and it is made again", path.display()))
+    let again = || format!("{}: remove it, and it is made again", path.display());
+    policy_file::read(path).map(|(policy, _)| policy).with_context(again).given()
 }

@@ -22,6 +22,10 @@ pub struct TrainArgs {
     /// Policy file to write (safetensors)
     #[arg(long)]
     pub out: PathBuf,
+    /// Go on with the training that Ctrl-C ended, from its state in OUT.state; the other options must be the same, and the policy then is that of a
+    /// training that was not interrupted, to the bit
+    #[arg(long, conflicts_with = "node")]
+    pub resume: bool,
     /// Environment steps; default: the preset's
     #[arg(long)]
     pub steps: Option<u64>,

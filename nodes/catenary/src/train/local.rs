@@ -1,40 +1,76 @@
-//! Training in this process, with a progress bar.
+//! Training in this process, with a progress bar, from the beginning or from where Ctrl-C ended it.
 
 use super::args::TrainArgs;
 use super::page::page;
 use super::report::Report;
-use crate::exit::{Given, Interrupted};
+use crate::exit::{Given, Interrupted, WrongInput};
+use crate::kept::Kept;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
-use catenary_core::{Fidelity, Model, seed};
-use catenary_shell::Shutdown;
+use catenary_core::{Fidelity, Model, identity, seed};
+use catenary_shell::{Shutdown, files};
+use catenary_simulator::vector_env::Ongoing;
 use catenary_simulator::{VectorEnv, workers};
-use ppo_trainer::{Domains, Settings, Trained};
+use ppo_trainer::{Domains, Settings, State, Trained};
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Trains, and writes the policy. Ctrl-C ends the training and keeps the policy trained so far.
+/// Version of the training method. A change of it invalidates saved states.
+const METHOD: u32 = 1;
+
+/// Training between two updates: networks, optimiser and random generator, and the episodes of the environments.
+#[derive(Debug, Serialize, Deserialize)]
+struct Begun {
+    state: State,
+    ongoing: Vec<Ongoing>,
+}
+
+/// Trains, and writes the policy. Ctrl-C ends the training, and keeps the policy trained so far and the state from which `--resume` goes on.
 pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &Settings) -> Result<()> {
     output::prepare_file("out", &arguments.out)?;
+    let rows = domains.rows(settings.environments, arguments.seed)?;
+    let asked = (env!("CARGO_PKG_VERSION"), METHOD, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
+    let kept = Kept::beside(&arguments.out, identity::fingerprint(&asked));
+    let begun = match arguments.resume {
+        true => Some(begun(&kept, settings)?),
+        false => None,
+    };
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let (trained, seconds) = train(model, domains, settings, arguments.seed, &shutdown)?;
-    std::fs::write(&arguments.out, trained.policy.to_bytes()).with_context(|| arguments.out.display().to_string())?;
+    let before = begun.as_ref().map_or(0, |begun| begun.state.steps());
+    let (trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, &shutdown)?;
     let steps = [trained.steps, settings.total_steps];
-    let steps_per_second = trained.steps as f64 / seconds;
+    let is_interrupted = steps[0] < steps[1];
+    if is_interrupted {
+        kept.write(&begun)?;
+    }
+    files::write(&arguments.out, trained.policy.to_bytes())?;
+    if !is_interrupted {
+        // A state of the same training, or of an earlier one whose policy is replaced now.
+        kept.remove();
+    }
+    let steps_per_second = (trained.steps - before) as f64 / seconds;
     let report = Report::new(arguments.out.clone(), steps, trained.curve, &trained.recent, steps_per_second);
     arguments.page.write(|| page(&report))?;
     output::result(&arguments.output, &report, Report::words)?;
-    if report.interrupted {
-        let so_far = format!(
-            " after {} of {} steps; {} holds the policy so far",
-            report.steps,
-            settings.total_steps,
-            report.policy.display()
-        );
-        return Err(Interrupted(so_far).into());
+    if is_interrupted {
+        let done = format!("{} of {} steps", steps[0], steps[1]);
+        let files = format!("{} (the policy so far) and {}", report.policy.display(), kept.path().display());
+        return Err(Interrupted::kept(done, files, "--resume").into());
     }
     Ok(())
+}
+
+/// State of the training that `--resume` goes on with.
+fn begun(kept: &Kept, settings: &Settings) -> Result<Begun> {
+    let begun: Option<Begun> = kept.read()?;
+    let path = kept.path().display();
+    let begun = begun.ok_or_else(|| {
+        WrongInput::error(format!("--resume: {path}: expected the state that Ctrl-C leaves of a training, got no file"))
+    })?;
+    output::tell(&format!("resumes after {} of {} steps, from {path}", begun.state.steps(), settings.total_steps));
+    Ok(begun)
 }
 
 /// Trains in this process with a progress bar. Returns the duration in s, too.
@@ -45,18 +81,40 @@ pub fn train(
     train_seed: u64,
     shutdown: &Shutdown,
 ) -> Result<(Trained, f64)> {
+    let rows = domains.rows(settings.environments, train_seed)?;
+    let (trained, _, seconds) = trained(model, rows, settings, train_seed, None, shutdown)?;
+    Ok((trained, seconds))
+}
+
+/// Trains from the beginning or from `begun`. Returns the training at its end, and its duration in s.
+fn trained(
+    model: &Model,
+    rows: Vec<Vec<f64>>,
+    settings: &Settings,
+    train_seed: u64,
+    begun: Option<Begun>,
+    shutdown: &Shutdown,
+) -> Result<(Trained, Begun, f64)> {
     let task =
         model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name)).given()?;
-    let rows = domains.rows(settings.environments, train_seed)?;
     let env_seed = seed::derive(train_seed, 1);
     let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, env_seed, workers::available())?;
-    let bar = progress::bar("training", 0.0)?;
+    let share = |steps: u64| progress::share(steps as f64, settings.total_steps as f64);
+    let bar = progress::bar("training", begun.as_ref().map_or(0.0, |begun| share(begun.state.steps())))?;
+    let state = match begun {
+        Some(Begun { state, ongoing }) => {
+            env.resume(ongoing)?;
+            Some(state)
+        }
+        None => None,
+    };
     let started = Instant::now();
-    let trained = ppo_trainer::train(&mut env, &task, settings, train_seed, &mut |p| {
-        progress::advance(&bar, progress::share(p.now.steps as f64, settings.total_steps as f64));
+    let (trained, state) = ppo_trainer::train_from(state, &mut env, &task, settings, train_seed, &mut |p| {
+        progress::advance(&bar, share(p.now.steps));
         bar.set_message(format!("return {:.2}, success {:.0} %", p.now.mean_return, 100.0 * p.now.success_rate));
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     bar.finish_and_clear();
-    Ok((trained, started.elapsed().as_secs_f64()))
+    let ongoing = env.ongoing().context("the environments have run")?;
+    Ok((trained, Begun { state, ongoing }, started.elapsed().as_secs_f64()))
 }

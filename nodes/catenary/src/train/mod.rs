@@ -26,6 +26,7 @@ fn domains(arguments: &TrainArgs, model: &Model) -> Result<Domains> {
 pub fn run(arguments: &TrainArgs) -> Result<()> {
     let (own, text) = model_file::read_with_text(&arguments.model)?;
     let model = arguments.task.applied_to(own)?;
+    model.task.with_context(|| model_file::no_task(&arguments.model)).given()?;
     let mut settings = arguments.preset.settings();
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
     settings.history = arguments.history as usize;

@@ -43,6 +43,10 @@ pub struct TrainTrackerArgs {
     /// Number of simulated episodes; default: that of the preset
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub rollouts: Option<u32>,
+    /// Go on with the training that Ctrl-C ended, from its state in OUT.state; the other options must be the same, and the weights then are those of
+    /// a training that was not interrupted, to the bit
+    #[arg(long, requires = "out")]
+    pub resume: bool,
     /// Number of steps; default: that of the preset
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub steps: Option<u32>,

@@ -6,10 +6,11 @@ mod rollouts;
 
 use crate::exit::{Given, Interrupted, WrongInput};
 use crate::inputs::model_file;
+use crate::kept::Kept;
 use crate::terminal::{output, progress, training};
 use anyhow::{Context, Result};
 use args::{Network, Preset, TrainTrackerArgs};
-use catenary_core::Model;
+use catenary_core::{Model, identity};
 use catenary_shell::Shutdown;
 use evaluation::{Errors, Places, errors, places};
 use keypoint_tracker::learned::{
@@ -20,6 +21,8 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
+/// Version of the training method. A change of it invalidates saved states.
+const METHOD: u32 = 1;
 /// Episodes on which the trained tracker is measured, and the first of them: far beyond those of the training.
 const TEST_ROLLOUTS: u32 = 20;
 const FIRST_TEST: u64 = 1 << 40;
@@ -77,7 +80,7 @@ struct Compared {
     covered: [Errors; 2],
 }
 
-/// Trains a tracker, or measures one. Ctrl-C ends a training without a file.
+/// Trains a tracker, or measures one. Ctrl-C ends a training, and keeps the state from which `--resume` goes on.
 pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     let kind = arguments.tracker.kind();
     let model = model_file::read(&arguments.model)?;
@@ -104,6 +107,11 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     let threads = arguments.threads.map_or_else(catenary_simulator::workers::available, |t| t as usize);
     let settings = TrainingSettings { steps, threads, seed: arguments.seed, ..usual };
     output::prepare(out)?;
+    // The number of threads changes no bit.
+    let sizes = format!("{kind:?}, {number} episodes, {:?}", TrainingSettings { threads: 0, ..settings });
+    let asked = (env!("CARGO_PKG_VERSION"), METHOD, model.to_yaml()?, sizes);
+    let kept = Kept::beside(out, identity::fingerprint(&asked));
+    let begun = training::begun(arguments.resume, &kept, steps)?.map(|begun| *begun);
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let bar = progress::bar("simulation", 0.0)?;
@@ -115,13 +123,23 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     })
     .with_context(|| format!("model `{}`", model.name))
     .given()?
-    .ok_or_else(|| Interrupted(format!(" after {done} of {number} episodes")))?;
-    bar.finish_and_clear();
-    let (weights, loss) = training::watch(steps, &shutdown, |tell| match train(kind, &settings, &simulated, tell) {
-        Err(Error::Training(Stopped::Interrupted)) => Ok(None),
-        other => other.given().map(Some),
+    .ok_or_else(|| {
+        let done = format!("{done} of {number} episodes");
+        // The state that was to be resumed stays.
+        if arguments.resume {
+            Interrupted::kept(done, kept.path().display(), "--resume")
+        } else {
+            Interrupted::lost(done)
+        }
     })?;
-    std::fs::write(out, bytes_of(&weights)).with_context(|| out.display().to_string())?;
+    bar.finish_and_clear();
+    let (weights, loss) =
+        training::watch(steps, &kept, &shutdown, |tell| match train(kind, &settings, &simulated, begun, tell) {
+            Err(Error::Training(Stopped::Interrupted(begun))) => Ok(Err(begun)),
+            other => other.given().map(Ok),
+        })?;
+    catenary_shell::files::write(out, bytes_of(&weights))?;
+    kept.remove();
     let measured = measure(kind, &model, arguments.seed, weights)?;
     let wall_s = began.elapsed().as_secs_f64();
     let result = Trained { weights: out.clone(), rollouts: number, steps, loss, wall_s, measured };

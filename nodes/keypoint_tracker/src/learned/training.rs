@@ -6,12 +6,12 @@ use super::transporter::{Nets, Pair};
 use super::view::{ObjectView, Rollout};
 use crate::Error;
 use catenary_core::seed;
-use convnet::{Pass, Progress, TrainingSettings, descend, mean_gradient};
+use convnet::{Descent, Pass, Progress, TrainingSettings, descend, mean_gradient};
 
 /// Stream of random numbers of the first weights.
 const START: u64 = u64::MAX;
 
-/// Trains a network on views of simulated objects. `tell` is called after each step, and ends the training with an error if it returns
+/// Trains a network on views of simulated objects, or goes on with an interrupted training of the same settings and views. `tell` is called after each step, and ends the training with an error if it returns
 /// false.
 ///
 /// # Errors
@@ -20,16 +20,29 @@ pub fn train(
     kind: NetworkKind,
     settings: &TrainingSettings,
     rollouts: &[Rollout],
+    begun: Option<Descent>,
     tell: impl FnMut(Progress) -> bool,
 ) -> Result<Weights, Error> {
     check(settings, rollouts)?;
     let threads = settings.threads.max(1);
     let mut first = seed::rng(settings.seed, START);
+    let start = |initial: Vec<f32>| {
+        let weights = initial.len();
+        match begun {
+            None => Ok(Descent::new(initial)),
+            Some(begun) if begun.is_of(weights) => Ok(begun),
+            Some(begun) => Err(Error::Parameter {
+                field: "begun",
+                expected: "the state of a training of this network",
+                got: format!("{} weights, not {weights}", begun.weights().len()),
+            }),
+        }
+    };
     match kind {
         NetworkKind::Ordered => {
             let net = kind.heat_network();
             let mut passes: Vec<Pass> = (0..threads).map(|_| Pass::new(&net)).collect();
-            let trained = descend(settings, net.initial(&mut first), tell, |streams, weights, gradient| {
+            let trained = descend(settings, start(net.initial(&mut first))?, tell, |streams, weights, gradient| {
                 mean_gradient(streams, &mut passes, gradient, |stream, pass, gradient| {
                     let sample = Labelled::draw(rollouts, &mut seed::rng(settings.seed, *stream));
                     sample.judge(&net, weights, pass, gradient)
@@ -40,7 +53,7 @@ pub fn train(
         NetworkKind::Transporter => {
             let nets = Nets::new();
             let mut passes: Vec<_> = (0..threads).map(|_| nets.passes()).collect();
-            let all = descend(settings, nets.initial(&mut first), tell, |streams, weights, gradient| {
+            let all = descend(settings, start(nets.initial(&mut first))?, tell, |streams, weights, gradient| {
                 mean_gradient(streams, &mut passes, gradient, |stream, passes, gradient| {
                     let pair = Pair::draw(rollouts, &mut seed::rng(settings.seed, *stream));
                     nets.judge(&pair, weights, passes, gradient)

@@ -5,6 +5,7 @@ use catenary_core::Goal;
 use catenary_core::task::{DeltaAnchor, Workspace};
 
 /// Environments of the task. The reward falls with the distance from the goal; an episode has [`STEPS`] steps.
+#[derive(Clone)]
 struct Reaching {
     at: Vec<[f64; 2]>,
     steps: Vec<usize>,
@@ -133,6 +134,51 @@ fn a_stopped_training_returns_the_policy_learnt_so_far() {
     })
     .unwrap();
     assert_eq!((calls, trained.steps), (2, 1_536));
+}
+
+#[test]
+fn a_training_that_goes_on_from_its_state_ends_with_the_same_bits() {
+    // 13 steps between two updates and 8 of an episode: the rollouts end within episodes.
+    let (n_steps, total_steps) = (13, 12 * 13 * 6);
+    for (history, normalise_observations) in [(0, true), (5, true), (2, false)] {
+        let settings = Settings { n_steps, total_steps, history, normalise_observations, ..Settings::tuned() };
+        let mut goes_on = |_: &Progress| ControlFlow::Continue(());
+        let mut env = Reaching::with_sides(12);
+        let whole = train_from(None, &mut env, &task(), &settings, 3, &mut goes_on).unwrap();
+        for updates in [1, 2, 5] {
+            let mut env = Reaching::with_sides(12);
+            let mut left = updates;
+            let (_, state) = train_from(None, &mut env, &task(), &settings, 3, &mut |_| {
+                left -= 1;
+                if left == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            })
+            .unwrap();
+            assert_eq!(state.steps(), 12 * 13 * updates);
+            let resumed = train_from(Some(state), &mut env, &task(), &settings, 3, &mut goes_on).unwrap();
+            assert_eq!(resumed, whole, "history {history}, from update {updates}");
+        }
+    }
+}
+
+#[test]
+fn the_state_of_another_training_is_refused() {
+    let settings = Settings { total_steps: 1_536, ..Settings::tuned() };
+    let from = |state: Option<State>, settings: &Settings| {
+        train_from(state, &mut Reaching::new(12), &task(), settings, 3, &mut |_| ControlFlow::Continue(()))
+    };
+    let (_, state) = from(None, &settings).unwrap();
+    let cases: [(Settings, &str); 3] = [
+        (
+            Settings { hidden: 32, ..settings.clone() },
+            "`actor`: expected layers of [(12, 32), (32, 32), (32, 2)], got [(12, 64)",
+        ),
+        (Settings { history: 1, ..settings.clone() }, "`seen`: expected 2 observations of each of 12 environments"),
+        (Settings { total_steps: 768, ..settings.clone() }, "`steps`: expected at most 768, got 1536"),
+    ];
+    for (other, words) in cases {
+        let error = from(Some(state.clone()), &other).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
 }
 
 /// Environments of which one gives a reward of NaN.
