@@ -210,8 +210,8 @@ impl Policy {
             observation_scale: within(
                 fixed(&file, "observation_scale")?,
                 "observation_scale",
-                "positive numbers",
-                |v| v > 0.0,
+                &format!("positive numbers of at most {GREATEST_NUMBER}"),
+                |v| v > 0.0 && v <= GREATEST_NUMBER,
             )?,
             action_scale: within(fixed(&file, "action_scale")?, "action_scale", "numbers from 0 to 100", |v| {
                 (0.0..=GREATEST_ACTION_SCALE).contains(&v)
@@ -410,8 +410,14 @@ mod tests {
             ),
             (|p| p.steps = 0, "`steps`: expected a whole number from 1 to 100000, got 0"),
             (|p| p.steps = 1_000_000, "`steps`: expected a whole number from 1 to 100000, got 1000000"),
-            (|p| p.observation_scale = [0.0; 12], "`observation_scale`: expected positive numbers, got 0"),
-            (|p| p.observation_scale[3] = -1.0, "`observation_scale`: expected positive numbers, got -1"),
+            (
+                |p| p.observation_scale = [0.0; 12],
+                "`observation_scale`: expected positive numbers of at most 1000000, got 0",
+            ),
+            (
+                |p| p.observation_scale[3] = -1.0,
+                "`observation_scale`: expected positive numbers of at most 1000000, got -1",
+            ),
             (|p| p.action_scale = [1e9, 0.1], "`action_scale`: expected numbers from 0 to 100, got 1000000000"),
             (|p| p.action_scale[1] = -0.5, "`action_scale`: expected numbers from 0 to 100, got -0.5"),
             (|p| p.step_period_s = 0.0, "`step_period_s`: expected 0.001 to 10 s, got 0"),
