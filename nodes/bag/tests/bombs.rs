@@ -143,7 +143,7 @@ fn memory_and_disk_stay_small() {
         assert_eq!(bag.verify().readable, bag.message_count());
         assert_eq!(episode_notes(&bag), [] as [String; 0]);
         // The still object tells nothing; its records are read all the same.
-        if let Err(error) = read_measured(&[path.clone()], &[], &model) {
+        if let Err(error) = read_measured(std::slice::from_ref(&path), &[], &model) {
             assert!(error.to_string().contains("episode"), "{error}");
         }
         drop(bag);

@@ -70,7 +70,7 @@ fn far_log_times_are_named_and_change_neither_duration_nor_tracks() {
         assert_eq!((bag.message_count(), bag.verify()), (known.message_count(), known.verify()));
         assert!(bag.is_usual_time(bag.span_ns().unwrap().0) && !bag.is_usual_time(0) && !bag.is_usual_time(i64::MAX));
         assert_eq!(episode_notes(&bag), [] as [String; 0]);
-        let tracks = [&path, &whole].map(|bag| read_measured(&[bag.clone()], &[], &model()).unwrap());
+        let tracks = [&path, &whole].map(|bag| read_measured(std::slice::from_ref(bag), &[], &model()).unwrap());
         assert_eq!(tracks[0], tracks[1], "{chunk_bytes}");
     }
 }

@@ -1,5 +1,5 @@
 //! Bags in sqlite3 with rows that no recorder should write: times before 1970, and rows without a topic.
-#![allow(clippy::unwrap_used, reason = "a failure of a test is a panic")]
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
 use catenary_bag::BagReader;
 use rusqlite::Connection;

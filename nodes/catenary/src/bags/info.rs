@@ -144,6 +144,7 @@ mod tests {
             duration_s: 0.0,
             files: Vec::new(),
             topics: Vec::new(),
+            custom_data: BTreeMap::new(),
             notes: notes.iter().map(|note| (*note).to_owned()).collect(),
         };
         let notes = ["b: 0 of 7 messages can be read".to_owned()];

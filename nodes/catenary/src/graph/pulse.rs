@@ -101,8 +101,8 @@ mod tests {
         let looks = |silence: &mut Silence, from: u32, to: u32, signs: u64| -> Vec<u32> {
             (from..to).filter(|i| silence.is_long(signs, at(0.5 * f64::from(*i)))).collect()
         };
-        assert_eq!(looks(&mut silence, 1, 10, 0), []);
-        assert_eq!(looks(&mut silence, 10, 19, 1), [], "a sign came");
+        assert_eq!(looks(&mut silence, 1, 10, 0), [] as [u32; 0]);
+        assert_eq!(looks(&mut silence, 10, 19, 1), [] as [u32; 0], "a sign came");
         assert_eq!(looks(&mut silence, 19, 22, 1), [20, 21]);
         // This process stalled for a minute, and the node with it.
         let mut silence = Silence::new(start);

@@ -183,12 +183,14 @@ pub fn reason(
     (bare.colours.min_area_px, bare.colours.min_piece_area_px) = (1, 1);
     match present.backend {
         Backend::Colour => {
-            let largest = area(&bare).map_or(0, |(area, _)| area);
-            if largest > 0 {
-                let least = present.colours.min_area_px;
-                return format!("its largest part has {largest} px of the mask, fewer than {least}");
-            }
+            let left = area(&bare).map_or(0, |(area, _)| area);
             let radius = present.colours.open_radius_px;
+            if left > 0 {
+                let least = present.colours.min_area_px;
+                return format!(
+                    "{left} px of the mask have its colours, in pieces of fewer than {least} px each, into which the opening cuts a thin object (open_radius_px: {radius})"
+                );
+            }
             bare.colours.open_radius_px = 0;
             match area(&bare) {
                 Some((area, _)) if area > 0 => format!(

@@ -36,7 +36,7 @@ impl<M: Serialize> Writer<M> {
 
     /// Waits until every matched reliable reader has acknowledged all messages so far. Returns false on timeout.
     pub(crate) fn wait_acknowledged(&self, timeout: std::time::Duration) -> bool {
-        self.writer.wait_for_acknowledgments(timeout.into()).unwrap_or(false)
+        self.writer.wait_for_acknowledgments(timeout).unwrap_or(false)
     }
 
     /// Writes a request, and returns the identity that its answer will name. Waits while the window is full.
