@@ -106,7 +106,9 @@ fn survey(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeLog, BagErro
         let (place, outcome) = match message {
             Ok(message) => {
                 // A far log time tells nothing about a clock.
-                let clocks = Some(&mut clocks).filter(|_| bag.is_usual_time(message.log_time_ns));
+                let is_usual = bag.is_usual_time(message.log_time_ns);
+                log.set_in_order(is_usual);
+                let clocks = Some(&mut clocks).filter(|_| is_usual);
                 let outcome = record(&mut log, topics, &message, clocks, &mut events);
                 (message.topic.name.clone(), outcome)
             }
@@ -144,12 +146,13 @@ fn fill(
     let mut events = Events::default();
     for message in bag.messages_of(&streams) {
         let Some(message) = intact(message)? else { continue };
+        log.set_in_order(bag.is_usual_time(message.log_time_ns));
         let Ok(stamp_ns) = record(log, topics, &message, None, &mut events) else { continue };
         match newest_ns.get_mut(&message.topic.name) {
             Some(newest) => *newest = stamp_ns.max(*newest),
             None => _ = newest_ns.insert(message.topic.name.clone(), stamp_ns),
         }
-        if log.held() > most {
+        if log.held() > most && !log.repeats() {
             let streams = [&topics.keypoints, &topics.pose].into_iter().filter_map(|name| newest_ns.get(name));
             let before_ns = streams.min().map_or(i64::MIN, |newest| newest.saturating_sub(SETTLED_NS));
             log.take_ended(before_ns).into_iter().for_each(&mut visit);
@@ -188,6 +191,7 @@ fn read_kept(bag: &BagReader, topics: &EpisodeTopics, log: &mut EpisodeLog) -> R
     let streams = [&topics.keypoints, &topics.pose, &topics.observation, &topics.action];
     for message in bag.messages_of(&streams) {
         if let Some(message) = intact(message)? {
+            log.set_in_order(bag.is_usual_time(message.log_time_ns));
             let _noted = record(log, topics, &message, None, &mut Events::default());
         }
     }

@@ -88,6 +88,10 @@ pub struct EpisodeLog {
     passed_frames: BTreeMap<String, usize>,
     /// Number of episodes of which only the latched events were received.
     latched: usize,
+    /// True for a recording that runs through the same times again. Known after the first reading.
+    repeats: bool,
+    /// True while the order of the records that are pushed is unknown.
+    out_of_order: bool,
     /// Doubts about the recording, one sentence each.
     notes: Vec<String>,
 }
@@ -160,6 +164,11 @@ impl EpisodeLog {
         log.keypoints.watch_passes();
         log.poses.watch_passes();
         log
+    }
+
+    /// Sets whether the next records come in the order in which they arrived. A message with a wrong log time does not.
+    pub fn set_in_order(&mut self, in_order: bool) {
+        self.out_of_order = !in_order;
     }
 
     /// Adds a doubt about the recording. Every episode carries it in [`Episode::notes`].
@@ -243,13 +252,27 @@ impl EpisodeLog {
         let mut spans = chosen.collect::<Result<Vec<Span>, EpisodeError>>()?;
         spans.sort_unstable();
         spans.dedup();
-        self.only = Some(Kept::new(spans, false));
+        self.read_again(spans);
         Ok(())
     }
 
     /// Begins the second reading of a recording, and keeps the records of all complete episodes.
     pub fn keep_all(&mut self) {
-        self.only = Some(Kept::new(self.spans(), false));
+        self.read_again(self.spans());
+    }
+
+    /// Begins the second reading, which keeps the records of these episodes.
+    fn read_again(&mut self, spans: Vec<Span>) {
+        self.only = Some(Kept::new(spans, false));
+        for repeats in [self.keypoints.read_again(), self.poses.read_again()] {
+            self.repeats |= repeats;
+        }
+    }
+
+    /// True if the recording runs through the same times again. No stamp then shows that an episode is over, and
+    /// [`Self::take_ended`] must wait for the end of the recording.
+    pub fn repeats(&self) -> bool {
+        self.repeats
     }
 
     /// Number of the records of streams that are held in memory.
@@ -322,14 +345,18 @@ impl EpisodeLog {
     /// Records the keypoints of the image stamped `stamp_ns`.
     pub fn push_keypoints(&mut self, stamp_ns: i64, keypoints: Keypoints) {
         if self.takes(RecordKind::Keypoints, stamp_ns, |only| only.holds(stamp_ns)) {
-            self.keypoints.insert(stamp_ns, keypoints);
+            self.keypoints.insert(stamp_ns, keypoints, !self.out_of_order);
+        } else {
+            self.keypoints.pass_over(stamp_ns, !self.out_of_order);
         }
     }
 
     /// Records the pose of the hand at `stamp_ns`.
     pub fn push_pose(&mut self, stamp_ns: i64, pose: impl Into<MeasuredPose>) {
         if self.takes(RecordKind::Pose, stamp_ns, |only| only.holds(stamp_ns)) {
-            self.poses.insert(stamp_ns, pose.into());
+            self.poses.insert(stamp_ns, pose.into(), !self.out_of_order);
+        } else {
+            self.poses.pass_over(stamp_ns, !self.out_of_order);
         }
     }
 

@@ -26,11 +26,13 @@ struct Passes {
     earlier: BTreeMap<i64, i64>,
     /// Stamps of records within the time of an earlier pass, which that pass does not have.
     mixed: BTreeSet<i64>,
+    /// True if a record lay within the time of an earlier pass.
+    repeats: bool,
 }
 
 impl Passes {
-    /// Takes the stamp of a record. `is_known` tells that the stream has this very record, as after a replay in a loop.
-    fn take(&mut self, stamp_ns: i64, is_known: bool) {
+    /// Takes the stamp of a record. Returns true if it lies within the time of an earlier pass.
+    fn take(&mut self, stamp_ns: i64) -> bool {
         self.present = Some(match self.present {
             Some([first, last]) if stamp_ns.abs_diff(last) > PASS_NS => {
                 self.end_pass([first, last]);
@@ -40,9 +42,9 @@ impl Passes {
             None => [stamp_ns; 2],
         });
         let earlier = self.earlier.range(..=stamp_ns).next_back();
-        if !is_known && earlier.is_some_and(|(_, last)| stamp_ns <= *last) {
-            self.mixed.insert(stamp_ns);
-        }
+        let is_again = earlier.is_some_and(|(_, last)| stamp_ns <= *last);
+        self.repeats |= is_again;
+        is_again
     }
 
     /// Adds the time of a pass to that of the earlier ones.
@@ -64,12 +66,29 @@ impl<T: PartialEq> Stream<T> {
         self.passes.get_or_insert_default();
     }
 
-    /// Inserts a record; one with the same stamp is replaced.
-    pub(super) fn insert(&mut self, stamp_ns: i64, record: T) {
-        if let Some(passes) = &mut self.passes {
-            passes.take(stamp_ns, self.records.get(&stamp_ns) == Some(&record));
+    /// Inserts a record; one with the same stamp is replaced. `in_order` is false for a record whose place among the others is unknown: it
+    /// belongs to no pass.
+    pub(super) fn insert(&mut self, stamp_ns: i64, record: T, in_order: bool) {
+        // The very record that the stream has mixes nothing, as after a replay in a loop.
+        if let Some(passes) = self.passes.as_mut().filter(|_| in_order)
+            && passes.take(stamp_ns)
+            && self.records.get(&stamp_ns) != Some(&record)
+        {
+            passes.mixed.insert(stamp_ns);
         }
         self.records.insert(stamp_ns, record);
+    }
+
+    /// Passes over a record that is not kept. It belongs to a pass all the same.
+    pub(super) fn pass_over(&mut self, stamp_ns: i64, in_order: bool) {
+        if let Some(passes) = self.passes.as_mut().filter(|_| in_order) {
+            passes.take(stamp_ns);
+        }
+    }
+
+    /// Begins another reading of the same recording. Returns true if a record of the last one lay within the time of an earlier pass.
+    pub(super) fn read_again(&mut self) -> bool {
+        self.passes.as_mut().is_some_and(|passes| std::mem::take(passes).repeats)
     }
 
     /// Share of the records in a range of stamps that belong to another pass than the rest may do.
@@ -113,7 +132,7 @@ mod tests {
     fn stream(records: impl IntoIterator<Item = (i64, i64)>) -> Stream<i64> {
         let mut stream = Stream::default();
         stream.watch_passes();
-        records.into_iter().for_each(|(tenths, value)| stream.insert(tenths * SECOND / 10, value));
+        records.into_iter().for_each(|(tenths, value)| stream.insert(tenths * SECOND / 10, value, true));
         stream
     }
 
