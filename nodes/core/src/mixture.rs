@@ -9,8 +9,9 @@ use thiserror::Error;
 /// Most components, and most coordinates, of a mixture in a file. They bound the memory and the time that a damaged file can claim.
 const MOST_COMPONENTS: usize = 10_000;
 const MOST_COORDINATES: usize = 256;
-/// Greatest distance of a mean from 0, and greatest standard deviation, in a file, in unit coordinates: a million times the support.
-const GREATEST: f64 = 1e6;
+/// Greatest distance of a mean from 0, and greatest standard deviation, in a file, in unit coordinates. Far beyond those of a badly trained
+/// network (1e13): their products stay finite.
+const GREATEST: f64 = 1e30;
 /// Number of rejected draws after which the mixture counts as lying outside the unit cube.
 const MAX_REJECTIONS: usize = 100_000;
 
@@ -69,7 +70,7 @@ pub enum MixtureError {
     Component(usize),
     /// Component of a file that is too far from the support, or too wide, to be a posterior.
     #[error(
-        "mixture: component {component}: expected means within 1e6 and variances of at most 1e12, in unit coordinates, got {got:e}"
+        "mixture: component {component}: expected means within 1e30 and variances of at most 1e60, in unit coordinates, got {got:e}"
     )]
     Size {
         /// Index of the component.

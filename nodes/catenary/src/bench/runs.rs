@@ -209,12 +209,12 @@ mod tests {
         // A killed process left part of a line, and an interrupted one says what is kept.
         std::fs::write(&path, "100\n101\n10").unwrap();
         let stop =
-            |number: u64, _: &Shutdown| if number == 4 { Err(Interrupted(String::new()).into()) } else { Ok(number) };
+            |number: u64, _: &Shutdown| if number == 3 { Err(Interrupted(String::new()).into()) } else { Ok(number) };
         let error = runs(&path, "1/1".parse().unwrap()).complete(fine, stop).unwrap_err();
-        let words = format!("interrupted after 4 of 11 runs; kept: {}; to go on: the same command", path.display());
+        let words = format!("interrupted after 3 of 11 runs; kept: {}; to go on: the same command", path.display());
         assert!(error.is::<Interrupted>() && error.to_string() == words, "{error}");
         assert!(std::fs::read_to_string(&path).unwrap().starts_with("100\n101\n"));
-        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 4);
+        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
         std::fs::write(&path, "1\n".repeat(12)).unwrap();
         let error = runs(&path, Part::WHOLE).complete(fine, |number, _| Ok(number)).unwrap_err().to_string();
         assert!(error.contains("expected at most 11 lines, got 12"), "{error}");

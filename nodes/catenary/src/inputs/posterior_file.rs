@@ -135,10 +135,11 @@ mod tests {
         let written = |change: fn(&mut Parameter)| {
             let mut parameters = model.theta.parameters().to_vec();
             change(&mut parameters[0]);
+            let parameter = parameters[0].name.clone();
             let posterior = Posterior::prior(ParameterSpace::new(parameters).unwrap());
             let step = SupportMove {
                 iteration: 1,
-                parameter: "length_m".into(),
+                parameter,
                 from: [0.195, 0.305],
                 to: [0.195, 0.36],
                 because: "of a test".into(),
@@ -157,6 +158,6 @@ mod tests {
         assert_eq!(read(&path, &model).unwrap(), plain);
         written(|p| p.name = "mass_kg".into());
         let refusal = format!("{:#}", read(&path, &model).unwrap_err());
-        assert!(refusal.contains("not those of the model"), "{refusal}");
+        assert!(refusal.contains("not those of model `"), "{refusal}");
     }
 }

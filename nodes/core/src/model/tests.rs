@@ -348,7 +348,7 @@ prop_compose! {
                 workspace: Workspace::default(),
                 target_m: [angles[0], angles[1]].map(|v| v.clamp(-10.0, 10.0)),
                 target_jitter_m: lengths[0].min(0.5),
-                success_reward: if measured { lengths[5] } else { angles[2] },
+                success_reward: if measured { lengths[5] } else { angles[2] }.min(1.0),
                 ends_at_success: !measured,
             }),
             lacking: match nominal {
