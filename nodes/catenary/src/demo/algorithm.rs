@@ -19,7 +19,7 @@ use catenary_msgs::action::{
     Infer, InferGoal, InferResult, MoveToStart, RunEpisode, RunEpisodeGoal, Train, TrainGoal, TrainResult,
 };
 use catenary_msgs::srv::SimulateRequest;
-use catenary_shell::{ActionClient, DEAD_NODE, Node, Qos, contract, convert};
+use catenary_shell::{ActionClient, DEAD_NODE, Node, Qos, contract, convert, files};
 use ppo_trainer::convert as convert_training;
 use std::time::{Duration, Instant};
 
@@ -125,7 +125,7 @@ impl Demo {
             })?;
         let policy = Policy::from_bytes(&result.policy).context("the trained policy")?;
         let path = self.folder.join(format!("{name}.safetensors"));
-        std::fs::write(&path, &result.policy).with_context(|| path.display().to_string())?;
+        files::write(&path, &result.policy)?;
         let training = Training {
             policy: name.to_owned(),
             curve: convert_training::curve(&result)?.iter().map(|p| (p.steps, p.mean_return)).collect(),
@@ -274,7 +274,7 @@ impl Demo {
 
     fn inference(&self, posterior: Posterior, result: &InferResult, domains: &[Vec<f64>]) -> Result<Inference> {
         let path = self.folder.join("posterior.json");
-        std::fs::write(&path, serde_json::to_string_pretty(&posterior)?).with_context(|| path.display().to_string())?;
+        files::write(&path, serde_json::to_string_pretty(&posterior)?)?;
         Ok(Inference {
             marginals: posterior.marginals()?,
             posterior,

@@ -5,6 +5,7 @@ use anyhow::{Context, Result};
 use catenary_core::identity;
 use catenary_msgs::action::{InferResult, TrainResult};
 use catenary_msgs::{from_cdr, to_cdr};
+use catenary_shell::files;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, TryLockError};
 use std::io::Write;
@@ -148,10 +149,7 @@ impl Kept {
         let mut bytes = serde_json::to_vec(&Head { fingerprint, stage: stage.clone() })?;
         bytes.push(b'\n');
         bytes.extend(result.encode()?);
-        // Renamed at the end: a run that is killed leaves no half result.
-        let part = path.with_extension("part");
-        std::fs::write(&part, bytes).with_context(|| part.display().to_string())?;
-        std::fs::rename(&part, &path).with_context(|| path.display().to_string())
+        files::write(&path, bytes)
     }
 }
 

@@ -65,8 +65,9 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     // Shut down before the error is reported, so that no log line follows it.
     stages.graph.supervisor.shut_down();
     let summary = outcome.map_err(|error| stopped(&demo.folder, &progress, &stages, error))?;
-    summary.write(&demo.folder)?;
     let page = page::write(&demo.folder, &summary)?;
+    // Last: it marks the demo as finished.
+    summary.write(&demo.folder)?;
     output::tell(&format!("report: {}", page.display()));
     output::result(&arguments.output, &summary, Summary::words)?;
     Misfit::check(summary.inference.misfit.as_ref(), &demo.folder)

@@ -14,6 +14,7 @@ use base64::Engine;
 use catenary_bag::read_measured;
 use catenary_core::Model;
 use catenary_core::posterior::Marginal;
+use catenary_shell::files;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use std::path::{Path, PathBuf};
@@ -68,7 +69,7 @@ fn save(folder: &Path, page: Page) -> Result<PathBuf> {
     let report = folder.join("report");
     std::fs::create_dir_all(&report).with_context(|| report.display().to_string())?;
     let path = report.join("index.html");
-    std::fs::write(&path, page.finish()).with_context(|| path.display().to_string())?;
+    files::write(&path, page.finish())?;
     Ok(path)
 }
 

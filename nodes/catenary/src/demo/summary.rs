@@ -6,6 +6,7 @@ use crate::options::Preset;
 use anyhow::{Context, Result};
 use catenary_core::posterior::Marginal;
 use catenary_core::{Fidelity, Posterior, Task};
+use catenary_shell::files;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -161,7 +162,6 @@ impl Summary {
 
     /// Writes `summary.json` into `folder`.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let path = folder.join(FILE);
-        std::fs::write(&path, serde_json::to_string_pretty(self)?).with_context(|| format!("{}", path.display()))
+        files::write(&folder.join(FILE), serde_json::to_string_pretty(self)?)
     }
 }

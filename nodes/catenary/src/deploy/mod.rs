@@ -2,7 +2,7 @@
 
 pub mod args;
 
-use crate::graph::goal::{self, SilentServer, follow};
+use crate::graph::goal::{self, SilentServer, Unwatched, follow};
 use crate::graph::one_arm::ensure_one_arm;
 use crate::inputs::policy_file;
 use crate::terminal::{output, progress};
@@ -26,9 +26,10 @@ struct Deployed {
 /// Time in which the arm must answer that it is disabled.
 const DISABLE: Duration = Duration::from_secs(2);
 
-/// Disables the arm if the node that commands it fell silent: it may go on later, when nobody watches the episode any more.
+/// Disables the arm if the node that commands it fell silent, or did not confirm the end of the episode: it may go on later, when nobody
+/// watches any more.
 fn stopped(node: &Node, error: Error) -> Error {
-    if !error.is::<SilentServer>() {
+    if !(error.is::<SilentServer>() || error.is::<Unwatched>()) {
         return error;
     }
     let client = node.client::<SetBool>(contract::ENABLE.name);

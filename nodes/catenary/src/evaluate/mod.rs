@@ -74,7 +74,6 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
         return Err(interrupted(kept.as_ref(), &finished, &format!("{done} of {all} episodes")).into());
     }
     let evaluated = scored?;
-    kept.iter().for_each(Kept::remove);
     let report = Report {
         model: model.name.clone(),
         fidelity: requested.fidelity.name(),
@@ -85,7 +84,10 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     arguments.page.write(|| {
         Ok(page::page(&words(&report).lines().map(str::to_owned).collect::<Vec<String>>(), &report.policies))
     })?;
-    output::result(&arguments.output, &report, words)
+    output::result(&arguments.output, &report, words)?;
+    // Last: what could not be written is not simulated again.
+    kept.iter().for_each(Kept::remove);
+    Ok(())
 }
 
 /// Keeps the finished episodes, and returns the error that says where.

@@ -31,6 +31,11 @@ pub struct SilentServer {
     cancelled: &'static str,
 }
 
+/// Goal that may run without anybody who watches it: its node did not confirm its end.
+#[derive(Debug, Error)]
+#[error("{0}")]
+pub struct Unwatched(String);
+
 /// Time to wait for a server, from `--wait-s`.
 pub fn wait(seconds: f64) -> Result<Duration> {
     let wait = Duration::try_from_secs_f64(seconds).ok().filter(|w| !w.is_zero());
@@ -41,7 +46,7 @@ pub fn wait(seconds: f64) -> Result<Duration> {
 /// and its end awaited.
 ///
 /// # Errors
-/// No server, or no acceptance, within `wait`; Ctrl-C; a server that went away, or fell silent ([`SilentServer`]).
+/// No server, or no acceptance, within `wait`; Ctrl-C; a server that went away, or fell silent ([`SilentServer`], [`Unwatched`]).
 pub fn follow<A: Act>(
     node: &Node,
     client: &ActionClient<A>,
@@ -70,7 +75,8 @@ pub fn follow<A: Act>(
         // A stopped node stays in discovery, and takes no goal.
         Err(error @ CallError::Timeout { .. }) => {
             let server = list_peers(&node.servers(&[name])?);
-            return Err(anyhow!("{error}: {server} did not take the goal, which may still reach it: is it stopped?"));
+            let words = format!("{error}: {server} did not take the goal, which may still reach it: is it stopped?");
+            return Err(Unwatched(words).into());
         }
         sent => sent?,
     };
@@ -115,6 +121,6 @@ fn cancel<A: Act>(name: &str, running: &RunningGoal<A>) -> Error {
     match asked.and_then(|_| running.wait(CANCEL)) {
         Ok((Status::Canceled, _)) => Error::from(Interrupted(" and cancelled".to_owned())).context(name.to_owned()),
         Ok((status, _)) => anyhow!("{name}: interrupted after its end: {status:?}"),
-        Err(e) => anyhow!("{name}: interrupted, but the goal may still run: {e}"),
+        Err(e) => Unwatched(format!("{name}: interrupted, but the goal may still run: {e}")).into(),
     }
 }

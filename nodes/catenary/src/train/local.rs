@@ -30,7 +30,8 @@ struct Begun {
 pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &Settings) -> Result<()> {
     output::prepare_file("out", &arguments.out)?;
     let rows = domains.rows(settings.environments, arguments.seed)?;
-    let asked = (env!("CARGO_PKG_VERSION"), METHOD, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
+    let program = (env!("CARGO_PKG_VERSION"), METHOD, catenary_simulator::fingerprint(model));
+    let asked = (program, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
     let kept = Kept::beside(&arguments.out, identity::fingerprint(&asked));
     let begun = match arguments.resume {
         true => Some(begun(&kept, settings)?),
@@ -42,11 +43,11 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
     let (trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, &shutdown)?;
     let steps = [trained.steps, settings.total_steps];
     let is_interrupted = steps[0] < steps[1];
+    // First: the policy is small, and may have room where the state has none.
+    files::write(&arguments.out, trained.policy.to_bytes())?;
     if is_interrupted {
         kept.write(&begun)?;
-    }
-    files::write(&arguments.out, trained.policy.to_bytes())?;
-    if !is_interrupted {
+    } else {
         // A state of the same training, or of an earlier one whose policy is replaced now.
         kept.remove();
     }

@@ -109,7 +109,8 @@ pub fn run(arguments: &TrainTrackerArgs) -> Result<()> {
     output::prepare(out)?;
     // The number of threads changes no bit.
     let sizes = format!("{kind:?}, {number} episodes, {:?}", TrainingSettings { threads: 0, ..settings });
-    let asked = (env!("CARGO_PKG_VERSION"), METHOD, model.to_yaml()?, sizes);
+    let program = (env!("CARGO_PKG_VERSION"), METHOD, catenary_simulator::fingerprint(&model));
+    let asked = (program, model.to_yaml()?, sizes);
     let kept = Kept::beside(out, identity::fingerprint(&asked));
     let begun = training::begun(arguments.resume, &kept, steps)?.map(|begun| *begun);
     let shutdown = Shutdown::new();
