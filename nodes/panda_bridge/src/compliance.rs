@@ -82,7 +82,8 @@ pub struct BeyondThreshold {
 
 impl Compliance {
     /// Checks that the spring cannot pull as hard as the thresholds at which the robot stops by a reflex: force and moment at the hand
-    /// (N, N m), and joint torques (N m).
+    /// (N, N m), and joint torques (N m). One axis at its clip is assumed: a hand that is held back along a diagonal may load the first
+    /// joints by up to 1.7 times as much.
     ///
     /// # Errors
     /// [`BeyondThreshold`] for the first axis or joint that exceeds 0.8 of its threshold.

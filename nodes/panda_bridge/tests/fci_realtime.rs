@@ -74,6 +74,11 @@ fn the_supervisor_stands_above_the_control_thread_and_the_rest_below() {
         || {
             let wanted = |priority| if granted { (FIFO.to_owned(), priority) } else { (OTHER.to_owned(), 0) };
             assert_eq!(schedule("fci control"), wanted(priority));
+            // The thread sets its own priority, and may not have run yet.
+            let start = Instant::now();
+            while schedule("fci watchdog") != wanted(priority + 1) && start.elapsed() < Duration::from_secs(30) {
+                std::thread::sleep(Duration::from_millis(10));
+            }
             assert_eq!(schedule("fci watchdog"), wanted(priority + 1));
             assert_eq!(
                 schedule("fci session"),

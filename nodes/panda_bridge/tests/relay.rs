@@ -83,7 +83,7 @@ impl Controller {
         let state = Arc::new(Mutex::new((pose(0.4, 0.4), Vec::new())));
         let seen = Arc::clone(&state);
         let targets = node
-            .subscription::<PoseStamped>("target_pose", Qos::Reliable { depth: 1 }, move |received| {
+            .subscription::<PoseStamped>("target_pose", Qos::Reliable { depth: 500 }, move |received| {
                 seen.lock().unwrap().1.push(received.message.pose.clone());
             })
             .unwrap();

@@ -99,9 +99,9 @@ fn open(settings: &FciSettings, address: Option<SocketAddr>) -> FrankaResult<Arc
     // A name may have several addresses: the library gets the one whose states are listened to.
     let host = address.map_or_else(|| settings.host.clone(), |address| address.to_string());
     let robot = Arc::new(Robot::with_options(&host, options)?);
-    if let Some(address) = address {
-        hear_robot_alone(&robot, address).map_err(FrankaError::Network)?;
-    }
+    // Without the address nobody could tell the robot's states from others.
+    let address = address.ok_or_else(|| FrankaError::Network(format!("fci.host: {} is not known", settings.host)))?;
+    hear_robot_alone(&robot, address).map_err(FrankaError::Network)?;
     tracing::info!("{}: connected; the robot speaks FCI version {}", settings.host, robot.server_version());
     Ok(robot)
 }

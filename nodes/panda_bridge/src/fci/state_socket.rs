@@ -41,10 +41,10 @@ pub fn hear_robot_alone(robot: &Robot, address: SocketAddr) -> Result<(), String
         FciVersion::V5 => size_of::<v5::RobotState>(),
         FciVersion::V10 => size_of::<v10::RobotState>(),
     };
-    filter(&socket, *address.ip(), None, bytes)?;
+    filter(&socket, addresses(*address.ip()), None, bytes)?;
     discard_queue(&socket);
-    let (port, message_id) = source(&socket, address, bytes)?;
-    filter(&socket, *address.ip(), Some(port), bytes)?;
+    let (source, message_id) = source(&socket, address, bytes)?;
+    filter(&socket, (*source.ip(), u32::MAX), Some(source.port()), bytes)?;
     // Datagrams of other ports may have come since.
     discard_queue(&socket);
     // The library ignores states with a lower number than its last one: it would wait for ever.
@@ -82,33 +82,41 @@ fn is_bound_to(fd: &OwnedFd, port: u16) -> bool {
         && sockopt::socket_type(fd).is_ok_and(|kind| kind == SocketType::DGRAM)
 }
 
-/// Lets through datagrams of this source with this number of bytes; `None` lets through every port of the source.
-fn filter(socket: &OwnedFd, ip: Ipv4Addr, port: Option<u16>, bytes: usize) -> Result<(), String> {
-    let attached = SockRef::from(socket).attach_filter(&program(ip, port, bytes));
+/// Addresses that a robot's states may come from, and the mask of the bits that count: its own. A simulated robot of this machine
+/// may send from another loopback address than the one it is reached at.
+fn addresses(robot: Ipv4Addr) -> (Ipv4Addr, u32) {
+    if robot.is_loopback() { (Ipv4Addr::new(127, 0, 0, 0), 0xff00_0000) } else { (robot, u32::MAX) }
+}
+
+/// Lets through datagrams of these addresses with this number of bytes; `None` lets through every port.
+fn filter(socket: &OwnedFd, from: (Ipv4Addr, u32), port: Option<u16>, bytes: usize) -> Result<(), String> {
+    let attached = SockRef::from(socket).attach_filter(&program(from, port, bytes));
     attached.map_err(|error| {
         format!("the system sets no filter on the state socket, so that others could be heard: {error}")
     })
 }
 
 /// Classic BPF program of the filter. The kernel runs it on a datagram from its UDP header on.
-fn program(ip: Ipv4Addr, port: Option<u16>, bytes: usize) -> Vec<SockFilter> {
+fn program((ip, mask): (Ipv4Addr, u32), port: Option<u16>, bytes: usize) -> Vec<SockFilter> {
     // Instructions of linux/bpf_common.h and linux/filter.h.
     const LOAD_WORD: u16 = 0x20;
     const LOAD_HALF: u16 = 0x28;
     const LOAD_LENGTH: u16 = 0x80;
+    const AND: u16 = 0x54;
     const JUMP_IF_EQUAL: u16 = 0x15;
     const RETURN: u16 = 0x06;
     /// Offset of the source in the IP header, which is found at SKF_NET_OFF (-0x100000).
     const IP_SOURCE: u32 = 0xfff0_0000 + 12;
     const UDP_SOURCE: u32 = 0;
     let length = (bytes + UDP_HEADER) as u32;
-    let mut checks = vec![(LOAD_WORD, IP_SOURCE, u32::from(ip)), (LOAD_LENGTH, 0, length)];
-    checks.extend(port.map(|port| (LOAD_HALF, UDP_SOURCE, u32::from(port))));
-    let mut program = Vec::with_capacity(2 * checks.len() + 2);
-    for (number, (load, at, wanted)) in checks.iter().enumerate() {
+    let mut checks = vec![(LOAD_WORD, IP_SOURCE, mask, u32::from(ip)), (LOAD_LENGTH, 0, u32::MAX, length)];
+    checks.extend(port.map(|port| (LOAD_HALF, UDP_SOURCE, u32::MAX, u32::from(port))));
+    let mut program = Vec::with_capacity(3 * checks.len() + 2);
+    for (number, (load, at, mask, wanted)) in checks.iter().enumerate() {
         // A check that fails skips the later ones, and the acceptance.
-        let skipped = 2 * (checks.len() - number - 1) + 1;
+        let skipped = 3 * (checks.len() - number - 1) + 1;
         program.push(SockFilter::new(*load, 0, 0, *at));
+        program.push(SockFilter::new(AND, 0, 0, *mask));
         program.push(SockFilter::new(JUMP_IF_EQUAL, 0, skipped as u8, *wanted));
     }
     program.push(SockFilter::new(RETURN, 0, 0, u32::MAX));
@@ -126,12 +134,12 @@ fn discard_queue(socket: &OwnedFd) {
     }
 }
 
-/// Returns the port that the robot's states come from, and the number of the newest one.
+/// Returns the source of the robot's states, and the number of the newest one.
 ///
-/// A robot sends from the port of its TCP server. Other servers of the protocol may choose another port: it is taken if no second one is
-/// heard.
-fn source(socket: &OwnedFd, address: SocketAddrV4, bytes: usize) -> Result<(u16, u64), String> {
-    let mut other: Option<(u16, u64)> = None;
+/// A robot sends from the address and port of its TCP server. Other servers of the protocol may choose another source: it is taken if no
+/// second one is heard.
+fn source(socket: &OwnedFd, address: SocketAddrV4, bytes: usize) -> Result<(SocketAddrV4, u64), String> {
+    let mut other: Option<(SocketAddrV4, u64)> = None;
     let start = Instant::now();
     while start.elapsed() < LISTENING {
         // Both versions begin with the number.
@@ -147,20 +155,18 @@ fn source(socket: &OwnedFd, address: SocketAddrV4, bytes: usize) -> Result<(u16,
                 ));
             }
         };
-        let Some(from) = from else { continue };
+        let Some(SocketAddr::V4(from)) = from else { continue };
         let number = u64::from_le_bytes(number);
-        if from.port() == address.port() {
-            return Ok((from.port(), number));
+        if from == address {
+            return Ok((from, number));
         }
         match other {
-            Some((port, _)) if port != from.port() => {
+            Some((first, _)) if first != from => {
                 return Err(format!(
-                    "states come from the ports {port} and {} of {}: another program there sends some, and which one is unknown",
-                    from.port(),
-                    address.ip()
+                    "states come from {first} and {from}: another program sends some, and which one is unknown"
                 ));
             }
-            _ => other = Some((from.port(), number)),
+            _ => other = Some((from, number)),
         }
     }
     other.ok_or_else(|| format!("no state came from {}", address.ip()))
@@ -192,7 +198,7 @@ mod tests {
         // 60,000 bytes travel in one piece by loopback, and 2,373 in two by Ethernet.
         for bytes in [2373, 1377, 60_000] {
             let heard = |port| {
-                filter(&handle, Ipv4Addr::new(127, 0, 0, 3), port, bytes).unwrap();
+                filter(&handle, (Ipv4Addr::new(127, 0, 0, 3), u32::MAX), port, bytes).unwrap();
                 for sender in [&robot, &neighbour, &stranger] {
                     for length in [0, 10, bytes - 1, bytes, bytes + 1] {
                         sender.send_to(&vec![1; length], to).unwrap();
@@ -207,6 +213,12 @@ mod tests {
             let [own_address, other] = [&robot, &neighbour].map(|socket| socket.local_addr().unwrap());
             assert_eq!(heard(None), [(bytes, own_address), (bytes, other)]);
             assert_eq!(heard(Some(own)), [(bytes, own_address)]);
+            filter(&handle, addresses(Ipv4Addr::new(127, 9, 9, 9)), None, bytes).unwrap();
+            stranger.send_to(&vec![1; bytes], to).unwrap();
+            assert!(receiver.recv(&mut [0; 1]).is_ok(), "every loopback address may be a simulated robot's");
+            filter(&handle, addresses(Ipv4Addr::new(172, 16, 0, 2)), None, bytes).unwrap();
+            stranger.send_to(&vec![1; bytes], to).unwrap();
+            assert!(receiver.recv(&mut [0; 1]).is_err());
         }
     }
 
@@ -226,7 +238,7 @@ mod tests {
         assert!(error.contains(&port(&first).to_string()) && error.contains(&port(&second).to_string()), "{error}");
         send(&first, 7);
         send(&second, 8);
-        assert_eq!(source(&handle, robot(port(&second)), 8), Ok((port(&second), 8)));
+        assert_eq!(source(&handle, robot(port(&second)), 8), Ok((robot(port(&second)), 8)));
         let silent = source(&handle, robot(1337), 8).unwrap_err();
         assert!(silent.contains("check the cable"), "{silent}");
     }
