@@ -8,7 +8,7 @@ mod lock_step;
 
 use crate::convert;
 use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, StillTurn, StillWait, Turn};
-use crate::writers::{Source, Writer, Writers};
+use crate::writers::{Source, Writer, Writers, lock};
 use anyhow::{Context, Result, anyhow};
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
@@ -25,7 +25,7 @@ use catenary_shell::{
 use lock_step::{Cancelled, LockStep};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant, SystemTime};
 
 /// Timeout of the answer to an enable request. The wait for the enabled state afterwards has the same timeout. It is longer
@@ -114,7 +114,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let check_arm = of_one_writer(&writers, Source::ArmState, |_: &ArmState| Ok(()));
     let (keypoints, pose) = (node.take_latest(keypoints, check_keypoints)?, node.take_latest(pose, check_pose)?);
     let arm = node.take_latest(arm, check_arm)?;
-    let lock_step = node.is_in_lock_step().then(|| LockStep::new(&node, &keypoints, &pose, &arm));
+    let lock_step = node.is_in_lock_step().then(|| LockStep::new(&node, &keypoints, &pose, &arm, &writers));
     let shell = Shell {
         lock_step: lock_step.transpose().map_err(Misconfigured::new)?,
         model_file,
@@ -165,10 +165,6 @@ fn intakes(node: &Node) -> Result<[Intake; 4]> {
         // No timeout: answers follow the policy's steps, and none comes while the episode ends.
         node.intake::<AcceptedTarget>(answers.name, answers.qos, names("answer", "answers"), Duration::MAX)?,
     ])
-}
-
-fn lock(writers: &Mutex<Writers>) -> MutexGuard<'_, Writers> {
-    writers.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Returns a check that drops the messages of a second writer within an episode, and passes the others to `check`. It runs for every
@@ -363,13 +359,8 @@ impl Shell {
                         return Ok(step.end);
                     }
                     if let (Some(lock_step), Some(sent)) = (&self.lock_step, &sent) {
-                        match lock_step.answer(
-                            &self.answers,
-                            sent,
-                            |writer| lock(&self.writers).hear(Source::AcceptedTarget, writer).is_ok(),
-                            &|nap| handle.wait_cancelled(nap),
-                        )? {
-                            Ok(answer) => answered = convert::objection(&answer),
+                        match lock_step.answer(&self.answers, sent, &|nap| handle.wait_cancelled(nap))? {
+                            Ok(answer) => answered = answer.as_ref().and_then(convert::objection),
                             Err(Cancelled) => return Ok(None),
                         }
                     }

@@ -1,6 +1,7 @@
 //! Writers of an episode's data: each topic of an episode has one writer, from the first message after the goal to the end.
 
 use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Identifier of a writer of a topic (DDS GUID). A node that is started again has another one.
 pub type Writer = [u8; 16];
@@ -100,6 +101,11 @@ impl Writers {
     pub fn stranger(&self) -> Option<Stranger> {
         self.stranger
     }
+}
+
+/// Locks writers that the threads of several topics share.
+pub fn lock(writers: &Mutex<Writers>) -> MutexGuard<'_, Writers> {
+    writers.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

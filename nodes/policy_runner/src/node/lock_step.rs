@@ -1,13 +1,14 @@
 //! Lock step: an episode acts on every frame with all data of its time, and simulated time waits for it.
 #![allow(clippy::disallowed_methods, reason = "waits for dead nodes are limited in wall time")]
 
-use crate::writers::Writer;
+use crate::writers::{Source, Writers, lock};
 use anyhow::{Result, ensure};
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
 use catenary_msgs::msg::{AcceptedTarget, ArmState, Keypoints};
 use catenary_msgs::rosgraph_msgs::msg::Clock as ClockMsg;
 use catenary_shell::{DEAD_NODE, DONE_UNTIL, Latest, Node, Publisher, Queue, Time, stamp};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Period of looks at data that come soon.
@@ -24,6 +25,7 @@ pub(super) struct LockStep {
     keypoints: Latest<Keypoints>,
     pose: Latest<PoseStamped>,
     arm: Latest<ArmState>,
+    writers: Arc<Mutex<Writers>>,
 }
 
 /// Wait that was cancelled.
@@ -36,10 +38,18 @@ impl LockStep {
         keypoints: &Latest<Keypoints>,
         pose: &Latest<PoseStamped>,
         arm: &Latest<ArmState>,
+        writers: &Arc<Mutex<Writers>>,
     ) -> Result<Self> {
         ensure!(node.clock().is_simulated(), "parameter lock_step: expected use_sim_time to be true, too");
         let done = node.publisher(DONE_UNTIL.0, DONE_UNTIL.1)?;
-        Ok(Self { node: node.clone(), done, keypoints: keypoints.clone(), pose: pose.clone(), arm: arm.clone() })
+        Ok(Self {
+            node: node.clone(),
+            done,
+            keypoints: keypoints.clone(),
+            pose: pose.clone(),
+            arm: arm.clone(),
+            writers: Arc::clone(writers),
+        })
     }
 
     /// Waits until simulated time stands still, and then for the first frame of an episode. `cancelled` waits for at most the given wall time.
@@ -76,7 +86,8 @@ impl LockStep {
             let newest = self.keypoints.get();
             let frame =
                 newest.as_ref().map(|k| stamp::from_msg(&k.message.header.stamp)).filter(|frame| *frame > after);
-            if frame.is_some_and(|frame| self.has_all_of(frame)) {
+            // With a stranger the frame may never be whole. The caller ends the episode and names it.
+            if frame.is_some_and(|frame| self.has_all_of(frame)) || self.has_stranger() {
                 return Ok(Ok(()));
             }
             ensure!(
@@ -102,7 +113,12 @@ impl LockStep {
         [pose, arm, Some(self.node.now())].iter().all(|time| time.is_some_and(|time| time >= frame))
     }
 
-    /// Waits for the gate's answer to the target with this stamp. `is_of_the_arm` refuses answers of other writers than the arm's.
+    /// Returns true if a topic of the episode came from a second writer.
+    fn has_stranger(&self) -> bool {
+        lock(&self.writers).stranger().is_some()
+    }
+
+    /// Waits for the gate's answer to the target with this stamp; `None` if another writer than the arm's answered.
     ///
     /// # Errors
     /// No answer within [`DEAD_NODE`].
@@ -110,24 +126,28 @@ impl LockStep {
         &self,
         answers: &Queue<AcceptedTarget>,
         sent: &Stamp,
-        is_of_the_arm: impl Fn(Writer) -> bool,
         cancelled: &impl Fn(Duration) -> bool,
-    ) -> Result<Result<AcceptedTarget, Cancelled>> {
+    ) -> Result<Result<Option<AcceptedTarget>, Cancelled>> {
         let began = Instant::now();
         loop {
-            match answers.next(NAP) {
-                Some(answer) if is_of_the_arm(answer.publisher) && answer.message.header.stamp == *sent => {
-                    return Ok(Ok((*answer.message).clone()));
-                }
-                // An answer of a stranger, to another publisher, or to a step that was given up.
-                Some(_) => {}
-                None if cancelled(Duration::ZERO) => return Ok(Err(Cancelled)),
-                None => ensure!(
-                    began.elapsed() < DEAD_NODE,
-                    "the arm answered no target within {} s: does the simulated cell live?",
-                    DEAD_NODE.as_secs()
-                ),
+            // Any other is the answer of a stranger, to another publisher, or to a step that was given up.
+            if let Some(answer) = answers.next(NAP)
+                && lock(&self.writers).hear(Source::AcceptedTarget, answer.publisher).is_ok()
+                && answer.message.header.stamp == *sent
+            {
+                return Ok(Ok(Some((*answer.message).clone())));
             }
+            if self.has_stranger() {
+                return Ok(Ok(None));
+            }
+            if cancelled(Duration::ZERO) {
+                return Ok(Err(Cancelled));
+            }
+            ensure!(
+                began.elapsed() < DEAD_NODE,
+                "the arm answered no target within {} s: does the simulated cell live?",
+                DEAD_NODE.as_secs()
+            );
         }
     }
 }
