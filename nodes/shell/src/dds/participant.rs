@@ -188,10 +188,12 @@ impl Participation {
         let participant = self.build()?;
         let mut new = own_machine::listeners().map_err(|error| failed(&error))?;
         new.retain(|name, _| !before.contains_key(name));
-        let port = discovery_port(self.domain, participant.participant_id());
+        let id = participant.participant_id();
         // Without this check another way of RustDDS to open its sockets would leave them open to everyone.
-        if !new.values().any(|listener| u32::from(listener.port) == port) {
-            return Err(failed(&format!("expected a socket of this process at UDP port {port}")));
+        for port in [discovery_port(self.domain, id), data_port(self.domain, id)] {
+            if !new.values().any(|listener| u32::from(listener.port) == port) {
+                return Err(failed(&format!("expected a socket of this process at UDP port {port}")));
+            }
         }
         own_machine::restrict(new.values()).map_err(|error| failed(&error))?;
         Ok(participant)

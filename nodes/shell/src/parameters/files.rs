@@ -54,8 +54,8 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Writes the file at `path` whole or not at all: a write that fails, as on a full disk, or a process that is killed leaves an existing file as it
-/// was and nothing beside it.
+/// Writes the file at `path` whole or not at all: a write that fails, as on a full disk, leaves an existing file as it
+/// was and nothing beside it. A process that is killed leaves the file as it was, and perhaps a draft `.catenary-NUMBER.draft` beside it.
 ///
 /// # Errors
 /// Message of the form `PATH: REASON`, whose source is the [`std::io::Error`].
