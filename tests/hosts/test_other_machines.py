@@ -125,7 +125,10 @@ def test_the_firewall_of_the_document_lets_in_the_machines_of_the_laboratory_alo
     text = rules()
     given = re.search(r"define lab = \{ (.*?) \}", text)[1]
     file = session.folder / "rules.nft"
-    file.write_text(text.replace(given, f"{hosts.address(NODE)}, {hosts.address(ALLOWED)}"))
+    # The third host stands for the robot: it is heard at a port that the system chose, and at no port of DDS.
+    robot = re.search(r"define robot = (\S+)", text)[1]
+    text = text.replace(given, f"{hosts.address(NODE)}, {hosts.address(ALLOWED)}").replace(robot, hosts.address(FOREIGN))
+    file.write_text(text)
     ports = start(session, hosts, "SUBNET")
     subprocess.run(hosts.on(NODE, "nft", "-f", file), check=True)
     targets = everywhere(ports, hosts.address(NODE))
@@ -134,3 +137,17 @@ def test_the_firewall_of_the_document_lets_in_the_machines_of_the_laboratory_alo
         hosts.on(NODE, "nft", "list", "table", "inet", "ros"), check=True, capture_output=True, text=True
     ).stdout)  # fmt: skip
     assert int(refused[1]) >= len(targets)
+    assert state_heard(hosts) == "state\n"
+
+
+def state_heard(hosts):
+    """A datagram of the third host as the client of a robot hears it: at a port of the system, before it has sent any itself."""
+    receive = (
+        "import socket; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); s.settimeout(30); s.bind(('', 0));"
+        "print(s.getsockname()[1], flush=True); print(s.recv(99).decode(), flush=True)"
+    )
+    with subprocess.Popen(hosts.on(NODE, sys.executable, "-c", receive), stdout=subprocess.PIPE, text=True) as client:
+        address = (hosts.address(NODE), int(client.stdout.readline()))
+        send = f"import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'state', {address})"
+        subprocess.run(hosts.on(FOREIGN, sys.executable, "-c", send), check=True)
+        return client.stdout.readline()
