@@ -84,9 +84,22 @@ def test_a_wrong_path_is_named(refused, arguments, says):
         (("replay", "--rate", 2, "-m", "/a:=/b", BAG), ("-m", *TAKEN)),
     ],
     ids=[
-        "command", "missing", "value", "option", "node", "negative", "no seeds", "preset", "fidelity", "topics without option",
-        "topic and bag", "topic as bag", "bag as topic to record", "bag as topic", "bag as name",
-    ],  # fmt: skip
+        "command",
+        "missing",
+        "value",
+        "option",
+        "node",
+        "negative",
+        "no seeds",
+        "preset",
+        "fidelity",
+        "topics without option",
+        "topic and bag",
+        "topic as bag",
+        "bag as topic to record",
+        "bag as topic",
+        "bag as name",
+    ],
 )
 def test_a_wrong_command_line_is_named(refused, arguments, says):
     refused(*arguments, says=says, code=USAGE)

@@ -53,5 +53,7 @@ def test_a_failed_write_keeps_the_old_result_and_leaves_nothing_else(program, tm
 
 def test_stdout_that_takes_nothing_is_a_failure(program, tmp_path):
     with open("/dev/full", "w") as full:
-        done = subprocess.run([PROGRAM, "effects"], cwd=tmp_path, env=program.environment(), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(
+            [PROGRAM, "effects"], cwd=tmp_path, env=program.environment(), stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     assert done.returncode == FAILED and "No space left on device" in done.stderr, done.stderr

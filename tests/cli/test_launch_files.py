@@ -22,7 +22,12 @@ MISSING = [name for name in ("launch", "launch_xml", "launch_ros") if importlib.
 beside_ros2 = pytest.mark.skipif(bool(MISSING), reason=f"ROS 2's own launch is not installed: no {', '.join(MISSING)}")
 
 ARGUMENTS = {
-    "sim.launch.xml": [{}, {"learning": "false", "seed": "7"}, {"lock_step": "true", "real_time_factor": "1000.0"}, {"cell_theta": "[0.25, 1000.0]", "respawn": "False", "bin": "/x y/z"}],
+    "sim.launch.xml": [
+        {},
+        {"learning": "false", "seed": "7"},
+        {"lock_step": "true", "real_time_factor": "1000.0"},
+        {"cell_theta": "[0.25, 1000.0]", "respawn": "False", "bin": "/x y/z"},
+    ],
     "emulated.launch.xml": [{}, {"learning": "false", "address": "127.3.2.1", "network": "lab"}],
     "lab.launch.xml": [
         {},

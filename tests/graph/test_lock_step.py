@@ -1,5 +1,6 @@
 """The simulated cell in lock step: time waits for perception and policy, so that the load of the machine changes no bit."""
 
+import itertools
 import sys
 
 import pytest
@@ -68,8 +69,8 @@ def test_two_recordings_have_the_same_bits_whatever_the_load(tmp_path):
     # 3 steps of 0.5 s, in which the arm moves; no message is missing.
     assert ends[1] - ends[0] == pytest.approx(0.5 * STEPS, abs=0.02)
     poses, frames = sorted(first["/panda/current_pose"]), sorted(first["/dlo/keypoints"])
-    assert {round(b - a, 6) for a, b in zip(poses, poses[1:])} == {0.005} and (poses[0], poses[-1]) == ends
-    assert max(b - a for a, b in zip(frames, frames[1:])) < 0.0201 and len(frames) > 60 * (ends[1] - ends[0])
+    assert {round(b - a, 6) for a, b in itertools.pairwise(poses)} == {0.005} and (poses[0], poses[-1]) == ends
+    assert max(b - a for a, b in itertools.pairwise(frames)) < 0.0201 and len(frames) > 60 * (ends[1] - ends[0])
     assert len(first["/policy/action"]) == STEPS and len(first["/policy/observation"]) == STEPS + 1
     assert len({data[0][12:] for data in first["/panda/current_pose"].values()}) > 100, "the arm did not move"
 

@@ -52,7 +52,10 @@ STOPPED = {
 
 
 def test_a_command_ends_soon_when_the_node_that_it_waits_for_is_stopped(session):
-    """Discovery keeps a stopped process for up to a minute: the silence of its diagnostics tells of it. It takes the cancellation when it goes on."""
+    """Discovery keeps a stopped process for up to a minute: the silence of its diagnostics tells of it.
+
+    It takes the cancellation when it goes on.
+    """
     session.launch()
     (session.folder / "policy").write_bytes(policy_file())
     reports = session.ros.listen(DiagnosticArray, "/diagnostics")
@@ -67,7 +70,8 @@ def test_a_command_ends_soon_when_the_node_that_it_waits_for_is_stopped(session)
     for node, command in STOPPED.items():
         before = heard(f"/{node}")
         child = session.start(*command, name=node)
-        session.ros.wait_for(lambda: child.poll() is not None or begun[node](), 60, "the work")
+        is_begun = begun[node]
+        session.ros.wait_for(lambda child=child, is_begun=is_begun: child.poll() is not None or is_begun(), 60, "the work")
         pid = session.pid_of(node)
         os.kill(pid, signal.SIGSTOP)
         try:

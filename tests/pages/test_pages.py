@@ -137,7 +137,10 @@ def test_texts_are_legible_in_both_schemes(page, scheme, browser):
     assert seen["texts"] > 20 and seen["least"] >= 4.5, f"{name}: {seen}"
 
 
-SHOWN = "[...document.querySelectorAll('.replay g[data-t]')].filter(g => getComputedStyle(g).display != 'none' && getComputedStyle(g).opacity == 1)"
+SHOWN = (
+    "[...document.querySelectorAll('.replay g[data-t]')]"
+    ".filter(g => getComputedStyle(g).display != 'none' && getComputedStyle(g).opacity == 1)"
+)
 
 
 @pytest.mark.parametrize("name", ["infer", "find_effects"])
