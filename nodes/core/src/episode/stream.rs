@@ -159,7 +159,7 @@ mod tests {
         assert_eq!(share(&back, 0, 200), 0.0);
         // A live log takes whatever comes last.
         let mut unwatched = Stream::default();
-        pass().chain((0..100).map(|t| (t, -t))).for_each(|(t, value)| unwatched.insert(t * SECOND / 10, value));
+        pass().chain((0..100).map(|t| (t, -t))).for_each(|(t, value)| unwatched.insert(t * SECOND / 10, value, true));
         assert_eq!(share(&unwatched, 0, 9), 0.0);
     }
 }
