@@ -12,9 +12,9 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 const VARIABLE: &str = "CATENARY_MEMORY_LIMIT_MIB";
 /// Default of the variable. Nodes need up to some hundred MiB.
 const DEFAULT_MIB: u64 = 4096;
-/// Least limit, MiB: the reserve of the allocator, and half as much for the node. With less than the reserve a node could not even start its
+/// Least limit, MiB: the reserve of the allocator, and a quarter as much for the node. With less than the reserve a node could not even start its
 /// threads, and a launch would start it again and again.
-const LEAST_MIB: u64 = 1536;
+const LEAST_MIB: u64 = 1280;
 
 /// Limits the memory of this process and of its children, as the environment says.
 pub(super) fn apply(variable: &dyn Fn(&str) -> Option<String>) -> Result<(), ShellError> {
@@ -38,7 +38,7 @@ fn limit(variable: &dyn Fn(&str) -> Option<String>) -> Result<Option<u64>, Shell
             mib.ok_or(ShellError::Environment {
                 variable: VARIABLE,
                 value,
-                expected: "0 (no limit), or an integer from 1536",
+                expected: "0 (no limit), or an integer from 1280",
             })?
         }
     };
@@ -53,11 +53,11 @@ mod tests {
     fn the_limit_is_read_from_the_environment() {
         let read = |value: Option<&str>| limit(&|_| value.map(str::to_owned));
         for (value, expected) in
-            [(None, Some(4 << 30)), (Some(""), Some(4 << 30)), (Some("0"), None), (Some("1536"), Some(1536 << 20))]
+            [(None, Some(4 << 30)), (Some(""), Some(4 << 30)), (Some("0"), None), (Some("1280"), Some(1280 << 20))]
         {
             assert_eq!(read(value).unwrap(), expected, "{value:?}");
         }
-        for wrong in ["1535", "-1", "4GiB", "18446744073709551615"] {
+        for wrong in ["1279", "-1", "4GiB", "18446744073709551615"] {
             let error = read(Some(wrong)).unwrap_err();
             assert!(error.is_usage() && error.to_string().contains(VARIABLE), "{error}");
         }
