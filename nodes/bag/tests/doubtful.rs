@@ -210,10 +210,6 @@ fn latched_events_of_an_earlier_episode_are_no_clock_that_was_set() {
         let topic = bag.add_topic_of::<EpisodeEvent>(EVENT, message.topic.qos[0]).unwrap();
         bag.write(topic, logged_ns, logged_ns, &event).unwrap();
     }
-    fn copy<T: Interface + Serialize + DeserializeOwned>(bag: &mut BagWriter, message: &BagMessage) {
-        let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
-        bag.write(topic, message.log_time_ns, message.publish_time_ns, &decoded::<T>(message)).unwrap();
-    }
     for message in &messages {
         match message.topic.name.as_str() {
             POSE => copy::<PoseStamped>(&mut bag, message),
@@ -225,6 +221,12 @@ fn latched_events_of_an_earlier_episode_are_no_clock_that_was_set() {
     assert_eq!(episode_notes(&BagReader::open(&path).unwrap()), [] as [String; 0]);
     let measured = read_measured(&[path], &[], &model()).unwrap().remove(0);
     assert_eq!(measured, whole());
+}
+
+/// Copies a message into a bag as it is.
+fn copy<T: Interface + Serialize + DeserializeOwned>(bag: &mut BagWriter, message: &BagMessage) {
+    let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
+    bag.write(topic, message.log_time_ns, message.publish_time_ns, &decoded::<T>(message)).unwrap();
 }
 
 /// Copy of the sample bag behind the 16 newest latched events of earlier episodes, which a late recorder receives at once. `own`
@@ -243,10 +245,6 @@ fn after_earlier_episodes(folder: &Path, restarted: bool, own: impl Fn(&EpisodeE
         // A node that was started anew counts from the sample's own number on.
         event.episode = if restarted { 7 } else { 0 } + i.div_ceil(2);
         bag.write(topic, logged_ns + i64::from(i), logged_ns + i64::from(i), &event).unwrap();
-    }
-    fn copy<T: Interface + Serialize + DeserializeOwned>(bag: &mut BagWriter, message: &BagMessage) {
-        let topic = bag.add_topic_of::<T>(&message.topic.name, message.topic.qos[0]).unwrap();
-        bag.write(topic, message.log_time_ns, message.publish_time_ns, &decoded::<T>(message)).unwrap();
     }
     for message in &messages {
         match message.topic.name.as_str() {

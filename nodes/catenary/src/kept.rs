@@ -47,7 +47,7 @@ impl Kept {
     /// Writes the state, with the file's folder.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub fn write<T: Serialize>(&self, state: &T) -> Result<()> {
         if let Some(folder) = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder)?;

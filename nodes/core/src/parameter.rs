@@ -70,7 +70,7 @@ pub enum ParameterError {
 /// Reads parameters without a check, for a model: its own check names line and field.
 ///
 /// # Errors
-/// Those of the format.
+/// Errors of the format.
 pub(crate) fn unchecked<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ParameterSpace, D::Error> {
     Ok(ParameterSpace { parameters: Vec::deserialize(deserializer)? })
 }

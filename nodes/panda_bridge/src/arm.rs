@@ -280,11 +280,6 @@ impl<P: Plant> Arm<P> {
         self.gate.name_stranger(stranger, text);
     }
 
-    /// Returns the writer whose targets the arm follows; `None` for an arm that still waits for its first target.
-    pub fn writer(&self) -> Option<Writer> {
-        self.gate.writer()
-    }
-
     /// Returns true for an enabled arm that the next acceptable target binds to its writer.
     pub fn awaits_writer(&self) -> bool {
         self.gate.awaits_writer()

@@ -66,7 +66,7 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
 /// Writes as [`write()`], for errors of other types.
 ///
 /// # Errors
-/// That of the operating system.
+/// Error of the operating system.
 pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     // The file behind a link is replaced, and the link stays.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -90,7 +90,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 /// Checks that [`write()`] could write the file at `path`, whose folder exists. Leaves everything as it was.
 ///
 /// # Errors
-/// That of the operating system.
+/// Error of the operating system.
 pub fn check_writable(path: &Path) -> std::io::Result<()> {
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let is_there = std::fs::metadata(&target).is_ok();
