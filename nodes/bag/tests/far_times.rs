@@ -107,3 +107,17 @@ fn a_message_at_zero_in_every_chunk_does_not_bring_the_whole_bag_into_memory_fir
     let usual: Vec<i64> = times.into_iter().filter(|t| *t > 0).collect();
     assert!(usual.is_sorted());
 }
+
+#[test]
+fn times_after_the_year_2262_are_far_also_where_they_are_the_most() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, whole) = (folder.path().join("far.mcap"), folder.path().join("whole.mcap"));
+    for chunk_bytes in [1 << 24, 600, 0] {
+        copy(&path, chunk_bytes, |_, index, time| if index % 3 > 0 { u64::MAX - index as u64 } else { time });
+        copy(&whole, chunk_bytes, |_, _, time| time);
+        let (bag, known) = (BagReader::open(&path).unwrap(), BagReader::open(&whole).unwrap());
+        let ((first, last), (begin, end)) = (bag.span_ns().unwrap(), known.span_ns().unwrap());
+        assert!(begin <= first && last <= end && last - first > (end - begin) / 2, "{chunk_bytes}: {first} {last}");
+        assert!(!bag.far_notes().is_empty());
+    }
+}

@@ -86,19 +86,25 @@ fn clipped(time: i128) -> i64 {
     i64::try_from(time).unwrap_or_else(|_| u64::try_from(time).map_or(i64::MIN, nanoseconds))
 }
 
-/// Median log time of a bag, by the lengths of its pieces: a few far messages do not move it.
+/// Median log time of a bag, by the lengths of its pieces: a few far messages do not move it. Times after the year 2262 are
+/// no times of a clock, however many there are: they are left out of the median. `None` without any other time.
 fn middle(files: &[IndexedFile]) -> Option<i64> {
     let mut times: Vec<(i64, u64)> = Vec::new();
     for file in files {
         for piece in &file.pieces {
             let (first, last) = piece.span;
+            if first == i64::MAX {
+                continue;
+            }
             if last.saturating_sub(first) <= FAR_NS {
                 times.push((first, piece.len.max(1)));
                 continue;
             }
             // The span of a piece with far messages tells nothing about the others.
             let mut own = Vec::new();
-            if visit_times(file, piece, |_, time| own.push(clipped(time))).is_ok() && !own.is_empty() {
+            let visited = visit_times(file, piece, |_, time| own.push(clipped(time)));
+            own.retain(|time| *time < i64::MAX);
+            if visited.is_ok() && !own.is_empty() {
                 let middle = own.len() / 2;
                 times.push((*own.select_nth_unstable(middle).1, piece.len.max(1)));
             }
