@@ -200,6 +200,58 @@ def test_messages_that_cannot_be_decoded_are_counted_and_named(figures, tmp_path
     assert figures("graph", "--bag", file)["topics"][0]["count"] == 1
 
 
+def changed_copy(file, language=None, definition=None, time_of=lambda topic, number, time_ns: time_ns):
+    """Writes the sample bag with another definition of keypoints, or other log times."""
+    with open(BAG / "swing_0.mcap", "rb") as source, open(file, "wb") as target:
+        writer, schemas, channels, counts = McapWriter(target), {}, {}, {}
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.id not in channels:
+                text = (language, definition) if language and channel.topic == "/dlo/keypoints" else (schema.encoding, schema.data)
+                schemas[schema.id] = schemas.get(schema.id) or writer.register_schema(schema.name, *text)
+                channels[channel.id] = writer.register_channel(channel.topic, "cdr", schemas[schema.id], channel.metadata)
+            number = counts[channel.id] = counts.get(channel.id, -1) + 1
+            time_ns = time_of(channel.topic, number, message.log_time)
+            writer.add_message(channels[channel.id], time_ns, message.data, message.publish_time)
+        writer.finish()
+    return file
+
+
+IDL = """module builtin_interfaces { module msg { struct Time { long sec; unsigned long nanosec; }; }; };
+module std_msgs { module msg { struct Header { builtin_interfaces::msg::Time stamp; string frame_id; }; }; };
+module catenary_msgs { module msg {
+  typedef double double__4[4];
+  typedef float float__4[4];
+  struct Keypoints {
+    std_msgs::msg::Header header; unsigned long image_width; unsigned long image_height;
+    double__4 dlo_u; double__4 dlo_v; float__4 dlo_scores;
+    boolean target_seen; double target_u; double target_v; float target_score;
+  };
+}; };
+"""
+
+
+@pytest.mark.parametrize("language", ["ros2idl", "omgidl"])
+def test_definitions_in_idl_are_as_good_as_those_in_ros2msg(figures, tmp_path, language):
+    file = changed_copy(tmp_path / "idl.mcap", language, IDL.encode())
+    assert figures("keypoints", "--bag", file) == figures("keypoints", "--bag", BAG / "swing_0.mcap")
+
+
+def test_messages_that_are_logged_decades_away_are_named_and_left_out(figures, tmp_path):
+    recorded = 1_700_000_000 * 10**9
+    at = {("/dlo/keypoints", 20): 0, ("/dlo/keypoints", 30): 2**64 - 1, ("/panda/current_pose", 120): 2**63}
+    file = changed_copy(tmp_path / "far.mcap", time_of=lambda topic, number, time_ns: at.get((topic, number), recorded + time_ns))
+    said = figures("graph", "--bag", file)
+    rates = {row["name"]: row["rate_hz"] for row in said["topics"]}
+    assert 19 < rates["/dlo/keypoints"] < 21 and 49 < rates["/panda/current_pose"] < 51
+    keypoints, poses = said["notes"]
+    assert keypoints.startswith(
+        "/dlo/keypoints: 2 messages are logged more than ten years away from the rest, at 0 ns, 18446744073709551615"
+    )
+    assert poses.startswith("/panda/current_pose: 1 message is logged")
+    assert figures("keypoints", "--bag", file)["frames"] == FRAMES - 2
+
+
 @pytest.mark.parametrize("command", ["graph", "keypoints", "episode"])
 def test_no_damage_ends_in_a_traceback(tmp_path, capsys, command):
     """Damages the file 36 times: cut off, one byte changed, or 64 bytes set to zero, anywhere."""

@@ -12,6 +12,10 @@ from .definitions import Definitions, Undecodable
 from .message_log import Channel, Endpoint, InspectError, MessageLog
 from .packed import TooLarge, is_packed, unpack, unpack_file
 
+# Distance in ns from the middle of a bag above which a log time is far, as for `catenary info`: ten years.
+FAR_NS = 10 * 365 * 86_400 * 10**9
+# Number of different times of a topic that a note lists.
+LISTED = 3
 EXPECTED = "expected a bag folder or an .mcap or .db3 file"
 
 
@@ -36,9 +40,30 @@ def read(path, names=None):
     if reading.unfinished or (path.is_dir() and not (path / "metadata.yaml").exists()):
         program = "catenary" if reading.is_plain_mcap else "ros2 bag"
         log.notes.append(f"`{program} reindex {path}` finishes it")
+    log.notes += leave_far_out(log)
     for channel in log.channels.values():
         channel.messages.sort(key=lambda pair: pair[0])
     return log
+
+
+def leave_far_out(log):
+    """Takes out messages that are logged decades away from the rest: at 0, or at 2^64 - x after a clock that ran backwards.
+
+    Rates and ages would be those of their distance. Returns a note for each topic that had some.
+    """
+    times = sorted(time_ns for channel in log.channels.values() for time_ns, _ in channel.messages)
+    if not times or times[-1] - times[0] <= FAR_NS:
+        return []
+    middle, notes = times[len(times) // 2], []
+    for name, channel in sorted(log.channels.items()):
+        far = sorted({time_ns for time_ns, _ in channel.messages if abs(time_ns - middle) > FAR_NS})
+        near = [pair for pair in channel.messages if abs(pair[0] - middle) <= FAR_NS]
+        if far:
+            count, channel.messages = len(channel.messages) - len(near), near
+            listed = ", ".join(f"{time_ns} ns" for time_ns in far[:LISTED]) + (" and others" if len(far) > LISTED else "")
+            of = "message is" if count == 1 else "messages are"
+            notes.append(f"{name}: {count} {of} logged more than ten years away from the rest, at {listed}: left out")
+    return notes
 
 
 class NoBag(Exception):

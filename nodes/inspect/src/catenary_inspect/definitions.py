@@ -42,12 +42,12 @@ def store(definition):
         return get_typestore(Stores.ROS2_JAZZY)
     if language == "ros2msg":
         types = get_types_from_msg(text, type_name)
-    elif language == "ros2idl":
+    elif language in ("ros2idl", "omgidl"):
         types = {}
         for part in re.split(r"^={80}\nIDL: .*\n", text, flags=re.MULTILINE):
             types |= get_types_from_idl(part) if part.strip() else {}
     else:
-        raise Undecodable(f"expected a definition in ros2msg or ros2idl, found one in {language}")
+        raise Undecodable(f"expected a definition in ros2msg, ros2idl or omgidl, found one in {language}")
     made = get_typestore(Stores.EMPTY)
     made.register(types)
     return made
