@@ -134,6 +134,17 @@ def test_a_killed_search_goes_on_and_ends_with_the_same_bits(program, bag, whole
     assert json.loads(done.stdout) | {"wall_s": None} == expected | {"wall_s": None}
 
 
+def test_a_search_begins_anew_beside_the_journal_of_another_and_says_so(program, bag, tmp_path):
+    child, journal = started(program, bag, tmp_path / "found")
+    child.kill()
+    child.communicate()
+    other = program.start(*command(bag, tmp_path / "found", "--seed", 2))
+    said = other.stderr.readline()
+    other.kill()
+    other.communicate()
+    assert f"{journal}: the answers of another search; this one starts over" in said
+
+
 @pytest.fixture
 def refusal(program):
     """Runs a search that has to be refused; returns its stderr."""

@@ -54,8 +54,8 @@ pub fn fingerprint(question: &Question<'_>, settings: &Settings) -> u64 {
 }
 
 impl<'a> Journal<'a> {
-    /// Opens the journal at `path`. A file of the search `fingerprint` is continued; any other is overwritten. If that
-    /// fails, the reason is logged, and the search runs without a journal.
+    /// Opens the journal at `path`. A file of the search `fingerprint` is continued; any other is overwritten, with a
+    /// warning. If that fails, the reason is logged, and the search runs without a journal.
     pub fn open(path: PathBuf, fingerprint: u64, simulator: &'a dyn DifferentiableSimulator) -> Self {
         let kept = Kept::open(&path, fingerprint).unwrap_or_else(|error| {
             warn(&path, &error);
@@ -127,6 +127,9 @@ impl Kept {
         if file.read_exact_at(&mut asked, 0).is_ok() && u64::from_le_bytes(asked) == fingerprint {
             kept.read(&file)?;
         } else {
+            if file.metadata()?.len() > kept.end {
+                tracing::warn!("{}: the answers of another search; this one starts over", path.display());
+            }
             file.set_len(0)?;
             file.write_all_at(&fingerprint.to_le_bytes(), 0)?;
         }
