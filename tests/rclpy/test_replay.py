@@ -244,6 +244,27 @@ def test_a_message_with_an_impossible_time_is_left_out(session):
         assert named in done.stderr, done.stderr
 
 
+def test_messages_in_other_encodings_are_left_out_and_named(session):
+    with open(session.folder / "mixed.mcap", "wb") as target:
+        writer = McapWriter(target)
+        writer.start("ros2")
+        number = writer.register_schema("std_msgs/msg/Int32", "ros2msg", b"int32 data\n")
+        thing = writer.register_schema("thing", "jsonschema", b"{}")
+        pose = writer.register_schema("geometry_msgs/msg/PoseStamped", "jsonschema", b"{}")
+        channels = [("/a", "cdr", number), ("/b", "json", thing), ("/c", "json", pose), ("/d", "", 0)]
+        for topic, encoding, schema in channels:
+            writer.add_message(writer.register_channel(topic, encoding, schema), 1, b"\0\1\0\0\7\0\0\0", 1)
+        writer.finish()
+    report = json.loads(session.run("replay", "mixed.mcap", "--json").stdout)
+    found = {"/b": "thing in json", "/c": "geometry_msgs/msg/PoseStamped in json", "/d": "no type in no encoding"}
+    assert report["published"] == 1
+    assert report["left_out"] == [f"{topic}: expected messages in cdr, got {kind}" for topic, kind in found.items()]
+    shown = session.run("info", "mixed.mcap").stdout
+    assert all(f"{topic} [{kind}]" in shown for topic, kind in found.items())
+    topics = json.loads(session.run("info", "mixed.mcap", "--json").stdout)["topics"]
+    assert [topic["encoding"] for topic in topics] == ["cdr", "json", "json", ""]
+
+
 def test_late_subscribers_get_the_static_transforms_of_every_broadcaster(session):
     """Records latched transforms of two broadcasters with a later recorder, and replays the bag from a later time on."""
     ros = join(session)

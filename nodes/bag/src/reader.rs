@@ -185,7 +185,7 @@ impl BagReader {
     /// Topics with types and counts, in one line.
     #[must_use]
     pub fn describe_topics(&self) -> String {
-        let one = |t: &TopicCount| format!("{} [{}] {}", t.topic.name, t.topic.type_name, t.messages);
+        let one = |t: &TopicCount| format!("{} [{}] {}", t.topic.name, t.topic.describe_type(), t.messages);
         let all: Vec<String> = self.topics.iter().map(one).collect();
         if all.is_empty() { "no topics".to_owned() } else { all.join(", ") }
     }

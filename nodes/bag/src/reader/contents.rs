@@ -25,6 +25,17 @@ pub struct Topic {
 }
 
 impl Topic {
+    /// Its type, with the encoding of its messages if that is not CDR.
+    #[must_use]
+    pub fn describe_type(&self) -> String {
+        let type_name = if self.type_name.is_empty() { "no type" } else { &self.type_name };
+        match self.encoding.as_str() {
+            "cdr" => type_name.to_owned(),
+            "" => format!("{type_name} in no encoding"),
+            other => format!("{type_name} in {other}"),
+        }
+    }
+
     /// Checks that its messages can be read as `T`.
     ///
     /// # Errors

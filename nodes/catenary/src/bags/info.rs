@@ -16,6 +16,10 @@ struct TopicInfo {
     name: String,
     #[serde(rename = "type")]
     type_name: String,
+    encoding: String,
+    /// Type and encoding in words.
+    #[serde(skip)]
+    kind: String,
     messages: u64,
     type_hash: Option<String>,
     offered_qos: Vec<String>,
@@ -60,6 +64,8 @@ impl BagInfo {
         let topic = |t: &TopicCount| TopicInfo {
             name: t.topic.name.clone(),
             type_name: t.topic.type_name.clone(),
+            encoding: t.topic.encoding.clone(),
+            kind: t.topic.describe_type(),
             messages: t.messages,
             type_hash: t.topic.type_hash.clone(),
             offered_qos: t.topic.qos.iter().map(ToString::to_string).collect(),
@@ -93,7 +99,7 @@ impl BagInfo {
         let head =
             format!("{}: {} messages in {:.3} s{files}{index}", self.bag.display(), self.messages, self.duration_s);
         let row = |t: &TopicInfo| {
-            let head = format!("{:>8} {} [{}]", t.messages, t.name, t.type_name);
+            let head = format!("{:>8} {} [{}]", t.messages, t.name, t.kind);
             // One line if it fits a terminal of 80 columns.
             match t.offered_qos.as_slice() {
                 [] => head,

@@ -75,11 +75,14 @@ pub(super) fn choose<'a>(
 /// Reason for which messages of a topic cannot be published; none if they can.
 fn unplayable(topic: &Topic) -> Option<String> {
     match kinds::find(&topic.type_name) {
-        Some(kind) => kind.check(topic).err().map(|e| e.to_string()),
+        _ if topic.encoding != "cdr" => Some(format!("expected messages in cdr, got {}", topic.describe_type())),
+        Some(kind) => kind.check(topic).err().map(|error| match error {
+            BagError::Type { expected, found, .. } => format!("expected {expected}, found {found}"),
+            other => other.to_string(),
+        }),
         None if topic.type_name.split('/').nth(1) != Some("msg") => {
             Some(format!("its type {:?} is no message's", topic.type_name))
         }
-        None if topic.encoding != "cdr" => Some(format!("its messages are in {}, not in cdr", topic.encoding)),
         None => None,
     }
 }
