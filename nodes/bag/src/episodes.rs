@@ -6,8 +6,9 @@ mod convert;
 mod live;
 
 use crate::error::BagError;
+use crate::latched;
 use crate::reader::{BagMessage, BagReader};
-use catenary_core::episode::MeasuredTrack;
+use catenary_core::episode::{EpisodeError, MeasuredTrack};
 use catenary_core::{Episode, EpisodeLog, Model};
 use catenary_msgs::Interface;
 use catenary_msgs::geometry_msgs::msg::PoseStamped;
@@ -205,11 +206,22 @@ fn read_kept(bag: &BagReader, topics: &EpisodeTopics, log: &mut EpisodeLog) -> R
 /// [`BagError::Episode`] if there is no complete episode, and those of [`read_episodes`].
 pub fn visit_episodes(bag: &BagReader, topics: &EpisodeTopics, mut visit: impl FnMut(Episode)) -> Result<(), BagError> {
     let mut log = survey(bag, topics)?;
-    log.last().map_err(|reason| BagError::Episode { path: bag.path().to_owned(), reason })?;
+    log.last().map_err(|reason| no_episode(bag, reason))?;
     log.keep_all();
     fill(bag, topics, &mut log, &mut visit)?;
     log.take_ended(i64::MAX).into_iter().for_each(visit);
     Ok(())
+}
+
+/// Error of a bag that lacks an episode. Of a split recording, another file may hold its events.
+fn no_episode(bag: &BagReader, reason: EpisodeError) -> BagError {
+    let reason = match (reason, latched::lacking(bag)) {
+        (EpisodeError::NoEpisode { cause, found }, Some(note)) => {
+            EpisodeError::NoEpisode { cause: format!("{note}: {cause}"), found }
+        }
+        (reason, _) => reason,
+    };
+    BagError::Episode { path: bag.path().to_owned(), reason }
 }
 
 /// Doubts about the episodes of a bag: stamps, clocks, frames, meaningless messages, and ends by a fault. Empty for a
@@ -267,7 +279,7 @@ pub fn read_measured(bags: &[PathBuf], numbers: &[u32], model: &Model) -> Result
             let mut log = survey(&reader, &topics)?;
             let numbers: Vec<Option<u32>> =
                 chosen.iter().filter(|(of, _)| of == bag).map(|(_, number)| wanted(*number)).collect();
-            log.keep(&numbers).map_err(failed)?;
+            log.keep(&numbers).map_err(|reason| no_episode(&reader, reason))?;
             read_kept(&reader, &topics, &mut log)?;
             logs.insert(bag, log);
         }

@@ -6,6 +6,11 @@ use crate::reader::BagReader;
 /// bags. Transforms, camera and start of an episode may be among them.
 #[must_use]
 pub fn latched_elsewhere(bag: &BagReader) -> Option<String> {
+    lacking(bag).map(|note| format!("{}: {note}", bag.path().display()))
+}
+
+/// The same sentence without the path of the bag.
+pub(crate) fn lacking(bag: &BagReader) -> Option<String> {
     let first = bag.files().next()?;
     let stem = first.file_name()?.to_str()?.split('.').next()?;
     // Recorders number the files of a bag from 0.
@@ -15,9 +20,8 @@ pub fn latched_elsewhere(bag: &BagReader) -> Option<String> {
     let names: Vec<&str> = empty.map(|t| t.topic.name.as_str()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{}: a part of a split recording, without its files before number {number}: no message of the latched topics {}; they come \
+            "a part of a split recording, without its files before number {number}: no message of the latched topics {}; they come \
              once, and lie in an earlier file, if anywhere",
-            bag.path().display(),
             names.join(", ")
         )
     })

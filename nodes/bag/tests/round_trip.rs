@@ -1,11 +1,15 @@
 //! Messages, order, topics and metadata of a written bag are read back, and errors name things that are no bags.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test of files reads files")]
 
-use catenary_bag::{BagError, BagReader, BagWriter, Compression, Split, WriterOptions, latched_elsewhere, reindex};
+use catenary_bag::{
+    BagError, BagReader, BagWriter, Compression, Split, WriterOptions, latched_elsewhere, read_measured, reindex,
+};
+use catenary_core::Model;
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped};
+use catenary_msgs::msg::EpisodeEvent;
 use catenary_msgs::sensor_msgs::msg::Image;
 use catenary_shell::Qos;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 fn pose(x: f64) -> PoseStamped {
@@ -241,7 +245,9 @@ fn a_part_of_a_split_recording_names_the_latched_topics_that_it_lacks() {
     let mut bag = BagWriter::create(&whole, &WriterOptions { split, ..WriterOptions::default() }).unwrap();
     let latched = Qos::ReliableTransientLocal { depth: 1 };
     let [once, often] = ["/once", "/often"].map(|name| bag.add_topic_of::<PoseStamped>(name, latched).unwrap());
+    let events = bag.add_topic_of::<EpisodeEvent>("/episode/event", latched).unwrap();
     bag.write(once, 0, 0, &pose(0.0)).unwrap();
+    bag.write(events, 0, 0, &EpisodeEvent::default()).unwrap();
     for i in 0..30 {
         let time_ns = 100_000_000 * i;
         bag.write(often, time_ns, time_ns, &pose(1.0)).unwrap();
@@ -251,7 +257,12 @@ fn a_part_of_a_split_recording_names_the_latched_topics_that_it_lacks() {
     std::fs::copy(whole.join("whole_2.mcap"), part.join("whole_2.mcap")).unwrap();
     assert_eq!(latched_elsewhere(&BagReader::open(&whole).unwrap()), None);
     let told = latched_elsewhere(&BagReader::open(&part).unwrap()).unwrap();
-    assert!(told.contains("before number 2: no message of the latched topics /once; they come once"), "{told}");
+    let lacking = "before number 2: no message of the latched topics /episode/event, /once; they come once";
+    assert!(told.contains(lacking), "{told}");
+    let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let refused = |bag: &PathBuf| read_measured(std::slice::from_ref(bag), &[], &model).unwrap_err().to_string();
+    assert!(refused(&part).contains(lacking) && refused(&part).contains("no complete episode"), "{}", refused(&part));
+    assert!(!refused(&whole).contains("latched"), "{}", refused(&whole));
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod player;
 mod settings;
 
 use crate::error::BagError;
+use crate::latched::latched_elsewhere;
 use arm_watch::{ArmWatch, refuse_two_arms};
 use catenary_msgs::Interface;
 use catenary_msgs::msg::ArmState;
@@ -30,7 +31,7 @@ const LINGER: Duration = Duration::from_millis(500);
 /// [`BagError`]: settings, a path without a bag, a bag with nothing to replay, the graph, [`BagError::Refused`].
 pub fn replay(node: &Node, settings: &ReplaySettings) -> Result<ReplaySummary, BagError> {
     let bag = settings.open()?;
-    for note in bag.notes().iter().chain(bag.far_notes()) {
+    for note in bag.notes().iter().chain(bag.far_notes()).chain(&latched_elsewhere(&bag)) {
         tracing::warn!("{note}");
     }
     let mut summary = ReplaySummary::default();
