@@ -88,18 +88,23 @@ fn settings(present: &SegmenterParams) -> Vec<Setting> {
             let (probable, certain) =
                 (present.min_probability.min(LESS_PROBABLE), present.min_certainty.min(LESS_CERTAIN));
             let lower = |setting: &Setting| {
-                let value = Yaml::Float(f64::from(probable));
+                let value = shortest(probable);
                 setting.with("min_probability", value, |params| params.min_probability = probable)
             };
-            let surer = same.with("min_certainty", Yaml::Float(f64::from(certain)), |p| p.min_certainty = certain);
+            let surer = same.with("min_certainty", shortest(certain), |p| p.min_certainty = certain);
             vec![surer.clone(), lower(&same), lower(&surer)]
         }
         Backend::Yolo => {
             let least = 0.5 * present.yolo.min_confidence;
-            let value = Yaml::Float(f64::from(least));
+            let value = shortest(least);
             vec![same.with("yolo.min_confidence", value, |params| params.yolo.min_confidence = least)]
         }
     }
+}
+
+/// Value in the fewest digits that are read back as the same `f32`.
+fn shortest(value: f32) -> Yaml {
+    Yaml::Float(value.to_string().parse().unwrap_or(f64::from(value)))
 }
 
 /// Another setting that finds the object where the present one does not.
@@ -238,6 +243,9 @@ mod tests {
             let counts: Vec<usize> = all.iter().map(|setting| setting.values.len()).collect();
             assert_eq!(counts[0], 1, "{counts:?}");
         }
+        let learned = SegmenterParams { backend: Backend::Learned, ..SegmenterParams::default() };
+        let (name, value) = &settings(&learned)[0].values[0];
+        assert_eq!((name.as_str(), value), ("min_certainty", &Yaml::Float(0.2)), "and not 0.2 as an f32");
         // A sector that would meet the target's is left out.
         let mut close = SegmenterParams::default();
         close.colours.target.hue_deg = [100.0, 185.0];
