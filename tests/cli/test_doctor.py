@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 
 import pytest
@@ -10,8 +11,8 @@ from support.program import PROGRAM
 
 NAMES = {
     "cores", "loopback", "receive buffer", "default buffer", "send buffer", "disk", "logs", "ffmpeg", "Python", "kernel", "rtprio",
-    "memlock", "CPU governor", "robot network", "domain", "other graphs", "discovery range", "localhost only", "middleware",
-    "Fast DDS profile",
+    "memlock", "CPU governor", "robot network", "domain", "other graphs", "discovery range", "ros2 daemon", "localhost only",
+    "middleware", "Fast DDS profile",
 }  # fmt: skip
 # Checks that matter to a real arm alone.
 REAL_TIME = ("kernel", "rtprio", "memlock", "CPU governor")
@@ -116,3 +117,24 @@ def test_nodes_of_another_graph_are_named(program, doctor):
         other.terminate()
         other.communicate(timeout=10)
     assert "doctor" not in json.dumps(check), "it does not find itself"
+
+
+def test_a_daemon_of_ros2_that_hears_another_range_is_named(doctor):
+    """A process with the arguments with which `ros2` starts its daemon stands for one."""
+    command = ["sh", "-c", "sleep 60 & wait", "--name", "ros2-daemon", "--ros-domain-id", "57", "--rmw-implementation", "rmw_fastrtps_cpp"]
+    environment = {"PATH": os.environ["PATH"], "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    daemon = subprocess.Popen(command, env=environment, start_new_session=True)
+
+    def found(**settings):
+        checks = json.loads(doctor("--json", ROS_DOMAIN_ID="57", **settings).stdout)
+        return next(check for check in checks if check["name"] == "ros2 daemon")
+
+    try:
+        other = found(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+        assert other["verdict"] == "warning" and other["remedy"].startswith("ros2 daemon stop")
+        assert f"process {daemon.pid} hears LOCALHOST, and nodes here SUBNET" in other["detail"]
+        assert found(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")["verdict"] == "good"
+    finally:
+        os.killpg(daemon.pid, signal.SIGKILL)
+        daemon.wait()
+    assert found(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")["detail"] == "none runs for this domain"

@@ -1,6 +1,7 @@
 //! Checks of the ROS 2 environment: settings that separate nodes from one another.
 
 use super::check::Check;
+use super::daemon;
 use catenary_core::spelling::did_you_mean;
 use catenary_shell::{NodeBuilder, RosArgs, ShellError, domain_id, files};
 use std::net::UdpSocket;
@@ -24,6 +25,7 @@ const RANGES: [&str; 3] = ["SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"];
 pub fn checks() -> Vec<Check> {
     let mut checks = vec![domain(), graphs()];
     checks.push(range(variable("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref()));
+    checks.extend(domain_id().ok().map(daemon::check));
     checks.push(localhost_only(variable("ROS_LOCALHOST_ONLY").as_deref()));
     checks.push(middleware(variable("RMW_IMPLEMENTATION").as_deref()));
     let profiles = ["FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"];
