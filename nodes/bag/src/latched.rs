@@ -9,7 +9,7 @@ pub fn latched_elsewhere(bag: &BagReader) -> Option<String> {
     lacking(bag).map(|note| format!("{}: {note}", bag.path().display()))
 }
 
-/// The same sentence without the path of the bag.
+/// Sentence of [`latched_elsewhere`] without the path of the bag.
 pub(crate) fn lacking(bag: &BagReader) -> Option<String> {
     let first = bag.files().next()?;
     let stem = first.file_name()?.to_str()?.split('.').next()?;

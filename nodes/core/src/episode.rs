@@ -6,6 +6,7 @@
 mod complete;
 mod coverage;
 mod error;
+mod kept;
 mod log;
 mod measured;
 mod order;

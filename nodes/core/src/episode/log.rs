@@ -2,6 +2,7 @@
 
 use super::complete::{Episode, EpisodeStart, is_fault};
 use super::error::EpisodeError;
+use super::kept::{Kept, LEAD_NS, Span};
 use super::plausible::{KEYPOINTS, MOST_LEFT_OUT, MeasuredPose, POSES, seconds};
 use super::stream::Stream;
 use crate::{Keypoints, Observation};
@@ -9,10 +10,6 @@ use std::collections::BTreeMap;
 
 /// Frame in which poses are expected.
 const BASE_FRAME: &str = "panda_link0";
-
-/// Time in ns before an episode's start from which records still belong to it: they hold the pose and the frame at the
-/// start.
-const LEAD_NS: i64 = 200_000_000;
 
 /// Age in ns of the newest records that a live log keeps: an episode whose start arrives late begins with them.
 const RECENT_NS: i64 = 2_000_000_000;
@@ -105,55 +102,6 @@ struct Passed {
     count: usize,
     /// First and last stamp in ns.
     span_ns: [i64; 2],
-}
-
-/// Choice of the records that a log keeps: those of some complete episodes.
-#[derive(Debug, Clone, Default)]
-struct Kept {
-    /// Spans of the episodes, in order of their starts.
-    spans: Vec<Span>,
-    /// Ranges of the stamps in ns, in order and apart from one another.
-    ranges_ns: Vec<(i64, i64)>,
-    /// True while records are counted, too: in the first reading of a recording.
-    counts: bool,
-}
-
-impl Kept {
-    fn new(spans: Vec<Span>, counts: bool) -> Self {
-        let mut ranges_ns: Vec<(i64, i64)> = Vec::new();
-        for span in &spans {
-            let (from, to) = (span.start_ns.saturating_sub(LEAD_NS), span.end_ns);
-            match ranges_ns.last_mut().filter(|last| last.1 >= from) {
-                Some(last) => last.1 = last.1.max(to),
-                None => ranges_ns.push((from, to)),
-            }
-        }
-        Self { spans, ranges_ns, counts }
-    }
-
-    /// True if a record of a stream lies in one of the episodes.
-    fn holds(&self, stamp_ns: i64) -> bool {
-        let next = self.ranges_ns.partition_point(|(from, _)| *from <= stamp_ns);
-        next.checked_sub(1).is_some_and(|i| stamp_ns <= self.ranges_ns[i].1)
-    }
-
-    /// True if a step is one of the episodes' own.
-    fn holds_step(&self, episode: u32, stamp_ns: i64) -> bool {
-        let own = |s: &&Span| s.number == episode;
-        self.spans.iter().filter(own).any(|s| {
-            (s.start_ns.saturating_sub(LEAD_NS)..=s.until_ns.saturating_sub(LEAD_NS).max(s.end_ns)).contains(&stamp_ns)
-        })
-    }
-}
-
-/// Complete episode: its number and the stamps in ns of its start and end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Span {
-    start_ns: i64,
-    number: u32,
-    end_ns: i64,
-    /// Start of the next episode with the same number.
-    until_ns: i64,
 }
 
 impl EpisodeLog {
