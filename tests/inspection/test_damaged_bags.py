@@ -252,6 +252,13 @@ def test_messages_that_are_logged_decades_away_are_named_and_left_out(figures, t
     assert figures("keypoints", "--bag", file)["frames"] == FRAMES - 2
 
 
+def test_impossible_log_times_are_left_out_also_where_they_are_the_most(figures, tmp_path):
+    recorded = 1_700_000_000 * 10**9
+    time_of = lambda topic, number, time_ns: 2**64 - 1 - number if number % 3 else recorded + time_ns
+    file = changed_copy(tmp_path / "far.mcap", time_of=time_of)
+    assert figures("keypoints", "--bag", file)["frames"] == (FRAMES + 2) // 3
+
+
 @pytest.mark.parametrize("command", ["graph", "keypoints", "episode"])
 def test_no_damage_ends_in_a_traceback(tmp_path, capsys, command):
     """Damages the file 36 times: cut off, one byte changed, or 64 bytes set to zero, anywhere."""

@@ -54,7 +54,9 @@ def leave_far_out(log):
     times = sorted(time_ns for channel in log.channels.values() for time_ns, _ in channel.messages)
     if not times or times[-1] - times[0] <= FAR_NS:
         return []
-    middle, notes = times[len(times) // 2], []
+    # Times after the year 2262 are no times of a clock, however many there are.
+    possible = [time_ns for time_ns in times if time_ns < 2**63] or times
+    middle, notes = possible[len(possible) // 2], []
     for name, channel in sorted(log.channels.items()):
         far = sorted({time_ns for time_ns, _ in channel.messages if abs(time_ns - middle) > FAR_NS})
         near = [pair for pair in channel.messages if abs(pair[0] - middle) <= FAR_NS]
