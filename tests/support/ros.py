@@ -34,6 +34,23 @@ if not MISSING:
     from std_srvs.srv import Trigger
 
 
+# Services that every node offers, ours and those of rclpy.
+SERVICES = ("describe_parameters", "get_parameter_types", "get_parameters", "get_type_description", "list_parameters", "set_parameters")
+
+
+def sees(node, nodes):
+    """Tells whether a node of rclpy sees all of `nodes`, each with the services that every node offers.
+
+    The names alone say little: they come in one message of each participant, and what Fast DDS may miss are endpoints.
+    """
+    seen = dict(node.get_node_names_and_namespaces())
+    try:
+        offered = {name: {service for service, _ in node.get_service_names_and_types_by_node(name, seen[name])} for name in nodes}
+    except (KeyError, RuntimeError):
+        return False  # One of them is not known yet, or has left meanwhile.
+    return all(f"{seen[name].rstrip('/')}/{name}/{service}" in offered[name] for name in nodes for service in SERVICES)
+
+
 class Ros:
     """A node of rclpy that spins while a test waits."""
 

@@ -14,7 +14,7 @@ import uuid
 from . import contract
 from .domains import Domain
 from .program import PROGRAM, ROOT, completed
-from .ros import Ros
+from .ros import Ros, sees
 from .waiting import wait_for
 
 # Logs and states go to a folder of their own, also those of rclpy in this process, so that the user's are left alone.
@@ -92,7 +92,7 @@ class Session:
         for _ in range(6):
             time.sleep(1)
             self.ros = Ros(self.domain)
-            if self.ros.holds_within(lambda: set(nodes) <= set(self.ros.node.get_node_names()), within):
+            if self.ros.holds_within(lambda: sees(self.ros.node, nodes), within):
                 return self.ros
             self.ros.close()
         raise AssertionError(f"rclpy does not see all of {nodes}")
@@ -107,7 +107,7 @@ class Session:
 
         def complete():
             assert launch.poll() is None, "the launch ended by itself"
-            return nodes <= set(self.ros.node.get_node_names())
+            return sees(self.ros.node, nodes)
 
         self.wait_for(lambda: all(map(self.pid_of, nodes)), 20, "a process for each node")
         for _ in range(6):
