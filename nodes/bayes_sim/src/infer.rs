@@ -189,6 +189,7 @@ mod tests {
     use crate::sequential::request;
     use crate::sequential::tests::{TOY, TRUTH, quick};
     use catenary_core::mlp::Layer;
+    use catenary_core::policy::Observes;
     use catenary_core::simulator::StartShape;
     use catenary_core::task::DeltaAnchor;
     use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError};
@@ -331,7 +332,8 @@ mod tests {
         let policy = Policy {
             name: "still".into(),
             actor: Mlp::new(vec![layer]).unwrap(),
-            history: 0,
+            observes: Observes::default(),
+            plan: None,
             observation_mean: [0.0; 12],
             observation_scale: [1.0; 12],
             action_scale: [1.0; 2],

@@ -1,5 +1,11 @@
 //! Policy with everything that is needed to run it, and its file format.
 
+mod memory;
+mod plan;
+
+pub use memory::{Memory, Observes};
+pub use plan::Plan;
+
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
 use crate::task::{DeltaAnchor, Goal, MAX_DELTA_M, MOST_STEPS, REWARD_RANGE_M, STEP_PERIOD_S};
@@ -9,8 +15,10 @@ use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 use thiserror::Error;
 
-/// Value of the metadata entry `format` of a policy file.
+/// Value of the metadata entry `format` of a policy file that programs before plans can run, too.
 const FORMAT: &str = "catenary policy 1";
+/// Value of the entry in a file of a policy with a plan, or that observes the time. Earlier programs refuse it.
+const FORMAT_WITH_TIME: &str = "catenary policy 2";
 /// Greatest standard deviation of an action in a file, in units of the action limit.
 const GREATEST_ACTION_SCALE: f32 = 100.0;
 
@@ -25,17 +33,18 @@ const LONGEST_NAME: usize = 256;
 /// Most observations before the newest that a policy may take.
 pub const MOST_HISTORY: usize = 64;
 
-/// Gaussian policy over actions (dx, dz). The network gives the mean in units of the action limit.
+/// Gaussian policy over actions (dx, dz). The mean, in units of the action limit, is the output of the network plus the action of the plan,
+/// if there is one (residual policy learning, Johannink et al. 2019).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Policy {
     /// Name that episodes report.
     pub name: String,
-    /// Actor network. Inputs: the 12 normalised values of each of `1 + history` observations, the newest first. Outputs: mean of dx and dz, where
-    /// 1 is the action limit of 0.06 m.
+    /// Actor network. Inputs: those of `observes`. Outputs: mean of dx and dz, where 1 is the action limit of 0.06 m.
     pub actor: Mlp,
-    /// Number of observations before the newest that the network takes, 0 for none. With them a policy can find out in an episode what one
-    /// observation hides, such as the object's stiffness.
-    pub history: usize,
+    /// Inputs of the network.
+    pub observes: Observes,
+    /// Open-loop plan that the network corrects; none: the network alone acts.
+    pub plan: Option<Plan>,
     /// Mean of each observation component in training.
     pub observation_mean: [f32; Observation::LEN],
     /// Standard deviation of each observation component in training.
@@ -102,11 +111,12 @@ impl Policy {
     }
 
     fn mean(&self, observation: &Observation, memory: &mut Memory) -> [f32; 2] {
-        let seen = memory.push(observation, self.history);
-        let x: Vec<f32> =
-            seen.iter().flat_map(|o| normalised(o, &self.observation_mean, &self.observation_scale)).collect();
+        memory.see(observation, self.observes.history);
+        let mut x = Vec::with_capacity(self.observes.count());
+        self.observes.append_inputs(memory, self.steps, &self.observation_mean, &self.observation_scale, &mut x);
         let mean = self.actor.forward(&x, 1);
-        [mean[0], mean[1]]
+        let planned = self.plan.as_ref().map_or([0.0; 2], |plan| plan.action(memory));
+        std::array::from_fn(|i| mean[i] + planned[i])
     }
 
     /// Writes the policy as a safetensors file. Equal policies give equal bytes.
@@ -122,16 +132,23 @@ impl Policy {
         add("observation_mean".into(), vec![Observation::LEN], &self.observation_mean);
         add("observation_scale".into(), vec![Observation::LEN], &self.observation_scale);
         add("action_scale".into(), vec![2], &self.action_scale);
+        if let Some(plan) = &self.plan {
+            add("plan".into(), vec![plan.steps.len(), 2, 3], &plan.numbers());
+        }
+        let format = if self.plan.is_some() || self.observes.time { FORMAT_WITH_TIME } else { FORMAT };
         let mut metadata = HashMap::from([
-            ("format".to_owned(), FORMAT.to_owned()),
+            ("format".to_owned(), format.to_owned()),
             ("name".to_owned(), self.name.clone()),
             ("step_period_s".to_owned(), self.step_period_s.to_string()),
             ("delta_anchor".to_owned(), anchor_name(self.delta_anchor).to_owned()),
             ("steps".to_owned(), self.steps.to_string()),
         ]);
         // Files of policies without a history stay as those of earlier versions, which do not know the entry.
-        if self.history > 0 {
-            metadata.insert("history".to_owned(), self.history.to_string());
+        if self.observes.history > 0 {
+            metadata.insert("history".to_owned(), self.observes.history.to_string());
+        }
+        if self.observes.time {
+            metadata.insert("time".to_owned(), "true".to_owned());
         }
         if let Some(goal) = &self.goal {
             metadata
@@ -154,8 +171,8 @@ impl Policy {
         let metadata = header.metadata().clone().unwrap_or_default();
         let text = |field: &str| metadata.get(field).cloned().ok_or_else(|| bad(field, "a metadata entry", "none"));
         match text("format")? {
-            format if format == FORMAT => {}
-            other => return Err(bad("format", FORMAT, &other)),
+            format if [FORMAT, FORMAT_WITH_TIME].contains(&format.as_str()) => {}
+            other => return Err(bad("format", &format!("{FORMAT} or {FORMAT_WITH_TIME}"), &other)),
         }
         let mut layers = Vec::new();
         // Layers are numbered from 0; the first number without a tensor ends them.
@@ -172,7 +189,13 @@ impl Policy {
             .ok()
             .filter(|n| *n <= MOST_HISTORY)
             .ok_or_else(|| bad("history", &format!("a whole number from 0 to {MOST_HISTORY}"), history))?;
-        let inputs = Observation::LEN * (1 + history);
+        let time = match metadata.get("time").map_or("false", String::as_str) {
+            "true" => true,
+            "false" => false,
+            other => return Err(bad("time", "true or false", other)),
+        };
+        let observes = Observes { history, time };
+        let inputs = observes.count();
         if actor.inputs() != inputs || actor.outputs() != 2 {
             let got = format!("{} and {}", actor.inputs(), actor.outputs());
             return Err(bad("actor", &format!("{inputs} inputs and 2 outputs"), &got));
@@ -181,6 +204,12 @@ impl Policy {
         let [shortest, longest] = STEP_PERIOD_S;
         let step_period_s = period.parse().ok().filter(|p: &f64| (shortest..=longest).contains(p));
         let steps = text("steps")?;
+        let steps = steps
+            .parse()
+            .ok()
+            .filter(|n| (1..=MOST_STEPS).contains(n))
+            .ok_or_else(|| bad("steps", &format!("a whole number from 1 to {MOST_STEPS}"), &steps))?;
+        let plan = if file.tensor("plan").is_ok() { Some(plan(&file, steps)?) } else { None };
         let anchor = text("delta_anchor")?;
         let goal = metadata.get("goal").map(|text| {
             let goal: Goal = serde_json::from_str(text)
@@ -200,7 +229,8 @@ impl Policy {
         Ok(Self {
             name,
             actor,
-            history,
+            observes,
+            plan,
             observation_mean: within(
                 fixed(&file, "observation_mean")?,
                 "observation_mean",
@@ -223,41 +253,9 @@ impl Policy {
                 "last_target" => DeltaAnchor::LastTarget,
                 other => return Err(bad("delta_anchor", "measured or last_target", other)),
             },
-            steps: steps
-                .parse()
-                .ok()
-                .filter(|n| (1..=MOST_STEPS).contains(n))
-                .ok_or_else(|| bad("steps", &format!("a whole number from 1 to {MOST_STEPS}"), &steps))?,
+            steps,
             goal: goal.transpose()?,
         })
-    }
-}
-
-/// Normalised observation, an input of the network: `(observation - mean) / max(scale, 1e-6)`, within +-10.
-pub fn normalised(
-    observation: &Observation,
-    mean: &[f32; Observation::LEN],
-    scale: &[f32; Observation::LEN],
-) -> [f32; Observation::LEN] {
-    // A component that hardly varied in training has a tiny scale: without the limit, a small change would be a huge input.
-    std::array::from_fn(|i| ((observation.0[i] as f32 - mean[i]) / scale[i].max(1e-6)).clamp(-10.0, 10.0))
-}
-
-/// Newest observations of an episode, for a policy with a history. The default is empty: the start of an episode.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Memory {
-    /// The newest first.
-    observations: Vec<Observation>,
-}
-
-impl Memory {
-    /// Adds the newest observation, and returns it with the `history` ones before it, the newest first. Where the episode has fewer, its
-    /// first one stands for those that are missing. `history` is the same in all calls of an episode.
-    pub fn push(&mut self, newest: &Observation, history: usize) -> &[Observation] {
-        let oldest = *self.observations.last().unwrap_or(newest);
-        self.observations.insert(0, *newest);
-        self.observations.resize(1 + history, oldest);
-        &self.observations
     }
 }
 
@@ -346,6 +344,18 @@ fn layer(file: &SafeTensors<'_>, index: usize) -> Result<Layer, PolicyError> {
     Ok(Layer { inputs, outputs, weight, bias })
 }
 
+/// Plan of a file: a row of three numbers for dx and one for dz, at each step.
+fn plan(file: &SafeTensors<'_>, steps: usize) -> Result<Plan, PolicyError> {
+    let (shape, numbers) = values(file, "plan")?;
+    if shape != [steps, 2, 3] {
+        return Err(bad("plan", &format!("the shape {:?}", [steps, 2, 3]), &format!("{shape:?}")));
+    }
+    if let Some(got) = numbers.iter().find(|v| v.abs() > GREATEST_NUMBER) {
+        return Err(bad("plan", &format!("numbers of -{GREATEST_NUMBER} to {GREATEST_NUMBER}"), &got.to_string()));
+    }
+    Ok(Plan::of_numbers(&numbers))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -360,7 +370,8 @@ mod tests {
         Policy {
             name: "pi0".into(),
             actor: Mlp::new(vec![l(12, 5), l(5, 2)]).unwrap(),
-            history: 0,
+            observes: Observes::default(),
+            plan: None,
             observation_mean: [0.1; 12],
             observation_scale: [2.0; 12],
             action_scale: [0.5, 0.4],
@@ -430,9 +441,9 @@ mod tests {
         let bytes = policy().to_bytes();
         let place = bytes.windows(FORMAT.len()).position(|w| w == FORMAT.as_bytes()).unwrap();
         let mut other = bytes.clone();
-        other[place + FORMAT.len() - 1] = b'2';
+        other[place + FORMAT.len() - 1] = b'3';
         let words = Policy::from_bytes(&other).unwrap_err().to_string();
-        assert_eq!(words, "policy: `format`: expected catenary policy 1, got catenary policy 2");
+        assert_eq!(words, "policy: `format`: expected catenary policy 1 or catenary policy 2, got catenary policy 3");
     }
 
     #[test]
@@ -443,35 +454,53 @@ mod tests {
     }
 
     #[test]
-    fn a_history_starts_with_the_first_observation_and_the_newest_comes_first() {
-        let at = |x: f64| Observation([x; 12]);
-        let mut memory = Memory::default();
-        assert_eq!(memory.push(&at(1.0), 2), [at(1.0), at(1.0), at(1.0)]);
-        assert_eq!(memory.push(&at(2.0), 2), [at(2.0), at(1.0), at(1.0)]);
-        memory.push(&at(3.0), 2);
-        assert_eq!(memory.push(&at(4.0), 2), [at(4.0), at(3.0), at(2.0)]);
-        assert_eq!(Memory::default().push(&at(5.0), 0), [at(5.0)]);
-    }
-
-    #[test]
     fn a_policy_with_a_history_acts_on_it_and_its_file_keeps_it() {
         // dx is the change of x, dz that of z, between the newest observation and the one before it.
         let mut weight = vec![0.0; 48];
         (weight[0], weight[12], weight[24 + 1], weight[24 + 13]) = (1.0, -1.0, 1.0, -1.0);
         let actor = Mlp::new(vec![Layer { inputs: 24, outputs: 2, weight, bias: vec![0.0; 2] }]).unwrap();
         let (observation_mean, observation_scale) = ([0.0; 12], [1.0; 12]);
-        let p = Policy { actor, history: 1, observation_mean, observation_scale, ..policy() };
+        let observes = Observes { history: 1, time: false };
+        let p = Policy { actor, observes, observation_mean, observation_scale, ..policy() };
         let at = |x: f64, z: f64| Observation::new([x, z], &[[0.0; 2]; 4], [0.0; 2]);
         let mut memory = Memory::default();
         assert_eq!(p.act(&at(0.4, 0.3), &mut memory), [0.0, 0.0]);
         let action = p.act(&at(0.5, 0.1), &mut memory);
         assert!((action[0] - 0.1 * MAX_DELTA_M).abs() < 1e-8 && (action[1] + 0.2 * MAX_DELTA_M).abs() < 1e-8);
         assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
-        let wrong = Policy { history: 2, ..p.clone() };
+        let wrong = Policy { observes: Observes { history: 2, time: false }, ..p.clone() };
         let words = Policy::from_bytes(&wrong.to_bytes()).unwrap_err().to_string();
         assert_eq!(words, "policy: `actor`: expected 36 inputs and 2 outputs, got 24 and 2");
-        let wrong = Policy { history: 65, ..p };
+        let wrong = Policy { observes: Observes { history: 65, time: false }, ..p };
         let words = Policy::from_bytes(&wrong.to_bytes()).unwrap_err().to_string();
         assert_eq!(words, "policy: `history`: expected a whole number from 0 to 64, got 65");
+    }
+
+    #[test]
+    fn a_plan_and_the_time_add_to_the_network_and_earlier_programs_refuse_their_files() {
+        // dx is the time, dz nothing; the plan adds half the limit to dz of the first step.
+        let mut weight = vec![0.0; 26];
+        weight[12] = 1.0;
+        let actor = Mlp::new(vec![Layer { inputs: 13, outputs: 2, weight, bias: vec![0.0; 2] }]).unwrap();
+        let plan = Plan { steps: vec![[[0.0; 3], [0.5, 0.0, 0.0]], [[0.0; 3]; 2]] };
+        let observes = Observes { history: 0, time: true };
+        let p = Policy { actor, observes, plan: Some(plan), steps: 2, ..policy() };
+        let mut memory = Memory::default();
+        let actions = [(); 2].map(|()| p.act(&Observation::default(), &mut memory));
+        assert_eq!(actions, [[-MAX_DELTA_M, 0.5 * MAX_DELTA_M], [0.0, 0.0]]);
+        let bytes = p.to_bytes();
+        assert_eq!(Policy::from_bytes(&bytes).unwrap(), p);
+        assert!(bytes.windows(FORMAT.len()).any(|w| w == FORMAT_WITH_TIME.as_bytes()));
+        assert!(policy().to_bytes().windows(FORMAT.len()).any(|w| w == FORMAT.as_bytes()));
+        let words = |p: Policy| Policy::from_bytes(&p.to_bytes()).unwrap_err().to_string();
+        assert_eq!(
+            words(Policy { steps: 3, ..p.clone() }),
+            "policy: `plan`: expected the shape [3, 2, 3], got [2, 2, 3]"
+        );
+        let huge = Plan { steps: vec![[[1e9, 0.0, 0.0]; 2]; 2] };
+        assert_eq!(
+            words(Policy { plan: Some(huge), ..p }),
+            "policy: `plan`: expected numbers of -1000000 to 1000000, got 1000000000"
+        );
     }
 }

@@ -25,7 +25,7 @@ pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     if goal.environments > 0 {
         settings.environments = goal.environments as usize;
     }
-    settings.history = goal.history as usize;
+    settings.observes.history = goal.history as usize;
     Ok(settings)
 }
 

@@ -1,6 +1,6 @@
 //! Hyperparameters of a training.
 
-use catenary_core::policy::MOST_HISTORY;
+use catenary_core::policy::{MOST_HISTORY, Observes, Plan};
 use thiserror::Error;
 
 /// Hyperparameters of a training, named as in Stable-Baselines3 and cleanrl.
@@ -39,8 +39,10 @@ pub struct Settings {
     pub initial_log_std: f32,
     /// Width of each of the two hidden layers.
     pub hidden: usize,
-    /// Number of observations before the newest that the networks take.
-    pub history: usize,
+    /// Inputs of the networks.
+    pub observes: Observes,
+    /// Open-loop plan that the policy corrects; none: the network alone acts.
+    pub plan: Option<Plan>,
     /// True to normalise observations by their running mean and standard deviation.
     pub normalise_observations: bool,
     /// True to add the value of the last observation after a success that ends the episode (`ends_at_success` of the task): without
@@ -92,7 +94,8 @@ impl Settings {
             target_kl: None,
             initial_log_std: 0.0,
             hidden: 64,
-            history: 0,
+            observes: Observes::default(),
+            plan: None,
             normalise_observations: false,
             bootstrap_success: false,
         }
@@ -134,8 +137,12 @@ impl Settings {
         if let Some((field, got)) = whole.into_iter().find(|(_, v)| *v == 0) {
             return Err(SettingsError { field, expected: "at least 1", got: got.to_string() });
         }
-        if self.history > MOST_HISTORY {
-            return Err(SettingsError { field: "history", expected: "at most 64", got: self.history.to_string() });
+        if self.observes.history > MOST_HISTORY {
+            return Err(SettingsError {
+                field: "history",
+                expected: "at most 64",
+                got: self.observes.history.to_string(),
+            });
         }
         let positive = [
             ("learning_rate", self.learning_rate),
@@ -165,7 +172,9 @@ mod tests {
         assert!(Settings::preset("sb4").unwrap_err().to_string().contains("sb4"));
         let bad = Settings { gamma: 1.5, ..Settings::tuned() };
         assert_eq!(bad.check().unwrap_err().field, "gamma");
-        let long = Settings { history: MOST_HISTORY + 1, ..Settings::tuned() }.check().unwrap_err();
+        let long = Settings { observes: Observes { history: MOST_HISTORY + 1, time: false }, ..Settings::tuned() }
+            .check()
+            .unwrap_err();
         assert!(long.field == "history" && long.expected.ends_with(&MOST_HISTORY.to_string()), "{long}");
         assert_eq!(Settings { n_steps: 0, ..Settings::tuned() }.check().unwrap_err().field, "n_steps");
     }

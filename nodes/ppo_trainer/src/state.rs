@@ -5,6 +5,7 @@ use crate::curve::CurvePoint;
 use crate::network::Network;
 use crate::normaliser::Normaliser;
 use catenary_core::mlp::{Layer, MlpError};
+use catenary_core::policy::Memory;
 use catenary_core::{Mlp, Observation};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -32,8 +33,10 @@ pub struct State {
     pub(crate) log_std: [f32; 2],
     pub(crate) adam: Adam,
     pub(crate) normaliser: Normaliser,
-    /// Observations that the networks take next in each environment, the newest first.
-    pub(crate) seen: Vec<Vec<Observation>>,
+    /// Observations that each environment's networks have taken in its present episode.
+    pub(crate) memories: Vec<Memory>,
+    /// Observation that they take next.
+    pub(crate) next: Vec<Observation>,
     pub(crate) random: Random,
     pub(crate) steps: u64,
     /// Return of each environment's present episode, and true if it succeeded.

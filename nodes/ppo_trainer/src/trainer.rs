@@ -8,7 +8,7 @@ use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
 use crate::settings::{Settings, SettingsError};
 use crate::state::{Random, State, StateError, Weights};
-use catenary_core::policy::{Memory, normalised};
+use catenary_core::policy::Memory;
 use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Env, EnvError, Observation, Policy, Task, Transition, seed};
 use rand::RngExt;
@@ -161,7 +161,7 @@ struct Trainer<'a> {
 impl<'a> Trainer<'a> {
     fn new(task: &'a Task, settings: &'a Settings, training_seed: u64) -> Self {
         let mut rng = seed::rng(training_seed, 0);
-        let (h, inputs) = (settings.hidden, Observation::LEN * (1 + settings.history));
+        let (h, inputs) = (settings.hidden, settings.observes.count());
         Self {
             task,
             actor: Network::new(&[inputs, h, h, 2], ACTOR_GAIN, &mut rng),
@@ -180,14 +180,14 @@ impl<'a> Trainer<'a> {
 
     /// State between two updates. The next rollout begins with `observations`.
     fn state(&self, observations: &[Observation], curve: &[CurvePoint]) -> State {
-        let seen = self.memories.iter().cloned().zip(observations);
         State {
             actor: Weights::of(&self.actor),
             critic: Weights::of(&self.critic),
             log_std: self.log_std,
             adam: self.adam.clone(),
             normaliser: self.normaliser.clone(),
-            seen: seen.map(|(mut memory, newest)| memory.push(newest, self.settings.history).to_vec()).collect(),
+            memories: self.memories.clone(),
+            next: observations.to_vec(),
             random: Random::of(&self.rng),
             steps: self.steps,
             running: self.running.clone(),
@@ -199,14 +199,17 @@ impl<'a> Trainer<'a> {
     /// Continues from a state. Returns the observations with which the next rollout begins, and the learning curve so far.
     fn resume(&mut self, state: State) -> Result<(Vec<Observation>, Vec<CurvePoint>), StateError> {
         let broken = |part, expected: String, got: String| Err(StateError { part, expected, got });
-        let (n, width) = (self.settings.environments, 1 + self.settings.history);
-        let counts = [state.seen.len(), state.running.len()];
-        if counts != [n; 2] || state.seen.iter().any(|seen| seen.len() != width) {
-            return broken("seen", format!("{width} observations of each of {n} environments"), format!("{counts:?}"));
+        let (n, width) = (self.settings.environments, 1 + self.settings.observes.history);
+        let counts = [state.memories.len(), state.next.len(), state.running.len()];
+        let kept = |m: &Memory| [0, width].contains(&m.newest_first().len());
+        if counts != [n; 3] || !state.memories.iter().all(kept) {
+            let expected = format!("0 or {width} observations of each of {n} environments");
+            return broken("memories", expected, format!("{counts:?}"));
         }
-        let finite = state.seen.iter().flatten().all(|o| o.0.iter().all(|v| v.is_finite()));
+        let seen = state.memories.iter().flat_map(|m| m.newest_first().iter().chain([m.first()])).chain(&state.next);
+        let finite = seen.into_iter().all(|o| o.0.iter().all(|v| v.is_finite()));
         if !(finite && state.log_std.iter().all(|l| (LOG_STD_RANGE.0..=LOG_STD_RANGE.1).contains(l))) {
-            return broken("seen, log_std", "finite numbers".to_owned(), "others".to_owned());
+            return broken("memories, next, log_std", "finite numbers".to_owned(), "others".to_owned());
         }
         if state.steps > self.settings.total_steps.next_multiple_of((n * self.settings.n_steps) as u64) {
             return broken("steps", format!("at most {}", self.settings.total_steps), state.steps.to_string());
@@ -221,16 +224,11 @@ impl<'a> Trainer<'a> {
         if !state.adam.is_whole() || !(sizes == blocks || (sizes.is_empty() && state.steps == 0)) {
             return broken("adam", format!("whole moments of {blocks:?}"), format!("{sizes:?}"));
         }
-        for (memory, seen) in self.memories.iter_mut().zip(&state.seen) {
-            // The newest is pushed by the next rollout.
-            for o in seen[1..].iter().rev() {
-                memory.push(o, self.settings.history);
-            }
-        }
         (self.actor, self.critic, self.log_std) = (actor, critic, state.log_std);
         (self.adam, self.normaliser, self.rng) = (state.adam, state.normaliser, state.random.rng());
         (self.steps, self.running, self.recent) = (state.steps, state.running, state.recent.into());
-        Ok((state.seen.iter().map(|seen| seen[0]).collect(), state.curve))
+        self.memories = state.memories;
+        Ok((state.next, state.curve))
     }
 
     /// Current policy. It normalises observations as the training does.
@@ -239,7 +237,8 @@ impl<'a> Trainer<'a> {
         Policy {
             name: "ppo".to_owned(),
             actor: self.actor.mlp.clone(),
-            history: self.settings.history,
+            observes: self.settings.observes,
+            plan: self.settings.plan.clone(),
             observation_mean: self.normaliser.mean(),
             observation_scale: self.normaliser.scale(),
             action_scale: self.log_std.map(f32::exp),
@@ -263,19 +262,19 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// Inputs of the networks, row by row: the newest observation of each environment and those before it. The memories take the newest.
-    fn inputs(normaliser: &Normaliser, history: usize, memories: &mut [Memory], newest: &[Observation]) -> Vec<f32> {
-        let (mean, scale) = (normaliser.mean(), normaliser.scale());
-        let mut inputs = Vec::with_capacity(newest.len() * Observation::LEN * (1 + history));
-        for (memory, newest) in memories.iter_mut().zip(newest) {
-            inputs.extend(memory.push(newest, history).iter().flat_map(|o| normalised(o, &mean, &scale)));
-        }
+    /// Inputs of the networks, row by row, at the newest observation of each memory.
+    fn inputs(&self, memories: &[Memory]) -> Vec<f32> {
+        let (mean, scale, observes) = (self.normaliser.mean(), self.normaliser.scale(), self.settings.observes);
+        let mut inputs = Vec::with_capacity(memories.len() * observes.count());
+        memories.iter().for_each(|m| observes.append_inputs(m, self.task.steps, &mean, &scale, &mut inputs));
         inputs
     }
 
     /// Inputs for observations that no memory keeps: the next rollout begins with them, or their episodes are over.
     fn passing_inputs(&self, newest: &[Observation]) -> Vec<f32> {
-        Self::inputs(&self.normaliser, self.settings.history, &mut self.memories.clone(), newest)
+        let mut memories = self.memories.clone();
+        memories.iter_mut().zip(newest).for_each(|(m, newest)| m.see(newest, self.settings.observes.history));
+        self.inputs(&memories)
     }
 
     /// Steps every environment `n_steps` times and estimates the advantages.
@@ -285,7 +284,9 @@ impl<'a> Trainer<'a> {
         for _ in 0..self.settings.n_steps {
             // Samples keep the normalisation of their step: later updates of the moments do not change their log densities.
             observations.iter().for_each(|o| self.normaliser.update(o));
-            let x = Self::inputs(&self.normaliser, self.settings.history, &mut self.memories, observations);
+            let history = self.settings.observes.history;
+            self.memories.iter_mut().zip(&*observations).for_each(|(m, newest)| m.see(newest, history));
+            let x = self.inputs(&self.memories);
             let means = self.actor.forward(&x, n).to_vec();
             let values = self.critic.forward(&x, n).to_vec();
             let actions: Vec<[f32; 2]> = means
@@ -294,9 +295,14 @@ impl<'a> Trainer<'a> {
                     std::array::from_fn(|i| m[i] + self.log_std[i].exp() * self.rng.sample::<f32, _>(StandardNormal))
                 })
                 .collect();
-            // The arm gets the clipped action. The loss uses the sampled one, whose density is known.
-            let deltas: Vec<[f64; 2]> =
-                actions.iter().map(|a| a.map(|v| f64::from(v.clamp(-1.0, 1.0)) * MAX_DELTA_M)).collect();
+            // The arm gets the clipped sum of the plan's action and the network's. The loss uses the sampled action of the network, whose
+            // density is known.
+            let planned = |m: &Memory| self.settings.plan.as_ref().map_or([0.0; 2], |plan| plan.action(m));
+            let delta = |(a, m): (&[f32; 2], &Memory)| -> [f64; 2] {
+                let planned = planned(m);
+                std::array::from_fn(|i| f64::from((planned[i] + a[i]).clamp(-1.0, 1.0)) * MAX_DELTA_M)
+            };
+            let deltas: Vec<[f64; 2]> = actions.iter().zip(&self.memories).map(delta).collect();
             let transitions = env.step(&deltas)?;
             self.steps += n as u64;
             let bonuses = self.bonuses(&transitions);

@@ -224,6 +224,7 @@ mod tests {
     use crate::BeamSimulator;
     use crate::parameters::tests::{cable, soft_bar};
     use catenary_core::mlp::Layer;
+    use catenary_core::policy::Observes;
     use catenary_core::simulator::{DifferentiableSimulator, Drive, StartShape};
     use catenary_core::{DeltaAnchor, Fidelity, GripPose, GripTrajectory, Mlp, Policy, SimulationRequest, Simulator};
 
@@ -315,7 +316,8 @@ mod tests {
         let policy = Policy {
             name: "still".into(),
             actor: Mlp::new(vec![layer]).unwrap(),
-            history: 0,
+            observes: Observes::default(),
+            plan: None,
             observation_mean: [0.0; 12],
             observation_scale: [1.0; 12],
             action_scale: [0.1; 2],

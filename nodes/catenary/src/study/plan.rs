@@ -9,6 +9,7 @@ use crate::options::TaskOption;
 use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Model;
+use catenary_core::policy::Observes;
 use ppo_trainer::Settings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -158,8 +159,11 @@ impl Plan {
             let twice = objects[..i].iter().any(|o| o.name == object.name);
             ensure!(!twice, "--objects: {} is named twice", object.name);
         }
-        let training =
-            Settings { total_steps: arguments.steps, history: arguments.history, ..arguments.preset.settings() };
+        let training = Settings {
+            total_steps: arguments.steps,
+            observes: Observes { history: arguments.history, time: false },
+            ..arguments.preset.settings()
+        };
         training.check().context("--steps, --history")?;
         for (i, evidence) in arguments.evidence.iter().enumerate() {
             ensure!(!arguments.evidence[..i].contains(evidence), "--evidence {evidence}: it is named twice");

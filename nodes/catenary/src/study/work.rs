@@ -12,6 +12,7 @@ use crate::inputs::posterior_file::PosteriorFile;
 use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::InferenceError;
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::policy::Observes;
 use catenary_core::posterior::Marginal;
 use catenary_core::simulator::Drive;
 use catenary_core::task::Score;
@@ -230,7 +231,11 @@ impl Work<'_> {
     }
 
     fn train(&self, model: &Model, domains: &Domains, history: usize, of: u64) -> Result<Trained> {
-        let settings = Settings { total_steps: self.plan.steps, history, ..Settings::preset(&self.plan.preset)? };
+        let settings = Settings {
+            total_steps: self.plan.steps,
+            observes: Observes { history, time: false },
+            ..Settings::preset(&self.plan.preset)?
+        };
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;

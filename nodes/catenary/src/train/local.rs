@@ -17,7 +17,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Version of the training method. A change of it invalidates saved states.
-const METHOD: u32 = 1;
+const METHOD: u32 = 2;
 
 /// Training between two updates: networks, optimiser and random generator, and the episodes of the environments.
 #[derive(Debug, Serialize, Deserialize)]

@@ -29,7 +29,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     model.task.with_context(|| model_file::no_task(&arguments.model)).given()?;
     let mut settings = arguments.preset.settings();
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
-    settings.history = arguments.history as usize;
+    settings.observes.history = arguments.history as usize;
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps, --history").given()?;
     let files =

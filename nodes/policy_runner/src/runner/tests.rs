@@ -4,6 +4,7 @@ use super::*;
 use crate::writers::Source;
 use catenary_core::camera::Plane;
 use catenary_core::mlp::Layer;
+use catenary_core::policy::Observes;
 use catenary_core::task::{Task, Workspace};
 use catenary_core::{Camera, DeltaAnchor, Goal, Mlp};
 
@@ -13,7 +14,8 @@ fn policy(action: [f32; 2]) -> Policy {
     Policy {
         name: "constant".into(),
         actor: Mlp::new(vec![layer]).unwrap(),
-        history: 0,
+        observes: Observes::default(),
+        plan: None,
         observation_mean: [0.0; 12],
         observation_scale: [1.0; 12],
         action_scale: [0.1, 0.1],

@@ -2,6 +2,7 @@
 
 use super::*;
 use catenary_core::Goal;
+use catenary_core::policy::Observes;
 use catenary_core::task::{DeltaAnchor, Workspace};
 
 /// Environments of the task. The reward falls with the distance from the goal; an episode has [`STEPS`] steps.
@@ -141,7 +142,13 @@ fn a_training_that_goes_on_from_its_state_ends_with_the_same_bits() {
     // 13 steps between two updates and 8 of an episode: the rollouts end within episodes.
     let (n_steps, total_steps) = (13, 12 * 13 * 6);
     for (history, normalise_observations) in [(0, true), (5, true), (2, false)] {
-        let settings = Settings { n_steps, total_steps, history, normalise_observations, ..Settings::tuned() };
+        let settings = Settings {
+            n_steps,
+            total_steps,
+            observes: Observes { history, time: history > 2 },
+            normalise_observations,
+            ..Settings::tuned()
+        };
         let mut goes_on = |_: &Progress| ControlFlow::Continue(());
         let mut env = Reaching::with_sides(12);
         let whole = train_from(None, &mut env, &task(), &settings, 3, &mut goes_on).unwrap();
@@ -172,7 +179,10 @@ fn the_state_of_another_training_is_refused() {
             Settings { hidden: 32, ..settings.clone() },
             "`actor`: expected layers of [(12, 32), (32, 32), (32, 2)], got [(12, 64)",
         ),
-        (Settings { history: 1, ..settings.clone() }, "`seen`: expected 2 observations of each of 12 environments"),
+        (
+            Settings { observes: Observes { history: 1, time: false }, ..settings.clone() },
+            "`actor`: expected layers of [(24, 64), (64, 64), (64, 2)]",
+        ),
         (Settings { total_steps: 768, ..settings.clone() }, "`steps`: expected at most 768, got 1536"),
     ];
     for (other, words) in cases {
@@ -212,7 +222,8 @@ fn a_reward_of_nan_and_a_wrong_number_of_environments_are_errors() {
 #[test]
 fn a_history_remembers_what_the_first_observation_showed() {
     let trained = |history| {
-        let settings = Settings { total_steps: 24_576, history, ..Settings::tuned() };
+        let settings =
+            Settings { total_steps: 24_576, observes: Observes { history, time: false }, ..Settings::tuned() };
         train(&mut Reaching::with_sides(12), &task(), &settings, 3, &mut |_| ControlFlow::Continue(())).unwrap()
     };
     let last = |t: &Trained| t.curve[t.curve.len() - 1].mean_return;
