@@ -10,6 +10,7 @@ pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod normaliser;
+pub mod plan_search;
 pub mod rollout;
 pub mod settings;
 pub mod state;
