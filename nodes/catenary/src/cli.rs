@@ -14,6 +14,7 @@ use crate::install::args::InstallArgs;
 use crate::launch::args::{LaunchArgs, StatusArgs};
 use crate::mask::args::MaskArgs;
 use crate::node::args::NodeArgs;
+use crate::plan::args::PlanArgs;
 use crate::segmenter::args::{LabelArgs, TrainSegmenterArgs};
 use crate::simulate::args::SimulateArgs;
 use crate::study::args::StudyArgs;
@@ -64,6 +65,8 @@ pub enum Command {
     FindEffects(FindEffectsArgs),
     /// Train a policy in simulation over a prior or a posterior
     Train(TrainArgs),
+    /// Search the best open-loop plan: what a task allows without feedback
+    Plan(PlanArgs),
     /// Run policies on simulated episodes, and compare them
     Evaluate(EvaluateArgs),
     /// Worth of knowing the object: policies compared by task

@@ -25,6 +25,7 @@ mod launch;
 mod mask;
 mod node;
 mod options;
+mod plan;
 mod program;
 mod report;
 mod segmenter;

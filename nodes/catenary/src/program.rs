@@ -4,7 +4,7 @@ use crate::cli::{Cli, Command};
 use crate::exit::{Interrupted, Misfit, Unseen, WrongInput};
 use crate::{
     bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
-    node, segmenter, simulate, study, train, train_tracker,
+    node, plan, segmenter, simulate, study, train, train_tracker,
 };
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -99,6 +99,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::TrainTracker(arguments) => train_tracker::run(arguments),
         Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
+        Command::Plan(arguments) => plan::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::ImportTrack(arguments) => import_track::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),

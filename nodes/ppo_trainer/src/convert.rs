@@ -4,12 +4,12 @@ use crate::curve::CurvePoint;
 use crate::domains::Domains;
 use crate::settings::Settings;
 use crate::trainer::{Progress, Trained};
-use catenary_core::{EnvError, Model, Observation, Transition};
+use catenary_core::{EnvError, Model, Observation, Policy, Transition};
 use catenary_msgs::action::{TrainFeedback, TrainGoal, TrainResult};
 use catenary_msgs::srv::StepEnvsResponse;
 use catenary_shell::convert::{ConvertError, posterior_from_msg};
 
-/// Settings of a goal: its preset with the goal's history, and its numbers of steps and of environments, if they are not zero.
+/// Settings of a goal: its preset with what the goal says of observations and plan, and its numbers that are not zero.
 ///
 /// # Errors
 /// [`ConvertError`] with the name of an unknown preset.
@@ -25,7 +25,19 @@ pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     if goal.environments > 0 {
         settings.environments = goal.environments as usize;
     }
-    settings.observes.history = goal.history as usize;
+    if goal.newest_only {
+        settings = settings.newest_only();
+    }
+    if goal.history > 0 {
+        settings.observes.history = goal.history as usize;
+    }
+    // The node has no simulator of its own: the plan comes with the goal.
+    settings.searches_plan = false;
+    if !goal.plan.is_empty() {
+        let wrong = |got: String| ConvertError { field: "plan", expected: "the policy of a plan".to_owned(), got };
+        let policy = Policy::from_bytes(&goal.plan).map_err(|e| wrong(e.to_string()))?;
+        settings.begin_with(&policy).map_err(|e| wrong(e.got))?;
+    }
     Ok(settings)
 }
 

@@ -12,6 +12,7 @@ pub mod node;
 pub mod normaliser;
 pub mod plan_search;
 pub mod rollout;
+pub mod schedule;
 pub mod settings;
 pub mod state;
 pub mod trainer;

@@ -15,15 +15,19 @@ use self::linear::Linear;
 use catenary_core::mlp::Layer;
 use catenary_core::policy::{Observes, Plan};
 use catenary_core::simulator::{Drive, SimulationRequest, SimulatorError};
-use catenary_core::task::Goal;
+use catenary_core::task::{Goal, MAX_DELTA_M};
 use catenary_core::track::End;
 use catenary_core::{Judge, Mlp, Model, Observation, Policy, Simulator, Track, seed};
 use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::ops::ControlFlow;
 
-/// Number of episodes in which a plan is searched. Enough for a plan of six numbers a step to hold in others.
-pub const EPISODES: usize = 16;
+/// Number of episodes in which a plan of `steps` steps is searched: enough for the plan to hold in others, and fewer for long plans, each of whose
+/// actions costs episodes.
+pub fn episodes_of(steps: usize) -> usize {
+    (128 / steps.max(1)).clamp(8, 16)
+}
+
 /// Random stream of the episodes of a search: others than those of trainings and evaluations.
 pub const EPISODES_STREAM: u64 = 2401;
 
@@ -58,8 +62,17 @@ pub struct Planned {
     pub simulated: usize,
 }
 
+impl Planned {
+    /// Policy that executes the plan. Its standard deviation is that of steps which together move the hand by what the plan misses: how far a
+    /// training should explore about it.
+    pub fn policy(&self, judge: &Judge) -> Policy {
+        let spread = self.distance_m / (MAX_DELTA_M * (self.plan.steps.len().max(1) as f64).sqrt());
+        Policy { action_scale: [spread.min(1.0) as f32; 2], ..policy(self.plan.clone(), judge) }
+    }
+}
+
 /// Policy that executes a plan: it sees the target once, and nothing else.
-pub fn policy(plan: Plan, judge: &Judge) -> Policy {
+fn policy(plan: Plan, judge: &Judge) -> Policy {
     let task = judge.task();
     let (inputs, outputs) = (Observation::LEN, 2);
     let still = Layer { inputs, outputs, weight: vec![0.0; inputs * outputs], bias: vec![0.0; outputs] };

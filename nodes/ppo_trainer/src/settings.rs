@@ -1,13 +1,19 @@
 //! Hyperparameters of a training.
 
 use catenary_core::policy::{MOST_HISTORY, Observes, Plan};
+use catenary_core::{Goal, Policy};
 use thiserror::Error;
+
+/// Least and greatest standard deviation of an action about a plan, in units of the action limit.
+const SPREAD: [f32; 2] = [0.05, 0.5];
 
 /// Hyperparameters of a training, named as in Stable-Baselines3 and cleanrl.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Environment steps in total, summed over all environments.
+    /// Most environment steps, summed over all environments.
     pub total_steps: u64,
+    /// True to end earlier, when the mean return has stopped rising ([`crate::schedule`]).
+    pub ends_when_flat: bool,
     /// Number of environments.
     pub environments: usize,
     /// Steps of each environment between two updates. Larger gives better estimates and fewer updates.
@@ -18,10 +24,11 @@ pub struct Settings {
     pub epochs: usize,
     /// Adam's learning rate.
     pub learning_rate: f32,
-    /// True to let the learning rate fall linearly to zero.
+    /// True to let the learning rate fall linearly to zero: over the whole training, or with `ends_when_flat` over its last fifth.
     pub anneal_learning_rate: bool,
-    /// Discount of rewards per step, 0 to 1.
-    pub gamma: f32,
+    /// Discount of rewards per step, 0 to 1; none for that of the goal: 0.95 for `reach`, which pays each step and is cut off at its step limit, and 1
+    /// for goals that pay at their end.
+    pub gamma: Option<f32>,
     /// Decay of generalised advantage estimation: 0 is the one-step estimate, 1 the whole return.
     pub gae_lambda: f32,
     /// Half width of the range about 1 to which the probability ratio is clipped. Larger allows larger updates.
@@ -41,6 +48,8 @@ pub struct Settings {
     pub hidden: usize,
     /// Inputs of the networks.
     pub observes: Observes,
+    /// True if the caller should search a plan before the training, and begin with it ([`Self::begin_with`]).
+    pub searches_plan: bool,
     /// Open-loop plan that the policy corrects; none: the network alone acts.
     pub plan: Option<Plan>,
     /// True to normalise observations by their running mean and standard deviation.
@@ -79,13 +88,14 @@ impl Settings {
     pub fn sb3() -> Self {
         Self {
             total_steps: 120_000,
+            ends_when_flat: false,
             environments: 12,
             n_steps: 2048,
             batch_size: 64,
             epochs: 10,
             learning_rate: 3e-4,
             anneal_learning_rate: false,
-            gamma: 0.99,
+            gamma: Some(0.99),
             gae_lambda: 0.95,
             clip_range: 0.2,
             value_weight: 0.5,
@@ -95,30 +105,61 @@ impl Settings {
             initial_log_std: 0.0,
             hidden: 64,
             observes: Observes::default(),
+            searches_plan: false,
             plan: None,
             normalise_observations: false,
             bootstrap_success: false,
         }
     }
 
-    /// Default preset: many small updates, for episodes of 16 steps and a budget of seconds.
+    /// Default preset: many small updates from the best plan, for episodes of up to 16 steps and a budget of seconds.
     pub fn tuned() -> Self {
         Self {
-            // 32 updates of 12 x 64 samples.
-            total_steps: 24_576,
+            // 160 updates of 12 x 64 samples.
+            total_steps: 122_880,
+            ends_when_flat: true,
             n_steps: 64,
             batch_size: 128,
             learning_rate: 1e-3,
             anneal_learning_rate: true,
-            // A horizon of 1 / (1 - 0.95) = 20 steps: about an episode.
-            gamma: 0.95,
+            gamma: None,
             target_kl: Some(0.03),
             // Half of the action limit: fewer actions are clipped than with the whole of it.
             initial_log_std: -0.7,
+            // Velocities, and what a motion tells of the object.
+            observes: Observes { history: 5, time: true },
+            searches_plan: true,
             normalise_observations: true,
             bootstrap_success: true,
             ..Self::sb3()
         }
+    }
+
+    /// The same settings without what the paper's policy does not see: earlier observations and the time.
+    pub fn newest_only(self) -> Self {
+        Self { observes: Observes::default(), ..self }
+    }
+
+    /// Begins with the plan of a policy, and explores about it with the policy's standard deviation.
+    ///
+    /// # Errors
+    /// [`SettingsError`] for a policy without a plan, or one that does not act by its plan alone.
+    pub fn begin_with(&mut self, policy: &Policy) -> Result<(), SettingsError> {
+        let wrong = |got: &str| SettingsError { field: "plan", expected: "the policy of a plan", got: got.to_owned() };
+        let still = policy.actor.layers().iter().all(|l| l.weight.iter().chain(&l.bias).all(|v| *v == 0.0));
+        if !still {
+            return Err(wrong("one whose network acts, too"));
+        }
+        self.plan = Some(policy.plan.clone().ok_or_else(|| wrong("one without a plan"))?);
+        let spread = policy.action_scale[0].max(policy.action_scale[1]);
+        self.initial_log_std = spread.clamp(SPREAD[0], SPREAD[1]).ln();
+        Ok(())
+    }
+
+    /// Discount for a goal.
+    pub fn gamma_of(&self, goal: Goal) -> f32 {
+        // 0.95 is a horizon of 1 / (1 - 0.95) = 20 steps: about an episode.
+        self.gamma.unwrap_or(if goal == Goal::Reach { 0.95 } else { 1.0 })
     }
 
     /// Checks the counts, the positive numbers and the shares.
@@ -152,7 +193,7 @@ impl Settings {
         if let Some((field, got)) = positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
             return Err(SettingsError { field, expected: "a positive number", got: got.to_string() });
         }
-        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
+        let shares = [("gamma", self.gamma.unwrap_or(1.0)), ("gae_lambda", self.gae_lambda)];
         match shares.into_iter().find(|(_, v)| !(0.0..=1.0).contains(v)) {
             Some((field, got)) => Err(SettingsError { field, expected: "0 to 1", got: got.to_string() }),
             None => Ok(()),
@@ -170,7 +211,7 @@ mod tests {
             assert_eq!(Settings::preset(name).unwrap().check(), Ok(()));
         }
         assert!(Settings::preset("sb4").unwrap_err().to_string().contains("sb4"));
-        let bad = Settings { gamma: 1.5, ..Settings::tuned() };
+        let bad = Settings { gamma: Some(1.5), ..Settings::tuned() };
         assert_eq!(bad.check().unwrap_err().field, "gamma");
         let long = Settings { observes: Observes { history: MOST_HISTORY + 1, time: false }, ..Settings::tuned() }
             .check()

@@ -4,6 +4,7 @@ use crate::adam::Adam;
 use crate::curve::CurvePoint;
 use crate::network::Network;
 use crate::normaliser::Normaliser;
+use crate::schedule::Schedule;
 use catenary_core::mlp::{Layer, MlpError};
 use catenary_core::policy::Memory;
 use catenary_core::{Mlp, Observation};
@@ -39,6 +40,7 @@ pub struct State {
     pub(crate) next: Vec<Observation>,
     pub(crate) random: Random,
     pub(crate) steps: u64,
+    pub(crate) schedule: Schedule,
     /// Return of each environment's present episode, and true if it succeeded.
     pub(crate) running: Vec<(f64, bool)>,
     /// Return and success of the last episodes.

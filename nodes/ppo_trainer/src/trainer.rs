@@ -6,6 +6,7 @@ use crate::loss::{Term, derivatives, entropy, log_probability};
 use crate::network::Network;
 use crate::normaliser::Normaliser;
 use crate::rollout::{Rollout, Sample};
+use crate::schedule::Schedule;
 use crate::settings::{Settings, SettingsError};
 use crate::state::{Random, State, StateError, Weights};
 use catenary_core::policy::Memory;
@@ -61,7 +62,7 @@ pub enum TrainError {
 /// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
-    /// Environment steps in total.
+    /// Environment steps in total: the most of the settings, or fewer once the mean return is flat.
     pub total_steps: u64,
     /// State after the last update.
     pub now: CurvePoint,
@@ -76,8 +77,12 @@ pub struct Trained {
     pub curve: Vec<CurvePoint>,
     /// Returns of the last 100 episodes, and true for each that succeeded.
     pub recent: Vec<(f64, bool)>,
-    /// Environment steps taken, fewer than in the settings if the training was stopped.
+    /// Environment steps taken.
     pub steps: u64,
+    /// False if the training was stopped before its end.
+    pub is_finished: bool,
+    /// Steps after which the mean return was flat; none if it was not, or was not looked at.
+    pub flat_at: Option<u64>,
 }
 
 /// Trains a policy for `task` in `env`. `on_progress` is called after each update. If it breaks, the policy learnt so far is
@@ -118,14 +123,17 @@ pub fn train_from(
         Some(state) => trainer.resume(state)?,
         None => (env.reset()?, Vec::new()),
     };
-    while trainer.steps < settings.total_steps {
+    while trainer.steps < trainer.schedule.end() {
         let rollout = trainer.collect(env, &mut observations)?;
         let value_loss = trainer.update(&rollout)?;
         let now = trainer.point(value_loss);
         if now.mean_return.is_finite() {
             curve.push(now);
         }
-        if on_progress(&Progress { total_steps: settings.total_steps, now }).is_break() {
+        if settings.ends_when_flat {
+            trainer.schedule.look(trainer.steps, &curve);
+        }
+        if on_progress(&Progress { total_steps: trainer.schedule.end(), now }).is_break() {
             break;
         }
     }
@@ -135,6 +143,8 @@ pub fn train_from(
         curve,
         recent: trainer.recent.iter().copied().collect(),
         steps: trainer.steps,
+        is_finished: trainer.steps >= trainer.schedule.end(),
+        flat_at: trainer.schedule.flat_at(),
     };
     Ok((trained, state))
 }
@@ -152,6 +162,9 @@ struct Trainer<'a> {
     memories: Vec<Memory>,
     rng: ChaCha8Rng,
     steps: u64,
+    /// Discount for the goal.
+    gamma: f32,
+    schedule: Schedule,
     /// Return of each environment's current episode, and true if it succeeded.
     running: Vec<(f64, bool)>,
     /// Return and success of the last episodes.
@@ -172,6 +185,8 @@ impl<'a> Trainer<'a> {
             memories: vec![Memory::default(); settings.environments],
             rng,
             steps: 0,
+            gamma: settings.gamma_of(task.goal),
+            schedule: Schedule::of(settings),
             running: vec![(0.0, false); settings.environments],
             recent: VecDeque::new(),
             settings,
@@ -190,6 +205,7 @@ impl<'a> Trainer<'a> {
             next: observations.to_vec(),
             random: Random::of(&self.rng),
             steps: self.steps,
+            schedule: self.schedule,
             running: self.running.clone(),
             recent: self.recent.iter().copied().collect(),
             curve: curve.to_vec(),
@@ -226,6 +242,7 @@ impl<'a> Trainer<'a> {
         }
         (self.actor, self.critic, self.log_std) = (actor, critic, state.log_std);
         (self.adam, self.normaliser, self.rng) = (state.adam, state.normaliser, state.random.rng());
+        self.schedule = state.schedule;
         (self.steps, self.running, self.recent) = (state.steps, state.running, state.recent.into());
         self.memories = state.memories;
         Ok((state.next, state.curve))
@@ -328,7 +345,7 @@ impl<'a> Trainer<'a> {
         }
         let x = self.passing_inputs(observations);
         let last_values = self.critic.forward(&x, n).to_vec();
-        rollout.estimate(&last_values, self.settings.gamma, self.settings.gae_lambda);
+        rollout.estimate(&last_values, self.gamma, self.settings.gae_lambda);
         Ok(rollout)
     }
 
@@ -346,9 +363,9 @@ impl<'a> Trainer<'a> {
             return vec![0.0; transitions.len()];
         }
         let last: Vec<Observation> = transitions.iter().map(|t| t.final_observation).collect();
-        let x = self.passing_inputs(&last);
+        let (x, gamma) = (self.passing_inputs(&last), self.gamma);
         let values = self.critic.forward(&x, transitions.len());
-        values.iter().zip(wanted).map(|(v, w)| if w { self.settings.gamma * v } else { 0.0 }).collect()
+        values.iter().zip(wanted).map(|(v, w)| if w { gamma * v } else { 0.0 }).collect()
     }
 
     /// Updates the returns and successes of an environment.
@@ -367,8 +384,7 @@ impl<'a> Trainer<'a> {
     /// Makes several passes over a rollout in shuffled minibatches. Returns the mean squared error of the values in the last pass.
     fn update(&mut self, rollout: &Rollout) -> Result<f64, TrainError> {
         let mut order: Vec<usize> = (0..rollout.samples.len()).collect();
-        let done = (self.steps as f32 / self.settings.total_steps as f32).min(1.0);
-        let annealed = if self.settings.anneal_learning_rate { 1.0 - done } else { 1.0 };
+        let annealed = if self.settings.anneal_learning_rate { 1.0 - self.schedule.annealed(self.steps) } else { 1.0 };
         // The last update follows the last step, at which the annealed rate would be zero.
         let learning_rate = self.settings.learning_rate * annealed.max(1e-3);
         let mut value_loss = 0.0;

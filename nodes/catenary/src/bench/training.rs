@@ -20,7 +20,8 @@ struct TrainingRow {
 /// Trains on the soft bar for `steps` steps.
 pub fn run(steps: u64, out: &Output) -> Result<()> {
     let model = model_file::read_or_soft_bar(None)?;
-    let settings = Settings { total_steps: steps, ..Settings::tuned() };
+    // Every step, so that the time is that of a known work.
+    let settings = Settings { total_steps: steps, ends_when_flat: false, ..Settings::tuned() };
     let domains = Domains::Prior(model.theta.clone());
     let (trained, seconds) = local::train(&model, &domains, &settings, 1, &Shutdown::new())?;
     let last = trained.curve.last();

@@ -25,6 +25,9 @@ pub struct EvaluateArgs {
     /// Value of another parameter in every episode, as NAME=VALUE; default: drawn from the model's distribution
     #[arg(long, value_parser = parameter_value)]
     pub effect: Vec<(String, f64)>,
+    /// Leave out the best plan that a search finds for the same objects and scores beside the policies
+    #[arg(long)]
+    pub no_plan: bool,
     /// Episodes of each policy
     // At least 30 episodes: the intervals rest on the normal approximation.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(30..=100_000))]

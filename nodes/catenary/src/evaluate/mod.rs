@@ -9,6 +9,8 @@ use crate::exit::{Given, Interrupted};
 use crate::inputs::model_file::no_task;
 use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
 use crate::kept::Kept;
+use crate::plan;
+use crate::report::Estimate;
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
 use args::EvaluateArgs;
@@ -33,6 +35,9 @@ struct Report {
     seed: u64,
     episodes: usize,
     policies: Vec<Evaluated>,
+    /// Best plan that a search finds for these objects: what can be reached without feedback.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    best_plan: Option<Evaluated>,
 }
 
 /// Runs every policy on the same episodes. Ctrl-C ends the run and keeps the finished episodes, from which the same command goes on.
@@ -40,13 +45,18 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let judge = Judge::of(&model).with_context(|| no_task(&arguments.model)).given()?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
-    let policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
+    let mut policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;
     let files =
         arguments.policy.iter().chain([&arguments.model]).chain(&arguments.posterior).chain(&arguments.task.task);
     arguments.page.prepare(files.map(PathBuf::as_path))?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
+    if !arguments.no_plan {
+        let rows = |n, draws| thetas(arguments, &model, n, draws);
+        let plan = plan::best_shown(&model, &rows, arguments.seed, &shutdown)?;
+        policies.push((PathBuf::from(plan::NAME), plan));
+    }
     let n = requested.thetas.len();
     let all = policies.len() * n;
     let bar = progress::bar("episodes", 0.0)?;
@@ -73,16 +83,19 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     if let Some(done) = stopped_after {
         return Err(interrupted(kept.as_ref(), &finished, &format!("{done} of {all} episodes")).into());
     }
-    let evaluated = scored?;
+    let mut evaluated = scored?;
+    let best_plan = if arguments.no_plan { None } else { evaluated.pop() };
     let report = Report {
         model: model.name.clone(),
         fidelity: requested.fidelity.name(),
         seed: arguments.seed,
         episodes: n,
         policies: evaluated,
+        best_plan,
     };
     arguments.page.write(|| {
-        Ok(page::page(&words(&report).lines().map(str::to_owned).collect::<Vec<String>>(), &report.policies))
+        let rows: Vec<&Evaluated> = report.policies.iter().chain(&report.best_plan).collect();
+        Ok(page::page(&words(&report).lines().map(str::to_owned).collect::<Vec<String>>(), &rows))
     })?;
     output::result(&arguments.output, &report, words)?;
     // Last: what could not be written is not simulated again.
@@ -127,17 +140,37 @@ fn read(path: &Path, judge: &Judge) -> Result<Policy> {
     Ok(policy)
 }
 
-/// Request for the episodes, with an empty drive.
-fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest> {
-    let n = arguments.episodes as usize;
-    let mut thetas = posterior_file::domains(arguments.posterior.as_deref(), model)?
-        .rows(n, seed::derive(arguments.seed, STREAM))?;
+/// Says how the policies stand to the best plan: by the paired difference of the returns, whose sign tells whether feedback pays.
+fn beside_the_plan(policies: &[Evaluated], plan: &Evaluated) -> String {
+    let words = |policy: &Evaluated| {
+        let minus = policy.returns.iter().zip(&plan.returns).map(|(own, plan)| own - plan).collect::<Vec<f64>>();
+        let gained = Estimate::mean(&minus);
+        let verdict = match () {
+            () if gained.low > 0.0 => "better than the best plan: feedback pays",
+            () if gained.high < 0.0 => "worse than the best plan, which sees the target once and nothing else",
+            () => "as good as the best plan",
+        };
+        format!("{}: {verdict} (return {} more)", policy.policy.display(), gained.words(1.0, 3))
+    };
+    policies.iter().map(words).collect::<Vec<String>>().join("\n")
+}
+
+/// Draws of `n` objects: from the posterior or the prior, with the values of `--theta`.
+fn thetas(arguments: &EvaluateArgs, model: &Model, n: usize, draws: u64) -> Result<Vec<Vec<f64>>> {
+    let mut thetas = posterior_file::domains(arguments.posterior.as_deref(), model)?.rows(n, draws)?;
     // The prior gives more rows than asked for.
     thetas.truncate(n);
     for (name, value) in &arguments.theta {
         let place = parameter_values::place_of(name, *value, model)?;
         thetas.iter_mut().for_each(|theta| theta[place] = *value);
     }
+    Ok(thetas)
+}
+
+/// Request for the episodes, with an empty drive.
+fn request(arguments: &EvaluateArgs, model: &Model) -> Result<SimulationRequest> {
+    let n = arguments.episodes as usize;
+    let thetas = thetas(arguments, model, n, seed::derive(arguments.seed, STREAM))?;
     for (name, value) in &arguments.effect {
         parameter_values::check_effect(name, *value, model, Registry::shipped())?;
     }
@@ -162,7 +195,10 @@ fn words(report: &Report) -> String {
             100.0 * e.left_workspace
         )
     };
-    let mut lines: Vec<String> = report.policies.iter().map(line).collect();
+    let mut lines: Vec<String> = report.policies.iter().chain(&report.best_plan).map(line).collect();
+    if let Some(plan) = &report.best_plan {
+        lines.push(beside_the_plan(&report.policies, plan));
+    }
     lines.push(format!(
         "{} episodes of model `{}` each, {} fidelity; intervals of 95 %",
         report.episodes, report.model, report.fidelity

@@ -6,7 +6,7 @@ use crate::report::plots::search::{Interval, intervals};
 use crate::report::{Estimate, Page};
 
 /// Page with the scores of policies. `sentences` are the answer in words.
-pub fn page(sentences: &[String], policies: &[Evaluated]) -> Page {
+pub fn page(sentences: &[String], policies: &[&Evaluated]) -> Page {
     let mut page = Page::new("How do the policies fare?");
     page.answer(sentences, false);
     page.note("All policies ran the same episodes. Intervals of 95 % over the episodes: they say nothing about another training of a policy.");
@@ -16,7 +16,7 @@ pub fn page(sentences: &[String], policies: &[Evaluated]) -> Page {
             let values = [estimate.low, estimate.value, estimate.high].map(|v| scale * v);
             Some(Interval { name: e.policy.display().to_string(), values, role: Role::Posterior })
         };
-        let rows: Vec<Interval> = policies.iter().filter_map(row).collect();
+        let rows: Vec<Interval> = policies.iter().copied().filter_map(row).collect();
         if !rows.is_empty() {
             page.svg(&intervals(title, unit, &rows));
         }

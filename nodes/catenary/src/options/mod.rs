@@ -3,6 +3,7 @@
 mod bags;
 mod fidelity;
 mod inference_sizes;
+mod observes;
 mod on_graph;
 mod output;
 mod parameter_value;
@@ -15,6 +16,7 @@ mod task;
 pub use bags::Bags;
 pub use fidelity::FidelityName;
 pub use inference_sizes::InferenceSizes;
+pub use observes::ObservesOptions;
 pub use on_graph::OnGraph;
 pub use output::Output;
 pub use parameter_value::parameter_value;

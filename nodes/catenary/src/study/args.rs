@@ -3,7 +3,7 @@
 use super::evidence::Evidence;
 use super::further::Further;
 use crate::graph::own::Cell;
-use crate::options::{Output, Part, TrainingPreset};
+use crate::options::{ObservesOptions, Output, Part, TrainingPreset};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -28,12 +28,12 @@ pub struct StudyArgs {
     /// Trainings of each policy
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(2..=1000))]
     pub seeds: u64,
-    /// Environment steps of a training
-    #[arg(long, default_value_t = 49_152)]
-    pub steps: u64,
-    /// Observations before the newest that the policies take, at most 64
-    #[arg(long, default_value_t = 0)]
-    pub history: usize,
+    /// Most environment steps of a training; default: the preset's
+    #[arg(long)]
+    pub steps: Option<u64>,
+    /// What the policies observe
+    #[command(flatten)]
+    pub observes: ObservesOptions,
     /// Preset hyperparameters of the trainings
     #[arg(long, value_enum, default_value = "default")]
     pub preset: TrainingPreset,

@@ -92,16 +92,18 @@ pub fn page(study: &Study, data: &Data<'_>) -> Result<String> {
     page.answer(&sentences, false);
     let plan = &study.plan;
     page.note(&format!(
-        "{} trainings of each policy with {} environment steps, scored on {} episodes an object at the highest fidelity of the \
+        "{} trainings of each policy with at most {} environment steps, scored on {} episodes an object at the highest fidelity of the \
          simulation, with camera noise and nuisances drawn anew. Episodes of the same number have the same conditions for all policies. \
          Rewards are means over episodes, then interquartile means over trainings; brackets are intervals of 95 % by stratified \
          bootstrap over trainings; * is p < {LEVEL} of a paired test over trainings, not corrected for the number of rows.{}",
         plan.seeds,
         plan.steps,
         plan.episodes,
-        match plan.history {
-            0 => String::new(),
-            n => format!(" The policies see the newest observation and {n} before it."),
+        match (plan.observes.history, plan.observes.time) {
+            (0, false) => String::new(),
+            (n, time) => {
+                format!(" The policies see the newest observation{}, and {n} before it.", if time { ", the time" } else { "" })
+            }
         }
     ));
     for (index, task) in study.tasks.iter().enumerate() {

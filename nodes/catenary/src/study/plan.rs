@@ -10,7 +10,6 @@ use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Model;
 use catenary_core::policy::Observes;
-use ppo_trainer::Settings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -89,10 +88,10 @@ pub struct Plan {
     pub policies: Vec<Further>,
     /// Trainings of each policy.
     pub seeds: u64,
-    /// Environment steps of a training.
+    /// Most environment steps of a training.
     pub steps: u64,
-    /// Observations before the newest that the policies take.
-    pub history: usize,
+    /// What the policies observe.
+    pub observes: Observes,
     /// Preset of the trainings.
     pub preset: String,
     /// Episodes that score a training on an object.
@@ -159,11 +158,8 @@ impl Plan {
             let twice = objects[..i].iter().any(|o| o.name == object.name);
             ensure!(!twice, "--objects: {} is named twice", object.name);
         }
-        let training = Settings {
-            total_steps: arguments.steps,
-            observes: Observes { history: arguments.history, time: false },
-            ..arguments.preset.settings()
-        };
+        let mut training = arguments.observes.applied_to(arguments.preset.settings());
+        training.total_steps = arguments.steps.unwrap_or(training.total_steps);
         training.check().context("--steps, --history")?;
         for (i, evidence) in arguments.evidence.iter().enumerate() {
             ensure!(!arguments.evidence[..i].contains(evidence), "--evidence {evidence}: it is named twice");
@@ -176,8 +172,8 @@ impl Plan {
             objects,
             policies: [Further::Mu, Further::Told].into_iter().filter(|p| arguments.policies.contains(p)).collect(),
             seeds: arguments.seeds,
-            steps: arguments.steps,
-            history: arguments.history,
+            steps: training.total_steps,
+            observes: training.observes,
             preset: arguments.preset.name().to_owned(),
             episodes: arguments.episodes,
             repeats: arguments.repeats,

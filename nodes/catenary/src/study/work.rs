@@ -9,10 +9,10 @@ use crate::exit::{Given, Interrupted};
 use crate::graph::own::Cell;
 use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
+use crate::plan;
 use anyhow::{Context, Result, bail, ensure};
 use bayes_sim::InferenceError;
 use catenary_core::episode::MeasuredTrack;
-use catenary_core::policy::Observes;
 use catenary_core::posterior::Marginal;
 use catenary_core::simulator::Drive;
 use catenary_core::task::Score;
@@ -159,7 +159,7 @@ impl Work<'_> {
             let domains = Domains::Prior(self.models.model.theta.clone());
             // Without a history: the recordings are those of every study with this seed.
             let seed = seed::derive(self.plan.seed, stream::RECORDER);
-            let trained = self.train(&self.models.model, &domains, 0, seed)?;
+            let trained = self.train(&self.models.model, &domains, seed)?;
             files::write(&path, &trained.policy.to_bytes())?;
         }
         read_policy(&path)
@@ -208,7 +208,7 @@ impl Work<'_> {
         if !path.exists() || !curve.exists() {
             let model = &self.models.tasks[chain.task];
             let seed = self.seed(stream::TRAININGS, chain.training);
-            let trained = self.train(model, &self.domains(chain.knowledge)?, self.plan.history, seed)?;
+            let trained = self.train(model, &self.domains(chain.knowledge)?, seed)?;
             let points: Curve = trained.curve.iter().map(|p| (p.steps, p.mean_return, p.success_rate)).collect();
             files::write_json(&curve, &points)?;
             // Last, because it tells that the training is done.
@@ -230,12 +230,23 @@ impl Work<'_> {
         })
     }
 
-    fn train(&self, model: &Model, domains: &Domains, history: usize, of: u64) -> Result<Trained> {
-        let settings = Settings {
+    fn train(&self, model: &Model, domains: &Domains, of: u64) -> Result<Trained> {
+        let mut settings = Settings {
             total_steps: self.plan.steps,
-            observes: Observes { history, time: false },
+            observes: self.plan.observes,
             ..Settings::preset(&self.plan.preset)?
         };
+        if settings.searches_plan {
+            let plan = plan::best(model, &|n, draws| Ok(domains.rows(n, draws)?), of, 1, &mut |_| match self
+                .shutdown
+                .is_triggered()
+            {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            })?;
+            self.check()?;
+            settings.begin_with(&plan.context("a search that nothing ended")?)?;
+        }
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;

@@ -1,6 +1,6 @@
 //! Arguments of `train`.
 
-use crate::options::{OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value};
+use crate::options::{ObservesOptions, OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -26,12 +26,18 @@ pub struct TrainArgs {
     /// training that was not interrupted, to the bit
     #[arg(long, conflicts_with = "node")]
     pub resume: bool,
-    /// Environment steps; default: the preset's
+    /// Most environment steps; default: the preset's. A training of the default preset ends earlier when its mean return has stopped rising
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Observations before the newest that the policy takes, at most 64: it can then find out what one observation hides
-    #[arg(long, default_value_t = 0)]
-    pub history: u32,
+    /// What the policy observes
+    #[command(flatten)]
+    pub observes: ObservesOptions,
+    /// Policy of the plan that the training begins with, from `catenary plan`; default: it is searched, for a preset that begins with one
+    #[arg(long)]
+    pub plan: Option<PathBuf>,
+    /// Begin without a plan
+    #[arg(long, conflicts_with = "plan")]
+    pub no_plan: bool,
     /// Preset hyperparameters
     #[arg(long, value_enum, default_value = "default")]
     pub preset: TrainingPreset,

@@ -2,7 +2,7 @@
 
 use super::args::TrainArgs;
 use super::page::page;
-use super::report::Report;
+use super::report::{Ended, Report};
 use crate::exit::{Given, Interrupted, WrongInput};
 use crate::kept::Kept;
 use crate::terminal::{output, progress};
@@ -27,8 +27,13 @@ struct Begun {
 }
 
 /// Trains, and writes the policy. Ctrl-C ends the training, and keeps the policy trained so far and the state from which `--resume` goes on.
-pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &Settings) -> Result<()> {
-    output::prepare_file("out", &arguments.out)?;
+pub fn run(
+    arguments: &TrainArgs,
+    model: &Model,
+    domains: &Domains,
+    settings: &Settings,
+    shutdown: &Shutdown,
+) -> Result<()> {
     let rows = domains.rows(settings.environments, arguments.seed)?;
     let program = (env!("CARGO_PKG_VERSION"), METHOD, catenary_simulator::fingerprint(model));
     let asked = (program, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
@@ -37,12 +42,9 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
         true => Some(begun(&kept, settings)?),
         false => None,
     };
-    let shutdown = Shutdown::new();
-    catenary_shell::end_on_signals(&shutdown)?;
     let before = begun.as_ref().map_or(0, |begun| begun.state.steps());
-    let (trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, &shutdown)?;
-    let steps = [trained.steps, settings.total_steps];
-    let is_interrupted = steps[0] < steps[1];
+    let (trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, shutdown)?;
+    let is_interrupted = !trained.is_finished;
     // First: the policy is small, and may have room where the state has none.
     files::write(&arguments.out, trained.policy.to_bytes())?;
     if is_interrupted {
@@ -52,11 +54,12 @@ pub fn run(arguments: &TrainArgs, model: &Model, domains: &Domains, settings: &S
         kept.remove();
     }
     let steps_per_second = (trained.steps - before) as f64 / seconds;
-    let report = Report::new(arguments.out.clone(), steps, trained.curve, &trained.recent, steps_per_second);
+    let report =
+        Report::new(arguments.out.clone(), &Ended::of(&trained), trained.curve, &trained.recent, steps_per_second);
     arguments.page.write(|| page(&report))?;
     output::result(&arguments.output, &report, Report::words)?;
     if is_interrupted {
-        let done = format!("{} of {} steps", steps[0], steps[1]);
+        let done = format!("{} of at most {} steps", trained.steps, settings.total_steps);
         let files = format!("{} (the policy so far) and {}", report.policy.display(), kept.path().display());
         return Err(Interrupted::kept(done, files, "--resume").into());
     }
@@ -100,8 +103,11 @@ fn trained(
         model.task.with_context(|| format!("model `{}` has no task: no policy runs on it", model.name)).given()?;
     let env_seed = seed::derive(train_seed, 1);
     let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, env_seed, workers::available())?;
-    let share = |steps: u64| progress::share(steps as f64, settings.total_steps as f64);
-    let bar = progress::bar("training", begun.as_ref().map_or(0.0, |begun| share(begun.state.steps())))?;
+    let share = |steps: u64, of: u64| progress::share(steps as f64, of as f64);
+    let bar = progress::bar(
+        "training",
+        begun.as_ref().map_or(0.0, |begun| share(begun.state.steps(), settings.total_steps)),
+    )?;
     let state = match begun {
         Some(Begun { state, ongoing }) => {
             env.resume(ongoing)?;
@@ -111,7 +117,7 @@ fn trained(
     };
     let started = Instant::now();
     let (trained, state) = ppo_trainer::train_from(state, &mut env, &task, settings, train_seed, &mut |p| {
-        progress::advance(&bar, share(p.now.steps));
+        progress::advance(&bar, share(p.now.steps, p.total_steps));
         bar.set_message(format!("return {:.2}, success {:.0} %", p.now.mean_return, 100.0 * p.now.success_rate));
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;

@@ -7,12 +7,16 @@ mod page;
 mod report;
 
 use crate::exit::Given;
-use crate::inputs::{model_file, parameter_values, posterior_file};
-use anyhow::{Context, Result};
+use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
+use crate::plan;
+use crate::terminal::output;
+use anyhow::{Context, Result, ensure};
 use args::TrainArgs;
-use catenary_core::Model;
-use ppo_trainer::Domains;
-use std::path::PathBuf;
+use catenary_core::{Judge, Model, Policy};
+use catenary_shell::Shutdown;
+use policy_runner::Runner;
+use ppo_trainer::{Domains, Settings};
+use std::path::{Path, PathBuf};
 
 /// Parameters of the environments: one theta, a posterior, or the model's prior.
 fn domains(arguments: &TrainArgs, model: &Model) -> Result<Domains> {
@@ -27,17 +31,40 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let (own, text) = model_file::read_with_text(&arguments.model)?;
     let model = arguments.task.applied_to(own)?;
     model.task.with_context(|| model_file::no_task(&arguments.model)).given()?;
-    let mut settings = arguments.preset.settings();
+    let mut settings = arguments.observes.applied_to(arguments.preset.settings());
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
-    settings.observes.history = arguments.history as usize;
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.
     settings.check().context("--steps, --history").given()?;
     let files =
         [Some(&arguments.out), Some(&arguments.model), arguments.posterior.as_ref(), arguments.task.task.as_ref()];
     arguments.page.prepare(files.into_iter().flatten().map(PathBuf::as_path))?;
     let domains = domains(arguments, &model)?;
+    output::prepare_file("out", &arguments.out)?;
+    let shutdown = Shutdown::new();
+    catenary_shell::end_on_signals(&shutdown)?;
+    let plan = match &arguments.plan {
+        Some(path) => Some(read_plan(path, &model, &mut settings).given()?),
+        None if settings.searches_plan && !arguments.no_plan => {
+            let plan = plan::best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
+            settings.begin_with(&plan)?;
+            Some(plan)
+        }
+        None => None,
+    };
     match &arguments.on_graph.node {
-        Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, namespace),
-        None => local::run(arguments, &model, &domains, &settings),
+        Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, plan.as_ref(), namespace),
+        None => local::run(arguments, &model, &domains, &settings, &shutdown),
     }
+}
+
+/// Reads the plan that a training begins with, which must be one for the model's task.
+fn read_plan(path: &Path, model: &Model, settings: &mut Settings) -> Result<Policy> {
+    let (plan, _) = policy_file::read(path)?;
+    let shown = path.display();
+    settings.begin_with(&plan).with_context(|| format!("--plan {shown}"))?;
+    let (steps, most) = (plan.steps, model.task.map_or(0, |task| task.steps));
+    ensure!(steps == most, "--plan {shown}: `steps` is {steps}, the task has {most}");
+    let judge = Judge::of(model).context("the model has a task")?;
+    Runner::new(plan.clone(), judge, policy_runner::Settings::default()).with_context(|| format!("--plan {shown}"))?;
+    Ok(plan)
 }

@@ -2,7 +2,7 @@
 
 use super::args::TrainArgs;
 use super::page::page;
-use super::report::Report;
+use super::report::{Ended, Report};
 use crate::graph::request::{Answer, Request};
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result, ensure};
@@ -15,7 +15,13 @@ use indicatif::ProgressBar;
 use ppo_trainer::{Domains, convert as convert_training};
 
 /// Lets the training node train a policy. Ctrl-C cancels the training.
-pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespace: &str) -> Result<()> {
+pub fn run(
+    arguments: &TrainArgs,
+    domains: &Domains,
+    model_yaml: String,
+    plan: Option<&Policy>,
+    namespace: &str,
+) -> Result<()> {
     let (kind, mixture, point) = match domains {
         Domains::Prior(_) => (TrainGoal::DOMAINS_PRIOR, Mixture::default(), Vec::new()),
         Domains::Mixture(posterior) => (TrainGoal::DOMAINS_MIXTURE, convert::posterior_to_msg(posterior), Vec::new()),
@@ -28,12 +34,13 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
         point,
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
-        history: arguments.history,
+        history: arguments.observes.history.unwrap_or(0),
+        newest_only: arguments.observes.newest_only || arguments.observes.history == Some(0),
+        plan: plan.map_or_else(Vec::new, Policy::to_bytes),
         fidelity: SimulateRequest::FIDELITY_FAST,
         seed: arguments.seed,
         ..TrainGoal::default()
     };
-    output::prepare_file("out", &arguments.out)?;
     let bar = progress::bar("training", 0.0)?;
     let request = Request { who: "train", action: "ppo_trainer/train", namespace, wait_s: arguments.on_graph.wait_s };
     let Answer { name, result, .. } =
@@ -43,8 +50,9 @@ pub fn run(arguments: &TrainArgs, domains: &Domains, model_yaml: String, namespa
     catenary_shell::files::write(&arguments.out, &result.policy)?;
     let curve = convert_training::curve(&result).with_context(|| name.clone())?;
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
-    let steps = curve.last().map_or(0, |p| p.steps);
-    let report = Report::new(arguments.out.clone(), [steps, steps], curve, &last, result.steps_per_second);
+    // The node's answer does not say why the training ended.
+    let ended = Ended { steps: curve.last().map_or(0, |p| p.steps), interrupted: false, flat_at: None };
+    let report = Report::new(arguments.out.clone(), &ended, curve, &last, result.steps_per_second);
     arguments.page.write(|| page(&report))?;
     output::result(&arguments.output, &report, Report::words)
 }

@@ -1,7 +1,7 @@
 //! Result of a training, in the form in which `evaluate` reports, too.
 
 use crate::report::Estimate;
-use ppo_trainer::{CurvePoint, Rise};
+use ppo_trainer::{CurvePoint, Rise, Trained};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -14,6 +14,8 @@ pub struct Report {
     pub steps: u64,
     /// True if Ctrl-C ended the training early.
     pub interrupted: bool,
+    /// Environment steps after which the mean return had stopped rising; none if it rose to the end, or was not looked at.
+    pub flat_at: Option<u64>,
     /// Mean return of the last episodes of the training, of up to 100; none before two have ended.
     pub mean_return: Option<Estimate>,
     /// Share of successes among these episodes.
@@ -26,11 +28,29 @@ pub struct Report {
     pub curve: Vec<CurvePoint>,
 }
 
+/// How a training ended.
+#[derive(Debug, Clone, Copy)]
+pub struct Ended {
+    /// Environment steps taken.
+    pub steps: u64,
+    /// True if Ctrl-C ended it.
+    pub interrupted: bool,
+    /// Steps after which the mean return was flat, if it was.
+    pub flat_at: Option<u64>,
+}
+
+impl Ended {
+    /// End of a training in this process.
+    pub fn of(trained: &Trained) -> Self {
+        Self { steps: trained.steps, interrupted: !trained.is_finished, flat_at: trained.flat_at }
+    }
+}
+
 impl Report {
     /// Report of a training with its curve and its last episodes: return, and true for a success.
     pub fn new(
         policy: PathBuf,
-        [steps, total_steps]: [u64; 2],
+        ended: &Ended,
         curve: Vec<CurvePoint>,
         last: &[(f64, bool)],
         steps_per_second: f64,
@@ -40,8 +60,9 @@ impl Report {
         let is_enough = last.len() >= 2;
         Self {
             policy,
-            steps,
-            interrupted: steps < total_steps,
+            steps: ended.steps,
+            interrupted: ended.interrupted,
+            flat_at: ended.flat_at,
             mean_return: is_enough.then(|| Estimate::mean(&returns)),
             success_rate: is_enough.then(|| Estimate::share(successes, last.len())),
             rise: Rise::of(&curve),
@@ -57,6 +78,9 @@ impl Report {
             return format!("{policy}: {} steps, too few for two episodes", self.steps);
         };
         let rise = match self.rise {
+            _ if self.flat_at.is_some() => {
+                format!("the return had stopped rising by step {}", self.flat_at.unwrap_or_default())
+            }
             Rise::By(at) => format!("95 % of the return's rise were made by step {at}"),
             Rise::ToTheEnd => "the return rose to the end: more steps may help".to_owned(),
             Rise::None => "the return never rose".to_owned(),

@@ -75,7 +75,7 @@ fn a_plan_meets_every_target_where_one_exists() {
     let found = planned(vec![vec![0.2]; 16]);
     assert!(found.distance_m < 1e-3, "{found:?}");
     // Also targets that the search has not seen.
-    let drive = Drive::Policy(Box::new(policy(found.plan, &Judge::of(&model).unwrap())));
+    let drive = Drive::Policy(Box::new(found.policy(&Judge::of(&model).unwrap())));
     let others = SimulationRequest { drive, first_episode: 100, ..request(vec![vec![0.2]; 50]) };
     let judge = Judge::of(&model).unwrap();
     for track in Stick(model).simulate(&others).unwrap() {
