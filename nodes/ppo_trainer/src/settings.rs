@@ -5,7 +5,7 @@ use catenary_core::{Goal, Policy};
 use thiserror::Error;
 
 /// Least and greatest standard deviation of an action about a plan, in units of the action limit.
-const SPREAD: [f32; 2] = [0.05, 0.5];
+const SPREAD: [f32; 2] = [0.05, 0.22];
 
 /// Hyperparameters of a training, named as in Stable-Baselines3 and cleanrl.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Settings {
     pub epochs: usize,
     /// Adam's learning rate.
     pub learning_rate: f32,
-    /// True to let the learning rate fall linearly to zero: over the whole training, or with `ends_when_flat` over its last fifth.
+    /// True to let the learning rate fall linearly to zero: over the whole training, or with `ends_when_flat` over its second half.
     pub anneal_learning_rate: bool,
     /// Discount of rewards per step, 0 to 1; none for that of the goal: 0.95 for `reach`, which pays each step and is cut off at its step limit, and 1
     /// for goals that pay at their end.

@@ -118,6 +118,12 @@ impl Demo {
         let result: TrainResult =
             stages.run_or_keep(&format!("train {name} over {over}"), &inputs, 1, |stages, bar| {
                 let shown = bar.clone();
+                let mut goal = goal;
+                if self.sizes.training_preset.settings().searches_plan {
+                    let domains = convert_training::domains(&goal, &self.model)?;
+                    let rows = |n, draws| Ok(domains.rows(n, draws)?);
+                    goal.plan = self.plan(stages, &rows, goal.seed, &mut |_| {})?.to_bytes();
+                }
                 let result =
                     stages.graph.goal(&clients.train, goal, move |feedback| show_training(&shown, &feedback))?;
                 ensure!(result.success, "{}", result.message);

@@ -38,7 +38,7 @@ pub struct Sizes {
 
 /// Minutes on two cores.
 pub const DEFAULT: Sizes =
-    Sizes { preset: Preset::Default, training_preset: TrainingPreset::Default, training_steps: 61_440 };
+    Sizes { preset: Preset::Default, training_preset: TrainingPreset::Default, training_steps: 122_880 };
 /// Sizes of the paper.
 pub const PAPER: Sizes = Sizes { preset: Preset::Paper, training_preset: TrainingPreset::Sb3, training_steps: 120_000 };
 

@@ -61,6 +61,9 @@ impl Summary {
                 rate(before),
                 rate(after)
             );
+            if let Some(plan) = &self.evaluation.best_plan {
+                text += &format!(" The best plan found for the hidden bar reaches it in {}.", rate(plan));
+            }
             // The interval of the paired difference decides: a claim of improvement needs it to exclude zero.
             match after.success_gained {
                 Some(d) if d.high < 0.0 => text += " pi1 is worse.",
@@ -128,6 +131,13 @@ impl Summary {
                 scored.success_rate.words(100.0, 0),
                 scored.mean_return.words(1.0, 2),
                 1e3 * scored.median_distance_m()
+            ));
+        }
+        if let Some(plan) = &self.evaluation.best_plan {
+            lines.push(format!(
+                "best plan found for the hidden object, which sees the target once and nothing else: success {} %, median distance {:.0} mm",
+                plan.success_rate.words(100.0, 0),
+                1e3 * plan.median_distance_m()
             ));
         }
         if let Some((s, r)) =

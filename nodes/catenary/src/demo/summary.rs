@@ -67,6 +67,9 @@ pub struct Evaluation {
     pub seed: u64,
     /// Scores of the policies, pi0 first.
     pub policies: Vec<Evaluated>,
+    /// Score of the best plan that a search finds for the hidden object: what can be reached without feedback. None in files of earlier versions.
+    #[serde(default)]
+    pub best_plan: Option<Evaluated>,
 }
 
 /// Result of the inference.

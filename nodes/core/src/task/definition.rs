@@ -5,6 +5,10 @@ use serde::{Deserialize, Serialize};
 /// Limit of an action: |dx| and |dz| in m.
 pub const MAX_DELTA_M: f64 = 0.06;
 
+/// Greatest distance in m of a target from the measured position. The safety gate refuses a target beyond 0.1 m (its default `max_jump_m`) from a
+/// pose that is newer than the one that a policy saw.
+pub const MAX_LEAD_M: f64 = 0.09;
+
 /// Greatest number of steps of an episode in a file. It bounds the memory that a damaged file can claim.
 pub const MOST_STEPS: usize = 100_000;
 
