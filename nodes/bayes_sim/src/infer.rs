@@ -341,6 +341,7 @@ mod tests {
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
             goal: None,
+            arm: None,
         };
         assert!(warned(Some(&policy)) && !warned(None));
     }

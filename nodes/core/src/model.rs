@@ -1,5 +1,6 @@
 //! Model file: the object, its parameters and distributions, the camera, the arm and the task.
 
+mod arm_law;
 mod check;
 mod error;
 mod outline;
@@ -9,6 +10,7 @@ mod task_file;
 mod tests;
 mod yaml;
 
+pub use arm_law::LawGap;
 pub use error::{ModelError, Place};
 pub use task_file::TaskFile;
 

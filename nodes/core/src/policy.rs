@@ -1,13 +1,16 @@
 //! Policy with everything that is needed to run it, and its file format.
 
 mod memory;
+mod other_arm;
 mod plan;
 
 pub use memory::{Memory, Observes};
+pub use other_arm::OtherArm;
 pub use plan::Plan;
 
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
+use crate::model::ArmLaw;
 use crate::task::{DeltaAnchor, Goal, MAX_DELTA_M, MOST_STEPS, REWARD_RANGE_M, STEP_PERIOD_S};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -59,6 +62,8 @@ pub struct Policy {
     pub steps: usize,
     /// Goal that it was trained for; none in files of earlier versions, which do not say it.
     pub goal: Option<Goal>,
+    /// Law of the arm that it was trained for; none in files of earlier versions, which do not say it.
+    pub arm: Option<ArmLaw>,
 }
 
 /// Reason for which a policy file is refused.
@@ -154,6 +159,9 @@ impl Policy {
             metadata
                 .insert("goal".to_owned(), serde_json::to_string(goal).expect("a goal has names and numbers alone"));
         }
+        if let Some(law) = &self.arm {
+            metadata.insert("arm".to_owned(), law.to_text());
+        }
         let views = tensors.iter().map(|(name, shape, data)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), data).expect("shape and data were made together");
             (name.as_str(), view)
@@ -220,6 +228,10 @@ impl Policy {
                 None => Ok(goal),
             }
         });
+        let arm = metadata.get("arm").map(|text| {
+            let wrong = |error| bad("arm", "the law of an arm as a model file has it", &format!("{text}: {error}"));
+            ArmLaw::from_text(text).map_err(wrong)
+        });
         let name = text("name")?;
         // Events, logs and pages show it.
         if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
@@ -255,6 +267,7 @@ impl Policy {
             },
             steps,
             goal: goal.transpose()?,
+            arm: arm.transpose()?,
         })
     }
 }
@@ -360,7 +373,7 @@ fn plan(file: &SafeTensors<'_>, steps: usize) -> Result<Plan, PolicyError> {
 mod tests {
     use super::*;
 
-    fn policy() -> Policy {
+    pub(super) fn policy() -> Policy {
         let l = |inputs: usize, outputs: usize| Layer {
             inputs,
             outputs,
@@ -379,6 +392,7 @@ mod tests {
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
             goal: Some(Goal::PlaceTip { reward_range_m: 0.4 }),
+            arm: Some(ArmLaw::Lag { time_constant_s: 0.16, max_speed_m_s: 0.5 }),
         }
     }
 
@@ -386,7 +400,7 @@ mod tests {
     fn file_round_trip_keeps_every_bit() {
         let p = policy();
         assert_eq!(Policy::from_bytes(&p.to_bytes()).unwrap(), p);
-        let silent = Policy { goal: None, ..p.clone() };
+        let silent = Policy { goal: None, arm: None, ..p.clone() };
         assert_eq!(Policy::from_bytes(&silent.to_bytes()).unwrap(), silent);
         assert!((0..8).all(|_| p.to_bytes() == p.to_bytes()), "the same policy gave other bytes");
     }
@@ -401,7 +415,7 @@ mod tests {
     #[test]
     fn every_field_of_a_file_is_checked() {
         type Change = fn(&mut Policy);
-        let cases: [(Change, &str); 12] = [
+        let cases: [(Change, &str); 13] = [
             (|p| p.step_period_s = 1e9, "`step_period_s`: expected 0.001 to 10 s, got 1000000000"),
             (
                 |p| p.goal = Some(Goal::PlaceTip { reward_range_m: 0.0 }),
@@ -431,6 +445,11 @@ mod tests {
             ),
             (|p| p.action_scale = [1e9, 0.1], "`action_scale`: expected numbers from 0 to 100, got 1000000000"),
             (|p| p.action_scale[1] = -0.5, "`action_scale`: expected numbers from 0 to 100, got -0.5"),
+            (
+                |p| p.arm = Some(ArmLaw::Lag { time_constant_s: -1.0, max_speed_m_s: 0.5 }),
+                "`arm`: expected the law of an arm as a model file has it, got \
+                 {\"lag\":{\"time_constant_s\":-1.0,\"max_speed_m_s\":0.5}}: model, `arm_law.lag.time_constant_s`: expected 0 to 5 s, got -1",
+            ),
             (|p| p.step_period_s = 0.0, "`step_period_s`: expected 0.001 to 10 s, got 0"),
         ];
         for (change, words) in cases {

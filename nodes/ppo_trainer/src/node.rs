@@ -164,10 +164,11 @@ fn train_goal(handle: &GoalHandle<Train>, pool: &Pool) -> Result<TrainResult> {
     };
     let mut env = PoolEnv::open(pool, request)?;
     let started = Instant::now();
-    let trained = train(&mut env, &task, &settings, goal.seed, &mut |progress| {
+    let mut trained = train(&mut env, &task, &settings, goal.seed, &mut |progress| {
         handle.feedback(convert::feedback(progress));
         if handle.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
     .map_err(|e: TrainError| anyhow::anyhow!(e))?;
+    trained.policy.arm = Some(model.arm.law);
     Ok(convert::result(&trained, &rows, started.elapsed().as_secs_f64()))
 }

@@ -263,6 +263,8 @@ impl<'a> Trainer<'a> {
             delta_anchor: task.delta_anchor,
             steps: task.steps,
             goal: Some(task.goal),
+            // The environments know their arm, the trainer does not: its caller says it.
+            arm: None,
         }
     }
 

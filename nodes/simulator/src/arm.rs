@@ -282,6 +282,17 @@ mod tests {
     }
 
     #[test]
+    fn the_response_by_which_laws_are_compared_is_that_of_the_simulated_arm() {
+        let times: Vec<f64> = (1..=1500).map(|i| 1e-3 * f64::from(i)).collect();
+        for settings in [lag(0.16), lag(0.0), impedance(|law| (law.clip_m, law.friction_n) = (0.02, 2.0))] {
+            let simulated = after_six_centimetres(&settings, &times);
+            let compared = settings.law.step_response_m();
+            let apart = simulated.iter().zip(&compared).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(simulated.len() == compared.len() && apart < 2e-4, "{apart} m apart with {}", settings.law);
+        }
+    }
+
+    #[test]
     fn impedance_law_with_a_tight_clip_is_slow() {
         let settings = impedance(|law| (law.clip_m, law.friction_n) = (0.003, 1.9));
         assert!((rise_s(&settings) - 1.16).abs() < 0.2, "{} s", rise_s(&settings));

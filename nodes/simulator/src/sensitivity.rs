@@ -325,6 +325,7 @@ mod tests {
             delta_anchor: DeltaAnchor::LastTarget,
             steps: 16,
             goal: None,
+            arm: None,
         };
         let drive = Drive::Policy(Box::new(policy));
         assert!(message(&SimulationRequest { drive, ..request() }, "length_m").contains("policy"));

@@ -23,6 +23,7 @@ fn policy(action: [f32; 2]) -> Policy {
         delta_anchor: DeltaAnchor::LastTarget,
         steps: 16,
         goal: None,
+        arm: None,
     }
 }
 
