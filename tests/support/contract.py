@@ -98,6 +98,7 @@ TOPICS = (
     topic("/panda/current_twist", "geometry_msgs/msg/TwistStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
     topic("/panda/external_wrench", "geometry_msgs/msg/WrenchStamped", BEST_EFFORT, 1, BASE, 200, (CELL,)),
     topic("/panda/arm_state", "catenary_msgs/msg/ArmState", LATCHED, 1, BASE, 50, (CELL,), (RUNNER,)),
+    topic("/panda/arm_law", "std_msgs/msg/String", LATCHED, 1, None, None, (CELL,), (RUNNER,)),
     topic("/panda/target_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, 1, BASE, None, (RUNNER,), (CELL,)),
     topic("/panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", RELIABLE, 10, BASE, None, (CELL,), (RUNNER,)),
     topic("/policy/action", "catenary_msgs/msg/EefDelta", RELIABLE, 10, BASE, None, (RUNNER,), (BAYES, FINDER)),

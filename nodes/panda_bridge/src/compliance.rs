@@ -1,6 +1,8 @@
 //! Cartesian compliance settings and their limits.
 
 use crate::kinematics::JOINTS;
+use crate::law::REFERENCE_TIME_S;
+use catenary_core::model::{ArmLaw, Impedance};
 use thiserror::Error;
 
 /// Stiffness, damping and error clip of a Cartesian impedance law, frame panda_link0.
@@ -81,6 +83,19 @@ pub struct BeyondThreshold {
 }
 
 impl Compliance {
+    /// Law in the terms of a model, for motions in the plane of x and z. The model has one stiffness and one damping: those along x. Mass and
+    /// friction of the arm are unknown here: they keep the model's defaults.
+    #[must_use]
+    pub fn arm_law(&self) -> ArmLaw {
+        ArmLaw::Impedance(Impedance {
+            stiffness_n_m: self.stiffness[0],
+            damping_n_s_m: self.damping[0],
+            clip_m: self.error_clip_m,
+            reference_time_constant_s: REFERENCE_TIME_S,
+            ..Impedance::default()
+        })
+    }
+
     /// Checks that the spring cannot pull as hard as the thresholds at which the robot stops by a reflex: force and moment at the hand
     /// (N, N m), and joint torques (N m). One axis at its clip is assumed: a hand that is held back along a diagonal may load the first
     /// joints by up to 1.7 times as much.
@@ -141,6 +156,15 @@ mod tests {
         assert_eq!(c.check().unwrap_err().to_string(), "stiffness[4]: expected more than 0 and at most 300, got 400");
         let c = Compliance { error_clip_m: f64::NAN, ..Compliance::default() };
         assert!(c.check().is_err());
+    }
+
+    #[test]
+    fn gains_are_a_models_law_along_x() {
+        let ArmLaw::Impedance(law) = (Compliance { error_clip_m: 0.02, ..Compliance::default() }).arm_law() else {
+            panic!("the bridge has an impedance law")
+        };
+        let expected = Impedance { clip_m: 0.02, stiffness_n_m: 2000.0, damping_n_s_m: 89.0, ..Impedance::default() };
+        assert_eq!(law, Impedance { reference_time_constant_s: 0.2, ..expected });
     }
 
     #[test]

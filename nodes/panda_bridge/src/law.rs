@@ -32,6 +32,8 @@ pub type Jacobian = SMatrix<f64, 6, JOINTS>;
 const FILTER: f64 = 0.005;
 /// Period of a cycle, s.
 const CYCLE_S: f64 = 1e-3;
+/// Time constant with which the target of the law follows a new target, s.
+pub const REFERENCE_TIME_S: f64 = CYCLE_S / FILTER;
 /// Damping of the pseudo-inverse. Chosen: SERL's 0.2 lets 30 % of the posture's torque through to the hand where the smallest singular value
 /// is 0.3, this lets 0.4 %.
 const PSEUDO_INVERSE_DAMPING: f64 = 0.02;

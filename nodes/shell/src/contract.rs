@@ -93,6 +93,8 @@ topics! {
         "Estimated external wrench on panda_hand_tcp in panda_link0.";
     ARM_STATE: "panda/arm_state", "catenary_msgs/msg/ArmState", TL1, "50 Hz and on change",
         "Mode of the arm, and its faults.";
+    ARM_LAW: "panda/arm_law", "std_msgs/msg/String", TL1, "at the start and on change",
+        "Law by which the arm follows a target, as a model file has it under arm.law.";
     TARGET_POSE: "panda/target_pose", "geometry_msgs/msg/PoseStamped", R1, "policy rate, or up to 50 Hz",
         "Commanded pose of panda_hand_tcp in panda_link0.";
     ACCEPTED_TARGET: "panda/accepted_target", "catenary_msgs/msg/AcceptedTarget", R10, "per command",

@@ -22,6 +22,7 @@ use lock_step::LockStep;
 use measuring::Measuring;
 use panda_bridge::Arm;
 use panda_bridge::node::front::{Front, MoveParameters, meet_others};
+use panda_bridge::node::topics::LawTopic;
 use setup::Setup;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -133,6 +134,9 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let front = Front::new(&node, origin, p.moves, arm)?;
     // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
     // arm.
+    // Kept: a later subscriber gets the law from it.
+    let law = LawTopic::new(&node)?;
+    law.announce(&model.arm.law);
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     let clock = is_simulated.then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));

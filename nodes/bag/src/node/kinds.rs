@@ -5,7 +5,9 @@ use crate::error::BagError;
 use crate::node::definitions::{self, Definition};
 use crate::reader::{BagMessage, Topic};
 use crate::writer::TopicType;
-use catenary_msgs::{InterfaceInfo, diagnostic_msgs, geometry_msgs, msg, rcl_interfaces, sensor_msgs, tf2_msgs};
+use catenary_msgs::{
+    InterfaceInfo, diagnostic_msgs, geometry_msgs, msg, rcl_interfaces, sensor_msgs, std_msgs, tf2_msgs,
+};
 use catenary_shell::{Msg, Node, Publisher, Qos, RawMessage, ShellError, Subscription, Time};
 use std::time::Duration;
 
@@ -66,7 +68,7 @@ impl Kind {
 }
 
 // The types of the contract's topics; a test compares both lists.
-static KINDS: [Kind; 17] = [
+static KINDS: [Kind; 18] = [
     Kind::large::<sensor_msgs::msg::Image>(),
     Kind::of::<sensor_msgs::msg::CameraInfo>(),
     Kind::of::<sensor_msgs::msg::JointState>(),
@@ -75,6 +77,7 @@ static KINDS: [Kind; 17] = [
     Kind::of::<geometry_msgs::msg::WrenchStamped>(),
     Kind::of::<msg::Keypoints>(),
     Kind::of::<msg::ArmState>(),
+    Kind::of::<std_msgs::msg::String>(),
     Kind::of::<msg::AcceptedTarget>(),
     Kind::of::<msg::EefDelta>(),
     Kind::of::<msg::Observation>(),

@@ -3,7 +3,7 @@
 
 use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::settings::Settings;
-use super::topics::{ArmTopics, Measurement};
+use super::topics::{ArmTopics, LawTopic, Measurement};
 use crate::arm::{Arm, Plant};
 use crate::fci::{End, FciLink, FciSettings, Measured, Phase, tool_pose};
 use crate::gate::{Mode, Order};
@@ -125,11 +125,13 @@ pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveP
     let asked = Arc::clone(&link);
     let front = Front::with_readiness(node, origin, moves, arm, move |_| asked.unready())?;
     let (set, recovered) = (Arc::clone(&link), Arc::clone(&link));
-    let gate = Arc::clone(&front);
+    let (gate, law) = (Arc::clone(&front), LawTopic::new(node)?);
+    law.announce(&compliance.arm_law());
     let _served = front.serve(
         move |compliance| {
             compliance.check_thresholds(&collision.wrench, &collision.torque_n_m).map_err(|e| e.to_string())?;
             set.set_compliance(*compliance);
+            law.announce(&compliance.arm_law());
             Ok(String::new())
         },
         move || {

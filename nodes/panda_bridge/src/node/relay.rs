@@ -5,6 +5,7 @@ use super::controller::{self, Controller};
 use super::front::{Front, MoveParameters, RECHECK_S, meet_others};
 use super::parameters;
 use super::settings::{ControllerNames, Settings};
+use super::topics::LawTopic;
 use crate::arm::Arm;
 use crate::convert;
 use crate::gate::{BASE_FRAME, Heard, Mode, Stranger, Writer};
@@ -73,7 +74,7 @@ struct Relay {
 
 /// Runs the relay until shutdown.
 pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()> {
-    let names = settings.controller;
+    let (names, known_law) = (settings.controller, settings.law);
     refuse_collisions(node, &names)?;
     meet_others(node);
     let origin = node.now();
@@ -88,7 +89,11 @@ pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()>
     let front = Front::with_readiness(node, origin, moves, arm, readiness)?;
     let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
     let _measuring = relay.subscribe(node, &names, settings.silence)?;
-    let _served = front.serve(parameters::setter(node, &names.node)?, || Ok(()))?;
+    let (law, mut set) = (LawTopic::new(node)?, parameters::setter(node, &names.node)?);
+    // The relay cannot see the controller's law. A wrong one would be worse than none.
+    known_law.iter().for_each(|known| law.announce(known));
+    let _served =
+        front.serve(move |compliance| set(compliance).inspect(|_| law.announce(&compliance.arm_law())), || Ok(()))?;
     relay.report(node)?;
     relay.run(node)
 }

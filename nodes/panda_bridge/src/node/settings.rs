@@ -5,8 +5,9 @@ use crate::arm::ArmSettings;
 use crate::gate::{BASE_FRAME, GateSettings};
 use crate::pose::ArmPose;
 use crate::speed::SpeedLimit;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use catenary_core::Model;
+use catenary_core::model::ArmLaw;
 use catenary_core::task::Workspace;
 use catenary_shell::{NodeBuilder, ParamSpec, read_model};
 use std::time::Duration;
@@ -29,6 +30,8 @@ pub struct ControllerNames {
 pub struct Settings {
     /// Names of the controller.
     pub controller: ControllerNames,
+    /// Law of the arm behind the relay, as far as it is known.
+    pub law: Option<ArmLaw>,
     /// Silence of the controller's pose after which the arm counts as disconnected.
     pub silence: Duration,
     /// Gate, start pose and kind of the arm.
@@ -59,6 +62,7 @@ impl Settings {
         };
         let silence = "Silence of the controller's pose after which the arm counts as disconnected; larger tolerates a slow network.";
         let silence = b.declare_f64("controller.silence_s", 0.5, fixed(silence).unit("s").range(0.05..=10.0))?.get();
+        let law = law(b)?;
         let model = text("model_file", "", "Model file for start pose and workspace; empty: none.")?.get();
         let model =
             if model.is_empty() { None } else { Some(read_model("model_file", model.as_ref(), Model::from_yaml)?) };
@@ -73,8 +77,21 @@ impl Settings {
             real,
             start_tolerance_m: tolerance.get(),
         };
-        Ok(Self { controller, silence: Duration::from_secs_f64(silence), arm, speed: speed(b)? })
+        Ok(Self { controller, law, silence: Duration::from_secs_f64(silence), arm, speed: speed(b)? })
     }
+}
+
+/// Declares and reads `controller.arm_law`; `None` if the law is unknown.
+///
+/// # Errors
+/// A text that is no law.
+pub(super) fn law(b: &NodeBuilder) -> Result<Option<ArmLaw>> {
+    let text = "Law of the controller's arm as in a model file, such as {impedance: {clip_m: 0.02}}; empty: unknown until set_compliance.";
+    let given = b.declare_string("controller.arm_law", "", fixed(text))?.get();
+    if given.is_empty() {
+        return Ok(None);
+    }
+    ArmLaw::from_text(&given).map(Some).context("parameter controller.arm_law")
 }
 
 fn speed(b: &NodeBuilder) -> Result<SpeedLimit> {

@@ -4,9 +4,11 @@ use crate::convert;
 use crate::gate::BASE_FRAME;
 use crate::kinematics::JOINTS;
 use crate::pose::ArmPose;
+use catenary_core::model::ArmLaw;
 use catenary_msgs::geometry_msgs::msg::{PoseStamped, TwistStamped, WrenchStamped};
 use catenary_msgs::msg::ArmState;
 use catenary_msgs::sensor_msgs::msg::JointState;
+use catenary_msgs::std_msgs::msg::String as Text;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, Publisher, ShellError, Time, contract, stamp};
 use nalgebra::Vector6;
@@ -73,5 +75,25 @@ impl ArmTopics {
     /// Publishes the state of the arm.
     pub fn state(&self, state: ArmState) {
         self.state.send(state);
+    }
+}
+
+/// Topic on which an arm announces its law, so that policies and trainings can be compared with it.
+#[derive(Clone)]
+pub struct LawTopic(Publisher<Text>);
+
+impl LawTopic {
+    /// Creates the publisher.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name after remapping, the middleware.
+    pub fn new(node: &Node) -> Result<Self, ShellError> {
+        Ok(Self(node.publisher(contract::ARM_LAW.name, contract::ARM_LAW.qos)?))
+    }
+
+    /// Announces the law. Later subscribers get the newest one, too.
+    pub fn announce(&self, law: &ArmLaw) {
+        tracing::info!("the arm follows targets as {law}");
+        self.0.send(Text { data: law.to_text() });
     }
 }

@@ -121,7 +121,8 @@ fn array<const N: usize>(b: &NodeBuilder, name: &str, default: [f64; N], unit: &
     Ok(values)
 }
 
-fn compliance(b: &NodeBuilder) -> Result<Compliance> {
+/// Declares and reads the gains at the start.
+pub(super) fn compliance(b: &NodeBuilder) -> Result<Compliance> {
     let d = Compliance::default();
     let clip =
         fixed("Limit of the position error in the law; stiffness times this limit is the greatest steady force.");
