@@ -8,8 +8,11 @@ STEPS = 16
 BIAS = (0.1, -0.05)
 
 
-def policy_file(action=BIAS):
-    """Bytes of a safetensors file whose policy always chooses one action: 12 inputs with weight 0, two biases."""
+def policy_file(action=BIAS, arm=None):
+    """Bytes of a safetensors file whose policy always chooses one action: 12 inputs with weight 0, two biases.
+
+    `arm`: text of the arm's law that it was trained for; None: the file says none.
+    """
     tensors = {
         "actor.0.weight": ([2, 12], [0.0] * 24),
         "actor.0.bias": ([2], action),
@@ -18,7 +21,8 @@ def policy_file(action=BIAS):
         "action_scale": ([2], [0.1, 0.1]),
     }
     names = {"format": "catenary policy 1", "name": "constant", "delta_anchor": "last_target"}
-    header, data = {"__metadata__": names | {"step_period_s": "0.5", "steps": str(STEPS)}}, b""
+    names |= {"step_period_s": "0.5", "steps": str(STEPS)} | ({"arm": arm} if arm else {})
+    header, data = {"__metadata__": names}, b""
     for name, (shape, values) in tensors.items():
         packed = struct.pack(f"<{len(values)}f", *values)
         header[name] = {"dtype": "F32", "shape": shape, "data_offsets": [len(data), len(data) + len(packed)]}

@@ -10,12 +10,15 @@ use crate::convert;
 use crate::runner::{Fault, Inputs, Objection, Runner, Settings, Step, StillTurn, StillWait, Turn};
 use crate::writers::{Source, Writer, Writers, lock};
 use anyhow::{Context, Result, anyhow};
+use catenary_core::model::ArmLaw;
+use catenary_core::policy::OtherArm;
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
 use catenary_msgs::action::{RunEpisode, RunEpisodeFeedback, RunEpisodeGoal, RunEpisodeResult};
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
+use catenary_msgs::std_msgs::msg::String as Text;
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{
     Attendance, CallError, Client, Concurrency, DEAD_NODE, Decision, Flaw, GoalHandle, Intake, Latest, Misconfigured,
@@ -61,6 +64,8 @@ struct Shell {
     keypoints: Latest<Keypoints>,
     pose: Latest<PoseStamped>,
     arm: Latest<ArmState>,
+    /// Law that the arm announces.
+    law: Latest<Text>,
     target: Publisher<PoseStamped>,
     answers: Queue<AcceptedTarget>,
     action: Publisher<EefDelta>,
@@ -125,6 +130,7 @@ fn run(builder: NodeBuilder) -> Result<()> {
         keypoints,
         pose,
         arm,
+        law: node.latest(contract::ARM_LAW.name, contract::ARM_LAW.qos)?,
         target: node.publisher(contract::TARGET_POSE.name, contract::TARGET_POSE.qos)?,
         answers: node.take_queue(answers, ANSWERS)?,
         action: node.publisher(contract::ACTION.name, contract::ACTION.qos)?,
@@ -202,6 +208,18 @@ impl Shell {
         Judge::of(&model).with_context(|| format!("model_file {path}: it has no task"))
     }
 
+    /// Compares the arm of the policy's training with the one that announces its law, if one does.
+    fn other_arm(&self, policy: &Policy) -> Option<OtherArm> {
+        let announced = self.law.get()?;
+        match ArmLaw::from_text(&announced.message.data) {
+            Ok(law) => policy.other_arm(&law),
+            Err(error) => {
+                tracing::warn!("{}: expected the law of an arm as a model file has it: {error}", self.law.topic());
+                None
+            }
+        }
+    }
+
     fn serve(&self, handle: &GoalHandle<RunEpisode>) -> Outcome<RunEpisodeResult> {
         let episode = self.episodes.fetch_add(1, Ordering::Relaxed);
         let tell = move |peer: &Peer| tracing::info!("episode {episode}: run_episode, asked for by {peer}");
@@ -231,6 +249,9 @@ impl Shell {
         let client = handle.requester().attendance();
         let goal = handle.goal();
         let policy = Policy::from_bytes(&goal.policy)?;
+        if let Some(other) = self.other_arm(&policy) {
+            tracing::warn!("episode {episode}: {other}. Train for this arm: catenary train --arm running");
+        }
         let own = Settings {
             max_age_s: self.max_age_s.get(),
             patience_s: self.patience_s.get(),

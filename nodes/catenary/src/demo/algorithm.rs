@@ -1,6 +1,5 @@
 //! Stages of the demo: trainings, episodes on the cell, inference, and score.
 
-use super::config::MODEL;
 use super::film::{self, Film};
 use super::observe::{Observer, Seen};
 use super::recording;
@@ -105,7 +104,7 @@ impl Demo {
             Some(_) => ("the posterior", TrainGoal::DOMAINS_MIXTURE),
         };
         let goal = TrainGoal {
-            model_yaml: MODEL.to_owned(),
+            model_yaml: self.model_yaml.clone(),
             domains,
             mixture: inferred.map(|r| r.posterior.clone()).unwrap_or_default(),
             preset: self.sizes.training_preset.name().to_owned(),
@@ -260,7 +259,7 @@ impl Demo {
         let goal = InferGoal {
             source: InferGoal::SOURCE_BAG,
             bags: vec![self.folder.join(&episode.bag).display().to_string()],
-            model_yaml: MODEL.to_owned(),
+            model_yaml: self.model_yaml.clone(),
             preset: self.sizes.preset.name().to_owned(),
             drive: convert::drive_to_msg(self.model.observation.drive),
             policy: if by_policy { policy.to_vec() } else { Vec::new() },

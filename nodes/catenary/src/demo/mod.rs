@@ -19,7 +19,7 @@ use crate::graph::own::OwnDomain;
 use crate::terminal::output;
 use anyhow::{Context, Error, Result};
 use args::{DemoArgs, ReportArgs};
-use catenary_core::{Judge, Model};
+use catenary_core::Judge;
 use catenary_shell::{Discovery, NodeBuilder, RosArgs};
 use kept::{Kept, Owner};
 use setup::{Demo, hidden_truth};
@@ -31,7 +31,7 @@ use summary::{Progress, Summary};
 pub fn run(arguments: &DemoArgs) -> Result<()> {
     // A wrong environment is refused before anything is written.
     catenary_shell::domain_id()?;
-    let model = Model::from_yaml(config::MODEL)?;
+    let (model, model_yaml) = setup::model(arguments.cell)?;
     let judge = Judge::of(&model).context("the demo's model needs a task")?;
     let truth = hidden_truth(&model, arguments.seed);
     let sizes = if arguments.paper { setup::PAPER } else { setup::DEFAULT };
@@ -55,7 +55,7 @@ pub fn run(arguments: &DemoArgs) -> Result<()> {
     if builder.shutdown().is_triggered() {
         return Err(Interrupted(String::new()).into());
     }
-    let demo = Demo { model, judge, folder, cell, seed: arguments.seed, sizes, truth, domain };
+    let demo = Demo { model, model_yaml, judge, folder, cell, seed: arguments.seed, sizes, truth, domain };
     let node = builder.domain(demo.domain.id(), Discovery::Localhost).build()?;
     output::tell(&format!("catenary demo: results go to {}{why}", demo.folder.display()));
     output::tell(&format!("catenary demo: {}", demo.domain.words()));

@@ -2,7 +2,7 @@
 
 use super::config;
 use crate::graph::own::{Cell, Conditions, OwnDomain, OwnGraph};
-use crate::options::{Preset, TrainingPreset};
+use crate::options::{Preset, TrainingPreset, arm};
 use anyhow::Result;
 use catenary_core::{Judge, Model, seed};
 use catenary_shell::Node;
@@ -46,6 +46,8 @@ pub const PAPER: Sizes = Sizes { preset: Preset::Paper, training_preset: Trainin
 pub struct Demo {
     /// Model that is inferred, trained and simulated.
     pub model: Model,
+    /// Text of that model.
+    pub model_yaml: String,
     /// Judge of the task.
     pub judge: Judge,
     /// Folder of the results.
@@ -68,6 +70,19 @@ const HIDDEN: Range<f64> = 0.1..0.9;
 /// stretch down to the table, so that no motion brings their end to the target.
 const HIDDEN_MODULUS: Range<f64> = 0.45..0.9;
 
+/// Model of a demo in this cell, and its text. On the emulated arm the model has the law of the bridge that drives it.
+///
+/// # Errors
+/// Shipped files that cannot be read.
+pub fn model(cell: Cell) -> Result<(Model, String)> {
+    let mut model = Model::from_yaml(config::MODEL)?;
+    if cell == Cell::Emulated {
+        model.arm.law = arm::shipped(cell.name())?;
+    }
+    let text = model.rewrite(config::MODEL)?;
+    Ok((model, text))
+}
+
 /// The cell's parameters.
 pub fn hidden_truth(model: &Model, demo_seed: u64) -> Vec<f64> {
     let mut rng = seed::rng(demo_seed, stream::TRUTH);
@@ -82,7 +97,7 @@ impl Demo {
         let conditions = Conditions {
             cell: self.cell,
             model: config::MODEL_NAME,
-            model_yaml: config::MODEL,
+            model_yaml: &self.model_yaml,
             truth: &self.truth,
             seed: seed::derive(self.seed, stream::CELL),
             learning: true,

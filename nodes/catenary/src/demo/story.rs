@@ -79,7 +79,7 @@ impl Summary {
         aim::of(&self.task, self.success_distance_m)
     }
 
-    /// Comparison of the emulated arm with the simple arm that training and inference know; `None` on the simulated cell.
+    /// Comparison of the emulated arm with the law that training knows; `None` on the simulated cell.
     pub fn of_the_arm(&self) -> Option<String> {
         if self.cell != Cell::Emulated {
             return None;
@@ -89,10 +89,10 @@ impl Summary {
         let inside = held.filter(|(m, truth)| (m.q05..=m.q95).contains(*truth)).count();
         Some(format!(
             "The cell was an emulated Panda, which the bridge drove by torques at 1 kHz over the interface of a real arm; training knows \
-             an arm with a lag and a speed limit. Reward: {} earned {:.2} and ended {:.0} mm from the target on the emulated arm, against \
-             {:.2} and {:.0} mm (median) in {} simulated episodes with the simple arm. Posterior: {inside} of {} hidden values lie in \
+             the bridge's impedance law. Reward: {} earned {:.2} and ended {:.0} mm from the target on the emulated arm, against \
+             {:.2} and {:.0} mm (median) in {} simulated episodes with that law. Posterior: {inside} of {} hidden values lie in \
              their 90 % intervals, because inference follows the measured path of the hand. `catenary demo --cell sim --seed {}` runs \
-             the same on the simple arm.",
+             the same on an arm with a lag and a speed limit.",
             episode.policy,
             episode.episode_return,
             1e3 * episode.distance_m,

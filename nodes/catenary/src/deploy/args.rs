@@ -16,6 +16,9 @@ pub struct DeployArgs {
     /// Do not move to the start pose first
     #[arg(long)]
     pub from_here: bool,
+    /// Deploy a policy that was trained for an arm of another law, too
+    #[arg(long)]
+    pub any_arm: bool,
     /// Seconds to wait for the graph
     #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     pub wait_s: f64,

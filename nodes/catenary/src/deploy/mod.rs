@@ -2,12 +2,15 @@
 
 pub mod args;
 
+use crate::exit::WrongInput;
+use crate::graph::arm_law;
 use crate::graph::goal::{self, SilentServer, Unwatched, follow};
 use crate::graph::one_arm::ensure_one_arm;
 use crate::inputs::policy_file;
 use crate::terminal::{output, progress};
 use anyhow::{Error, Result, anyhow, ensure};
 use args::DeployArgs;
+use catenary_core::Policy;
 use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, contract};
@@ -42,6 +45,23 @@ fn stopped(node: &Node, error: Error) -> Error {
     }
 }
 
+/// Refuses a policy that was trained for an arm of another law than the graph's, unless any arm is asked for.
+fn ensure_trained_arm(arguments: &DeployArgs, policy: &Policy, node: &Node) -> Result<()> {
+    let other = arm_law::of_graph(node)?.and_then(|law| policy.other_arm(&law));
+    match other {
+        None => Ok(()),
+        Some(other) if arguments.any_arm => {
+            output::warn(&format!("{}: {other}", arguments.policy.display()));
+            Ok(())
+        }
+        Some(other) => Err(WrongInput::error(format!(
+            "{}: {other}. Train for this arm, with `catenary train --arm running` while its graph runs, or deploy all the same with \
+             --any-arm; nothing was sent",
+            arguments.policy.display()
+        ))),
+    }
+}
+
 /// Runs the episode. Ctrl-C cancels it, which stops the arm.
 pub fn run(arguments: &DeployArgs) -> Result<()> {
     let (policy, bytes) = policy_file::read(&arguments.policy)?;
@@ -54,6 +74,7 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     let (start, episode) = (contract::MOVE_TO_START.name, contract::RUN_EPISODE.name);
     let needed = if arguments.from_here { vec![episode] } else { vec![start, episode] };
     ensure_one_arm(&node, &needed, wait, &interrupted)?;
+    ensure_trained_arm(arguments, &policy, &node)?;
     if !arguments.from_here {
         let client: ActionClient<MoveToStart> = node.action_client(start)?;
         let moved = follow(&node, &client, MoveToStartGoal::default(), wait, &interrupted, |_| {});

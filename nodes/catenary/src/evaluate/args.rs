@@ -1,6 +1,6 @@
 //! Arguments of `evaluate`.
 
-use crate::options::{FidelityName, Output, ReportPage, TaskOption, parameter_value};
+use crate::options::{ArmOption, FidelityName, Output, ReportPage, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -16,6 +16,9 @@ pub struct EvaluateArgs {
     /// Task in place of the model's
     #[command(flatten)]
     pub task: TaskOption,
+    /// Arm in place of the model's
+    #[command(flatten)]
+    pub arm: ArmOption,
     /// posterior.json to draw the object's parameters from; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

@@ -44,9 +44,15 @@ struct Report {
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let judge = Judge::of(&model).with_context(|| no_task(&arguments.model)).given()?;
+    let model = arguments.arm.applied_to(model)?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let mut policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;
+    for (path, policy) in &policies {
+        if let Some(other) = policy.other_arm(&model.arm.law) {
+            output::warn(&format!("{}: {other}; --arm chooses the arm of the episodes", path.display()));
+        }
+    }
     let files =
         arguments.policy.iter().chain([&arguments.model]).chain(&arguments.posterior).chain(&arguments.task.task);
     arguments.page.prepare(files.map(PathBuf::as_path))?;

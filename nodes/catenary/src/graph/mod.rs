@@ -1,5 +1,6 @@
 //! The running graph as a client: goals of its actions, and the check before a command to its arm.
 
+pub mod arm_law;
 pub mod goal;
 pub mod one_arm;
 pub mod own;

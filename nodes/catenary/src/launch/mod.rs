@@ -14,3 +14,4 @@ mod supervision;
 pub use description::Process;
 pub use reader::read;
 pub use supervision::Supervisor;
+pub use supervision::logs::running_launch;

@@ -1,5 +1,6 @@
 //! Command-line options that several commands share.
 
+pub mod arm;
 mod bags;
 mod fidelity;
 mod inference_sizes;
@@ -13,6 +14,7 @@ mod prior_support;
 mod report_page;
 mod task;
 
+pub use arm::ArmOption;
 pub use bags::Bags;
 pub use fidelity::FidelityName;
 pub use inference_sizes::InferenceSizes;

@@ -3,7 +3,7 @@
 use super::evidence::Evidence;
 use super::further::Further;
 use crate::graph::own::Cell;
-use crate::options::{ObservesOptions, Output, Part, TrainingPreset};
+use crate::options::{ArmOption, ObservesOptions, Output, Part, TrainingPreset};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -47,6 +47,9 @@ pub struct StudyArgs {
     /// process
     #[arg(long, value_enum)]
     pub cell: Option<Cell>,
+    /// Arm in place of the model's and the tasks'; default: that of --cell emulated there
+    #[command(flatten)]
+    pub arm: ArmOption,
     /// Evidence of an object's posteriors, as RECORDINGS or RECORDINGS:ROUNDSxSIMULATIONS of the inference. The first one's policies are held
     /// against all others; further ones show what more or less evidence is worth
     #[arg(long, num_args = 1.., default_values = ["1"])]

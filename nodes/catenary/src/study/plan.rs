@@ -4,8 +4,9 @@ use super::args::StudyArgs;
 use super::evidence::Evidence;
 use super::further::Further;
 use crate::exit::{Given, WrongInput};
+use crate::graph::own::Cell;
 use crate::inputs::model_file;
-use crate::options::TaskOption;
+use crate::options::{ArmOption, TaskOption};
 use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Model;
@@ -104,6 +105,12 @@ pub struct Plan {
     pub seed: u64,
 }
 
+/// Arm of the trainings: the one that was asked for, or that of the cell. None: those of the model and of the tasks.
+fn arm(arguments: &StudyArgs) -> Option<ArmOption> {
+    let of_the_cell = || (arguments.cell == Some(Cell::Emulated)).then(|| Cell::Emulated.name().into());
+    arguments.arm.arm.clone().or_else(of_the_cell).map(|arm| ArmOption { arm: Some(arm) })
+}
+
 impl Plan {
     /// Plan of the arguments. Returns an error for models and tasks that cannot be read, or objects that are not of the model.
     pub fn of(arguments: &StudyArgs) -> Result<(Self, Models)> {
@@ -112,13 +119,19 @@ impl Plan {
 
     fn read(arguments: &StudyArgs) -> Result<(Self, Models)> {
         let (model, model_yaml) = model_file::read_with_text(&arguments.model)?;
+        let arm = arm(arguments);
+        let with_arm =
+            |model: Model| arm.as_ref().map_or_else(|| Ok(model.clone()), |arm| arm.applied_to(model.clone()));
+        let own = model.clone();
+        let model = with_arm(model)?;
+        let model_yaml = if model == own { model_yaml } else { model.rewrite(&model_yaml)? };
         ensure!(model.task.is_some(), "--model {}: it has no task", arguments.model.display());
         let mut tasks = Vec::new();
         let mut models = Vec::new();
         for path in &arguments.task {
             let name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
             ensure!(!tasks.contains(&name), "--task {name}: it is named twice");
-            models.push(TaskOption { task: Some(path.clone()) }.applied_to(model.clone())?);
+            models.push(with_arm(TaskOption { task: Some(path.clone()) }.applied_to(model.clone())?)?);
             tasks.push(name);
         }
         let object = |path: &PathBuf| {

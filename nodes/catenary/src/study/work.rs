@@ -250,10 +250,11 @@ impl Work<'_> {
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;
-        let trained = ppo_trainer::train(&mut env, &task, &settings, of, &mut |_| {
+        let mut trained = ppo_trainer::train(&mut env, &task, &settings, of, &mut |_| {
             if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
         self.check()?;
+        trained.policy.arm = Some(model.arm.law);
         Ok(trained)
     }
 

@@ -1,6 +1,8 @@
 //! Arguments of `train`.
 
-use crate::options::{ObservesOptions, OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value};
+use crate::options::{
+    ArmOption, ObservesOptions, OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value,
+};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -44,6 +46,9 @@ pub struct TrainArgs {
     /// Seed of every random draw
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Arm in place of the model's
+    #[command(flatten)]
+    pub arm: ArmOption,
     /// Process that does the work
     #[command(flatten)]
     pub on_graph: OnGraph,

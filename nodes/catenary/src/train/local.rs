@@ -116,12 +116,13 @@ fn trained(
         None => None,
     };
     let started = Instant::now();
-    let (trained, state) = ppo_trainer::train_from(state, &mut env, &task, settings, train_seed, &mut |p| {
+    let (mut trained, state) = ppo_trainer::train_from(state, &mut env, &task, settings, train_seed, &mut |p| {
         progress::advance(&bar, share(p.now.steps, p.total_steps));
         bar.set_message(format!("return {:.2}, success {:.0} %", p.now.mean_return, 100.0 * p.now.success_rate));
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     bar.finish_and_clear();
+    trained.policy.arm = Some(model.arm.law);
     let ongoing = env.ongoing().context("the environments have run")?;
     Ok((trained, Begun { state, ongoing }, started.elapsed().as_secs_f64()))
 }

@@ -26,6 +26,12 @@ pub fn launch_of(pid: u32) -> Option<Table> {
     (table.is_running() && table.processes.iter().any(|row| row.pid == Some(pid))).then_some(table)
 }
 
+/// Launch file of the newest launch, if it runs.
+pub fn running_launch() -> Option<PathBuf> {
+    let table = Table::read(&latest().ok()?).ok()?;
+    table.is_running().then_some(table.file)
+}
+
 /// Log folder of a new launch: the requested one, else a new one in ROS 2's log folder. The folder is created.
 pub fn folder(asked: Option<&Path>) -> Result<PathBuf> {
     let folder = match asked {
