@@ -156,7 +156,7 @@ def episode(graph):
     result = run.result()
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait(20) == 0
-    return result, run.feedback, bag
+    return result, run.steps, bag
 
 
 def test_an_episode_runs_to_its_end_with_feedback(episode):

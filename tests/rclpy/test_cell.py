@@ -370,7 +370,7 @@ def episode_of_rclpy(graph):
     episode.cancel()
     result = episode.result(GoalStatus.STATUS_CANCELED)
     assert not result.success and result.end == "cancelled" and len(result.rewards) >= 1
-    steps = [feedback.step for feedback in episode.feedback]
+    steps = [feedback.step for feedback in episode.steps]
     assert steps == sorted(set(steps))
 
 

@@ -151,8 +151,14 @@ class Goal:
         assert answer.status == (GoalStatus.STATUS_SUCCEEDED if status is None else status), answer.result
         return answer.result
 
+    @property
+    def steps(self):
+        """Feedback of work, without that of an episode that waits for a still object."""
+        return [feedback for feedback in self.feedback if not getattr(feedback, "waiting", False)]
+
     def wait_feedback(self):
-        self.ros.wait_for(lambda: self.feedback, self.seconds, f"feedback of {self.name}")
+        """Waits for the first feedback of work."""
+        self.ros.wait_for(lambda: self.steps, self.seconds, f"feedback of {self.name}")
 
     def ends_within(self, seconds):
         """Tells whether the goal ends within `seconds`."""

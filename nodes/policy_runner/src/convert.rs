@@ -1,9 +1,9 @@
 //! Conversions between messages and the types of the runner.
 
-use crate::runner::{Inputs, Objection, Settings, Step};
+use crate::runner::{Inputs, Objection, Settings, Step, StillProgress};
 use catenary_core::Keypoints;
 use catenary_core::task::DeltaAnchor;
-use catenary_msgs::action::RunEpisodeGoal;
+use catenary_msgs::action::{RunEpisodeFeedback, RunEpisodeGoal};
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints as KeypointsMsg, Observation};
 use catenary_shell::{Flaw, Time, convert, stamp};
@@ -97,6 +97,34 @@ pub fn objection(answer: &AcceptedTarget) -> Option<Objection> {
         return Some(Objection::Rejected(answer.reason.clone()));
     }
     (answer.clipped_x || answer.clipped_y || answer.clipped_z).then_some(Objection::Clipped)
+}
+
+/// Makes the feedback of an episode that waits.
+pub fn waiting(progress: &StillProgress) -> RunEpisodeFeedback {
+    RunEpisodeFeedback {
+        waiting: true,
+        waited: progress.waited_s,
+        motion: progress.motion_px.unwrap_or(f64::NAN),
+        motion_limit: progress.limit_px,
+        remaining: progress.remaining_s.unwrap_or(f64::NAN),
+        ..RunEpisodeFeedback::default()
+    }
+}
+
+/// Makes the feedback of a step of an episode, with its reward.
+pub fn rewarded(step: u32, reward: f64) -> RunEpisodeFeedback {
+    RunEpisodeFeedback { step, reward, ..RunEpisodeFeedback::default() }
+}
+
+/// Reads the wait of an episode from its feedback; none once the episode runs.
+pub fn progress(feedback: &RunEpisodeFeedback) -> Option<StillProgress> {
+    let known = |value: f64| value.is_finite().then_some(value);
+    feedback.waiting.then(|| StillProgress {
+        waited_s: feedback.waited,
+        motion_px: known(feedback.motion),
+        limit_px: feedback.motion_limit,
+        remaining_s: known(feedback.remaining),
+    })
 }
 
 /// Merges the settings of a goal into the node's own.

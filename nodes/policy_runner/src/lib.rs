@@ -8,5 +8,7 @@ pub mod numbering;
 pub mod runner;
 pub mod writers;
 
-pub use runner::{Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, StillTurn, StillWait, Turn};
+pub use runner::{
+    Fault, Inputs, Objection, Runner, RunnerError, Settings, Step, StillProgress, StillTurn, StillWait, Turn,
+};
 pub use writers::{Source, Stranger, Writer, Writers};

@@ -14,7 +14,7 @@ use catenary_core::model::ArmLaw;
 use catenary_core::policy::OtherArm;
 use catenary_core::track::End;
 use catenary_core::{Judge, Model, Policy};
-use catenary_msgs::action::{RunEpisode, RunEpisodeFeedback, RunEpisodeGoal, RunEpisodeResult};
+use catenary_msgs::action::{RunEpisode, RunEpisodeGoal, RunEpisodeResult};
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
 use catenary_msgs::geometry_msgs::msg::{Pose, PoseStamped};
 use catenary_msgs::msg::{AcceptedTarget, ArmState, EefDelta, EpisodeEvent, Keypoints, Observation};
@@ -45,6 +45,10 @@ const SILENCE: Duration = Duration::from_millis(500);
 const NAP: Duration = Duration::from_millis(20);
 /// Longest wait for the name of a node, after the end of an episode. A node tells it within a second.
 const NAME: Duration = Duration::from_secs(1);
+/// Period of the feedback of an episode that waits, s.
+const FEEDBACK_S: f64 = 0.5;
+/// Period of its log lines, s.
+const WAIT_LOG_S: f64 = 10.0;
 /// Period of looks at the keypoints before an episode: shorter than that of a camera's frames.
 const POLL: Duration = Duration::from_millis(10);
 
@@ -312,7 +316,7 @@ impl Shell {
         mut wait: StillWait,
         mut client: Attendance,
     ) -> Result<bool> {
-        let mut told = false;
+        let (mut feedback_s, mut log_s) = (0.0, 0.0);
         while !handle.is_cancelled() {
             // The wait may take minutes. Nobody expects a motion that was asked for by a program that was killed meanwhile.
             let Some(presence) = self.presence(handle, &mut client) else { return Ok(false) };
@@ -333,10 +337,14 @@ impl Shell {
                 StillTurn::Still if presence == Presence::Here => return Ok(true),
                 StillTurn::Fault(fault) => return Err(fault_error(fault)),
                 StillTurn::Still | StillTurn::Wait => {
-                    if let Some(px) = wait.moved_px().filter(|_| !std::mem::replace(&mut told, true)) {
-                        tracing::info!(
-                            "the episode begins when the object hangs still: stay clear; its keypoints move by {px:.1} px in a second"
-                        );
+                    let progress = wait.progress();
+                    if progress.waited_s >= feedback_s {
+                        feedback_s = progress.waited_s + FEEDBACK_S;
+                        handle.feedback(convert::waiting(&progress));
+                    }
+                    if progress.motion_px.is_some() && progress.waited_s >= log_s {
+                        log_s = progress.waited_s + WAIT_LOG_S;
+                        tracing::info!("the episode begins when the object hangs still: stay clear; {progress}");
                     }
                     if self.go_on(handle, POLL)?.is_err() {
                         return Ok(false);
@@ -374,7 +382,7 @@ impl Shell {
                 Turn::Step(step) => {
                     sent = self.publish(&step, runner, episode, origin, held)?.or(sent);
                     if let Some(reward) = step.reward {
-                        handle.feedback(RunEpisodeFeedback { step: step.index as u32 - 1, reward });
+                        handle.feedback(convert::rewarded(step.index as u32 - 1, reward));
                     }
                     if step.end.is_some() {
                         return Ok(step.end);

@@ -1,10 +1,11 @@
 //! State machine of one episode.
 
+mod decay;
 mod standing_target;
 mod still;
 
 use standing_target::StandingTarget;
-pub use still::{StillTurn, StillWait};
+pub use still::{StillProgress, StillTurn, StillWait};
 
 use crate::writers::Stranger;
 use catenary_core::policy::Memory;

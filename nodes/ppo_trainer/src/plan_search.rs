@@ -88,6 +88,7 @@ fn policy(plan: Plan, judge: &Judge) -> Policy {
         delta_anchor: task.delta_anchor,
         steps: task.steps,
         goal: Some(task.goal),
+        arm: None,
     }
 }
 

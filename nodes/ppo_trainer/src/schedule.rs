@@ -118,7 +118,7 @@ mod tests {
         assert_eq!((rising.flat_at(), rising.end()), (None, 122_880));
         assert_eq!(rising.annealed(61_440), 0.0);
         // Steps to level off, and as many again to see it.
-        let levels_off = after(&curve((0..150).map(|i| 0.9 - 0.6 * (-f64::from(i) / 15.0).exp() + noise(i))));
+        let levels_off = after(&curve((0..150).map(|i| 0.9 - 0.6 * (-f64::from(i) / 5.0).exp() + noise(i))));
         let at = levels_off.flat_at().unwrap();
         assert!((30_000..61_440).contains(&at), "{at}");
     }

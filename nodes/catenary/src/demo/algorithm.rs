@@ -6,9 +6,9 @@ use super::recording;
 use super::setup::{Demo, stream};
 use super::stage::Stages;
 use super::summary::{Episode, Inference, Progress, Summary, Training};
+use crate::deploy::show_episode;
 use crate::infer::on_graph::show_inference;
 use crate::launch::{Process, Supervisor};
-use crate::terminal::progress;
 use crate::train::on_graph::show_training;
 use anyhow::{Context, Result, bail, ensure};
 use catenary_core::model::DriveKind;
@@ -177,8 +177,7 @@ impl Demo {
                 observer.finish()
             });
             let result = stages.graph.goal(&clients.run_episode, goal, move |feedback| {
-                progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
-                shown.set_message(format!("reward {:.3}", feedback.reward));
+                show_episode(&shown, &feedback, steps as usize);
             });
             // Time for the last messages of the episode to reach the recorder.
             stages.graph.pause(Duration::from_millis(500))?;

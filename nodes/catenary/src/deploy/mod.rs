@@ -11,9 +11,11 @@ use crate::terminal::{output, progress};
 use anyhow::{Error, Result, anyhow, ensure};
 use args::DeployArgs;
 use catenary_core::Policy;
-use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeGoal};
+use catenary_msgs::action::{MoveToStart, MoveToStartGoal, RunEpisode, RunEpisodeFeedback, RunEpisodeGoal};
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use catenary_shell::{ActionClient, Node, NodeBuilder, RosArgs, Shutdown, contract};
+use indicatif::ProgressBar;
+use policy_runner::convert;
 use serde::Serialize;
 use std::time::Duration;
 
@@ -26,6 +28,8 @@ struct Deployed {
     episode_return: f64,
 }
 
+/// Period of the lines about a wait, s.
+const TELL_S: f64 = 10.0;
 /// Time in which the arm must answer that it is disabled.
 const DISABLE: Duration = Duration::from_secs(2);
 
@@ -43,6 +47,22 @@ fn stopped(node: &Node, error: Error) -> Error {
         Ok(answer) => anyhow!("{error:#}; the arm refused to be disabled: {}", answer.message),
         Err(other) => anyhow!("{error:#}; the arm did not say that it is disabled: {other:#}"),
     }
+}
+
+/// Shows the feedback of an episode of `steps` steps on a bar: the wait for the object, then the rewards.
+pub fn show_episode(bar: &ProgressBar, feedback: &RunEpisodeFeedback, steps: usize) {
+    if let Some(wait) = convert::progress(feedback) {
+        // Short: a bar cuts its message to the width of the terminal.
+        let left = wait.remaining_s.map_or_else(String::new, |s| format!(", about {s:.0} s to go"));
+        let moves = wait.motion_px.map_or_else(|| "?".to_owned(), |px| format!("{px:.1}"));
+        bar.set_message(format!(
+            "stay clear: waited {:.0} s{left}; {moves} px, still at {}",
+            wait.waited_s, wait.limit_px
+        ));
+        return;
+    }
+    progress::advance(bar, progress::share(feedback.step + 1, steps as f64));
+    bar.set_message(format!("reward {:.3}", feedback.reward));
 }
 
 /// Refuses a policy that was trained for an arm of another law than the graph's, unless any arm is asked for.
@@ -90,10 +110,14 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
     };
     let bar = progress::bar("episode", 0.0)?;
     bar.set_message("begins when the object hangs still: stay clear");
-    let (shown, steps) = (bar.clone(), policy.steps);
+    let (shown, steps, mut tell_s) = (bar.clone(), policy.steps, 0.0);
     let result = follow(&node, &client, goal, wait, &interrupted, move |feedback| {
-        progress::advance(&shown, progress::share(feedback.step + 1, steps as f64));
-        shown.set_message(format!("reward {:.3}", feedback.reward));
+        show_episode(&shown, &feedback, steps);
+        // Without a terminal there is no bar.
+        if let Some(wait) = convert::progress(&feedback).filter(|wait| shown.is_hidden() && wait.waited_s >= tell_s) {
+            tell_s = wait.waited_s + TELL_S;
+            output::tell(&format!("the episode begins when the object hangs still: stay clear; {wait}"));
+        }
     });
     bar.finish_and_clear();
     let result = result.map_err(|error| stopped(&node, error))?;

@@ -107,5 +107,6 @@ pub fn best(
     let requested = SimulationRequest { noise: false, ..episodes(thetas, Fidelity::Fast, own) };
     let simulator = BeamSimulator::new(&without_early_success(model), workers)?;
     let found = search(&simulator, model, &requested, own, on_progress)?;
-    Ok(found.map(|planned| planned.policy(&judge)))
+    let arm = Some(model.arm.law);
+    Ok(found.map(|planned| Policy { arm, ..planned.policy(&judge) }))
 }

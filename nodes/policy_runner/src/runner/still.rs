@@ -1,8 +1,10 @@
 //! Wait until the object hangs still.
 
+use super::decay::Decay;
 use super::{Fault, Inputs, NONE_CAME, NOT_SEEN, Settings, check_stamp};
 use catenary_core::Keypoints;
 use std::collections::VecDeque;
+use std::fmt;
 
 /// Time over which the object must not move, s: a swing of the softest bars.
 const WINDOW_S: f64 = 1.0;
@@ -20,6 +22,18 @@ pub enum StillTurn {
     Fault(Fault),
 }
 
+impl fmt::Display for StillProgress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { waited_s, limit_px, .. } = self;
+        match self.motion_px {
+            Some(px) => write!(f, "its keypoints move by {px:.1} px in a second, {limit_px} px count as still; ")?,
+            None => write!(f, "how much it moves is not known yet; ")?,
+        }
+        write!(f, "waited {waited_s:.0} s")?;
+        self.remaining_s.map_or(Ok(()), |s| write!(f, ", about {s:.0} s to go"))
+    }
+}
+
 /// Wait before an episode. The arm has just moved to its start, and the object swings. Policies have never seen an object that swings at the
 /// start.
 #[derive(Debug)]
@@ -30,13 +44,31 @@ pub struct StillWait {
     fresh_s: Option<f64>,
     /// Stamps and places of the middle of the four keypoints, px, over the last window. The middle does not depend on their order.
     seen: VecDeque<(f64, [f64; 2])>,
+    /// Motions so far.
+    decay: Decay,
+    /// Time of the last turn.
+    now_s: f64,
+}
+
+/// State of a wait, for those who wait, too.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StillProgress {
+    /// Time since the wait began, s.
+    pub waited_s: f64,
+    /// Motion of the keypoints' middle in the last second, px; none before it is known.
+    pub motion_px: Option<f64>,
+    /// Motion at which the episode begins, px.
+    pub limit_px: f64,
+    /// Predicted rest of the wait, s; none before the motion was seen for some seconds, and for one that hardly decays.
+    pub remaining_s: Option<f64>,
 }
 
 impl StillWait {
     /// Creates a wait. It begins with the first turn.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
-        Self { settings, began_s: None, fresh_s: None, seen: VecDeque::new() }
+        let (seen, decay) = (VecDeque::new(), Decay::default());
+        Self { settings, began_s: None, fresh_s: None, seen, decay, now_s: 0.0 }
     }
 
     /// Decides at `inputs.now_s` whether an episode may begin. A patience of 0 asks for no wait.
@@ -47,6 +79,7 @@ impl StillWait {
         }
         let now_s = inputs.now_s;
         let began_s = *self.began_s.get_or_insert(now_s);
+        self.now_s = now_s;
         match fresh(inputs, max_age_s) {
             Ok((stamp_s, keypoints)) => {
                 self.see(stamp_s, &keypoints);
@@ -58,12 +91,27 @@ impl StillWait {
             Err(_) => {}
         }
         let moved_px = self.moved_px();
+        if let Some(px) = moved_px {
+            self.decay.see(now_s, px);
+        }
         match moved_px {
             Some(px) if px <= still_px => StillTurn::Still,
             _ if now_s - began_s > still_patience_s => {
                 StillTurn::Fault(Fault::Swinging { still_patience_s, still_px, moved_px })
             }
             _ => StillTurn::Wait,
+        }
+    }
+
+    /// State of the wait at the last turn.
+    #[must_use]
+    pub fn progress(&self) -> StillProgress {
+        let limit_px = self.settings.still_px;
+        StillProgress {
+            waited_s: self.began_s.map_or(0.0, |began_s| self.now_s - began_s),
+            motion_px: self.moved_px(),
+            limit_px,
+            remaining_s: self.decay.remaining_s(limit_px),
         }
     }
 
@@ -183,6 +231,39 @@ mod tests {
         let (damped_s, turn) = wait(usual, swing(25.0, 1.5));
         assert_eq!(turn, StillTurn::Still);
         assert!((4.5..8.5).contains(&damped_s), "{damped_s}");
+    }
+
+    #[test]
+    fn a_wait_in_words_has_what_is_known() {
+        let known = StillProgress { waited_s: 12.3, motion_px: Some(5.26), limit_px: 2.0, remaining_s: Some(19.6) };
+        let words = "its keypoints move by 5.3 px in a second, 2 px count as still; waited 12 s, about 20 s to go";
+        assert_eq!(known.to_string(), words);
+        let unknown = StillProgress { motion_px: None, remaining_s: None, ..known };
+        assert_eq!(unknown.to_string(), "how much it moves is not known yet; waited 12 s");
+    }
+
+    #[test]
+    fn a_wait_tells_how_long_it_will_take() {
+        let mut wait = StillWait::new(Settings { still_px: 1.0, ..Settings::default() });
+        let tip_px = swing(60.0, 4.0);
+        let mut told = Vec::new();
+        let ended_s = (0..6000).map(|k| f64::from(k) / 60.0).find(|now_s| {
+            let dlo_px =
+                [0.125, 0.375, 0.625, 0.875].map(|f: f64| [120.0 + tip_px(*now_s).unwrap() * f * f, 100.0 + 80.0 * f]);
+            let keypoints =
+                Keypoints { dlo_px, scores: [1.0; 4], ..Keypoints::unseen(&LabelMask::new(256, 256), None) };
+            let inputs = Inputs { now_s: *now_s, keypoints: Some((*now_s, keypoints)), ..Inputs::default() };
+            let is_over = wait.turn(&inputs) == StillTurn::Still;
+            told.push(wait.progress());
+            is_over
+        });
+        let ended_s = ended_s.expect("it comes to rest");
+        // Nothing is predicted before 4 s: one until the motion is known, and three of motions.
+        assert!(told[..230].iter().all(|p| p.remaining_s.is_none()) && told[30].motion_px.is_none());
+        for progress in &told[300..] {
+            let end_s = progress.waited_s + progress.remaining_s.expect("it decays");
+            assert!((end_s - ended_s).abs() < 0.25 * ended_s, "{progress:?}, ended after {ended_s} s");
+        }
     }
 
     #[test]

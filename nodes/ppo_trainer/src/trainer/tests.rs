@@ -177,7 +177,7 @@ fn the_state_of_another_training_is_refused() {
     let cases: [(Settings, &str); 3] = [
         (
             Settings { hidden: 32, ..settings.clone() },
-            "`actor`: expected layers of [(12, 32), (32, 32), (32, 2)], got [(12, 64)",
+            "`actor`: expected layers of [(73, 32), (32, 32), (32, 2)], got [(73, 64)",
         ),
         (
             Settings { observes: Observes { history: 1, time: false }, ..settings.clone() },
