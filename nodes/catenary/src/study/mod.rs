@@ -74,13 +74,16 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
             format!("part {} is done in {}", answer.part.as_deref().unwrap_or_default(), answer.out.display())
         });
     }
+    let by_task: Vec<(usize, usize)> =
+        (0..plan.tasks.len()).flat_map(|task| (0..plan.objects.len()).map(move |object| (task, object))).collect();
+    let plans = each("best plans", &by_task, |&(task, object)| work.plan_scores(task, object))?;
     let mut inferred = inferred.into_iter();
     let mut of_object = || inferred.by_ref().take(plan.evidence.len()).collect::<Vec<Inferred>>();
     let inferred: Vec<Vec<Inferred>> = plan.objects.iter().map(|_| of_object()).collect();
     let deployments = deployments(&work, builder)?;
     let aims = models.tasks.iter().map(words_of).collect::<Result<Vec<String>>>()?;
     let page = page::Data { inferred: &inferred, scores: &scores, deployments: &deployments, models: &models };
-    let study = study(plan.clone(), arguments.cell, &inferred, aims, &scores, &deployments)?;
+    let study = study(plan.clone(), arguments.cell, &inferred, aims, &scores, &plans, &deployments)?;
     let report = page::page(&study, &page)?;
     for (name, bytes) in [("study.json", serde_json::to_vec_pretty(&study)?), ("report.html", report.into_bytes())] {
         files::write(&arguments.out.join(name), &bytes)?;

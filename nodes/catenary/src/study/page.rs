@@ -3,7 +3,7 @@
 use super::deployment::Deployments;
 use super::dtw;
 use super::plan::{Knowledge, Models, Plan};
-use super::results::{EvidenceGains, Gain, Pairs, PolicyScores, Study, TaskResult};
+use super::results::{BestPlan, EvidenceGains, Gain, Pairs, PolicyScores, Study, TaskResult};
 use super::work::{Inferred, Scored, acted};
 use crate::graph::own::Cell;
 use crate::report::number::plain;
@@ -170,12 +170,14 @@ fn curves(study: &Study, data: &Data<'_>, task: usize) -> Vec<Series> {
             .filter(|(c, _)| c.task == task && is_member(c.knowledge))
             .map(|(_, s)| s)
             .collect();
-        let shortest = members.iter().map(|s| s.curve.len()).min().unwrap_or(0);
-        let point = |i: usize| {
-            let values: Vec<f64> = members.iter().map(|s| s.curve[i].1).collect();
-            (members[0].curve[i].0 as f64, mean(&values))
+        // A training that ended earlier keeps its last return.
+        let longest = members.iter().map(|s| &s.curve).max_by_key(|curve| curve.len());
+        let point = |(i, at): (usize, &(u64, f64, f64))| {
+            let value = |s: &&Scored| s.curve.get(i).or(s.curve.last()).map(|p| p.1);
+            (at.0 as f64, mean(&members.iter().filter_map(value).collect::<Vec<f64>>()))
         };
-        Series { name: name.to_owned(), points: (0..shortest).map(point).collect() }
+        let points = longest.map_or_else(Vec::new, |curve| curve.iter().enumerate().map(point).collect());
+        Series { name: name.to_owned(), points }
     };
     let mut groups = vec![
         group("own", &|k| matches!(k, Knowledge::Posterior { evidence: 0, .. })),
@@ -201,9 +203,13 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
     };
     // Policies of the further evidence have a table of their own.
     let shown = task.policies.iter().filter(|p| !matches!(p.knowledge, Knowledge::Posterior { evidence: 1.., .. }));
-    page.table(&head, &shown.map(row).collect::<Vec<Vec<String>>>());
+    let plan = |p: &BestPlan| format!("{}, {} %", plain(p.mean_return, 3), plain(100.0 * p.success, 0));
+    let plans = std::iter::once("best plan found".to_owned()).chain(task.best_plans.iter().map(plan));
+    let rows = shown.map(row).chain([plans.chain([String::new()]).collect()]);
+    page.table(&head, &rows.collect::<Vec<Vec<String>>>());
     page.note(
-        "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean.",
+        "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean. Best plan found: for each \
+         object the plan that a search finds with its hidden values; it sees the target once, and nothing else.",
     );
 }
 

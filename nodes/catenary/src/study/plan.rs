@@ -289,6 +289,11 @@ impl Plan {
         self.file("scores", chain, "json")
     }
 
+    /// File of the scores of the best plan for an object.
+    pub fn plan_scores_file(&self, task: usize, object: usize) -> PathBuf {
+        format!("{}/plans/{}.json", self.tasks[task], self.objects[object].name).into()
+    }
+
     /// File of a deployment in a folder of its task.
     pub fn deployment_file(&self, folder: &str, chain: &Chain, place: Place, number: u64) -> PathBuf {
         let on = match place {

@@ -3,7 +3,7 @@
 use super::deployment::Deployments;
 use super::evidence::Evidence;
 use super::plan::{Chain, Knowledge, Plan};
-use super::work::{Inferred, Scored};
+use super::work::{Inferred, ObjectScores, Scored};
 use crate::graph::own::Cell;
 use anyhow::Result;
 use catenary_core::comparison::{Bootstrap, Decision, Interval, SequentialSigns, sign_change_test};
@@ -68,10 +68,27 @@ pub struct TaskResult {
     pub evidence: Vec<EvidenceGains>,
     /// Gain of the policies that are told over U, over all objects.
     pub told: Option<Gain>,
+    /// Best plan that a search finds for each object.
+    pub best_plans: Vec<BestPlan>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
     /// Deployments of own policies against U.
     pub deployments: Vec<Pairs>,
+}
+
+/// Scores of the best plan that a search finds for an object: what can be reached without feedback.
+#[derive(Debug, Serialize)]
+pub struct BestPlan {
+    /// Mean return over the episodes.
+    pub mean_return: f64,
+    /// Share of successes.
+    pub success: f64,
+}
+
+impl BestPlan {
+    fn of(scores: &ObjectScores) -> Self {
+        Self { mean_return: mean(&scores.returns), success: share(&scores.successes) }
+    }
 }
 
 /// Scores of the trainings of a policy.
@@ -149,17 +166,23 @@ pub struct Pairs {
     pub after: Option<usize>,
 }
 
+/// Share of successes.
+fn share(successes: &[bool]) -> f64 {
+    successes.iter().filter(|s| **s).count() as f64 / successes.len() as f64
+}
+
 /// Groups that the own policy is held against.
 const OTHERS: [&str; 4] = ["U", "mu", "mismatched", "true"];
 
-/// Results of the work of a plan. `inferred` is by object and evidence, `scores` are in the order of the plan's chains, `deployments` by
-/// task, policy and place.
+/// Results of the work of a plan. `inferred` is by object and evidence, `scores` are in the order of the plan's chains, `plans` by task and
+/// object, `deployments` by task, policy and place.
 pub fn study(
     plan: Plan,
     cell: Option<Cell>,
     inferred: &[Vec<Inferred>],
     aims: Vec<String>,
     scores: &[Scored],
+    plans: &[ObjectScores],
     deployments: &[Vec<Vec<Deployments>>],
 ) -> Result<Study> {
     let chains = plan.chains();
@@ -180,7 +203,8 @@ pub fn study(
     let objects = objects.collect::<Result<_>>()?;
     let tasks = aims.into_iter().enumerate().map(|(task, aim)| {
         let of_task: Vec<(&Chain, &Scored)> = chains.iter().zip(scores).filter(|(c, _)| c.task == task).collect();
-        task_result(&plan, task, aim, &of_task, &deployments[task])
+        let n = plan.objects.len();
+        task_result(&plan, task, aim, &of_task, &plans[task * n..(task + 1) * n], &deployments[task])
     });
     let tasks = tasks.collect();
     Ok(Study { plan, cell, objects, tasks })
@@ -191,6 +215,7 @@ fn task_result(
     task: usize,
     aim: String,
     scores: &[(&Chain, &Scored)],
+    plans: &[ObjectScores],
     deployments: &[Vec<Deployments>],
 ) -> TaskResult {
     let knowledge = plan.knowledge();
@@ -201,10 +226,7 @@ fn task_result(
         (0..plan.objects.len()).map(|object| trainings().map(|(_, s)| value(s, object)).collect()).collect()
     };
     let mean_return = |s: &Scored, object: usize| mean(&s.objects[object].returns);
-    let success = |s: &Scored, object: usize| {
-        let all = &s.objects[object].successes;
-        all.iter().filter(|s| **s).count() as f64 / all.len() as f64
-    };
+    let success = |s: &Scored, object: usize| share(&s.objects[object].successes);
     let policies: Vec<PolicyScores> = knowledge
         .iter()
         .map(|&knowledge| {
@@ -292,6 +314,7 @@ fn task_result(
         profiles: ["own", "U", "mu", "mismatched", "true"].into_iter().filter_map(profile).collect(),
         evidence: evidence.collect(),
         told,
+        best_plans: plans.iter().map(BestPlan::of).collect(),
         deployments: pairs(plan, deployments),
         policies,
     }

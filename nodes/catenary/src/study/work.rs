@@ -35,7 +35,11 @@ pub mod stream {
     pub const TRAININGS: u64 = 4;
     pub const SCORES: u64 = 5;
     pub const DEPLOYMENTS: u64 = 6;
+    pub const PLANS: u64 = 7;
 }
+
+/// Most environment steps of the training of the recorder.
+const RECORDER_STEPS: u64 = 49_152;
 
 /// Posterior of an object.
 #[derive(Debug, Serialize, Deserialize)]
@@ -99,19 +103,24 @@ impl Scored {
         let (objects, episodes) = (plan.objects.len(), plan.episodes as usize);
         ensure!(self.objects.len() == objects, "`objects`: expected {objects}, got {}", self.objects.len());
         check_curve(&self.curve)?;
-        for scores in &self.objects {
-            let ObjectScores { returns, successes, distances_m } = scores;
-            let counts = [returns.len(), successes.len(), distances_m.len()];
-            ensure!(
-                counts == [episodes; 3],
-                "`objects`: expected returns, successes and distances_m of {episodes} episodes, got {counts:?}"
-            );
-            let wrong_return = returns.iter().find(|v| v.abs() > GREATEST_RETURN);
-            if let Some(got) =
-                wrong_return.or_else(|| distances_m.iter().find(|v| !(0.0..=GREATEST_RETURN).contains(*v)))
-            {
-                bail!("`objects`: expected returns within {GREATEST_RETURN} and distances from 0, got {got:e}");
-            }
+        self.objects.iter().try_for_each(|scores| scores.check(episodes))
+    }
+}
+
+impl ObjectScores {
+    /// Checks the numbers of a file.
+    fn check(&self, episodes: usize) -> Result<()> {
+        let Self { returns, successes, distances_m } = self;
+        let counts = [returns.len(), successes.len(), distances_m.len()];
+        ensure!(
+            counts == [episodes; 3],
+            "`objects`: expected returns, successes and distances_m of {episodes} episodes, got {counts:?}"
+        );
+        let wrong_return = returns.iter().find(|v| v.abs() > GREATEST_RETURN);
+        if let Some(got) =
+            wrong_return.or_else(|| distances_m.iter().find(|v| !(0.0..=GREATEST_RETURN).contains(*v)))
+        {
+            bail!("`objects`: expected returns within {GREATEST_RETURN} and distances from 0, got {got:e}");
         }
         Ok(())
     }
@@ -152,14 +161,15 @@ pub struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Policy that records the objects, trained over the prior of the model's own task. Made if it is missing.
+    /// Policy that records the objects, trained over the prior of the model's own task. It sees the newest observation alone: the recordings are
+    /// those of every study with this seed. Made if it is missing.
     pub fn recorder(&self) -> Result<Policy> {
         let path = self.folder.join(self.plan.recorder_file());
         if !path.exists() {
             let domains = Domains::Prior(self.models.model.theta.clone());
-            // Without a history: the recordings are those of every study with this seed.
             let seed = seed::derive(self.plan.seed, stream::RECORDER);
-            let trained = self.train(&self.models.model, &domains, seed)?;
+            let settings = Settings { total_steps: RECORDER_STEPS, searches_plan: false, ..Settings::tuned().newest_only() };
+            let trained = self.train_with(&self.models.model, &domains, &settings, seed)?;
             files::write(&path, &trained.policy.to_bytes())?;
         }
         read_policy(&path)
@@ -182,14 +192,7 @@ impl Work<'_> {
             let score = |(i, object): (usize, &Object)| {
                 let number = chain.training * self.plan.objects.len() as u64 + i as u64;
                 let seed = self.seed(stream::SCORES, number);
-                let thetas = vec![object.truth.clone(); self.plan.episodes as usize];
-                let asked = episodes(thetas, Fidelity::Reference, seed);
-                let scores = self.episodes(&self.models.tasks[chain.task], &policy, asked)?;
-                Ok(ObjectScores {
-                    returns: scores.iter().map(|(_, s)| s.rewards.iter().sum()).collect(),
-                    successes: scores.iter().map(|(_, s)| s.succeeded).collect(),
-                    distances_m: scores.iter().map(|(_, s)| s.distance_m).collect(),
-                })
+                self.object_scores(&self.models.tasks[chain.task], &policy, object, seed)
             };
             let objects = self.plan.objects.iter().enumerate().map(score).collect::<Result<Vec<_>>>()?;
             Ok(Scored { curve, objects })
@@ -230,6 +233,7 @@ impl Work<'_> {
         })
     }
 
+    /// Trains a policy as the plan of the study says.
     fn train(&self, model: &Model, domains: &Domains, of: u64) -> Result<Trained> {
         let mut settings = Settings {
             total_steps: self.plan.steps,
@@ -237,25 +241,55 @@ impl Work<'_> {
             ..Settings::preset(&self.plan.preset)?
         };
         if settings.searches_plan {
-            let plan = plan::best(model, &|n, draws| Ok(domains.rows(n, draws)?), of, 1, &mut |_| match self
-                .shutdown
-                .is_triggered()
-            {
-                true => ControlFlow::Break(()),
-                false => ControlFlow::Continue(()),
-            })?;
-            self.check()?;
-            settings.begin_with(&plan.context("a search that nothing ended")?)?;
+            settings.begin_with(&self.best_plan(model, domains, of)?)?;
         }
+        self.train_with(model, domains, &settings, of)
+    }
+
+    fn train_with(&self, model: &Model, domains: &Domains, settings: &Settings, of: u64) -> Result<Trained> {
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;
-        let mut trained = ppo_trainer::train(&mut env, &task, &settings, of, &mut |_| {
-            if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })?;
+        let mut trained =
+            ppo_trainer::train(&mut env, &task, settings, of, &mut |_| self.goes_on())?;
         self.check()?;
         trained.policy.arm = Some(model.arm.law);
         Ok(trained)
+    }
+
+    /// Best plan that a search finds for the objects of `domains`.
+    fn best_plan(&self, model: &Model, domains: &Domains, of: u64) -> Result<Policy> {
+        let rows = |n, draws| Ok(domains.rows(n, draws)?);
+        let found = plan::best(model, &rows, of, 1, &mut |_| self.goes_on())?;
+        self.check()?;
+        found.context("a search that nothing ended")
+    }
+
+    fn goes_on(&self) -> ControlFlow<()> {
+        if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// Scores on an object of the best plan that a search finds for it, in the episodes of the first training. Made if they are missing.
+    pub fn plan_scores(&self, task: usize, object: usize) -> Result<ObjectScores> {
+        let (model, of_object) = (&self.models.tasks[task], &self.plan.objects[object]);
+        let check = |scores: &ObjectScores| scores.check(self.plan.episodes as usize);
+        files::kept(&self.folder.join(self.plan.plan_scores_file(task, object)), check, || {
+            let number = object as u64;
+            let domains = Domains::Point(of_object.truth.clone());
+            let plan = self.best_plan(model, &domains, self.seed(stream::PLANS, number))?;
+            self.object_scores(model, &plan, of_object, self.seed(stream::SCORES, number))
+        })
+    }
+
+    /// Scores of a policy on an object.
+    fn object_scores(&self, model: &Model, policy: &Policy, object: &Object, of: u64) -> Result<ObjectScores> {
+        let thetas = vec![object.truth.clone(); self.plan.episodes as usize];
+        let scores = self.episodes(model, policy, episodes(thetas, Fidelity::Reference, of))?;
+        Ok(ObjectScores {
+            returns: scores.iter().map(|(_, s)| s.rewards.iter().sum()).collect(),
+            successes: scores.iter().map(|(_, s)| s.succeeded).collect(),
+            distances_m: scores.iter().map(|(_, s)| s.distance_m).collect(),
+        })
     }
 
     /// The first `count` recordings of an object in the simulated laboratory: the recorder's motions at the highest fidelity, with the
