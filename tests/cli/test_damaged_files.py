@@ -25,7 +25,7 @@ TRACK = ("t_s", "grip_x_m", "grip_z_m", "grip_pitch_rad", *(f"p{k}_{axis}_m" for
 def originals(program, tmp_path_factory):
     """Folder with a policy and a posterior whose support moved."""
     folder = tmp_path_factory.mktemp("originals")
-    program.text("train", "--model", MODEL, "--out", "policy", "--steps", 512, folder=folder)
+    program.text("train", "--model", MODEL, "--out", "policy", "--steps", 512, "--no-plan", folder=folder)
     sizes = ("--iterations", 2, "--simulations", 150, "--prior-support", "adaptive")
     done = program("infer", BAG, "--model", MODEL, "--out", "out", *sizes, folder=folder)
     assert done.returncode in (0, 3), done.stderr
@@ -76,7 +76,7 @@ def test_a_damaged_posterior_is_refused_by_its_name(originals, outcomes):
     far = {"weights": [1], "means": [[50, 50]], "covariances": [[[1, 0], [0, 1]]]}
     copies += [(("mixture",), "another size", json.dumps(tree | {"mixture": other})) for other in (one, three, far)]
     copies += [((), "cut", text[:200]), ((), "empty", "")]
-    accepted = outcomes(copies, "train", "--model", MODEL, "--posterior", "damaged", "--out", "p", "--steps", 1, "--json")
+    accepted = outcomes(copies, "train", "--model", MODEL, "--posterior", "damaged", "--out", "p", "--steps", 1, "--no-plan", "--json")
     # Another mixture is one that may have been found, the number and the reason of a move are not used, and a move may be absent.
     harmless = lambda path: (
         path[0] == "mixture" or (path[:1] == ("support_moves",) and (len(path) < 3 or path[2] in ("iteration", "because")))
@@ -100,7 +100,7 @@ def test_a_damaged_policy_is_refused_by_its_name(originals, outcomes):
             copy = header | {"__metadata__": header["__metadata__"] | {field: value}}
             copies.append((("__metadata__", field), value[:20], of_safetensors(copy, data)))
     copies += [((), "cut", whole[:1000]), ((), "empty", b"")]
-    accepted = outcomes(copies, "evaluate", "--model", MODEL, "--policy", "damaged", "--episodes", 30, *FAST)
+    accepted = outcomes(copies, "evaluate", "--model", MODEL, "--policy", "damaged", "--no-plan", "--episodes", 30, *FAST)
     # Any word is a name, and earlier files have no goal.
     allowed = {(("__metadata__", "name"), "word"), (("__metadata__", "name"), "not a number"), (("__metadata__", "goal"), "removed")}
     # The tensors follow one another: the first begins at 0.
@@ -116,7 +116,7 @@ def test_a_damaged_model_and_task_are_refused_by_their_names(outcomes):
     assert [kept for kept in accepted if kept[0] != ("name",) and kept[1] in ("huge", "word", "not a number", "object", "many")] == []
     tree = yaml.safe_load((ROOT / "launch_configs/tasks/settle.yaml").read_text())
     copies = [(path, what, yaml.safe_dump(copy, sort_keys=False)) for path, what, copy in damaged(tree)]
-    accepted = outcomes(copies, "train", "--model", MODEL, "--task", "damaged", "--out", "p", "--steps", 1, "--json")
+    accepted = outcomes(copies, "train", "--model", MODEL, "--task", "damaged", "--out", "p", "--steps", 1, "--no-plan", "--json")
     assert [kept for kept in accepted if kept[1] in ("huge", "word", "not a number", "object", "many")] == []
 
 

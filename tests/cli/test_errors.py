@@ -140,7 +140,7 @@ def test_a_wrong_value_is_named_with_the_right_ones(refused, arguments, says):
 
 
 def test_an_impossible_evaluation_is_refused_before_it_begins(program, refused, tmp_path):
-    program("train", "--model", MODEL, "--out", "policy", "--steps", 512, folder=tmp_path)
+    program("train", "--model", MODEL, "--out", "policy", "--steps", 512, "--no-plan", folder=tmp_path)
     text = MODEL.read_text()
     (tmp_path / "quick.yaml").write_text(text.replace("step_period_s: 0.5", "step_period_s: 0.2"))
     (tmp_path / "idle.yaml").write_text(text[: text.index("task:")])
@@ -157,7 +157,7 @@ def test_an_impossible_evaluation_is_refused_before_it_begins(program, refused, 
 
 
 def test_a_deployment_with_no_time_to_wait_is_refused_before_it_begins(program, refused, tmp_path):
-    program("train", "--model", MODEL, "--out", "policy", "--steps", 512, folder=tmp_path)
+    program("train", "--model", MODEL, "--out", "policy", "--steps", 512, "--no-plan", folder=tmp_path)
     refused("deploy", "--policy", "policy", "--wait-s", 0, says=("--wait-s", "positive"), code=USAGE)
 
 

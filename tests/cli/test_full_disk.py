@@ -28,11 +28,11 @@ def limited(size):
 @pytest.mark.parametrize(
     ("result", "size", "arguments"),
     [
-        ("policy", 4096, ("train", "--model", MODEL, "--steps", 512, "--out", "policy")),
+        ("policy", 4096, ("train", "--model", MODEL, "--steps", 512, "--no-plan", "--out", "policy")),
         ("out/posterior.json", 300, ("infer", BAG, "--model", MODEL, "--iterations", 1, "--simulations", 40, "--out", "out")),
         ("picture.png", 4096, ("simulate", *SIMULATION, "--picture", "picture.png")),
         ("film.gif", 4096, ("simulate", *SIMULATION, "--video", "film.gif")),
-        ("report.html", 4096, ("train", "--model", MODEL, "--steps", 512, "--out", "/dev/null", "--report", "report.html")),
+        ("report.html", 4096, ("train", "--model", MODEL, "--steps", 512, "--no-plan", "--out", "/dev/null", "--report", "report.html")),
     ],
     ids=lambda value: value if isinstance(value, str) else None,
 )

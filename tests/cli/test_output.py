@@ -114,7 +114,7 @@ def test_networks_of_sets_do_not_see_the_order_of_keypoints(run):
 def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(run, tmp_path):
     reports = []
     for name in ("a", "b"):
-        arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--json", "--report", f"{name}.html")
+        arguments = ("--model", MODEL, "--out", name, "--steps", 512, "--seed", 5, "--no-plan", "--json", "--report", f"{name}.html")
         reports.append(json.loads(run("train", *arguments)))
     assert reports[0]["steps"] >= 512 and reports[0]["interrupted"] is False and reports[0]["curve"] == reports[1]["curve"]
     last = reports[0]["curve"][-1]
@@ -129,9 +129,9 @@ def test_a_training_is_json_and_the_same_seed_gives_the_same_policy(run, tmp_pat
 
 def test_an_evaluation_compares_policies_with_the_first_on_the_same_episodes(run, tmp_path):
     for name, steps in (("a", 512), ("b", 2048)):
-        run("train", "--model", MODEL, "--out", name, "--steps", steps)
+        run("train", "--model", MODEL, "--out", name, "--steps", steps, "--no-plan")
     wanted = ("--policy", "a", "--policy", "a", "--policy", "b", "--episodes", 30, "--fidelity", "fast")
-    evaluate = lambda *more: json.loads(run("evaluate", "--model", MODEL, *wanted, "--json", *more))["policies"]
+    evaluate = lambda *more: json.loads(run("evaluate", "--model", MODEL, *wanted, "--no-plan", "--json", *more))["policies"]
     first, again, other = evaluate()
     assert len(first["returns"]) == 30 and first["mean_return_gained"] is None
     assert again["returns"] == first["returns"] and again["mean_return_gained"] == {"value": 0.0, "low": 0.0, "high": 0.0}
@@ -142,7 +142,7 @@ def test_an_evaluation_compares_policies_with_the_first_on_the_same_episodes(run
     # A mass at the tip lowers the reward of every policy; a longer bar changes the returns.
     heavy, long = evaluate("--effect", "tip_mass_kg=0.2")[2], evaluate("--theta", "length_m=0.3")[2]
     assert heavy["mean_best_reward"]["value"] < other["mean_best_reward"]["value"] and long["returns"] != other["returns"]
-    assert run("evaluate", "--model", MODEL, *wanted, "--report", "page.html").count("more than the first") == 2
+    assert run("evaluate", "--model", MODEL, *wanted, "--no-plan", "--report", "page.html").count("more than the first") == 2
     page = (tmp_path / "page.html").read_text()
     assert page.count("<figure") == 4 and f"return {first['mean_return']['value']:.2f}" in page and "NaN" not in page
 

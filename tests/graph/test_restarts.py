@@ -47,7 +47,7 @@ def test_a_deployment_ends_when_the_runner_of_its_policy_dies(session):
 
 STOPPED = {
     "policy_runner": ("deploy", "--policy", "policy"),
-    "ppo_trainer": ("train", "--node", "--model", MODEL, "--out", "p", "--steps", 50_000_000),
+    "ppo_trainer": ("train", "--node", "--model", MODEL, "--out", "p", "--steps", 50_000_000, "--no-plan"),
 }
 
 

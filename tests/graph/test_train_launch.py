@@ -16,7 +16,7 @@ def test_learning_alone_serves_rclpy_and_the_command_line(session):
     train = Goal(session.ros, Train, "/ppo_trainer/train", Train.Goal(model_yaml=model_yaml, total_steps=512, seed=5), seconds=120)
     trained = train.result()
     assert trained.success and train.feedback, trained.message
-    done = session.run("train", "--node", "--model", MODEL, "--out", "pi.safetensors", "--steps", 512, "--seed", 5, "--json")
+    done = session.run("train", "--node", "--model", MODEL, "--out", "pi.safetensors", "--steps", 512, "--no-plan", "--seed", 5, "--json")
     assert done.returncode == 0, done.stderr
     assert (session.folder / "pi.safetensors").read_bytes() == bytes(trained.policy), "the same goal gives the same policy"
     sizes = {"iterations": 1, "simulations": 40, "seed": 2}
@@ -37,7 +37,7 @@ def test_learning_alone_serves_rclpy_and_the_command_line(session):
 def test_learning_has_a_namespace_of_its_own(session):
     session.launch("namespace:=/lab", "inference:=false", file="train.launch.xml", nodes=LEARNERS - {"bayes_sim"})
     assert ("ppo_trainer", "/lab") in session.ros.node.get_node_names_and_namespaces()
-    done = session.run("train", "--node=/lab", "--model", MODEL, "--out", "pi.safetensors", "--steps", 512, "--json")
+    done = session.run("train", "--node=/lab", "--model", MODEL, "--out", "pi.safetensors", "--steps", 512, "--no-plan", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["steps"] >= 512
     elsewhere = session.run("train", "--node", "--model", MODEL, "--out", "pi.safetensors", "--wait-s", 1)

@@ -47,6 +47,8 @@ pub enum Benchmark {
         #[command(flatten)]
         output: Output,
     },
+    /// Processor time in which a training comes near the best plan, by what the policy observes and begins with
+    Policies(PoliciesArgs),
     /// Calibration of posteriors over truths from the prior; a few hundred truths take hours
     Calibration(CalibrationArgs),
     /// Priors whose support excludes the truth: fixed supports against three rules that move them
@@ -62,6 +64,26 @@ pub enum Benchmark {
         #[command(flatten)]
         output: Output,
     },
+}
+
+/// `catenary bench policies`.
+#[derive(Debug, Args)]
+pub struct PoliciesArgs {
+    /// Task (file or name)
+    #[arg(long, default_value = "place_tip")]
+    pub task: PathBuf,
+    /// Models (files or names) whose nominal values are the objects
+    #[arg(long, num_args = 1.., default_values = ["dlo_0", "dlo_1", "dlo_2", "dlo_3"])]
+    pub objects: Vec<PathBuf>,
+    /// Budgets of environment steps, from the least on
+    #[arg(long, num_args = 1.., default_values_t = [12_288, 24_576, 49_152, 98_304], value_parser = clap::value_parser!(u64).range(768..=10_000_000))]
+    pub steps: Vec<u64>,
+    /// Trainings of each method with each budget
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub seeds: u64,
+    /// Machine-readable output
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// `catenary bench calibration`.

@@ -9,6 +9,7 @@ mod episodes;
 mod fidelity;
 mod inference;
 mod networks;
+mod policies;
 mod pool;
 mod runs;
 mod sensitivities;
@@ -23,6 +24,7 @@ pub fn run(arguments: &BenchArgs) -> Result<()> {
     match &arguments.benchmark {
         Benchmark::Pool { model, output } => pool::run(model.as_deref(), output),
         Benchmark::Training { steps, output } => training::run(*steps, output),
+        Benchmark::Policies(arguments) => policies::run(arguments),
         Benchmark::Sensitivities { model, episodes, output } => sensitivities::run(model.as_deref(), *episodes, output),
         Benchmark::Fidelity(arguments) => fidelity::run(arguments),
         Benchmark::Calibration(arguments) => calibration::run(arguments),

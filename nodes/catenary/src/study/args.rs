@@ -34,6 +34,9 @@ pub struct StudyArgs {
     /// What the policies observe
     #[command(flatten)]
     pub observes: ObservesOptions,
+    /// Search no plans: the trainings begin without one, and the best plans are missing in the results
+    #[arg(long)]
+    pub no_plan: bool,
     /// Preset hyperparameters of the trainings
     #[arg(long, value_enum, default_value = "default")]
     pub preset: TrainingPreset,

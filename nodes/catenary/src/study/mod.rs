@@ -74,8 +74,9 @@ pub fn run(arguments: &StudyArgs) -> Result<()> {
             format!("part {} is done in {}", answer.part.as_deref().unwrap_or_default(), answer.out.display())
         });
     }
+    let tasks = if plan.searches_plans { plan.tasks.len() } else { 0 };
     let by_task: Vec<(usize, usize)> =
-        (0..plan.tasks.len()).flat_map(|task| (0..plan.objects.len()).map(move |object| (task, object))).collect();
+        (0..tasks).flat_map(|task| (0..plan.objects.len()).map(move |object| (task, object))).collect();
     let plans = each("best plans", &by_task, |&(task, object)| work.plan_scores(task, object))?;
     let mut inferred = inferred.into_iter();
     let mut of_object = || inferred.by_ref().take(plan.evidence.len()).collect::<Vec<Inferred>>();

@@ -205,7 +205,8 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
     let shown = task.policies.iter().filter(|p| !matches!(p.knowledge, Knowledge::Posterior { evidence: 1.., .. }));
     let plan = |p: &BestPlan| format!("{}, {} %", plain(p.mean_return, 3), plain(100.0 * p.success, 0));
     let plans = std::iter::once("best plan found".to_owned()).chain(task.best_plans.iter().map(plan));
-    let rows = shown.map(row).chain([plans.chain([String::new()]).collect()]);
+    let plans: Vec<String> = plans.chain([String::new()]).collect();
+    let rows = shown.map(row).chain((!task.best_plans.is_empty()).then_some(plans));
     page.table(&head, &rows.collect::<Vec<Vec<String>>>());
     page.note(
         "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean. Best plan found: for each \

@@ -93,6 +93,8 @@ pub struct Plan {
     pub steps: u64,
     /// What the policies observe.
     pub observes: Observes,
+    /// True if plans are searched: trainings begin with one, and the best plan for each object is scored.
+    pub searches_plans: bool,
     /// Preset of the trainings.
     pub preset: String,
     /// Episodes that score a training on an object.
@@ -187,6 +189,7 @@ impl Plan {
             seeds: arguments.seeds,
             steps: training.total_steps,
             observes: training.observes,
+            searches_plans: !arguments.no_plan,
             preset: arguments.preset.name().to_owned(),
             episodes: arguments.episodes,
             repeats: arguments.repeats,

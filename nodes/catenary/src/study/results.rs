@@ -68,7 +68,7 @@ pub struct TaskResult {
     pub evidence: Vec<EvidenceGains>,
     /// Gain of the policies that are told over U, over all objects.
     pub told: Option<Gain>,
-    /// Best plan that a search finds for each object.
+    /// Best plan that a search finds for each object; empty without a search.
     pub best_plans: Vec<BestPlan>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
@@ -204,7 +204,14 @@ pub fn study(
     let tasks = aims.into_iter().enumerate().map(|(task, aim)| {
         let of_task: Vec<(&Chain, &Scored)> = chains.iter().zip(scores).filter(|(c, _)| c.task == task).collect();
         let n = plan.objects.len();
-        task_result(&plan, task, aim, &of_task, &plans[task * n..(task + 1) * n], &deployments[task])
+        task_result(
+            &plan,
+            task,
+            aim,
+            &of_task,
+            plans.get(task * n..(task + 1) * n).unwrap_or_default(),
+            &deployments[task],
+        )
     });
     let tasks = tasks.collect();
     Ok(Study { plan, cell, objects, tasks })

@@ -117,9 +117,7 @@ impl ObjectScores {
             "`objects`: expected returns, successes and distances_m of {episodes} episodes, got {counts:?}"
         );
         let wrong_return = returns.iter().find(|v| v.abs() > GREATEST_RETURN);
-        if let Some(got) =
-            wrong_return.or_else(|| distances_m.iter().find(|v| !(0.0..=GREATEST_RETURN).contains(*v)))
-        {
+        if let Some(got) = wrong_return.or_else(|| distances_m.iter().find(|v| !(0.0..=GREATEST_RETURN).contains(*v))) {
             bail!("`objects`: expected returns within {GREATEST_RETURN} and distances from 0, got {got:e}");
         }
         Ok(())
@@ -168,7 +166,8 @@ impl Work<'_> {
         if !path.exists() {
             let domains = Domains::Prior(self.models.model.theta.clone());
             let seed = seed::derive(self.plan.seed, stream::RECORDER);
-            let settings = Settings { total_steps: RECORDER_STEPS, searches_plan: false, ..Settings::tuned().newest_only() };
+            let settings =
+                Settings { total_steps: RECORDER_STEPS, searches_plan: false, ..Settings::tuned().newest_only() };
             let trained = self.train_with(&self.models.model, &domains, &settings, seed)?;
             files::write(&path, &trained.policy.to_bytes())?;
         }
@@ -240,7 +239,7 @@ impl Work<'_> {
             observes: self.plan.observes,
             ..Settings::preset(&self.plan.preset)?
         };
-        if settings.searches_plan {
+        if settings.searches_plan && self.plan.searches_plans {
             settings.begin_with(&self.best_plan(model, domains, of)?)?;
         }
         self.train_with(model, domains, &settings, of)
@@ -250,8 +249,7 @@ impl Work<'_> {
         let task = model.task.context("the model has a task")?;
         let rows = domains.rows(settings.environments, of)?;
         let mut env = VectorEnv::open(model, settings.environments, rows, Fidelity::Fast, seed::derive(of, 1), 1)?;
-        let mut trained =
-            ppo_trainer::train(&mut env, &task, settings, of, &mut |_| self.goes_on())?;
+        let mut trained = ppo_trainer::train(&mut env, &task, settings, of, &mut |_| self.goes_on())?;
         self.check()?;
         trained.policy.arm = Some(model.arm.law);
         Ok(trained)

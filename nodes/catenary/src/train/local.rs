@@ -73,7 +73,11 @@ fn begun(kept: &Kept, settings: &Settings) -> Result<Begun> {
     let begun = begun.ok_or_else(|| {
         WrongInput::error(format!("--resume: {path}: expected the state that Ctrl-C leaves of a training, got no file"))
     })?;
-    output::tell(&format!("resumes after {} of {} steps, from {path}", begun.state.steps(), settings.total_steps));
+    output::tell(&format!(
+        "resumes after {} of at most {} steps, from {path}",
+        begun.state.steps(),
+        settings.total_steps
+    ));
     Ok(begun)
 }
 

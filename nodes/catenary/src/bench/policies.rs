@@ -1,0 +1,178 @@
+//! `catenary bench policies`: the processor time in which a training comes near the best plan, by what the policy observes and begins with.
+
+use super::args::PoliciesArgs;
+use super::cpu_time::cpu_time;
+use crate::evaluate::episodes::episodes;
+use crate::evaluate::score::score;
+use crate::inputs::model_file;
+use crate::options::TaskOption;
+use crate::plan;
+use crate::terminal::{output, progress};
+use anyhow::{Context, Result};
+use catenary_core::policy::Observes;
+use catenary_core::{Fidelity, Judge, Model, Policy, seed};
+use catenary_simulator::VectorEnv;
+use catenary_simulator::workers;
+use ppo_trainer::{Domains, Settings};
+use serde::Serialize;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+/// Episodes that score a policy.
+const EPISODES: usize = 100;
+/// Points of success below the best plan within which a training has come near it.
+const NEAR: f64 = 3.0;
+/// Random streams of a seed.
+const SCORES: u64 = 1;
+const SEARCH: u64 = 2;
+
+/// Method of training.
+#[derive(Debug, Clone, Copy)]
+struct Method {
+    name: &'static str,
+    observes: Observes,
+    begins_with_plan: bool,
+}
+
+/// From the paper's policy to the default one.
+const METHODS: [Method; 4] = [
+    Method { name: "newest observation", observes: Observes { history: 0, time: false }, begins_with_plan: false },
+    Method { name: "and the time", observes: Observes { history: 0, time: true }, begins_with_plan: false },
+    Method { name: "and five earlier ones", observes: Observes { history: 5, time: true }, begins_with_plan: false },
+    Method { name: "and the best plan", observes: Observes { history: 5, time: true }, begins_with_plan: true },
+];
+
+/// Results on one object.
+#[derive(Debug, Serialize)]
+struct OfObject {
+    object: String,
+    /// Success of the best plan, %.
+    plan: f64,
+    /// Processor time of its search, s.
+    plan_cpu_s: f64,
+    methods: Vec<OfMethod>,
+}
+
+/// Results of a method: one entry for each budget, in their order.
+#[derive(Debug, Serialize)]
+struct OfMethod {
+    method: &'static str,
+    /// Success by budget and seed, %.
+    successes: Vec<Vec<f64>>,
+    /// Mean processor time of a training with each budget, the search of its plan included, s.
+    cpu_s: Vec<f64>,
+    /// Processor time with the least budget whose mean success is near the best plan; none if no budget is enough.
+    near_cpu_s: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    task: String,
+    budgets: Vec<u64>,
+    seeds: u64,
+    objects: Vec<OfObject>,
+}
+
+/// Trains with every method, budget and seed on every object, which it is told.
+pub fn run(arguments: &PoliciesArgs) -> Result<()> {
+    let budgets = &arguments.steps;
+    let all = arguments.objects.len() * (1 + METHODS.len() * budgets.len() * arguments.seeds as usize);
+    let bar = progress::bar("trainings", 0.0)?;
+    let mut done = 0;
+    let mut advance = || {
+        done += 1;
+        progress::advance(&bar, progress::share(done as f64, all as f64));
+    };
+    let mut objects = Vec::new();
+    for path in &arguments.objects {
+        let own = model_file::read(path)?;
+        let named = |name: &str| {
+            own.nominal.get(name).copied().with_context(|| format!("{}: no nominal {name}", path.display()))
+        };
+        let theta = own.theta.parameters().iter().map(|p| named(&p.name)).collect::<Result<Vec<f64>>>()?;
+        let model = TaskOption { task: Some(arguments.task.clone()) }.applied_to(own)?;
+        let object = Object { model, domains: Domains::Point(theta.clone()), theta };
+        let before = cpu_time();
+        let best = object.plan(1)?;
+        let plan_cpu_s = (cpu_time() - before).as_secs_f64();
+        let plan = object.success(best)?;
+        advance();
+        let of_method = |method: &Method| -> Result<OfMethod> {
+            let (mut successes, mut cpu_s) = (Vec::new(), Vec::new());
+            for budget in budgets {
+                let before = cpu_time();
+                let mut policies = Vec::new();
+                for number in 1..=arguments.seeds {
+                    policies.push(object.trained(method, *budget, number)?);
+                    advance();
+                }
+                cpu_s.push((cpu_time() - before).as_secs_f64() / arguments.seeds as f64);
+                successes.push(policies.into_iter().map(|p| object.success(p)).collect::<Result<Vec<f64>>>()?);
+            }
+            let mean = |s: &Vec<f64>| s.iter().sum::<f64>() / s.len() as f64;
+            let near = successes.iter().position(|s| mean(s) >= plan - NEAR);
+            Ok(OfMethod { method: method.name, near_cpu_s: near.map(|i| cpu_s[i]), successes, cpu_s })
+        };
+        let methods = METHODS.iter().map(of_method).collect::<Result<_>>()?;
+        objects.push(OfObject { object: object.model.name.clone(), plan, plan_cpu_s, methods });
+    }
+    bar.finish_and_clear();
+    let task = arguments.task.display().to_string();
+    let report = Report { task, budgets: budgets.clone(), seeds: arguments.seeds, objects };
+    output::result(&arguments.output, &report, words)
+}
+
+struct Object {
+    model: Model,
+    theta: Vec<f64>,
+    domains: Domains,
+}
+
+impl Object {
+    fn plan(&self, number: u64) -> Result<Policy> {
+        let rows = |n, draws| Ok(self.domains.rows(n, draws)?);
+        let own = seed::derive(number, SEARCH);
+        plan::best(&self.model, &rows, own, workers::available(), &mut |_| ControlFlow::Continue(()))?
+            .context("a search that nothing ended")
+    }
+
+    fn trained(&self, method: &Method, budget: u64, number: u64) -> Result<Policy> {
+        let mut settings =
+            Settings { total_steps: budget, ends_when_flat: false, observes: method.observes, ..Settings::tuned() };
+        if method.begins_with_plan {
+            settings.begin_with(&self.plan(number)?)?;
+        }
+        let rows = self.domains.rows(settings.environments, number)?;
+        let (count, available) = (settings.environments, workers::available());
+        let mut env = VectorEnv::open(&self.model, count, rows, Fidelity::Fast, seed::derive(number, 0), available)?;
+        let task = self.model.task.context("a task file has a task")?;
+        let trained = ppo_trainer::train(&mut env, &task, &settings, number, &mut |_| ControlFlow::Continue(()))?;
+        Ok(trained.policy)
+    }
+
+    /// Share of successes in episodes at the highest fidelity, %.
+    fn success(&self, policy: Policy) -> Result<f64> {
+        let judge = Judge::of(&self.model).context("a task file has a task")?;
+        let asked = episodes(vec![self.theta.clone(); EPISODES], Fidelity::Reference, seed::derive(1, SCORES));
+        let scored = score(&self.model, &judge, vec![(PathBuf::new(), policy)], &asked, &mut |_, _| Ok(()))?;
+        Ok(100.0 * scored[0].success_rate.value)
+    }
+}
+
+fn words(report: &Report) -> String {
+    let mut lines = vec![format!(
+        "task {}: success in % at reference fidelity, mean of {} trainings that are told the object, after {:?} steps; processor time until \
+         within {NEAR} points of the best plan",
+        report.task, report.seeds, report.budgets
+    )];
+    for o in &report.objects {
+        lines.push(format!("{}: best plan {:.0} % after {:.1} CPU s", o.object, o.plan, o.plan_cpu_s));
+        for m in &o.methods {
+            let mean = |s: &Vec<f64>| format!("{:.0}", s.iter().sum::<f64>() / s.len() as f64);
+            let by_budget = m.successes.iter().map(mean).collect::<Vec<String>>().join(", ");
+            let near = m.near_cpu_s.map_or("not reached".to_owned(), |s| format!("{s:.1} CPU s"));
+            lines.push(format!("  {:<22} {by_budget}; {near}", m.method));
+        }
+    }
+    lines.join("\n")
+}
