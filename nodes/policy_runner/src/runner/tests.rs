@@ -4,7 +4,7 @@ use super::*;
 use crate::writers::Source;
 use catenary_core::camera::Plane;
 use catenary_core::mlp::Layer;
-use catenary_core::policy::Observes;
+use catenary_core::policy::{Observes, Plan};
 use catenary_core::task::{Task, Workspace};
 use catenary_core::{Camera, DeltaAnchor, Goal, Mlp};
 
@@ -227,6 +227,38 @@ fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
         due_s.push(until_s);
     }
     assert!(due_s.iter().zip([10.5, 11.0, 12.4]).all(|(got, wanted)| (got - wanted).abs() < 1e-9), "{due_s:?}");
+}
+
+#[test]
+fn the_time_and_the_plan_of_a_policy_count_steps_also_after_lost_frames_and_a_late_step() {
+    // The plan gives the number of the step for dx; the network adds a tenth of the time, -1 to 1, to dz.
+    let plan = Plan { steps: (0..16).map(|step| [[0.02 * step as f32, 0.0, 0.0], [0.0; 3]]).collect() };
+    let mut weight = vec![0.0; 26];
+    weight[13 + 12] = 0.1;
+    let actor = Mlp::new(vec![Layer { inputs: 13, outputs: 2, weight, bias: vec![0.0; 2] }]).unwrap();
+    let observes = Observes { history: 0, time: true };
+    let timed = Policy { actor, observes, plan: Some(plan), ..policy([0.0; 2]) };
+    let settings = Settings { max_steps: Some(4), ..Settings::default() };
+    let mut runner = Runner::new(timed, judge(task()), settings).unwrap();
+    let mut actions = Vec::new();
+    // Twenty frames and the pose are lost before the step at 10.5 s, the one at 11.2 s is late by a whole period.
+    for (now_s, is_lost) in
+        [(10.0, false), (10.5, true), (10.6, true), (10.7, false), (11.2, true), (11.7, false), (12.2, false)]
+    {
+        let seen = inputs(now_s, 20.0, 0.4);
+        let inputs = if is_lost { Inputs { keypoints: None, pose: None, ..seen } } else { seen };
+        match runner.turn(&inputs) {
+            Turn::Step(step) => actions.extend(step.action.map(|(delta, _)| delta)),
+            Turn::Wait(_) => assert!(is_lost, "{now_s}"),
+            Turn::Fault(fault) => panic!("{fault}"),
+        }
+    }
+    let expected = |step: f64| [0.06 * 0.02 * step, 0.06 * 0.1 * (2.0 * step / 16.0 - 1.0)];
+    assert_eq!(actions.len(), 4);
+    for (step, action) in actions.iter().enumerate() {
+        let expected = expected(step as f64);
+        assert!((action[0] - expected[0]).abs() < 1e-8 && (action[1] - expected[1]).abs() < 1e-8, "{step}: {action:?}");
+    }
 }
 
 #[test]
