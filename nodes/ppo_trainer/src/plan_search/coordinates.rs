@@ -3,6 +3,10 @@
 use catenary_core::Track;
 use catenary_core::policy::Plan;
 
+/// Standard deviation of the target in the image, scaled to -1 .. 1, below which a plan does not follow it: what the noise of a camera moves a
+/// target that stands still.
+const LEAST_SPREAD: f64 = 2e-3;
+
 /// Coordinates of a plan: for each action, first dx and then dz of each step, its value at the mean target, and in an affine plan its change with
 /// one standard deviation of the target's x and y. All have the unit of the action limit.
 #[derive(Debug, Clone, Copy)]
@@ -22,9 +26,10 @@ impl Coordinates {
         }
         let n = targets.len() as f64;
         let centre: [f64; 2] = std::array::from_fn(|i| targets.iter().map(|t| t[i]).sum::<f64>() / n);
-        // A target that never moves has no spread to divide by.
         let spread = std::array::from_fn(|i| {
-            (targets.iter().map(|t| (t[i] - centre[i]).powi(2)).sum::<f64>() / n).sqrt().max(1e-6)
+            let spread = (targets.iter().map(|t| (t[i] - centre[i]).powi(2)).sum::<f64>() / n).sqrt();
+            // Nothing in these episodes tells how to follow a target that never moves.
+            if spread < LEAST_SPREAD { f64::INFINITY } else { spread }
         });
         Some(Self { steps, centre, spread, is_affine: false })
     }
