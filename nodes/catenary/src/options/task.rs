@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Task in place of the model's.
 #[derive(Debug, Args)]
 pub struct TaskOption {
-    /// Task (file or name: reach, place_tip, settle, whip, lay); default: the model's
+    /// Task (file or name: reach, place_tip, settle, settle_fast, whip, lay); default: the model's
     #[arg(long)]
     pub task: Option<PathBuf>,
 }
@@ -37,11 +37,11 @@ mod tests {
     #[test]
     fn every_shipped_task_reads_and_its_name_is_that_of_its_goal() {
         let names: Vec<&str> = Kind::Task.all().map(|(name, _)| name).collect();
-        assert_eq!(names.len(), 5, "{names:?}");
+        assert_eq!(names.len(), 6, "{names:?}");
         for name in names {
             let model = read_or_soft_bar(None).unwrap();
             let model = TaskOption { task: Some(name.into()) }.applied_to(model).unwrap();
-            assert_eq!(model.task.unwrap().goal.name(), name);
+            assert!(name.starts_with(model.task.unwrap().goal.name()), "{name}");
         }
     }
 
@@ -52,7 +52,7 @@ mod tests {
         // The task of the shipped model is the shipped task of its name.
         assert_eq!(TaskOption { task: Some(Path::new("reach").into()) }.applied_to(model.clone()).unwrap(), model);
         let error = TaskOption { task: Some("setle".into()) }.applied_to(model).unwrap_err().to_string();
-        assert!(error.contains("shipped tasks are lay, place_tip, reach, settle, whip"), "{error}");
+        assert!(error.contains("shipped tasks are lay, place_tip, reach, settle, settle_fast, whip"), "{error}");
         assert!(error.ends_with("did you mean `settle`?"), "{error}");
     }
 }
