@@ -75,9 +75,12 @@ pub struct PoliciesArgs {
     /// Models (files or names) whose nominal values are the objects
     #[arg(long, num_args = 1.., default_values = ["dlo_0", "dlo_1", "dlo_2", "dlo_3"])]
     pub objects: Vec<PathBuf>,
-    /// Budgets of environment steps, from the least on
-    #[arg(long, num_args = 1.., default_values_t = [12_288, 24_576, 49_152, 98_304], value_parser = clap::value_parser!(u64).range(768..=10_000_000))]
+    /// Budgets of environment steps, from the least on; default: trainings end when their return is flat
+    #[arg(long, num_args = 1.., value_parser = clap::value_parser!(u64).range(768..=10_000_000))]
     pub steps: Vec<u64>,
+    /// Leave out all methods but the default preset's
+    #[arg(long)]
+    pub default_only: bool,
     /// Trainings of each method with each budget
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub seeds: u64,

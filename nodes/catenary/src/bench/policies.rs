@@ -13,7 +13,7 @@ use catenary_core::policy::Observes;
 use catenary_core::{Fidelity, Judge, Model, Policy, seed};
 use catenary_simulator::VectorEnv;
 use catenary_simulator::workers;
-use ppo_trainer::{Domains, Settings};
+use ppo_trainer::{Domains, Settings, Trained};
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -59,6 +59,8 @@ struct OfMethod {
     method: &'static str,
     /// Success by budget and seed, %.
     successes: Vec<Vec<f64>>,
+    /// Environment steps by budget and seed.
+    steps: Vec<Vec<u64>>,
     /// Mean processor time of a training with each budget, the search of its plan included, s.
     cpu_s: Vec<f64>,
     /// Processor time with the least budget whose mean success is near the best plan; none if no budget is enough.
@@ -68,15 +70,20 @@ struct OfMethod {
 #[derive(Debug, Serialize)]
 struct Report {
     task: String,
-    budgets: Vec<u64>,
+    /// Budgets of environment steps; none: until the return is flat.
+    budgets: Vec<Option<u64>>,
     seeds: u64,
     objects: Vec<OfObject>,
 }
 
 /// Trains with every method, budget and seed on every object, which it is told.
 pub fn run(arguments: &PoliciesArgs) -> Result<()> {
-    let budgets = &arguments.steps;
-    let all = arguments.objects.len() * (1 + METHODS.len() * budgets.len() * arguments.seeds as usize);
+    let budgets: Vec<Option<u64>> = match arguments.steps.as_slice() {
+        [] => vec![None],
+        steps => steps.iter().copied().map(Some).collect(),
+    };
+    let methods = if arguments.default_only { &METHODS[METHODS.len() - 1..] } else { &METHODS };
+    let all = arguments.objects.len() * (1 + methods.len() * budgets.len() * arguments.seeds as usize);
     let bar = progress::bar("trainings", 0.0)?;
     let mut done = 0;
     let mut advance = || {
@@ -98,27 +105,29 @@ pub fn run(arguments: &PoliciesArgs) -> Result<()> {
         let plan = object.success(best)?;
         advance();
         let of_method = |method: &Method| -> Result<OfMethod> {
-            let (mut successes, mut cpu_s) = (Vec::new(), Vec::new());
-            for budget in budgets {
+            let (mut successes, mut cpu_s, mut steps) = (Vec::new(), Vec::new(), Vec::new());
+            for budget in &budgets {
                 let before = cpu_time();
-                let mut policies = Vec::new();
+                let mut all_trained = Vec::new();
                 for number in 1..=arguments.seeds {
-                    policies.push(object.trained(method, *budget, number)?);
+                    all_trained.push(object.trained(method, *budget, number)?);
                     advance();
                 }
                 cpu_s.push((cpu_time() - before).as_secs_f64() / arguments.seeds as f64);
-                successes.push(policies.into_iter().map(|p| object.success(p)).collect::<Result<Vec<f64>>>()?);
+                steps.push(all_trained.iter().map(|t| t.steps).collect());
+                successes
+                    .push(all_trained.into_iter().map(|t| object.success(t.policy)).collect::<Result<Vec<f64>>>()?);
             }
             let mean = |s: &Vec<f64>| s.iter().sum::<f64>() / s.len() as f64;
             let near = successes.iter().position(|s| mean(s) >= plan - NEAR);
-            Ok(OfMethod { method: method.name, near_cpu_s: near.map(|i| cpu_s[i]), successes, cpu_s })
+            Ok(OfMethod { method: method.name, near_cpu_s: near.map(|i| cpu_s[i]), successes, steps, cpu_s })
         };
-        let methods = METHODS.iter().map(of_method).collect::<Result<_>>()?;
+        let methods = methods.iter().map(of_method).collect::<Result<_>>()?;
         objects.push(OfObject { object: object.model.name.clone(), plan, plan_cpu_s, methods });
     }
     bar.finish_and_clear();
     let task = arguments.task.display().to_string();
-    let report = Report { task, budgets: budgets.clone(), seeds: arguments.seeds, objects };
+    let report = Report { task, budgets, seeds: arguments.seeds, objects };
     output::result(&arguments.output, &report, words)
 }
 
@@ -136,9 +145,11 @@ impl Object {
             .context("a search that nothing ended")
     }
 
-    fn trained(&self, method: &Method, budget: u64, number: u64) -> Result<Policy> {
-        let mut settings =
-            Settings { total_steps: budget, ends_when_flat: false, observes: method.observes, ..Settings::tuned() };
+    fn trained(&self, method: &Method, budget: Option<u64>, number: u64) -> Result<Trained> {
+        let mut settings = Settings { observes: method.observes, ..Settings::tuned() };
+        if let Some(total_steps) = budget {
+            settings = Settings { total_steps, ends_when_flat: false, ..settings };
+        }
         if method.begins_with_plan {
             settings.begin_with(&self.plan(number)?)?;
         }
@@ -146,8 +157,7 @@ impl Object {
         let (count, available) = (settings.environments, workers::available());
         let mut env = VectorEnv::open(&self.model, count, rows, Fidelity::Fast, seed::derive(number, 0), available)?;
         let task = self.model.task.context("a task file has a task")?;
-        let trained = ppo_trainer::train(&mut env, &task, &settings, number, &mut |_| ControlFlow::Continue(()))?;
-        Ok(trained.policy)
+        Ok(ppo_trainer::train(&mut env, &task, &settings, number, &mut |_| ControlFlow::Continue(()))?)
     }
 
     /// Share of successes in episodes at the highest fidelity, %.
@@ -160,16 +170,24 @@ impl Object {
 }
 
 fn words(report: &Report) -> String {
+    let budget =
+        |steps: &Option<u64>| steps.map_or("its end at a flat return".to_owned(), |steps| format!("{steps} steps"));
     let mut lines = vec![format!(
-        "task {}: success in % at reference fidelity, mean of {} trainings that are told the object, after {:?} steps; processor time until \
-         within {NEAR} points of the best plan",
-        report.task, report.seeds, report.budgets
+        "task {}: success in % at reference fidelity, mean of {} trainings that are told the object, after {}; mean processor time of a training, \
+         and that until within {NEAR} points of the best plan",
+        report.task,
+        report.seeds,
+        report.budgets.iter().map(budget).collect::<Vec<_>>().join(", ")
     )];
     for o in &report.objects {
         lines.push(format!("{}: best plan {:.0} % after {:.1} CPU s", o.object, o.plan, o.plan_cpu_s));
         for m in &o.methods {
-            let mean = |s: &Vec<f64>| format!("{:.0}", s.iter().sum::<f64>() / s.len() as f64);
-            let by_budget = m.successes.iter().map(mean).collect::<Vec<String>>().join(", ");
+            let mean = |s: &Vec<f64>| s.iter().sum::<f64>() / s.len() as f64;
+            let shown = |i: usize| {
+                let steps = m.steps[i].iter().sum::<u64>() as f64 / m.steps[i].len() as f64;
+                format!("{:.0} ({steps:.0} steps, {:.1} CPU s)", mean(&m.successes[i]), m.cpu_s[i])
+            };
+            let by_budget = (0..m.successes.len()).map(shown).collect::<Vec<String>>().join(", ");
             let near = m.near_cpu_s.map_or("not reached".to_owned(), |s| format!("{s:.1} CPU s"));
             lines.push(format!("  {:<22} {by_budget}; {near}", m.method));
         }
